@@ -1,0 +1,65 @@
+"""Print how much faster than real time the simulated bench runs, on one core.
+
+Usage: python tools/bench_plant.py [--seconds S]
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+
+from hdbench.devices.emulator.bench import SimulatedBench
+from hdbench.devices.emulator.plantfile import load_plant
+from hdbench.profile import load_profile
+
+# samples of one Modbus block, what a host asks for while it watches
+_BLOCK = 23
+
+
+def ratio(plant: str, *, block: int, seconds: float, locked: bool) -> float:
+    """Return simulated time over elapsed time.
+
+    Parameters
+    ----------
+    plant : str
+        Name of the plant.
+    block : int
+        Samples asked for at once.
+    seconds : float
+        Time to simulate, s.
+    locked : bool
+        A calibration at 10 ms with a weight on the arm, else free motion at 1 ms.
+
+    Returns
+    -------
+    float
+        Ratio, 1.
+    """
+    profile = load_profile("cim-tr-97-06").data
+    bench = SimulatedBench(profile, load_plant(plant), 1)
+    bench.set_fixture(locked=locked, position_rad=0.0, mass_kg=4.0, direction=1)
+    period_s = profile.calibration.sample_period_s if locked else profile.daq.sample_period_s
+    wave = None if locked else profile.ripple.reference
+    n_samples = round(seconds / period_s)
+    started = time.perf_counter()
+    bench.begin(sample_period_s=period_s, wave=wave, duration_s=seconds)
+    for _ in range(0, n_samples, block):
+        bench.advance(block)
+    return seconds / (time.perf_counter() - started)
+
+
+def main() -> None:
+    """Print one line per case."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seconds", type=float, default=60.0, help="time to simulate, s")
+    seconds = parser.parse_args().seconds
+    for plant in ("as-modelled", "worn"):
+        for block in (1, _BLOCK, 1000):
+            free = ratio(plant, block=block, seconds=seconds, locked=False)
+            print(f"{plant:12} 1 kHz, 5 channels, {block:4} at once: {free:6.0f} x real time")
+        locked = ratio(plant, block=_BLOCK, seconds=seconds, locked=True)
+        print(f"{plant:12} locked, 100 Hz,     {_BLOCK:4} at once: {locked:6.0f} x real time")
+
+
+if __name__ == "__main__":
+    main()
