@@ -1,0 +1,24 @@
+"""One bench as TOML: read, checked, frozen."""
+
+from __future__ import annotations
+
+from hdbench.profile.loader import (
+    Profile,
+    check_profiles,
+    list_profiles,
+    load_profile,
+    parse_profile,
+)
+from hdbench.profile.schema import ProfileData
+from hdbench.profile.template import new_profile, profile_schema
+
+__all__ = [
+    "Profile",
+    "ProfileData",
+    "check_profiles",
+    "list_profiles",
+    "load_profile",
+    "new_profile",
+    "parse_profile",
+    "profile_schema",
+]

@@ -1,0 +1,336 @@
+"""The profile: one bench as data, every key with its unit, domain and meaning."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Annotated, Literal, TypeVar
+
+from pydantic import BaseModel, ConfigDict, Field, PositiveFloat, PositiveInt, model_validator
+
+from hdbench.profile.checks import Conflict, profile_problems, wave_problems
+
+__all__ = [
+    "Acquisition",
+    "Arm",
+    "CalibrationPlan",
+    "Drive",
+    "Encoder",
+    "FilterSettings",
+    "HarmonicParameters",
+    "Limits",
+    "MisalignmentParameters",
+    "MisalignmentPlan",
+    "ModelParameters",
+    "ProfileData",
+    "ReferenceWave",
+    "RipplePlan",
+    "Sensor",
+    "Servo",
+    "Tacho",
+]
+
+_T = TypeVar("_T", bound=BaseModel)
+NonNegative = Annotated[float, Field(ge=0.0)]
+Name = Annotated[
+    str,
+    Field(
+        pattern=r"^[a-z0-9][a-z0-9._-]{0,63}$",
+        description="name of the bench: small letters, digits, '.', '_', '-', at most 64",
+    ),
+]
+
+
+class _Table(BaseModel):
+    """A profile table: unknown keys, NaN and infinities are errors; values never change."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, strict=True)
+
+
+def _refuse(table: _T, conflicts: Sequence[Conflict]) -> _T:
+    if conflicts:
+        raise ValueError("; ".join(f"{conflict.key[-1]} {conflict.what}" for conflict in conflicts))
+    return table
+
+
+class Drive(_Table):
+    """The harmonic drive and the load on it."""
+
+    gear_ratio: Annotated[
+        float, Field(ge=2.0, le=1000.0, description="motor turns per output turn")
+    ]
+    rated_torque_nm: Annotated[PositiveFloat, Field(description="rated output torque, N m")]
+    load_inertia_kg_m2: Annotated[
+        PositiveFloat, Field(description="inertia of the load about the output, kg m^2")
+    ]
+    flexspline_diameter_mm: Annotated[PositiveFloat, Field(description="flexspline diameter, mm")]
+    flexspline_length_mm: Annotated[PositiveFloat, Field(description="flexspline length, mm")]
+    flexspline: Annotated[
+        Literal["standing", "turning"],
+        Field(
+            description="whether the flexspline with its gauges stands or turns with the output; "
+            "gauge ripple has motor order 2 on a standing one, 2 (1 + 1/N) on a turning one"
+        ),
+    ] = "standing"
+
+
+class Sensor(_Table):
+    """Strain-gauge bridge on the flexspline and its amplifier."""
+
+    gain_nm_per_v: Annotated[PositiveFloat, Field(description="torque per amplified volt, N m/V")]
+    gain_consistency: Annotated[
+        NonNegative,
+        Field(lt=0.5, description="std over mean of the gain between flexspline positions"),
+    ]
+    excitation_v: Annotated[PositiveFloat, Field(description="bridge supply, V")]
+    amplifier_gain: Annotated[PositiveFloat, Field(description="amplifier gain, V/V")]
+    gauge_factor: Annotated[PositiveFloat, Field(description="gauge factor K of the gauges")] = 2.0
+    wave_strain: Annotated[
+        NonNegative,
+        Field(description="strain amplitude Psi_0 that the wave generator imposes at a gauge pair"),
+    ] = 200e-6
+    noise_nm: Annotated[
+        NonNegative, Field(description="white noise of the torque channel, N m per sample")
+    ] = 0.05
+
+
+class Tacho(_Table):
+    """Tachogenerator on the motor."""
+
+    gain_rad_s_per_v: Annotated[PositiveFloat, Field(description="motor speed per volt, rad/s/V")]
+    noise_v: Annotated[NonNegative, Field(description="white noise, V per sample")] = 0.001
+
+
+class Encoder(_Table):
+    """Incremental encoder on the motor."""
+
+    counts_per_turn: Annotated[
+        PositiveInt, Field(description="counts per motor turn after quadrature, 1")
+    ]
+
+
+class Servo(_Table):
+    """Motor with its servo amplifier: a velocity loop with limits."""
+
+    velocity_gain_rad_s_per_v: Annotated[
+        PositiveFloat, Field(description="commanded motor speed per reference volt, rad/s/V")
+    ]
+    bandwidth_hz: Annotated[PositiveFloat, Field(description="velocity loop bandwidth, Hz")]
+    max_acceleration_rad_s2: Annotated[
+        PositiveFloat, Field(description="acceleration at the current limit, rad/s^2")
+    ]
+    max_current_a: Annotated[PositiveFloat, Field(description="amplifier current limit, A")]
+    torque_constant_nm_per_a: Annotated[
+        PositiveFloat, Field(description="motor torque constant, N m/A")
+    ]
+
+
+class Acquisition(_Table):
+    """The DAQ: how it is reached and how it samples."""
+
+    driver: Annotated[Literal["node"], Field(description="driver that speaks to the DAQ")] = "node"
+    address: Annotated[
+        str,
+        Field(
+            pattern=r"^(embedded|tcp://[A-Za-z0-9.-]+:[0-9]{1,5})$",
+            description="`embedded` (simulated bench) or tcp://HOST:PORT",
+        ),
+    ] = "embedded"
+    sample_period_s: Annotated[
+        PositiveFloat, Field(ge=1e-4, le=1.0, description="sampling period, s")
+    ]
+    range_v: Annotated[PositiveFloat, Field(description="input range +-, V")] = 10.0
+    resolution_bits: Annotated[int, Field(ge=8, le=16, description="ADC resolution, bit")] = 16
+    watchdog_s: Annotated[
+        PositiveFloat,
+        Field(le=2.0, description="host silence after which the node zeroes the motor, s"),
+    ] = 0.5
+    deadline_s: Annotated[
+        PositiveFloat, Field(le=2.0, description="longest wait for one reply, s")
+    ] = 0.25
+
+
+class Limits(_Table):
+    """What a plan may ask of this bench; checked before anything moves."""
+
+    velocity_rad_s: Annotated[PositiveFloat, Field(description="motor speed, rad/s")]
+    reference_v: Annotated[PositiveFloat, Field(description="motor reference, V")]
+    torque_nm: Annotated[PositiveFloat, Field(description="output torque, N m")]
+    current_a: Annotated[PositiveFloat, Field(description="motor current, A")]
+    duration_s: Annotated[PositiveFloat, Field(description="longest single run, s")]
+
+
+class Arm(_Table):
+    """Arm and weights of the calibration."""
+
+    length_m: Annotated[PositiveFloat, Field(description="axis to hanging point, m")]
+    gravity_m_s2: Annotated[
+        PositiveFloat, Field(ge=9.7, le=9.9, description="local gravity, m/s^2")
+    ]
+
+
+class CalibrationPlan(_Table):
+    """Which loads, where, and when a reading counts as settled."""
+
+    positions: Annotated[
+        PositiveInt,
+        Field(ge=1, le=64, description="flexspline positions, equally spaced over a turn"),
+    ]
+    directions: Annotated[
+        tuple[Literal["cw", "ccw"], ...], Field(min_length=1, description="loading directions")
+    ]
+    ranges: Annotated[
+        tuple[Literal["low", "full"], ...], Field(min_length=1, description="load ranges")
+    ]
+    full_masses_kg: Annotated[
+        tuple[NonNegative, ...], Field(min_length=3, description="masses of the full range, kg")
+    ]
+    low_masses_kg: Annotated[
+        tuple[NonNegative, ...], Field(min_length=3, description="masses of the low range, kg")
+    ]
+    sample_period_s: Annotated[
+        PositiveFloat, Field(ge=1e-3, le=1.0, description="sampling period of readings, s")
+    ] = 0.01
+    average_s: Annotated[PositiveFloat, Field(description="time averaged for a reading, s")] = 1.0
+    settle_timeout_s: Annotated[
+        PositiveFloat, Field(description="longest wait for a reading to settle, s")
+    ] = 30.0
+    settle_band_nm: Annotated[
+        PositiveFloat,
+        Field(description="two adjacent windows must agree within this (plus noise), N m"),
+    ] = 0.02
+    max_consistency: Annotated[
+        PositiveFloat, Field(description="accepted when consistency is at most this")
+    ] = 0.05
+    max_lock_motion_rad: Annotated[
+        PositiveFloat, Field(description="motor angle change that means the lock slipped, rad")
+    ] = 0.02
+
+
+class ReferenceWave(_Table):
+    """Reference generator of the free-motion run, in volts of motor reference."""
+
+    wave: Annotated[
+        Literal["constant", "sine", "square", "triangle", "trapezoid", "chirp"],
+        Field(description="wave type"),
+    ]
+    bias_v: Annotated[float, Field(description="offset, V")] = 0.0
+    amplitude_v: Annotated[float, Field(description="amplitude, V")] = 0.0
+    frequency_hz: Annotated[
+        NonNegative, Field(description="frequency, Hz; of a chirp at its start")
+    ] = 0.0
+    end_frequency_hz: Annotated[
+        NonNegative, Field(description="frequency of a chirp at its end, Hz")
+    ] = 0.0
+    duty: Annotated[
+        float,
+        Field(
+            ge=0.0,
+            le=1.0,
+            description="share of the period that is high (square), of each half wave at full "
+            "amplitude (trapezoid)",
+        ),
+    ] = 0.5
+    rise: Annotated[
+        float, Field(ge=0.0, le=1.0, description="rise of a trapezoid, share of each half wave")
+    ] = 0.0
+    fall: Annotated[
+        float, Field(ge=0.0, le=1.0, description="fall of a trapezoid, share of each half wave")
+    ] = 0.0
+
+    @model_validator(mode="after")
+    def _consistent(self) -> ReferenceWave:
+        return _refuse(self, list(wave_problems(self.model_dump())))
+
+
+class MisalignmentPlan(_Table):
+    """Constant-velocity run over whole output turns, both directions."""
+
+    velocity_rad_s: Annotated[PositiveFloat, Field(description="motor speed, rad/s")]
+    output_turns: Annotated[
+        float, Field(ge=2.0, le=100.0, description="output turns in each direction")
+    ]
+    settle_s: Annotated[NonNegative, Field(description="time after the start left out, s")] = 0.5
+
+
+class RipplePlan(_Table):
+    """Free-motion run."""
+
+    reference: ReferenceWave
+    duration_s: Annotated[PositiveFloat, Field(description="length of the run, s")]
+    steady_tolerance: Annotated[
+        PositiveFloat,
+        Field(lt=0.5, description="velocity spread, share of its mean, of a steady stretch"),
+    ] = 0.02
+
+
+class FilterSettings(_Table):
+    """The shared filter module on this bench."""
+
+    model: Annotated[
+        str, Field(min_length=1, description="report-a1, report-a2, report-6 or a model file")
+    ] = "report-6"
+    differentiator_time_constant_s: Annotated[
+        PositiveFloat, Field(description="time constant of s/(T s + 1), s")
+    ]
+    ripple_process_noise: Annotated[
+        PositiveFloat, Field(description="Q of the ripple blocks, (N m)^2 per sample")
+    ]
+    misalignment_process_noise: Annotated[
+        PositiveFloat, Field(description="Q of the output-order block, (N m)^2 per sample")
+    ]
+    measurement_noise: Annotated[PositiveFloat, Field(description="R, (N m)^2")]
+    butterworth_cutoff_hz: Annotated[
+        PositiveFloat, Field(description="low-pass for comparison, cut-off, Hz")
+    ] = 20.0
+    butterworth_order: Annotated[
+        int, Field(ge=1, le=8, description="low-pass for comparison, order")
+    ] = 2
+
+
+class HarmonicParameters(_Table):
+    """One ripple component: amplitude cos(order * motor angle + phase)."""
+
+    order: Annotated[PositiveFloat, Field(description="cycles per motor turn")]
+    amplitude_nm: Annotated[NonNegative, Field(description="amplitude, N m")]
+    phase_rad: Annotated[float, Field(description="phase, rad")] = 0.0
+
+
+class MisalignmentParameters(_Table):
+    """Misalignment torque: amplitude cos(output angle + phase)."""
+
+    amplitude_nm: Annotated[NonNegative, Field(description="amplitude, N m")]
+    phase_rad: Annotated[float, Field(description="phase, rad")] = 0.0
+
+
+class ModelParameters(_Table):
+    """Parameters of the bench model, that is of the simulation."""
+
+    zero_nm: Annotated[float, Field(description="zero offset, N m")] = 0.0
+    ripple: Annotated[
+        tuple[HarmonicParameters, ...], Field(description="torque ripple components")
+    ] = ()
+    misalignment: MisalignmentParameters
+
+
+class ProfileData(_Table):
+    """One bench: drive, sensor, DAQ, limits, experiments, filter, model."""
+
+    name: Name
+    description: Annotated[str, Field(description="one line for a person")] = ""
+    drive: Drive
+    sensor: Sensor
+    tacho: Tacho
+    encoder: Encoder
+    servo: Servo
+    daq: Acquisition
+    limits: Limits
+    arm: Arm
+    calibration: CalibrationPlan
+    misalignment: MisalignmentPlan
+    ripple: RipplePlan
+    filter: FilterSettings
+    model: ModelParameters
+
+    @model_validator(mode="after")
+    def _consistent(self) -> ProfileData:
+        return _refuse(self, profile_problems(self.model_dump()))

@@ -1,0 +1,57 @@
+"""Plain records and every read and write of them."""
+
+from __future__ import annotations
+
+from hdbench.records.journal import JournalBlock, JournalContent, JournalWriter, read_journal
+from hdbench.records.jsonfile import (
+    ProfileIdentity,
+    dumps,
+    read_json,
+    result_header,
+    sha256_file,
+    write_json,
+)
+from hdbench.records.loads import LoadReading, Loads
+from hdbench.records.loadsfile import is_loads_file, read_loads, write_loads
+from hdbench.records.quantity import Quantity
+from hdbench.records.recovery import recover_run, resolve_input
+from hdbench.records.runfolder import RunFolder
+from hdbench.records.scale import TorqueScale
+from hdbench.records.storage import write_atomic, write_new
+from hdbench.records.trace import FloatArray, Trace
+from hdbench.records.tracefile import read_trace, write_trace
+from hdbench.records.verify import RunSummary, VerifyReport, list_runs, verify_run, verify_runs
+
+__all__ = [
+    "FloatArray",
+    "JournalBlock",
+    "JournalContent",
+    "JournalWriter",
+    "LoadReading",
+    "Loads",
+    "ProfileIdentity",
+    "Quantity",
+    "RunFolder",
+    "RunSummary",
+    "TorqueScale",
+    "Trace",
+    "VerifyReport",
+    "dumps",
+    "is_loads_file",
+    "list_runs",
+    "read_journal",
+    "read_json",
+    "read_loads",
+    "read_trace",
+    "recover_run",
+    "resolve_input",
+    "result_header",
+    "sha256_file",
+    "verify_run",
+    "verify_runs",
+    "write_atomic",
+    "write_json",
+    "write_loads",
+    "write_new",
+    "write_trace",
+]

@@ -1,0 +1,65 @@
+"""A number with its uncertainty."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+__all__ = ["Quantity"]
+
+
+@dataclass(frozen=True, slots=True)
+class Quantity:
+    """One measured number, its standard uncertainty and degrees of freedom.
+
+    Parameters
+    ----------
+    value : float
+        The estimate, in the unit that the key which holds it names.
+    std : float
+        Standard uncertainty, same unit, at least zero.
+    dof : float or None
+        Degrees of freedom of `std`; None where `std` is taken as known.
+
+    Raises
+    ------
+    ValueError
+        If a part is not finite, or `std` or `dof` is out of its domain.
+    """
+
+    value: float
+    std: float
+    dof: float | None = None
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.value) and math.isfinite(self.std) and self.std >= 0.0):
+            raise ValueError(f"value {self.value!r} and std {self.std!r} must be finite, std >= 0")
+        if self.dof is not None and not (math.isfinite(self.dof) and self.dof > 0.0):
+            raise ValueError(f"dof {self.dof!r} must be positive and finite, or None")
+
+    def interval(self, confidence: float = 0.95) -> tuple[float, float]:
+        """Return the two-sided interval at `confidence` with the quantity's own dof.
+
+        Parameters
+        ----------
+        confidence : float
+            Coverage probability, in (0, 1).
+
+        Returns
+        -------
+        tuple of float
+            Lower and upper end, unit of `value`.
+
+        Notes
+        -----
+        Student's t with `dof` degrees of freedom; the normal distribution where `dof` is None.
+        """
+        from scipy.special import ndtri, stdtrit
+
+        p = 0.5 + confidence / 2.0
+        k = float(ndtri(p)) if self.dof is None else float(stdtrit(self.dof, p))
+        return self.value - k * self.std, self.value + k * self.std
+
+    def to_dict(self) -> dict[str, float | None]:
+        """Return ``{"value", "std", "dof"}`` as the contract writes it."""
+        return {"value": self.value, "std": self.std, "dof": self.dof}

@@ -1,0 +1,229 @@
+"""Files that are either the old one or the new one, never half of one."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import secrets
+from collections.abc import Iterable
+from pathlib import Path
+
+from hdbench.errors import DataError, StorageError, UsageError
+
+__all__ = [
+    "file_bytes",
+    "publish",
+    "sha256_file",
+    "staged_path",
+    "storage_error",
+    "sync_folder",
+    "write_atomic",
+    "write_new",
+]
+
+_CHUNK = 1 << 20
+
+
+def storage_error(error: OSError, path: Path) -> StorageError:
+    """Return `error` as the error that a person at the bench can act on.
+
+    Parameters
+    ----------
+    error : OSError
+        What the operating system said.
+    path : Path
+        The file or folder that was to be written.
+
+    Returns
+    -------
+    StorageError
+    """
+    return StorageError(
+        f"cannot write: {error.strerror or error}",
+        where=str(path),
+        fix="free space or choose another folder with --out; what was acknowledged is kept",
+    )
+
+
+def sync_folder(folder: Path) -> None:
+    """Make the names in `folder` survive a power cut, where the system can do that.
+
+    Parameters
+    ----------
+    folder : Path
+        An existing folder.
+
+    Raises
+    ------
+    OSError
+        If the folder cannot be synced.
+    """
+    if os.name != "posix":
+        return
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+def write_atomic(path: Path, chunks: bytes | Iterable[bytes]) -> None:
+    """Write a whole file: temporary file beside it, sync, rename, sync of the folder.
+
+    Parameters
+    ----------
+    path : Path
+        File to write or replace; its folder must exist.
+    chunks : bytes or iterable of bytes
+        The content.
+
+    Raises
+    ------
+    StorageError
+        If the disk is full or failed, or the folder is missing; the old file is then untouched.
+    """
+    temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}.tmp")
+    try:
+        try:
+            with temporary.open("xb") as file:
+                for chunk in (chunks,) if isinstance(chunks, bytes) else chunks:
+                    file.write(chunk)
+                file.flush()
+                os.fsync(file.fileno())
+            temporary.replace(path)
+            sync_folder(path.parent)
+        finally:
+            temporary.unlink(missing_ok=True)
+    except OSError as error:
+        raise storage_error(error, path) from error
+
+
+def staged_path(path: Path) -> Path:
+    """Return a hidden name beside `path`, with the same endings, for content still to be checked.
+
+    Parameters
+    ----------
+    path : Path
+        The file that is wanted in the end.
+
+    Returns
+    -------
+    Path
+    """
+    return path.with_name(f".staged-{secrets.token_hex(4)}-{path.name}")
+
+
+def publish(staged: Path, path: Path) -> None:
+    """Give checked content its name.
+
+    Parameters
+    ----------
+    staged : Path
+        A complete, synced file in the folder of `path`.
+    path : Path
+        File to make or replace.
+
+    Raises
+    ------
+    StorageError
+        If that fails; an old file is then untouched.
+    """
+    try:
+        staged.replace(path)
+        sync_folder(path.parent)
+    except OSError as error:
+        raise storage_error(error, path) from error
+
+
+def write_new(path: Path, content: bytes) -> None:
+    """Write a file that must not be there yet.
+
+    Parameters
+    ----------
+    path : Path
+        File to make.
+    content : bytes
+        Its content.
+
+    Raises
+    ------
+    UsageError
+        If the file exists.
+    StorageError
+        If the disk is full or failed.
+    """
+    if path.exists():
+        raise UsageError("the file exists", where=str(path), fix="name a new file")
+    write_atomic(path, content)
+
+
+def file_bytes(path: Path, *, limit: int, what: str) -> bytes:
+    """Read a regular file of at most `limit` bytes.
+
+    Parameters
+    ----------
+    path : Path
+        File to read.
+    limit : int
+        Largest size, byte.
+    what : str
+        What the file is, for the message.
+
+    Returns
+    -------
+    bytes
+
+    Raises
+    ------
+    DataError
+        If it is missing, not a regular file, not readable or too large.
+    """
+    try:
+        if not path.exists():
+            raise DataError(f"no such {what}", where=str(path), fix="check the path")
+        if not path.is_file():
+            raise DataError(
+                f"not a regular file; needed: a {what}", where=str(path), fix="name the file itself"
+            )
+        size = path.stat().st_size
+        if size > limit:
+            raise DataError(
+                f"{size} bytes; needed: a {what} of at most {limit} bytes",
+                where=str(path),
+                fix="check that this is the right file, or split it",
+            )
+        return path.read_bytes()
+    except (OSError, ValueError) as error:
+        reason = error.strerror if isinstance(error, OSError) else str(error)
+        raise DataError(
+            f"cannot read: {reason}", where=str(path), fix="check path and rights"
+        ) from error
+
+
+def sha256_file(path: Path) -> str:
+    """Return the SHA-256 of a file as 64 hexadecimal digits.
+
+    Parameters
+    ----------
+    path : Path
+        File to read.
+
+    Returns
+    -------
+    str
+
+    Raises
+    ------
+    DataError
+        If the file cannot be read.
+    """
+    digest = hashlib.sha256()
+    try:
+        with Path(path).open("rb") as file:
+            while chunk := file.read(_CHUNK):
+                digest.update(chunk)
+    except OSError as error:
+        raise DataError(
+            f"cannot read: {error.strerror}", where=str(path), fix="check path and rights"
+        ) from error
+    return digest.hexdigest()

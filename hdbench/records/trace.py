@@ -1,0 +1,70 @@
+"""Sampled channels of one dynamic run."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["FloatArray", "Trace"]
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Trace:
+    """Sampled channels over time, each of shape (n_samples,).
+
+    Parameters
+    ----------
+    columns : mapping of str to ndarray
+        Channel name (contract section 3) to samples, float64, in file order. A lost sample is
+        NaN in every channel but `time_s`. Columns that the contract does not name are kept.
+    source : str
+        Where the trace came from; used in error messages and provenance.
+    metadata : mapping
+        What is known beside the samples (run id, gain used, sample period asked for).
+    """
+
+    columns: Mapping[str, FloatArray]
+    source: str = "<memory>"
+    metadata: Mapping[str, Any] = field(default_factory=dict)
+
+    def __len__(self) -> int:
+        return len(self.columns["time_s"])
+
+    def __contains__(self, name: str) -> bool:
+        return name in self.columns
+
+    def __getitem__(self, name: str) -> FloatArray:
+        return self.columns[name]
+
+    @property
+    def time_s(self) -> FloatArray:
+        """Time, s, strictly increasing."""
+        return self.columns["time_s"]
+
+    def valid(self, *names: str) -> NDArray[np.bool_]:
+        """Return which samples are present (finite) in all of `names`.
+
+        Parameters
+        ----------
+        *names : str
+            Channel names; with none, all channels.
+
+        Returns
+        -------
+        ndarray of bool, shape (n_samples,)
+        """
+        chosen = names or tuple(self.columns)
+        mask = np.ones(len(self), dtype=bool)
+        for name in chosen:
+            mask &= np.isfinite(self.columns[name])
+        return mask
+
+    def with_columns(self, **columns: FloatArray) -> Trace:
+        """Return a copy with `columns` added or replaced."""
+        return Trace({**self.columns, **columns}, self.source, self.metadata)

@@ -1,0 +1,1 @@
+"""Benches and plants as TOML files."""

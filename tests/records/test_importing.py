@@ -1,0 +1,240 @@
+"""Other programs' logs become traces and loads with the same numbers."""
+
+import csv
+import os
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hdbench.errors import DataError, UsageError
+from hdbench.records import read_loads, read_trace
+from hdbench.records.foreign import ForeignFormat
+from hdbench.records.importing import ImportPlan, import_files, known_columns
+from hdbench.records.mapping import ColumnMap, Constant, parse_constant, parse_map
+
+DATA = os.environ.get("HDBENCH_DATA")
+needs_data = pytest.mark.skipif(DATA is None, reason="HDBENCH_DATA is not set")
+
+
+def bring(tmp_path, texts, maps, *, kind="trace", constants=(), **options):
+    files = []
+    for number, text in enumerate(texts):
+        path = tmp_path / f"in{number}.txt"
+        path.write_bytes(text if isinstance(text, bytes) else text.encode("utf-8"))
+        files.append(path)
+    known = known_columns(kind)
+    plan = ImportPlan(
+        kind,
+        tuple(parse_map(text, known) for text in maps),
+        tuple(parse_constant(text, known) for text in constants),
+        **options,
+    )
+    out = tmp_path / "out.csv"
+    report = import_files(plan, files, out)
+    return (
+        read_trace(out, require=("torque",)) if kind == "trace" else read_loads(out, None)
+    ), report
+
+
+MAPS = ("time_s=t", "torque_nm=T", "motor_velocity_rad_s=v")
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "t,T,v\n5,1.5,2\n6,2.5,3\n",
+        "\ufefft;T;v\r\n5;1,5;2\r\n6;2,5;3\r\n",
+        "t\tT\tv\n5\t1.5\t2\n6\t2.5\t3\n",
+        't,T,v\n"5","1.5","2"\n6,2.5,3,\n\n',
+        "t; T; v\n5; 1,5; 2\n6; 2,5; 3",
+    ],
+)
+def test_separators_decimal_commas_and_byte_order_marks_do_not_change_a_number(tmp_path, text):
+    trace, report = bring(tmp_path, [text], MAPS)
+    assert trace.time_s.tolist() == [0.0, 1.0]
+    assert trace["torque_nm"].tolist() == [1.5, 2.5]
+    assert trace["motor_velocity_rad_s"].tolist() == [2.0, 3.0]
+    assert report.time_origin_s == 5.0
+
+
+def test_columns_go_by_number_where_there_is_no_header_and_lines_are_skipped(tmp_path):
+    text = "made by a logger\nsecond line\n1000,7,9\n1010,8,9\n"
+    layout = ForeignFormat(header=False, skip=2)
+    trace, _ = bring(tmp_path, [text], ("time_s=1*0.001", "torque_v=2"), layout=layout)
+    assert trace.time_s.tolist() == [0.0, 0.01]
+    assert trace["torque_v"].tolist() == [7.0, 8.0]
+
+
+def test_scale_and_offset_are_computed_in_decimals(tmp_path):
+    text = "t,T-3*2,rpm\n0,0.1,60\n1,0.3,30\n"
+    maps = ("time_s=t", "torque_nm=T-3*2*10-1", "motor_velocity_rad_s=rpm/60")
+    trace, _ = bring(tmp_path, [text], maps)
+    # 0.3 * 10 - 1 is 2 in decimals, and 2.0000000000000004 or so in doubles of another order
+    assert trace["torque_nm"].tolist() == [0.0, 2.0]
+    assert trace["motor_velocity_rad_s"].tolist() == [1.0, 0.5]
+
+
+def test_differences_of_large_times_keep_the_digits_of_the_file(tmp_path):
+    cells = ["1763720000.000001", "1763720000.001002", "1763720000.002003"]
+    text = "t,T\n" + "".join(f"{cell},1\n" for cell in cells)
+    trace, _ = bring(tmp_path, [text], ("time_s=t", "torque_nm=T"))
+    start = Fraction(cells[0])
+    assert trace.time_s.tolist() == [float(Fraction(cell) - start) for cell in cells]
+    kept, report = bring(tmp_path, [text], ("time_s=t", "torque_nm=T"), keep_time=True)
+    assert kept.time_s.tolist() == [float(cell) for cell in cells]
+    assert report.time_origin_s is None
+
+
+def test_a_sample_rate_stands_for_a_time_column(tmp_path):
+    trace, _ = bring(tmp_path, ["T\n1\n2\n", "T\n3\n"], ("torque_nm=T",), rate_hz=1000.0)
+    assert trace.time_s.tolist() == [0.0, 0.001, 0.002]
+    assert trace["torque_nm"].tolist() == [1.0, 2.0, 3.0]
+
+
+def test_several_traces_are_joined_in_the_order_of_their_times(tmp_path):
+    late, early = "t,T\n10,3\n11,4\n", "t,T\n0,1\n1,2\n"
+    trace, _ = bring(tmp_path, [late, early], ("time_s=t", "torque_nm=T"))
+    assert trace.time_s.tolist() == [0.0, 1.0, 10.0, 11.0]
+    assert trace["torque_nm"].tolist() == [1.0, 2.0, 3.0, 4.0]
+
+
+def test_traces_that_overlap_are_refused(tmp_path):
+    with pytest.raises(DataError, match="follow one another"):
+        bring(tmp_path, ["t,T\n0,1\n5,2\n", "t,T\n5,1\n6,2\n"], ("time_s=t", "torque_nm=T"))
+
+
+def test_each_file_can_have_its_own_column_and_constant(tmp_path):
+    texts = ["a,x\n1,2\n", "b,x\n3,4\n"]
+    maps = ("1:torque_nm=a", "2:torque_nm=b*-1", "reading_v=x")
+    constants = ("experiment=e", "position_rad=0.5", "range=full", "direction=cw", "1:series=up")
+    loads, report = bring(
+        tmp_path, texts, maps, kind="loads", constants=(*constants, "2:series=down")
+    )
+    found = [(r.torque_nm, r.reading_v, r.series, r.position_rad) for r in loads.readings]
+    assert found == [(1.0, 2.0, "up", 0.5), (-3.0, 4.0, "down", 0.5)]
+    assert report.rows == 2
+    with pytest.raises(UsageError, match="series for file 2"):
+        bring(tmp_path, texts, maps, kind="loads", constants=constants)
+
+
+def test_columns_that_bear_a_name_of_the_contract_come_along(tmp_path):
+    trace, _ = bring(tmp_path, ["time_s;torque_nm;other\n0;1;2\n"], ())
+    assert list(trace.columns) == ["time_s", "torque_nm"]
+
+
+def test_a_missing_number_is_a_lost_sample_and_counted(tmp_path):
+    trace, report = bring(tmp_path, ["t,T,v\n0,,1\n1,NaN,2\n2,3,4\n"], MAPS)
+    assert np.isnan(trace["torque_nm"]).tolist() == [True, True, False]
+    assert report.lost == 2
+
+
+@pytest.mark.parametrize(
+    ("text", "place", "word"),
+    [
+        ("t,T,v\n0,1,2\n0,1,2\n", "in0.txt:3", "repeats"),
+        ("t,T,v\n0,1,2\n5,1,2\n4,1,2\n", "in0.txt:4", "goes back"),
+        ("t,T,v\n0,1,2\n,1,2\n", "in0.txt:3", "no time"),
+        ("t,T,v\n0,1,2\n1,x,2\n", "in0.txt:3", "'x'"),
+        ("t,T,v\n0,1,2\n1,inf,2\n", "in0.txt:3", "'inf'"),
+        ("t,T,v\n0,1,2\n1,1e400,2\n", "in0.txt:3", "'1e400'"),
+        ("t,T,v\n0,1,2\n1,2\n", "in0.txt:3", "2 cells"),
+        ("1,2,3\n4,5,6\n", "in0.txt:1", "no column names"),
+        ("t,T,v\n", "in0.txt", "no data"),
+        ("", "in0.txt", "no data"),
+        (b"t,T,v\n0,\xff,1\n", "in0.txt:2", "UTF-8"),
+    ],
+)
+def test_a_bad_log_is_refused_with_its_line(tmp_path, text, place, word):
+    with pytest.raises(DataError) as caught:
+        bring(tmp_path, [text], MAPS)
+    assert caught.value.where.endswith(place)
+    assert word in caught.value.what
+    assert not (tmp_path / "out.csv").exists()
+
+
+@pytest.mark.parametrize(
+    ("maps", "constants", "word"),
+    [
+        (("time_s=t", "torque_nm=Tork"), (), "'Tork'"),
+        (("torque_nm=T",), (), "no time"),
+        (("time_s=t", "torque_nm=T*0"), (), "scale 0"),
+        (("time_s=t", "torque_nm=T"), ("torque_nm=3",), "both"),
+        (("time_s=t", "torque_nm=T"), ("2:temperature_c=3",), "file 2"),
+        (("time_s=t", "torque_nm=T"), ("temperature_c=warm",), "'warm'"),
+    ],
+)
+def test_a_plan_that_does_not_fit_is_wrong_usage(tmp_path, maps, constants, word):
+    with pytest.raises(UsageError) as caught:
+        bring(tmp_path, ["t,T\n0,1\n"], maps, constants=constants)
+    assert word in caught.value.what
+    assert caught.value.exit_code == 2
+
+
+def test_a_slip_in_a_column_name_of_the_contract_is_told():
+    with pytest.raises(UsageError) as caught:
+        parse_map("torqe_nm=T", known_columns("trace"))
+    assert "torque_nm" in caught.value.fix
+    with pytest.raises(UsageError):
+        parse_constant("series", known_columns("loads"))
+
+
+def test_a_failed_import_leaves_the_old_file_and_nothing_else(tmp_path):
+    out = tmp_path / "out.csv"
+    out.write_text("old")
+    source = tmp_path / "in.csv"
+    source.write_text("t,x\n0,1\n")
+    with pytest.raises(DataError, match="torque"):
+        import_files(ImportPlan("trace", (ColumnMap("time_s", "t"),)), [source], out)
+    assert out.read_text() == "old"
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["in.csv", "out.csv"]
+    with pytest.raises(UsageError, match="inputs"):
+        import_files(ImportPlan("trace", (ColumnMap("time_s", "t"),)), [source], source)
+
+
+@needs_data
+def test_the_torque_arm_of_unh_gives_the_published_lines(tmp_path):
+    folder = Path(DATA) / "unh_torque_arm_cal"
+    files = [folder / f"torque_arm_{series}.csv" for series in ("ascending", "descending")]
+    maps = (ColumnMap("torque_nm", "mean_torque"), ColumnMap("reading_v", "mean_volts_per_volt"))
+    same = {"experiment": "arm", "position_rad": "0", "range": "full", "direction": "cw"}
+    constants = (
+        *(Constant(name, value) for name, value in same.items()),
+        Constant("series", "up", 1),
+        Constant("series", "down", 2),
+    )
+    out = tmp_path / "loads.csv"
+    import_files(ImportPlan("loads", maps, constants), files, out)
+    readings = read_loads(out, None).readings
+
+    def slope(*series):
+        chosen = [r for r in readings if r.series in series]
+        return np.polyfit([r.reading_v for r in chosen], [r.torque_nm for r in chosen], 1)
+
+    # published beside the data with five decimals or more; a line fit keeps nine digits here
+    assert slope("up", "down") == pytest.approx([123436.95673891163, -3.2081368832621706], rel=1e-9)
+    assert slope("up")[0] == pytest.approx(123791.23183311448, rel=1e-9, abs=0)
+    assert slope("down")[0] == pytest.approx(123108.06827582237, rel=1e-9, abs=0)
+
+
+@needs_data
+def test_the_sweep_of_lara8_comes_in_with_every_digit(tmp_path):
+    source = Path(DATA) / "lara8_dual_encoder" / "validate_joint3_sweep.csv"
+    maps = (
+        ColumnMap("time_s", "Timestamp"),
+        ColumnMap("torque_nm", "joint_torque_current_3"),
+        ColumnMap("motor_velocity_rad_s", "joint_velocity_3*101"),
+    )
+    out = tmp_path / "trace.csv.gz"
+    report = import_files(ImportPlan("trace", maps), [source], out)
+    trace = read_trace(out)
+    with source.open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert report.rows == len(rows) == 1832
+    assert trace["torque_nm"].tolist() == [float(row["joint_torque_current_3"]) for row in rows]
+    start = Fraction(rows[0]["Timestamp"])
+    assert trace.time_s.tolist() == [float(Fraction(row["Timestamp"]) - start) for row in rows]
+    # one rounding of the product against two: half a unit in the last place each
+    expected = [101 * float(row["joint_velocity_3"]) for row in rows]
+    np.testing.assert_allclose(trace["motor_velocity_rad_s"], expected, rtol=3e-16, atol=0)

@@ -1,0 +1,273 @@
+"""A run folder says what was done and how it ended; a killed run gives its data back."""
+
+import hashlib
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+from datetime import UTC, datetime
+
+import numpy as np
+import pytest
+
+from hdbench.errors import DataError, StorageError
+from hdbench.profile import load_profile
+from hdbench.records import (
+    JournalWriter,
+    RunFolder,
+    list_runs,
+    read_loads,
+    read_trace,
+    resolve_input,
+    verify_run,
+    verify_runs,
+)
+
+MOMENT = datetime(2026, 11, 21, 10, 15, tzinfo=UTC)
+# no process has this number: it is above the largest that Linux gives out
+NOBODY = 2**22 + 1
+
+
+@pytest.fixture(scope="module")
+def profile():
+    return load_profile("cim-tr-97-06")
+
+
+def make(parent, profile, kind="ripple", token="3f9a1c"):
+    return RunFolder.create(
+        parent,
+        kind=kind,
+        profile=profile,
+        details={"seed": 1},
+        clock=lambda: MOMENT,
+        token=lambda: token,
+    )
+
+
+def samples(folder, n_blocks=3):
+    with JournalWriter(folder.journal) as journal:
+        for k in range(n_blocks):
+            time_s = (np.arange(10) + 10 * k) * 1e-3
+            columns = {"time_s": time_s, "torque_v": time_s + 1, "tacho_v": time_s * 0 + 2}
+            journal.append("samples", columns, {"first_index": 10 * k})
+
+
+def killed(folder):
+    folder.update(pid=NOBODY, process_mark=None)
+
+
+def test_a_new_run_is_named_by_time_kind_and_chance_and_holds_what_the_contract_lists(
+    tmp_path, profile
+):
+    folder = make(tmp_path / "runs", profile)
+    assert folder.run_id == "20261121T101500Z-ripple-3f9a1c"
+    body = json.loads((folder.path / "run.json").read_text())
+    needed = {"kind", "status", "started_utc", "ended_utc", "exit_reason", "profile", "files"}
+    assert needed | {"calibration", "device", "versions", "schema", "hdbench_version"} <= set(body)
+    assert body["profile"] == {
+        "name": profile.name,
+        "sha256": hashlib.sha256(body["profile"]["text"].encode()).hexdigest(),
+        "text": profile.text,
+    }
+    assert (body["status"], body["kind"]) == ("running", "ripple")
+    assert body["started_utc"] == "2026-11-21T10:15:00.000000Z"
+    assert folder.status() == "running"
+    by_default = RunFolder.create(tmp_path, kind="ripple", profile=profile, details={})
+    assert re.fullmatch(r"\d{8}T\d{6}Z-ripple-[0-9a-f]{6}", by_default.run_id)
+
+
+def test_a_run_id_that_is_taken_is_not_given_again(tmp_path, profile):
+    make(tmp_path, profile)
+    with pytest.raises(StorageError):
+        make(tmp_path, profile)
+
+
+def test_runs_cannot_be_kept_where_nothing_can_be_written(tmp_path, profile):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(StorageError) as caught:
+        make(tmp_path / "file" / "runs", profile)
+    assert caught.value.exit_code == 7
+
+
+def test_a_finished_run_hashes_its_files_and_verify_sees_any_change(tmp_path, profile):
+    folder = make(tmp_path, profile)
+    samples(folder)
+    folder.trace.write_text("time_s,torque_nm,tacho_v\n0,1,2\n")
+    folder.result.write_text("{}")
+    folder.finish("complete", "done")
+    digest = hashlib.sha256(folder.trace.read_bytes()).hexdigest()
+    assert folder.manifest["files"]["trace.csv"] == digest
+    report = verify_run(folder.path)
+    assert (report.ok, report.files_checked, report.samples_in_journal) == (True, 3, 30)
+    folder.trace.write_text("time_s,torque_nm,tacho_v\n0,1,3\n")
+    folder.result.unlink()
+    assert [p.split()[0] for p in verify_run(folder.path).problems] == ["trace.csv", "result.json"]
+
+
+def test_a_killed_run_is_incomplete_and_gives_back_every_acknowledged_sample(tmp_path, profile):
+    folder = make(tmp_path, profile)
+    samples(folder)
+    with folder.journal.open("ab") as file:
+        file.write(b"HDJ1 torn")
+    killed(folder)
+    report = folder.verify()
+    assert (report.status, report.ok, report.recoverable) == ("incomplete", True, True)
+    assert (report.samples_in_journal, report.torn_bytes) == (30, 9)
+    trace = read_trace(resolve_input(folder.path))
+    assert trace.time_s.tobytes() == (np.arange(30) * 1e-3).tobytes()
+    again = RunFolder.open(folder.path)
+    assert again.manifest["status"] == "incomplete"
+    assert set(again.manifest["files"]) == {"journal.hdj", "trace.csv"}
+    assert verify_run(folder.path).ok
+
+
+def test_a_killed_calibration_gives_back_its_readings(tmp_path, profile):
+    folder = make(tmp_path, profile, kind="calibration")
+    reading = {
+        "experiment": "p0-cw-full",
+        "position_rad": 0.0,
+        "range": "full",
+        "direction": "cw",
+        "series": "up",
+        "torque_nm": 9.8,
+        "reading_v": 1.48,
+        "mass_kg": 2.0,
+    }
+    with JournalWriter(folder.journal) as journal:
+        journal.append("event", {}, {"lock_rad": 0.0})
+        journal.append("reading", {}, {**reading, "settled": False})
+    killed(folder)
+    path = resolve_input(folder.path)
+    assert path.name == "loads.csv"
+    loads = read_loads(path, None)
+    (back,) = loads.readings
+    assert loads.extra_columns == {"settled": ("false",)}
+    assert (back.experiment, back.torque_nm, back.mass_kg) == ("p0-cw-full", 9.8, 2.0)
+
+
+def test_a_run_that_goes_on_is_left_alone(tmp_path, profile):
+    folder = make(tmp_path, profile)
+    samples(folder)
+    with pytest.raises(DataError, match="still goes on"):
+        folder.recover_trace()
+    assert not folder.trace.exists()
+
+
+def test_a_later_process_with_the_same_number_is_not_taken_for_the_run(tmp_path, profile):
+    folder = make(tmp_path, profile)
+    if folder.manifest["process_mark"] is None:
+        pytest.skip("this system does not tell processes apart")
+    folder.update(process_mark="another boot:1")
+    assert folder.status() == "incomplete"
+
+
+def test_a_run_of_another_host_counts_as_running_while_its_journal_grows(tmp_path, profile):
+    folder = make(tmp_path, profile)
+    samples(folder)
+    folder.update(host="elsewhere")
+    os.utime(folder.journal, (MOMENT.timestamp() - 5, MOMENT.timestamp() - 5))
+    assert folder.status() == "running"
+    os.utime(folder.journal, (MOMENT.timestamp() - 3600, MOMENT.timestamp() - 3600))
+    assert folder.status() == "incomplete"
+
+
+def test_a_damaged_journal_is_a_problem_and_keeps_what_is_intact(tmp_path, profile):
+    folder = make(tmp_path, profile)
+    samples(folder, 3)
+    raw = bytearray(folder.journal.read_bytes())
+    raw[len(raw) // 2] ^= 1
+    folder.journal.write_bytes(raw)
+    killed(folder)
+    report = folder.verify()
+    assert not report.ok
+    assert report.samples_in_journal == 20
+    assert len(read_trace(folder.recover_trace())) == 20
+    assert "damaged" in RunFolder.open(folder.path).manifest["exit_reason"]
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "{}",
+        '{"schema": "hdbench/run/1"}',
+        '{"schema": "hdbench/run/1", "kind": "ripple", "status": "great", "files": {}, '
+        '"profile": {}}',
+        '{"schema": "hdbench/run/1", "kind": "ripple", "status": "complete", "files": [], '
+        '"profile": {}}',
+    ],
+)
+def test_a_broken_run_is_listed_as_invalid_and_refused(tmp_path, text):
+    path = tmp_path / "20260101T000000Z-ripple-000000"
+    path.mkdir()
+    (path / "run.json").write_text(text)
+    with pytest.raises(DataError) as caught:
+        RunFolder.open(path)
+    assert caught.value.exit_code == 4
+    assert [run.status for run in list_runs(tmp_path)] == ["invalid"]
+    assert not verify_runs([path])[0].ok
+
+
+def test_a_hostile_file_name_in_a_run_is_not_followed(tmp_path, profile):
+    folder = make(tmp_path, profile)
+    folder.update(status="complete", files={"../../etc/passwd": "0"})
+    (problem,) = verify_run(folder.path).problems
+    assert "not the name" in problem
+
+
+def test_runs_are_listed_oldest_first(tmp_path, profile):
+    for token in ("bbbbbb", "aaaaaa"):
+        make(tmp_path, profile, token=token)
+    assert [run.path.name[-6:] for run in list_runs(tmp_path)] == ["aaaaaa", "bbbbbb"]
+    assert list_runs(tmp_path / "none") == ()
+
+
+@pytest.mark.parametrize("kind", ["missing", "no run", "no data"])
+def test_an_input_without_data_is_refused(tmp_path, profile, kind):
+    path = tmp_path / "x"
+    if kind == "no run":
+        path.mkdir()
+    if kind == "no data":
+        path = make(tmp_path, profile, kind="diagnosis").path
+    with pytest.raises(DataError):
+        resolve_input(path)
+
+
+WRITER = """
+import sys
+import numpy as np
+from pathlib import Path
+from hdbench.profile import load_profile
+from hdbench.records import JournalWriter, RunFolder
+folder = RunFolder.create(
+    Path(sys.argv[1]), kind="ripple", profile=load_profile("cim-tr-97-06"), details={}
+)
+journal = JournalWriter(folder.journal)
+k = 0
+while True:
+    time_s = (np.arange(50) + 50 * k) * 1e-3
+    journal.append("samples", {"time_s": time_s, "torque_v": time_s, "tacho_v": time_s})
+    k += 1
+    print(50 * k, flush=True)
+"""
+
+
+@pytest.mark.skipif(os.name != "posix", reason="kill -9")
+def test_a_run_killed_for_real_keeps_what_was_acknowledged(tmp_path):
+    with subprocess.Popen(
+        [sys.executable, "-c", WRITER, str(tmp_path)], stdout=subprocess.PIPE, text=True
+    ) as process:
+        for _ in range(40):
+            process.stdout.readline()
+        (running,) = list_runs(tmp_path)
+        process.send_signal(signal.SIGKILL)
+        words = process.stdout.read().split("\n")[:-1]
+    # 40 blocks of 50 samples were acknowledged before the signal, more while it was on its way
+    acknowledged = int(words[-1]) if words else 2000
+    assert running.status == "running"
+    (report,) = verify_runs([running.path], recover=True)
+    assert (report.ok, report.status) == (True, "incomplete")
+    assert report.samples_in_journal in (acknowledged, acknowledged + 50)
+    assert len(read_trace(resolve_input(running.path))) == report.samples_in_journal
