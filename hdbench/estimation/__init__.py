@@ -1,0 +1,45 @@
+"""Least squares with coloured noise, effective degrees of freedom, spectra in Hz and orders."""
+
+from __future__ import annotations
+
+from hdbench.estimation.channel import DataFlag, data_flags, stretch_starts, torque_channel
+from hdbench.estimation.harmonics import (
+    Harmonic,
+    combine,
+    harmonic_at,
+    harmonic_columns,
+    scaled,
+)
+from hdbench.estimation.regression import LinearFit, coloured_fit, ordinary_fit
+from hdbench.estimation.scan import Line, strongest_line
+from hdbench.estimation.search import FALSE_ALARM_LEVEL, LineFit, fit_with_lines
+from hdbench.estimation.spectrum import Spectrum, SpectrumPeak, amplitude_spectrum, find_peaks
+from hdbench.estimation.whitening import NoiseModel, fit_noise, run_positions, whiten
+
+__all__ = [
+    "FALSE_ALARM_LEVEL",
+    "DataFlag",
+    "Harmonic",
+    "Line",
+    "LineFit",
+    "LinearFit",
+    "NoiseModel",
+    "Spectrum",
+    "SpectrumPeak",
+    "amplitude_spectrum",
+    "coloured_fit",
+    "combine",
+    "data_flags",
+    "find_peaks",
+    "fit_noise",
+    "fit_with_lines",
+    "harmonic_at",
+    "harmonic_columns",
+    "ordinary_fit",
+    "run_positions",
+    "scaled",
+    "stretch_starts",
+    "strongest_line",
+    "torque_channel",
+    "whiten",
+]

@@ -1,0 +1,181 @@
+"""Further lines in a residual, locked to the motor or to the clock, fitted jointly."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hdbench.estimation.harmonics import harmonic_at, harmonic_columns
+from hdbench.estimation.regression import LinearFit, coloured_fit
+from hdbench.estimation.scan import NEIGHBOUR_RESOLUTIONS, Line, strongest_line
+from hdbench.estimation.whitening import whiten
+from hdbench.records.trace import FloatArray
+
+__all__ = ["FALSE_ALARM_LEVEL", "LineFit", "fit_with_lines"]
+
+# a line is reported when noise alone would show one as strong once in a thousand records
+FALSE_ALARM_LEVEL = 1e-3
+_MAX_LINES = 12
+# likelihoods this close (a factor of 20) do not decide between motor and clock
+_UNDECIDED_NATS = 3.0
+# a candidate of which the model already explains more than this on the samples used adds nothing
+_LARGEST_OVERLAP = 0.5
+# resolutions over which a line of one domain may spread in the other and still look like a line
+_LINE_WIDTH = 3.0
+
+
+@dataclass(frozen=True, slots=True)
+class LineFit:
+    """A regression with the lines that its residual showed.
+
+    Parameters
+    ----------
+    fit : LinearFit
+        Joint fit; the first columns are those asked for, then two per line.
+    lines : tuple of Line
+        Lines found, in the order found.
+    design : ndarray, shape (n, k + 2 m)
+        Columns of the fit: those asked for, then cosine and sine of each line.
+    """
+
+    fit: LinearFit
+    lines: tuple[Line, ...]
+    design: FloatArray
+
+
+def fit_with_lines(
+    design: FloatArray,
+    response: FloatArray,
+    valid: NDArray[np.bool_],
+    *,
+    motor_angle_rad: FloatArray,
+    time_s: FloatArray,
+    orders: tuple[float, ...],
+    starts: NDArray[np.bool_] | None = None,
+) -> LineFit:
+    """Fit a design, and add every line that the residual shows, motor order or frequency.
+
+    Parameters
+    ----------
+    design : ndarray, shape (n, k)
+        Columns of the model asked for.
+    response : ndarray, shape (n,)
+        Response, N m.
+    valid : ndarray of bool, shape (n,)
+        Samples that may be used.
+    motor_angle_rad : ndarray, shape (n,)
+        Motor angle, rad.
+    time_s : ndarray, shape (n,)
+        Time, s.
+    orders : tuple of float
+        Motor orders that `design` already holds.
+    starts : ndarray of bool, shape (n,), optional
+        Where a new stretch begins.
+
+    Returns
+    -------
+    LineFit
+
+    Raises
+    ------
+    ValueError
+        If samples are too few or columns cannot be told apart.
+
+    Notes
+    -----
+    The stronger of the two domains is taken, the motor order where they are within 3 nats, while
+    twice its false-alarm probability (two domains) is below `FALSE_ALARM_LEVEL`, at most twelve
+    times; then all are fitted jointly. A line left in the residual would bias its neighbours. A
+    candidate of which the model already explains half on these samples is passed over.
+    """
+    lines: list[Line] = []
+    passed: list[Line] = []
+    columns = design
+    fit = coloured_fit(columns, response, valid, starts=starts)
+    while len(lines) + len(passed) < _MAX_LINES and fit.noise is not None:
+        white = whiten(fit.residual, fit.noise, fit.used, starts=starts)[fit.used]
+        found = _next_line(white, fit.used, motor_angle_rad, time_s, orders, lines + passed)
+        if found is None:
+            break
+        turn = motor_angle_rad if found.domain == "motor-order" else 2.0 * np.pi * time_s
+        extra = harmonic_columns(turn, [found.location])
+        if _overlap(columns[fit.used], extra[fit.used]) > _LARGEST_OVERLAP:
+            passed.append(found)
+            continue
+        columns = np.hstack([columns, extra])
+        fit = coloured_fit(columns, response, valid, starts=starts)
+        lines.append(found)
+    k = design.shape[1]
+    fitted = tuple(
+        replace(line, component=harmonic_at(fit, k + 2 * i)) for i, line in enumerate(lines)
+    )
+    return LineFit(fit, fitted, columns)
+
+
+def _overlap(columns: FloatArray, extra: FloatArray) -> float:
+    """Return the share of the most explained column of `extra` that `columns` explain."""
+    basis, _ = np.linalg.qr(columns)
+    inside = basis.T @ extra
+    return float(np.max((inside**2).sum(axis=0) / (extra**2).sum(axis=0)))
+
+
+def _next_line(
+    white: FloatArray,
+    used: NDArray[np.bool_],
+    motor_angle_rad: FloatArray,
+    time_s: FloatArray,
+    orders: tuple[float, ...],
+    lines: list[Line],
+) -> Line | None:
+    turns = motor_angle_rad[used] / (2.0 * np.pi)
+    time = time_s[used]
+    at_orders = orders + tuple(x.location for x in lines if x.domain == "motor-order")
+    at_tones = tuple(x.location for x in lines if x.domain == "frequency")
+    # over a hundredth of the record, so that jitter of single samples is not taken for speed
+    lag = max(1, len(turns) // 100)
+    rate = np.abs((turns[lag:] - turns[:-lag]) / (time[lag:] - time[:-lag]))
+    slow, fast = (float(q) for q in np.percentile(rate, (5.0, 95.0)))
+    also_tones = _seen_as(at_orders, slow, fast, float(np.ptp(time)))
+    # a motor at rest turns a tone into no order at all
+    also_orders = _seen_as(at_tones, 1.0 / fast, 1.0 / slow, float(np.ptp(turns))) if slow else ()
+    candidates = [
+        strongest_line(white, turns, "motor-order", taken=at_orders + also_orders),
+        strongest_line(white, time, "frequency", taken=at_tones + also_tones),
+    ]
+    found = [line for line in candidates if line is not None]
+    if not found:
+        return None
+    best = max(found, key=lambda line: line.power)
+    probability = min(1.0, len(found) * best.false_alarm_probability)
+    if not probability < FALSE_ALARM_LEVEL:
+        return None
+    # with both domains alike the motor is named first: that is what turns on this bench
+    chosen = next(x for x in found if x.power > best.power - _UNDECIDED_NATS)
+    other = next((x for x in found if x is not chosen), None)
+    same = other is not None and other.power > chosen.power - _UNDECIDED_NATS
+    if other is not None and same:
+        order, tone = (x.location for x in (chosen, other)[:: 1 if chosen is found[0] else -1])
+        apart = abs(order * float(np.median(rate)) - tone) * float(np.ptp(time))
+        same = apart < NEIGHBOUR_RESOLUTIONS
+    return replace(
+        chosen,
+        false_alarm_probability=probability,
+        equivalent=other.location if other is not None and same else None,
+    )
+
+
+def _seen_as(places: tuple[float, ...], slow: float, fast: float, span: float) -> tuple[float, ...]:
+    """Return where lines of one domain appear in the other, if they are lines there too.
+
+    A line at `place` spreads over ``place * slow ... place * fast``; above three resolutions
+    ``1 / span`` it is no line any more.
+    """
+    found: list[float] = []
+    for place in places:
+        width = place * (fast - slow) * span
+        if width < _LINE_WIDTH:
+            found.extend(np.linspace(place * slow, place * fast, 2 + math.ceil(width)).tolist())
+    return tuple(found)

@@ -1,0 +1,205 @@
+"""Stretches of a record at nearly constant velocity."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hdbench.records.trace import FloatArray
+
+__all__ = ["SteadyStretch", "longest_steady", "smooth", "steady_runs"]
+
+# smoothing of the velocity before it is judged: longer than a ripple period at any useful speed
+_SMOOTH_S = 0.1
+# a motor slower than half its fastest is on a ramp or at rest
+_MOVING_SHARE = 0.5
+# samples of the smoothed velocity that a search looks at: a step of 0.05 % of the record
+_SEARCH_POINTS = 2000
+
+
+@dataclass(frozen=True, slots=True)
+class SteadyStretch:
+    """Neighbouring samples at nearly constant velocity.
+
+    Parameters
+    ----------
+    start, stop : int
+        First sample and one past the last.
+    from_s, to_s : float
+        Time of the first and of the last sample, s.
+    velocity_rad_s : float
+        Mean motor velocity with its sign, rad/s.
+    """
+
+    start: int
+    stop: int
+    from_s: float
+    to_s: float
+    velocity_rad_s: float
+
+    def to_dict(self) -> dict[str, float]:
+        """Return times and velocity as results store them."""
+        return {
+            "from_s": self.from_s,
+            "to_s": self.to_s,
+            "motor_velocity_rad_s": self.velocity_rad_s,
+        }
+
+
+def smooth(time_s: FloatArray, values: FloatArray, window_s: float = _SMOOTH_S) -> FloatArray:
+    """Return a moving average; missing samples are bridged for the average only.
+
+    Parameters
+    ----------
+    time_s, values : ndarray, shape (n,)
+        Time, s, and values; NaN where missing.
+    window_s : float
+        Width of the average, s.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        Averages over a window centred on each sample, shorter at the ends.
+    """
+    known = np.isfinite(values)
+    filled = np.interp(time_s, time_s[known], values[known])
+    step = float(np.median(np.diff(time_s)))
+    half = min(max(0, round(0.5 * window_s / step)), (len(values) - 1) // 2)
+    total = np.concatenate([[0.0], np.cumsum(filled)])
+    index = np.arange(len(values))
+    low = np.maximum(index - half, 0)
+    high = np.minimum(index + half + 1, len(values))
+    return np.asarray((total[high] - total[low]) / (high - low))
+
+
+def _stretch(time_s: FloatArray, velocity: FloatArray, start: int, stop: int) -> SteadyStretch:
+    return SteadyStretch(
+        start,
+        stop,
+        float(time_s[start]),
+        float(time_s[stop - 1]),
+        float(np.mean(velocity[start:stop])),
+    )
+
+
+def steady_runs(
+    time_s: FloatArray,
+    velocity_rad_s: FloatArray,
+    *,
+    settle_s: float,
+    tolerance: float,
+) -> tuple[SteadyStretch, ...]:
+    """Return one steady stretch per direction of travel, in time order.
+
+    Parameters
+    ----------
+    time_s, velocity_rad_s : ndarray, shape (n,)
+        Time, s, and motor velocity, rad/s; NaN where missing.
+    settle_s : float
+        Time left out after the motor passed half its speed, s.
+    tolerance : float
+        Deviation from the stretch's median velocity that counts as steady, share of it.
+
+    Returns
+    -------
+    tuple of SteadyStretch
+        Empty where the motor never moves.
+
+    Notes
+    -----
+    The velocity is smoothed over 0.1 s. A run lasts while it keeps its sign above half of the
+    fastest velocity; its stretch reaches from the first to the last smoothed sample within
+    `tolerance` of the run's median, `settle_s` left out.
+    """
+    if len(time_s) < 3 or not np.isfinite(velocity_rad_s).any():
+        return ()
+    calm = smooth(time_s, velocity_rad_s)
+    fastest = float(np.max(np.abs(calm)))
+    if not fastest > 0.0:
+        return ()
+    sign = np.where(np.abs(calm) > _MOVING_SHARE * fastest, np.sign(calm), 0.0)
+    edges = np.flatnonzero(np.diff(sign)) + 1
+    bounds = [0, *edges.tolist(), len(sign)]
+    found = []
+    for start, stop in pairwise(bounds):
+        if sign[start] == 0.0:
+            continue
+        part = calm[start:stop]
+        centre = float(np.median(part))
+        good = np.abs(part - centre) <= tolerance * abs(centre)
+        good &= time_s[start:stop] - time_s[start] >= settle_s
+        at = np.flatnonzero(good)
+        if len(at) > 2:
+            found.append(_stretch(time_s, calm, start + int(at[0]), start + int(at[-1]) + 1))
+    return tuple(found)
+
+
+def longest_steady(
+    time_s: FloatArray,
+    velocity_rad_s: FloatArray,
+    usable: NDArray[np.bool_],
+    *,
+    tolerance: float,
+) -> SteadyStretch | None:
+    """Return the longest stretch of usable samples whose velocity hardly changes.
+
+    Parameters
+    ----------
+    time_s, velocity_rad_s : ndarray, shape (n,)
+        Time, s, and motor velocity, rad/s.
+    usable : ndarray of bool, shape (n,)
+        Samples that may be used; the stretch holds no other.
+    tolerance : float
+        Largest deviation from the middle of the velocity's range, share of it.
+
+    Returns
+    -------
+    SteadyStretch or None
+        None where nothing lasts longer than two smoothing windows above half the fastest
+        velocity.
+
+    Notes
+    -----
+    Two pointers over the smoothed velocity with running extremes: O(n).
+    """
+    if not usable.any():
+        return None
+    calm = smooth(time_s, np.where(usable, velocity_rad_s, np.nan))
+    step = max(1, math.ceil(len(calm) / _SEARCH_POINTS))
+    slow = ~(np.abs(calm) > _MOVING_SHARE * float(np.max(np.abs(calm[usable]))))
+    # a point stands for the samples up to the next one; all of them have to be usable
+    blocked = np.logical_or.reduceat(~usable | slow, np.arange(0, len(calm), step))
+    points = calm[::step]
+    best, first = (0, 0), 0
+    highs: deque[int] = deque()
+    lows: deque[int] = deque()
+    for k, value in enumerate(points):
+        if blocked[k]:
+            highs.clear()
+            lows.clear()
+            first = k + 1
+            continue
+        while highs and points[highs[-1]] <= value:
+            highs.pop()
+        while lows and points[lows[-1]] >= value:
+            lows.pop()
+        highs.append(k)
+        lows.append(k)
+        while points[highs[0]] - points[lows[0]] > tolerance * abs(
+            points[highs[0]] + points[lows[0]]
+        ):
+            first += 1
+            for ends in (highs, lows):
+                if ends[0] < first:
+                    ends.popleft()
+        if k + 1 - first > best[1] - best[0]:
+            best = (first, k + 1)
+    start, stop = best[0] * step, min(best[1] * step, len(calm))
+    if stop - start < 16 or not time_s[stop - 1] - time_s[start] > 2.0 * _SMOOTH_S:
+        return None
+    return _stretch(time_s, calm, start, stop)

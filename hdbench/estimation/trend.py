@@ -1,0 +1,170 @@
+"""Slow terms under a signal: gravity, drift, friction; chosen by rule."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hdbench.estimation.harmonics import harmonic_columns
+from hdbench.estimation.regression import ordinary_fit
+from hdbench.estimation.whitening import fit_noise
+from hdbench.records.trace import FloatArray
+
+__all__ = ["SlowMotion", "Trend", "choose_trend", "trend_columns"]
+
+# degrees tried, in this order, until two in a row do not pay
+_DEGREES = (1, 2, 3, 4, 6, 8, 12, 16, 20)
+_PATIENCE = 2
+# noise order allowed while choosing: the choice compares likelihoods, it does not report them
+_CHOICE_AR_ORDER = 12
+# velocity over the fastest one at which the direction column has turned: width of a reversal
+_REVERSAL_SHARE = 0.02
+
+
+@dataclass(frozen=True, slots=True)
+class Trend:
+    """Slow terms that a regression carries beside the components it is asked for.
+
+    Parameters
+    ----------
+    degree : int
+        Degree of the polynomial in time; 0 is the offset alone.
+    direction : bool
+        Whether an offset that changes sign with the direction of travel is included.
+    output : bool
+        Whether cosine and sine of the output angle are included, for a record that spans too
+        little of a turn to measure them, but enough to be bent by them.
+    """
+
+    degree: int
+    direction: bool = False
+    output: bool = False
+
+    def to_dict(self) -> dict[str, object]:
+        """Return the choice with its rule, as results store it."""
+        return {
+            "degree": self.degree,
+            "direction_offset": self.direction,
+            "output_sinusoid": self.output,
+            "rule": "offset by direction, sinusoid of the output angle, polynomial in time; each "
+            "kept while the BIC of the residual with autoregressive noise falls",
+        }
+
+
+@dataclass(frozen=True, slots=True)
+class SlowMotion:
+    """What slow terms depend on, arrays of shape (n,).
+
+    Parameters
+    ----------
+    time_s : ndarray
+        Time, s.
+    velocity_rad_s : ndarray
+        Motor velocity, rad/s.
+    output_angle_rad : ndarray
+        Output angle, rad.
+    """
+
+    time_s: FloatArray
+    velocity_rad_s: FloatArray
+    output_angle_rad: FloatArray
+
+
+def trend_columns(trend: Trend, motion: SlowMotion, used: NDArray[np.bool_]) -> FloatArray:
+    """Return the columns of slow terms.
+
+    Parameters
+    ----------
+    trend : Trend
+        Which.
+    motion : SlowMotion
+        Time, velocity and output angle of n samples.
+    used : ndarray of bool, shape (n,)
+        Samples whose time range carries the polynomials.
+
+    Returns
+    -------
+    ndarray, shape (n, k)
+        Legendre polynomials of time on [-1, 1], ``tanh(velocity / 2 % of the fastest)``, cosine
+        and sine of the output angle, as far as chosen.
+    """
+    time = motion.time_s
+    first, last = float(time[used][0]), float(time[used][-1])
+    scaled = (2.0 * time - first - last) / max(last - first, np.finfo(float).tiny)
+    # outside the samples used the polynomials are not needed and would overflow
+    columns = [np.polynomial.legendre.legvander(np.clip(scaled, -1.0, 1.0), trend.degree)]
+    if trend.direction:
+        velocity = motion.velocity_rad_s
+        fastest = float(np.max(np.abs(velocity[used])))
+        columns.append(np.tanh(velocity / (_REVERSAL_SHARE * fastest))[:, None])
+    if trend.output:
+        columns.append(harmonic_columns(motion.output_angle_rad, [1.0]))
+    return np.hstack(columns)
+
+
+def choose_trend(
+    others: FloatArray,
+    response: FloatArray,
+    motion: SlowMotion,
+    used: NDArray[np.bool_],
+    *,
+    starts: NDArray[np.bool_] | None = None,
+) -> Trend:
+    """Choose the slow terms of a regression by BIC.
+
+    Parameters
+    ----------
+    others : ndarray, shape (n, k)
+        Columns of the components asked for.
+    response : ndarray, shape (n,)
+        Response, N m.
+    motion : SlowMotion
+        Time, velocity and output angle of n samples.
+    used : ndarray of bool, shape (n,)
+        Samples that may be used.
+    starts : ndarray of bool, shape (n,), optional
+        Where a new stretch begins.
+
+    Returns
+    -------
+    Trend
+
+    Notes
+    -----
+    ``BIC = n ln(innovation variance) + (AR order + columns) ln n``. Offset by direction (where
+    the motor turns both ways) and sinusoid of the output angle (where it spans less than a turn)
+    are tried alone and together; then degrees 1, 2, 3, 4, 6, 8, 12, 16, 20 until two in a row do
+    not lower the BIC; a twentieth of the samples bounds the degree.
+    """
+    n = int(used.sum())
+
+    def bic(trend: Trend) -> float:
+        columns = trend_columns(trend, motion, used)
+        try:
+            fit = ordinary_fit(np.hstack([columns, others]), response, used)
+            noise = fit_noise(fit.residual, used, starts=starts, max_order=_CHOICE_AR_ORDER)
+        except ValueError:
+            return float("inf")
+        size = columns.shape[1] + others.shape[1] + noise.order
+        return float(2.0 * n * np.log(noise.innovation_std) + size * np.log(n))
+
+    moving = motion.velocity_rad_s[used]
+    directions = [False]
+    if float(np.min(moving)) < 0.0 < float(np.max(moving)):
+        directions.append(True)
+    outputs = [False]
+    if float(np.ptp(motion.output_angle_rad[used])) < 2.0 * np.pi:
+        outputs.append(True)
+    best = min((Trend(0, d, o) for d in directions for o in outputs), key=bic)
+    score, misses = bic(best), 0
+    for degree in _DEGREES:
+        if degree > n // 20 or misses >= _PATIENCE:
+            break
+        candidate = replace(best, degree=degree)
+        value = bic(candidate)
+        misses = 0 if value < score else misses + 1
+        if value < score:
+            best, score = candidate, value
+    return best

@@ -1,0 +1,52 @@
+"""The simulation: motion, baseline terms, causes, reference waves and model files."""
+
+from __future__ import annotations
+
+from hdbench.model.baseline import baseline_columns, baseline_orders
+from hdbench.model.bench import BenchModel, term_torque_nm
+from hdbench.model.cause import (
+    Cause,
+    CauseTerm,
+    Parameter,
+    catalogue,
+    cause_named,
+    cause_parameters,
+    check_term,
+    shape_bounds,
+)
+from hdbench.model.gauges import gauge_order_factor
+from hdbench.model.harmonics import amplitude_phase
+from hdbench.model.modelfile import MODEL_SCHEMA, load_model, model_dict, save_model
+from hdbench.model.motion import Motion, integrate_velocity, motion_from_trace
+from hdbench.model.simulate import simulate_like, simulate_run, with_noise
+from hdbench.model.waves import ReferenceWave, peak_reference_v, reference_voltage
+
+__all__ = [
+    "MODEL_SCHEMA",
+    "BenchModel",
+    "Cause",
+    "CauseTerm",
+    "Motion",
+    "Parameter",
+    "ReferenceWave",
+    "amplitude_phase",
+    "baseline_columns",
+    "baseline_orders",
+    "catalogue",
+    "cause_named",
+    "cause_parameters",
+    "check_term",
+    "gauge_order_factor",
+    "integrate_velocity",
+    "load_model",
+    "model_dict",
+    "motion_from_trace",
+    "peak_reference_v",
+    "reference_voltage",
+    "save_model",
+    "shape_bounds",
+    "simulate_like",
+    "simulate_run",
+    "term_torque_nm",
+    "with_noise",
+]

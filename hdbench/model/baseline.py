@@ -1,0 +1,117 @@
+"""The baseline of a dynamic run: what the model holds before any cause was found."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from hdbench.model.gauges import gauge_order_factor
+from hdbench.model.motion import Motion
+from hdbench.profile.schema import ProfileData
+from hdbench.records.trace import FloatArray
+
+__all__ = [
+    "baseline_columns",
+    "baseline_orders",
+    "expected_torque_nm",
+    "output_turns",
+]
+
+# orders of the contract's baseline, relative to the gauges: report, section 4
+_GAUGE_ORDERS = (2.0, 4.0)
+# orders closer than this are one: no record of this bench tells them apart
+_SAME_ORDER = 1e-6
+
+
+def baseline_orders(profile: ProfileData) -> tuple[float, ...]:
+    """Return the motor orders of the baseline.
+
+    Parameters
+    ----------
+    profile : ProfileData
+        Drive, and the ripple of its model.
+
+    Returns
+    -------
+    tuple of float
+        2, 4 and every further ripple order of the profile's model, relative to the gauges, times
+        `gauge_order_factor`; increasing, each once.
+    """
+    orders = list(_GAUGE_ORDERS)
+    for component in profile.model.ripple:
+        if all(abs(component.order - order) > _SAME_ORDER for order in orders):
+            orders.append(component.order)
+    factor = gauge_order_factor(profile.drive)
+    return tuple(order * factor for order in sorted(orders))
+
+
+def expected_torque_nm(motion: Motion, inertia_nm_s2: float) -> FloatArray:
+    r"""Return the expected torque.
+
+    Parameters
+    ----------
+    motion : Motion
+        Motion with its lag-free acceleration.
+    inertia_nm_s2 : float
+        :math:`J_{load} / N`, N m s^2 per rad of the motor.
+
+    Returns
+    -------
+    ndarray, shape (n_samples,)
+        :math:`J_{load} \alpha_m / N`, N m; NaN where the acceleration is.
+    """
+    return np.asarray(inertia_nm_s2 * motion.acceleration_rad_s2)
+
+
+def output_turns(motion: Motion) -> float:
+    """Return the span of the output angle over the valid samples.
+
+    Parameters
+    ----------
+    motion : Motion
+        A motion.
+
+    Returns
+    -------
+    float
+        Turns, at least 0.
+    """
+    angle = motion.output_angle_rad[motion.valid]
+    return float(np.ptp(angle)) / (2.0 * math.pi) if len(angle) else 0.0
+
+
+def baseline_columns(
+    motion: Motion, profile: ProfileData
+) -> tuple[FloatArray, tuple[str, ...], FloatArray]:
+    """Return the baseline as a fixed torque and columns with free coefficients.
+
+    Parameters
+    ----------
+    motion : Motion
+        Motion of the record.
+    profile : ProfileData
+        Load inertia, gear ratio, flexspline and ripple orders.
+
+    Returns
+    -------
+    fixed_nm : ndarray, shape (n_samples,)
+        Expected torque with the coefficient J_load/N, N m; NaN at lost samples.
+    names : tuple of str
+        ``zero``, ``ripple:<order>:cosine`` and ``ripple:<order>:sine`` for every order of
+        `baseline_orders` (the order as the shortest decimal that gives it back), and
+        ``misalignment:cosine`` and ``misalignment:sine`` where the output covers a whole turn.
+    columns : ndarray, shape (n_samples, n_names)
+        N m per unit of each coefficient, so that each coefficient is in N m.
+    """
+    drive = profile.drive
+    fixed = expected_torque_nm(motion, drive.load_inertia_kg_m2 / drive.gear_ratio)
+    names, columns = ["zero"], [np.ones(len(motion))]
+    for order in baseline_orders(profile):
+        angle = order * motion.angle_rad
+        names += [f"ripple:{order!r}:cosine", f"ripple:{order!r}:sine"]
+        columns += [np.cos(angle), np.sin(angle)]
+    if output_turns(motion) >= 1.0:
+        names += ["misalignment:cosine", "misalignment:sine"]
+        columns += [np.cos(motion.output_angle_rad), np.sin(motion.output_angle_rad)]
+    return fixed, tuple(names), np.column_stack(columns)

@@ -1,0 +1,116 @@
+"""Friction of the output side, as the torque sensor sees it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from hdbench.model.causes._parts import (
+    all_of,
+    moves_and_reverses,
+    no_shape,
+    single,
+    torque_parameter,
+)
+from hdbench.model.definition import Cause, Parameter
+from hdbench.model.motion import Motion
+from hdbench.records.trace import FloatArray
+
+__all__ = ["FRICTION_CAUSES"]
+
+_TRANSITION = Parameter(
+    "transition_rad_s", "rad/s", 0.05, 20.0, "motor speed over which the sign is smoothed"
+)
+_STRIBECK = Parameter("stribeck_rad_s", "rad/s", 1.0, 80.0, "motor speed at which 1/e is left")
+# samples slower than the Stribeck speed's domain that a record must have to show the effect
+_SLOW_SAMPLES = 20
+_TUTTLE = "Tuttle and Seering 1996: harmonic-drive friction varies non-linearly with velocity"
+
+
+def _coulomb(motion: Motion, shape: Mapping[str, float]) -> FloatArray:
+    return single(np.tanh(motion.velocity_rad_s / shape["transition_rad_s"]))
+
+
+def _viscous(motion: Motion) -> FloatArray:
+    return single(motion.velocity_rad_s)
+
+
+def _stribeck(motion: Motion, shape: Mapping[str, float]) -> FloatArray:
+    velocity = motion.velocity_rad_s
+    excess = np.exp(-((velocity / shape["stribeck_rad_s"]) ** 2))
+    return single(excess * np.tanh(velocity / shape["transition_rad_s"]))
+
+
+def _speed_varies(motion: Motion) -> str | None:
+    low, high = np.percentile(motion.velocity_rad_s[motion.valid], (1.0, 99.0))
+    spread, largest = float(high - low), float(max(abs(low), abs(high)))
+    # 5 % of the speed: below it the torque of viscous friction is a constant, that is a zero
+    if spread > 0.05 * largest and spread > 0.0:
+        return None
+    return (
+        f"the speed varies by {spread:.3g} rad/s of {largest:.3g} rad/s; needed: more than 5 % to "
+        "tell viscous friction from the zero"
+    )
+
+
+def _moves_slowly(motion: Motion) -> str | None:
+    speed = np.abs(motion.velocity_rad_s[motion.valid])
+    slow = int(((speed > _TRANSITION.lower) & (speed < _STRIBECK.upper)).sum())
+    if slow >= _SLOW_SAMPLES:
+        return None
+    return (
+        f"{slow} samples move slower than {_STRIBECK.upper:g} rad/s; needed: {_SLOW_SAMPLES} to "
+        "see friction fall with speed"
+    )
+
+
+_COULOMB_CAUSE = Cause(
+    name="coulomb-friction",
+    equation="F_c tanh(w / w_0)",
+    shape=(_TRANSITION,),
+    linear=(torque_parameter("coulomb_nm", "dry friction of the output side"),),
+    locked_to="velocity",
+    parity="odd in speed, even in load",
+    channel="mechanical",
+    look_alikes=("hysteresis", "zero-step", "backlash", "stribeck-friction"),
+    experiment="at least four reversals of speed, in steps of both signs",
+    source=_TUTTLE,
+    columns=_coulomb,
+    harmonic=False,
+    applicable=moves_and_reverses,
+)
+_VISCOUS_CAUSE = Cause(
+    name="viscous-friction",
+    equation="F_v w",
+    shape=(),
+    linear=(
+        Parameter("viscous_nm_s_per_rad", "N m s/rad", -100.0, 100.0, "torque per motor speed"),
+    ),
+    locked_to="velocity",
+    parity="odd in speed, even in load",
+    channel="mechanical",
+    look_alikes=("stribeck-friction", "creep", "coulomb-friction"),
+    experiment="speeds over at least 1:5, both directions",
+    source=_TUTTLE,
+    columns=no_shape(_viscous),
+    harmonic=False,
+    applicable=_speed_varies,
+)
+_STRIBECK_CAUSE = Cause(
+    name="stribeck-friction",
+    equation="(F_s - F_c) exp(-(w / w_s)^2) tanh(w / w_0)",
+    shape=(_STRIBECK, _TRANSITION),
+    linear=(torque_parameter("excess_nm", "static above dry friction, F_s - F_c"),),
+    locked_to="velocity",
+    parity="odd in speed, even in load",
+    channel="mechanical",
+    look_alikes=("coulomb-friction", "viscous-friction", "presliding"),
+    experiment="speeds in equal ratios from 1 rad/s up, both directions",
+    source="Bittencourt et al. 2010, LiTH-ISY-R-2948 (friction that falls with speed)",
+    columns=_stribeck,
+    harmonic=False,
+    applicable=all_of(moves_and_reverses, _moves_slowly),
+)
+
+FRICTION_CAUSES = (_COULOMB_CAUSE, _VISCOUS_CAUSE, _STRIBECK_CAUSE)

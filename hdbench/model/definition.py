@@ -1,0 +1,178 @@
+"""What a cause is: one named effect of the catalogue as a term of the bench model."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from hdbench.model.motion import Motion
+from hdbench.records.trace import FloatArray
+
+__all__ = ["Cause", "CauseTerm", "Parameter", "always", "shape_bounds"]
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """One parameter of a cause.
+
+    Parameters
+    ----------
+    name : str
+        Name with its unit, as in model files.
+    unit : str
+        Unit, SI; ``1`` where it has none.
+    lower, upper : float
+        Domain, unit of the parameter.
+    description : str
+        What it is.
+    bands : tuple of (float, float)
+        Parts of the domain that are allowed, where it is not one piece; empty for all of it.
+    """
+
+    name: str
+    unit: str
+    lower: float
+    upper: float
+    description: str
+    bands: tuple[tuple[float, float], ...] = ()
+
+    def contains(self, value: float) -> bool:
+        """Return whether `value` is in the domain; NaN never is.
+
+        Parameters
+        ----------
+        value : float
+            A value, unit of the parameter.
+
+        Returns
+        -------
+        bool
+        """
+        bands = self.bands or ((self.lower, self.upper),)
+        return any(lower <= value <= upper for lower, upper in bands)
+
+
+def always(motion: Motion) -> str | None:
+    """Return None: the cause needs nothing that a motion can lack.
+
+    Parameters
+    ----------
+    motion : Motion
+        Any motion.
+
+    Returns
+    -------
+    None
+    """
+    del motion
+    return None
+
+
+@dataclass(frozen=True, slots=True)
+class Cause:
+    """One entry of the catalogue: equation, signature and the columns it adds to the torque.
+
+    Parameters
+    ----------
+    name : str
+        Name of the contract, section 6.
+    equation : str
+        The torque it adds, in the symbols of ``docs/model.md``.
+    shape : tuple of Parameter
+        Parameters that enter non-linearly.
+    linear : tuple of Parameter
+        Parameters that multiply the columns, one each.
+    locked_to : str
+        What it follows: motor, output, clock, velocity, acceleration, load or time.
+    parity : str
+        Sign behaviour under reversal of speed and of load.
+    channel : str
+        Where it arises: sensor, mechanical, acquisition or kinematic.
+    look_alikes : tuple of str
+        Names of causes whose torque can look the same.
+    experiment : str
+        The experiment that tells it from them.
+    source : str
+        Where the equation comes from.
+    columns : callable
+        ``columns(motion, shape)`` gives N m per unit of each linear parameter, shape
+        (n_samples, n_linear); NaN where the motion is not valid.
+    harmonic : bool
+        True where `linear` is one (cosine, sine) pair, reported as amplitude and phase too.
+    applicable : callable
+        ``applicable(motion)`` gives None, or why this record cannot show the cause.
+    channels : tuple of str
+        Channels that the columns need beside the motion itself, by the names of `Motion`.
+    """
+
+    name: str
+    equation: str
+    shape: tuple[Parameter, ...]
+    linear: tuple[Parameter, ...]
+    locked_to: str
+    parity: str
+    channel: str
+    look_alikes: tuple[str, ...]
+    experiment: str
+    source: str
+    columns: Callable[[Motion, Mapping[str, float]], FloatArray]
+    harmonic: bool
+    applicable: Callable[[Motion], str | None] = always
+    channels: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class CauseTerm:
+    """One cause with numbers: a term of a bench model.
+
+    Parameters
+    ----------
+    name : str
+        Name of the cause.
+    shape : mapping of str to float
+        Value of each shape parameter.
+    linear : tuple of float
+        Value of each linear parameter, in the order of the cause.
+    covariance : tuple of tuple of float, or None
+        Covariance of the linear, then the shape parameters; None where it is not known.
+    """
+
+    name: str
+    shape: Mapping[str, float]
+    linear: tuple[float, ...]
+    covariance: tuple[tuple[float, ...], ...] | None = None
+
+
+def shape_bounds(cause: Cause, motion: Motion) -> dict[str, tuple[tuple[float, float], ...]]:
+    """Return where each shape parameter can lie on this record.
+
+    Parameters
+    ----------
+    cause : Cause
+        A cause.
+    motion : Motion
+        The motion of the record.
+
+    Returns
+    -------
+    dict
+        Name of each shape parameter to its bands (lower, upper), its own domain cut to what the
+        record can show: times inside the record, frequencies up to half the sampling rate. Empty
+        bands where nothing is left.
+    """
+    first, last = float(motion.time_s[0]), float(motion.time_s[-1])
+    span = last - first
+    period = float(np.median(np.diff(motion.time_s))) if len(motion.time_s) > 1 else math.inf
+    limits = {"Hz": (1.0 / span if span > 0.0 else math.inf, 0.5 / period)}
+    result = {}
+    for parameter in cause.shape:
+        low, high = limits.get(parameter.unit, (-math.inf, math.inf))
+        if parameter.name == "step_time_s":
+            low, high = first, last
+        bands = parameter.bands or ((parameter.lower, parameter.upper),)
+        cut = ((max(a, low), min(b, high)) for a, b in bands)
+        result[parameter.name] = tuple((a, b) for a, b in cut if a < b)
+    return result

@@ -1,0 +1,197 @@
+"""Zero-phase derivatives by local polynomials, on any time grid, up to the end points."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
+
+from hdbench.records.trace import FloatArray
+
+__all__ = ["LocalFit", "fit_derivative", "segments"]
+
+# a window of fewer samples than this has next to no averaging left for the degrees used here
+_MIN_HALF_WIDTH = 3
+# time stamps this close to a uniform grid (relative to the period) move a derivative by as little
+_UNIFORM = 1e-6
+# a step longer than this many median periods is a gap: at most two samples are missing inside a fit
+_GAP = 3.5
+# windows solved in one call: bounds memory to some tens of megabytes
+_BATCH = 20_000
+
+
+@dataclass(frozen=True, slots=True)
+class LocalFit:
+    """A derivative and how well it is known.
+
+    Parameters
+    ----------
+    derivative : ndarray, shape (n_samples,)
+        Derivative, unit of the values per s^order; NaN where it cannot be formed.
+    noise_std : float
+        Standard deviation of the derivative inside a segment that the scatter of the values about
+        the local polynomials implies, same unit; NaN where no segment is long enough.
+    """
+
+    derivative: FloatArray
+    noise_std: float
+
+
+def segments(time_s: FloatArray, period_s: float) -> list[slice]:
+    """Return the stretches of `time_s` without a gap.
+
+    Parameters
+    ----------
+    time_s : ndarray, shape (n_samples,)
+        Times of present samples, s, strictly increasing.
+    period_s : float
+        Median sampling period, s.
+
+    Returns
+    -------
+    list of slice
+        In order; together they hold every sample. A step of more than 3.5 periods is a gap.
+    """
+    cuts = np.flatnonzero(np.diff(time_s) > _GAP * period_s) + 1
+    edges = [0, *cuts.tolist(), len(time_s)]
+    return [slice(a, b) for a, b in pairwise(edges) if b > a]
+
+
+def fit_derivative(
+    time_s: FloatArray, values: FloatArray, *, derivative: int, degree: int, window_s: float
+) -> LocalFit:
+    """Differentiate by a polynomial fitted to the samples around each sample.
+
+    Parameters
+    ----------
+    time_s : ndarray, shape (n_samples,)
+        Time, s, strictly increasing, at least two samples.
+    values : ndarray, shape (n_samples,)
+        Samples; NaN marks a lost one, which no fit uses.
+    derivative : int
+        Order of the derivative, 1 or 2.
+    degree : int
+        Degree of the polynomial, at least `derivative`.
+    window_s : float
+        Length of the window, s; at least seven samples are used.
+
+    Returns
+    -------
+    LocalFit
+        The derivative at every sample; NaN at lost samples and in stretches of too few samples.
+
+    Notes
+    -----
+    Savitzky-Golay smoothing: least squares with equal weights. The window is centred, hence no
+    phase; within half a window of an end of a stretch it stays inside and the polynomial is
+    evaluated off its centre. Where samples lie on no uniform grid each window is solved for itself.
+
+    References
+    ----------
+    A. Savitzky and M. J. E. Golay, Analytical Chemistry 36 (1964) 1627,
+    doi:10.1021/ac60214a047.
+    """
+    result = np.full(len(time_s), np.nan)
+    present = np.flatnonzero(np.isfinite(values))
+    if len(present) < 2:
+        return LocalFit(result, float("nan"))
+    time, samples = time_s[present], values[present]
+    period = float(np.median(np.diff(time)))
+    half = max(round(0.5 * window_s / period), _MIN_HALF_WIDTH)
+    residual = np.full(len(present), np.nan)
+    for part in segments(time, period):
+        slope, rest = _segment(time[part], samples[part], half, degree, derivative)
+        result[present[part]] = slope
+        residual[part] = rest
+    grid = period * np.arange(-half, half + 1, dtype=np.float64)
+    value_row, slope_row = _rows(grid, degree, derivative)
+    spare = np.sqrt(max(1.0 - float(value_row[half]), 0.0))
+    known = residual[np.isfinite(residual)]
+    scatter = float(np.sqrt(np.mean(known * known))) / spare if len(known) else float("nan")
+    return LocalFit(result, scatter * float(np.linalg.norm(slope_row)))
+
+
+def _rows(offsets: FloatArray, degree: int, derivative: int) -> tuple[FloatArray, FloatArray]:
+    """Return the weights that give value and derivative at offset 0."""
+    scale = float(np.abs(offsets).max())
+    inverse = np.linalg.pinv(np.vander(offsets / scale, degree + 1, increasing=True))
+    return inverse[0], inverse[derivative] * (derivative / scale**derivative)
+
+
+def _segment(
+    time: FloatArray, values: FloatArray, half: int, degree: int, derivative: int
+) -> tuple[FloatArray, FloatArray]:
+    """Return derivative and residual of one stretch without a gap."""
+    n = len(time)
+    width = min(2 * half + 1, n)
+    # one degree less than samples at most, else there is no residual and no averaging
+    degree = min(degree, width - 2)
+    if degree < derivative:
+        return np.full(n, np.nan), np.full(n, np.nan)
+    steps = np.diff(time)
+    period = float(np.median(steps))
+    uneven = np.flatnonzero(np.abs(steps - period) > _UNIFORM * period)
+    slope, fitted = _uniform(values, period, width, degree, derivative)
+    residual = values - fitted
+    if len(uneven):
+        first = np.clip(np.arange(n) - width // 2, 0, n - width)
+        # uneven steps inside the window that begins at `first`
+        count = np.searchsorted(uneven, first + width - 1) - np.searchsorted(uneven, first)
+        at = np.flatnonzero(count)
+        slope[at], residual[at] = _scattered(time, values, at, (width, degree, derivative))
+    return slope, residual
+
+
+def _uniform(
+    values: FloatArray, period: float, width: int, degree: int, derivative: int
+) -> tuple[FloatArray, FloatArray]:
+    """Return derivative and fitted value on a uniform grid: one set of weights per place."""
+    n, half = len(values), width // 2
+    slope, fitted = np.empty(n), np.empty(n)
+    windows = sliding_window_view(values, width)
+    places = np.arange(width, dtype=np.float64)
+    for place in range(width):
+        value_row, slope_row = _rows(period * (places - place), degree, derivative)
+        if place == half:
+            inside = slice(half, half + len(windows))
+            slope[inside], fitted[inside] = windows @ slope_row, windows @ value_row
+        else:
+            at = place if place < half else n - width + place
+            window = windows[0] if place < half else windows[-1]
+            slope[at], fitted[at] = window @ slope_row, window @ value_row
+    return slope, fitted
+
+
+def _scattered(
+    time: FloatArray, values: FloatArray, chosen: NDArray[np.intp], rule: tuple[int, int, int]
+) -> tuple[FloatArray, FloatArray]:
+    """Return derivative and residual at samples `chosen`: one least-squares problem for each.
+
+    `rule` is width, degree and derivative.
+    """
+    width, degree, derivative = rule
+    slope, residual = np.empty(len(chosen)), np.empty(len(chosen))
+    hankel = np.arange(degree + 1)[:, None] + np.arange(degree + 1)
+    for begin in range(0, len(chosen), _BATCH):
+        at = chosen[begin : begin + _BATCH]
+        first = np.clip(at - width // 2, 0, len(time) - width)
+        index = first[:, None] + np.arange(width)
+        offset = time[index] - time[at, None]
+        scale = np.abs(offset).max(axis=1)
+        offset /= scale[:, None]
+        rise = values[index] - values[at, None]
+        moments, products = np.empty((len(at), 2 * degree + 1)), np.empty((len(at), degree + 1))
+        power = np.ones_like(offset)
+        for k in range(2 * degree + 1):
+            moments[:, k] = power.sum(axis=1)
+            if k <= degree:
+                products[:, k] = (power * rise).sum(axis=1)
+            power *= offset
+        solution = np.linalg.solve(moments[:, hankel], products[:, :, None])[:, :, 0]
+        part = slice(begin, begin + len(at))
+        slope[part] = solution[:, derivative] * (derivative / scale**derivative)
+        residual[part] = -solution[:, 0]
+    return slope, residual

@@ -1,0 +1,217 @@
+"""Bench models as JSON files, schema ``hdbench/model/1``."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any
+
+from hdbench.errors import DataError
+from hdbench.model.bench import BenchModel
+from hdbench.model.cause import (
+    Cause,
+    CauseTerm,
+    cause_named,
+    cause_parameters,
+    check_term,
+)
+from hdbench.model.harmonics import pair_tags
+from hdbench.model.jsonnode import JsonNode
+from hdbench.records.jsonfile import ProfileIdentity, read_json, result_header, write_json
+
+__all__ = ["MODEL_SCHEMA", "load_model", "model_dict", "save_model"]
+
+MODEL_SCHEMA = "hdbench/model/1"
+# amplitude and phase are written beside cosine and sine with 17 digits: only rounding may differ
+_AGREE = 1e-9
+
+
+def save_model(
+    path: Path, model: BenchModel, *, profile: ProfileIdentity, provenance: Mapping[str, Any]
+) -> None:
+    """Write a model file atomically.
+
+    Parameters
+    ----------
+    path : Path
+        File to write or replace.
+    model : BenchModel
+        The model.
+    profile : Profile
+        The bench it is about.
+    provenance : mapping
+        Where the numbers came from; added to the model's own.
+
+    Raises
+    ------
+    StorageError
+        If the file cannot be written.
+    DataError
+        If a cause of the model does not fit the catalogue.
+    ValueError
+        If a number is not finite.
+    """
+    write_json(path, model_dict(model, profile=profile, provenance=provenance))
+
+
+def model_dict(
+    model: BenchModel, *, profile: ProfileIdentity | None, provenance: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Return the object that a model file holds.
+
+    Parameters
+    ----------
+    model : BenchModel
+        The model.
+    profile : Profile or None
+        The bench it is about.
+    provenance : mapping
+        Where the numbers came from; added to the model's own.
+
+    Returns
+    -------
+    dict
+        Header, ``baseline``, ``causes`` (``name``, ``parameters`` with value, std and unit, and
+        ``covariance`` of linear and shape parameters or None) and ``provenance``.
+
+    Raises
+    ------
+    DataError
+        If a cause of the model does not fit the catalogue.
+    """
+    amplitude, phase = model.misalignment
+    return {
+        **result_header("model", profile),
+        "baseline": {
+            "zero_nm": model.zero_nm,
+            "inertia_nm_s2": model.inertia_nm_s2,
+            "ripple": [
+                {"order": order, "amplitude_nm": a, "phase_rad": p} for order, a, p in model.ripple
+            ],
+            "misalignment": {"amplitude_nm": amplitude, "phase_rad": phase},
+        },
+        "causes": [
+            {
+                "name": term.name,
+                "parameters": cause_parameters(term, extra=model.extra_causes),
+                "covariance": term.covariance,
+            }
+            for term in model.causes
+        ],
+        "provenance": {**model.provenance, **provenance},
+    }
+
+
+def load_model(path: Path, *, extra: Sequence[Cause] = ()) -> BenchModel:
+    """Read a model file.
+
+    Parameters
+    ----------
+    path : Path
+        A file that `save_model` or a person wrote. A (cosine, sine) pair may be given by its
+        amplitude and phase alone.
+    extra : sequence of Cause
+        Causes beside the catalogue that the file may name.
+
+    Returns
+    -------
+    BenchModel
+        The same model: its torque has the same bits as before it was saved.
+
+    Raises
+    ------
+    DataError
+        If the file is missing, no JSON or of another schema, a key is missing or of the wrong
+        type, a number is not finite or out of its domain, or a cause or parameter is unknown.
+    """
+    body = JsonNode(read_json(path, MODEL_SCHEMA), str(path), "")
+    baseline = body.node("baseline")
+    inertia = baseline.number("inertia_nm_s2", low=0.0)
+    ripple = tuple(
+        (item.number("order", low=0.0), *_amplitude(item)) for item in baseline.nodes("ripple")
+    )
+    model = BenchModel(
+        baseline.number("zero_nm"),
+        inertia,
+        ripple,
+        _amplitude(baseline.node("misalignment")),
+        provenance=body.node("provenance").value if "provenance" in body.value else {},
+        extra_causes=tuple(extra),
+    )
+    for item in body.nodes("causes"):
+        model = model.with_cause(_term(item, extra))
+    return model
+
+
+def _amplitude(node: JsonNode) -> tuple[float, float]:
+    return node.number("amplitude_nm", low=0.0), node.number("phase_rad")
+
+
+def _term(node: JsonNode, extra: Sequence[Cause]) -> CauseTerm:
+    """Return the cause with numbers that one entry of ``causes`` holds."""
+    cause = cause_named(node.get("name", str, "a name"), where=node.place("name"), extra=extra)
+    parameters = node.node("parameters")
+    values = {name: parameters.node(name).number("value") for name in parameters.value}
+    where = f"{node.file}: key {node.key}parameters"
+    values = _with_pairs(cause, values, where)
+    needed = {parameter.name for parameter in (*cause.shape, *cause.linear)}
+    for name in sorted(needed ^ set(values)):
+        pool = sorted(set(values) if name in needed else needed)
+        near = next(iter(get_close_matches(name, pool, n=1, cutoff=0.0)), "none")
+        state = "missing" if name in needed else "unknown"
+        raise DataError(
+            f"parameter {name!r} of {cause.name} is {state}; nearest here: {near!r}, needed: "
+            f"{', '.join(sorted(needed))}",
+            where=where,
+            fix=f"give {cause.name} exactly its parameters",
+        )
+    term = CauseTerm(
+        cause.name,
+        {parameter.name: values[parameter.name] for parameter in cause.shape},
+        tuple(values[parameter.name] for parameter in cause.linear),
+        _covariance(node, cause),
+    )
+    check_term(term, where=where, extra=extra)
+    return term
+
+
+def _with_pairs(cause: Cause, values: dict[str, float], where: str) -> dict[str, float]:
+    """Return `values` with cosine and sine in the place of amplitude and phase."""
+    values = dict(values)
+    for tag in pair_tags(cause):
+        amplitude = values.pop(f"amplitude{tag}_nm", None)
+        phase = values.pop(f"phase{tag}_rad", None)
+        if amplitude is None or phase is None:
+            continue
+        given = (amplitude * math.cos(phase), -amplitude * math.sin(phase))
+        for name, value in zip((f"cosine{tag}_nm", f"sine{tag}_nm"), given, strict=True):
+            stated = values.setdefault(name, value)
+            if not abs(stated - value) <= _AGREE * max(abs(amplitude), abs(stated)):
+                raise DataError(
+                    f"{name} is {stated!r}, but amplitude{tag}_nm and phase{tag}_rad give "
+                    f"{value!r} N m; needed: one of the two",
+                    where=where,
+                    fix=f"take out cosine{tag}_nm and sine{tag}_nm, or amplitude and phase",
+                )
+    return values
+
+
+def _covariance(node: JsonNode, cause: Cause) -> tuple[tuple[float, ...], ...] | None:
+    """Return the covariance of an entry, None where it has none."""
+    if node.value.get("covariance") is None:
+        return None
+    rows = node.get("covariance", list, "a square matrix of numbers, or null")
+    sizes = (len(cause.linear), len(cause.linear) + len(cause.shape))
+    flat = [cell for row in rows if isinstance(row, list) for cell in row]
+    square = len(rows) in sizes and all(
+        isinstance(row, list) and len(row) == len(rows) for row in rows
+    )
+    if not square or not all(type(cell) in (int, float) for cell in flat):
+        raise DataError(
+            f"found no square matrix of numbers of {' or '.join(map(str, sizes))} rows",
+            where=node.place("covariance"),
+            fix="take the key out, or write the model again with `hdbench diagnose`",
+        )
+    return tuple(tuple(float(cell) for cell in row) for row in rows)

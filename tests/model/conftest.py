@@ -1,0 +1,49 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hdbench.model import Motion
+from hdbench.profile import Profile, ProfileData, load_profile
+
+
+@pytest.fixture(scope="session")
+def profile() -> Profile:
+    return load_profile("cim-tr-97-06")
+
+
+@pytest.fixture(scope="session")
+def bench(profile: Profile) -> ProfileData:
+    return profile.data
+
+
+@pytest.fixture(scope="session")
+def turning(bench: ProfileData) -> ProfileData:
+    """The same bench with a flexspline that turns."""
+    drive = bench.drive.model_copy(update={"flexspline": "turning"})
+    return bench.model_copy(update={"drive": drive})
+
+
+@pytest.fixture(scope="session")
+def make_motion() -> Callable[..., Motion]:
+    """A motion whose channels have nothing to do with each other, so that none hides another."""
+
+    def make(n: int = 400, seed: int = 1, **replaced: Any) -> Motion:
+        rng = np.random.default_rng(seed)
+        values: dict[str, Any] = {
+            "time_s": 3.0 + np.cumsum(rng.uniform(0.5e-3, 1.5e-3, n)),
+            "velocity_rad_s": rng.uniform(-80.0, 80.0, n),
+            "angle_rad": rng.uniform(-2e3, 2e3, n),
+            "acceleration_rad_s2": rng.uniform(-2e3, 2e3, n),
+            "output_angle_rad": rng.uniform(-20.0, 20.0, n),
+            "valid": np.ones(n, dtype=bool),
+            "angle_source": "encoder_count",
+            "gear_ratio": 100.0,
+            "load_torque_nm": rng.uniform(-30.0, 30.0, n),
+        }
+        return Motion(**{**values, **replaced})
+
+    return make

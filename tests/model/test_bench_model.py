@@ -1,0 +1,186 @@
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hdbench.errors import DataError
+from hdbench.model import (
+    BenchModel,
+    CauseTerm,
+    Motion,
+    baseline_columns,
+    baseline_orders,
+    gauge_order_factor,
+    term_torque_nm,
+)
+from hdbench.profile import ProfileData
+from hdbench.profile.schema import HarmonicParameters
+
+Make = Callable[..., Motion]
+
+
+def test_the_model_is_exactly_what_the_profile_describes(
+    bench: ProfileData, make_motion: Make
+) -> None:
+    motion = make_motion()
+    got = BenchModel.from_profile(bench).torque_nm(motion)
+    for k in range(0, len(motion), 13):
+        a, o = float(motion.angle_rad[k]), float(motion.output_angle_rad[k])
+        # the numbers of profiles/cim-tr-97-06.toml, by hand
+        want = 1.725e-2 / 100 * float(motion.acceleration_rad_s2[k])
+        want += 0.4 * math.cos(2 * a + 0.6) + 0.2 * math.cos(4 * a - 1.1)
+        want += 0.9 * math.cos(o + 0.3)
+        # angles up to 8000 rad: doubles 1e-12 apart
+        assert got[k] == pytest.approx(want, rel=0, abs=1e-11)
+
+
+def test_gauges_on_a_turning_flexspline_see_more_lobes(
+    bench: ProfileData, turning: ProfileData
+) -> None:
+    assert gauge_order_factor(bench.drive) == 1.0
+    # after one motor turn the flexspline is 1/100 turn back: 2 lobes pass 1.01 times
+    assert baseline_orders(bench) == (2.0, 4.0)
+    assert baseline_orders(turning) == pytest.approx((2.02, 4.04), rel=1e-15, abs=0)
+    orders = [order for order, _, _ in BenchModel.from_profile(turning).ripple]
+    assert orders == pytest.approx([2.02, 4.04], rel=1e-15, abs=0)
+
+
+def test_further_orders_of_the_profile_join_the_baseline_once(bench: ProfileData) -> None:
+    more = (*bench.model.ripple, HarmonicParameters(order=6.0, amplitude_nm=0.1))
+    model = bench.model.model_copy(update={"ripple": more})
+    assert baseline_orders(bench.model_copy(update={"model": model})) == (2.0, 4.0, 6.0)
+    none = bench.model.model_copy(update={"ripple": ()})
+    assert baseline_orders(bench.model_copy(update={"model": none})) == (2.0, 4.0)
+
+
+def test_baseline_columns_are_those_of_the_contract(bench: ProfileData, make_motion: Make) -> None:
+    motion = make_motion()
+    fixed, names, columns = baseline_columns(motion, bench)
+    np.testing.assert_allclose(
+        fixed,
+        1.725e-4 * motion.acceleration_rad_s2,
+        # one product and one quotient
+        rtol=1e-15,
+        atol=0,
+    )
+    a, o = motion.angle_rad, motion.output_angle_rad
+    want = {
+        "zero": np.ones(len(motion)),
+        "ripple:2.0:cosine": np.cos(2 * a),
+        "ripple:2.0:sine": np.sin(2 * a),
+        "ripple:4.0:cosine": np.cos(4 * a),
+        "ripple:4.0:sine": np.sin(4 * a),
+        "misalignment:cosine": np.cos(o),
+        "misalignment:sine": np.sin(o),
+    }
+    assert names == tuple(want)
+    assert (columns == np.column_stack(list(want.values()))).all()
+
+
+@pytest.mark.parametrize(("span", "there"), [(2 * math.pi + 1e-9, True), (6.28, False)])
+def test_output_order_one_needs_a_whole_output_turn(
+    span: float, there: bool, bench: ProfileData, make_motion: Make
+) -> None:
+    output = np.linspace(1.0, 1.0 + span, 400)
+    _, names, _ = baseline_columns(make_motion(output_angle_rad=output), bench)
+    assert ("misalignment:cosine" in names) == there
+
+
+def test_a_fitted_baseline_gives_back_the_model_it_was_simulated_with(
+    turning: ProfileData, make_motion: Make
+) -> None:
+    motion = make_motion(2000)
+    truth = replace(
+        BenchModel.from_profile(turning),
+        zero_nm=-0.3,
+        ripple=((2.02, 0.7, 2.0), (4.04, 0.1, -3.0)),
+        misalignment=(1.5, 0.0),
+    )
+    torque = truth.torque_nm(motion)
+    fixed, names, columns = baseline_columns(motion, turning)
+    fit = np.linalg.lstsq(columns, torque - fixed, rcond=None)[0]
+    found = BenchModel.from_profile(turning).with_baseline(names, fit.tolist())
+    assert found.zero_nm == pytest.approx(-0.3, rel=0, abs=1e-10)
+    # a well-conditioned fit of 2000 samples, angles of 8000 rad rounded to 1e-12
+    np.testing.assert_allclose(found.ripple, truth.ripple, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(found.misalignment, (1.5, 0.0), rtol=0, atol=1e-9)
+    np.testing.assert_allclose(found.torque_nm(motion), torque, rtol=0, atol=1e-9)
+
+
+def test_a_misalignment_that_was_not_fitted_is_in_the_zero(bench: ProfileData) -> None:
+    model = BenchModel.from_profile(bench).with_baseline(["zero"], [0.5])
+    assert model.zero_nm == 0.5
+    assert model.misalignment == (0.0, 0.0)
+    assert model.ripple == ()
+
+
+@pytest.mark.parametrize(
+    ("names", "values", "words"),
+    [
+        (["zero"], [math.nan], "finite"),
+        (["zero", "offset"], [1.0, 2.0], "unknown baseline term 'offset'"),
+        (["zero"], [1.0, 2.0], "shorter|longer"),
+    ],
+)
+def test_a_fit_that_is_none_is_refused(
+    names: list[str], values: list[float], words: str, bench: ProfileData
+) -> None:
+    with pytest.raises(ValueError, match=words):
+        BenchModel.from_profile(bench).with_baseline(names, values)
+
+
+def test_causes_add_up_and_stand_in_the_terms(bench: ProfileData, make_motion: Make) -> None:
+    motion = make_motion()
+    hum = CauseTerm("mains-hum", {"frequency_hz": 50.0}, (0.3, 0.4))
+    drag = CauseTerm("viscous-friction", {}, (0.002,))
+    base = BenchModel.from_profile(bench)
+    model = base.with_cause(hum).with_cause(drag)
+    want = 0.5 * np.cos(100 * np.pi * motion.time_s - math.atan2(0.4, 0.3))
+    want += 0.002 * motion.velocity_rad_s
+    # phases of the hum up to 1000 rad: doubles 1e-13 apart
+    np.testing.assert_allclose(model.cause_torque_nm(motion), want, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(
+        model.torque_nm(motion) - base.torque_nm(motion), want, rtol=0, atol=1e-12
+    )
+    assert model.terms() == (
+        "zero",
+        "expected-torque",
+        "ripple-2",
+        "ripple-4",
+        "misalignment",
+        "mains-hum",
+        "viscous-friction",
+    )
+    assert base.causes == ()
+
+
+@pytest.mark.parametrize(
+    ("name", "linear"), [("gain-error", (0.1,)), ("load-dependent-ripple", (0.1, 0.0))]
+)
+def test_a_cause_that_needs_the_load_is_not_simulated_without_it(
+    name: str, linear: tuple[float, ...], make_motion: Make
+) -> None:
+    term = CauseTerm(name, {}, linear)
+    assert np.isfinite(term_torque_nm(term, make_motion())).all()
+    with pytest.raises(DataError, match="needs load_torque_nm"):
+        term_torque_nm(term, make_motion(load_torque_nm=None))
+
+
+def test_torque_is_missing_where_the_motion_is(bench: ProfileData, make_motion: Make) -> None:
+    valid = np.ones(400, dtype=bool)
+    valid[[3, 77]] = False
+    torque = BenchModel.from_profile(bench).torque_nm(make_motion(valid=valid))
+    assert (np.isnan(torque) == ~valid).all()
+
+
+def test_a_term_that_does_not_fit_never_enters_a_model(
+    bench: ProfileData, make_motion: Make
+) -> None:
+    with pytest.raises(DataError, match="unknown cause 'hum'"):
+        BenchModel.from_profile(bench).with_cause(CauseTerm("hum", {}, (1.0,)))
+    with pytest.raises(DataError, match="frequency_hz of mains-hum is 55"):
+        term_torque_nm(CauseTerm("mains-hum", {"frequency_hz": 55.0}, (1.0, 0.0)), make_motion())

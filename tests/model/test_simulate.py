@@ -1,0 +1,197 @@
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner, Result
+
+from hdbench.errors import UsageError
+from hdbench.model import (
+    BenchModel,
+    CauseTerm,
+    ReferenceWave,
+    save_model,
+    simulate_like,
+    simulate_run,
+    with_noise,
+)
+from hdbench.profile import Profile, ProfileData
+from hdbench.records.trace import Trace
+from hdbench.records.tracefile import read_trace, write_trace
+
+
+def run_of(bench: ProfileData, wave: ReferenceWave, duration: float, noise: float = 0.0) -> Trace:
+    return simulate_run(
+        bench,
+        BenchModel.from_profile(bench),
+        duration_s=duration,
+        wave=wave,
+        noise_nm=noise,
+        rng=np.random.default_rng(3),
+    )
+
+
+def test_simulating_like_a_simulated_run_gives_its_torque_back(bench: ProfileData) -> None:
+    run = run_of(bench, bench.ripple.reference, bench.ripple.duration_s)
+    again = simulate_like(run, bench, BenchModel.from_profile(bench))
+    assert again["torque_nm"].tobytes() == run["torque_nm"].tobytes()
+    assert len(run) == 12_000
+
+
+def test_a_small_step_of_reference_gives_the_first_order_answer(bench: ProfileData) -> None:
+    run = run_of(bench, ReferenceWave(wave="constant", bias_v=0.1), 0.5)
+    rate = 2.0 * math.pi * 15.0
+    target = 56.2565 * 0.1
+    time = run.time_s
+    want = target * (1.0 - np.exp(-rate * time))
+    # the lag is exact for a constant command: rounding of 5000 steps
+    np.testing.assert_allclose(run["motor_velocity_rad_s"], want, rtol=0, atol=1e-10)
+    angle = target * (time - (1.0 - np.exp(-rate * time)) / rate)
+    # trapezoidal rule in steps of 0.1 ms: step^2 / 12 times the change of the derivative
+    error = 1e-8 / 12 * target * rate
+    np.testing.assert_allclose(run["motor_angle_rad"], angle, rtol=0, atol=1.01 * error)
+
+
+def test_a_large_step_of_reference_runs_into_the_acceleration_limit(bench: ProfileData) -> None:
+    run = run_of(bench, ReferenceWave(wave="constant", bias_v=5.0), 0.5)
+    early = run.time_s < 0.09
+    want = 2500.0 * run.time_s[early]
+    # 900 additions of 0.25, exact to rounding
+    np.testing.assert_allclose(run["motor_velocity_rad_s"][early], want, rtol=0, atol=1e-9)
+    expected = 1.725e-4 * 2500.0
+    ripple = 0.4 + 0.2
+    middle = run["torque_nm"][30:80]
+    # inertia's 0.43 N m under ripple of at most 0.6 and a misalignment of 0.9 cos(0.3) = 0.860
+    assert (np.abs(middle - expected - 0.9 * math.cos(0.3)) <= ripple + 0.01).all()
+
+
+def test_noise_has_the_size_asked_for_and_comes_from_the_seed(bench: ProfileData) -> None:
+    wave = ReferenceWave(wave="constant", bias_v=1.0)
+    clean, noisy = run_of(bench, wave, 10.0), run_of(bench, wave, 10.0, noise=0.05)
+    added = noisy["torque_nm"] - clean["torque_nm"]
+    # 10 000 samples know a standard deviation to 0.7 %: 4 sigma
+    assert float(added.std()) == pytest.approx(0.05, rel=0.028, abs=0)
+    assert run_of(bench, wave, 10.0, noise=0.05)["torque_nm"].tobytes() == (
+        noisy["torque_nm"].tobytes()
+    )
+
+
+@pytest.mark.parametrize("duration", [math.nan, 0.0, 0.004, 1e9])
+def test_a_run_of_no_length_or_too_long_is_refused(bench: ProfileData, duration: float) -> None:
+    with pytest.raises(UsageError, match="duration"):
+        run_of(bench, ReferenceWave(wave="constant"), duration)
+
+
+@pytest.mark.parametrize("noise", [-1.0, math.nan, math.inf])
+def test_noise_that_is_none_is_refused(noise: float) -> None:
+    trace = Trace({"time_s": np.arange(3.0), "torque_nm": np.zeros(3)})
+    with pytest.raises(UsageError, match="noise"):
+        with_noise(trace, noise, np.random.default_rng(0))
+
+
+def test_measured_columns_are_kept_and_the_measured_torque_is_not(bench: ProfileData) -> None:
+    rng = np.random.default_rng(8)
+    time = np.arange(100) * 1e-3
+    measured = Trace(
+        {
+            "time_s": time,
+            "tacho_v": rng.normal(1.0, 0.001, 100),
+            "encoder_count": np.arange(100.0),
+            "torque_v": rng.normal(size=100),
+            "torque_filtered_online_nm": rng.normal(size=100),
+        },
+        "run.csv",
+    )
+    measured["tacho_v"][40] = np.nan
+    simulated = simulate_like(measured, bench, BenchModel.from_profile(bench))
+    assert list(simulated.columns) == ["time_s", "tacho_v", "encoder_count", "torque_nm"]
+    assert simulated["encoder_count"] is measured["encoder_count"]
+    assert np.flatnonzero(np.isnan(simulated["torque_nm"])).tolist() == [40]
+
+
+def invoke(*words: str) -> Result:
+    from hdbench_cli.output import Output
+    from hdbench_cli.simulate import command
+
+    return CliRunner().invoke(command, list(words), obj=Output(json=True))
+
+
+def test_the_command_simulates_alone_and_like_a_trace(tmp_path: Path) -> None:
+    alone, like = tmp_path / "alone.csv", tmp_path / "like.csv.gz"
+    first = invoke("--duration", "2", "--out", str(alone))
+    assert first.exit_code == 0, first.output
+    facts = json.loads(first.stdout)
+    assert facts["schema"] == "hdbench/simulation/1"
+    assert facts["samples"] == 2000
+    second = invoke("--like", str(alone), "--out", str(like))
+    assert second.exit_code == 0, second.output
+    assert json.loads(second.stdout)["like"] == str(alone)
+    # a trace file keeps every bit
+    assert read_trace(like)["torque_nm"].tobytes() == read_trace(alone)["torque_nm"].tobytes()
+
+
+def test_the_command_takes_an_extended_model(tmp_path: Path, profile: Profile) -> None:
+    path = tmp_path / "model.json"
+    model = BenchModel.from_profile(profile.data)
+    drift = CauseTerm("zero-drift", {}, (0.5,))
+    save_model(path, model.with_cause(drift), profile=profile, provenance={})
+    traces = []
+    for number, words in enumerate(((), ("--model", str(path)))):
+        out = tmp_path / f"{number}.csv"
+        assert invoke("--duration", "1", "--out", str(out), *words).exit_code == 0
+        traces.append(read_trace(out))
+    added = traces[1]["torque_nm"] - traces[0]["torque_nm"]
+    # differences of torques of about 1 N m
+    np.testing.assert_allclose(added, 0.5 * traces[0].time_s, rtol=0, atol=1e-14)
+
+
+def test_the_command_never_writes_over_what_was_measured(tmp_path: Path) -> None:
+    path = tmp_path / "trace.csv"
+    invoke("--duration", "1", "--out", str(path))
+    before = path.read_bytes()
+    for source in (path, tmp_path):
+        result = invoke("--like", str(source), "--out", str(path))
+        assert isinstance(result.exception, UsageError)
+    assert path.read_bytes() == before
+
+
+def test_the_command_refuses_a_length_for_a_measured_motion(tmp_path: Path) -> None:
+    path = tmp_path / "trace.csv"
+    invoke("--duration", "1", "--out", str(path))
+    result = invoke("--like", str(path), "--duration", "2", "--out", str(tmp_path / "x.csv"))
+    assert isinstance(result.exception, UsageError)
+
+
+def test_the_command_writes_traces_only(tmp_path: Path) -> None:
+    result = invoke("--duration", "1", "--out", str(tmp_path / "trace.txt"))
+    assert isinstance(result.exception, UsageError)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_simulation_without_a_single_torque_says_so(tmp_path: Path, profile: Profile) -> None:
+    path, model = tmp_path / "trace.csv", tmp_path / "model.json"
+    invoke("--duration", "1", "--out", str(path))
+    lost = np.full(1000, np.nan)
+    write_trace(path, read_trace(path).with_columns(load_torque_nm=lost))
+    loaded = BenchModel.from_profile(profile.data).with_cause(CauseTerm("gain-error", {}, (0.1,)))
+    save_model(model, loaded, profile=profile, provenance={})
+    result = invoke("--like", str(path), "--model", str(model), "--out", str(tmp_path / "o.csv"))
+    assert result.exit_code == 6
+    assert json.loads(result.stdout)["torque_rms_nm"] is None
+
+
+def test_lost_samples_make_the_simulation_doubtful(tmp_path: Path) -> None:
+    path, out = tmp_path / "trace.csv", tmp_path / "out.csv"
+    invoke("--duration", "1", "--out", str(path))
+    trace = read_trace(path)
+    velocity = trace["motor_velocity_rad_s"].copy()
+    velocity[500] = np.nan
+    write_trace(path, trace.with_columns(motor_velocity_rad_s=velocity))
+    result = invoke("--like", str(path), "--out", str(out))
+    assert result.exit_code == 6
+    assert json.loads(result.stdout)["lost_samples"] == 1
+    assert "1 of 1000 samples" in result.stderr
+    assert np.flatnonzero(np.isnan(read_trace(out)["torque_nm"])).tolist() == [500]
