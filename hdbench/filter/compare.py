@@ -1,0 +1,146 @@
+"""What the filter is held against: a plain low-pass, and its own transfer function."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from hdbench.errors import DataError
+from hdbench.filter.model import FilterModel
+from hdbench.records import FloatArray
+
+__all__ = ["butterworth_lowpass", "transfer_at_steady_speed"]
+
+
+def butterworth_lowpass(
+    torque_nm: ArrayLike, *, sample_period_s: float, cutoff_hz: float, order: int
+) -> FloatArray:
+    """Low-pass the torque causally, the report's comparison for its filter.
+
+    Parameters
+    ----------
+    torque_nm : array_like, shape (n,)
+        Torque, N m. From a NaN on, no output is known: those samples stay NaN.
+    sample_period_s : float
+        Sampling period, s, > 0, taken as uniform.
+    cutoff_hz : float
+        -3 dB frequency, Hz, in (0, half the sampling frequency).
+    order : int
+        Order of the low-pass, 1 to 8.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        Low-passed torque, N m, started in the steady state of the first sample.
+
+    Raises
+    ------
+    DataError
+        If the period, cut-off or order is out of its domain.
+
+    Notes
+    -----
+    Second-order sections of the bilinear Butterworth design, run forward only, so its delay is
+    the one a control loop would see.
+
+    References
+    ----------
+    .. [1] S. Butterworth, "On the theory of filter amplifiers", Wireless Engineer 7 (1930).
+    """
+    if not 0.0 < sample_period_s < math.inf or not 0.0 < cutoff_hz < 0.5 / sample_period_s:
+        raise DataError(
+            f"cut-off {cutoff_hz!r} Hz at a sampling period of {sample_period_s!r} s; needed: "
+            "above 0 and below half the sampling frequency",
+            where="filter.butterworth_cutoff_hz",
+            fix="lower the cut-off",
+        )
+    if not 1 <= order <= 8:
+        raise DataError(
+            f"order {order!r}; needed: 1 to 8",
+            where="filter.butterworth_order",
+            fix="choose a low-pass order from 1 to 8",
+        )
+    from scipy.signal import butter, sosfilt, sosfilt_zi
+
+    torque = np.asarray(torque_nm, dtype=np.float64)
+    if torque.size == 0:
+        return torque.copy()
+    sections = butter(order, cutoff_hz, fs=1.0 / sample_period_s, output="sos")
+    filtered, _ = sosfilt(sections, torque, zi=sosfilt_zi(sections) * torque[0])
+    return np.asarray(filtered, dtype=np.float64)
+
+
+def transfer_at_steady_speed(
+    model: FilterModel,
+    velocity_rad_s: float,
+    sample_period_s: float,
+    frequency_hz: ArrayLike,
+) -> NDArray[np.complex128]:
+    r"""Return the steady transfer function from measured to filtered torque.
+
+    Parameters
+    ----------
+    model : FilterModel
+        Orders and noise.
+    velocity_rad_s : float
+        Constant motor velocity, rad/s, not 0.
+    sample_period_s : float
+        Sampling period, s, > 0.
+    frequency_hz : array_like
+        Frequencies, Hz.
+
+    Returns
+    -------
+    ndarray of complex, shape of `frequency_hz`
+        Filtered over measured torque, dimensionless, at expected torque 0.
+
+    Raises
+    ------
+    DataError
+        If no steady gain exists: at standstill, or where two blocks alias to one frequency.
+
+    Notes
+    -----
+    The steady P solves the Riccati equation of the recursion; with
+    :math:`K = \Phi P C^T / (R + C P C^T)`,
+    :math:`H(z) = 1 - C (z I - \Phi + K C)^{-1} K`, zero at every block's own frequency.
+    """
+    if not (0.0 < abs(velocity_rad_s) < math.inf and 0.0 < sample_period_s < math.inf):
+        raise _no_steady_gain(velocity_rad_s, f"at a sampling period of {sample_period_s!r} s")
+    turns = [b.order * velocity_rad_s * sample_period_s for b in model.blocks]
+    n = 2 * len(turns)
+    phi, c = np.zeros((n, n)), np.zeros((1, n))
+    c[0, ::2] = 1.0
+    for i, turn in enumerate(turns):
+        block = ((math.cos(turn), math.sin(turn)), (-math.sin(turn), math.cos(turn)))
+        phi[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] = block
+    noise = np.diag(np.repeat([b.process_noise for b in model.blocks], 2))
+    p = _steady_covariance(phi, c, noise, model.measurement_noise, velocity_rad_s)
+    gain = phi @ p @ c.T / (model.measurement_noise + c @ p @ c.T)
+    frequency = np.asarray(frequency_hz, dtype=np.float64)
+    z = np.exp(2j * np.pi * frequency.ravel() * sample_period_s)
+    closed = phi - gain @ c
+    inner = z[:, None, None] * np.eye(n) - closed
+    response = 1.0 - (c @ np.linalg.solve(inner, np.broadcast_to(gain, (z.size, n, 1))))[:, 0, 0]
+    return np.asarray(response.reshape(frequency.shape), dtype=np.complex128)
+
+
+def _steady_covariance(
+    phi: FloatArray, c: FloatArray, noise: FloatArray, r: float, velocity_rad_s: float
+) -> FloatArray:
+    from scipy.linalg import solve_discrete_are
+
+    try:
+        return np.asarray(solve_discrete_are(phi.T, c.T, noise, np.array([[r]])))
+    except np.linalg.LinAlgError as error:
+        raise _no_steady_gain(velocity_rad_s, str(error)) from error
+
+
+def _no_steady_gain(velocity_rad_s: float, reason: str) -> DataError:
+    return DataError(
+        f"the filter has no steady gain at {velocity_rad_s!r} rad/s: {reason}",
+        where="velocity_rad_s",
+        fix="ask at a velocity at which the blocks have different frequencies",
+    )

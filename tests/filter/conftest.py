@@ -1,0 +1,32 @@
+"""What the filter's tests share: the bench, both kernel forms, a motion with everything in it."""
+
+from __future__ import annotations
+
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from hdbench.filter.core import run_form
+from hdbench.profile.schema import ProfileData
+
+sys.path.insert(0, str(Path(__file__).parent))  # filter_oracle
+
+PROFILE = Path(__file__).parents[2] / "profiles" / "cim-tr-97-06.toml"
+
+
+@pytest.fixture(scope="session")
+def bench() -> ProfileData:
+    """Return the report's bench, read without the profile room's own reader."""
+    return ProfileData.model_validate(tomllib.loads(PROFILE.read_text()), strict=False)
+
+
+@pytest.fixture(params=["c", "numpy"])
+def kernel(request: pytest.FixtureRequest) -> str:
+    """Return each kernel form that is there; without a compiler only the NumPy form is."""
+    try:
+        run_form(request.param)
+    except ValueError:
+        pytest.skip("the C kernel was not compiled here")
+    return str(request.param)

@@ -1,0 +1,292 @@
+"""Filter models: presets, files, stored results."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import pytest
+
+from hdbench.errors import DataError
+from hdbench.filter import (
+    FilterModel,
+    OscillatorBlock,
+    build_filter_model,
+    load_filter_model,
+    preset,
+)
+from hdbench.model.bench import BenchModel
+from hdbench.model.cause import CauseTerm
+from hdbench.model.modelfile import model_dict
+
+BLOCK = OscillatorBlock(2.0, "ripple", 0.1)
+
+
+def model(**changes):
+    fields = {
+        "name": "own",
+        "blocks": (BLOCK,),
+        "measurement_noise": 1.0,
+        "load_inertia_kg_m2": 0.01,
+        "gear_ratio": 100.0,
+        "differentiator_time_constant_s": 0.005,
+        "use_measured_angle": True,
+        "provenance": {"orders": "a test"},
+    }
+    return FilterModel(**{**fields, **changes})
+
+
+@pytest.mark.parametrize(
+    ("name", "blocks"),
+    [
+        ("report-a1", [(2.0, "ripple", 1000.0), (4.0, "ripple", 1000.0)]),
+        ("report-a2", [(2.0, "ripple", 1000.0), (0.01, "misalignment", 0.05)]),
+        (
+            "report-6",
+            [(2.0, "ripple", 1000.0), (4.0, "ripple", 1000.0), (0.01, "misalignment", 0.05)],
+        ),
+    ],
+)
+def test_presets_carry_the_reports_numbers(bench, name, blocks):
+    found = load_filter_model(name, bench)
+    assert [(b.order, b.role, b.process_noise) for b in found.blocks] == blocks
+    assert found.measurement_noise == 1.0
+    assert found.load_inertia_kg_m2 == 1.725e-2
+    assert found.gear_ratio == 100.0
+    assert found.differentiator_time_constant_s == 0.005
+    assert not found.use_measured_angle
+    assert found.provenance
+
+
+@pytest.mark.parametrize(("name", "near"), [("report6", "report-6"), ("tuned", "report-")])
+def test_an_unknown_model_names_the_presets_and_the_nearest(bench, name, near):
+    with pytest.raises(DataError, match="report-a1, report-a2, report-6") as caught:
+        load_filter_model(name, bench)
+    assert near in caught.value.fix
+    with pytest.raises(DataError):
+        preset(name, bench)
+
+
+@pytest.mark.parametrize("gain", [None, 6.6, -6.6])
+def test_a_model_file_gives_the_same_model_back(bench, tmp_path, gain):
+    first = model(torque_gain_nm_per_v=gain, blocks=(BLOCK, OscillatorBlock(0.1, "ripple", 1 / 3)))
+    file = tmp_path / "own.json"
+    file.write_text(json.dumps(first.to_dict(), allow_nan=False))
+    assert load_filter_model(str(file), bench) == first
+
+
+@pytest.mark.parametrize(
+    ("change", "place"),
+    [
+        ({"schema": "hdbench/ripple/1"}, "schema"),
+        ({"surplus": 1}, "surplus"),
+        ({"gear_ratio": None}, "gear_ratio"),
+        ({"gear_ratio": "100"}, "gear_ratio"),
+        ({"gear_ratio": True}, "gear_ratio"),
+        ({"gear_ratio": -100.0}, "gear_ratio"),
+        ({"measurement_noise": 0}, "measurement_noise"),
+        ({"use_measured_angle": 1}, "use_measured_angle"),
+        ({"name": 5}, "name"),
+        ({"blocks": {}}, "blocks"),
+        ({"blocks": []}, "blocks"),
+        ({"blocks": [{"order": 2.0}]}, "blocks[0]"),
+        ({"blocks": [{"order": 0, "role": "ripple", "process_noise": 1}]}, "order"),
+        ({"blocks": [{"order": 2, "role": "other", "process_noise": 1}]}, "role"),
+        ({"blocks": [{"order": 2, "role": ["ripple"], "process_noise": 1}]}, "role"),
+        ({"blocks": [{"order": 2, "role": "ripple", "process_noise": 1}] * 2}, "order 2.0"),
+        (
+            {"blocks": [{"order": i + 1, "role": "ripple", "process_noise": 1} for i in range(17)]},
+            "17 blocks",
+        ),
+        ({"provenance": {"a": 1}}, "provenance"),
+        ({"torque_gain_nm_per_v": 0.0}, "torque_gain_nm_per_v"),
+    ],
+)
+def test_a_bad_model_file_names_the_place(bench, tmp_path, change, place):
+    file = tmp_path / "bad.json"
+    file.write_text(json.dumps({**model().to_dict(), **change}))
+    with pytest.raises(DataError) as caught:
+        load_filter_model(str(file), bench)
+    assert place in str(caught.value)
+    assert "bad.json" in caught.value.where
+
+
+def test_a_missing_key_is_named(bench, tmp_path):
+    body = model().to_dict()
+    del body["measurement_noise"]
+    file = tmp_path / "bad.json"
+    file.write_text(json.dumps(body))
+    with pytest.raises(DataError, match="'measurement_noise' is missing"):
+        load_filter_model(str(file), bench)
+
+
+@pytest.mark.parametrize("text", ["", "[1]", "{", '{"schema": NaN}', "\udcff"])
+def test_a_broken_file_is_refused(bench, tmp_path, text):
+    file = tmp_path / "bad.json"
+    file.write_text(text, encoding="utf-8", errors="surrogateescape")
+    with pytest.raises(DataError):
+        load_filter_model(str(file), bench)
+
+
+@pytest.mark.parametrize("value", [0.0, -1.0, math.nan, math.inf])
+def test_numbers_out_of_their_domain_make_no_model(value):
+    with pytest.raises(ValueError, match="order"):
+        OscillatorBlock(value, "ripple", 1.0)
+    with pytest.raises(ValueError, match="process_noise"):
+        OscillatorBlock(2.0, "ripple", value)
+    for field in ("measurement_noise", "gear_ratio", "differentiator_time_constant_s"):
+        with pytest.raises(ValueError, match=field):
+            model(**{field: value})
+
+
+def bench_model(**body):
+    return {
+        "schema": "hdbench/model/1",
+        "baseline": {"ripple": [{"order": 2.0}, {"order": 4.0}]},
+        "causes": [],
+        **body,
+    }
+
+
+def test_an_extended_bench_model_gives_its_orders_as_blocks(bench, tmp_path):
+    file = tmp_path / "extended.json"
+    causes = [
+        {"name": "ripple-harmonic", "parameters": {"order": {"value": 7.9, "std": 0.01}}},
+        {"name": "wave-generator-eccentricity", "parameters": {}},
+        {"name": "angular-misalignment", "parameters": {}},
+        {"name": "mains-hum", "parameters": {"frequency_hz": {"value": 60.0}}},
+        {"name": "misalignment", "parameters": {}},
+        {"name": "bearing-defect", "parameters": {"order": {"value": 3.1}}},
+    ]
+    file.write_text(json.dumps(bench_model(causes=causes)))
+    found = load_filter_model(str(file), bench)
+    assert {(b.order, b.role) for b in found.blocks} == {
+        (2.0, "ripple"),
+        (4.0, "ripple"),
+        (0.01, "misalignment"),
+        (7.9, "ripple"),
+        (1.0, "ripple"),
+        (3.1, "ripple"),
+        (2 * 3.1, "ripple"),
+        (3 * 3.1, "ripple"),
+        (0.02, "misalignment"),
+    }
+    assert found.use_measured_angle
+    assert found.name == "extended"
+    assert "no block" in found.provenance["cause mains-hum"]
+    assert "ripple-harmonic" in found.provenance["order 7.9"]
+
+
+def test_a_model_that_the_diagnosis_saved_becomes_a_filter(bench, tmp_path):
+    found = CauseTerm("ripple-harmonic", {"order": 7.9}, (0.1, 0.05), None)
+    extended = BenchModel(0.0, 1e-4, ((2.0, 0.4, 0.6),), (0.9, 0.3)).with_cause(found)
+    file = tmp_path / "extended.json"
+    file.write_text(json.dumps(model_dict(extended, profile=None, provenance={})))
+    blocks = load_filter_model(str(file), bench).blocks
+    assert sorted(block.order for block in blocks) == [0.01, 2.0, 7.9]
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        {"causes": {}},
+        {"causes": [3]},
+        {"causes": [{"name": "ripple-harmonic", "parameters": []}]},
+        {"causes": [{"name": "ripple-harmonic", "parameters": {"order": {"value": "7"}}}]},
+        {"causes": [{"name": "ripple-harmonic", "parameters": {"order": {"value": -7}}}]},
+        {"baseline": []},
+        {"baseline": {"ripple": [2.0]}},
+        {"causes": [{"name": "x", "parameters": {"order": 10 + i}} for i in range(20)]},
+    ],
+)
+def test_a_bad_bench_model_is_refused(bench, tmp_path, body):
+    file = tmp_path / "extended.json"
+    file.write_text(json.dumps(bench_model(**body)))
+    with pytest.raises(DataError, match=r".") as caught:
+        load_filter_model(str(file), bench)
+    assert "extended.json" in caught.value.where
+
+
+RIPPLE = {
+    "schema": "hdbench/ripple/1",
+    "ripple": [{"order": 2.0}, {"order": 7.9}],
+    "filter": {"measurement_noise": 0.0025, "process_noise": 1e-4},
+    "run": "20260101-ripple",
+}
+MISALIGNMENT = {
+    "schema": "hdbench/misalignment/1",
+    "filter": {"order": 0.01, "process_noise": 0.2, "measurement_noise": 2.0},
+}
+CALIBRATION = {
+    "schema": "hdbench/calibration/1",
+    "gain_nm_per_v": {"value": 6.7, "std": 0.1, "dof": 7},
+}
+
+
+def test_results_feed_orders_noise_and_gain_and_say_so(bench):
+    base = preset("report-6", bench)
+    found = build_filter_model(
+        base, ripple=RIPPLE, misalignment=MISALIGNMENT, calibration=CALIBRATION
+    )
+    assert [(b.order, b.role) for b in found.blocks] == [
+        (2.0, "ripple"),
+        (7.9, "ripple"),
+        (0.01, "misalignment"),
+    ]
+    assert found.measurement_noise == 0.0025
+    assert [b.process_noise for b in found.blocks[:2]] == [1e-4, 1e-4]
+    # Q/R = 0.2 / 2 is kept: products and quotients of doubles
+    assert found.blocks[2].process_noise == pytest.approx(0.1 * 0.0025, rel=1e-12)
+    assert found.torque_gain_nm_per_v == 6.7
+    assert found.use_measured_angle
+    assert not found.name.startswith("report-")
+    assert "20260101-ripple" in found.provenance["ripple blocks, measurement_noise"]
+    assert "sha256" in found.provenance["torque_gain_nm_per_v"]
+
+
+def test_a_block_that_no_result_gives_keeps_its_selectivity(bench):
+    base = preset("report-6", bench)
+    first = build_filter_model(build_filter_model(base, misalignment=MISALIGNMENT), ripple=RIPPLE)
+    second = build_filter_model(build_filter_model(base, ripple=RIPPLE), misalignment=MISALIGNMENT)
+    for fed in (first, second):
+        block = next(b for b in fed.blocks if b.role == "misalignment")
+        # the order of feeding must not matter beyond rounding
+        assert block.process_noise / fed.measurement_noise == pytest.approx(0.1, rel=1e-12)
+    only_r = build_filter_model(
+        base, ripple={"ripple": [{"order": 2.0}], "filter": {"measurement_noise": 0.01}}
+    )
+    # Q/R of the profile, 1000 and 0.05, kept: products and quotients of doubles
+    ratios = [b.process_noise / only_r.measurement_noise for b in only_r.blocks]
+    assert ratios == pytest.approx([1000.0, 0.05], rel=1e-12)
+
+
+def test_without_results_the_model_stays_itself(bench):
+    base = preset("report-6", bench)
+    assert build_filter_model(base, ripple=None, misalignment=None, calibration=None) is base
+
+
+def test_feeding_twice_does_not_grow_the_name(bench):
+    once = build_filter_model(preset("report-a1", bench), calibration=CALIBRATION)
+    twice = build_filter_model(once, misalignment=MISALIGNMENT)
+    assert twice.name == once.name
+    assert [b.order for b in twice.blocks] == [2.0, 4.0, 0.01]
+
+
+@pytest.mark.parametrize(
+    "fed",
+    [
+        {"ripple": {}},
+        {"ripple": {"ripple": []}},
+        {"ripple": {"ripple": [{"order": 0.0}]}},
+        {"ripple": {"ripple": ["2"]}},
+        {"ripple": {"ripple": [{"order": 2.0}, {"order": 2.0}]}},
+        {"ripple": {**RIPPLE, "filter": {"measurement_noise": math.nan}}},
+        {"misalignment": {}},
+        {"misalignment": {"filter": {"order": True}}},
+        {"calibration": {}},
+        {"calibration": {"gain_nm_per_v": {"value": 0.0}}},
+    ],
+)
+def test_results_that_lack_their_numbers_are_refused(bench, fed):
+    with pytest.raises(DataError):
+        build_filter_model(preset("report-6", bench), **fed)

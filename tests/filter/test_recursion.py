@@ -1,0 +1,157 @@
+"""The recursion against equations 5-10, and against an independent library."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from filter_oracle import Bench, expected_torque, literal, motion
+from numpy.testing import assert_allclose, assert_array_equal
+
+from hdbench.filter import FilterModel, OnlineFilter, OscillatorBlock, preset
+
+# the contract's orders and noise of the three presets, typed again here
+REPORT = {
+    "report-a1": ([2, 4], [1000, 1000], ["r", "r"]),
+    "report-a2": ([2, 0.01], [1000, 0.05], ["r", "m"]),
+    "report-6": ([2, 4, 0.01], [1000, 1000, 0.05], ["r", "r", "m"]),
+}
+
+
+def free_model(orders, noise, *, r=0.01, inertia=0.0, angle=False):
+    blocks = tuple(OscillatorBlock(o, "ripple", q) for o, q in zip(orders, noise, strict=True))
+    return FilterModel("own", blocks, r, inertia, 100.0, 0.005, angle, {})
+
+
+@pytest.mark.parametrize("name", REPORT)
+def test_presets_agree_with_the_literal_equations(bench, kernel, name):
+    t, v, y, _ = motion()
+    orders, noise, roles = REPORT[name]
+    parts = literal(t, v, y, orders, noise)
+    block = OnlineFilter(preset(name, bench), kernel=kernel).process(t, v, y)
+    # the acceptance's 1e-9 N m; rounding alone is some 1e-12 after the standstill
+    close = {"rtol": 0.0, "atol": 1e-9}
+    assert_allclose(block.torque_filtered_nm, y - parts.sum(axis=1), **close)
+    assert_allclose(block.torque_expected_nm, expected_torque(t, v), **close)
+    ripple = [i for i, role in enumerate(roles) if role == "r"]
+    assert_allclose(block.ripple_nm, parts[:, ripple].sum(axis=1), **close)
+    other = [i for i, role in enumerate(roles) if role == "m"]
+    assert_allclose(block.misalignment_nm, parts[:, other].sum(axis=1), **close)
+
+
+def test_presets_agree_after_a_long_standstill(bench, kernel):
+    t = np.arange(9000) * 1e-3
+    v = np.where(t < 7.0, 0.0, 120.0 * np.sin(9.0 * (t - 7.0)))
+    y = 3.0 + np.random.default_rng(5).normal(0.0, 0.1, t.size)
+    orders, noise, _ = REPORT["report-6"]
+    block = OnlineFilter(preset("report-6", bench), kernel=kernel).process(t, v, y)
+    # P grows by Q per sample along what standstill hides, to 7e6: its rounding is 1e-9 of S ~ 1e3
+    wanted = y - literal(t, v, y, orders, noise).sum(axis=1)
+    assert_allclose(block.torque_filtered_nm, wanted, rtol=0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize("n_blocks", [1, 2, 3, 4, 5, 16])
+def test_any_number_of_blocks_agrees_with_the_literal_equations(kernel, n_blocks):
+    t, v, y, _ = motion(400)
+    orders = [0.5 + 0.73 * i for i in range(n_blocks)]
+    noise = [1e-4 * (1 + i) for i in range(n_blocks)]
+    parts = literal(t, v, y, orders, noise, Bench(inertia=0.0, r=0.01))
+    block = OnlineFilter(free_model(orders, noise), kernel=kernel).process(t, v, y)
+    # covariances stay of order 1: a few thousand roundings of 1e-16
+    assert_allclose(block.ripple_nm, parts.sum(axis=1), rtol=0.0, atol=1e-11)
+
+
+def test_the_two_forms_give_the_same_numbers(bench):
+    t, v, y, _ = motion()
+    y[700:720] = np.nan
+    v[710:730] = np.nan
+    pytest.importorskip("hdbench.filter._kernel", reason="the C kernel was not compiled here")
+    for name in REPORT:
+        one, two = (
+            OnlineFilter(preset(name, bench), kernel=form).process(t, v, y)
+            for form in ("c", "numpy")
+        )
+        # the promise of the fallback: the same numbers to 1e-10 N m
+        assert_allclose(one.torque_filtered_nm, two.torque_filtered_nm, rtol=0.0, atol=1e-10)
+        assert_allclose(one.torque_expected_nm, two.torque_expected_nm, rtol=0.0, atol=1e-10)
+
+
+def test_a_known_ripple_is_predicted_exactly_once_learned(kernel):
+    t = np.arange(3000) * 1e-3
+    v = 60.0 + 40.0 * np.sin(5.0 * t)
+    angle = np.concatenate([[0.0], np.cumsum(v[:-1] * 1e-3)])
+    y = 0.4 * np.cos(2.0 * angle + 0.6)
+    block = OnlineFilter(free_model([2.0], [1e-9], r=1e-9), kernel=kernel).process(t, v, y)
+    # noise-free oscillator: what is left decays geometrically to rounding
+    assert_allclose(block.torque_filtered_nm[-500:], 0.0, atol=1e-12)
+
+
+def test_a_measured_angle_turns_the_blocks_where_the_model_asks_for_it(kernel):
+    t, v, y, angle = motion(1500)
+    slipped = angle * 1.01
+    noise = ([2.0, 4.0], [1e-3, 1e-3])
+    with_angle = OnlineFilter(free_model(*noise, angle=True), kernel=kernel)
+    without = OnlineFilter(free_model(*noise), kernel=kernel)
+    bench = Bench(inertia=0.0, r=0.01)
+    # rounding of the angle (100 rad) and of some thousand steps
+    close = {"rtol": 0.0, "atol": 1e-10}
+    assert_allclose(
+        with_angle.process(t, v, y, slipped).ripple_nm,
+        literal(t, v, y, *noise, bench, angle=slipped).sum(axis=1),
+        **close,
+    )
+    assert_allclose(
+        without.process(t, v, y, slipped).ripple_nm,
+        literal(t, v, y, *noise, bench).sum(axis=1),
+        **close,
+    )
+
+
+def test_a_report_preset_ignores_a_measured_angle(bench, kernel):
+    t, v, y, angle = motion(300)
+    model = preset("report-6", bench)
+    assert_array_equal(
+        OnlineFilter(model, kernel=kernel).process(t, v, y, angle * 2).torque_filtered_nm,
+        OnlineFilter(model, kernel=kernel).process(t, v, y).torque_filtered_nm,
+    )
+
+
+@pytest.mark.parametrize("turn_rad", [0.3, 1.7, 3.2, 1e3, 99_999.0, 3e5, 1e9])
+def test_turns_of_any_size_keep_their_phase(kernel, turn_rad):
+    rng = np.random.default_rng(2)
+    t = np.arange(40.0)
+    v = turn_rad * rng.uniform(-1.0, 1.0, t.size)
+    y = rng.normal(0.0, 1.0, t.size)
+    block = OnlineFilter(free_model([1.0], [0.1]), kernel=kernel).process(t, v, y)
+    wanted = literal(t, v, y, [1.0], [0.1], Bench(inertia=0.0, r=0.01)).sum(axis=1)
+    # order * v * dt is the same double on both sides, so only the sines' own rounding differs
+    assert_allclose(block.ripple_nm, wanted, rtol=0.0, atol=1e-12)
+
+
+def test_statsmodels_predicts_the_same(bench, kernel):
+    statespace = pytest.importorskip("statsmodels.tsa.statespace.kalman_filter")
+    t, v, y, _ = motion(1500)
+    orders, noise, _ = REPORT["report-6"]
+    n = t.size
+    turn = np.append(v[:-1] * np.diff(t), 0.0)
+    phi = np.zeros((6, 6, n))
+    for i, order in enumerate(orders):
+        c, s = np.cos(order * turn), np.sin(order * turn)
+        phi[2 * i, 2 * i], phi[2 * i, 2 * i + 1] = c, s
+        phi[2 * i + 1, 2 * i], phi[2 * i + 1, 2 * i + 1] = -s, c
+    residual = y - expected_torque(t, v)
+    start = np.zeros(6)
+    start[::2] = residual[0]
+    other = statespace.KalmanFilter(k_endog=1, k_states=6)
+    other.bind(residual.copy())
+    other["design"] = np.array([[1.0, 0.0, 1.0, 0.0, 1.0, 0.0]])
+    other["obs_cov"] = np.array([[1.0]])
+    other["transition"] = phi
+    other["selection"] = np.eye(6)
+    other["state_cov"] = np.diag(np.repeat(noise, 2))
+    other.initialize_known(start, np.eye(6))
+    forecast = other.filter().forecasts[0]
+    block = OnlineFilter(preset("report-6", bench), kernel=kernel).process(t, v, y)
+    found = block.ripple_nm + block.misalignment_nm
+    # first sample: the report's start predicts 0; later only the order of operations differs
+    assert found[0] == 0.0
+    assert_allclose(found[1:], forecast[1:], rtol=0.0, atol=1e-9)

@@ -1,0 +1,230 @@
+"""Blocks of any split, restarts, gaps and lost samples."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from filter_oracle import literal, motion
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose, assert_array_equal
+
+from hdbench.errors import DataError
+from hdbench.filter import FilteredBlock, FilterModel, OnlineFilter, OscillatorBlock, preset
+from hdbench.filter.core import run_form
+
+MODEL = FilterModel(
+    "own",
+    (OscillatorBlock(2.0, "ripple", 0.1), OscillatorBlock(0.01, "misalignment", 1e-3)),
+    0.5,
+    1.725e-2,
+    100.0,
+    0.005,
+    True,
+    {},
+)
+
+
+def forms():
+    """Return the kernel forms that are there."""
+    found = ["numpy"]
+    try:
+        run_form("c")
+    except ValueError:
+        return found
+    return ["c", *found]
+
+
+def columns(block: FilteredBlock) -> np.ndarray:
+    return np.stack(
+        [
+            block.torque_expected_nm,
+            block.ripple_nm,
+            block.misalignment_nm,
+            block.torque_filtered_nm,
+        ]
+    )
+
+
+def damaged(n=500):
+    t, v, y, angle = motion(n)
+    rng = np.random.default_rng(9)
+    for array, share in ((v, 0.05), (y, 0.1), (angle, 0.1)):
+        array[rng.random(n) < share] = np.nan
+    t[n // 2 :] += 0.2
+    return t, v, y, angle
+
+
+@settings(max_examples=30, deadline=None)
+@given(
+    st.lists(st.integers(0, 500), max_size=12),
+    st.sampled_from(forms()),
+    st.lists(st.floats(0.01, 9.0), min_size=1, max_size=6, unique=True),
+)
+def test_blocks_of_any_split_give_the_same_bits_as_one_call(cuts, form, orders):
+    data = damaged()
+    model = replace(MODEL, blocks=tuple(OscillatorBlock(o, "ripple", 0.1) for o in orders))
+    whole = columns(OnlineFilter(model, kernel=form).process(*data))
+    online = OnlineFilter(model, kernel=form)
+    edges = [0, *sorted(cuts), 500]
+    parts = [
+        columns(online.process(*(channel[a:b] for channel in data))) for a, b in pairwise(edges)
+    ]
+    assert_array_equal(np.concatenate(parts, axis=1), whole)
+
+
+def test_sample_by_sample_gives_the_same_bits_as_one_call(kernel):
+    data = damaged(200)
+    whole = columns(OnlineFilter(MODEL, kernel=kernel).process(*data))
+    online = OnlineFilter(MODEL, kernel=kernel)
+    parts = [columns(online.process(*(c[k : k + 1] for c in data))) for k in range(200)]
+    assert_array_equal(np.concatenate(parts, axis=1), whole)
+
+
+@pytest.mark.parametrize("cut", [0, 1, 137, 250])
+def test_a_restored_state_goes_on_with_the_same_bits(kernel, cut):
+    data = damaged()
+    whole = columns(OnlineFilter(MODEL, kernel=kernel).process(*data))
+    first = OnlineFilter(MODEL, kernel=kernel)
+    first.process(*(c[:cut] for c in data))
+    kept = first.state()
+    first.process(*(c[cut:] for c in data))
+    second = OnlineFilter(MODEL, kernel=kernel)
+    second.restore([float(repr(number)) for number in kept.tolist()])
+    rest = columns(second.process(*(c[cut:] for c in data)))
+    assert_array_equal(rest, whole[:, cut:])
+
+
+def test_a_state_of_one_form_goes_on_in_the_other():
+    if "c" not in forms():
+        pytest.skip("the C kernel was not compiled here")
+    data = damaged()
+    whole = columns(OnlineFilter(MODEL, kernel="c").process(*data))
+    for one, other in (("c", "numpy"), ("numpy", "c")):
+        first, second = OnlineFilter(MODEL, kernel=one), OnlineFilter(MODEL, kernel=other)
+        first.process(*(c[:200] for c in data))
+        second.restore(first.state())
+        # rounding of two orders of summation over a few hundred samples
+        assert_allclose(
+            columns(second.process(*(c[200:] for c in data))), whole[:, 200:], rtol=0, atol=1e-11
+        )
+
+
+@pytest.mark.parametrize(
+    "state", [[0.0, 1.0], np.full(23, np.nan), np.zeros(60)], ids=["short", "nan", "long"]
+)
+def test_a_foreign_state_is_refused(state):
+    with pytest.raises(DataError, match="filter state"):
+        OnlineFilter(MODEL).restore(state)
+
+
+@pytest.mark.parametrize("lost", ["torque", "velocity", "both"])
+def test_a_lost_sample_only_predicts(bench, kernel, lost):
+    t, v, y, _ = motion(1200)
+    gap = slice(600, 640)
+    use = np.ones(1200, bool)
+    use[gap] = False
+    held = v.copy()
+    torque, velocity = y.copy(), v.copy()
+    if lost != "velocity":
+        torque[gap] = np.nan
+    if lost != "torque":
+        velocity[gap] = np.nan
+        held[gap] = v[599]
+    block = OnlineFilter(preset("report-6", bench), kernel=kernel).process(t, velocity, torque)
+    # before the gap and in it, predictions are those of the literal equations without update
+    wanted = literal(t, held, y, [2, 4, 0.01], [1000, 1000, 0.05], use=use).sum(axis=1)
+    found = block.ripple_nm + block.misalignment_nm
+    assert_allclose(found[:641], wanted[:641], rtol=0.0, atol=1e-9)
+    assert_array_equal(np.isnan(block.torque_filtered_nm), np.isnan(torque))
+    assert np.isfinite(found).all()
+    # the filter forgets a wrong start within a few turns: some seconds later the gap is gone
+    whole = OnlineFilter(preset("report-6", bench), kernel=kernel).process(t, v, y)
+    assert_allclose(block.torque_filtered_nm[-200:], whole.torque_filtered_nm[-200:], atol=0.05)
+
+
+def test_a_lost_velocity_holds_the_expected_torque_and_spans_the_gap_after(bench, kernel):
+    t = np.arange(50) * 1e-3
+    v = 100.0 * t
+    v[20:30] = np.nan
+    expected = OnlineFilter(preset("report-a1", bench), kernel=kernel).process(t, v, 0.0 * t)
+    acceleration = expected.torque_expected_nm * 100.0 / 1.725e-2
+    assert_array_equal(acceleration[20:30], np.full(10, acceleration[19]))
+    # Tustin over the true 11 ms since the last velocity: a = (2 * 1.1 + (10 - 11) ms * a1) / 21 ms
+    wanted = (2 * 1.1 + (0.010 - 0.011) * acceleration[19]) / (0.010 + 0.011)
+    # a dozen roundings
+    assert_allclose(acceleration[30], wanted, rtol=1e-12)
+
+
+@pytest.mark.parametrize("value", [np.inf, -np.inf, 1e300, -1.01e12])
+@pytest.mark.parametrize("channel", [1, 2, 3])
+def test_an_impossible_value_counts_as_missing_and_never_poisons_the_state(kernel, channel, value):
+    impossible, missing = motion(400), motion(400)
+    where = [0, 50, 51, 399]
+    impossible[channel][where] = value
+    missing[channel][where] = np.nan
+    one, other = OnlineFilter(MODEL, kernel=kernel), OnlineFilter(MODEL, kernel=kernel)
+    found = columns(one.process(*impossible))
+    assert_array_equal(found, columns(other.process(*missing)))
+    assert_array_equal(one.state(), other.state())
+    assert np.isfinite(one.state()).all()
+    assert np.isfinite(found[:3]).all()
+    assert_array_equal(np.flatnonzero(np.isnan(found[3])), where if channel == 2 else [])
+
+
+def test_before_the_first_usable_sample_nothing_is_predicted(bench, kernel):
+    t, v, y, _ = motion(200)
+    late_v, late_y = v.copy(), y.copy()
+    late_y[:7] = np.nan
+    late_v[:5] = np.nan
+    block = OnlineFilter(preset("report-6", bench), kernel=kernel).process(t, late_v, late_y)
+    assert_array_equal(block.ripple_nm[:8] + block.misalignment_nm[:8], np.zeros(8))
+    shifted = OnlineFilter(preset("report-6", bench), kernel=kernel).process(
+        t[5:], v[5:], late_y[5:]
+    )
+    assert_array_equal(block.torque_filtered_nm[5:], shifted.torque_filtered_nm)
+
+
+def test_a_lost_angle_is_carried_by_the_velocity_and_closed_by_the_next_one(kernel):
+    t, v, y, angle = motion(800)
+    with_holes = angle.copy()
+    with_holes[300:310] = np.nan
+    y[300:312] = np.nan
+    whole = OnlineFilter(MODEL, kernel=kernel).process(t, v, y, angle)
+    holed = OnlineFilter(MODEL, kernel=kernel).process(t, v, y, with_holes)
+    # same total turn over the hole, so the same phase after it; P differs by how Q was turned
+    assert_allclose(holed.torque_filtered_nm[312:], whole.torque_filtered_nm[312:], atol=1e-9)
+
+
+def test_a_record_without_a_sample_is_left_alone(kernel):
+    online = OnlineFilter(MODEL, kernel=kernel)
+    block = online.process([], [], [])
+    assert block.torque_filtered_nm.size == 0
+    assert not online.state().any()
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, 0.003, 0.0])
+def test_time_that_does_not_increase_is_refused_and_changes_nothing(kernel, bad):
+    t = np.arange(10) * 1e-3
+    online = OnlineFilter(MODEL, kernel=kernel)
+    online.process(t[:4], t[:4], t[:4])
+    before = online.state()
+    later = t[4:].copy()
+    later[3] = bad
+    with pytest.raises(DataError, match="time_s") as caught:
+        online.process(later, later, later)
+    assert "sample 3" in caught.value.where
+    assert_array_equal(online.state(), before)
+    with pytest.raises(DataError, match="time_s"):
+        online.process(t[3:], t[3:], t[3:])
+    assert_array_equal(online.state(), before)
+
+
+def test_channels_of_different_length_are_refused(kernel):
+    with pytest.raises(ValueError, match="torque_nm has 2 samples"):
+        OnlineFilter(MODEL, kernel=kernel).process([0.0], [0.0], [0.0, 1.0])
+    with pytest.raises(ValueError, match="one dimension"):
+        OnlineFilter(MODEL, kernel=kernel).process([[0.0]], [0.0], [0.0])
