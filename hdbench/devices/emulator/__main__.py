@@ -1,0 +1,65 @@
+"""The node emulator of one session: its order on stdin, its port on stdout, one JSON line each."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import sys
+from pathlib import Path
+from typing import Any
+
+
+def main() -> int:
+    """Serve the bench described on stdin until stdin ends.
+
+    Returns
+    -------
+    int
+        Exit code of the process.
+    """
+    # Ctrl-C may reach the whole process group; this process outlives it to stop the motor
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    order: dict[str, Any] = json.loads(_first_line(0))
+
+    from hdbench.devices.emulator.serve import EmulatorSettings, emulate_bench
+    from hdbench.errors import HdbenchError
+    from hdbench.profile.schema import ProfileData
+
+    try:
+        emulate_bench(
+            ProfileData.model_validate_json(order["profile"]),
+            order["plant"],
+            order["seed"],
+            EmulatorSettings(pace=order["pace"], record=_path(order["record"]), lifeline=0),
+            ready=lambda host, port: _say({"host": host, "port": port}),
+            model_file=_path(order["model"]),
+        )
+    except HdbenchError as error:
+        _say({"error": error.to_dict()})
+        return error.exit_code
+    return 0
+
+
+def _say(message: dict[str, object]) -> None:
+    sys.stdout.write(json.dumps(message) + "\n")
+    sys.stdout.flush()
+
+
+def _path(text: str | None) -> Path | None:
+    return Path(text) if text else None
+
+
+def _first_line(descriptor: int) -> bytes:
+    """Return what stands before the first newline, and read nothing beyond it."""
+    line = b""
+    while not line.endswith(b"\n"):
+        chunk = os.read(descriptor, 1)
+        if not chunk:
+            break
+        line += chunk
+    return line
+
+
+if __name__ == "__main__":
+    sys.exit(main())

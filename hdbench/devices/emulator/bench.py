@@ -1,0 +1,277 @@
+"""The simulated bench: profile, plant and seed to the raw samples of a node."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hdbench.devices.emulator.clamping import Fixture
+from hdbench.devices.emulator.converter import RawSamples, to_code, to_count
+from hdbench.devices.emulator.draw import draw_effects
+from hdbench.devices.emulator.effects import start_effect
+from hdbench.devices.emulator.extended import cause_volts, with_model
+from hdbench.devices.emulator.fixture import PositionGain
+from hdbench.devices.emulator.plantfile import PlantSpec
+from hdbench.devices.emulator.timeline import Timeline, reference_values_v
+from hdbench.devices.emulator.torque import AnalogueChannels
+from hdbench.devices.emulator.truth import sensor_truth, torque_truth
+from hdbench.errors import UsageError
+from hdbench.profile.schema import ProfileData, ReferenceWave
+from hdbench.records.trace import FloatArray
+
+if TYPE_CHECKING:
+    from hdbench.model import BenchModel
+
+__all__ = ["SimulatedBench"]
+
+# One random stream per purpose: what one of them draws does not move another.
+_EFFECTS, _GAIN, _CLAMPING, _ACQUISITION = range(4)
+
+# Below this speed the drive is switched off: a quarter of an encoder count of 1.6 mrad per second.
+_STANDSTILL_RAD_S = 4e-4
+
+# Time after a halt for which causes of an extended model are computed: ten time constants of a
+# velocity loop of 1.6 Hz, slower than any servo.
+_BRAKING_S = 1.0
+
+
+class SimulatedBench:
+    """Drive, load, sensor and converter behind a node's registers.
+
+    Parameters
+    ----------
+    profile : ProfileData
+        The bench.
+    plant : PlantSpec
+        What it has beyond its model.
+    seed : int
+        Chooses noise, effects and the gain by position; at least 0.
+    model : BenchModel, optional
+        An extended model to emulate in place of the profile's.
+
+    Raises
+    ------
+    UsageError
+        If `seed` is negative.
+
+    Notes
+    -----
+    Every acquisition begins with the wave generator and the load standing at their home marks:
+    motor angle, output angle and encoder count are 0 at its first sample, and phases refer to it.
+    Equations, sources and assumptions stand in ``docs/plant.md``.
+    """
+
+    def __init__(
+        self,
+        profile: ProfileData,
+        plant: PlantSpec,
+        seed: int,
+        *,
+        model: BenchModel | None = None,
+    ) -> None:
+        if not seed >= 0:
+            raise UsageError(
+                f"seed {seed} is negative; needed: a whole number of at least 0",
+                where="--seed",
+                fix="give a seed of 0 or more",
+            )
+        self._profile = profile if model is None else with_model(profile, model)
+        self._plant = plant
+        self._seed = seed
+        self._model = model
+        self._effects = draw_effects(plant, self._stream(_EFFECTS))
+        sensor = profile.sensor
+        self._gain = PositionGain.draw(
+            sensor.gain_nm_per_v, sensor.gain_consistency, self._stream(_GAIN)
+        )
+        self._fixture = Fixture(
+            profile.arm,
+            plant.data.fixture,
+            self._gain,
+            lambda number: self._stream(_CLAMPING, number),
+        )
+        self._channels = AnalogueChannels.build(self._profile, plant.data.motor, self._effects)
+        self._acquisitions = 0
+        self._noise = self._stream(_ACQUISITION)
+        self._timeline: Timeline | None = None
+        self._driven = False
+        self._cause_v: FloatArray = np.zeros(1)
+
+    @property
+    def reference_v(self) -> float:
+        """Motor reference that is put out now, V."""
+        return 0.0 if self._timeline is None else self._timeline.reference_now_v
+
+    @property
+    def velocity_rad_s(self) -> float:
+        """True motor speed now, rad/s."""
+        return 0.0 if self._timeline is None else self._timeline.velocity_now_rad_s
+
+    @property
+    def enabled(self) -> bool:
+        """Whether the drive is on: from the begin of a driven run to standstill after its halt."""
+        if self._timeline is None or not self._driven:
+            return False
+        return not self._timeline.stopped or abs(self.velocity_rad_s) > _STANDSTILL_RAD_S
+
+    def begin(
+        self, *, sample_period_s: float, wave: ReferenceWave | None, duration_s: float
+    ) -> None:
+        """Begin a new acquisition from standstill at the home marks.
+
+        Parameters
+        ----------
+        sample_period_s : float
+            Sampling period, s, above 0.
+        wave : ReferenceWave or None
+            Reference generator; None keeps the drive disabled.
+        duration_s : float
+            Length of the acquisition, s, above 0. After it the generator's last value stays until
+            `halt`.
+
+        Raises
+        ------
+        UsageError
+            If a time is not positive and finite.
+        DataError
+            If a cause of the extended model needs a channel that no motion has.
+        """
+        if not (0.0 < sample_period_s < math.inf and 0.0 < duration_s < math.inf):
+            raise UsageError(
+                f"sample_period_s {sample_period_s!r}, duration_s {duration_s!r}; needed: positive "
+                "and finite, s",
+                where="simulated acquisition",
+                fix="give times above 0 s",
+            )
+        if self._timeline is not None:
+            self._fixture.restart(self._timeline.now_s)
+        self._noise = self._stream(_ACQUISITION, self._acquisitions)
+        self._acquisitions += 1
+        self._driven = wave is not None
+        effects = tuple(start_effect(effect, self._noise) for effect in self._effects)
+        self._channels = AnalogueChannels.build(self._profile, self._plant.data.motor, effects)
+        reference_v = reference_values_v(sample_period_s, wave, duration_s)
+        self._cause_v = self._causes(sample_period_s, reference_v)
+        self._timeline = Timeline(self._channels, sample_period_s, reference_v, self._fixture.mount)
+
+    def halt(self) -> None:
+        """Zero the motor reference now; the drive brakes to standstill within its limits."""
+        timeline = self._timeline
+        if timeline is None or timeline.stopped:
+            return
+        timeline.stop()
+        braking = round(_BRAKING_S / timeline.sample_period_s)
+        until = timeline.now_hold + max(1, braking)
+        self._cause_v = self._causes(timeline.sample_period_s, timeline.references(0, until))
+
+    def advance(self, n_samples: int) -> RawSamples:
+        """Return the next samples.
+
+        Parameters
+        ----------
+        n_samples : int
+            How many, at least 0. Any split of the same total gives the same bits.
+
+        Returns
+        -------
+        RawSamples
+
+        Raises
+        ------
+        UsageError
+            If no acquisition was begun, or `n_samples` is negative.
+        """
+        timeline = self._timeline
+        if timeline is None or not n_samples >= 0:
+            raise UsageError(
+                f"{n_samples} samples asked for; needed: an acquisition that was begun, and 0 "
+                "samples or more",
+                where="simulated bench",
+                fix="begin an acquisition first",
+            )
+        first = timeline.served
+        true = timeline.advance(n_samples)
+        sensor, tacho = self._profile.sensor, self._profile.tacho
+        noise = self._noise.standard_normal((n_samples, 2))
+        # beyond its last value a cause stays where it is
+        index = np.minimum(np.arange(first, first + n_samples), len(self._cause_v) - 1)
+        torque_noise_v = noise[:, 0] * (sensor.noise_nm / sensor.gain_nm_per_v)
+        return RawSamples(
+            torque_code=self._code(true.volts[0] + self._cause_v[index] + torque_noise_v),
+            tacho_code=self._code(true.volts[1] + noise[:, 1] * tacho.noise_v),
+            current_code=self._code(true.volts[2]),
+            reference_code=self._code(true.reference_v),
+            encoder_count=to_count(true.angle_rad, self._profile.encoder.counts_per_turn),
+        )
+
+    def set_fixture(
+        self, *, locked: bool, position_rad: float, mass_kg: float, direction: int
+    ) -> None:
+        """Lock or release the wave generator, turn the flexspline, hang a weight.
+
+        Parameters
+        ----------
+        locked : bool
+            Whether the wave generator is locked and the arm mounted.
+        position_rad : float
+            Flexspline position, rad, finite.
+        mass_kg : float
+            Mass on the arm, kg, at least 0; does nothing while not locked.
+        direction : int
+            +1 loads clockwise, -1 counter-clockwise.
+
+        Raises
+        ------
+        UsageError
+            If a value is out of its domain.
+        """
+        now_s = 0.0 if self._timeline is None else self._timeline.now_s
+        mount = self._fixture.change(
+            now_s,
+            locked=locked,
+            position_rad=position_rad,
+            mass_kg=mass_kg,
+            direction=direction,
+        )
+        if self._timeline is not None:
+            self._timeline.remount(mount)
+
+    def truth(self) -> dict[str, object]:
+        """Return everything that is simulated, ready for JSON.
+
+        Returns
+        -------
+        dict
+            ``gain_nm_per_v``: average of the gain over the whole turn of the flexspline, which is
+            also the gain in motion; gains at equally spaced positions (2, 3, 4, 6, 8, 12 or 24) are
+            independent and normal about it over seeds, so their plain mean is unbiased for it.
+            ``gain_at_position``: [position in rad, gain in N m/V] at 24 positions, without the
+            repeatability of one clamping. ``zero_nm``, ``ripple`` (motor orders), ``misalignment``,
+            ``effects`` (as they are in the present acquisition), ``gauges`` (what the bridge's
+            ripple comes from), ``causes`` (names of an extended model's), ``plant``, ``seed``.
+        """
+        return {
+            "plant": self._plant.name,
+            "plant_sha256": self._plant.sha256,
+            "seed": self._seed,
+            **sensor_truth(self._gain, self._channels),
+            **torque_truth(self._profile, self._channels.effects),
+            "causes": [] if self._model is None else [term.name for term in self._model.causes],
+        }
+
+    def _stream(self, *key: int) -> np.random.Generator:
+        """Return the random stream of one purpose."""
+        return np.random.default_rng([self._seed, *key])
+
+    def _causes(self, sample_period_s: float, reference_v: FloatArray) -> FloatArray:
+        """Return what an extended model adds at every sample, V; nothing while locked."""
+        if self._model is None or self._fixture.mount.locked:
+            return np.zeros(1)
+        return cause_volts(self._model, self._profile, sample_period_s, reference_v)
+
+    def _code(self, volt: FloatArray) -> NDArray[np.int16]:
+        """Return codes of a channel."""
+        return to_code(volt, self._profile.daq.range_v, self._profile.daq.resolution_bits)

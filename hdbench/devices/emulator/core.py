@@ -1,0 +1,241 @@
+"""The node behind its register map: blocks, sessions, refusals."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable, Mapping
+
+from hdbench.devices.emulator.machine import NodeMachine
+from hdbench.devices.emulator.parameters import DEFAULT_PARAMETERS, RefusedError, check_parameters
+from hdbench.devices.emulator.session import HELD, Session
+from hdbench.devices.emulator.window import BlockWindow
+from hdbench.devices.node import registers as reg
+from hdbench.devices.node.codec import Value, decode_group, encode_group
+from hdbench.devices.node.registers import Command, Refusal, Register, State
+
+__all__ = ["NodeCore"]
+
+_GROUPS = (
+    reg.BLOCK,
+    reg.IDENTITY,
+    reg.LIMITS,
+    reg.STATUS,
+    reg.FEED,
+    reg.PARAMETERS,
+    reg.CONTROL,
+    reg.SESSION,
+    reg.FIXTURE,
+)
+
+
+class NodeCore:
+    """Answers reads and writes of registers for any number of connections.
+
+    Parameters
+    ----------
+    machine : NodeMachine
+        The node's acquisition and motor.
+    identity, limits : mapping
+        Values of the two read-only blocks.
+    clock : callable
+        Monotonic clock, s.
+    """
+
+    def __init__(
+        self,
+        machine: NodeMachine,
+        *,
+        identity: Mapping[str, Value],
+        limits: Mapping[str, Value],
+        clock: Callable[[], float],
+    ) -> None:
+        self.machine = machine
+        self._identity = encode_group(reg.IDENTITY, identity)
+        self._limits_raw = encode_group(reg.LIMITS, limits)
+        # limits as a host reads them, rounded to 32-bit floats
+        self._limits = decode_group(reg.LIMITS, self._limits_raw)
+        self._window = BlockWindow(machine)
+        self._session = Session(clock)
+        self._parameters = dict(DEFAULT_PARAMETERS)
+        self._fixture: dict[str, Value] = {
+            "fixture_locked": 0,
+            "fixture_direction": 1,
+            "fixture_position_rad": 0.0,
+            "fixture_mass_kg": 0.0,
+        }
+        self._feed = {"ack": 0, "heartbeat": 0}
+        self._command = 0
+        self._refusals: dict[int, tuple[Refusal, int]] = {}
+
+    def read(self, address: int, count: int, connection: int) -> bytes:
+        """Return the bytes of `count` registers from `address`.
+
+        Raises
+        ------
+        RefusedError
+            With exception 2 where the map has no such registers.
+        """
+        group = _group_of(address, count)
+        offset = 2 * (address - group[0].address)
+        return self._image(group, connection)[offset : offset + 2 * count]
+
+    def write(self, address: int, raw: bytes, connection: int) -> None:
+        """Write registers; all of them or none.
+
+        Raises
+        ------
+        RefusedError
+            With exception 2 (no such register), 3 (value or limit), 4 (a trip is latched) or 6
+            (running, or held by another host).
+        """
+        group = _group_of(address, len(raw) // 2)
+        chosen = _whole_registers(group, address, len(raw) // 2)
+        values = decode_group(chosen, raw)
+        if group is reg.SESSION:
+            self._session.take(int(values["session"]), connection)
+            return
+        if not self._always_allowed(values) and self._session.state(connection) == HELD:
+            raise RefusedError(6, Refusal.SESSION_HELD, reg.register("session").address)
+        if group is reg.FEED:
+            self._accept_feed(values)
+        elif group is reg.PARAMETERS:
+            self._accept_parameters(values)
+        elif group is reg.CONTROL:
+            self._accept_command(int(values["command"]), address)
+        else:
+            self._accept_fixture(values, address)
+
+    def tick(self) -> None:
+        """Let the wall clock act."""
+        self.machine.tick()
+        self._session.tick()
+
+    def disconnected(self, connection: int) -> None:
+        """Note that a connection is gone."""
+        self._refusals.pop(connection, None)
+        self._session.disconnected(connection)
+
+    def note_refusal(self, refused: RefusedError, connection: int) -> None:
+        """Keep the reason of a refusal for this connection to read."""
+        self._refusals[connection] = (refused.reason, refused.address)
+
+    def _image(self, group: tuple[Register, ...], connection: int) -> bytes:
+        if group is reg.BLOCK:
+            return self._window.image()
+        if group is reg.IDENTITY:
+            return self._identity
+        if group is reg.LIMITS:
+            return self._limits_raw
+        if group is reg.STATUS:
+            self.machine.look()
+            return encode_group(reg.STATUS, self._status(connection))
+        if group is reg.FEED:
+            return encode_group(reg.FEED, self._feed)
+        if group is reg.PARAMETERS:
+            return encode_group(reg.PARAMETERS, self._parameters)
+        if group is reg.CONTROL:
+            return struct.pack(">H", self._command)
+        if group is reg.SESSION:
+            return struct.pack(">I", 0)
+        return encode_group(reg.FIXTURE, self._fixture)
+
+    def _status(self, connection: int) -> dict[str, Value]:
+        machine = self.machine
+        refusal, refused_address = self._refusals.get(connection, (Refusal.NONE, 0))
+        waiting = machine.fifo.depth + self._window.scans
+        return {
+            "state": int(machine.state),
+            "status_flags": machine.flags(),
+            "samples_ready": min(waiting, 0xFFFF),
+            "starts": machine.starts,
+            "samples_taken": machine.fifo.taken,
+            "samples_lost": machine.fifo.lost,
+            "reference_v": machine.bench.reference_v,
+            "velocity_rad_s": machine.bench.velocity_rad_s,
+            "encoder_count": (machine.encoder_count + 2**31) % 2**32 - 2**31,
+            "device_time_ms": round(1e3 * machine.device_s) % 2**32,
+            "mark_start_ms": round(1e3 * machine.mark_start_s) % 2**32,
+            "mark_stop_ms": round(1e3 * machine.mark_stop_s) % 2**32,
+            "watchdog_trips": machine.trips % 0x10000,
+            "refusal": int(refusal),
+            "refused_address": refused_address,
+            "session_state": self._session.state(connection),
+        }
+
+    def _always_allowed(self, values: Mapping[str, Value]) -> bool:
+        """Anybody may stop the motor at any time."""
+        return values.get("command") in (Command.STOP, Command.SAFE)
+
+    def _accept_feed(self, values: Mapping[str, Value]) -> None:
+        if "heartbeat" in values and values["heartbeat"] != self._feed["heartbeat"]:
+            self._feed["heartbeat"] = int(values["heartbeat"])
+            self.machine.feed_watchdog()
+        if "ack" in values:
+            self._feed["ack"] = int(values["ack"])
+            self._window.acknowledge(self._feed["ack"])
+
+    def _accept_parameters(self, values: Mapping[str, Value]) -> None:
+        self._refuse_while_running(reg.PARAMETERS[0].address)
+        wanted = {**self._parameters, **values}
+        check_parameters(wanted, self._limits)
+        self._parameters = wanted
+        self.machine.rearm()
+
+    def _accept_command(self, command: int, address: int) -> None:
+        if command == Command.START:
+            self._refuse_while_running(address)
+            if self.machine.state == State.TRIPPED:
+                raise RefusedError(4, Refusal.TRIPPED, address)
+            check_parameters(self._parameters, self._limits)
+            self._feed["ack"] = 0
+            self._window.clear()
+            self.machine.start(self._parameters)
+        elif command in (Command.STOP, Command.SAFE):
+            self.machine.end(State.STOPPED)
+            if command == Command.SAFE:
+                # a start needs a new parameter block after this
+                self._parameters = dict(DEFAULT_PARAMETERS)
+        else:
+            raise RefusedError(3, Refusal.VALUE, address)
+        self._command = command
+
+    def _accept_fixture(self, values: Mapping[str, Value], address: int) -> None:
+        self._refuse_while_running(address)
+        wanted = {**self._fixture, **values}
+        # chained comparisons: a NaN fails them
+        if not (
+            wanted["fixture_locked"] in (0, 1)
+            and wanted["fixture_direction"] in (-1, 1)
+            and -1e3 <= float(wanted["fixture_position_rad"]) <= 1e3
+            and 0.0 <= float(wanted["fixture_mass_kg"]) <= 1e3
+        ):
+            raise RefusedError(3, Refusal.VALUE, address)
+        self._fixture = wanted
+        self.machine.bench.set_fixture(
+            locked=bool(wanted["fixture_locked"]),
+            position_rad=float(wanted["fixture_position_rad"]),
+            mass_kg=float(wanted["fixture_mass_kg"]),
+            direction=int(wanted["fixture_direction"]),
+        )
+
+    def _refuse_while_running(self, address: int) -> None:
+        if self.machine.state == State.RUNNING:
+            raise RefusedError(6, Refusal.RUNNING, address)
+
+
+def _group_of(address: int, count: int) -> tuple[Register, ...]:
+    """Return the one group that covers the span."""
+    for group in _GROUPS:
+        last = group[-1]
+        if group[0].address <= address and address + count <= last.address + last.size:
+            return group
+    raise RefusedError(2, Refusal.ADDRESS, address)
+
+
+def _whole_registers(group: tuple[Register, ...], address: int, count: int) -> tuple[Register, ...]:
+    """Return the writable entries that the span covers exactly."""
+    end = address + count
+    chosen = tuple(e for e in group if e.address >= address and e.address + e.size <= end)
+    if group[0].access != "rw" or sum(entry.size for entry in chosen) != count:
+        raise RefusedError(2, Refusal.ADDRESS, address)
+    return chosen

@@ -1,0 +1,190 @@
+"""Locked wave generator with arm and weights, and the sensor's gain by position."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from hdbench.records.trace import FloatArray
+
+__all__ = ["GAIN_HARMONICS", "ArmLoad", "PositionGain", "Settling"]
+
+# Every one of 2, 3, 4, 6, 8, 12 and 24 divides it: at so many equally spaced positions the sum of
+# cos(h * spacing) over the harmonics 1..24 is zero, so the gains there are independent.
+GAIN_HARMONICS = 24
+
+
+@dataclass(frozen=True, slots=True)
+class PositionGain:
+    r"""Gain of the sensor by flexspline position: a random function without a single cause.
+
+    Parameters
+    ----------
+    mean_nm_per_v : float
+        Average over the whole turn, N m/V.
+    spread : float
+        Standard deviation over positions, share of the average.
+    cosine, sine : ndarray, shape (GAIN_HARMONICS,)
+        Standard normal coefficients.
+
+    Notes
+    -----
+    :math:`G(\varphi) = G_0 [1 + c \, g(\varphi)]`,
+    :math:`g = H^{-1/2} \sum_{h=1}^{H} a_h \cos h \varphi + b_h \sin h \varphi`, H = 24. There is no
+    h = 0 term, so the average over the turn is :math:`G_0` for every seed; at any position g is
+    standard normal over seeds.
+    """
+
+    mean_nm_per_v: float
+    spread: float
+    cosine: FloatArray
+    sine: FloatArray
+
+    @classmethod
+    def draw(cls, mean_nm_per_v: float, spread: float, rng: np.random.Generator) -> PositionGain:
+        """Return a gain function drawn from `rng`.
+
+        Parameters
+        ----------
+        mean_nm_per_v : float
+            Average over the turn, N m/V.
+        spread : float
+            Standard deviation over positions, share.
+        rng : numpy.random.Generator
+            Source of the coefficients.
+
+        Returns
+        -------
+        PositionGain
+        """
+        cosine, sine = rng.standard_normal((2, GAIN_HARMONICS))
+        return cls(mean_nm_per_v, spread, cosine, sine)
+
+    def at(self, position_rad: float) -> float:
+        """Return the gain at `position_rad`, N m/V.
+
+        Parameters
+        ----------
+        position_rad : float
+            Flexspline position, rad.
+
+        Returns
+        -------
+        float
+            Gain, N m/V.
+        """
+        angle = np.arange(1, GAIN_HARMONICS + 1) * position_rad
+        wave = float(self.cosine @ np.cos(angle) + self.sine @ np.sin(angle))
+        return self.mean_nm_per_v * (1.0 + self.spread * wave / math.sqrt(GAIN_HARMONICS))
+
+
+@dataclass(frozen=True, slots=True)
+class Settling:
+    """How a weight that was just hung comes to rest.
+
+    Parameters
+    ----------
+    bounce_hz, bounce_damping : float
+        Frequency, Hz, and damping ratio of arm and weight on the flexspline.
+    swing_rad : float
+        Angle at which the weight starts to swing, rad.
+    pendulum_m : float
+        Length of the hanger, m.
+    swing_decay_s : float
+        Time constant of the swing, s.
+    """
+
+    bounce_hz: float
+    bounce_damping: float
+    swing_rad: float
+    pendulum_m: float
+    swing_decay_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class ArmLoad:
+    r"""Torque of arm and weight since the weight was last changed.
+
+    Parameters
+    ----------
+    before_nm, after_nm : float
+        Torque before and after the change, N m; cw positive.
+    gravity_m_s2 : float
+        Local gravity, m/s^2.
+    settling : Settling
+        Transient.
+
+    Notes
+    -----
+    The arm bounces as a second-order system with the damping ratio z,
+    :math:`T = T_1 + (T_0 - T_1) e^{-z \omega t} (\cos \omega_d t + z / \sqrt{1 - z^2}
+    \sin \omega_d t)`, and the weight swings as a pendulum: its vertical force goes as
+    :math:`1 + \theta^2 \cos 2 \Omega t`, :math:`\Omega = \sqrt{g / l}`,
+    :math:`\theta = \theta_0 e^{-t / \tau}`.
+    """
+
+    before_nm: float
+    after_nm: float
+    gravity_m_s2: float
+    settling: Settling
+
+    def torque_nm(self, age_s: FloatArray) -> FloatArray:
+        """Return the torque at `age_s` after the change.
+
+        Parameters
+        ----------
+        age_s : ndarray
+            Time since the change, s; before it the old weight hangs still.
+
+        Returns
+        -------
+        ndarray, shape of `age_s`
+            Torque, N m.
+        """
+        if self.before_nm == self.after_nm:
+            return np.full_like(age_s, self.after_nm)
+        s = self.settling
+        age = np.maximum(age_s, 0.0)
+        omega = 2.0 * math.pi * s.bounce_hz
+        root = math.sqrt(1.0 - s.bounce_damping**2)
+        turn = omega * root * age
+        bounce = np.exp(-s.bounce_damping * omega * age) * (
+            np.cos(turn) + s.bounce_damping / root * np.sin(turn)
+        )
+        swing = (s.swing_rad * np.exp(-age / s.swing_decay_s)) ** 2
+        swing = swing * np.cos(2.0 * math.sqrt(self.gravity_m_s2 / s.pendulum_m) * age)
+        moved = self.after_nm * (1.0 + swing) + (self.before_nm - self.after_nm) * bounce
+        return np.where(age_s < 0.0, self.before_nm, moved)
+
+
+@dataclass(frozen=True, slots=True)
+class Mount:
+    """State of lock, arm and weight.
+
+    Parameters
+    ----------
+    locked : bool
+        Whether the wave generator is locked and the arm mounted.
+    position_rad : float
+        Flexspline position under the standing wave generator, rad.
+    gain_nm_per_v : float
+        Gain of the sensor in this clamping, N m/V.
+    load : ArmLoad
+        Torque of arm and weight.
+    since_s : float
+        Acquisition time at which the weight was changed, s.
+    """
+
+    locked: bool
+    position_rad: float
+    gain_nm_per_v: float
+    load: ArmLoad
+    since_s: float
+
+    def torque_now_nm(self, now_s: float) -> float:
+        """Return the arm's torque at acquisition time `now_s`, N m; 0 while not locked."""
+        if not self.locked:
+            return 0.0
+        return float(self.load.torque_nm(np.array([now_s - self.since_s]))[0])

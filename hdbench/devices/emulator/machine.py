@@ -1,0 +1,226 @@
+"""The node's acquisition: sampling, motion, watchdog and clock, without any wire."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Literal, Protocol
+
+import numpy as np
+
+from hdbench.devices.emulator.converter import RawSamples
+from hdbench.devices.emulator.fifo import ScanFifo
+from hdbench.devices.emulator.parameters import reference_wave
+from hdbench.devices.emulator.ratings import FIFO_SCANS
+from hdbench.devices.node.codec import Value, encode_scans
+from hdbench.devices.node.registers import BLOCK_SCANS, Flag, State
+from hdbench.profile.schema import ReferenceWave
+
+__all__ = ["NodeMachine", "Pace", "PlantBench", "Record"]
+
+Pace = Literal["realtime", "fast"]
+Record = Callable[[Mapping[str, object]], None]
+
+# idle time is made up in steps of at most this many samples, so that a long sleep costs nothing
+_MAX_IDLE_SAMPLES = 1000
+# fast pace: device time produced at once, kept below the time in which a host reacts
+_FAST_CHUNK_S = 0.2
+_FAST_CHUNK_SCANS = 10 * BLOCK_SCANS
+# fast pace: device time that passes per look at a motor that is still turning
+_FAST_IDLE_S = 0.02
+
+
+class PlantBench(Protocol):
+    """What the node needs of the simulated bench."""
+
+    @property
+    def reference_v(self) -> float:
+        """Motor reference that is put out now, V."""
+        ...
+
+    @property
+    def enabled(self) -> bool:
+        """Whether the drive is on: from the begin of a driven acquisition to standstill."""
+        ...
+
+    @property
+    def velocity_rad_s(self) -> float:
+        """True motor speed, rad/s."""
+        ...
+
+    def begin(
+        self, *, sample_period_s: float, wave: ReferenceWave | None, duration_s: float
+    ) -> None:
+        """Begin a new acquisition; without a wave the drive is disabled."""
+        ...
+
+    def halt(self) -> None:
+        """Set the reference to zero; the drive decelerates and stays at zero."""
+        ...
+
+    def advance(self, n_samples: int) -> RawSamples:
+        """Return the next samples."""
+        ...
+
+    def set_fixture(
+        self, *, locked: bool, position_rad: float, mass_kg: float, direction: int
+    ) -> None:
+        """Set lock, flexspline position and weight."""
+        ...
+
+
+class NodeMachine:
+    """One node with its bench.
+
+    Parameters
+    ----------
+    bench : PlantBench
+        The simulated bench.
+    pace : {"realtime", "fast"}
+        Samples by the wall clock, or as fast as the host reads them.
+    clock : callable
+        Monotonic clock, s.
+    record : callable
+        Takes one mapping per change of state and while the motor turns.
+    """
+
+    def __init__(
+        self, bench: PlantBench, *, pace: Pace, clock: Callable[[], float], record: Record
+    ) -> None:
+        self.bench = bench
+        self.state = State.IDLE
+        self.fifo = ScanFifo(FIFO_SCANS)
+        self.starts = self.trips = self.encoder_count = 0
+        self.device_s = self.mark_start_s = self.mark_stop_s = 0.0
+        self._pace = pace
+        self._clock = clock
+        self._record = record
+        self._period_s = 1e-3
+        self._n_samples = 0
+        self._watchdog_s = 0.0
+        self._fed_s = self._started_s = self._ticked_s = clock()
+
+    @property
+    def busy(self) -> bool:
+        """Whether an acquisition runs or the motor is not at a standstill yet."""
+        return self.state == State.RUNNING or self.bench.enabled
+
+    def start(self, parameters: Mapping[str, Value]) -> None:
+        """Start an acquisition from a checked parameter block and arm the watchdog."""
+        wave = reference_wave(parameters)
+        self._period_s = 1e-9 * int(parameters["sample_period_ns"])
+        self._n_samples = int(parameters["n_samples"])
+        self._watchdog_s = 1e-3 * int(parameters["watchdog_ms"])
+        self.fifo.clear()
+        self.bench.begin(
+            sample_period_s=self._period_s, wave=wave, duration_s=self._n_samples * self._period_s
+        )
+        self.starts = (self.starts + 1) % 0x10000
+        self.mark_start_s = self.mark_stop_s = self.device_s
+        self._fed_s = self._started_s = self._ticked_s = self._clock()
+        self.state = State.RUNNING
+        self._note("start")
+
+    def end(self, state: State) -> None:
+        """End the acquisition, if one runs, and bring the motor to a standstill in any case."""
+        self.bench.halt()
+        if self.state == State.RUNNING:
+            self.state = state
+            self.mark_stop_s = self.device_s
+            self._ticked_s = self._clock()
+            self._note(state.name.lower())
+
+    def feed_watchdog(self) -> None:
+        """Note a sign of life of the host."""
+        self._fed_s = self._clock()
+
+    def rearm(self) -> None:
+        """Clear a latched trip."""
+        if self.state != State.RUNNING:
+            self.state = State.IDLE
+
+    def tick(self) -> None:
+        """Let the wall clock act: watchdog, samples in real time, deceleration."""
+        now_s = self._clock()
+        if self.state == State.RUNNING:
+            if self._pace == "realtime":
+                due = int((now_s - self._started_s) / self._period_s) + 1 - self.fifo.taken
+                self._produce(due)
+            if self.state == State.RUNNING and now_s - self._fed_s > self._watchdog_s:
+                self.trips += 1
+                self.end(State.TRIPPED)
+            return
+        self._idle(int((now_s - self._ticked_s) / self._period_s))
+
+    def look(self) -> None:
+        """Let device time pass for one look at the status, in the fast pace."""
+        if self._pace == "fast" and self.state != State.RUNNING:
+            self._idle(max(1, round(_FAST_IDLE_S / self._period_s)))
+
+    def produce_ahead(self) -> None:
+        """In the fast pace, fill the buffer by a chunk when it holds less than one."""
+        if self._pace == "fast" and self.state == State.RUNNING:
+            chunk = int(np.clip(_FAST_CHUNK_S / self._period_s, BLOCK_SCANS, _FAST_CHUNK_SCANS))
+            if self.fifo.depth < chunk:
+                self._produce(chunk)
+
+    def block_is_due(self) -> bool:
+        """Return whether a block is full, old enough, or the last one."""
+        age = self.fifo.taken - self.fifo.next_out
+        # 50 ms: what a person watching does not notice
+        return self.state != State.RUNNING or age >= BLOCK_SCANS or age * self._period_s >= 0.05
+
+    def flags(self) -> int:
+        """Return the flags of this moment."""
+        return int(
+            (Flag.OVERFLOW if self.fifo.lost else 0)
+            | (Flag.RUNNING if self.state == State.RUNNING else 0)
+            | (Flag.WATCHDOG_TRIPPED if self.state == State.TRIPPED else 0)
+            | (Flag.DRIVE_ENABLED if self.bench.enabled else 0)
+        )
+
+    def _produce(self, count: int) -> None:
+        count = min(count, self._n_samples - self.fifo.taken)
+        if count > 0:
+            samples = self.bench.advance(count)
+            self.device_s += count * self._period_s
+            codes = np.stack(
+                (
+                    samples.torque_code,
+                    samples.tacho_code,
+                    samples.current_code,
+                    samples.reference_code,
+                ),
+                axis=1,
+            )
+            self.encoder_count = int(samples.encoder_count[-1])
+            self.fifo.append(encode_scans(codes, samples.encoder_count))
+            self._note("sampling")
+        if self.fifo.taken >= self._n_samples:
+            self.end(State.FINISHED)
+
+    def _idle(self, count: int) -> None:
+        """Let the bench go on without an acquisition, as long as the motor turns."""
+        if count < 1:
+            return
+        self._ticked_s = self._clock()
+        self.device_s += count * self._period_s
+        if not self.bench.enabled:
+            return
+        samples = self.bench.advance(min(count, _MAX_IDLE_SAMPLES))
+        self.encoder_count = int(samples.encoder_count[-1])
+        self._note("slowing" if self.bench.enabled else "standstill")
+
+    def _note(self, event: str) -> None:
+        self._record(
+            {
+                "event": event,
+                "monotonic_s": self._clock(),
+                "device_s": self.device_s,
+                "state": self.state.name.lower(),
+                "reference_v": self.bench.reference_v,
+                "velocity_rad_s": self.bench.velocity_rad_s,
+                "samples_taken": self.fifo.taken,
+                "samples_lost": self.fifo.lost,
+                "watchdog_trips": self.trips,
+            }
+        )

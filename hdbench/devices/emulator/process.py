@@ -1,0 +1,161 @@
+"""The emulator as a process of its own, started and stopped by the session that needs it."""
+
+from __future__ import annotations
+
+import json
+import os
+import select
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+from hdbench.devices.emulator.machine import Pace
+from hdbench.errors import DeviceError, HdbenchError, ProfileError
+from hdbench.profile.schema import ProfileData
+
+__all__ = ["running_emulator"]
+
+# a cold start imports numpy and builds the plant; minutes only on a machine that is swamped
+_START_S = 60.0
+# the node gives its watchdog 3 s to stop the motor
+_END_S = 5.0
+_WHERE = "embedded bench"
+
+
+@contextmanager
+def running_emulator(
+    profile: ProfileData,
+    *,
+    plant: str,
+    seed: int,
+    pace: Pace,
+    model_file: Path | None = None,
+    record: Path | None = None,
+) -> Iterator[tuple[str, int]]:
+    """Run an emulated node in a process of its own.
+
+    Parameters
+    ----------
+    profile : ProfileData
+        The bench.
+    plant : str
+        Name or path of the plant.
+    seed : int
+        Seed of everything simulated.
+    pace : {"realtime", "fast"}
+        Samples by the wall clock, or as fast as the host reads them.
+    model_file : Path, optional
+        Extended model to emulate in place of the profile's.
+    record : Path, optional
+        File for the node's changes of state, one JSON line each.
+
+    Yields
+    ------
+    tuple of str and int
+        Host and port.
+
+    Raises
+    ------
+    DeviceError
+        If the process does not come up.
+    ProfileError
+        If the plant or the model file is invalid.
+
+    Notes
+    -----
+    The process is in a session of its own, so that Ctrl-C does not reach it, and ends by itself
+    when this process does: its standard input ends, its watchdog stops the motor, it leaves.
+    """
+    order = {
+        "profile": profile.model_dump_json(),
+        "plant": plant,
+        "seed": seed,
+        "pace": pace,
+        "model": str(model_file) if model_file else None,
+        "record": str(record) if record else None,
+    }
+    process = subprocess.Popen(
+        [sys.executable, "-m", "hdbench.devices.emulator"],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        start_new_session=True,
+        env=_environment(),
+    )
+    try:
+        message = _handshake(process, json.dumps(order).encode() + b"\n")
+        yield str(message["host"]), int(message["port"])
+    finally:
+        _end(process)
+
+
+def _environment() -> dict[str, str]:
+    """Return this process' environment, with this process' module path."""
+    paths = [path for path in sys.path if path]
+    # one thread: the plant's small matrix products are slower in several
+    threads = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
+    return {**os.environ, **threads, "PYTHONPATH": os.pathsep.join(paths)}
+
+
+def _handshake(process: subprocess.Popen[bytes], order: bytes) -> dict[str, Any]:
+    """Hand the order over and return the emulator's one line of answer."""
+    if process.stdin is None or process.stdout is None:
+        raise DeviceError("no pipes to the emulator", where=_WHERE, fix="run again")
+    # if it is gone already, the missing line below says so
+    with suppress(BrokenPipeError):
+        process.stdin.write(order)
+        process.stdin.flush()
+    line = _line(process.stdout.fileno(), time.monotonic() + _START_S)
+    if not line.endswith(b"\n"):
+        raise DeviceError(_why_not_started(process), where=_WHERE, fix="run `hdbench doctor`")
+    message: dict[str, Any] = json.loads(line)
+    if "error" in message:
+        raise _as_error(message["error"])
+    return message
+
+
+def _why_not_started(process: subprocess.Popen[bytes]) -> str:
+    """Return what became of an emulator that said nothing."""
+    try:
+        code = process.wait(1.0)
+    except subprocess.TimeoutExpired:
+        return f"the emulator did not start within {_START_S:g} s"
+    said = process.stderr.read().decode(errors="replace") if process.stderr else ""
+    last = said.strip().splitlines()[-1:] or ["no message"]
+    return f"the emulator ended with exit code {code}: {last[0]}"
+
+
+def _line(descriptor: int, until_s: float) -> bytes:
+    line = b""
+    while not line.endswith(b"\n"):
+        left_s = until_s - time.monotonic()
+        if not left_s > 0.0 or not select.select([descriptor], [], [], left_s)[0]:
+            break
+        chunk = os.read(descriptor, 4096)
+        if not chunk:
+            break
+        line += chunk
+    return line
+
+
+def _as_error(body: dict[str, Any]) -> HdbenchError:
+    kind = ProfileError if body["exit_code"] == ProfileError.exit_code else DeviceError
+    return kind(str(body["what"]), where=str(body["where"]), fix=str(body["fix"]))
+
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    """Close the lifeline and wait; a node that does not leave is killed."""
+    for pipe in (process.stdin, process.stdout, process.stderr):
+        if pipe is not None:
+            # closing flushes; perhaps nobody reads any more
+            with suppress(BrokenPipeError):
+                pipe.close()
+    try:
+        process.wait(_END_S)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()

@@ -1,0 +1,224 @@
+"""Run an emulated node: in a process of its own for one session, or as a command."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import signal
+import sys
+import time
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO
+
+from hdbench.devices.emulator.core import NodeCore
+from hdbench.devices.emulator.machine import NodeMachine, Pace, PlantBench
+from hdbench.devices.emulator.ratings import identity_values, limit_values
+from hdbench.devices.emulator.server import NodeServer
+from hdbench.errors import DeviceError, StorageError
+from hdbench.profile.schema import ProfileData
+
+__all__ = ["EmulatorSettings", "build_core", "emulate_bench", "serve"]
+
+# time in which an orphaned node must have stopped its motor: watchdog (2 s at most) and braking
+_ORPHAN_S = 3.0
+_ORPHAN_POLL_S = 0.01
+
+
+@dataclass(frozen=True, slots=True)
+class EmulatorSettings:
+    """How an emulated node is served.
+
+    Parameters
+    ----------
+    host : str
+        Address to listen on; Modbus has no authentication, so keep it on the loopback.
+    port : int
+        TCP port; 0 takes a free one.
+    pace : {"realtime", "fast"}
+        Samples by the wall clock, or as fast as the host reads them.
+    record : Path or None
+        File for one JSON line per change of state.
+    lifeline : int or None
+        File descriptor whose end of file ends the node, once its motor stands.
+    """
+
+    host: str = "127.0.0.1"
+    port: int = 0
+    pace: Pace = "realtime"
+    record: Path | None = None
+    lifeline: int | None = None
+
+
+def build_core(
+    bench: PlantBench,
+    profile: ProfileData,
+    seed: int,
+    *,
+    pace: Pace,
+    record: Callable[[Mapping[str, object]], None] = lambda _: None,
+    clock: Callable[[], float] = time.monotonic,
+) -> NodeCore:
+    """Return a node around `bench` with the limits of `profile`.
+
+    Parameters
+    ----------
+    bench : PlantBench
+        The simulated bench.
+    profile : ProfileData
+        The profile it was built from.
+    seed : int
+        Seed, shown as the serial number.
+    pace : {"realtime", "fast"}
+        Samples by the wall clock, or as fast as the host reads them.
+    record : callable, optional
+        Takes one mapping per change of state and while the motor turns.
+    clock : callable, optional
+        Monotonic clock, s.
+
+    Returns
+    -------
+    NodeCore
+    """
+    machine = NodeMachine(bench, pace=pace, clock=clock, record=record)
+    return NodeCore(
+        machine,
+        identity=identity_values(seed),
+        limits=limit_values(profile),
+        clock=clock,
+    )
+
+
+def emulate_bench(
+    profile: ProfileData,
+    plant: str,
+    seed: int,
+    settings: EmulatorSettings,
+    *,
+    ready: Callable[[str, int], None],
+    model_file: Path | None = None,
+) -> None:
+    """Build the simulated bench of `profile` and serve it as `serve` does.
+
+    Parameters
+    ----------
+    profile : ProfileData
+        The bench.
+    plant : str
+        Name or path of the plant.
+    seed : int
+        Seed of everything simulated, at least 0.
+    settings : EmulatorSettings
+        Where and how.
+    ready : callable
+        Called once with host and port.
+    model_file : Path, optional
+        Extended model to emulate in place of the profile's.
+
+    Raises
+    ------
+    ProfileError, DataError
+        If plant or model file are invalid.
+    DeviceError, StorageError
+        As for `serve`.
+    """
+    from hdbench.devices.emulator.bench import SimulatedBench
+    from hdbench.devices.emulator.plantfile import load_plant
+    from hdbench.model.modelfile import load_model
+
+    model = load_model(model_file) if model_file else None
+    bench = SimulatedBench(profile, load_plant(plant), seed, model=model)
+    serve(bench, profile, seed, settings, ready)
+
+
+def serve(
+    bench: PlantBench,
+    profile: ProfileData,
+    seed: int,
+    settings: EmulatorSettings,
+    ready: Callable[[str, int], None],
+) -> None:
+    """Serve `bench` until SIGTERM, Ctrl-C or the end of the lifeline.
+
+    Parameters
+    ----------
+    bench : PlantBench
+        The simulated bench.
+    profile : ProfileData
+        The profile it was built from.
+    seed : int
+        Seed, part of the serial number.
+    settings : EmulatorSettings
+        Where and how.
+    ready : callable
+        Called once with host and port.
+
+    Raises
+    ------
+    DeviceError
+        If the port cannot be used.
+    StorageError
+        If the record file cannot be written.
+    """
+    with ExitStack() as stack:
+        record = _recorder(settings.record, stack)
+        core = build_core(bench, profile, seed, pace=settings.pace, record=record)
+        asyncio.run(_serve(core, settings, ready))
+
+
+def _recorder(path: Path | None, stack: ExitStack) -> Callable[[Mapping[str, object]], None]:
+    if path is None:
+        return lambda _: None
+    try:
+        file: IO[str] = stack.enter_context(path.open("w", encoding="utf-8", buffering=1))
+    except OSError as error:
+        raise StorageError(
+            f"cannot be written ({error.strerror})", where=str(path), fix="choose another file"
+        ) from error
+
+    def record(event: Mapping[str, object]) -> None:
+        file.write(json.dumps(event, allow_nan=False) + "\n")
+
+    return record
+
+
+async def _serve(
+    core: NodeCore, settings: EmulatorSettings, ready: Callable[[str, int], None]
+) -> None:
+    server = NodeServer(core)
+    ended = asyncio.Event()
+    loop = asyncio.get_running_loop()
+    if sys.platform != "win32":
+        loop.add_signal_handler(signal.SIGTERM, ended.set)
+        if settings.lifeline is None:
+            loop.add_signal_handler(signal.SIGINT, ended.set)
+    if settings.lifeline is not None:
+        lifeline = settings.lifeline
+
+        def hung_up() -> None:
+            loop.remove_reader(lifeline)
+            ended.set()
+
+        loop.add_reader(lifeline, hung_up)
+    try:
+        host, port = await server.open(settings.host, settings.port)
+    except OSError as error:
+        raise DeviceError(
+            f"cannot listen on port {settings.port} ({error.strerror})",
+            where=f"{settings.host}:{settings.port}",
+            fix="choose another port, or 0 for a free one",
+        ) from error
+    ready(host, port)
+    await ended.wait()
+    if settings.lifeline is not None:
+        await _until_motor_stands(core)
+    server.close()
+
+
+async def _until_motor_stands(core: NodeCore) -> None:
+    """Give the watchdog its time: an orphaned node still has to stop its motor."""
+    until_s = time.monotonic() + _ORPHAN_S
+    while core.machine.busy and time.monotonic() < until_s:
+        await asyncio.sleep(_ORPHAN_POLL_S)

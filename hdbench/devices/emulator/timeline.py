@@ -1,0 +1,263 @@
+"""One acquisition on the integration steps: motion, channels, filtered samples, interruptions."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from hdbench.devices.emulator.converter import HALF_LENGTH_SAMPLES, Decimator, steps_per_sample
+from hdbench.devices.emulator.fixture import Mount
+from hdbench.devices.emulator.servo import HoldMotion, command_rad_s, servo_loop
+from hdbench.devices.emulator.torque import AnalogueChannels
+from hdbench.model.waves import reference_voltage
+from hdbench.profile.schema import ReferenceWave
+from hdbench.records.trace import FloatArray
+
+__all__ = ["Timeline", "TrueSamples", "reference_values_v"]
+
+# Holds computed at once. Blocks of one size at fixed places give the same bits however the samples
+# are asked for: array functions may round differently at the end of an array.
+BLOCK_HOLDS = 64
+
+
+@dataclass(frozen=True, slots=True)
+class TrueSamples:
+    """Filtered channels and latched values, without noise.
+
+    Parameters
+    ----------
+    volts : ndarray, shape (3, n)
+        Torque, tacho and current channel, V.
+    angle_rad : ndarray, shape (n,)
+        Wave-generator angle at the time stamps, rad.
+    reference_v : ndarray, shape (n,)
+        Motor reference that is put out from the time stamp on, V.
+    """
+
+    volts: FloatArray
+    angle_rad: FloatArray
+    reference_v: FloatArray
+
+
+class Timeline:
+    """Samples of one acquisition, in pieces of any size.
+
+    Parameters
+    ----------
+    channels : AnalogueChannels
+        From motion to volts.
+    sample_period_s : float
+        Sampling period, s; the reference is held for one period (the generator's clock).
+    reference_v : ndarray, shape (n,)
+        Reference for every sample, V; its last value stays until `stop`. At least one value.
+    mount : Mount
+        Lock, arm and weight at the start.
+
+    Notes
+    -----
+    Time 0 is the first sample; before it the bench stands at its home mark. The node hands out a
+    sample when its filter has seen the `HALF_LENGTH_SAMPLES` periods after it; so an interruption
+    after n samples takes effect that much after the last of them.
+    """
+
+    def __init__(
+        self,
+        channels: AnalogueChannels,
+        sample_period_s: float,
+        reference_v: FloatArray,
+        mount: Mount,
+    ) -> None:
+        self._channels = channels
+        self._period_s = sample_period_s
+        self._n_steps = steps_per_sample(sample_period_s)
+        self._decimator = Decimator.design(self._n_steps)
+        self._loop = servo_loop(channels.profile.servo)
+        self._reference_v = reference_v
+        self._stopped_at: int | None = None
+        self._mount = mount
+        self._served = 0
+        self._edge = 0
+        self._starts = np.zeros((2, 1))
+        self._starts_first = 0
+        self._volts = self._at_rest()
+        self._ready = np.zeros((3, 0))
+
+    @property
+    def served(self) -> int:
+        """How many samples were handed out."""
+        return self._served
+
+    @property
+    def now_hold(self) -> int:
+        """Index of the hold that begins when the last sample was handed out."""
+        return self._served + HALF_LENGTH_SAMPLES - 1 if self._served else 0
+
+    @property
+    def now_s(self) -> float:
+        """Acquisition time at the leading edge, s."""
+        return self.now_hold * self._period_s
+
+    @property
+    def sample_period_s(self) -> float:
+        """Sampling period, s."""
+        return self._period_s
+
+    @property
+    def mount(self) -> Mount:
+        """Lock, arm and weight."""
+        return self._mount
+
+    @property
+    def reference_now_v(self) -> float:
+        """Motor reference at the leading edge, V."""
+        return float(self.references(self.now_hold, 1)[0])
+
+    @property
+    def velocity_now_rad_s(self) -> float:
+        """Motor speed at the leading edge, rad/s."""
+        return self._state(self.now_hold)[1]
+
+    @property
+    def stopped(self) -> bool:
+        """Whether the reference was zeroed."""
+        return self._stopped_at is not None
+
+    def references(self, first: int, count: int) -> FloatArray:
+        """Return the reference of `count` holds from `first` on.
+
+        Parameters
+        ----------
+        first, count : int
+            First hold and how many; before hold 0 the reference is 0.
+
+        Returns
+        -------
+        ndarray, shape (count,)
+            Motor reference, V.
+        """
+        holds = np.arange(first, first + count)
+        volts = self._reference_v[np.clip(holds, 0, len(self._reference_v) - 1)]
+        volts = np.where(holds >= 0, volts, 0.0)
+        if self._stopped_at is not None:
+            volts = np.where(holds < self._stopped_at, volts, 0.0)
+        return volts
+
+    def stop(self) -> None:
+        """Zero the reference at the leading edge."""
+        if self._stopped_at is None:
+            self._interrupt()
+            self._stopped_at = self.now_hold
+
+    def remount(self, mount: Mount) -> None:
+        """Change lock, arm or weight at the leading edge.
+
+        Parameters
+        ----------
+        mount : Mount
+            New state.
+        """
+        self._interrupt()
+        self._mount = mount
+
+    def advance(self, n_samples: int) -> TrueSamples:
+        """Return the next samples.
+
+        Parameters
+        ----------
+        n_samples : int
+            How many, at least 0.
+
+        Returns
+        -------
+        TrueSamples
+        """
+        volts, angles = [np.zeros((3, 0))], [np.zeros(0)]
+        first, left = self._served, n_samples
+        while left > 0:
+            if self._ready.shape[1] == 0:
+                self._extend()
+                continue
+            take = min(left, self._ready.shape[1])
+            at = self._served - self._starts_first
+            volts.append(self._ready[:, :take])
+            angles.append(self._starts[0, at : at + take])
+            self._ready = self._ready[:, take:]
+            self._served += take
+            left -= take
+        reference = self.references(first, n_samples)
+        return TrueSamples(np.concatenate(volts, axis=1), np.concatenate(angles), reference)
+
+    def _state(self, hold: int) -> tuple[float, float]:
+        """Return angle and speed at the start of `hold`."""
+        angle, speed = self._starts[:, hold - self._starts_first]
+        return float(angle), float(speed)
+
+    def _at_rest(self) -> FloatArray:
+        """Return the channels of the periods before the first sample."""
+        return self._simulate(-HALF_LENGTH_SAMPLES, np.zeros(HALF_LENGTH_SAMPLES), (0.0, 0.0, 0.0))[
+            0
+        ]
+
+    def _simulate(
+        self, first: int, command: FloatArray, start: tuple[float, float, float]
+    ) -> tuple[FloatArray, HoldMotion]:
+        """Return channels and motion of the holds from `first` on."""
+        step_s = self._period_s / self._n_steps
+        if self._mount.locked:
+            command, start = np.zeros_like(command), (0.0, 0.0, 0.0)
+        motion = self._loop.run(command, step_s, self._n_steps, start)
+        steps = np.arange(len(command) * self._n_steps, dtype=np.float64)
+        time_s = first * self._period_s + steps.reshape(len(command), -1) * step_s
+        return self._channels.volts(time_s, motion, self._mount), motion
+
+    def _extend(self) -> None:
+        """Compute the next block of holds and filter what it completes."""
+        references = self.references(self._edge - 1, BLOCK_HOLDS + 1)
+        command = command_rad_s(self._channels.profile, references)
+        start = (*self._state(self._edge), float(command[0]))
+        volts, motion = self._simulate(self._edge, command[1:], start)
+        keep = min(self._volts.shape[1], 2 * HALF_LENGTH_SAMPLES - 1)
+        self._volts = np.concatenate((self._volts[:, -keep:], volts), axis=1)
+        self._ready = self._decimator.apply(self._volts)
+        starts = np.stack((motion.start_angle_rad, motion.start_velocity_rad_s))
+        old = self._starts[:, self._served - self._starts_first : self._edge - self._starts_first]
+        self._starts = np.concatenate((old, starts), axis=1)
+        self._starts_first = self._served
+        self._edge += BLOCK_HOLDS
+
+    def _interrupt(self) -> None:
+        """Forget what was computed beyond the leading edge."""
+        surplus = self._edge - self.now_hold
+        if surplus > 0:
+            self._volts = self._volts[:, :-surplus]
+            self._ready = self._ready[:, :0]
+            self._starts = self._starts[:, : self.now_hold - self._starts_first + 1]
+            self._edge = self.now_hold
+
+
+def reference_values_v(
+    sample_period_s: float, wave: ReferenceWave | None, duration_s: float
+) -> FloatArray:
+    """Return the reference at every sample of an acquisition, at least one.
+
+    Parameters
+    ----------
+    sample_period_s : float
+        Sampling period, s.
+    wave : ReferenceWave or None
+        Reference generator; None gives 0.
+    duration_s : float
+        Length of the acquisition, s.
+
+    Returns
+    -------
+    ndarray, shape (n_samples,)
+        Motor reference, V.
+    """
+    n_samples = max(1, round(duration_s / sample_period_s))
+    if wave is None:
+        return np.zeros(n_samples)
+    time_s = np.arange(n_samples, dtype=np.float64) * sample_period_s
+    # where rounding puts the last sample at the end, the generator still runs
+    return reference_voltage(wave, time_s, max(duration_s, n_samples * sample_period_s))

@@ -1,0 +1,230 @@
+"""The register map of a bench controller node; `docs/node-protocol.md` shows the same table."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from hdbench.devices.node.states import Capability, Command, Flag, Refusal, State
+
+__all__ = [
+    "BLOCK",
+    "BLOCK_HEADER_REGISTERS",
+    "BLOCK_REGISTERS",
+    "BLOCK_SCANS",
+    "CONTROL",
+    "FEED",
+    "FIXTURE",
+    "IDENTITY",
+    "LIMITS",
+    "MAP",
+    "PARAMETERS",
+    "PROTOCOL_VERSION",
+    "SCAN_REGISTERS",
+    "SESSION",
+    "STATUS",
+    "WAVES",
+    "WORD_ORDER_TEST",
+    "Capability",
+    "Command",
+    "Flag",
+    "Kind",
+    "Refusal",
+    "Register",
+    "State",
+    "register",
+    "register_at",
+]
+
+Kind = Literal["u16", "i16", "u32", "i32", "f32", "text", "scans"]
+
+PROTOCOL_VERSION = 1
+WORD_ORDER_TEST = 0x00112233
+BLOCK_HEADER_REGISTERS = 6
+# torque, tacho, current, reference (16 bit each) and the encoder (32 bit)
+SCAN_REGISTERS = 6
+# a reply carries at most 125 registers: (125 - 6) // 6 whole scans
+BLOCK_SCANS = 19
+BLOCK_REGISTERS = BLOCK_HEADER_REGISTERS + BLOCK_SCANS * SCAN_REGISTERS
+
+# register value of each wave type; 0 keeps the drive disabled
+WAVES = ("none", "constant", "sine", "square", "triangle", "trapezoid", "chirp")
+
+
+@dataclass(frozen=True, slots=True)
+class Register:
+    """One entry of the map.
+
+    Parameters
+    ----------
+    name : str
+        Name, with the unit of the value.
+    address : int
+        First holding register, counted from 0.
+    kind : str
+        ``u16``, ``i16``, ``u32``, ``i32``, ``f32`` (IEEE 754), ``text`` (16 bytes, NUL filled) or
+        ``scans``; big-endian, most significant word first.
+    access : str
+        ``r`` or ``rw``.
+    meaning : str
+        One line.
+    """
+
+    name: str
+    address: int
+    kind: Kind
+    access: Literal["r", "rw"]
+    meaning: str
+
+    @property
+    def size(self) -> int:
+        """Number of 16-bit registers."""
+        if self.kind == "scans":
+            return BLOCK_SCANS * SCAN_REGISTERS
+        return {"u16": 1, "i16": 1, "u32": 2, "i32": 2, "f32": 2, "text": 8}[self.kind]
+
+
+def _group(
+    start: int, access: Literal["r", "rw"], *rows: tuple[str, Kind, str]
+) -> tuple[Register, ...]:
+    """Lay `rows` of (name, kind, meaning) out from `start` without gaps."""
+    group = []
+    address = start
+    for name, kind, meaning in rows:
+        entry = Register(name, address, kind, access, meaning)
+        group.append(entry)
+        address += entry.size
+    return tuple(group)
+
+
+BLOCK = _group(
+    0x0000,
+    "r",
+    ("block_seq", "u16", "sequence number 1..65535, then 1 again; 0: no block is ready"),
+    ("block_flags", "u16", "bit 0 overflow, 1 running, 2 watchdog tripped, 3 drive enabled"),
+    ("block_scans", "u16", "scans in this block, 0..19"),
+    ("block_depth", "u16", "scans waiting behind this block; at least 1 while losses are untold"),
+    ("block_first_index", "u32", "index of the first scan since the start; a jump counts losses"),
+    ("block_data", "scans", "19 scans of torque, tacho, current, reference i16, encoder i32"),
+)
+IDENTITY = _group(
+    0x0100,
+    "r",
+    ("word_order", "u32", "always 0x00112233"),
+    ("protocol_version", "u16", "version of this map, 1"),
+    ("capabilities", "u16", "bit 0 simulated bench, bit 1 fixture block present"),
+    ("vendor", "text", "vendor"),
+    ("model", "text", "model"),
+    ("serial", "text", "serial number"),
+    ("firmware", "text", "firmware version"),
+)
+LIMITS = _group(
+    0x0140,
+    "r",
+    ("limit_reference_v", "f32", "largest motor reference, either sign, V"),
+    ("limit_velocity_rad_s", "f32", "largest commanded motor speed, rad/s"),
+    ("velocity_per_volt", "f32", "commanded motor speed per reference volt, rad/s/V"),
+    ("min_period_ns", "u32", "shortest sample period, ns"),
+    ("max_period_ns", "u32", "longest sample period, ns"),
+    ("max_samples", "u32", "most samples of one acquisition"),
+    ("watchdog_min_ms", "u16", "shortest watchdog time, ms"),
+    ("watchdog_max_ms", "u16", "longest watchdog time, ms"),
+    ("fifo_scans", "u16", "scans the node can hold"),
+    ("block_capacity", "u16", "scans in a full block, 19"),
+    ("range_v", "f32", "volts at code 32768"),
+    ("current_range_a", "f32", "motor amperes at code 32768"),
+    ("converter_bits", "u16", "resolution of the converter, bit; codes are left-justified"),
+    ("encoder_counts_per_turn", "u32", "encoder counts per motor turn"),
+)
+STATUS = _group(
+    0x0180,
+    "r",
+    ("state", "u16", "0 idle, 1 running, 2 finished, 3 stopped, 4 tripped"),
+    ("status_flags", "u16", "as block_flags, at this moment"),
+    ("samples_ready", "u16", "scans waiting, those of an unacknowledged block included"),
+    ("starts", "u16", "accepted starts since power-up, modulo 65536"),
+    ("samples_taken", "u32", "scans taken since the start, lost ones included"),
+    ("samples_lost", "u32", "scans lost since the start because the buffer was full"),
+    ("reference_v", "f32", "motor reference at this moment, V"),
+    ("velocity_rad_s", "f32", "motor speed at this moment, rad/s"),
+    ("encoder_count", "i32", "encoder at this moment, counts"),
+    ("device_time_ms", "u32", "device clock, ms"),
+    ("mark_start_ms", "u32", "device clock at the last start, ms"),
+    ("mark_stop_ms", "u32", "device clock at the end of the last acquisition, ms"),
+    ("watchdog_trips", "u16", "watchdog trips since power-up"),
+    ("refusal", "u16", "why this connection's last refused request was refused"),
+    ("refused_address", "u16", "first register of that request"),
+    ("session_state", "u16", "0 free, 1 held by this connection, 2 held by another"),
+)
+FEED = _group(
+    0x1000,
+    "rw",
+    ("ack", "u16", "sequence number of the last block that arrived; 0: none"),
+    ("heartbeat", "u16", "any changing number; each change feeds the watchdog"),
+)
+PARAMETERS = _group(
+    0x1010,
+    "rw",
+    ("bias_v", "f32", "offset of the reference, V"),
+    ("sample_period_ns", "u32", "sample period, ns"),
+    ("n_samples", "u32", "scans to take"),
+    ("amplitude_v", "f32", "amplitude of the reference, V"),
+    ("wave", "u16", "0 none, 1 constant, 2 sine, 3 square, 4 triangle, 5 trapezoid, 6 chirp"),
+    ("frequency_hz", "f32", "frequency, start frequency of a chirp, Hz"),
+    ("duty", "f32", "share that is high"),
+    ("rise", "f32", "share of the rise"),
+    ("fall", "f32", "share of the fall"),
+    ("end_frequency_hz", "f32", "end frequency of a chirp, Hz"),
+    ("watchdog_ms", "u16", "host silence after which the motor reference is zeroed, ms"),
+)
+CONTROL = _group(0x1040, "rw", ("command", "u16", "1 start, 2 stop, 3 safe"))
+SESSION = _group(
+    0x1050, "rw", ("session", "u32", "token of the host that may write; 0 gives it back; reads 0")
+)
+FIXTURE = _group(
+    0x1060,
+    "rw",
+    ("fixture_locked", "u16", "simulated bench only: 1 wave generator locked, 0 released"),
+    ("fixture_direction", "i16", "simulated bench only: +1 clockwise, -1 counter-clockwise load"),
+    ("fixture_position_rad", "f32", "simulated bench only: flexspline position, rad"),
+    ("fixture_mass_kg", "f32", "simulated bench only: mass on the arm, kg"),
+)
+MAP = BLOCK + IDENTITY + LIMITS + STATUS + FEED + PARAMETERS + CONTROL + SESSION + FIXTURE
+
+_BY_NAME = {entry.name: entry for entry in MAP}
+_BY_ADDRESS = {entry.address + k: entry for entry in MAP for k in range(entry.size)}
+
+
+def register(name: str) -> Register:
+    """Return the entry called `name`.
+
+    Parameters
+    ----------
+    name : str
+        Name in the map.
+
+    Returns
+    -------
+    Register
+
+    Raises
+    ------
+    KeyError
+        If the map has none of that name.
+    """
+    return _BY_NAME[name]
+
+
+def register_at(address: int) -> Register | None:
+    """Return the entry that covers `address`.
+
+    Parameters
+    ----------
+    address : int
+        Holding register, counted from 0.
+
+    Returns
+    -------
+    Register or None
+    """
+    return _BY_ADDRESS.get(address)

@@ -1,0 +1,65 @@
+"""The parameter block that an acquisition asks for."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from hdbench.devices.node.codec import Value, as_float32
+from hdbench.devices.node.registers import WAVES, register
+from hdbench.devices.ports import AcquisitionSettings
+from hdbench.errors import DeviceError
+
+__all__ = ["parameter_values"]
+
+
+def parameter_values(
+    settings: AcquisitionSettings, watchdog_ms: int, limits: Mapping[str, Value]
+) -> dict[str, Value]:
+    """Return the values of the parameter block, by register name.
+
+    Parameters
+    ----------
+    settings : AcquisitionSettings
+        What is to be acquired. Volts, frequencies and shares are rounded to 32-bit floats, the
+        sampling period to whole nanoseconds.
+    watchdog_ms : int
+        Watchdog time, ms.
+    limits : mapping
+        The node's limits block.
+
+    Returns
+    -------
+    dict of str to int or float
+
+    Raises
+    ------
+    DeviceError
+        If period, number of samples or watchdog time are outside the node's limits.
+    """
+    wave = settings.reference
+    values: dict[str, Value] = {
+        "bias_v": as_float32(wave.bias_v if wave else 0.0),
+        "sample_period_ns": round(1e9 * settings.sample_period_s),
+        "n_samples": settings.n_samples,
+        "amplitude_v": as_float32(wave.amplitude_v if wave else 0.0),
+        "wave": WAVES.index(wave.wave) if wave else 0,
+        "frequency_hz": as_float32(wave.frequency_hz if wave else 0.0),
+        "duty": as_float32(wave.duty if wave else 0.0),
+        "rise": as_float32(wave.rise if wave else 0.0),
+        "fall": as_float32(wave.fall if wave else 0.0),
+        "end_frequency_hz": as_float32(wave.end_frequency_hz if wave else 0.0),
+        "watchdog_ms": watchdog_ms,
+    }
+    _check(values, "sample_period_ns", limits["min_period_ns"], limits["max_period_ns"])
+    _check(values, "n_samples", 1, limits["max_samples"])
+    _check(values, "watchdog_ms", limits["watchdog_min_ms"], limits["watchdog_max_ms"])
+    return values
+
+
+def _check(values: Mapping[str, Value], name: str, low: Value, high: Value) -> None:
+    if not float(low) <= float(values[name]) <= float(high):
+        raise DeviceError(
+            f"{name} {values[name]} is outside the node's {low} to {high}",
+            where=f"register {name} (0x{register(name).address:04X})",
+            fix="change the plan, or [daq] of the profile",
+        )

@@ -1,0 +1,259 @@
+"""A tiny bench, a node served in a thread, and a Modbus server that misbehaves on order."""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+import struct
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from hdbench.devices.emulator.converter import RawSamples
+from hdbench.devices.emulator.serve import build_core
+from hdbench.devices.emulator.server import NodeServer
+from hdbench.devices.node.driver import NodeBench
+from hdbench.devices.node.wire import NodeWire
+from hdbench.profile import load_profile
+
+PROFILE = load_profile("cim-tr-97-06").data
+VELOCITY_PER_VOLT = PROFILE.servo.velocity_gain_rad_s_per_v
+
+
+class TinyBench:
+    """Counts up in every channel; the motor follows its reference with a lag of 20 ms."""
+
+    def __init__(self) -> None:
+        self.fixture: dict[str, object] = {}
+        self.begun: list[object] = []
+        self._wave_v = 0.0
+        self._velocity = 0.0
+        self._count = 0
+        self._period_s = 1e-3
+        self._on = False
+
+    @property
+    def reference_v(self) -> float:
+        return self._wave_v
+
+    @property
+    def velocity_rad_s(self) -> float:
+        return self._velocity
+
+    @property
+    def enabled(self) -> bool:
+        return self._on
+
+    def begin(self, *, sample_period_s, wave, duration_s) -> None:
+        self.begun.append((sample_period_s, wave, duration_s))
+        self._period_s = sample_period_s
+        self._count = 0
+        self._on = wave is not None
+        self._wave_v = wave.bias_v + wave.amplitude_v if wave else 0.0
+
+    def halt(self) -> None:
+        self._wave_v = 0.0
+
+    def advance(self, n_samples: int) -> RawSamples:
+        target = self._wave_v * VELOCITY_PER_VOLT
+        decay = np.exp(-n_samples * self._period_s / 0.02)
+        self._velocity = target + (self._velocity - target) * decay
+        if self._wave_v == 0.0 and abs(self._velocity) < 1e-3:
+            self._velocity, self._on = 0.0, False
+        index = np.arange(self._count, self._count + n_samples)
+        self._count += n_samples
+        return RawSamples(*codes_of(index))
+
+    def set_fixture(self, **values: object) -> None:
+        self.fixture = values
+
+
+def codes_of(index: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Return what TinyBench samples at `index`: torque, tacho, current, reference, encoder."""
+    code = (index % 30011).astype(np.int16)
+    return code, -code, (code // 3).astype(np.int16), (code // 7).astype(np.int16), index * -70_001
+
+
+@dataclass
+class ManualClock:
+    """A clock that goes when told."""
+
+    now_s: float = 100.0
+
+    def __call__(self) -> float:
+        return self.now_s
+
+    def sleep(self, seconds: float) -> None:
+        self.now_s += seconds
+
+
+@dataclass
+class ServedNode:
+    """A node in a thread of this process."""
+
+    core: object
+    host: str
+    port: int
+    events: list[dict[str, object]] = field(default_factory=list)
+
+
+@contextmanager
+def served(bench: object | None = None, *, pace: str = "fast") -> Iterator[ServedNode]:
+    """Serve a node around `bench` on a free port."""
+    events: list[dict[str, object]] = []
+    core = build_core(
+        bench or TinyBench(), PROFILE, 0, pace=pace, record=lambda e: events.append(dict(e))
+    )
+    loop = asyncio.new_event_loop()
+    server = NodeServer(core)
+    thread = threading.Thread(target=loop.run_forever, daemon=True)
+    thread.start()
+    host, port = asyncio.run_coroutine_threadsafe(server.open("127.0.0.1", 0), loop).result(5)
+    try:
+        yield ServedNode(core, host, port, events)
+    finally:
+
+        async def shut() -> None:
+            server.close()
+            # one turn of the loop closes what is open
+            await asyncio.sleep(0.01)
+
+        asyncio.run_coroutine_threadsafe(shut(), loop).result(5)
+        loop.call_soon_threadsafe(loop.stop)
+        thread.join(5)
+        for connection in list(getattr(loop, "_transports", {}).values()):
+            connection.abort()
+        loop.close()
+
+
+@contextmanager
+def driver(
+    host: str,
+    port: int,
+    *,
+    deadline_s: float = 1.0,
+    watchdog_s: float = 0.5,
+    clock: ManualClock | None = None,
+) -> Iterator[NodeBench]:
+    """Connect a driver; with `clock` its waits take no time."""
+    wire = NodeWire(host, port, deadline_s=deadline_s)
+    bench = NodeBench(wire, watchdog_s=watchdog_s)
+    if clock is not None:
+        bench = NodeBench(wire, watchdog_s=watchdog_s, clock=clock, sleep=clock.sleep)
+    try:
+        yield bench
+    finally:
+        bench.close()
+
+
+Handler = Callable[[socket.socket, bytes], None]
+
+
+@contextmanager
+def rogue(handler: Handler) -> Iterator[tuple[str, int, list[bytes]]]:
+    """Run `handler(connection, frame)` for every request frame; yields host, port, frames seen."""
+    listener = socket.create_server(("127.0.0.1", 0))
+    frames: list[bytes] = []
+    connections: list[socket.socket] = []
+
+    def talk(connection: socket.socket) -> None:
+        try:
+            while frame := read_frame(connection):
+                frames.append(frame)
+                handler(connection, frame)
+        except OSError:
+            return
+
+    def accept() -> None:
+        while True:
+            try:
+                connection, _ = listener.accept()
+            except OSError:
+                return
+            connections.append(connection)
+            threading.Thread(target=talk, args=(connection,), daemon=True).start()
+
+    thread = threading.Thread(target=accept, daemon=True)
+    thread.start()
+    try:
+        yield (*listener.getsockname(), frames)
+    finally:
+        listener.shutdown(socket.SHUT_RDWR)
+        listener.close()
+        thread.join(5)
+        for connection in connections:
+            connection.close()
+
+
+def read_frame(connection: socket.socket) -> bytes:
+    """Return one whole Modbus TCP frame, or nothing at the end of the stream."""
+    data = b""
+    while len(data) < 6 or len(data) < 6 + struct.unpack(">H", data[4:6])[0]:
+        need = 6 - len(data) if len(data) < 6 else 6 + struct.unpack(">H", data[4:6])[0] - len(data)
+        chunk = connection.recv(need)
+        if not chunk:
+            return b""
+        data += chunk
+    return data
+
+
+def adu(request: bytes, pdu: bytes, *, tid: int | None = None, unit: int | None = None) -> bytes:
+    """Return `pdu` as a reply to `request`, with another number or unit where asked."""
+    number = struct.unpack(">H", request[:2])[0] if tid is None else tid
+    return struct.pack(">HHHB", number, 0, len(pdu) + 1, request[6] if unit is None else unit) + pdu
+
+
+@contextmanager
+def proxy(
+    host: str, port: int, mangle: Callable[[int, bytes], bytes | None]
+) -> Iterator[tuple[str, int, list[bytes]]]:
+    """Pass frames to a node and back; `mangle(number, reply)` may change or swallow replies."""
+    passed = 0
+
+    def handler(connection: socket.socket, frame: bytes) -> None:
+        nonlocal passed
+        upstream = upstreams.setdefault(connection, None)
+        if upstream is None:
+            upstream = upstreams[connection] = socket.create_connection((host, port), timeout=5)
+        upstream.sendall(frame)
+        reply = read_frame(upstream)
+        passed += 1
+        changed = mangle(passed, reply)
+        if changed is not None:
+            connection.sendall(changed)
+
+    upstreams: dict[socket.socket, socket.socket | None] = {}
+    try:
+        with rogue(handler) as (near_host, near_port, frames):
+            yield near_host, near_port, frames
+    finally:
+        for upstream in upstreams.values():
+            if upstream is not None:
+                upstream.close()
+
+
+def until(condition: Callable[[], bool], timeout_s: float) -> float:
+    """Wait for `condition`; return how long it took, or fail."""
+    start_s = time.monotonic()
+    while not condition():
+        if time.monotonic() - start_s > timeout_s:
+            raise AssertionError(f"nothing happened within {timeout_s} s")
+        time.sleep(0.005)
+    return time.monotonic() - start_s
+
+
+@contextmanager
+def through(
+    mangle: Callable[[int, bytes], bytes | None], *, deadline_s: float, watchdog_s: float = 2.0
+) -> Iterator[tuple[NodeBench, ServedNode, list[bytes]]]:
+    """Drive a node through a proxy; yields driver, node and the request frames."""
+    with (
+        served() as node,
+        proxy(node.host, node.port, mangle) as (host, port, frames),
+        driver(host, port, deadline_s=deadline_s, watchdog_s=watchdog_s) as bench,
+    ):
+        yield bench, node, frames

@@ -1,0 +1,598 @@
+"""The node behind its registers and its driver in front of it, over real sockets."""
+
+import random
+import struct
+import time
+
+import numpy as np
+import pytest
+from nodekit import PROFILE, ManualClock, TinyBench, codes_of, driver, served, through, until
+from pymodbus.client import ModbusTcpClient
+
+from hdbench.devices import AcquisitionSettings, SimulatedOperator
+from hdbench.devices.emulator.machine import NodeMachine
+from hdbench.devices.emulator.serve import build_core
+from hdbench.devices.node.registers import Refusal, State, register
+from hdbench.errors import BusyError, DeviceError, UsageError
+from hdbench.profile.schema import ReferenceWave
+
+WAVE = ReferenceWave(wave="constant", bias_v=0.5, amplitude_v=1.5)
+
+
+def _collect(bench, n_samples):
+    """Read blocks until the acquisition is over; return them."""
+    blocks = []
+    until_s = time.monotonic() + 20.0
+    while time.monotonic() < until_s:
+        block = bench.read_block()
+        if block is None:
+            continue
+        blocks.append(block)
+        if not block.running and block.depth == 0:
+            return blocks
+    raise AssertionError(f"{sum(map(len, blocks))} of {n_samples} samples in 20 s")
+
+
+def _check_values(blocks):
+    """Every sample is the one that the tiny bench made for its index."""
+    for block in blocks:
+        index = block.first_index + np.arange(len(block))
+        torque, tacho, current, reference, encoder = codes_of(index)
+        lsb = PROFILE.daq.range_v / 32768
+        np.testing.assert_array_equal(block.torque_v, torque * lsb)
+        np.testing.assert_array_equal(block.tacho_v, tacho * lsb)
+        np.testing.assert_array_equal(block.reference_v, reference * lsb)
+        amperes = current * (PROFILE.servo.max_current_a / 32768)
+        np.testing.assert_array_equal(block.motor_current_a, amperes)
+        np.testing.assert_array_equal(block.encoder_count, encoder)
+
+
+def _gaps(blocks, n_samples):
+    """Every index is either delivered or counted as lost, in order; return the losses."""
+    expected = 0
+    for block in blocks:
+        assert block.first_index == expected + block.lost_before
+        expected = block.first_index + len(block)
+    assert expected == n_samples
+    return sum(block.lost_before for block in blocks)
+
+
+# -- acquisition ----------------------------------------------------------------------------------
+
+
+def test_every_sample_arrives_once_with_its_value_and_wraps_are_undone():
+    # 40 000 samples of -70 001 counts pass -2**31 once
+    with served() as node, driver(node.host, node.port) as bench:
+        bench.configure(AcquisitionSettings(1e-3, 40_000, WAVE))
+        bench.start()
+        blocks = _collect(bench, 40_000)
+    assert _gaps(blocks, 40_000) == 0
+    _check_values(blocks)
+    assert blocks[-1].encoder_count[-1] < -(2**31)
+    assert not any(block.watchdog_tripped for block in blocks)
+
+
+def test_the_parameter_block_reaches_the_bench_as_written():
+    tiny = TinyBench()
+    wave = ReferenceWave(
+        wave="trapezoid", amplitude_v=2.773, frequency_hz=1 / 6, duty=0.8, rise=0.1, fall=0.1
+    )
+    with served(tiny) as node, driver(node.host, node.port) as bench:
+        bench.configure(AcquisitionSettings(2e-3, 500, wave))
+        bench.start()
+        bench.stop()
+        bench.configure(AcquisitionSettings(1e-2, 7, None))
+        bench.start()
+        assert _gaps(_collect(bench, 7), 7) == 0
+    (period_s, got, duration_s), (_, none, _) = tiny.begun
+    assert (period_s, duration_s) == (pytest.approx(2e-3), pytest.approx(1.0))
+    assert got.wave == "trapezoid"
+    for name in ("bias_v", "amplitude_v", "frequency_hz", "duty", "rise", "fall"):
+        # 32-bit floats: half a unit in the last place, 2**-24
+        assert getattr(got, name) == pytest.approx(getattr(wave, name), rel=6e-8)
+    assert none is None, "without a reference the drive stays disabled"
+
+
+def test_real_time_delivers_every_sample_at_the_rate_asked_for():
+    n_samples = 3000
+    with served(pace="realtime") as node, driver(node.host, node.port) as bench:
+        bench.configure(AcquisitionSettings(1e-3, n_samples, WAVE))
+        start_s = time.monotonic()
+        bench.start()
+        blocks = _collect(bench, n_samples)
+        took_s = time.monotonic() - start_s
+    assert _gaps(blocks, n_samples) == 0
+    _check_values(blocks)
+    # never early by more than the tick; late by the last block and the scheduler
+    assert 2.95 < took_s < 4.0
+
+
+def test_dropped_replies_lose_nothing():
+    # one in a hundred of 1000 replies: ten chances; each costs half of the deadline
+    dice = random.Random(5)
+    dropped = []
+
+    def mangle(number, reply):
+        if reply[7] == 23 and dice.random() < 0.01:
+            dropped.append(number)
+            return None
+        return reply
+
+    n_samples = 19_000
+    with through(mangle, deadline_s=0.2) as (bench, _, _):
+        bench.configure(AcquisitionSettings(1e-3, n_samples, WAVE))
+        bench.start()
+        blocks = _collect(bench, n_samples)
+    assert len(dropped) >= 3
+    assert _gaps(blocks, n_samples) == 0
+    _check_values(blocks)
+
+
+def test_an_unacknowledged_block_is_sent_again_bit_by_bit():
+    seen = []
+
+    def mangle(number, reply):
+        if reply[7] == 23:
+            seen.append(reply[7:])
+            if len(seen) in (3, 5):
+                return None
+        return reply
+
+    with through(mangle, deadline_s=0.3) as (bench, _, _):
+        bench.configure(AcquisitionSettings(1e-3, 190, WAVE))
+        bench.start()
+        blocks = _collect(bench, 190)
+    assert seen[2] == seen[3]
+    assert seen[4] == seen[5]
+    assert len({bytes(reply) for reply in seen}) == len(seen) - 2
+    assert _gaps(blocks, 190) == 0
+
+
+def test_overflow_is_counted_exactly_and_never_closed_up():
+    clock = ManualClock()
+    core = build_core(TinyBench(), PROFILE, 0, pace="realtime", clock=clock)
+    _start(core, n_samples=12_000)
+    received, lost = _drain(core, clock, pause_after=(10, 60), pause_s=5.0)
+    # 5 s without reading: 5000 samples into a buffer of 4096
+    assert lost > 0
+    assert received + lost == 12_000
+    assert lost == _status(core, "samples_lost")
+    assert _status(core, "status_flags") & 1
+
+
+def test_losses_at_the_very_end_are_told_before_an_empty_block():
+    with served(pace="realtime") as node, driver(node.host, node.port) as bench:
+        # at 10 kHz the buffer of 4096 fills after 0.41 s, the acquisition ends after 0.5 s
+        bench.configure(AcquisitionSettings(1e-4, 5000, None))
+        bench.start()
+        until(lambda: bench.status()["state"] == State.TRIPPED or _ended(bench), 3.0)
+        blocks = _collect(bench, 5000)
+    assert _gaps(blocks, 5000) == 5000 - 4096
+    assert len(blocks[-1]) == 0
+    assert blocks[-1].lost_before == 5000 - 4096
+
+
+def _ended(bench):
+    return bench.status()["state"] == State.FINISHED
+
+
+def test_a_full_scale_code_is_marked_as_saturated():
+    with served() as node, driver(node.host, node.port) as bench:
+        limits = bench.limits()
+        from hdbench.devices.node.blocks import BlockReader
+        from hdbench.devices.node.codec import encode_block, encode_scans
+
+        reader = BlockReader({**limits, "converter_bits": 12}, 4, "node")
+        # the top step of a 12-bit converter, left-justified, is 32768 - 16
+        torque = np.array([32752, 32736, -32768, -32752])
+        codes = np.zeros((4, 4), dtype=np.int16)
+        codes[:, 0] = torque
+        scans = encode_scans(codes, np.zeros(4, dtype=np.int64))
+        block = reader.take(encode_block(1, 2, 0, 0, scans))
+    assert block.saturated.tolist() == [True, False, True, False]
+
+
+# -- refusals -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("wave", "reason"),
+    [
+        (ReferenceWave(wave="constant", amplitude_v=8.5), "reference limit"),
+        (ReferenceWave(wave="sine", bias_v=4.0, amplitude_v=3.5, frequency_hz=1.0), "velocity"),
+    ],
+)
+def test_the_node_itself_refuses_what_is_beyond_its_limits(wave, reason):
+    with served() as node, driver(node.host, node.port) as bench:
+        with pytest.raises(DeviceError, match=f"exception 3 .*{reason}") as caught:
+            bench.configure(AcquisitionSettings(1e-3, 100, wave))
+        assert "amplitude_v" in caught.value.where
+        assert bench.status()["reference_v"] == 0.0
+
+
+@pytest.mark.parametrize("field", ["n_samples", "sample_period_ns", "watchdog_ms"])
+def test_values_outside_the_nodes_limits_block_are_named_before_anything_is_sent(field):
+    settings = {
+        "n_samples": AcquisitionSettings(1e-3, 0, WAVE),
+        "sample_period_ns": AcquisitionSettings(5e-5, 10, WAVE),
+        "watchdog_ms": AcquisitionSettings(1e-3, 10, WAVE),
+    }[field]
+    watchdog_s = 9.0 if field == "watchdog_ms" else 0.5
+    with (
+        served() as node,
+        driver(node.host, node.port, watchdog_s=watchdog_s) as bench,
+        pytest.raises(DeviceError, match=field),
+    ):
+        bench.configure(settings)
+
+
+@pytest.mark.parametrize(
+    ("address", "values", "exception", "reason"),
+    [
+        (0x0100, [1], 2, Refusal.ADDRESS),
+        (0x2000, [1], 2, Refusal.ADDRESS),
+        (0x1011, [1], 2, Refusal.ADDRESS),
+        (0x1040, [9], 3, Refusal.VALUE),
+        (0x1018, [99], 3, Refusal.SAMPLE_COUNT),
+        (0x1010, [0x7FC0, 0], 3, Refusal.SAMPLE_COUNT),
+    ],
+)
+def test_another_modbus_client_is_refused_with_the_documented_exception(
+    address, values, exception, reason
+):
+    """Independent of our client: pymodbus alone, and what it decodes."""
+    with served() as node:
+        client = ModbusTcpClient(node.host, port=node.port, retries=0, timeout=2)
+        assert client.connect()
+        reply = client.write_registers(address, values)
+        assert (reply.isError(), reply.exception_code) == (True, exception)
+        told = client.read_holding_registers(register("refusal").address, count=1)
+        if values != [0x7FC0, 0] and address != 0x1018:
+            assert told.registers == [reason]
+        client.close()
+
+
+def test_a_nan_reference_is_refused():
+    core = build_core(TinyBench(), PROFILE, 0, pace="fast")
+    _configure(core, n_samples=100)
+    from hdbench.devices.emulator.parameters import RefusedError
+
+    with pytest.raises(RefusedError) as caught:
+        core.write(register("amplitude_v").address, struct.pack(">f", float("nan")), 1)
+    assert caught.value.exception == 3
+    assert caught.value.reason == Refusal.REFERENCE_LIMIT
+
+
+def test_pymodbus_alone_reads_identity_and_word_order():
+    with served() as node:
+        client = ModbusTcpClient(node.host, port=node.port, retries=0, timeout=2)
+        client.connect()
+        assert client.read_holding_registers(0x0100, count=2).registers == [0x0011, 0x2233]
+        raw = client.read_holding_registers(0x0140, count=2).registers
+        assert struct.unpack(">f", struct.pack(">HH", *raw))[0] == PROFILE.limits.reference_v
+        client.close()
+
+
+# -- watchdog, safe state, session ----------------------------------------------------------------
+
+
+@pytest.mark.parametrize("pace", ["fast", "realtime"])
+def test_a_silent_host_trips_the_watchdog_which_stops_the_motor_and_stays_tripped(pace):
+    with served(pace=pace) as node, driver(node.host, node.port, watchdog_s=0.2) as bench:
+        bench.configure(AcquisitionSettings(1e-3, 100_000, WAVE))
+        bench.start()
+        while node.core.machine.bench.velocity_rad_s < 50.0:
+            bench.read_block()
+        took_s = until(lambda: node.core.machine.bench.velocity_rad_s == 0.0, 2.0)
+        # watchdog 0.2 s, lag 20 ms times ln(1e5) = 0.23 s, then the scheduler
+        assert 0.15 < took_s < 1.0
+        status = bench.status()
+        assert (status["state"], status["reference_v"]) == (State.TRIPPED, 0.0)
+        assert status["watchdog_trips"] == 1
+        with pytest.raises(DeviceError, match=r"exception 4 .*tripped"):
+            bench.start()
+        # writing the parameter block again, watchdog time included, re-arms it
+        bench.configure(AcquisitionSettings(1e-3, 19, WAVE))
+        bench.start()
+        assert _gaps(_collect(bench, 19), 19) == 0
+
+
+def test_the_trip_shows_in_the_next_block():
+    with served() as node, driver(node.host, node.port, watchdog_s=0.05) as bench:
+        bench.configure(AcquisitionSettings(1e-3, 100_000, WAVE))
+        bench.start()
+        bench.read_block()
+        until(lambda: bench.status()["state"] == State.TRIPPED, 2.0)
+        flags = [block for block in _collect(bench, 0) if block.watchdog_tripped]
+    assert flags
+    assert not flags[-1].running
+
+
+def test_reading_alone_does_not_feed_the_watchdog():
+    with served() as node, driver(node.host, node.port, watchdog_s=0.1) as bench:
+        bench.configure(AcquisitionSettings(1e-3, 100_000, WAVE))
+        bench.start()
+        client = ModbusTcpClient(node.host, port=node.port, retries=0, timeout=2)
+        client.connect()
+        until_s = time.monotonic() + 0.5
+        while time.monotonic() < until_s:
+            client.read_holding_registers(0, count=120)
+        client.close()
+        assert bench.status()["state"] == State.TRIPPED
+
+
+def test_a_heartbeat_that_does_not_change_does_not_feed_the_watchdog():
+    clock = ManualClock()
+    core = build_core(TinyBench(), PROFILE, 0, pace="fast", clock=clock)
+    _start(core, n_samples=10_000)
+    heartbeat = register("heartbeat").address
+    # the watchdog time is 2 s
+    for beat, state in ((1, State.RUNNING), (2, State.RUNNING), (2, State.TRIPPED)):
+        clock.now_s += 1.5
+        core.tick()
+        core.write(heartbeat, struct.pack(">H", beat), 1)
+        clock.now_s += 0.4 if state == State.RUNNING else 0.6
+        core.tick()
+        assert _status(core, "state") == state
+
+
+def test_the_watchdog_rests_while_nothing_runs():
+    with served() as node, driver(node.host, node.port, watchdog_s=0.05) as bench:
+        bench.configure(AcquisitionSettings(1e-3, 19, WAVE))
+        time.sleep(0.2)
+        assert bench.status()["watchdog_trips"] == 0
+
+
+@pytest.mark.parametrize("state", ["idle", "configured", "running", "finished", "tripped", "safe"])
+def test_the_safe_state_is_reached_and_confirmed_from_any_state(state):
+    with served() as node, driver(node.host, node.port, watchdog_s=0.1) as bench:
+        if state != "idle":
+            bench.configure(AcquisitionSettings(1e-3, 400, WAVE))
+        if state in ("running", "finished", "tripped"):
+            bench.start()
+            bench.read_block()
+        if state == "finished":
+            _collect(bench, 400)
+        if state == "tripped":
+            until(lambda: bench.status()["state"] == State.TRIPPED, 2.0)
+        if state == "safe":
+            bench.safe_state()
+        safe = bench.safe_state()
+        assert safe.confirmed, safe.detail
+        assert safe.reference_v == 0.0
+        assert abs(safe.velocity_rad_s) < 0.5
+        machine = node.core.machine
+        assert machine.bench.reference_v == 0.0
+        assert not machine.bench.enabled
+        assert bench.safe_state().confirmed
+
+
+def test_a_motor_that_keeps_turning_is_not_called_safe():
+    class Runaway(TinyBench):
+        def halt(self) -> None:
+            return None
+
+    clock = ManualClock()
+    with served(Runaway()) as node, driver(node.host, node.port, clock=clock) as bench:
+        bench.configure(AcquisitionSettings(1e-3, 100_000, WAVE))
+        bench.start()
+        bench.read_block()
+        safe = bench.safe_state()
+    assert not safe.confirmed
+    assert safe.reference_v == 2.0
+    assert "reference is 2 V" in safe.detail
+
+
+def test_a_node_that_is_gone_is_not_called_safe_and_nothing_is_raised():
+    clock = ManualClock()
+    with served() as node, driver(node.host, node.port, clock=clock) as bench:
+        bench.identity()
+    start_s = clock.now_s
+    safe = bench.safe_state()
+    assert (safe.confirmed, safe.reference_v, safe.velocity_rad_s) == (False, None, None)
+    assert "Connection refused" in safe.detail
+    # 2.5 s for the motor to stop, in steps of 20 ms
+    assert 2.5 <= clock.now_s - start_s < 2.55
+
+
+def test_a_start_whose_reply_is_lost_is_read_back_and_sent_once():
+    starts = []
+
+    def mangle(number, reply):
+        if reply[7:] == b"\6\x10\x40\0\1":
+            starts.append(number)
+            return None
+        return reply
+
+    with through(mangle, deadline_s=0.2) as (bench, node, _):
+        bench.configure(AcquisitionSettings(1e-3, 190, WAVE))
+        bench.start()
+        assert _gaps(_collect(bench, 190), 190) == 0
+    assert len(starts) == 1
+    assert node.core.machine.starts == 1
+
+
+def test_a_second_host_cannot_write_but_can_read_and_stop():
+    with served() as node, driver(node.host, node.port) as first:
+        first.take_session()
+        first.configure(AcquisitionSettings(1e-3, 100_000, WAVE))
+        first.start()
+        first.read_block()
+        with driver(node.host, node.port) as second:
+            with pytest.raises(BusyError, match="session held"):
+                second.take_session()
+            with pytest.raises(BusyError):
+                second.configure(AcquisitionSettings(1e-3, 10, WAVE))
+            assert second.status()["session_state"] == 2
+            assert second.status()["state"] == State.RUNNING
+            assert second.safe_state().confirmed
+        assert first.status()["session_state"] == 1
+
+
+def test_a_session_outlives_a_lost_connection_and_ends_with_its_host():
+    clock = ManualClock()
+    core = build_core(TinyBench(), PROFILE, 0, pace="fast", clock=clock)
+    token = register("session").address
+    from hdbench.devices.emulator.parameters import RefusedError
+
+    core.write(token, struct.pack(">I", 7), 1)
+    core.disconnected(1)
+    with pytest.raises(RefusedError):
+        core.write(token, struct.pack(">I", 8), 2)
+    core.write(token, struct.pack(">I", 7), 3)
+    core.disconnected(3)
+    clock.now_s += 2.1
+    core.tick()
+    core.write(token, struct.pack(">I", 8), 4)
+
+
+def test_a_reconnecting_driver_keeps_its_session():
+    def mangle(number, reply):
+        return None if number == 10 else reply
+
+    with through(mangle, deadline_s=0.4) as (bench, _, _):
+        bench.take_session()
+        bench.configure(AcquisitionSettings(1e-3, 380, WAVE))
+        bench.start()
+        assert _gaps(_collect(bench, 380), 380) == 0
+        assert bench.status()["session_state"] == 1
+        assert bench._wire.repeats == 1
+
+
+# -- operator -------------------------------------------------------------------------------------
+
+
+def test_the_simulated_operator_sets_the_fixture():
+    tiny = TinyBench()
+    with served(tiny) as node, driver(node.host, node.port) as bench:
+        operator = SimulatedOperator(bench)
+        assert operator.confirm_lock(locked=True)
+        assert operator.set_position(1.25, index=0, count=4)
+        assert operator.hang(2.5, direction="ccw", expected_nm=-12.0, step="up 2")
+        assert tiny.fixture == {
+            "locked": True,
+            "position_rad": 1.25,
+            "mass_kg": 2.5,
+            "direction": -1,
+        }
+        assert operator.set_position(2.5, index=1, count=4)
+        assert (tiny.fixture["position_rad"], tiny.fixture["mass_kg"]) == (2.5, 0.0)
+        assert operator.confirm_motion("turn")
+
+
+def test_a_real_bench_has_no_simulated_operator():
+    class Real:
+        pass
+
+    with pytest.raises(UsageError, match="person"):
+        SimulatedOperator(Real())
+
+
+def test_the_fixture_cannot_be_changed_while_the_node_samples():
+    with served() as node, driver(node.host, node.port) as bench:
+        bench.configure(AcquisitionSettings(1e-3, 10_000, None))
+        bench.start()
+        with pytest.raises(DeviceError, match=r"exception 6 .*running"):
+            bench.set_fixture(locked=True, position_rad=0.0, mass_kg=1.0, direction=1)
+
+
+def test_another_device_is_recognised_before_anything_is_written():
+    def swapped(number, reply):
+        return reply.replace(b"\x00\x11\x22\x33", b"\x22\x33\x00\x11")
+
+    with (
+        through(swapped, deadline_s=1.0) as (bench, _, frames),
+        pytest.raises(DeviceError, match="word order"),
+    ):
+        bench.take_session()
+    assert {frame[7] for frame in frames} == {3}
+
+
+def test_control_characters_of_the_device_are_not_passed_on():
+    from hdbench.devices.node.codec import clean_text
+
+    assert clean_text(b"T\x1b[31m7\x07\xff\r\n\x00junk") == "T[31m7"
+    assert clean_text("nödë\N{RIGHT-TO-LEFT OVERRIDE}".encode()) == "nödë"
+
+
+def test_a_restarted_node_is_noticed():
+    with served() as node, driver(node.host, node.port, watchdog_s=2.0) as bench:
+        bench.configure(AcquisitionSettings(1e-3, 100_000, WAVE))
+        bench.start()
+        bench.read_block()
+        # power lost and back: everything as after switching on
+        fresh = build_core(TinyBench(), PROFILE, 0, pace="fast")
+        node.core.__dict__.update(fresh.__dict__)
+        with pytest.raises(DeviceError, match="restarted"):
+            bench.read_block()
+
+
+# -- helpers on the core --------------------------------------------------------------------------
+
+
+def _configure(core, *, n_samples):
+    raw = struct.pack(">fIIfHfffffH", 0.0, 1_000_000, n_samples, 1.0, 1, 0, 0, 0, 0, 0, 2000)
+    core.write(register("bias_v").address, raw, 1)
+
+
+def _start(core, *, n_samples):
+    _configure(core, n_samples=n_samples)
+    core.write(register("command").address, b"\0\1", 1)
+
+
+def _status(core, name):
+    entry = register(name)
+    return int.from_bytes(core.read(entry.address, entry.size, 1), "big")
+
+
+def _drain(core, clock, *, pause_after, pause_s):
+    """Read a node in real time by hand; pause after some blocks; count received and lost."""
+    received = lost = seq = beat = 0
+    blocks = 0
+    for _ in range(200_000):
+        beat = (beat + 1) % 0x10000
+        core.tick()
+        core.write(register("ack").address, struct.pack(">HH", seq, beat), 1)
+        raw = core.read(0, 120, 1)
+        got, flags, n_scans, _, first = struct.unpack_from(">HHHHI", raw)
+        if got:
+            # every scan is the one of its index, on either side of a gap
+            torque = np.frombuffer(raw, ">i2", 6 * n_scans, 12)[::6]
+            np.testing.assert_array_equal(torque, codes_of(first + np.arange(n_scans))[0])
+            assert first >= received + lost
+            lost = first - received
+            received += n_scans
+            seq = got
+            blocks += 1
+            if blocks in pause_after:
+                # the host is silent in reading only: its heart goes on
+                for _ in range(int(pause_s / 0.5)):
+                    clock.now_s += 0.5
+                    beat = (beat + 1) % 0x10000
+                    core.write(register("heartbeat").address, struct.pack(">H", beat), 1)
+                    core.tick()
+        elif not flags & 2:
+            return received, lost
+        clock.now_s += 0.004
+    raise AssertionError("the acquisition did not end")
+
+
+def test_the_machine_needs_no_wire():
+    clock = ManualClock()
+    seen = []
+    machine = NodeMachine(
+        TinyBench(), pace="realtime", clock=clock, record=lambda e: seen.append(e["event"])
+    )
+    machine.start({**_parameters(), "n_samples": 5})
+    clock.now_s += 0.0042
+    machine.tick()
+    assert machine.fifo.taken == 5
+    assert machine.state == State.FINISHED
+    assert seen[0] == "start"
+    assert seen[-1] == "finished"
+
+
+def _parameters():
+    from hdbench.devices.emulator.parameters import DEFAULT_PARAMETERS
+
+    return {**DEFAULT_PARAMETERS, "wave": 1, "amplitude_v": 1.0, "watchdog_ms": 500}

@@ -1,0 +1,270 @@
+"""The emulator as a process: speed, death of the host, signals, locks."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+from nodekit import PROFILE, driver, until
+
+from hdbench.devices import AcquisitionSettings, SimulatedOperator, open_bench, stop_bench
+from hdbench.devices.emulator.process import running_emulator
+from hdbench.devices.lock import exclusive
+from hdbench.devices.node.registers import State
+from hdbench.devices.opening import parse_address
+from hdbench.errors import BusyError, DeviceError, ProfileError, UsageError
+from hdbench.profile.schema import ReferenceWave
+
+# 150 rad/s forward: the watchdog has something to stop
+WAVE = ReferenceWave(wave="constant", amplitude_v=150.0 / PROFILE.servo.velocity_gain_rad_s_per_v)
+linux_only = pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
+
+HOST_SCRIPT = """
+import sys
+from pathlib import Path
+from hdbench.devices import AcquisitionSettings, open_bench
+from hdbench.profile import load_profile
+from hdbench.profile.schema import ReferenceWave
+
+address, record = sys.argv[1], sys.argv[2]
+wave = ReferenceWave(wave="constant", amplitude_v=float(sys.argv[3]))
+with open_bench(
+    load_profile("cim-tr-97-06"),
+    address=address,
+    realtime=True,
+    record=Path(record) if record else None,
+) as bench:
+    bench.configure(AcquisitionSettings(1e-3, 1_000_000, wave))
+    bench.start()
+    told = False
+    while True:
+        block = bench.read_block()
+        if block and block.tacho_v[-1] * 56.2565 > 140.0 and not told:
+            told = True
+            print("moving", flush=True)
+"""
+
+
+@contextmanager
+def _host(address, record=""):
+    """Run a host process that turns the motor; yields it once the motor is fast."""
+    amplitude_v = str(WAVE.amplitude_v)
+    process = subprocess.Popen(
+        [sys.executable, "-c", HOST_SCRIPT, address, str(record), amplitude_v],
+        stdout=subprocess.PIPE,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)},
+        start_new_session=True,
+    )
+    try:
+        assert process.stdout.readline() == b"moving\n"
+        yield process
+    finally:
+        process.kill()
+        process.wait()
+        process.stdout.close()
+
+
+def _children(pid):
+    return [int(word) for word in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
+
+
+def _alive(pid):
+    try:
+        state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
+    except FileNotFoundError:
+        return False
+    return state != "Z"
+
+
+def _events(record):
+    return [json.loads(line) for line in record.read_text().splitlines()]
+
+
+def _read(bench, n_samples):
+    blocks = []
+    while sum(map(len, blocks)) < n_samples:
+        block = bench.read_block()
+        if block:
+            blocks.append(block)
+    return blocks
+
+
+def test_five_channels_at_1_khz_run_at_least_15_times_faster_than_real_time():
+    n_samples = 10_000
+    rates = []
+    with open_bench(PROFILE, plant="worn", seed=3) as bench:
+        # the best of three: the machine has other work
+        for _ in range(3):
+            bench.configure(AcquisitionSettings(1e-3, n_samples, PROFILE.ripple.reference))
+            start_s = time.monotonic()
+            bench.start()
+            blocks = _read(bench, n_samples)
+            rates.append(n_samples * 1e-3 / (time.monotonic() - start_s))
+            assert sum(block.lost_before for block in blocks) == 0
+    assert max(rates) >= 15.0
+
+
+def test_the_embedded_bench_moves_as_asked_and_ends_safe():
+    with open_bench(PROFILE, seed=1) as bench:
+        assert bench.identity().simulated
+        bench.configure(AcquisitionSettings(1e-3, 1000, WAVE))
+        bench.start()
+        blocks = _read(bench, 1000)
+        velocity = np.concatenate([block.tacho_v for block in blocks]) * 56.2565
+        # a 15 Hz loop has settled to 1e-6 after 0.2 s; 1 mV of tacho noise is 0.06 rad/s
+        assert np.mean(velocity[500:]) == pytest.approx(150.0, abs=0.5)
+        assert bench.safe_state().confirmed
+        SimulatedOperator(bench).confirm_lock(locked=True)
+
+
+def test_the_same_seed_gives_the_same_samples():
+    def run(seed):
+        with open_bench(PROFILE, seed=seed) as bench:
+            bench.configure(AcquisitionSettings(1e-3, 400, WAVE))
+            bench.start()
+            return np.concatenate([block.torque_v for block in _read(bench, 400)])
+
+    first = run(5)
+    np.testing.assert_array_equal(first, run(5))
+    assert np.any(first != run(6))
+
+
+@linux_only
+def test_killing_the_host_lets_the_watchdog_stop_the_motor_within_a_second(tmp_path):
+    record = tmp_path / "node.jsonl"
+    with running_emulator(PROFILE, plant="as-modelled", seed=0, pace="realtime", record=record) as (
+        host,
+        port,
+    ):
+        with _host(f"tcp://{host}:{port}") as process:
+            process.send_signal(signal.SIGKILL)
+            killed_s = time.monotonic()
+            process.wait()
+        with driver(host, port) as bench:
+            until(lambda: bench.status()["velocity_rad_s"] == pytest.approx(0.0, abs=0.5), 3.0)
+            status = bench.status()
+    assert status["state"] == State.TRIPPED
+    assert status["reference_v"] == 0.0
+    still = next(e for e in _events(record) if e["event"] == "standstill")
+    # watchdog 0.5 s, deceleration 0.2 s, the scheduler
+    assert still["monotonic_s"] - killed_s < 1.0
+    assert still["watchdog_trips"] == 1
+
+
+@linux_only
+def test_the_embedded_node_stops_the_motor_and_leaves_when_its_host_is_killed(tmp_path):
+    record = tmp_path / "node.jsonl"
+    with _host("embedded", record) as process:
+        (node,) = _children(process.pid)
+        process.send_signal(signal.SIGKILL)
+        killed_s = time.monotonic()
+        process.wait()
+        until(lambda: not _alive(node), 5.0)
+    last = _events(record)[-1]
+    assert last["event"] == "standstill"
+    assert (last["state"], last["reference_v"]) == ("tripped", 0.0)
+    assert last["monotonic_s"] - killed_s < 1.0
+
+
+@linux_only
+def test_ctrl_c_does_not_reach_the_embedded_node():
+    with open_bench(PROFILE) as bench:
+        (node,) = [pid for pid in _children(os.getpid()) if b"emulator" in _command_line(pid)]
+        os.kill(node, signal.SIGINT)
+        time.sleep(0.1)
+        assert bench.safe_state().confirmed
+    until(lambda: not _alive(node), 3.0)
+
+
+def _command_line(pid):
+    return Path(f"/proc/{pid}/cmdline").read_bytes()
+
+
+def test_a_lost_node_is_a_device_error_at_once():
+    with open_bench(PROFILE) as bench:
+        bench.configure(AcquisitionSettings(1e-3, 1_000_000, WAVE))
+        bench.start()
+        for pid in _children(os.getpid()):
+            if b"emulator" in _command_line(pid):
+                os.kill(pid, signal.SIGKILL)
+        start_s = time.monotonic()
+        with pytest.raises(DeviceError):
+            _read(bench, 1_000_000)
+        # refused connections come at once; the embedded deadline is 1 s
+        assert time.monotonic() - start_s < 1.0
+
+
+def test_an_unknown_plant_is_named_before_anything_starts():
+    bench = open_bench(PROFILE, plant="no-such-plant")
+    with pytest.raises(ProfileError, match="no-such-plant"):
+        bench.__enter__()
+
+
+def test_a_second_process_is_told_who_holds_the_bench():
+    with exclusive("tcp://127.0.0.1:9"):
+        second = exclusive("tcp://127.0.0.1:9")
+        with pytest.raises(BusyError, match=str(os.getpid())) as caught:
+            second.__enter__()
+    assert caught.value.exit_code == 9
+    with exclusive("tcp://127.0.0.1:9"):
+        pass
+
+
+def test_anybody_can_stop_a_bench_that_another_process_drives():
+    with running_emulator(PROFILE, plant="as-modelled", seed=0, pace="realtime") as (host, port):
+        address = f"tcp://{host}:{port}"
+        with _host(address):
+            third = open_bench(PROFILE, address=address)
+            with pytest.raises(BusyError):
+                third.__enter__()
+            assert stop_bench(PROFILE, address=address).confirmed
+
+
+@pytest.mark.parametrize("address", ["tcp://host", "tcp://host:0", "tcp://:5", "udp://h:5", "h:5"])
+def test_an_address_of_another_form_is_a_usage_error(address):
+    with pytest.raises(UsageError, match="tcp://HOST:PORT"):
+        parse_address(address)
+
+
+def test_the_embedded_bench_cannot_be_stopped_from_outside():
+    with pytest.raises(UsageError, match="embedded"):
+        stop_bench(PROFILE)
+
+
+@pytest.mark.parametrize("stop", [signal.SIGINT, signal.SIGTERM])
+def test_emulate_prints_its_address_and_serves_until_it_is_stopped(tmp_path, stop):
+    pytest.importorskip("hdbench_cli.main")
+    record = tmp_path / "states.jsonl"
+    code = "from hdbench_cli.main import main; main()"
+    process = subprocess.Popen(
+        [sys.executable, "-c", code, "emulate", "--json", "--record", str(record)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)},
+        start_new_session=True,
+    )
+    try:
+        told = json.loads(process.stdout.readline())
+        assert told["schema"] == "hdbench/emulator/1"
+        with open_bench(PROFILE, address=told["address"]) as bench:
+            bench.configure(AcquisitionSettings(1e-3, 50, WAVE))
+            bench.start()
+            _read(bench, 50)
+            assert bench.safe_state().confirmed
+        process.send_signal(stop)
+        rest, noise = process.communicate(timeout=10)
+    finally:
+        process.kill()
+        process.communicate()
+    assert process.returncode == 0
+    assert rest == b""
+    assert b"Traceback" not in noise
+    events = [event["event"] for event in _events(record)]
+    assert events[0] == "start"
+    assert events[-1] == "standstill"

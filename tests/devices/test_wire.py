@@ -1,0 +1,285 @@
+"""The strict layer against a server that misbehaves."""
+
+import socket
+import struct
+import time
+from collections.abc import Callable
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from nodekit import adu, rogue
+
+from hdbench.devices.node.frames import ExceptionReply, FrameError, find_reply, registers_check
+from hdbench.devices.node.registers import FEED, IDENTITY, PARAMETERS, STATUS, register
+from hdbench.devices.node.wire import NodeWire
+from hdbench.errors import DeviceError
+
+SERIAL = (register("serial"),)
+GOOD = bytes((3, 16)) + b"S/N 0001" + bytes(8)
+COMMAND = (register("command"),)
+# what two cores shared with other work may add to a wait, s
+SLACK_S = 0.15
+
+
+def _reply(pdu: bytes) -> Callable[[socket.socket, bytes], None]:
+    return lambda connection, request: connection.sendall(adu(request, pdu))
+
+
+def _hang_up(connection: socket.socket, request: bytes) -> None:
+    connection.shutdown(socket.SHUT_RDWR)
+
+
+def _reset(connection: socket.socket, request: bytes) -> None:
+    connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+    connection.close()
+
+
+def _silent(connection: socket.socket, request: bytes) -> None:
+    return None
+
+
+def _slow(connection: socket.socket, request: bytes) -> None:
+    for byte in adu(request, GOOD):
+        connection.sendall(bytes((byte,)))
+        time.sleep(0.05)
+
+
+WRONG_READ_REPLIES = {
+    "transaction id": lambda c, r: c.sendall(adu(r, GOOD, tid=(r[1] + 1) % 256)),
+    "transaction id 0": lambda c, r: c.sendall(adu(r, GOOD, tid=0)),
+    "unit id": lambda c, r: c.sendall(adu(r, GOOD, unit=9)),
+    "protocol id": lambda c, r: c.sendall(adu(r, GOOD)[:2] + b"\0\7" + adu(r, GOOD)[4:]),
+    "function code 4": _reply(b"\4" + GOOD[1:]),
+    "function code 23": _reply(b"\x17" + GOOD[1:]),
+    "two registers too many": _reply(bytes((3, 20)) + bytes(20)),
+    "one register too few": _reply(bytes((3, 14)) + bytes(14)),
+    "odd byte count": _reply(bytes((3, 15)) + bytes(15)),
+    "byte count above the data": _reply(bytes((3, 16)) + bytes(10)),
+    "byte count below the data": _reply(bytes((3, 10)) + bytes(16)),
+    "no byte count": _reply(b"\3"),
+    "exception without a code": _reply(b"\x83"),
+    "garbage before": lambda c, r: c.sendall(b"\xff\xff\xff" + adu(r, GOOD)),
+    "silence": _silent,
+    "slow bytes": _slow,
+    "FIN": _hang_up,
+    "RST": _reset,
+}
+
+
+@pytest.mark.parametrize("fault", WRONG_READ_REPLIES)
+def test_a_wrong_reply_to_a_read_is_never_delivered_and_the_deadline_holds(fault):
+    deadline_s = 0.2
+    with rogue(WRONG_READ_REPLIES[fault]) as (host, port, frames):
+        wire = NodeWire(host, port, deadline_s=deadline_s)
+        start_s = time.monotonic()
+        with pytest.raises(DeviceError) as caught:
+            wire.read(SERIAL)
+        took_s = time.monotonic() - start_s
+        wire.close()
+    # 10 % as required, plus what the scheduler may add
+    assert took_s < 1.1 * deadline_s + SLACK_S
+    assert "register serial (0x0114)" in caught.value.where
+    assert len(frames) == 2, "a read is repeated exactly once"
+
+
+WRONG_WRITE_REPLIES = {
+    "other value": lambda c, r: c.sendall(adu(r, b"\6" + r[8:10] + b"\0\7")),
+    "other address": lambda c, r: c.sendall(adu(r, b"\6\0\1" + r[10:12])),
+    "answered as FC3": lambda c, r: c.sendall(adu(r, b"\3\2\0\1")),
+    "answered as FC16": lambda c, r: c.sendall(adu(r, b"\x10" + r[8:12])),
+    "too short": lambda c, r: c.sendall(adu(r, b"\6" + r[8:10])),
+    "silence": _silent,
+    "FIN": _hang_up,
+    "RST": _reset,
+}
+
+
+@pytest.mark.parametrize("fault", WRONG_WRITE_REPLIES)
+def test_a_motion_write_without_its_echo_fails_and_is_sent_once(fault):
+    with rogue(WRONG_WRITE_REPLIES[fault]) as (host, port, frames):
+        wire = NodeWire(host, port, deadline_s=0.2)
+        start_s = time.monotonic()
+        with pytest.raises(DeviceError) as caught:
+            wire.write_once(COMMAND, b"\0\1")
+        took_s = time.monotonic() - start_s
+        wire.close()
+    assert isinstance(caught.value.__cause__, FrameError), "no answer, not a refusal"
+    assert took_s < 1.1 * 0.2 + SLACK_S
+    assert len(frames) == 1, "never repeated"
+
+
+@pytest.mark.parametrize("pdu", [b"\x06\x10\x40\0\7", b"\3\2\0\1"])
+def test_after_a_wrong_reply_the_connection_is_not_used_again(pdu):
+    used = []
+
+    def wrong(connection: socket.socket, request: bytes) -> None:
+        used.append(connection.fileno())
+        connection.sendall(adu(request, pdu if len(used) == 1 else b"\6" + request[8:12]))
+
+    with rogue(wrong) as (host, port, _):
+        wire = NodeWire(host, port, deadline_s=0.5)
+        with pytest.raises(DeviceError):
+            wire.write_once(COMMAND, b"\0\2")
+        wire.write_once(COMMAND, b"\0\2")
+        wire.close()
+        assert len(set(used)) == 2
+
+
+def test_a_first_byte_does_not_lengthen_the_wait():
+    def one_byte(connection: socket.socket, request: bytes) -> None:
+        time.sleep(0.3)
+        connection.sendall(request[:1])
+
+    with rogue(one_byte) as (host, port, _):
+        wire = NodeWire(host, port, deadline_s=0.4)
+        start_s = time.monotonic()
+        with pytest.raises(DeviceError, match="in time"):
+            wire.write_once(COMMAND, b"\0\2")
+        # a wait begun anew by the byte would end after 0.7 s
+        assert time.monotonic() - start_s < 1.1 * 0.4 + SLACK_S
+        wire.close()
+
+
+def test_an_fc16_echo_with_another_count_is_refused():
+    with rogue(lambda c, r: c.sendall(adu(r, b"\x10" + r[8:10] + b"\0\x63"))) as (host, port, _):
+        wire = NodeWire(host, port, deadline_s=0.2)
+        with pytest.raises(DeviceError, match="echo"):
+            wire.write_once(PARAMETERS[:1], bytes(4))
+        wire.close()
+
+
+@pytest.mark.parametrize(
+    ("code", "meaning"), [(1, "illegal function"), (2, "address"), (3, "value"), (4, "failure")]
+)
+def test_an_exception_names_register_and_meaning_and_is_not_repeated(code, meaning):
+    with rogue(lambda c, r: c.sendall(adu(r, bytes((r[7] | 0x80, code))))) as (host, port, frames):
+        wire = NodeWire(host, port, deadline_s=0.5)
+        with pytest.raises(DeviceError, match=f"exception {code} .*{meaning}") as caught:
+            wire.read(SERIAL)
+        wire.close()
+    assert "serial (0x0114)" in caught.value.where
+    # the second one asks for the node's own reason
+    asked = [struct.unpack(">H", frame[8:10])[0] for frame in frames]
+    assert asked == [register("serial").address, register("refusal").address]
+
+
+def test_a_reply_byte_by_byte_is_put_together():
+    def trickle(connection: socket.socket, request: bytes) -> None:
+        for byte in adu(request, GOOD):
+            connection.sendall(bytes((byte,)))
+
+    with rogue(trickle) as (host, port, _):
+        wire = NodeWire(host, port, deadline_s=2.0)
+        assert wire.read(SERIAL) == GOOD[2:]
+        wire.close()
+
+
+def test_a_stale_reply_before_the_right_one_is_skipped():
+    def twice(connection: socket.socket, request: bytes) -> None:
+        stale = adu(request, bytes((3, 16)) + b"stale" + bytes(11), tid=40000)
+        connection.sendall(stale + adu(request, GOOD))
+
+    with rogue(twice) as (host, port, frames):
+        wire = NodeWire(host, port, deadline_s=1.0)
+        assert wire.read(SERIAL) == GOOD[2:]
+        wire.close()
+    assert len(frames) == 1
+
+
+def test_a_late_reply_is_never_taken_for_the_next_read():
+    """The first reply comes after its deadline and holds other data than the second."""
+    answers = iter((b"late", b"late", b"good", b"good"))
+
+    def late_then_good(connection: socket.socket, request: bytes) -> None:
+        text = next(answers)
+        if text == b"late":
+            time.sleep(0.3)
+        connection.sendall(adu(request, bytes((3, 16)) + text + bytes(12)))
+
+    with rogue(late_then_good) as (host, port, _):
+        wire = NodeWire(host, port, deadline_s=0.2)
+        with pytest.raises(DeviceError, match="in time"):
+            wire.read(SERIAL)
+        time.sleep(0.3)
+        assert wire.read(SERIAL)[:4] == b"good"
+        wire.close()
+
+
+def test_one_lost_reply_is_made_up_within_the_deadline():
+    lost = iter((True, False))
+
+    def drop_first(connection: socket.socket, request: bytes) -> None:
+        if not next(lost):
+            connection.sendall(adu(request, GOOD))
+
+    with rogue(drop_first) as (host, port, _):
+        wire = NodeWire(host, port, deadline_s=0.6)
+        start_s = time.monotonic()
+        assert wire.read(SERIAL) == GOOD[2:]
+        assert time.monotonic() - start_s < 0.6 + SLACK_S
+        assert wire.repeats == 1
+        wire.close()
+
+
+def test_nobody_listening_is_a_device_error_at_once():
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        host, port = listener.getsockname()
+    wire = NodeWire(host, port, deadline_s=0.5)
+    with pytest.raises(DeviceError, match="Connection refused"):
+        wire.read(SERIAL)
+
+
+@pytest.mark.parametrize("group", [IDENTITY, STATUS, (*FEED, register("state"))])
+def test_only_registers_of_the_allow_list_can_be_written(group):
+    with rogue(_silent) as (host, port, frames):
+        wire = NodeWire(host, port, deadline_s=0.2)
+        with pytest.raises(ValueError, match="not writable"):
+            wire.write_once(group, bytes(2 * sum(entry.size for entry in group)))
+    assert not frames
+
+
+def test_a_fault_is_reported_by_the_error_alone_and_stderr_stays_empty(capfd):
+    with rogue(_hang_up) as (host, port, _):
+        wire = NodeWire(host, port, deadline_s=0.2)
+        with pytest.raises(DeviceError):
+            wire.read(SERIAL)
+    assert capfd.readouterr() == ("", "")
+
+
+@settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@given(
+    frames=st.lists(
+        st.tuples(st.integers(0, 3), st.integers(0, 2), st.binary(min_size=1, max_size=40))
+        | st.binary(max_size=9),
+        max_size=4,
+    ),
+    tid=st.integers(0, 3),
+    unit=st.integers(0, 2),
+)
+def test_any_bytes_give_a_whole_reply_of_this_transaction_or_nothing(frames, tid, unit):
+    data = b"".join(
+        frame
+        if isinstance(frame, bytes)
+        else struct.pack(">HHHB", frame[0], 0, len(frame[2]) + 1, frame[1]) + frame[2]
+        for frame in frames
+    )
+    try:
+        pdu = find_reply(data, tid, unit)
+    except FrameError:
+        return
+    if pdu is not None:
+        header = struct.pack(">HHHB", tid, 0, len(pdu) + 1, unit)
+        assert header + pdu in data
+
+
+@settings(max_examples=300, deadline=None)
+@given(pdu=st.binary(min_size=1, max_size=253), count=st.integers(1, 125))
+def test_only_an_exact_register_reply_passes(pdu, count):
+    exact = len(pdu) == 2 + 2 * count and pdu[0] == 3 and pdu[1] == 2 * count
+    try:
+        registers_check(3, count)(pdu)
+        passed = True
+    except (FrameError, ExceptionReply):
+        passed = False
+    assert passed == exact
