@@ -1,0 +1,38 @@
+"""Numbers for people: as many digits as the uncertainty allows."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+__all__ = ["with_uncertainty"]
+
+
+def with_uncertainty(quantity: Mapping[str, Any], unit: str) -> str:
+    """Return ``value +- std unit`` with two significant digits of the standard uncertainty.
+
+    Parameters
+    ----------
+    quantity : mapping
+        With `value`, `std` and, where known, `dof`.
+    unit : str
+        Unit of the number.
+
+    Returns
+    -------
+    str
+        For example ``6.612 +- 0.048 N m/V (3 dof)``.
+
+    Examples
+    --------
+    >>> with_uncertainty({"value": 6.6123, "std": 0.0484, "dof": 3}, "N m/V")
+    '6.612 +- 0.048 N m/V (3 dof)'
+    """
+    value, std = float(quantity["value"]), float(quantity["std"])
+    if std == 0.0:
+        return f"{value:.6g} {unit}"
+    digits = max(0, 1 - math.floor(math.log10(std)))
+    dof = quantity.get("dof")
+    tail = f" ({dof:.3g} dof)" if dof is not None else ""
+    return f"{value:.{digits}f} +- {std:.{digits}f} {unit}{tail}"

@@ -1,0 +1,108 @@
+"""Options that several commands share."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+import click
+
+__all__ = [
+    "address_option",
+    "bench_options",
+    "calibration_option",
+    "from_option",
+    "model_option",
+    "out_option",
+    "profile_option",
+    "seed_option",
+]
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+profile_option = click.option(
+    "--profile",
+    "profile_name",
+    metavar="NAME|PATH",
+    help="Bench to use: a built-in name or a TOML file.  [default: the stored run's own, "
+    "else cim-tr-97-06]",
+)
+out_option = click.option(
+    "--out",
+    "out",
+    metavar="DIR",
+    type=click.Path(path_type=Path, file_okay=False),
+    default=Path("runs"),
+    show_default=True,
+    help="Parent folder of run folders.",
+)
+seed_option = click.option(
+    "--seed",
+    type=click.IntRange(min=0),
+    default=0,
+    show_default=True,
+    help="Seed of everything that is simulated.",
+)
+from_option = click.option(
+    "--from",
+    "source",
+    metavar="FILE|RUN",
+    type=click.Path(path_type=Path, exists=True),
+    help="Evaluate this stored file or run again instead of measuring.",
+)
+address_option = click.option(
+    "--address",
+    metavar="tcp://HOST:PORT",
+    help="Bench controller to use instead of the profile's.",
+)
+calibration_option = click.option(
+    "--calibration",
+    metavar="RUN|FILE",
+    type=click.Path(path_type=Path, exists=True),
+    help="Calibration whose gain scales the torque; else the profile's gain.",
+)
+model_option = click.option(
+    "--model",
+    "filter_name",
+    metavar="NAME|FILE",
+    help="Filter model: report-a1, report-a2, report-6 or a model file; else the profile's.",
+)
+
+
+def bench_options(function: F) -> F:
+    """Add the options of every command that drives the bench.
+
+    Parameters
+    ----------
+    function : callable
+        The click command function.
+
+    Returns
+    -------
+    callable
+        The same function with the options attached.
+    """
+    options = (
+        profile_option,
+        out_option,
+        from_option,
+        address_option,
+        click.option(
+            "--plant",
+            metavar="NAME|FILE",
+            default="as-modelled",
+            show_default=True,
+            help="What the embedded bench has beyond its model.",
+        ),
+        seed_option,
+        click.option("--dry-run", is_flag=True, help="Check and print the plan; nothing moves."),
+        click.option("--yes", is_flag=True, help="Confirm motion without a question."),
+        click.option("--no-input", is_flag=True, help="Never ask; fail where an answer is needed."),
+        click.option("--check", is_flag=True, help="Exit 3 unless the result passes."),
+        click.option("--realtime", is_flag=True, help="Let the embedded bench keep real time."),
+        click.option("--no-report", is_flag=True, help="Leave out report.html."),
+    )
+    for option in reversed(options):
+        function = option(function)
+    return function

@@ -1,0 +1,114 @@
+"""`hdbench profile`: list, show, check and make profiles."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import click
+
+from hdbench_cli.output import Output
+
+__all__ = ["command"]
+
+
+@click.group(name="profile")
+def command() -> None:
+    """List, show, check and make profiles.
+
+    A profile describes one bench: drive, sensor, DAQ, limits, experiments, filter and model.
+
+    Example: hdbench profile new my-bench --out my-bench.toml
+    """
+
+
+@command.command("list")
+@click.pass_obj
+def list_(output: Output) -> None:
+    """List the built-in profiles.
+
+    Example: hdbench profile list
+    """
+    from hdbench.profile import list_profiles, load_profile
+
+    profiles = [load_profile(name) for name in list_profiles()]
+    rows = [{**p.describe(), "description": p.data.description} for p in profiles]
+    lines = "\n".join(f"{row['name']}  {row['description']}" for row in rows)
+    output.result({"profiles": rows}, lambda _console: click.echo(lines))
+
+
+@command.command("show")
+@click.argument("name", metavar="NAME|PATH", default="cim-tr-97-06")
+@click.pass_obj
+def show(output: Output, name: str) -> None:
+    """Show the text of a profile.
+
+    Example: hdbench profile show cim-tr-97-06
+    """
+    from hdbench.profile import load_profile
+
+    profile = load_profile(name)
+    body = {
+        **profile.describe(),
+        "path": profile.path,
+        "text": profile.text,
+        "data": profile.data.model_dump(mode="json"),
+    }
+    output.result(body, lambda _console: click.echo(profile.text, nl=False))
+
+
+@command.command("check")
+@click.argument("files", metavar="FILE...", nargs=-1, required=True)
+@click.pass_obj
+def check(output: Output, files: tuple[str, ...]) -> None:
+    """Check profiles and name every problem at once; exit 4 if there is one.
+
+    Example: hdbench profile check my-bench.toml
+    """
+    from hdbench.profile import check_profiles
+
+    profiles = check_profiles(files)
+    rows = [{**p.describe(), "path": p.path} for p in profiles]
+    output.result(
+        {"profiles": rows},
+        lambda _console: click.echo("\n".join(f"{r['path']}: valid" for r in rows)),
+    )
+
+
+@command.command("new")
+@click.argument("name")
+@click.option(
+    "--out",
+    metavar="FILE",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="File to write; else the text goes to stdout.",
+)
+@click.pass_obj
+def new(output: Output, name: str, out: Path | None) -> None:
+    """Make a profile to start from, with meaning and unit of every key.
+
+    Example: hdbench profile new my-bench --out my-bench.toml
+    """
+    from hdbench.profile import new_profile
+    from hdbench.records import write_new
+
+    text = new_profile(name)
+    if out is not None:
+        write_new(out, text.encode())
+    output.result(
+        {"name": name, "path": None if out is None else str(out), "text": text},
+        lambda _console: click.echo(text if out is None else f"{out}\n", nl=False),
+    )
+
+
+@command.command("schema")
+@click.pass_obj
+def schema(output: Output) -> None:
+    """Print the JSON schema of profiles, for editors.
+
+    Example: hdbench profile schema
+    """
+    from hdbench.profile import profile_schema
+
+    body = profile_schema()
+    output.result(body, lambda _console: click.echo(json.dumps(body, indent=2)))

@@ -1,0 +1,48 @@
+"""Progress of a long command: a bar on a terminal, nothing elsewhere."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+__all__ = ["progress_bar"]
+
+
+@contextmanager
+def progress_bar(title: str) -> Iterator[Callable[[str, float], None]]:
+    """Show a bar on stderr where that is a terminal.
+
+    Parameters
+    ----------
+    title : str
+        Name of the work.
+
+    Yields
+    ------
+    callable
+        Takes what is going on and the share done, 0 to 1.
+    """
+    if not sys.stderr.isatty():
+        yield lambda _what, _share: None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+    from rich.text import Text
+
+    columns = (
+        TextColumn("{task.fields[title]}"),
+        BarColumn(bar_width=24),
+        TextColumn("{task.percentage:3.0f} %"),
+        TimeElapsedColumn(),
+        TextColumn("{task.description}", markup=False),
+    )
+    console = Console(stderr=True, highlight=False)
+    with Progress(*columns, console=console, transient=True) as bar:
+        task = bar.add_task("", total=1.0, title=title)
+
+        def show(what: str, share: float) -> None:
+            room = max(10, console.width - 60)
+            bar.update(task, completed=share, description=Text(what).plain[:room])
+
+        yield show

@@ -1,0 +1,77 @@
+"""`hdbench regress`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from hdbench_cli.output import Output
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from hdbench.regression import RegressionReport
+
+__all__ = ["command", "show"]
+
+# lines per case on the screen: the rest is in --json
+_MOST_LINES = 20
+
+
+def show(console: Console, report: RegressionReport) -> None:
+    """Draw what moved, case by case."""
+    from rich.text import Text
+
+    for case in report.cases:
+        word, style = ("pass", "green") if case.passed else ("MOVED", "bold red")
+        if case.updated and case.changes:
+            word, style = "updated", "yellow"
+        line = Text.assemble((f"{word:8}", style), f"{case.name}: {case.compared} quantities")
+        console.print(line)
+        if case.updated and not case.compared:
+            console.print(f"  . first result kept: {len(case.changes)} quantities")
+            continue
+        for change in case.changes[:_MOST_LINES]:
+            mark = "  ! " if change.regression else "  . "
+            console.print(Text(mark + change.describe()), soft_wrap=True)
+            if change.regression and change.what == "moved":
+                console.print(Text(f"      tolerance: {change.reason}", style="dim"))
+        if len(case.changes) > _MOST_LINES:
+            console.print(f"  and {len(case.changes) - _MOST_LINES} more: see --json")
+
+
+@click.command(
+    "regress",
+    epilog="Example: hdbench regress tests/stored",
+)
+@click.argument("folder", metavar="DIR", type=click.Path(path_type=Path, exists=True))
+@click.option("--update", is_flag=True, help="Keep what comes out now as the expected results.")
+@click.pass_obj
+def command(output: Output, folder: Path, update: bool) -> None:
+    """Evaluate stored traces again and compare with stored results.
+
+    Names every quantity that moved beyond its tolerance, and by how many tolerances; then exits 3.
+    """
+    from hdbench.errors import LimitError
+    from hdbench.regression import compare_folder
+
+    report = compare_folder(folder, update=update)
+    output.result(report.to_dict(), lambda console: show(console, report))
+    if report.passed:
+        return
+    moved = [case for case in report.cases if not case.passed]
+    names = ", ".join(
+        f"{case.name}: {sum(change.regression for change in case.changes)} quantities"
+        for case in moved
+    )
+    error = LimitError(
+        f"results moved beyond their tolerances ({names})",
+        where=str(folder),
+        fix="mend the code, or review the changes and keep them with --update",
+    )
+    if output.json:
+        output.note(str(error))
+        raise click.exceptions.Exit(error.exit_code)
+    raise error

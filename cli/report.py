@@ -1,0 +1,50 @@
+"""`hdbench report`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from hdbench_cli.options import profile_option
+from hdbench_cli.output import Output
+
+__all__ = ["command"]
+
+
+@click.command(
+    "report",
+    epilog="Example: hdbench report runs/RUN1 runs/RUN2 --out report.html",
+)
+@click.argument(
+    "runs", metavar="FILE|RUN...", nargs=-1, required=True, type=click.Path(path_type=Path)
+)
+@click.option(
+    "--out",
+    metavar="FILE|DIR",
+    type=click.Path(path_type=Path),
+    help="HTML file, or folder for report.html.  [default: the run's folder for one run, "
+    "else report.html here]",
+)
+@profile_option
+@click.pass_obj
+def command(
+    output: Output, runs: tuple[Path, ...], out: Path | None, profile_name: str | None
+) -> None:
+    """Write runs as one offline HTML file with CSV and JSON.
+
+    Verdict first, then key numbers with uncertainties, figures, tables, the filter used, and where
+    everything came from. Takes run folders, result.json files, traces and loads files.
+    """
+    from hdbench.profile import load_profile
+    from hdbench.report import write_report
+
+    profile = load_profile(profile_name or "cim-tr-97-06")
+    alone = runs[0] if len(runs) == 1 and runs[0].is_dir() else Path()
+    files = write_report(runs, out or alone / "report.html", profile=profile)
+    body = {"html": str(files.html), "csv": str(files.csv), "json": str(files.json)}
+    body = {"schema": "hdbench/report-files/1", **body}
+
+    output.result(
+        body, lambda console: console.print(f"report  {files.html}", highlight=False, markup=False)
+    )

@@ -1,0 +1,58 @@
+"""`hdbench run-misalignment`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from hdbench_cli.experiment import Request, run_command
+from hdbench_cli.options import bench_options, calibration_option, model_option
+from hdbench_cli.output import Output
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+__all__ = ["command", "failed", "show"]
+
+
+def show(console: Console, result: Mapping[str, Any]) -> None:
+    """Draw a misalignment result."""
+    from hdbench_cli.numbers import with_uncertainty
+
+    console.print("Misalignment torque, once per output turn")
+    console.print(f"amplitude     {with_uncertainty(result['amplitude_nm'], 'N m')}")
+    console.print(f"peak to peak  {with_uncertainty(result['peak_to_peak_nm'], 'N m')}")
+    console.print(f"phase         {with_uncertainty(result['phase_rad'], 'rad')}")
+    for when in ("before", "after"):
+        peak = result[when]["peak_to_peak_nm"]
+        console.print(f"{when + ' filter':13s} {with_uncertainty(peak, 'N m')} peak to peak")
+    console.print(f"output turns  {result['output_turns']:.2f}")
+    for flag in result.get("flags", ()):
+        console.print(f"flag          {flag}", markup=False)
+
+
+def failed(result: Mapping[str, Any]) -> str | None:
+    """Return why the result does not pass, or None: any doubt fails."""
+    doubts = [*result.get("flags", ()), *result.get("doubts", ())]
+    return "; ".join(map(str, doubts)) or None
+
+
+@click.command(
+    "run-misalignment",
+    epilog="Example: hdbench run-misalignment --calibration runs/RUN --yes",
+)
+@bench_options
+@calibration_option
+@model_option
+@click.pass_obj
+def command(output: Output, /, **options: Any) -> None:
+    """Measure the misalignment torque at constant velocity, both directions.
+
+    The load turns at least two whole turns each way; amplitude and phase of the torque once per
+    output turn feed the filter's output-order block.
+    """
+    request = Request(kind="misalignment", out=Path(options.pop("out")), **options)
+    run_command(output, request, show, failed)

@@ -1,0 +1,249 @@
+"""What was found, put together as the answer of a diagnosis."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from hdbench.diagnosis.confirm import Gain, gain_between, held_out_residual
+from hdbench.diagnosis.jointfit import JointFit, fit_jointly
+from hdbench.diagnosis.limits import minimum_detectable
+from hdbench.diagnosis.naming import unnamed
+from hdbench.diagnosis.preflight import (
+    Preflight,
+)
+from hdbench.diagnosis.record import Record
+from hdbench.diagnosis.result import Diagnosis, NamedCause, Pictures, Unexplained
+from hdbench.diagnosis.search import Accepted, Found
+from hdbench.diagnosis.spectra import peak_spectrum
+from hdbench.diagnosis.terms import Term
+from hdbench.model import (
+    BenchModel,
+    CauseTerm,
+    cause_parameters,
+)
+from hdbench.records.trace import FloatArray
+
+__all__ = ["Answer"]
+
+_DOMAINS = {
+    "motor": "motor-order",
+    "output": "output-order",
+    "clock": "frequency",
+    "velocity": "velocity",
+    "acceleration": "acceleration",
+    "load": "torque",
+    "time": "time",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """Everything from which the answer is put together."""
+
+    record: Record
+    given: BenchModel
+    preflight: Preflight
+    found: Found
+    n_known: int
+    materiality: float
+    rng: np.random.Generator
+
+    def build(self, settings: dict[str, object]) -> Diagnosis:
+        """Return the diagnosis."""
+        record, found = self.record, self.found
+        whitener = found.noise.whitener
+        baseline = fit_jointly(record, found.fit.terms[: self.n_known], whitener, refine=False)
+        variance = self._mean_square(baseline)
+        named: list[NamedCause] = []
+        places: list[Unexplained] = []
+        after = held_out_residual(record, found.fit, whitener)
+        for index, accepted in enumerate(found.accepted):
+            place = self.n_known + index
+            share = self._share(place, variance)
+            if unnamed(found.fit.terms[place]):
+                places.append(self._unnamed_line(place, accepted, share))
+                continue
+            before = held_out_residual(record, found.fit, whitener, leave_out=place)
+            gain = gain_between(before, after, record, self.rng)
+            named.append(self._named(place, accepted, share, gain))
+        for left in found.left:
+            places.append(
+                Unexplained(
+                    left.domain,
+                    left.location,
+                    left.extent,
+                    left.unit,
+                    left.size_nm,
+                    min(1.0, left.variance_nm2 / variance),
+                    left.p_value,
+                )
+            )
+        causes = tuple(c for c in named if self._counts(c.share_of_variance, c.gain))
+        unexplained = tuple(u for u in places if self._counts(u.share_of_variance, None))
+        extended = self._extended_model()
+        noise = found.noise.model
+        base_rms = held_out_residual(record, baseline, whitener).rms_nm
+        return Diagnosis(
+            _verdict(causes, unexplained),
+            causes,
+            tuple(c for c in named if c not in causes),
+            unexplained,
+            tuple(u for u in places if u not in unexplained),
+            self.preflight.flags,
+            minimum_detectable(found.last, float(str(settings["alpha"]))),
+            {
+                "terms": list(self.given.terms()),
+                "heldout_rms_nm": base_rms,
+                "as_given_rms_nm": self._as_given_rms(),
+            },
+            {"terms": list(extended.terms()), "heldout_rms_nm": after.rms_nm},
+            extended,
+            {**settings, "noise": noise.to_dict(), "samples_used": int(record.valid.sum())},
+            "",
+            self._pictures(baseline, extended),
+        )
+
+    def _counts(self, share: float, gain: Gain | None) -> bool:
+        confirmed = gain is None or gain.explained_fraction > 0.0
+        return confirmed and share >= self.materiality
+
+    def _mean_square(self, fit: JointFit) -> float:
+        left = (self.record.response_nm - fit.fitted_nm)[self.record.valid]
+        return float(np.mean(left**2))
+
+    def _share(self, place: int, variance: float) -> float:
+        terms = self.found.fit.terms
+        others = fit_jointly(
+            self.record,
+            terms[:place] + terms[place + 1 :],
+            self.found.noise.whitener,
+            refine=False,
+        )
+        gained = self._mean_square(others) - self._mean_square(self.found.fit)
+        return float(np.clip(gained / variance, 0.0, 1.0))
+
+    def _term(self, place: int) -> CauseTerm:
+        fit = self.found.fit
+        term = fit.terms[place]
+        covariance = tuple(tuple(float(x) for x in row) for row in fit.covariances[place])
+        linear = tuple(float(x) for x in fit.linear[place])
+        return CauseTerm(term.cause.name, dict(term.shape), linear, covariance)
+
+    def _named(self, place: int, accepted: Accepted, share: float, gain: Gain) -> NamedCause:
+        term = self.found.fit.terms[place]
+        parameters = dict(cause_parameters(self._term(place), extra=self.given.extra_causes))
+        for other in accepted.group[1:]:
+            for name, value in other.shape.items():
+                unit = next(p.unit for p in other.cause.shape if p.name == name)
+                std = self._alternative_std(term, name)
+                parameters.setdefault(name, {"value": value, "std": std, "unit": unit})
+        group = _names(accepted.group)
+        rivals = tuple(n for n in _names(accepted.rivals) if n not in group)
+        several = len(group) > 1 or bool(rivals)
+        return NamedCause(
+            term.cause.name,
+            group,
+            rivals,
+            parameters,
+            accepted.evidence_nats,
+            accepted.false_alarm,
+            gain,
+            term.cause.experiment if several else None,
+            share,
+            _DOMAINS.get(term.cause.locked_to, term.cause.locked_to),
+        )
+
+    def _alternative_std(self, term: Term, name: str) -> float | None:
+        """Return the uncertainty of a place carried from the other axis by the mean speed."""
+        place = self.found.fit.terms.index(term)
+        covariance = self.found.fit.covariances[place]
+        if len(term.shape) != 1 or name in term.shape:
+            return None
+        (value,) = term.shape.values()
+        relative = float(np.sqrt(float(covariance[-1, -1]))) / abs(value)
+        other = {"order": "frequency_hz", "frequency_hz": "order"}.get(next(iter(term.shape)))
+        if other != name:
+            return None
+        turns = float(np.abs(np.diff(self.record.motion.angle_rad[self.record.valid])).sum())
+        ratio = turns / (2.0 * np.pi * float(np.ptp(self.record.motion.time_s)))
+        scaled = value * ratio if name == "frequency_hz" else value / ratio
+        return float(relative * scaled)
+
+    def _unnamed_line(self, place: int, accepted: Accepted, share: float) -> Unexplained:
+        fit = self.found.fit
+        term, covariance = fit.terms[place], fit.covariances[place]
+        (key, value), std = next(iter(term.shape.items())), float(np.sqrt(covariance[-1, -1]))
+        return Unexplained(
+            "frequency" if key == "frequency_hz" else "output-order",
+            value,
+            (value - 1.96 * std, value + 1.96 * std),
+            term.cause.shape[0].unit,
+            float(np.hypot(*fit.linear[place])),
+            share,
+            accepted.false_alarm,
+        )
+
+    def _extended_model(self) -> BenchModel:
+        fit, names = self.found.fit, self.record.names
+        model = self.given.with_baseline(names, fit.base[: len(names)].tolist())
+        named = [k for k, term in enumerate(fit.terms) if not unnamed(term)]
+        bare = BenchModel(
+            model.zero_nm,
+            model.inertia_nm_s2,
+            model.ripple,
+            model.misalignment,
+            (),
+            model.provenance,
+            model.extra_causes,
+        )
+        for place in named:
+            bare = bare.with_cause(self._term(place))
+        return bare
+
+    def _as_given_rms(self) -> float:
+        simulated = self.given.torque_nm(self.record.motion)
+        left = (self.record.torque_nm - simulated)[self.record.valid]
+        return float(np.sqrt(np.mean(left**2)))
+
+    def _pictures(self, baseline: JointFit, extended: BenchModel) -> Pictures:
+        record, found = self.record, self.found
+        motion = record.motion
+
+        def unused_as_nan(values: FloatArray) -> FloatArray:
+            return np.where(record.valid, values, np.nan)
+
+        spectra = tuple(
+            peak_spectrum(
+                scan.domain,
+                scan.unit,
+                scan.single.grid,
+                found.first.scans[scan.domain].amplitude,
+                found.last.scans[scan.domain].amplitude,
+            )
+            for scan in found.scans
+        )
+        return Pictures(
+            motion.time_s,
+            motion.velocity_rad_s,
+            record.torque_nm,
+            self.given.torque_nm(motion),
+            extended.torque_nm(motion),
+            unused_as_nan(record.response_nm - baseline.fitted_nm),
+            unused_as_nan(record.response_nm - found.fit.fitted_nm),
+            ~record.valid,
+            spectra,
+        )
+
+
+def _names(terms: tuple[Term, ...]) -> tuple[str, ...]:
+    return tuple(dict.fromkeys(term.cause.name for term in terms))
+
+
+def _verdict(causes: tuple[NamedCause, ...], unexplained: tuple[Unexplained, ...]) -> str:
+    if causes and unexplained:
+        return "named-and-unexplained"
+    if causes:
+        return "named"
+    return "unexplained" if unexplained else "nothing-found"

@@ -1,0 +1,167 @@
+"""One dynamic record as the diagnosis sees it: torque, motion, baseline and usable samples."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hdbench.errors import DataError
+from hdbench.model import BenchModel, Motion, baseline_columns, motion_from_trace
+from hdbench.profile.schema import ProfileData
+from hdbench.records.trace import FloatArray, Trace
+
+__all__ = ["Record", "mask_samples", "prepare_record", "torque_from_trace"]
+
+# a step longer than this many median periods is a gap in time: one lost sample makes 2
+_GAP = 1.5
+
+
+@dataclass(frozen=True, slots=True)
+class Record:
+    """A record ready for regression; arrays of shape (n_samples,).
+
+    Parameters
+    ----------
+    motion : Motion
+        Motion at every sample.
+    torque_nm : ndarray
+        Measured torque, N m; NaN where lost.
+    valid : ndarray of bool
+        Samples with torque and motion that are not masked.
+    starts : ndarray of bool
+        True where a sample does not follow its predecessor.
+    fixed_nm : ndarray
+        What the baseline holds fixed, N m.
+    names : tuple of str
+        Baseline terms with free coefficients.
+    columns : ndarray, shape (n_samples, n_names)
+        Their columns; zero where not valid.
+    nuisance : ndarray, shape (n_samples, n_nuisance)
+        Columns projected out beside the baseline: output order 1 on less than an output turn.
+    period_s : float
+        Median sampling period, s.
+    """
+
+    motion: Motion
+    torque_nm: FloatArray
+    valid: NDArray[np.bool_]
+    starts: NDArray[np.bool_]
+    fixed_nm: FloatArray
+    names: tuple[str, ...]
+    columns: FloatArray
+    nuisance: FloatArray
+    period_s: float
+
+    @property
+    def response_nm(self) -> FloatArray:
+        """Measured torque less what is fixed, N m, zero where not valid."""
+        return np.where(self.valid, self.torque_nm - self.fixed_nm, 0.0)
+
+    @property
+    def base(self) -> FloatArray:
+        """Baseline and nuisance columns, shape (n_samples, k)."""
+        return np.hstack([self.columns, self.nuisance])
+
+
+def torque_from_trace(trace: Trace, profile: ProfileData) -> FloatArray:
+    """Return the torque of a trace.
+
+    Parameters
+    ----------
+    trace : Trace
+        With ``torque_nm``, or ``torque_v`` that the profile's gain scales.
+    profile : ProfileData
+        Sensor gain.
+
+    Returns
+    -------
+    ndarray, shape (n_samples,)
+        Torque, N m.
+
+    Raises
+    ------
+    DataError
+        If the trace has neither column.
+    """
+    if "torque_nm" in trace:
+        return trace["torque_nm"]
+    if "torque_v" in trace:
+        return np.asarray(trace["torque_v"] * profile.sensor.gain_nm_per_v)
+    raise DataError(
+        f"no torque among the columns {', '.join(trace.columns)}; needed: torque_nm in N m, or "
+        "torque_v in V",
+        where=f"{trace.source}: header",
+        fix="add the column, or name it with `hdbench import --map torque_nm=COLUMN`",
+    )
+
+
+def prepare_record(
+    trace: Trace, profile: ProfileData, model: BenchModel, masked: NDArray[np.bool_]
+) -> Record:
+    """Return the record with its baseline.
+
+    Parameters
+    ----------
+    trace : Trace
+        Channels.
+    profile : ProfileData
+        Bench.
+    model : BenchModel
+        Model whose misalignment is held fixed where the output covers less than a turn.
+    masked : ndarray of bool, shape (n_samples,)
+        Samples that the preflight took out.
+
+    Returns
+    -------
+    Record
+
+    Raises
+    ------
+    DataError
+        If a channel is missing or the motion cannot be formed.
+
+    Notes
+    -----
+    On less than an output turn the once-per-turn torque, the zero and slow changes look alike:
+    it is then subtracted with the model's numbers and what is left of it projected out, so that
+    a bench whose misalignment differs from its profile raises no alarm there.
+    """
+    torque = torque_from_trace(trace, profile)
+    motion = motion_from_trace(trace, profile)
+    fixed, names, columns = baseline_columns(motion, profile)
+    nuisance = np.zeros((len(torque), 0))
+    if "misalignment:cosine" not in names:
+        amplitude, phase = model.misalignment
+        fixed = fixed + amplitude * np.cos(motion.output_angle_rad + phase)
+        nuisance = np.column_stack(
+            [np.cos(motion.output_angle_rad), np.sin(motion.output_angle_rad)]
+        )
+    valid = motion.valid & np.isfinite(torque) & np.isfinite(fixed) & ~masked
+    valid &= np.isfinite(columns).all(axis=1) & np.isfinite(nuisance).all(axis=1)
+    steps = np.diff(motion.time_s)
+    period = float(np.median(steps))
+    starts = np.concatenate([[True], steps > _GAP * period])
+    return Record(
+        motion,
+        torque,
+        valid,
+        starts,
+        fixed,
+        names,
+        np.where(valid[:, None], columns, 0.0),
+        np.where(valid[:, None], nuisance, 0.0),
+        period,
+    )
+
+
+def mask_samples(record: Record, masked: NDArray[np.bool_]) -> Record:
+    """Return the record without the marked samples."""
+    valid = record.valid & ~masked
+    return replace(
+        record,
+        valid=valid,
+        columns=np.where(valid[:, None], record.columns, 0.0),
+        nuisance=np.where(valid[:, None], record.nuisance, 0.0),
+    )

@@ -1,0 +1,164 @@
+"""The whitened residual space: noise divided out, what is already explained projected out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hdbench.estimation import NoiseModel, run_positions
+from hdbench.records.trace import FloatArray
+
+__all__ = ["Space", "Whitener", "make_space", "make_whitener", "orthonormal"]
+
+# directions whose share of the scaled design falls below this are sums of the others
+_RANK = 1e-9
+
+
+@dataclass(frozen=True, slots=True)
+class Whitener:
+    """The operator A with ``A e`` white and of unit variance, and its adjoint.
+
+    Parameters
+    ----------
+    kernel : ndarray, shape (p + 1,)
+        ``(1, -a_1, ..., -a_p)``.
+    std : float
+        Standard deviation of the innovation.
+    valid : ndarray of bool, shape (n,)
+        Samples that enter.
+    used : ndarray of bool, shape (n,)
+        Samples of the whitened record: valid with p valid ones directly before them.
+    """
+
+    kernel: FloatArray
+    std: float
+    valid: NDArray[np.bool_]
+    used: NDArray[np.bool_]
+
+    def apply(self, columns: FloatArray) -> FloatArray:
+        """Return A applied to columns of shape (n,) or (n, k); zero where not used."""
+        table = columns[:, None] if columns.ndim == 1 else columns
+        white = np.empty(table.shape)
+        for j in range(table.shape[1]):
+            filled = np.where(self.valid, table[:, j], 0.0)
+            white[:, j] = np.convolve(filled, self.kernel)[: len(filled)]
+        white[~self.used] = 0.0
+        white /= self.std
+        return white[:, 0] if columns.ndim == 1 else white
+
+    def adjoint(self, columns: FloatArray) -> FloatArray:
+        """Return A' applied to columns of shape (n,) or (n, k); zero where not valid."""
+        table = columns[:, None] if columns.ndim == 1 else columns
+        lag = len(self.kernel) - 1
+        out = np.empty(table.shape)
+        for j in range(table.shape[1]):
+            masked = np.where(self.used, table[:, j], 0.0)
+            out[:, j] = np.convolve(masked, self.kernel[::-1])[lag:]
+        out[~self.valid] = 0.0
+        out /= self.std
+        return out[:, 0] if columns.ndim == 1 else out
+
+    def power_gain(self, cycles_per_sample: FloatArray) -> NDArray[np.complex128]:
+        """Return the frequency response of A, per unit of the noise."""
+        lags = np.arange(len(self.kernel))
+        turn = np.exp(-2j * np.pi * np.multiply.outer(cycles_per_sample, lags))
+        return np.asarray(turn @ self.kernel / self.std)
+
+
+def make_whitener(
+    noise: NoiseModel, valid: NDArray[np.bool_], starts: NDArray[np.bool_]
+) -> Whitener:
+    """Return the whitener of a noise model on a record with gaps.
+
+    Parameters
+    ----------
+    noise : NoiseModel
+        Noise.
+    valid, starts : ndarray of bool, shape (n,)
+        Usable samples, and where a new stretch begins.
+
+    Returns
+    -------
+    Whitener
+        The first p samples of every stretch only feed the others.
+    """
+    position = run_positions(valid, starts)
+    kernel = np.concatenate([[1.0], -noise.coefficients])
+    return Whitener(kernel, noise.innovation_std, valid, position >= noise.order)
+
+
+def orthonormal(columns: FloatArray) -> FloatArray:
+    """Return an orthonormal basis of the span of columns, shape (n, rank)."""
+    size = np.sqrt(np.einsum("nk,nk->k", columns, columns))
+    kept = columns[:, size > 0.0] / size[size > 0.0]
+    if not kept.shape[1]:
+        return np.zeros((len(columns), 0))
+    values, vectors = np.linalg.eigh(kept.T @ kept)
+    good = values > _RANK * values[-1]
+    return np.asarray(kept @ (vectors[:, good] / np.sqrt(values[good])))
+
+
+@dataclass(frozen=True, slots=True)
+class Space:
+    """The residual after the explained part was projected out, in whitened units.
+
+    Parameters
+    ----------
+    whitener : Whitener
+        A.
+    basis : ndarray, shape (n, q)
+        Orthonormal basis of the whitened columns that are explained.
+    residual : ndarray, shape (n,)
+        ``M A y``, M = I - basis basis'.
+    pull : ndarray, shape (n,)
+        ``A' M A y``: its product with a column is that column's numerator.
+    pull_basis : ndarray, shape (n, q)
+        ``A' basis``.
+    """
+
+    whitener: Whitener
+    basis: FloatArray
+    residual: FloatArray
+    pull: FloatArray
+    pull_basis: FloatArray
+
+    @property
+    def n_used(self) -> int:
+        """Number of whitened samples."""
+        return int(self.whitener.used.sum())
+
+    def project(self, columns: FloatArray) -> FloatArray:
+        """Return ``M A columns``, shape (n, k)."""
+        white = self.whitener.apply(columns)
+        return np.asarray(white - self.basis @ (self.basis.T @ white))
+
+    def null_pulls(self, draws: int, rng: np.random.Generator) -> FloatArray:
+        """Return ``A' M w`` for white noise w, shape (n, draws)."""
+        noise = rng.standard_normal((len(self.residual), draws))
+        noise[~self.whitener.used] = 0.0
+        noise -= self.basis @ (self.basis.T @ noise)
+        return self.whitener.adjoint(noise)
+
+
+def make_space(whitener: Whitener, explained: FloatArray, response: FloatArray) -> Space:
+    """Return the space of a response with the explained columns projected out.
+
+    Parameters
+    ----------
+    whitener : Whitener
+        Noise.
+    explained : ndarray, shape (n, k)
+        Baseline, nuisance, accepted causes and their tangents.
+    response : ndarray, shape (n,)
+        Response, N m.
+
+    Returns
+    -------
+    Space
+    """
+    basis = orthonormal(whitener.apply(explained))
+    white = whitener.apply(response)
+    residual = white - basis @ (basis.T @ white)
+    return Space(whitener, basis, residual, whitener.adjoint(residual), whitener.adjoint(basis))

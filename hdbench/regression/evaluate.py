@@ -1,0 +1,130 @@
+"""Evaluate a stored input with the code as it stands."""
+
+from __future__ import annotations
+
+import hashlib
+from typing import Any
+
+import numpy as np
+
+from hdbench.filter import filter_trace, load_filter_model
+from hdbench.profile import Profile, load_profile
+from hdbench.records import Quantity, TorqueScale, Trace
+from hdbench.records.jsonfile import result_header
+from hdbench.records.loadsfile import read_loads
+from hdbench.records.tracefile import read_trace
+from hdbench.regression.case import Case
+
+__all__ = ["evaluate_case"]
+
+# points of a filtered torque that are stored: enough to see where it moved
+_POINTS = 50
+# keys that name versions and identities, not results
+_NO_RESULT = ("hdbench_version", "profile", "run", "doubts", "settings")
+
+
+def evaluate_case(case: Case) -> dict[str, Any]:
+    """Return the result of a case.
+
+    Parameters
+    ----------
+    case : Case
+        What to evaluate.
+
+    Returns
+    -------
+    dict
+        The result as the experiment's command would store it, without versions and identities.
+
+    Raises
+    ------
+    DataError
+        If the input, the profile or the filter model is invalid.
+    """
+    profile = load_profile(case.profile)
+    if case.kind == "calibration":
+        result = _calibration(case, profile)
+    else:
+        trace = read_trace(case.source)
+        result = _dynamic(case, profile, trace, case.scale or _default_scale(profile, trace))
+    return {key: value for key, value in result.items() if key not in _NO_RESULT}
+
+
+def _default_scale(profile: Profile, trace: Trace) -> TorqueScale:
+    if "torque_v" not in trace:
+        return TorqueScale(Quantity(1.0, 0.0), "trace torque_nm column")
+    gain = profile.data.sensor.gain_nm_per_v
+    return TorqueScale(Quantity(gain, 0.0), f"profile {profile.data.name}, taken as exact")
+
+
+def _calibration(case: Case, profile: Profile) -> dict[str, Any]:
+    from hdbench.calibration import evaluate_calibration
+
+    limit = float(case.options.get("max_consistency", profile.data.calibration.max_consistency))
+    loads = read_loads(case.source, profile.data.arm)
+    header = result_header("calibration", profile)
+    return evaluate_calibration(loads, max_consistency=limit).to_dict(header)
+
+
+def _dynamic(case: Case, profile: Profile, trace: Trace, scale: TorqueScale) -> dict[str, Any]:
+    header = result_header(case.kind, profile)
+    if case.kind == "diagnosis":
+        return _diagnosis(case, profile, _in_nm(trace, scale), header)
+    model = load_filter_model(case.filter_name or profile.data.filter.model, profile.data)
+    if case.kind == "misalignment":
+        from hdbench.misalignment import evaluate_misalignment
+
+        return evaluate_misalignment(trace, profile.data, scale=scale, filter_model=model).to_dict(
+            header
+        )
+    if case.kind == "ripple":
+        from hdbench.ripple import Stretch, evaluate_ripple
+
+        stretch = Stretch(**case.options) if case.options else None
+        return evaluate_ripple(
+            trace, profile.data, scale=scale, filter_model=model, stretch=stretch
+        ).to_dict(header)
+    filtered = filter_trace(
+        _in_nm(trace, scale),
+        model,
+        velocity_gain_rad_s_per_v=profile.data.tacho.gain_rad_s_per_v,
+        encoder_counts_per_turn=profile.data.encoder.counts_per_turn,
+    )
+    return {**header, "filter_name": model.name, **_filter_result(filtered.torque_filtered_nm)}
+
+
+def _in_nm(trace: Trace, scale: TorqueScale) -> Trace:
+    if "torque_v" not in trace:
+        return trace
+    return trace.with_columns(torque_nm=trace["torque_v"] * scale.gain_nm_per_v.value)
+
+
+def _filter_result(torque_nm: Any) -> dict[str, Any]:
+    present = np.isfinite(torque_nm)
+    good = torque_nm[present]
+    at = np.linspace(0, len(good) - 1, min(_POINTS, len(good))).astype(int)
+    digest = hashlib.sha256(np.ascontiguousarray(torque_nm, dtype="<f8").tobytes()).hexdigest()
+    return {
+        "n_samples": len(torque_nm),
+        "n_present": int(present.sum()),
+        "torque_filtered_rms_nm": float(np.sqrt(np.mean(good**2))),
+        "torque_filtered_min_nm": float(good.min()),
+        "torque_filtered_max_nm": float(good.max()),
+        "samples_nm": [float(value) for value in good[at]],
+        "sha256": digest,
+    }
+
+
+def _diagnosis(
+    case: Case, profile: Profile, trace: Trace, header: dict[str, Any]
+) -> dict[str, Any]:
+    from hdbench.diagnosis import diagnose_trace
+
+    found = diagnose_trace(
+        trace,
+        profile,
+        alpha=float(case.options.get("alpha", 0.01)),
+        materiality=float(case.options.get("materiality", 0.01)),
+        seed=int(case.options.get("seed", 0)),
+    )
+    return found.to_dict(header)

@@ -1,0 +1,8 @@
+"""Results and traces to one offline HTML file, CSV and JSON."""
+
+from __future__ import annotations
+
+from hdbench.report.elements import ReportFiles
+from hdbench.report.write import write_report
+
+__all__ = ["ReportFiles", "write_report"]

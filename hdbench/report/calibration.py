@@ -1,0 +1,112 @@
+"""The calibration section of a report."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from hdbench.report.elements import KeyNumber, Picture, Table, Verdict
+from hdbench.report.figures_static import calibration_pictures, number_of
+from hdbench.report.numbers import MINUS, key_number, short, value_of, with_std
+from hdbench.report.source import Source
+
+__all__ = ["data_pictures", "numbers", "pictures", "summary", "tables", "verdict"]
+
+
+def verdict(result: Mapping[str, Any]) -> Verdict:
+    """Say whether the gain is accepted."""
+    consistency, limit = value_of(result, "consistency"), value_of(result, "max_consistency")
+    gain = with_std(result["gain_nm_per_v"])
+    if result.get("accepted") is None or consistency is None:
+        return Verdict("look", f"Gain {gain} N·m/V from one experiment: consistency unknown.")
+    against = "" if limit is None else f" (limit {100 * limit:.1f} %)"
+    words = f"gain {gain} N·m/V, consistency {100 * consistency:.2f} %{against}."
+    if result["accepted"]:
+        return Verdict("good", f"Calibration accepted: {words}")
+    return Verdict("bad", f"Calibration not accepted: {words}")
+
+
+def summary(result: Mapping[str, Any], source: Source) -> str:
+    """Say in plain words what the calibration found."""
+    gain = result["gain_nm_per_v"]
+    lines = result.get("experiments", [])
+    text = (
+        f"With the wave generator locked, weights on the arm were read in {len(lines)} loading "
+        f"experiments. One volt of the amplified bridge stands for {with_std(gain)} N·m. "
+    )
+    consistency, interval = value_of(result, "consistency"), result.get("consistency_interval")
+    if consistency is not None:
+        text += f"The gains of the experiments scatter by {100 * consistency:.2f} % of their mean"
+        if isinstance(interval, list) and interval[1] is not None:
+            text += f" (95 %: {100 * interval[0]:.2f} to {100 * interval[1]:.2f} %)"
+        text += "; the bench of CIM-TR-97-06 had 6.60 N·m/V and 2 %. "
+    worst = max((float(line["residual_rms_nm"]) for line in lines), default=None)
+    if worst is not None:
+        text += f"Around their lines the readings scatter by at most {1e3 * worst:.1f} mN·m rms. "
+    if source.profile is not None:
+        stated = source.profile.data.sensor.gain_nm_per_v
+        change = 100.0 * (float(gain["value"]) / stated - 1.0)
+        text += f"That is {short(change, 0.1)} % off the {stated:g} N·m/V of the profile."
+    return text
+
+
+def numbers(result: Mapping[str, Any], source: Source) -> tuple[KeyNumber, ...]:
+    """Return gain, consistency and size of the calibration."""
+    rows = (
+        (result["gain_nm_per_v"], "torque gain", "gain_nm_per_v", "N m/V"),
+        (result.get("consistency"), "consistency", "consistency", ""),
+        (result.get("n_experiments"), "experiments", "n_experiments", ""),
+    )
+    made = (
+        key_number(b, label, key, unit, f"{source.run_id}: {key}") for b, label, key, unit in rows
+    )
+    return tuple(number for number in made if number is not None)
+
+
+def pictures(source: Source, prefix: str, _doubts: list[str]) -> tuple[Picture, ...]:
+    """Draw readings and lines."""
+    if source.loads is None:
+        return ()
+    return calibration_pictures(source.loads, source.result.get("experiments", ()), prefix)
+
+
+def tables(result: Mapping[str, Any]) -> tuple[Table, ...]:
+    """List the experiments."""
+    rows = tuple(
+        (
+            str(line["id"]),
+            f"{float(line['position_rad']):.4g}",
+            str(line["direction"]),
+            str(line["range"]),
+            short(number_of(line["gain_nm_per_v"]), value_of(line, "gain_std_nm_per_v")),
+            f"{number_of(line['intercept_nm']):.4f}".replace("-", MINUS),
+            f"{1e3 * float(line['residual_rms_nm']):.2f}",
+            str(line["n"]),
+        )
+        for line in result.get("experiments", ())
+    )
+    head = (
+        "experiment",
+        "position (rad)",
+        "direction",
+        "range",
+        "gain (N·m/V)",
+        "intercept (N·m)",
+        "residual rms (mN·m)",
+        "readings",
+    )
+    note = str(result.get("gain_basis_reason", ""))
+    if note:
+        note = f"The uncertainty of the mean gain rests on: {note}."
+    return (Table("Experiments", head, rows, note),)
+
+
+def data_pictures(source: Source, prefix: str) -> tuple[Picture, ...]:
+    """Draw readings that were not evaluated yet, with the line of each experiment."""
+    from hdbench.calibration import evaluate_calibration
+
+    if source.loads is None:
+        return ()
+    limit = 0.05 if source.profile is None else source.profile.data.calibration.max_consistency
+    found = evaluate_calibration(source.loads, max_consistency=limit).to_dict({})
+    return calibration_pictures(source.loads, found["experiments"], prefix)

@@ -1,0 +1,20 @@
+"""Plans as data, the safe runner, and the experiments made of them."""
+
+from __future__ import annotations
+
+from hdbench.session.evaluation import Evaluation, evaluate, evaluate_stored
+from hdbench.session.experiments import BenchOptions, RunOutcome, make_plan, run_experiment
+from hdbench.session.plans import Plan
+from hdbench.session.runner import Aborted
+
+__all__ = [
+    "Aborted",
+    "BenchOptions",
+    "Evaluation",
+    "Plan",
+    "RunOutcome",
+    "evaluate",
+    "evaluate_stored",
+    "make_plan",
+    "run_experiment",
+]

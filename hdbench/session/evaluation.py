@@ -1,0 +1,237 @@
+"""One evaluation for measured and for stored data."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from hdbench.errors import DataError
+from hdbench.filter import FilterModel, build_filter_model, load_filter_model
+from hdbench.profile import Profile
+from hdbench.records import Loads, TorqueScale, Trace
+from hdbench.records.jsonfile import read_json, result_header, sha256_file, write_json
+from hdbench.records.loadsfile import is_loads_file, read_loads
+from hdbench.records.recovery import resolve_input
+from hdbench.records.runfolder import RunFolder
+from hdbench.records.tracefile import read_trace
+from hdbench.ripple import Stretch
+from hdbench.session.scaling import rescaled, stored_scale
+
+__all__ = ["Evaluation", "evaluate", "evaluate_stored", "store_evaluation"]
+
+
+@dataclass(frozen=True, slots=True)
+class Evaluation:
+    """What came out of one experiment.
+
+    Parameters
+    ----------
+    result : mapping
+        The result as result.json keeps it.
+    records : Trace or Loads
+        What was evaluated.
+    filter_model : FilterModel
+        The filter used, with what this experiment adds to it.
+    """
+
+    result: Mapping[str, Any]
+    records: Trace | Loads
+    filter_model: FilterModel
+
+
+def evaluate(
+    kind: str,
+    records: Trace | Loads,
+    profile: Profile,
+    scale: TorqueScale,
+    model: FilterModel,
+    *,
+    run: str,
+    doubts: Sequence[str] = (),
+    stretch: Stretch | None = None,
+) -> Evaluation:
+    """Evaluate one experiment.
+
+    Parameters
+    ----------
+    kind : str
+        ``calibration``, ``misalignment`` or ``ripple``.
+    records : Trace or Loads
+        Its data.
+    profile : Profile
+        The bench.
+    scale : TorqueScale
+        The gain that scaled the torque.
+    model : FilterModel
+        The filter.
+    run : str
+        Identifier of the run; the filter's provenance names it.
+    doubts : sequence of str
+        Reasons to doubt the data.
+    stretch : Stretch or None
+        Part of a ripple run; None takes all of it.
+
+    Returns
+    -------
+    Evaluation
+        Result, data and the filter with what this experiment adds.
+
+    Raises
+    ------
+    DataError
+        If the data are of another kind or cannot be evaluated.
+    """
+    if isinstance(records, Loads) != (kind == "calibration"):
+        found = "loads" if isinstance(records, Loads) else "a trace"
+        needed = "loads" if kind == "calibration" else "a trace"
+        raise DataError(
+            f"found {found}; {kind} needs {needed}",
+            where=records.source,
+            fix="name a file of the other kind, or use the command for this one",
+        )
+    result = {
+        **_result(kind, records, profile, scale, model, stretch),
+        "run": run,
+        "doubts": list(doubts),
+    }
+    return Evaluation(result, records, _fed(kind, model, result))
+
+
+def _result(
+    kind: str,
+    records: Trace | Loads,
+    profile: Profile,
+    scale: TorqueScale,
+    model: FilterModel,
+    stretch: Stretch | None,
+) -> dict[str, Any]:
+    header = result_header(kind, profile)
+    if isinstance(records, Loads):
+        from hdbench.calibration import evaluate_calibration
+
+        limit = profile.data.calibration.max_consistency
+        return evaluate_calibration(records, max_consistency=limit).to_dict(header)
+    if kind == "misalignment":
+        from hdbench.misalignment import evaluate_misalignment
+
+        return evaluate_misalignment(
+            records, profile.data, scale=scale, filter_model=model
+        ).to_dict(header)
+    from hdbench.ripple import evaluate_ripple
+
+    return evaluate_ripple(
+        records, profile.data, scale=scale, filter_model=model, stretch=stretch
+    ).to_dict(header)
+
+
+def _fed(kind: str, model: FilterModel, result: dict[str, Any]) -> FilterModel:
+    return build_filter_model(
+        model,
+        ripple=result if kind == "ripple" else None,
+        misalignment=result if kind == "misalignment" else None,
+        calibration=result if kind == "calibration" else None,
+    )
+
+
+def store_evaluation(
+    folder: RunFolder, found: Evaluation, files: Sequence[Path], reason: str
+) -> None:
+    """Write result and filter model into a run folder and close the run.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run.
+    found : Evaluation
+        What came out of it.
+    files : sequence of Path
+        The records already there.
+    reason : str
+        How the run ended, for a person.
+    """
+    write_json(folder.result, found.result)
+    filter_file = folder.path / "filter.json"
+    write_json(filter_file, found.filter_model.to_dict())
+    folder.finish("complete", reason, [*files, folder.result, filter_file])
+
+
+def evaluate_stored(
+    kind: str,
+    source: Path,
+    profile: Profile,
+    *,
+    out: Path,
+    calibration: Path | None = None,
+    filter_name: str | None = None,
+    stretch: Stretch | None = None,
+) -> tuple[RunFolder, Evaluation]:
+    """Evaluate a stored file or run again, into a run folder of its own.
+
+    Parameters
+    ----------
+    kind : str
+        ``calibration``, ``misalignment`` or ``ripple``.
+    source : Path
+        A trace, a loads file or a run folder.
+    profile : Profile
+        The bench.
+    out : Path
+        Parent folder of run folders.
+    calibration : Path or None
+        Calibration to rescale by.
+    filter_name : str or None
+        Filter model instead of the profile's.
+    stretch : Stretch or None
+        Part of a ripple run.
+
+    Returns
+    -------
+    folder : RunFolder
+        The new run, with a copy of the input.
+    evaluation : Evaluation
+        What came out.
+
+    Raises
+    ------
+    DataError
+        If the input is broken or cannot be evaluated.
+    """
+    file = resolve_input(source)
+    model = load_filter_model(filter_name or profile.data.filter.model, profile.data)
+    records, scale = _load(kind, file, source, profile, calibration)
+    details = {"source": {"path": str(source), "sha256": sha256_file(file)}}
+    folder = RunFolder.create(out, kind=kind, profile=profile, details=details)
+    folder.update(calibration=scale.to_dict(), filter=model.to_dict())
+    suffix = ".csv.gz" if file.suffix == ".gz" else ".csv"
+    stored = folder.path / (("loads" if isinstance(records, Loads) else "trace") + suffix)
+    shutil.copyfile(file, stored)
+    try:
+        found = evaluate(kind, records, profile, scale, model, run=folder.run_id, stretch=stretch)
+    except DataError as error:
+        folder.finish("complete", f"not evaluated: {error.what}", [stored])
+        raise
+    store_evaluation(folder, found, [stored], f"evaluated from {source}")
+    return folder, found
+
+
+def _load(
+    kind: str, file: Path, source: Path, profile: Profile, calibration: Path | None
+) -> tuple[Trace | Loads, TorqueScale]:
+    from hdbench.session.scaling import profile_scale
+
+    if is_loads_file(file):
+        return read_loads(file, profile.data.arm), profile_scale(profile)
+    if kind == "calibration":
+        raise DataError(
+            "no loads: the columns experiment, series and reading_v are missing",
+            where=str(file),
+            fix="name a loads CSV, or make one with hdbench import --kind loads",
+        )
+    stored = None
+    if source.is_dir():
+        manifest = read_json(source / "run.json", None)
+        stored = stored_scale(manifest.get("calibration"), source)
+    return rescaled(read_trace(file), profile, calibration=calibration, stored=stored)

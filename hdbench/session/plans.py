@@ -1,0 +1,286 @@
+"""Experiments as data: what will happen, in order, before anything does."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from hdbench.errors import UsageError
+from hdbench.profile.schema import ProfileData, ReferenceWave
+
+__all__ = [
+    "Acquire",
+    "Hang",
+    "Lock",
+    "Place",
+    "Plan",
+    "Step",
+    "calibration_plan",
+    "check_plan",
+    "misalignment_plan",
+    "ripple_plan",
+]
+
+
+@dataclass(frozen=True, slots=True)
+class Lock:
+    """Have the wave generator locked (or released) by the operator; drive disabled."""
+
+    locked: bool
+
+    def describe(self) -> str:
+        """Return the step in words."""
+        return "lock the wave generator" if self.locked else "release the wave generator"
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """Have the flexspline brought to a position."""
+
+    position_rad: float
+    index: int
+    count: int
+
+    def describe(self) -> str:
+        """Return the step in words."""
+        return f"flexspline to {self.position_rad:.4f} rad (position {self.index} of {self.count})"
+
+
+@dataclass(frozen=True, slots=True)
+class Hang:
+    """Have a weight hung, wait until the reading has settled, average, record."""
+
+    experiment: str
+    position_rad: float
+    range: str
+    direction: str
+    series: str
+    mass_kg: float
+    torque_nm: float
+    label: str
+
+    def describe(self) -> str:
+        """Return the step in words."""
+        return (
+            f"{self.label}: {self.mass_kg:g} kg {self.direction}, expect {self.torque_nm:+.3f} N m"
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Acquire:
+    """Run the reference generator and record samples."""
+
+    wave: ReferenceWave
+    sample_period_s: float
+    duration_s: float
+
+    @property
+    def n_samples(self) -> int:
+        """Number of samples of the acquisition."""
+        return round(self.duration_s / self.sample_period_s)
+
+    def describe(self) -> str:
+        """Return the step in words."""
+        return f"{self.wave.wave} reference for {self.duration_s:.1f} s, {self.n_samples} samples"
+
+
+_RAMP_SHARE = 4.0  # ramps last four times as long as the servo at its limit would need
+
+Step = Lock | Place | Hang | Acquire
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """One experiment: steps in order and how long they take.
+
+    Parameters
+    ----------
+    kind : str
+        ``calibration``, ``misalignment`` or ``ripple``.
+    steps : tuple of Step
+        What happens.
+    duration_s : float
+        Time the bench needs, s; the operator's own time is not in it.
+    """
+
+    kind: str
+    steps: tuple[Step, ...]
+    duration_s: float
+
+    @property
+    def moves(self) -> bool:
+        """Whether the motor moves."""
+        return any(isinstance(step, Acquire) for step in self.steps)
+
+    def to_dict(self) -> dict[str, object]:
+        """Return the plan as ``--dry-run`` prints it and run.json keeps it."""
+        return {
+            "kind": self.kind,
+            "duration_s": self.duration_s,
+            "moves": self.moves,
+            "steps": [step.describe() for step in self.steps],
+        }
+
+
+def calibration_plan(profile: ProfileData) -> Plan:
+    """Plan positions x directions x ranges, each loaded and unloaded.
+
+    Parameters
+    ----------
+    profile : ProfileData
+        The bench.
+
+    Returns
+    -------
+    Plan
+        Weights go up through the range's masses and down again; the heaviest is read once.
+    """
+    plan = profile.calibration
+    steps: list[Step] = [Lock(locked=True)]
+    for index in range(plan.positions):
+        position_rad = 2.0 * math.pi * index / plan.positions
+        steps.append(Place(position_rad, index + 1, plan.positions))
+        for direction in plan.directions:
+            for load_range in plan.ranges:
+                steps.extend(_loading(profile, index, position_rad, direction, load_range))
+    readings = sum(isinstance(step, Hang) for step in steps)
+    return Plan("calibration", tuple(steps), readings * 2.0 * plan.average_s)
+
+
+def _loading(
+    profile: ProfileData, index: int, position_rad: float, direction: str, load_range: str
+) -> list[Hang]:
+    masses = (
+        profile.calibration.low_masses_kg
+        if load_range == "low"
+        else profile.calibration.full_masses_kg
+    )
+    up = sorted(masses)
+    sequence = [("up", mass) for mass in up] + [("down", mass) for mass in reversed(up[:-1])]
+    sign = 1.0 if direction == "cw" else -1.0
+    experiment = f"p{index + 1}-{direction}-{load_range}"
+    return [
+        Hang(
+            experiment=experiment,
+            position_rad=position_rad,
+            range=load_range,
+            direction=direction,
+            series=series,
+            mass_kg=mass,
+            torque_nm=sign * mass * profile.arm.gravity_m_s2 * profile.arm.length_m,
+            label=f"{experiment} {number} of {len(sequence)} ({series})",
+        )
+        for number, (series, mass) in enumerate(sequence, start=1)
+    ]
+
+
+def misalignment_plan(profile: ProfileData) -> Plan:
+    """Plan a constant velocity over the profile's output turns, one direction after the other.
+
+    Parameters
+    ----------
+    profile : ProfileData
+        The bench.
+
+    Returns
+    -------
+    Plan
+        One acquisition: a trapezoid reference of one period, so that the angle runs on through the
+        reversal. Its ramps ask for a quarter of the servo's acceleration: a jump of the reference
+        would be a jump of the inertial torque, which no differentiator follows.
+    """
+    run = profile.misalignment
+    turn_s = 2.0 * math.pi * profile.drive.gear_ratio / run.velocity_rad_s
+    ramp_s = _RAMP_SHARE * run.velocity_rad_s / profile.servo.max_acceleration_rad_s2
+    half_s = run.output_turns * turn_s + run.settle_s + 2.0 * ramp_s
+    wave = ReferenceWave(
+        wave="trapezoid",
+        amplitude_v=run.velocity_rad_s / profile.servo.velocity_gain_rad_s_per_v,
+        frequency_hz=0.5 / half_s,
+        duty=1.0 - 2.0 * ramp_s / half_s,
+        rise=ramp_s / half_s,
+        fall=ramp_s / half_s,
+    )
+    return Plan(
+        "misalignment",
+        (Lock(locked=False), Acquire(wave, profile.daq.sample_period_s, 2.0 * half_s)),
+        2.0 * half_s,
+    )
+
+
+def ripple_plan(profile: ProfileData) -> Plan:
+    """Plan the free motion with the profile's reference generator.
+
+    Parameters
+    ----------
+    profile : ProfileData
+        The bench.
+
+    Returns
+    -------
+    Plan
+        One acquisition.
+    """
+    run = profile.ripple
+    return Plan(
+        "ripple",
+        (
+            Lock(locked=False),
+            Acquire(run.reference, profile.daq.sample_period_s, run.duration_s),
+        ),
+        run.duration_s,
+    )
+
+
+def check_plan(plan: Plan, profile: ProfileData) -> None:
+    """Hold every step against the profile's limits; nothing has moved yet.
+
+    Parameters
+    ----------
+    plan : Plan
+        What is asked for.
+    profile : ProfileData
+        The bench.
+
+    Raises
+    ------
+    UsageError
+        With every step that is outside a limit.
+    """
+    problems: list[UsageError] = []
+    for number, step in enumerate(plan.steps, start=1):
+        where = f"step {number} of the {plan.kind} plan"
+        if isinstance(step, Acquire):
+            problems.extend(_check_motion(step, profile, where))
+        elif isinstance(step, Hang) and not abs(step.torque_nm) <= profile.limits.torque_nm:
+            problems.append(
+                UsageError(
+                    f"{step.torque_nm:+.3f} N m is outside +-{profile.limits.torque_nm:g} N m",
+                    where=where,
+                    fix="use a lighter mass, or raise limits.torque_nm if the drive allows it",
+                )
+            )
+    if problems:
+        raise UsageError(
+            problems[0].what, where=problems[0].where, fix=problems[0].fix, problems=tuple(problems)
+        )
+
+
+def _check_motion(step: Acquire, profile: ProfileData, where: str) -> list[UsageError]:
+    peak_v = abs(step.wave.bias_v) + abs(step.wave.amplitude_v)
+    velocity = peak_v * profile.servo.velocity_gain_rad_s_per_v
+    limits = profile.limits
+    asked = (
+        ("reference", peak_v, limits.reference_v, "V", "reference_v"),
+        ("motor speed", velocity, limits.velocity_rad_s, "rad/s", "velocity_rad_s"),
+        ("duration", step.duration_s, limits.duration_s, "s", "duration_s"),
+    )
+    return [
+        UsageError(
+            f"{name} {value:.6g} {unit} is above {limit:g} {unit}",
+            where=where,
+            fix=f"ask for less, or raise limits.{key} in the profile if the bench allows it",
+        )
+        for name, value, limit, unit, key in asked
+        if not value <= limit
+    ]

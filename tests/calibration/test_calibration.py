@@ -1,0 +1,285 @@
+"""Calibration by the report's method."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from hdbench.calibration import consistency_interval, evaluate_calibration
+from hdbench.errors import DataError
+from hdbench.records import LoadReading, Loads
+
+DATA = os.environ.get("HDBENCH_DATA")
+needs_data = pytest.mark.skipif(DATA is None, reason="HDBENCH_DATA is not set")
+
+# eight gains at four positions, two directions each, with mean 6.6 and consistency 2 %
+EIGHT = [6.43, 6.46, 6.50, 6.56, 6.63, 6.69, 6.75, 6.78]
+
+
+def loads_of(
+    gains: list[float], *, per_position: int = 2, noise_v: float = 0.0, seed: int = 0
+) -> Loads:
+    """Return loads whose experiments have exactly these gains, and reading noise."""
+    rng = np.random.default_rng(seed)
+    readings = []
+    for i, gain in enumerate(gains):
+        direction = ("cw", "ccw")[i % 2]
+        sign = 1.0 if direction == "cw" else -1.0
+        for series, steps in (("up", (0, 10, 20, 30, 40)), ("down", (40, 30, 20, 10, 0))):
+            for step in steps:
+                volts = sign * step / gain + 0.02 + noise_v * rng.normal()
+                position = (i // per_position) * math.pi / 2.0
+                readings.append(
+                    LoadReading(str(i), position, "full", direction, series, sign * step, volts)
+                )
+    return Loads(tuple(readings))
+
+
+def unh(*series: str) -> Loads:
+    readings = []
+    for direction in series:
+        path = Path(str(DATA)) / "unh_torque_arm_cal" / f"torque_arm_{direction}.csv"
+        with path.open(newline="") as file:
+            for row in csv.DictReader(file):
+                volts, torque = float(row["mean_volts_per_volt"]), float(row["mean_torque"])
+                branch = "up" if direction == "ascending" else "down"
+                readings.append(LoadReading("arm", 0.0, "full", "cw", branch, torque, volts))
+    return Loads(tuple(readings), source="torque_arm")
+
+
+@needs_data
+@pytest.mark.parametrize(
+    ("series", "key"),
+    [
+        (("ascending", "descending"), "all"),
+        (("ascending",), "ascending"),
+        (("descending",), "descending"),
+    ],
+)
+def test_torque_arm_gives_its_published_regression(series: tuple[str, ...], key: str) -> None:
+    path = Path(str(DATA)) / "unh_torque_arm_cal" / "torque_arm_calibration.json"
+    published = json.loads(path.read_text())[f"linear regression {key}"]
+    result = evaluate_calibration(unh(*series), max_consistency=0.05)
+    # the same regression in double precision; 1e-9 is rounding with margin
+    assert result.gain_nm_per_v.value == pytest.approx(published["slope"], rel=1e-9)
+    assert result.gain_nm_per_v.std == pytest.approx(published["std_err"], rel=1e-9)
+    line = result.experiments[0]
+    assert line.intercept_nm.value == pytest.approx(published["intercept"], rel=1e-8)
+
+
+def test_mean_gain_has_the_uncertainty_of_a_mean_over_positions() -> None:
+    gain = evaluate_calibration(loads_of(EIGHT), max_consistency=0.05).gain_nm_per_v
+    means = np.reshape(EIGHT, (4, 2)).mean(axis=1)
+    # values without noise: rounding of the lines
+    assert gain.value == pytest.approx(6.6, rel=1e-12)
+    assert gain.std == pytest.approx(stats.sem(means), rel=1e-9)
+    assert gain.dof == 3.0
+    # published analysis of these eight gains: u 0.070563 with 3 dof, half width 0.22456
+    assert gain.std == pytest.approx(0.070563, abs=5e-7)
+    low, high = gain.interval()
+    assert (high - low) / 2.0 == pytest.approx(0.22456, abs=5e-6)
+
+
+def test_position_variance_agrees_with_a_mixed_model() -> None:
+    from statsmodels.regression.mixed_linear_model import MixedLM
+
+    position = np.repeat(np.arange(4), 2)
+    theirs = MixedLM(np.array(EIGHT), np.ones((8, 1)), groups=position).fit(reml=True)
+    gain = evaluate_calibration(loads_of(EIGHT), max_consistency=0.05).gain_nm_per_v
+    # the mixed model is found by iteration to about 1e-4
+    assert gain.std == pytest.approx(float(theirs.bse_fe[0]), rel=1e-3)
+
+
+def test_consistency_is_the_sample_coefficient_of_variation() -> None:
+    result = evaluate_calibration(loads_of(EIGHT), max_consistency=0.05)
+    # scipy is another implementation of std (ddof 1) over mean
+    assert result.consistency == pytest.approx(stats.variation(EIGHT, ddof=1), rel=1e-9)
+    assert result.accepted is True
+
+
+def test_a_limit_below_the_consistency_rejects() -> None:
+    assert evaluate_calibration(loads_of(EIGHT), max_consistency=0.02).accepted is False
+
+
+def test_two_percent_from_eight_is_known_from_1_3_to_4_1_percent() -> None:
+    low, high = consistency_interval(0.02, 7)
+    s_low, s_high = (0.02 * math.sqrt(7.0 / stats.chi2.ppf(p, 7)) for p in (0.975, 0.025))
+    # the interval of a coefficient of variation differs from that of s by terms of C^2 = 4e-4
+    assert low == pytest.approx(s_low, rel=2e-3)
+    assert high == pytest.approx(s_high, rel=2e-3)
+
+
+def test_consistency_interval_covers_the_truth() -> None:
+    rng = np.random.default_rng(1)
+    n_runs, hits, truth = 2000, 0, 0.1
+    for _ in range(n_runs):
+        gains = 1.0 + truth * rng.normal(size=8)
+        low, high = consistency_interval(float(np.std(gains, ddof=1) / gains.mean()), 7)
+        hits += high is not None and low <= truth <= high
+    # binomial(2000, 0.95); false alarm 1e-3
+    assert stats.binom.ppf(5e-4, n_runs, 0.95) <= hits <= stats.binom.ppf(0.9995, n_runs, 0.95)
+
+
+def test_gains_that_share_positions_know_their_spread_less_well() -> None:
+    result = evaluate_calibration(loads_of(EIGHT), max_consistency=0.05)
+    assert result.consistency_interval is not None
+    assert result.consistency_interval_positions is not None
+    assert result.consistency_interval_positions[1] is not None
+    assert result.consistency_interval[1] is not None
+    assert result.consistency_interval_positions[1] > 1.5 * result.consistency_interval[1]
+
+
+def test_intervals_of_the_gain_cover_the_average_over_positions() -> None:
+    rng = np.random.default_rng(2)
+    n_runs, hits = 250, 0
+    for run in range(n_runs):
+        at_position = 6.6 * (1.0 + 0.02 * rng.normal(size=4))
+        gains = [float(g) for g in np.repeat(at_position, 2)]
+        result = evaluate_calibration(
+            loads_of(gains, noise_v=0.001, seed=run), max_consistency=0.05
+        )
+        low, high = result.gain_nm_per_v.interval()
+        hits += low <= 6.6 <= high
+    # binomial(250, 0.95); false alarm 1e-3. Eight gains taken as independent would cover 78 %.
+    assert stats.binom.ppf(5e-4, n_runs, 0.95) <= hits <= stats.binom.ppf(0.9995, n_runs, 0.95)
+
+
+def test_a_single_position_says_what_its_uncertainty_leaves_out() -> None:
+    result = evaluate_calibration(loads_of([6.6], noise_v=0.01), max_consistency=0.05)
+    assert result.gain_basis == "residual"
+    assert "leaves out the spread between positions" in result.gain_basis_reason
+    assert result.consistency is None
+    assert result.accepted is None
+
+
+def test_unbalanced_positions_are_marked() -> None:
+    result = evaluate_calibration(loads_of(EIGHT[:7]), max_consistency=0.05)
+    assert result.gain_basis == "positions-unbalanced"
+    assert [note.name for note in result.notes] == ["gain-positions-unbalanced"]
+    assert result.gain_nm_per_v.value == pytest.approx(np.mean(EIGHT[:7]), rel=1e-9)
+
+
+def test_doubling_the_volts_halves_the_gain_and_keeps_the_consistency() -> None:
+    loads = loads_of(EIGHT, noise_v=0.01)
+    doubled = Loads(
+        tuple(
+            LoadReading(
+                r.experiment,
+                r.position_rad,
+                r.range,
+                r.direction,
+                r.series,
+                r.torque_nm,
+                2.0 * r.reading_v,
+            )
+            for r in loads.readings
+        )
+    )
+    one, two = (evaluate_calibration(x, max_consistency=0.05) for x in (loads, doubled))
+    # scaling by a power of two is exact up to the last rounding
+    assert two.gain_nm_per_v.value == pytest.approx(one.gain_nm_per_v.value / 2.0, rel=1e-12)
+    assert two.consistency == pytest.approx(one.consistency, rel=1e-9)
+
+
+def test_a_reading_off_the_line_is_marked_and_kept() -> None:
+    loads = loads_of([6.6], noise_v=0.001)
+    readings = list(loads.readings)
+    bad = readings[3]
+    readings[3] = LoadReading(
+        bad.experiment,
+        bad.position_rad,
+        bad.range,
+        bad.direction,
+        bad.series,
+        bad.torque_nm,
+        bad.reading_v + 0.1,
+    )
+    result = evaluate_calibration(Loads(tuple(readings)), max_consistency=0.05)
+    assert result.experiments[0].doubtful == (3,)
+    assert result.experiments[0].n == len(readings)
+
+
+def test_clean_experiments_seldom_show_a_doubtful_reading() -> None:
+    marked = sum(
+        bool(
+            evaluate_calibration(loads_of([6.6], noise_v=0.01, seed=k), max_consistency=0.05)
+            .experiments[0]
+            .doubtful
+        )
+        for k in range(300)
+    )
+    # at most one in twenty by the stated level (Bonferroni: slightly fewer); false alarm 1e-3
+    assert marked <= stats.binom.ppf(0.999, 300, 0.05)
+
+
+def test_steps_hold_the_hysteresis_of_each_load() -> None:
+    loads = loads_of([5.0])
+    lifted = tuple(
+        LoadReading(
+            r.experiment,
+            r.position_rad,
+            r.range,
+            r.direction,
+            r.series,
+            r.torque_nm,
+            r.reading_v + (0.03 if r.series == "down" else 0.0),
+        )
+        for r in loads.readings
+    )
+    line = evaluate_calibration(Loads(lifted), max_consistency=0.05).experiments[0]
+    assert [step.torque_nm for step in line.steps] == [0.0, 10.0, 20.0, 30.0, 40.0]
+    # 30 mV at every load; rounding of means
+    np.testing.assert_allclose([step.hysteresis_v for step in line.steps], 0.03, rtol=1e-12)
+    assert line.hysteresis_nm == pytest.approx(0.03 * line.gain_nm_per_v.value, rel=1e-9)
+
+
+def test_the_result_has_the_keys_of_the_contract_and_is_json() -> None:
+    result = evaluate_calibration(loads_of(EIGHT, noise_v=0.01), max_consistency=0.05)
+    body = json.loads(json.dumps(result.to_dict({"hdbench_version": "0"}), allow_nan=False))
+    assert body["schema"] == "hdbench/calibration/1"
+    assert set(body["gain_nm_per_v"]) == {"value", "std", "dof"}
+    assert body["n_experiments"] == 8
+    assert {
+        "id",
+        "position_rad",
+        "direction",
+        "range",
+        "gain_nm_per_v",
+        "intercept_nm",
+        "residual_rms_nm",
+        "n",
+    } <= set(body["experiments"][0])
+    assert isinstance(body["experiments"][0]["gain_nm_per_v"], float)
+    assert len(body["steps"]) == 40
+    assert body["class"] is None
+
+
+@pytest.mark.parametrize(
+    ("loads", "text"),
+    [
+        (Loads(()), "0 readings"),
+        (Loads(loads_of([6.6]).readings[:2]), "at least 3 readings"),
+        (
+            Loads((*loads_of([6.6]).readings, LoadReading("0", 1.0, "full", "cw", "up", 5.0, 1.0))),
+            "2 values of position_rad",
+        ),
+        (
+            Loads(
+                tuple(LoadReading("0", 0.0, "full", "cw", "up", t, 1.0) for t in (0.0, 1.0, 2.0))
+            ),
+            "no line fits experiment 0",
+        ),
+    ],
+)
+def test_loads_without_a_line_are_refused(loads: Loads, text: str) -> None:
+    with pytest.raises(DataError, match=text) as caught:
+        evaluate_calibration(loads, max_consistency=0.05)
+    assert caught.value.exit_code == 4
+    assert caught.value.fix

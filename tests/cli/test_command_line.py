@@ -1,0 +1,149 @@
+"""Every command has help with an example; errors are objects; `--help` imports nothing heavy."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import click
+import pytest
+from click.testing import CliRunner
+
+from hdbench_cli import main as main_module
+from hdbench_cli.output import Output
+
+README = Path(__file__).parents[2] / "README.md"
+
+
+def run(*arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "hdbench_cli", *arguments],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+
+
+def commands() -> Iterator[tuple[str, click.Command]]:
+    group = main_module.cli
+    context = click.Context(group)
+    for name in group.list_commands(context):
+        command = group.get_command(context, name)
+        assert command is not None
+        yield name, command
+        if isinstance(command, click.Group):
+            for child, below in command.commands.items():
+                yield f"{name} {child}", below
+
+
+COMMANDS = list(commands())
+NAMES = [name for name, _ in COMMANDS]
+
+
+@pytest.mark.parametrize(
+    ("name", "command"), list(commands()), ids=lambda x: x if isinstance(x, str) else ""
+)
+def test_every_command_and_option_has_help_and_every_command_an_example(
+    name: str, command: click.Command
+) -> None:
+    assert command.help, name
+    text = f"{command.help or ''} {command.epilog or ''}"
+    if not isinstance(command, click.Group):
+        assert "Example" in text or "hdbench " in text, name
+    for option in command.params:
+        if isinstance(option, click.Option):
+            assert option.help, f"{name} {option.opts[0]} has no help"
+
+
+@pytest.mark.parametrize(
+    ("name", "command"), list(commands()), ids=lambda x: x if isinstance(x, str) else ""
+)
+def test_every_command_takes_json(name: str, command: click.Command) -> None:
+    if not isinstance(command, click.Group):
+        assert any("--json" in option.opts for option in command.params), name
+
+
+def test_help_imports_nothing_heavy() -> None:
+    code = (
+        "import sys\n"
+        "from hdbench_cli.main import main\n"
+        "try:\n"
+        "    main(['--help'])\n"
+        "except SystemExit:\n"
+        "    pass\n"
+        "heavy = {'numpy', 'scipy', 'pymodbus', 'matplotlib', 'pydantic', 'rich', 'asyncio'}\n"
+        "print(sorted(heavy & set(sys.modules)), file=sys.stderr)\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True
+    )
+    assert done.stderr.strip() == "[]"
+    assert "run-ripple" in done.stdout
+
+
+def test_a_mistyped_command_names_the_nearest_one() -> None:
+    done = run("calibrat")
+    assert done.returncode == 2
+    assert "Did you mean 'calibrate'?" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "kind"),
+    [
+        (["run-ripple", "--no-such-option", "--json"], 2, "usage"),
+        (["run-ripple", "--profile", "no-such-bench", "--dry-run", "--json"], 4, "profile"),
+        (["--json", "filter", "README.md", "--out", "x.csv"], 4, "data"),
+    ],
+)
+def test_json_prints_exactly_one_object_for_errors_too(
+    arguments: list[str], code: int, kind: str
+) -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "hdbench_cli", *arguments],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+        cwd=README.parent,
+    )
+    assert done.returncode == code, done.stderr
+    body = json.loads(done.stdout)
+    assert body["error"]["kind"] == kind
+    assert body["error"]["exit_code"] == code
+    assert body["error"]["fix"]
+    assert "Traceback" not in done.stderr
+
+
+def test_a_bug_gives_exit_1_and_a_traceback_only_with_v(monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(*_arguments: object, **_named: object) -> None:
+        raise RuntimeError("boom")
+
+    monkeypatch.setattr(main_module.cli, "main", broken)
+    runner = CliRunner()
+    for words, shown in ((["demo"], False), (["demo", "-v"], True)):
+        with runner.isolation() as streams:
+            code = main_module._run(words, Output(verbose=int("-v" in words)))
+            err = streams[1].getvalue().decode()
+        assert code == 1
+        assert "RuntimeError: boom" in err
+        assert ("Traceback" in err) is shown
+
+
+def test_version_with_v_names_the_kernel() -> None:
+    done = run("--version", "-v")
+    assert done.returncode == 0
+    assert "kernel" in done.stdout
+    assert run("--version").stdout.startswith("hdbench ")
+
+
+def test_dry_run_prints_plan_duration_and_limits_and_moves_nothing(tmp_path: Path) -> None:
+    done = run("run-ripple", "--dry-run", "--json", "--out", str(tmp_path / "runs"))
+    assert done.returncode == 0, done.stderr
+    body = json.loads(done.stdout)
+    assert body["plan"]["duration_s"] == 12.0
+    assert body["limits"]["velocity_rad_s"] == 400.0
+    assert not (tmp_path / "runs").exists()

@@ -1,0 +1,108 @@
+"""A bench without a wire: logs every call, fails on demand, knows whether its motor turns."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from hdbench.devices.ports import AcquisitionSettings, Block, Identity, SafeState
+from hdbench.errors import DeviceError
+
+
+class FakeBench:
+    def __init__(self, *, fail_at: str | None = None, after: int = 0, hook=None) -> None:
+        self.fail_at = fail_at
+        self.after = after
+        self.hook = hook
+        self.calls: list[str] = []
+        self.moving = False
+        self.confirms = True
+        self.index = 0
+        self.settings: AcquisitionSettings | None = None
+        self.level_v = 0.0
+        self.count = 0
+        self.velocity_v = 1.0
+        self.lose_at: int | None = None
+
+    def _call(self, name: str) -> None:
+        self.calls.append(name)
+        if self.hook is not None:
+            self.hook(self, name)
+        if name == self.fail_at and self.calls.count(name) > self.after:
+            raise DeviceError(f"{name} failed", where="fake", fix="none")
+
+    def identity(self) -> Identity:
+        return Identity("fake", "bench", "1", "1", simulated=True)
+
+    def configure(self, settings: AcquisitionSettings) -> None:
+        self._call("configure")
+        self.settings = settings
+        self.index = 0
+
+    def start(self) -> None:
+        self._call("start")
+        self.moving = self.settings is not None and self.settings.reference is not None
+
+    def read_block(self) -> Block | None:
+        self._call("read_block")
+        assert self.settings is not None
+        n = min(20, self.settings.n_samples - self.index)
+        if n <= 0:
+            return None
+        lost = 0
+        if self.lose_at is not None and self.index >= self.lose_at:
+            lost, self.lose_at = 5, None
+            n = min(n, self.settings.n_samples - self.index - lost)
+        first = self.index + lost
+        self.index = first + n
+        k = np.arange(first, first + n)
+        speed = self.velocity_v if self.moving else 0.0
+        angle = speed * 56.2565 * k * self.settings.sample_period_s
+        return Block(
+            first_index=first,
+            lost_before=lost,
+            torque_v=np.full(n, self.level_v) + 1e-4 * np.cos(0.7 * k),
+            tacho_v=np.full(n, speed),
+            motor_current_a=np.zeros(n),
+            reference_v=np.full(n, speed),
+            encoder_count=(np.floor(angle * 4000 / (2 * np.pi)) + self.count).astype(np.int64),
+            saturated=np.zeros(n, dtype=bool),
+            running=self.index < self.settings.n_samples,
+            watchdog_tripped=False,
+            depth=0,
+        )
+
+    def stop(self) -> None:
+        self._call("stop")
+        self.moving = False
+
+    def safe_state(self) -> SafeState:
+        self.calls.append("safe_state")
+        self.moving = False
+        return SafeState(self.confirms, 0.0, 0.0, "fake bench answered")
+
+    def close(self) -> None:
+        self.calls.append("close")
+
+
+class FakeOperator:
+    def __init__(self, bench: FakeBench, *, refuse: str | None = None) -> None:
+        self.bench = bench
+        self.refuse = refuse
+        self.asked: list[str] = []
+
+    def _answer(self, what: str) -> bool:
+        self.asked.append(what)
+        return what != self.refuse
+
+    def confirm_lock(self, *, locked: bool) -> bool:
+        return self._answer("lock" if locked else "release")
+
+    def set_position(self, position_rad: float, *, index: int, count: int) -> bool:
+        return self._answer("position")
+
+    def hang(self, mass_kg: float, *, direction: str, expected_nm: float, step: str) -> bool:
+        self.bench.level_v = expected_nm / 6.6
+        return self._answer("hang")
+
+    def confirm_motion(self, description: str) -> bool:
+        return self._answer("motion")

@@ -1,0 +1,67 @@
+"""Plans are data and are held against the limits before anything moves."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from hdbench.errors import UsageError
+from hdbench.profile import load_profile
+from hdbench.profile.schema import ReferenceWave
+from hdbench.session.plans import (
+    Acquire,
+    Hang,
+    Plan,
+    calibration_plan,
+    check_plan,
+    misalignment_plan,
+    ripple_plan,
+)
+
+PROFILE = load_profile("cim-tr-97-06").data
+
+
+def test_the_misalignment_plan_turns_the_output_twice_in_each_direction() -> None:
+    plan = misalignment_plan(PROFILE)
+    (acquire,) = [step for step in plan.steps if isinstance(step, Acquire)]
+    half_s = 0.5 / acquire.wave.frequency_hz
+    speed = acquire.wave.amplitude_v * PROFILE.servo.velocity_gain_rad_s_per_v
+    steady_s = acquire.wave.duty * half_s - PROFILE.misalignment.settle_s
+    turns = speed * steady_s / (2 * math.pi * 100.0)
+    # exact up to float rounding of a handful of products
+    assert turns == pytest.approx(PROFILE.misalignment.output_turns, rel=1e-12)
+    rate = speed / (acquire.wave.rise * half_s)
+    assert rate == pytest.approx(PROFILE.servo.max_acceleration_rad_s2 / 4.0, rel=1e-12)
+    assert plan.duration_s == pytest.approx(2 * half_s, rel=1e-12)
+
+
+def test_a_calibration_loads_up_and_unloads_without_reading_the_top_twice() -> None:
+    plan = calibration_plan(PROFILE)
+    first = [s for s in plan.steps if isinstance(s, Hang) and s.experiment == "p1-cw-full"]
+    assert [s.mass_kg for s in first] == [0, 2, 4, 6, 8, 6, 4, 2, 0]
+    assert [s.series for s in first] == ["up"] * 5 + ["down"] * 4
+    assert first[4].torque_nm == pytest.approx(8 * 9.80650 * 0.5, rel=1e-12)
+    ccw = [s for s in plan.steps if isinstance(s, Hang) and s.direction == "ccw"]
+    assert all(s.torque_nm <= 0.0 for s in ccw)
+
+
+@pytest.mark.parametrize("make", [calibration_plan, misalignment_plan, ripple_plan])
+def test_the_built_in_profile_plans_within_its_own_limits(make) -> None:
+    check_plan(make(PROFILE), PROFILE)
+
+
+def test_every_step_outside_a_limit_is_named_at_once() -> None:
+    fast = Acquire(ReferenceWave(wave="constant", bias_v=9.0), 0.001, 700.0)
+    with pytest.raises(UsageError) as error:
+        check_plan(Plan("ripple", (fast,), 700.0), PROFILE)
+    what = [problem.what for problem in error.value.problems]
+    assert any("reference 9 V is above 8 V" in text for text in what)
+    assert any("motor speed" in text for text in what)
+    assert any("duration 700 s is above 600 s" in text for text in what)
+
+
+def test_a_limit_check_does_not_let_nan_through() -> None:
+    step = Hang("e", 0.0, "full", "cw", "up", 1.0, math.nan, "e 1")
+    with pytest.raises(UsageError):
+        check_plan(Plan("calibration", (step,), 1.0), PROFILE)

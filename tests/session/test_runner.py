@@ -1,0 +1,158 @@
+"""The runner makes the bench safe on every way out and keeps what came."""
+
+from __future__ import annotations
+
+import signal
+from pathlib import Path
+
+import numpy as np
+import pytest
+from fakes import FakeBench, FakeOperator
+
+from hdbench.errors import DeviceError
+from hdbench.filter import preset
+from hdbench.profile import load_profile
+from hdbench.profile.schema import ReferenceWave
+from hdbench.records.journal import JournalWriter, read_journal
+from hdbench.session.plans import Acquire, Lock, Plan, calibration_plan
+from hdbench.session.recorder import TraceRecorder
+from hdbench.session.runner import Aborted, Runner
+from hdbench.session.stop import StopRequested, StopSignals
+
+PROFILE = load_profile("cim-tr-97-06").data
+WAVE = ReferenceWave(wave="constant", bias_v=1.0)
+MOTION = Plan("ripple", (Lock(locked=False), Acquire(WAVE, 0.001, 0.2)), 0.2)
+
+
+def runner(tmp_path: Path, bench: FakeBench, **changes) -> Runner:
+    journal = JournalWriter(tmp_path / "journal.hdj")
+    recorder = TraceRecorder(PROFILE, 6.6, preset("report-6", PROFILE), journal, 0.001)
+    return Runner(
+        PROFILE,
+        bench,
+        changes.pop("operator", FakeOperator(bench)),
+        journal,
+        changes.pop("stop", StopSignals()),
+        lambda _what, _share: None,
+        recorder,
+    )
+
+
+def test_a_motion_run_ends_with_the_safe_state_and_every_sample(tmp_path: Path) -> None:
+    bench = FakeBench()
+    run = runner(tmp_path, bench)
+    run.run(MOTION)
+    assert bench.calls[-1] == "safe_state"
+    assert run.safe is not None
+    assert run.safe.confirmed
+    trace = run.recorder.trace("here")
+    assert len(trace) == 200
+    np.testing.assert_array_equal(trace["time_s"], np.arange(200) * 0.001)
+
+
+@pytest.mark.parametrize(
+    ("call", "after"),
+    [("configure", 0), ("start", 0), ("read_block", 0), ("read_block", 4), ("stop", 0)],
+)
+def test_whichever_call_fails_the_bench_is_made_safe(tmp_path: Path, call: str, after: int) -> None:
+    bench = FakeBench(fail_at=call, after=after)
+    run = runner(tmp_path, bench)
+    with pytest.raises(DeviceError, match=f"{call} failed"):
+        run.run(MOTION)
+    assert bench.calls[-1] == "safe_state"
+    assert not bench.moving
+
+
+@pytest.mark.parametrize("signum", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize("phase", ["configure", "start", "read_block", "stop"])
+def test_a_signal_in_any_call_ends_the_run_safely(
+    tmp_path: Path, signum: signal.Signals, phase: str
+) -> None:
+    stop = StopSignals()
+
+    def ask(_bench: FakeBench, name: str) -> None:
+        if name == phase:
+            stop.note(signum, None)
+
+    bench = FakeBench(hook=ask)
+    run = runner(tmp_path, bench, stop=stop)
+    if phase == "stop":
+        # nothing is left to interrupt after the last step; the caller asks the signals once more
+        run.run(MOTION)
+        with pytest.raises(StopRequested):
+            stop.check()
+    else:
+        with pytest.raises(StopRequested) as request:
+            run.run(MOTION)
+        assert request.value.signum == signum
+    assert bench.calls[-1] == "safe_state"
+    assert not bench.moving
+
+
+def test_what_was_journaled_before_a_failure_can_be_read_back(tmp_path: Path) -> None:
+    bench = FakeBench(fail_at="read_block", after=6)
+    run = runner(tmp_path, bench)
+    with pytest.raises(DeviceError):
+        run.run(MOTION)
+    run.journal.close()
+    content = read_journal(tmp_path / "journal.hdj")
+    samples = [block for block in content.blocks if block.kind == "samples"]
+    assert len(samples) == 6
+    assert content.torn_bytes == 0
+
+
+def test_lost_samples_become_marked_rows_and_are_counted(tmp_path: Path) -> None:
+    bench = FakeBench()
+    bench.lose_at = 60
+    run = runner(tmp_path, bench)
+    run.run(MOTION)
+    trace = run.recorder.trace("here")
+    assert run.recorder.lost == 5
+    assert len(trace) == 200
+    assert int(np.count_nonzero(np.isnan(trace["torque_v"]))) == 5
+    assert np.all(np.isfinite(trace["time_s"]))
+
+
+def test_speed_beyond_the_limit_aborts_and_names_the_sample(tmp_path: Path) -> None:
+    bench = FakeBench()
+    bench.velocity_v = 8.0  # 450 rad/s, limit 400
+    run = runner(tmp_path, bench)
+    with pytest.raises(Aborted, match=r"motor speed \+450.* crossed the limit 400") as error:
+        run.run(MOTION)
+    assert error.value.where == "sample 0"
+    assert bench.calls[-1] == "safe_state"
+
+
+@pytest.mark.parametrize("refused", ["lock", "position", "hang"])
+def test_an_operator_who_declines_ends_the_calibration(tmp_path: Path, refused: str) -> None:
+    bench = FakeBench()
+    run = runner(tmp_path, bench, operator=FakeOperator(bench, refuse=refused))
+    with pytest.raises(Aborted, match="not confirmed"):
+        run.run(calibration_plan(PROFILE))
+    assert bench.calls[-1] == "safe_state"
+
+
+def test_a_calibration_records_every_planned_load_without_moving(tmp_path: Path) -> None:
+    bench = FakeBench()
+    run = runner(tmp_path, bench)
+    plan = calibration_plan(PROFILE)
+    run.run(plan)
+    # 4 positions x 2 directions x 2 ranges x (5 up + 4 down)
+    assert len(run.readings) == 4 * 2 * 2 * 9
+    assert not bench.moving
+    for reading in run.readings:
+        # the fake reads exactly torque / 6.6 with a 0.1 mV cosine on it; its mean over the window
+        # is below the cosine's amplitude
+        assert reading.reading_v == pytest.approx(reading.torque_nm / 6.6, abs=1e-4)
+
+
+def test_a_lock_that_slips_stops_the_calibration(tmp_path: Path) -> None:
+    def slip(bench: FakeBench, name: str) -> None:
+        if name == "start" and bench.calls.count("start") == 4:
+            bench.count += 200
+
+    bench = FakeBench(hook=slip)
+    run = runner(tmp_path, bench)
+    with pytest.raises(Aborted, match="locked wave generator moved"):
+        run.run(calibration_plan(PROFILE))
+    assert len(run.readings) == 3
