@@ -1,0 +1,161 @@
+"""Misalignment torque of constant-velocity runs."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import numpy as np
+import pytest
+from known_traces import Truth, bench, both_ways_velocity, known_trace, reversing_velocity, scale
+from scipy.stats import binom
+
+from hdbench.errors import DataError
+from hdbench.filter import preset
+from hdbench.misalignment import MisalignmentResult, evaluate_misalignment
+from hdbench.records import Quantity, TorqueScale, Trace
+
+BENCH = bench()
+FILTER = preset("report-6", BENCH)
+# one output turn in 2.1 s keeps the tests short
+FAST = 300.0
+
+
+def evaluate(trace: Trace) -> MisalignmentResult:
+    return evaluate_misalignment(trace, BENCH, scale=scale(), filter_model=FILTER)
+
+
+def covers(quantity: Quantity, truth: float, confidence: float = 0.999) -> bool:
+    low, high = quantity.interval(confidence)
+    return low <= truth <= high
+
+
+@pytest.mark.parametrize("colour", [0.0, 0.9])
+def test_amplitude_and_phase_are_found_in_both_directions(colour: float) -> None:
+    trace = known_trace(np.random.default_rng(1), both_ways_velocity(), colour=colour)
+    found = evaluate(trace)
+    # 99.9 % intervals: false alarm 0.2 %
+    assert covers(found.amplitude_nm, 0.9)
+    assert covers(found.phase_rad, 0.3)
+    assert found.peak_to_peak_nm.value == 2.0 * found.amplitude_nm.value
+    assert [math.copysign(1.0, s.velocity_rad_s) for s in found.stretches] == [1.0, -1.0]
+    # two turns each way, the settling time left out
+    assert found.output_turns == pytest.approx(4.0, abs=0.1)
+    assert found.motor_velocity_rad_s == pytest.approx(60.0, rel=1e-3)
+
+
+def test_std_is_that_of_a_sinusoid_in_white_noise() -> None:
+    found = evaluate(known_trace(np.random.default_rng(2), both_ways_velocity()))
+    # sigma sqrt(2 / n): 0.05 N m of noise and 0.7 mN m of the converter's steps; whole turns, so
+    # that offsets and sinusoid are orthogonal to 1 %; std from 42 000 samples
+    assert found.amplitude_nm.std == pytest.approx(
+        0.05 * math.sqrt(2.0 / found.n_samples), rel=0.03
+    )
+
+
+def test_a_zero_per_direction_does_not_reach_the_amplitude() -> None:
+    velocity = both_ways_velocity(speed_rad_s=FAST)
+    trace = known_trace(
+        np.random.default_rng(3), velocity, extra_nm=0.7 * np.tanh(velocity / 3.0) + 0.2
+    )
+    found = evaluate(trace)
+    assert covers(found.amplitude_nm, 0.9)
+    forth, back = found.offsets_nm
+    assert covers(forth, 0.9)
+    assert covers(back, -0.5)
+
+
+def test_output_order_2_and_a_tone_are_told_apart_from_it() -> None:
+    velocity = both_ways_velocity(speed_rad_s=FAST)
+    angle = np.concatenate([[0.0], np.cumsum(velocity[:-1] * 0.001)])
+    time = np.arange(len(velocity)) * 0.001
+    extra = 0.15 * np.cos(2.0 * angle / 100.0 + 1.0) + 0.08 * np.cos(2.0 * np.pi * 50.0 * time)
+    found = evaluate(known_trace(np.random.default_rng(4), velocity, extra_nm=extra))
+    assert covers(found.amplitude_nm, 0.9)
+    assert found.output_order_2 is not None
+    assert covers(found.output_order_2, 0.15)
+    assert [round(line.location, 1) for line in found.lines] == [50.0]
+
+
+def test_intervals_cover_the_truth_with_a_gain_of_three_dof() -> None:
+    velocity, n_runs, hits = both_ways_velocity(speed_rad_s=FAST), 24, np.zeros(2)
+    for seed in range(n_runs):
+        rng = np.random.default_rng(100 + seed)
+        true_gain = 6.6 * (1.0 + 0.01 * rng.normal())
+        gain = TorqueScale(
+            Quantity(6.6, 0.066 * math.sqrt(rng.chisquare(3) / 3.0), 3.0), "calibration run 1"
+        )
+        trace = known_trace(rng, velocity, colour=0.9 * (seed % 2))
+        found = evaluate_misalignment(trace, BENCH, scale=gain, filter_model=FILTER)
+        hits += [
+            covers(found.amplitude_nm, 0.9 * true_gain / 6.6, 0.95),
+            covers(found.phase_rad, 0.3, 0.95),
+        ]
+    # two counts, each at least binomial(24, 0.95); false alarm 2 x 5e-4 = 1e-3
+    assert np.all(hits >= binom.ppf(5e-4, n_runs, 0.95)), hits
+
+
+def test_the_filter_takes_the_component_out() -> None:
+    found = evaluate(known_trace(np.random.default_rng(5), both_ways_velocity()))
+    assert found.before == found.peak_to_peak_nm
+    # report-6 holds the output order; it is left with its transient and the noise that it follows
+    assert found.after.value < 0.05 * found.before.value
+
+
+def test_a_filter_without_the_output_order_leaves_it() -> None:
+    trace = known_trace(np.random.default_rng(6), both_ways_velocity(speed_rad_s=FAST))
+    found = evaluate_misalignment(
+        trace, BENCH, scale=scale(), filter_model=preset("report-a1", BENCH)
+    )
+    # the transfer function of report-a1 to a slow torque at 300 rad/s is between 0.5 and 1.1
+    assert found.after.value > 0.4 * found.before.value
+
+
+def test_no_misalignment_is_called_small() -> None:
+    truth = Truth(misalignment=(0.0, 0.0))
+    trace = known_trace(np.random.default_rng(7), both_ways_velocity(speed_rad_s=FAST), truth=truth)
+    found = evaluate(trace)
+    assert found.small_amplitude
+    assert covers(found.amplitude_nm, 0.0)
+    assert [note.name for note in found.notes] == ["small-amplitude"]
+
+
+def test_between_one_and_two_turns_is_marked() -> None:
+    trace = known_trace(np.random.default_rng(8), both_ways_velocity(1.4, FAST))
+    found = evaluate(trace)
+    assert [note.name for note in found.notes] == ["few-output-turns"]
+    assert covers(found.amplitude_nm, 0.9)
+
+
+def test_less_than_one_turn_is_refused_with_what_is_needed() -> None:
+    trace = known_trace(np.random.default_rng(9), both_ways_velocity(0.6, FAST))
+    with pytest.raises(DataError, match="needed: at least 1 output turn") as caught:
+        evaluate(trace)
+    assert caught.value.exit_code == 4
+
+
+def test_a_motor_at_rest_is_refused() -> None:
+    trace = known_trace(np.random.default_rng(10), reversing_velocity(3.0) * 0.0)
+    with pytest.raises(DataError, match="steady"):
+        evaluate(trace)
+
+
+def test_a_trace_without_torque_is_refused_by_its_columns() -> None:
+    trace = known_trace(np.random.default_rng(11), both_ways_velocity(speed_rad_s=FAST))
+    bare = Trace({k: c for k, c in trace.columns.items() if k != "torque_v"}, "bare")
+    with pytest.raises(DataError, match="no torque channel") as caught:
+        evaluate(bare)
+    assert caught.value.where == "bare"
+
+
+def test_the_result_has_the_keys_of_the_contract_and_is_json() -> None:
+    trace = known_trace(np.random.default_rng(12), both_ways_velocity(speed_rad_s=FAST))
+    body = json.loads(json.dumps(evaluate(trace).to_dict({}), allow_nan=False))
+    assert body["schema"] == "hdbench/misalignment/1"
+    for key in ("amplitude_nm", "peak_to_peak_nm", "phase_rad"):
+        assert set(body[key]) == {"value", "std", "dof"}
+    for key in ("before", "after"):
+        assert set(body[key]["peak_to_peak_nm"]) == {"value", "std", "dof"}
+    assert {"output_turns", "mean_torque_nm", "motor_velocity_rad_s"} <= set(body)
+    assert body["filter"]["order"] == 0.01
+    assert body["filter"]["process_noise"] == 0.05
