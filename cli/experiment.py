@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from hdbench.profile import Profile
     from hdbench.ripple import Stretch
 
-__all__ = ["Request", "choose_profile", "run_command"]
+__all__ = ["Request", "choose_profile", "doubts_of", "run_command"]
 
 _DEFAULT_PROFILE = "cim-tr-97-06"
 
@@ -70,6 +70,23 @@ def choose_profile(name: str | None, source: Path | None) -> Profile:
     return load_profile(name or _DEFAULT_PROFILE)
 
 
+def doubts_of(result: Mapping[str, Any]) -> list[str]:
+    """Return every reason to doubt a result: what the run saw and what its data show.
+
+    Parameters
+    ----------
+    result : mapping
+        A result with `doubts` of the run and `flags` of the data.
+
+    Returns
+    -------
+    list of str
+        Reasons in words; empty where there is none.
+    """
+    flags = [str(flag["detail"]) for flag in result.get("flags", ())]
+    return [*map(str, result.get("doubts", ())), *flags]
+
+
 def run_command(
     output: Output,
     request: Request,
@@ -101,9 +118,10 @@ def run_command(
         _show_plan(output, request, profile)
         return
     if request.source is not None:
-        folder, result, doubts = _from_stored(request, profile)
+        folder, result = _from_stored(request, profile)
     else:
-        folder, result, doubts = _measure(output, request, profile)
+        folder, result = _measure(output, request, profile)
+    doubts = doubts_of(result)
     if not request.no_report:
         from hdbench.report import write_report
 
@@ -156,9 +174,7 @@ def _show_plan(output: Output, request: Request, profile: Profile) -> None:
     output.result({"plan": plan.to_dict(), "limits": limits, "profile": profile.describe()}, text)
 
 
-def _from_stored(
-    request: Request, profile: Profile
-) -> tuple[Path, Mapping[str, Any], tuple[str, ...]]:
+def _from_stored(request: Request, profile: Profile) -> tuple[Path, Mapping[str, Any]]:
     from hdbench.session import evaluate_stored
 
     if request.source is None:
@@ -172,12 +188,10 @@ def _from_stored(
         filter_name=request.filter_name,
         stretch=request.stretch,
     )
-    return folder.path, found.result, ()
+    return folder.path, found.result
 
 
-def _measure(
-    output: Output, request: Request, profile: Profile
-) -> tuple[Path, Mapping[str, Any], tuple[str, ...]]:
+def _measure(output: Output, request: Request, profile: Profile) -> tuple[Path, Mapping[str, Any]]:
     from hdbench.session import BenchOptions, run_experiment
     from hdbench_cli.operator import ConsoleOperator
     from hdbench_cli.progress import progress_bar
@@ -199,4 +213,4 @@ def _measure(
     )
     with progress_bar(request.kind) as progress:
         outcome = run_experiment(request.kind, profile, options, progress)
-    return outcome.folder.path, outcome.evaluation.result, outcome.doubts
+    return outcome.folder.path, outcome.evaluation.result

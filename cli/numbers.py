@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-__all__ = ["with_uncertainty"]
+if TYPE_CHECKING:
+    from rich.console import Console
+
+__all__ = ["show_remarks", "with_uncertainty"]
 
 
 def with_uncertainty(quantity: Mapping[str, Any], unit: str) -> str:
@@ -36,3 +39,11 @@ def with_uncertainty(quantity: Mapping[str, Any], unit: str) -> str:
     dof = quantity.get("dof")
     tail = f" ({dof:.3g} dof)" if dof is not None else ""
     return f"{value:.{digits}f} +- {std:.{digits}f} {unit}{tail}"
+
+
+def show_remarks(console: Console, result: Mapping[str, Any]) -> None:
+    """Draw what makes a result doubtful (flags) and what limits it (notes)."""
+    for kind in ("flags", "notes"):
+        for remark in result.get(kind, ()):
+            line = f"{kind[:-1]:13s} {remark['name']}: {remark['detail']}"
+            console.print(line, markup=False)

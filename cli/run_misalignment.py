@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from hdbench_cli.experiment import Request, run_command
+from hdbench_cli.experiment import Request, doubts_of, run_command
 from hdbench_cli.options import bench_options, calibration_option, model_option
 from hdbench_cli.output import Output
 
@@ -20,7 +20,7 @@ __all__ = ["command", "failed", "show"]
 
 def show(console: Console, result: Mapping[str, Any]) -> None:
     """Draw a misalignment result."""
-    from hdbench_cli.numbers import with_uncertainty
+    from hdbench_cli.numbers import show_remarks, with_uncertainty
 
     console.print("Misalignment torque, once per output turn")
     console.print(f"amplitude     {with_uncertainty(result['amplitude_nm'], 'N m')}")
@@ -30,14 +30,12 @@ def show(console: Console, result: Mapping[str, Any]) -> None:
         peak = result[when]["peak_to_peak_nm"]
         console.print(f"{when + ' filter':13s} {with_uncertainty(peak, 'N m')} peak to peak")
     console.print(f"output turns  {result['output_turns']:.2f}")
-    for flag in result.get("flags", ()):
-        console.print(f"flag          {flag}", markup=False)
+    show_remarks(console, result)
 
 
 def failed(result: Mapping[str, Any]) -> str | None:
     """Return why the result does not pass, or None: any doubt fails."""
-    doubts = [*result.get("flags", ()), *result.get("doubts", ())]
-    return "; ".join(map(str, doubts)) or None
+    return "; ".join(doubts_of(result)) or None
 
 
 @click.command(

@@ -21,7 +21,7 @@ __all__ = ["command", "show"]
 
 def show(console: Console, result: Mapping[str, Any]) -> None:
     """Draw a ripple result."""
-    from hdbench_cli.numbers import with_uncertainty
+    from hdbench_cli.numbers import show_remarks, with_uncertainty
 
     console.print("Torque ripple")
     taken = {entry["order"]: entry["suppression_db"] for entry in result["suppression_db"]}
@@ -45,8 +45,7 @@ def show(console: Console, result: Mapping[str, Any]) -> None:
     console.print(
         f"torque rms    {rms['measured']:.4f} measured, {rms['filtered']:.4f} filtered N m"
     )
-    for flag in result.get("flags", ()):
-        console.print(f"flag          {flag}", markup=False)
+    show_remarks(console, result)
 
 
 @click.command(
