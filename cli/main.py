@@ -30,6 +30,7 @@ _COMMANDS: dict[str, tuple[str, str]] = {
     "import": ("import_", "Bring in traces and loads from other programs."),
     "runs": ("runs", "List, show and verify run folders."),
     "profile": ("profile", "List, show, check and make profiles."),
+    "stop": ("stop", "Stop the motor of a bench now, whoever runs it."),
     "doctor": ("doctor", "Check this installation and the bench."),
     "demo": ("demo", "The whole bench in a minute, without hardware."),
 }

@@ -176,3 +176,23 @@ def test_a_bench_that_dies_ends_the_run_loudly(served: Served, tmp_path: Path) -
     assert process.returncode == 8, stderr
     assert "SAFE STATE COULD NOT BE CONFIRMED" in stderr
     assert manifest(out)["status"] == "incomplete"
+
+
+def test_stop_stops_the_motor_of_another_run(served: Served, tmp_path: Path) -> None:
+    out = tmp_path / "runs"
+    running = start(served, out)
+    wait_for(lambda: journal_size(out) > 20_000)
+    done = subprocess.run(
+        [*RUN, "stop", "--address", served.address, "--json"],
+        capture_output=True,
+        text=True,
+        timeout=20,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    body = json.loads(done.stdout)
+    assert body["confirmed"] is True
+    assert body["reference_v"] == 0.0
+    running.communicate(timeout=20)
+    assert running.returncode != 0
+    assert manifest(out)["status"] == "incomplete"
