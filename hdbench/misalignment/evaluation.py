@@ -240,6 +240,7 @@ def _result(
         scale=scale,
         filter_name=filter_name,
         process_noise=profile.filter.misalignment_process_noise,
+        measurement_noise=profile.filter.measurement_noise,
         gear_ratio=record.motion.gear_ratio,
         flags=data_flags(record.trace, record.torque_nm, profile),
         notes=_notes(record, here.small),

@@ -54,6 +54,8 @@ class MisalignmentResult:
         Filter of `after`.
     process_noise : float
         Q of the output-order block, (N m)^2 per sample, beside the profile's R.
+    measurement_noise : float
+        That R, (N m)^2.
     gear_ratio : float
         Motor turns per output turn.
     flags : tuple of DataFlag
@@ -83,6 +85,7 @@ class MisalignmentResult:
     scale: TorqueScale
     filter_name: str
     process_noise: float
+    measurement_noise: float
     gear_ratio: float
     flags: tuple[DataFlag, ...]
     notes: tuple[DataFlag, ...]
@@ -133,6 +136,7 @@ class MisalignmentResult:
                 "order": 1.0 / self.gear_ratio,
                 "role": "misalignment",
                 "process_noise": self.process_noise,
+                "measurement_noise": self.measurement_noise,
                 "amplitude_nm": self.amplitude_nm.to_dict(),
                 "phase_rad": self.phase_rad.to_dict(),
                 "origin": f"amplitude and phase: joint regression over {self.output_turns:.2f} "
