@@ -52,7 +52,14 @@ def _labels(items: Sequence[Any]) -> list[str]:
     if items and all(isinstance(item, Mapping) for item in items):
         for name in _NAMES:
             values = [item.get(name) for item in items]
-            plain = all(isinstance(value, str | int | float) for value in values)
-            if plain and len(set(values)) == len(values):
+            if all(map(_nominal, values)) and len(set(values)) == len(values):
                 return [f"{name}={value}" for value in values]
     return [str(index) for index in range(len(items))]
+
+
+def _nominal(value: Any) -> bool:
+    """Return whether a value names its entry: text, or a number that was not measured."""
+    if isinstance(value, int | float):
+        # a measured number has all its digits; as a name it would change with every rounding
+        return float(f"{value:g}") == value
+    return isinstance(value, str)

@@ -14,7 +14,17 @@ __all__ = ["data_pictures", "numbers", "pictures", "summary", "tables", "verdict
 
 
 def verdict(result: Mapping[str, Any]) -> Verdict:
-    """Say whether the gain is accepted."""
+    """Say whether the gain is accepted.
+
+    Parameters
+    ----------
+    result : mapping
+        The calibration result (contract section 5).
+
+    Returns
+    -------
+    Verdict
+    """
     consistency, limit = value_of(result, "consistency"), value_of(result, "max_consistency")
     gain = with_std(result["gain_nm_per_v"])
     if result.get("accepted") is None or consistency is None:
@@ -27,7 +37,20 @@ def verdict(result: Mapping[str, Any]) -> Verdict:
 
 
 def summary(result: Mapping[str, Any], source: Source) -> str:
-    """Say in plain words what the calibration found."""
+    """Say in plain words what the calibration found.
+
+    Parameters
+    ----------
+    result : mapping
+        The calibration result.
+    source : Source
+        The run.
+
+    Returns
+    -------
+    str
+        One paragraph.
+    """
     gain = result["gain_nm_per_v"]
     lines = result.get("experiments", [])
     text = (
@@ -51,7 +74,20 @@ def summary(result: Mapping[str, Any], source: Source) -> str:
 
 
 def numbers(result: Mapping[str, Any], source: Source) -> tuple[KeyNumber, ...]:
-    """Return gain, consistency and size of the calibration."""
+    """Return gain, consistency and size of the calibration.
+
+    Parameters
+    ----------
+    result : mapping
+        The calibration result.
+    source : Source
+        The run.
+
+    Returns
+    -------
+    tuple of KeyNumber
+        Those that the result holds.
+    """
     rows = (
         (result["gain_nm_per_v"], "torque gain", "gain_nm_per_v", "N m/V"),
         (result.get("consistency"), "consistency", "consistency", ""),
@@ -64,14 +100,39 @@ def numbers(result: Mapping[str, Any], source: Source) -> tuple[KeyNumber, ...]:
 
 
 def pictures(source: Source, prefix: str, _doubts: list[str]) -> tuple[Picture, ...]:
-    """Draw readings and lines."""
+    """Draw readings and lines.
+
+    Parameters
+    ----------
+    source : Source
+        The run.
+    prefix : str
+        Word that makes the figures' ids unique on the page.
+    _doubts : list of str
+        Reasons why a figure is missing are appended.
+
+    Returns
+    -------
+    tuple of Picture
+        Those for which the run holds data.
+    """
     if source.loads is None:
         return ()
     return calibration_pictures(source.loads, source.result.get("experiments", ()), prefix)
 
 
 def tables(result: Mapping[str, Any]) -> tuple[Table, ...]:
-    """List the experiments."""
+    """List the experiments.
+
+    Parameters
+    ----------
+    result : mapping
+        The calibration result.
+
+    Returns
+    -------
+    tuple of Table
+    """
     rows = tuple(
         (
             str(line["id"]),
@@ -102,7 +163,19 @@ def tables(result: Mapping[str, Any]) -> tuple[Table, ...]:
 
 
 def data_pictures(source: Source, prefix: str) -> tuple[Picture, ...]:
-    """Draw readings that were not evaluated yet, with the line of each experiment."""
+    """Draw readings that were not evaluated yet, with the line of each experiment.
+
+    Parameters
+    ----------
+    source : Source
+        A file of readings.
+    prefix : str
+        Word that makes the figures' ids unique on the page.
+
+    Returns
+    -------
+    tuple of Picture
+    """
     from hdbench.calibration import evaluate_calibration
 
     if source.loads is None:

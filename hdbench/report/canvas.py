@@ -115,7 +115,19 @@ def new_figure(
 
 
 def label_axes(axes: Axes, x: str | None, y: str, title: str | None = None) -> None:
-    """Name the axes, with units; `x` None leaves the abscissa to the axes below."""
+    """Name the axes, with units; `x` None leaves the abscissa to the axes below.
+
+    Parameters
+    ----------
+    axes : Axes
+        To be named.
+    x : str or None
+        Abscissa.
+    y : str
+        Ordinate.
+    title : str or None
+        What is drawn.
+    """
     if x is not None:
         axes.set_xlabel(x)
     axes.set_ylabel(y)
@@ -124,7 +136,15 @@ def label_axes(axes: Axes, x: str | None, y: str, title: str | None = None) -> N
 
 
 def legend_above(axes: Axes, columns: int = 3) -> None:
-    """Put the legend above the axes, where it covers no data."""
+    """Put the legend above the axes, where it covers no data.
+
+    Parameters
+    ----------
+    axes : Axes
+        With labelled curves.
+    columns : int
+        Entries side by side.
+    """
     axes.legend(
         loc="lower left",
         bbox_to_anchor=(-0.01, 0.99),
@@ -138,10 +158,35 @@ def legend_above(axes: Axes, columns: int = 3) -> None:
     )
 
 
-def trend(axes: Axes, x: FloatArray, y: FloatArray, colour: str, **style: Any) -> None:
-    """Draw a long curve with as many points as a screen can show."""
+def trend(
+    axes: Axes,
+    x: FloatArray,
+    y: FloatArray,
+    colour: str,
+    *,
+    width: float = 1.1,
+    line: str = "-",
+    label: str | None = None,
+) -> None:
+    """Draw a long curve with as many points as a screen can show.
+
+    Parameters
+    ----------
+    axes : Axes
+        Where to draw.
+    x, y : ndarray, shape (n,)
+        The curve; NaN breaks it.
+    colour : str
+        A key of `COLOURS`.
+    width : float
+        Line width, point.
+    line : str
+        Line style of matplotlib.
+    label : str or None
+        Entry of the legend.
+    """
     few_x, few_y = min_max(x, y)
-    axes.plot(few_x, few_y, color=COLOURS[colour], **style)
+    axes.plot(few_x, few_y, color=COLOURS[colour], linewidth=width, linestyle=line, label=label)
 
 
 def draw_svg(figure: Figure, name: str, alt: str) -> str:

@@ -13,7 +13,7 @@ __all__ = ["numbers", "pictures", "summary", "tables", "verdict"]
 
 _VERDICTS: dict[str, tuple[Level, str]] = {
     "nothing-found": ("good", "Nothing found: the simulation explains the measurement."),
-    "named": ("look", "The simulation misses something, and it has a name"),
+    "named": ("look", "The simulation misses something that can be named"),
     "unexplained": ("look", "The simulation misses something that has no name yet"),
     "named-and-unexplained": ("look", "The simulation misses several things, not all named"),
     "data-bad": ("bad", "The data do not allow a diagnosis."),
@@ -28,7 +28,17 @@ _QUADRATURES = ("cosine_nm", "sine_nm")
 
 
 def verdict(result: Mapping[str, Any]) -> Verdict:
-    """Say whether the simulation misses something, and what."""
+    """Say whether the simulation misses something, and what.
+
+    Parameters
+    ----------
+    result : mapping
+        The diagnosis result (contract section 5).
+
+    Returns
+    -------
+    Verdict
+    """
     level, words = _VERDICTS.get(
         str(result.get("verdict")), ("look", f"Verdict {result.get('verdict')}.")
     )
@@ -82,7 +92,20 @@ def _rms(result: Mapping[str, Any], key: str) -> float | None:
 
 
 def summary(result: Mapping[str, Any], _source: Source) -> str:
-    """Say in plain words what was found and what it is worth."""
+    """Say in plain words what was found and what it is worth.
+
+    Parameters
+    ----------
+    result : mapping
+        The diagnosis result.
+    _source : Source
+        The run.
+
+    Returns
+    -------
+    str
+        One paragraph.
+    """
     before, after = _rms(result, "simulated"), _rms(result, "extended")
     text = "The measured torque was held against the simulation of the same motion. "
     causes = result.get("causes", ())
@@ -107,7 +130,20 @@ def summary(result: Mapping[str, Any], _source: Source) -> str:
 
 
 def numbers(result: Mapping[str, Any], source: Source) -> tuple[KeyNumber, ...]:
-    """Return the parameters of every cause and the gain on held-out data."""
+    """Return the parameters of every cause and the gain on held-out data.
+
+    Parameters
+    ----------
+    result : mapping
+        The diagnosis result.
+    source : Source
+        The run.
+
+    Returns
+    -------
+    tuple of KeyNumber
+        Those that the result holds.
+    """
     rows: list[tuple[Any, str, str, str]] = []
     for i, cause in enumerate(result.get("causes", ())):
         parameters = cause.get("parameters", {})
@@ -131,7 +167,22 @@ def numbers(result: Mapping[str, Any], source: Source) -> tuple[KeyNumber, ...]:
 
 
 def pictures(source: Source, prefix: str, doubts: list[str]) -> tuple[Picture, ...]:
-    """Draw the residual before and after, over time, motor order and frequency."""
+    """Draw the residual before and after, over time, motor order and frequency.
+
+    Parameters
+    ----------
+    source : Source
+        The run.
+    prefix : str
+        Word that makes the figures' ids unique on the page.
+    doubts : list of str
+        Reasons why a figure is missing are appended.
+
+    Returns
+    -------
+    tuple of Picture
+        Those for which the run holds data.
+    """
     from hdbench.report.figures_residual import residual_pictures
 
     columns = read_columns(source.folder / "residual.csv")
@@ -147,7 +198,17 @@ def pictures(source: Source, prefix: str, doubts: list[str]) -> tuple[Picture, .
 
 
 def tables(result: Mapping[str, Any]) -> tuple[Table, ...]:
-    """List causes, unexplained places and what could have been missed."""
+    """List causes, unexplained places and what could have been missed.
+
+    Parameters
+    ----------
+    result : mapping
+        The diagnosis result.
+
+    Returns
+    -------
+    tuple of Table
+    """
     found = []
     for key, title in (("causes", "Causes"), ("minor", "Smaller causes")):
         rows = tuple(_cause_row(cause) for cause in result.get(key, ()))

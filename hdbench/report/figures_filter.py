@@ -56,13 +56,14 @@ def filter_picture(
     figure, (whole, close) = new_figure(2, 4.8)
     lowpass = signals.lowpass_nm if lowpass_hz is not None else None
     for axes, cut in ((whole, slice(None)), (close, _close_up(signals, steady))):
-        dotted = {"linestyle": ":"} if axes is close else {"linewidth": 0.7}
+        line, width = (":", 1.1) if axes is close else ("-", 0.7)
         time = signals.time_s[cut]
-        trend(axes, time, signals.torque_nm[cut], "measured", label="measured", **dotted)
+        torque = signals.torque_nm[cut]
+        trend(axes, time, torque, "measured", width=width, line=line, label="measured")
         if lowpass is not None:
-            trend(axes, time, lowpass[cut], "lowpass", linestyle="--", label="low-pass")
+            trend(axes, time, lowpass[cut], "lowpass", line="--", label="low-pass")
         trend(axes, time, filtered.torque_nm[cut], "filtered", label="Kalman filtered")
-        _limits(axes, signals.torque_nm[cut])
+        _limits(axes, torque)
     label_axes(whole, None, "torque (N·m)")
     legend_above(whole)
     label_axes(close, "time (s)", "torque (N·m)", "close-up")
@@ -144,10 +145,10 @@ def signature_picture(signals: Signals, result: Mapping[str, Any], name: str) ->
         return None
     figure, (axes,) = new_figure(1, 3.4)
     time = signals.time_s
-    trend(axes, time, signals.torque_nm, "measured", linewidth=0.6, label="measured")
+    trend(axes, time, signals.torque_nm, "measured", width=0.6, label="measured")
     trend(axes, time, signals.expected_nm, "expected", label="expected")
     found = _component(signals, motion.output_angle_rad, result)
-    trend(axes, time, found, "filtered", linewidth=1.8, label="once per output turn")
+    trend(axes, time, found, "filtered", width=1.8, label="once per output turn")
     label_axes(axes, "time (s)", "torque (N·m)")
     legend_above(axes)
     peak = float(result["peak_to_peak_nm"]["value"])

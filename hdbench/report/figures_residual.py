@@ -69,9 +69,9 @@ def _rank(table: Columns) -> int:
 def _comparison(columns: Columns, name: str) -> Picture:
     time = columns["time_s"]
     figure, (whole, before, after) = new_figure(3, 5.6, ratios=(1.0, 1.0, 1.0))
-    trend(whole, time, columns["measured_nm"], "measured", linewidth=0.7, label="measured")
-    trend(whole, time, columns["simulated_nm"], "expected", linewidth=0.7, label="simulated")
-    trend(whole, time, columns["extended_nm"], "after", linewidth=0.7, label="extended")
+    trend(whole, time, columns["measured_nm"], "measured", width=0.7, label="measured")
+    trend(whole, time, columns["simulated_nm"], "expected", width=0.7, label="simulated")
+    trend(whole, time, columns["extended_nm"], "after", width=0.7, label="extended")
     legend_above(whole)
     middle = len(time) // 2
     cut = slice(middle, min(middle + _CLOSE_SAMPLES, len(time)))
@@ -111,8 +111,8 @@ def _residual(columns: Columns, name: str) -> Picture:
     before, after = columns["residual_before_nm"], columns["residual_after_nm"]
     figure, (top, bottom) = new_figure(2, 4.2, share_x=True)
     bottom.sharey(top)
-    trend(top, time, before, "before", linewidth=0.7)
-    trend(bottom, time, after, "after", linewidth=0.7)
+    trend(top, time, before, "before", width=0.7)
+    trend(bottom, time, after, "after", width=0.7)
     rms = _rms(before, masked), _rms(after, masked)
     label_axes(top, None, "residual (N·m)", f"before: {rms[0]:.3g} N·m rms")
     label_axes(bottom, "time (s)", "residual (N·m)", f"after: {rms[1]:.3g} N·m rms")

@@ -56,7 +56,7 @@ def ripple_picture(
     spectrum = _spectrum(signals, steady)
     figure, (torque, velocity, power) = new_figure(3, 6.2, ratios=(1.0, 0.75, 1.35))
     velocity.sharex(torque)
-    trend(torque, signals.time_s, signals.torque_nm, "measured", linewidth=0.8)
+    trend(torque, signals.time_s, signals.torque_nm, "measured", width=0.8)
     trend(velocity, signals.time_s, signals.velocity_rad_s, "filtered")
     for axes in (torque, velocity):
         axes.axvspan(steady.from_s, steady.to_s, color=COLOURS["expected"], alpha=0.16, linewidth=0)

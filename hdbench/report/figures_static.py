@@ -45,7 +45,17 @@ def calibration_pictures(
 
 
 def number_of(value: Any) -> float:
-    """Return the value of a number with or without an uncertainty."""
+    """Return the value of a number with or without an uncertainty.
+
+    Parameters
+    ----------
+    value : float or mapping
+        A number, or one with ``value`` and ``std``.
+
+    Returns
+    -------
+    float
+    """
     return float(value["value"] if isinstance(value, Mapping) else value)
 
 

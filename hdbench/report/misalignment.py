@@ -17,7 +17,17 @@ _WELL_ASSEMBLED_NM = 2.0
 
 
 def verdict(result: Mapping[str, Any]) -> Verdict:
-    """Say how large the misalignment is."""
+    """Say how large the misalignment is.
+
+    Parameters
+    ----------
+    result : mapping
+        The misalignment result (contract section 5).
+
+    Returns
+    -------
+    Verdict
+    """
     peak = result["peak_to_peak_nm"]
     words = f"{with_std(peak)} N·m from peak to peak"
     if result.get("small_amplitude"):
@@ -30,7 +40,20 @@ def verdict(result: Mapping[str, Any]) -> Verdict:
 
 
 def summary(result: Mapping[str, Any], _source: Source) -> str:
-    """Say in plain words what the run found."""
+    """Say in plain words what the run found.
+
+    Parameters
+    ----------
+    result : mapping
+        The misalignment result.
+    _source : Source
+        The run.
+
+    Returns
+    -------
+    str
+        One paragraph.
+    """
     speed, turns = value_of(result, "motor_velocity_rad_s"), value_of(result, "output_turns")
     before = value_of(result, "before", "peak_to_peak_nm")
     after = value_of(result, "after", "peak_to_peak_nm")
@@ -53,7 +76,20 @@ def summary(result: Mapping[str, Any], _source: Source) -> str:
 
 
 def numbers(result: Mapping[str, Any], source: Source) -> tuple[KeyNumber, ...]:
-    """Return amplitude, phase and what the filter leaves."""
+    """Return amplitude, phase and what the filter leaves.
+
+    Parameters
+    ----------
+    result : mapping
+        The misalignment result.
+    source : Source
+        The run.
+
+    Returns
+    -------
+    tuple of KeyNumber
+        Those that the result holds.
+    """
     rows = (
         (result.get("peak_to_peak_nm"), "misalignment, peak to peak", "peak_to_peak_nm", "N m"),
         (result.get("amplitude_nm"), "misalignment, amplitude", "amplitude_nm", "N m"),
@@ -81,7 +117,22 @@ def numbers(result: Mapping[str, Any], source: Source) -> tuple[KeyNumber, ...]:
 
 
 def pictures(source: Source, prefix: str, doubts: list[str]) -> tuple[Picture, ...]:
-    """Draw the signature and what the filter makes of it."""
+    """Draw the signature and what the filter makes of it.
+
+    Parameters
+    ----------
+    source : Source
+        The run.
+    prefix : str
+        Word that makes the figures' ids unique on the page.
+    doubts : list of str
+        Reasons why a figure is missing are appended.
+
+    Returns
+    -------
+    tuple of Picture
+        Those for which the run holds data.
+    """
     from hdbench.report.figures_filter import filter_picture, signature_picture
     from hdbench.report.signals import make_signals
     from hdbench.report.steady import steady_stretch
@@ -101,7 +152,17 @@ def pictures(source: Source, prefix: str, doubts: list[str]) -> tuple[Picture, .
 
 
 def tables(result: Mapping[str, Any]) -> tuple[Table, ...]:
-    """List the stretches and the ripple fitted beside."""
+    """List the stretches and the ripple fitted beside.
+
+    Parameters
+    ----------
+    result : mapping
+        The misalignment result.
+
+    Returns
+    -------
+    tuple of Table
+    """
     stretches = tuple(
         (
             f"{float(item['from_s']):.2f} to {float(item['to_s']):.2f}",

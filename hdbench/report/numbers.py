@@ -52,7 +52,17 @@ def short(value: float, std: float | None = None) -> str:
 
 
 def plain(value: object) -> str:
-    """Return any JSON value as one short line."""
+    """Return any JSON value as one short line.
+
+    Parameters
+    ----------
+    value : object
+        Number, text, boolean, None, list or mapping.
+
+    Returns
+    -------
+    str
+    """
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, float):
@@ -69,7 +79,17 @@ def plain(value: object) -> str:
 
 
 def with_std(quantity: Mapping[str, Any]) -> str:
-    """Return ``value ± std`` without its unit."""
+    """Return ``value ± std`` without its unit.
+
+    Parameters
+    ----------
+    quantity : mapping
+        With ``value`` and ``std``.
+
+    Returns
+    -------
+    str
+    """
     value, std = float(quantity["value"]), quantity.get("std")
     if not std:
         return short(value)
@@ -77,7 +97,17 @@ def with_std(quantity: Mapping[str, Any]) -> str:
 
 
 def probability(value: Any) -> str:
-    """Return a probability in one form, however small."""
+    """Return a probability in one form, however small.
+
+    Parameters
+    ----------
+    value : float or None
+        Probability, in [0, 1].
+
+    Returns
+    -------
+    str
+    """
     if isinstance(value, bool) or not isinstance(value, int | float):
         return DASH
     # the smallest double that keeps its digits
@@ -85,12 +115,34 @@ def probability(value: Any) -> str:
 
 
 def unit_words(unit: str) -> str:
-    """Return a unit as it is set on a page: ``N·m`` for ``N m``."""
+    """Return a unit as it is set on a page: ``N·m`` for ``N m``.
+
+    Parameters
+    ----------
+    unit : str
+        As results write it.
+
+    Returns
+    -------
+    str
+    """
     return unit.replace("N m", "N·m")
 
 
 def value_of(result: Mapping[str, Any], *keys: str) -> float | None:
-    """Return a number deep in a result, the value of one with uncertainty, or None."""
+    """Return a number deep in a result, the value of one with uncertainty, or None.
+
+    Parameters
+    ----------
+    result : mapping
+        A result.
+    *keys : str
+        Path to the number.
+
+    Returns
+    -------
+    float or None
+    """
     found: Any = result
     for key in keys:
         if not isinstance(found, Mapping) or key not in found:

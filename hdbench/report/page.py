@@ -88,7 +88,9 @@ def _headlines(sections: Sequence[Section]) -> list[tuple[Section, KeyNumber]]:
     share = _HEADLINES if len(sections) == 1 else 1 if len(sections) > 3 else 2
     found: list[tuple[Section, KeyNumber]] = []
     for section in sections:
-        sure = [n for n in section.numbers if n.std and n.unit != "rad"] or list(section.numbers)
+        sure = [n for n in section.numbers if n.std and n.unit.startswith("N m")] or list(
+            section.numbers
+        )
         found += [(section, n) for n in sure[:share]]
     return found
 

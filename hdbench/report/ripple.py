@@ -5,16 +5,32 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+
 from hdbench.report.beyond import beyond_tables, beyond_words, with_beyond
 from hdbench.report.elements import KeyNumber, Picture, Table, Verdict
 from hdbench.report.numbers import key_number, plain, short, value_of, with_std
+from hdbench.report.signals import Signals, make_signals, window
 from hdbench.report.source import Source
+from hdbench.report.steady import Steady, steady_stretch
 
 __all__ = ["numbers", "pictures", "summary", "suppression_at", "tables", "verdict"]
 
 
 def suppression_at(result: Mapping[str, Any], order: float) -> float | None:
-    """Return what the filter takes away at a motor order, dB, or None where it is not known."""
+    """Return what the filter takes away at a motor order, dB, or None where it is not known.
+
+    Parameters
+    ----------
+    result : mapping
+        A ripple result.
+    order : float
+        Motor order.
+
+    Returns
+    -------
+    float or None
+    """
     for entry in result.get("suppression_db", ()):
         if float(entry["order"]) == order and entry["suppression_db"] is not None:
             return float(entry["suppression_db"])
@@ -22,7 +38,17 @@ def suppression_at(result: Mapping[str, Any], order: float) -> float | None:
 
 
 def verdict(result: Mapping[str, Any]) -> Verdict:
-    """Say how large the ripple is and how much of it the filter takes."""
+    """Say how large the ripple is and how much of it the filter takes.
+
+    Parameters
+    ----------
+    result : mapping
+        The ripple result (contract section 5).
+
+    Returns
+    -------
+    Verdict
+    """
     parts, weakest = [], None
     for line in result.get("ripple", ()):
         order = float(line["order"])
@@ -37,7 +63,20 @@ def verdict(result: Mapping[str, Any]) -> Verdict:
 
 
 def summary(result: Mapping[str, Any], _source: Source) -> str:
-    """Say in plain words what the run found."""
+    """Say in plain words what the run found.
+
+    Parameters
+    ----------
+    result : mapping
+        The ripple result.
+    _source : Source
+        The run.
+
+    Returns
+    -------
+    str
+        One paragraph.
+    """
     speed = result.get("motor_velocity_rad_s", {})
     text = "In free motion "
     if isinstance(speed, Mapping) and "mean" in speed:
@@ -61,7 +100,20 @@ def summary(result: Mapping[str, Any], _source: Source) -> str:
 
 
 def numbers(result: Mapping[str, Any], source: Source) -> tuple[KeyNumber, ...]:
-    """Return amplitudes, phases, suppression and rms."""
+    """Return amplitudes, phases, suppression and rms.
+
+    Parameters
+    ----------
+    result : mapping
+        The ripple result.
+    source : Source
+        The run.
+
+    Returns
+    -------
+    tuple of KeyNumber
+        Those that the result holds.
+    """
     rows: list[tuple[Any, str, str, str]] = []
     for line in result.get("ripple", ()):
         order = f"{float(line['order']):g}"
@@ -98,24 +150,33 @@ def numbers(result: Mapping[str, Any], source: Source) -> tuple[KeyNumber, ...]:
 
 
 def pictures(source: Source, prefix: str, doubts: list[str]) -> tuple[Picture, ...]:
-    """Draw torque, velocity, spectrum, and what two filters make of the torque."""
+    """Draw torque, velocity, spectrum, and what two filters make of the torque.
+
+    Parameters
+    ----------
+    source : Source
+        The run.
+    prefix : str
+        Word that makes the figures' ids unique on the page.
+    doubts : list of str
+        Reasons why a figure is missing are appended.
+
+    Returns
+    -------
+    tuple of Picture
+        Those for which the run holds data.
+    """
     from hdbench.report.figures_filter import filter_picture
     from hdbench.report.figures_spectrum import ripple_picture
-    from hdbench.report.signals import make_signals
-    from hdbench.report.steady import Steady, steady_stretch
 
     signals = make_signals(source, doubts)
     if signals is None:
         return ()
+    # without a profile: what "almost flat" is on the bench of CIM-TR-97-06
     tolerance = 0.02 if source.profile is None else source.profile.data.ripple.steady_tolerance
     spectrum = source.result.get("spectrum")
     body = spectrum if isinstance(spectrum, Mapping) else {}
-    if {"from_s", "to_s", "motor_velocity_rad_s"} <= body.keys():
-        steady: Steady | None = Steady(
-            float(body["from_s"]), float(body["to_s"]), float(body["motor_velocity_rad_s"])
-        )
-    else:
-        steady = steady_stretch(signals, tolerance)
+    steady = _stored_stretch(body, signals) or steady_stretch(signals, tolerance)
     drawn = []
     if steady is None:
         doubts.append("Nothing turns steadily: no power spectrum is drawn.")
@@ -136,6 +197,16 @@ def pictures(source: Source, prefix: str, doubts: list[str]) -> tuple[Picture, .
     return tuple(drawn)
 
 
+def _stored_stretch(body: Mapping[str, Any], signals: Signals) -> Steady | None:
+    """Return the stretch that the result names, or None where samples are missing in it."""
+    if not {"from_s", "to_s", "motor_velocity_rad_s"} <= body.keys():
+        return None
+    steady = Steady(float(body["from_s"]), float(body["to_s"]), float(body["motor_velocity_rad_s"]))
+    inside = signals.torque_nm[window(signals.time_s, steady.from_s, steady.to_s - steady.from_s)]
+    # a spectrum needs samples without a gap, and at least 16 of them
+    return steady if len(inside) >= 16 and np.isfinite(inside).all() else None
+
+
 def _known_orders(velocity_rad_s: float) -> list[dict[str, Any]]:
     speed = abs(velocity_rad_s)
     return [
@@ -144,7 +215,17 @@ def _known_orders(velocity_rad_s: float) -> list[dict[str, Any]]:
 
 
 def tables(result: Mapping[str, Any]) -> tuple[Table, ...]:
-    """List the orders, and lines beyond them."""
+    """List the orders, and lines beyond them.
+
+    Parameters
+    ----------
+    result : mapping
+        The ripple result.
+
+    Returns
+    -------
+    tuple of Table
+    """
     rows = tuple(
         (
             plain(float(line["order"])),

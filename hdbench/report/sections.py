@@ -27,6 +27,16 @@ class _Kind:
     tables: Callable[[Mapping[str, Any]], tuple[Table, ...]]
 
 
+@dataclass(frozen=True, slots=True)
+class _Body:
+    title: str
+    verdict: Verdict
+    summary: str
+    numbers: tuple[KeyNumber, ...]
+    pictures: tuple[Picture, ...]
+    tables: tuple[Table, ...]
+
+
 def _kind(title: str, module: Any) -> _Kind:
     return _Kind(
         title, module.verdict, module.summary, module.numbers, module.pictures, module.tables
@@ -69,7 +79,7 @@ def make_section(source: Source, number: int, out: Path) -> Section:
         drawn = _data_pictures(source, prefix, doubts)
         verdict = Verdict("look" if kind is None else "bad", _without_result(source))
         title = kind.title if kind is not None else f"File {source.run_id}"
-        return _section(source, out, title, verdict, "", (), drawn, (), doubts)
+        return _section(source, out, doubts, _Body(title, verdict, "", (), drawn, ()))
     try:
         verdict = kind.verdict(source.result)
         words = kind.summary(source.result, source)
@@ -82,7 +92,8 @@ def make_section(source: Source, number: int, out: Path) -> Section:
             fix="evaluate the run again with --from",
         ) from error
     drawn = kind.pictures(source, prefix, doubts)
-    return _section(source, out, kind.title, verdict, words, found, drawn, tables, doubts)
+    body = _Body(kind.title, verdict, words, found, drawn, tables)
+    return _section(source, out, doubts, body)
 
 
 def _notes(result: Mapping[str, Any]) -> tuple[Table, ...]:
@@ -106,29 +117,20 @@ def _data_pictures(source: Source, prefix: str, doubts: list[str]) -> tuple[Pict
     return ()
 
 
-def _section(
-    source: Source,
-    out: Path,
-    title: str,
-    verdict: Verdict,
-    words: str,
-    found: tuple[KeyNumber, ...],
-    drawn: tuple[Picture, ...],
-    tables: tuple[Table, ...],
-    doubts: list[str],
-) -> Section:
+def _section(source: Source, out: Path, doubts: list[str], body: _Body) -> Section:
+    verdict = body.verdict
     if doubts and verdict.level == "good":
         verdict = Verdict("look", f"{verdict.text} The data are doubtful or incomplete.")
     return Section(
         source.run_id,
         source.kind,
-        title,
+        body.title,
         verdict,
         tuple(dict.fromkeys(doubts)),
-        words,
-        found,
-        drawn,
-        tables,
+        body.summary,
+        body.numbers,
+        body.pictures,
+        body.tables,
         provenance(source),
         raw_files(source, out),
     )

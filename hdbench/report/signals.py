@@ -129,7 +129,22 @@ def _with_torque(source: Source, trace: Trace) -> Trace:
 
 
 def filter_model_of(source: Source) -> tuple[FilterModel, str] | None:
-    """Return the run's own filter and where it stands, or None where it names none."""
+    """Return the run's own filter and where it stands, or None where it names none.
+
+    Parameters
+    ----------
+    source : Source
+        The run.
+
+    Returns
+    -------
+    tuple of (FilterModel, str) or None
+
+    Raises
+    ------
+    DataError
+        If the stored filter is damaged.
+    """
     stored = source.detail("filter")
     if isinstance(stored, Mapping):
         return FilterModel.from_dict(stored, source=f"{source.run_id}: filter"), "run.json"

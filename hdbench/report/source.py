@@ -205,11 +205,26 @@ def _data(
     ):
         doubts.append("The run holds no data.")
         return None, None
-    packed = run.path / "trace.csv.gz"
-    file = packed if packed.is_file() and not run.trace.is_file() else resolve_input(run.path)
+    file = _data_file(run, doubts)
+    if file is None:
+        return None, None
     if is_loads_file(file):
         return None, read_loads(file, None if profile is None else profile.data.arm)
     return read_trace(file), None
+
+
+def _data_file(run: RunFolder, doubts: list[str]) -> Path | None:
+    packed = run.path / "trace.csv.gz"
+    if packed.is_file() and not run.trace.is_file():
+        return packed
+    if run.trace.is_file() or run.loads.is_file():
+        return resolve_input(run.path)
+    try:
+        return resolve_input(run.path)
+    except DataError as error:
+        # a run that ended before its first sample has a journal without data: that is its report
+        doubts.append(f"No data could be recovered from the journal: {error.what}.")
+        return None
 
 
 def read_columns(path: Path) -> dict[str, FloatArray] | None:

@@ -1,0 +1,237 @@
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from hdbench.errors import DataError, LimitError
+from hdbench.profile import load_profile
+from hdbench.regression import Tolerance, compare_folder, compare_results
+from hdbench_cli.output import Output
+from hdbench_cli.regress import command
+
+STORED = Path(__file__).parents[1] / "stored"
+
+
+@pytest.fixture
+def stored(tmp_path: Path) -> Path:
+    return shutil.copytree(STORED, tmp_path / "stored", ignore=shutil.ignore_patterns("*.py"))
+
+
+def _edit(file: Path, path: tuple[str | int, ...], value: object) -> None:
+    body = json.loads(file.read_text())
+    place = body
+    for key in path[:-1]:
+        place = place[key]
+    place[path[-1]] = value
+    file.write_text(json.dumps(body))
+
+
+def test_the_stored_traces_give_the_stored_results() -> None:
+    report = compare_folder(STORED)
+    moved = [change.describe() for case in report.cases for change in case.changes]
+    assert report.passed, moved
+    assert {case.kind for case in report.cases} == {
+        "calibration",
+        "misalignment",
+        "ripple",
+        "filter",
+    }
+    assert all(case.compared > 20 for case in report.cases)
+
+
+def test_the_stored_results_are_the_truth_of_their_generator() -> None:
+    def result(name: str) -> dict[str, object]:
+        body: dict[str, object] = json.loads((STORED / name / "expected.json").read_text())
+        found = body["result"]
+        assert isinstance(found, dict)
+        return found
+
+    def near(quantity: object, truth: float) -> None:
+        assert isinstance(quantity, dict)
+        # five standard uncertainties: one seed out of a million is outside
+        assert abs(quantity["value"] - truth) < 5.0 * quantity["std"]
+
+    near(result("misalignment")["amplitude_nm"], 0.9)
+    near(result("misalignment")["phase_rad"], 0.3)
+    lines = result("ripple")["ripple"]
+    assert isinstance(lines, list)
+    for line, truth in zip(lines, ((0.4, 0.6), (0.2, -1.1)), strict=True):
+        near(line["amplitude_nm"], truth[0])
+        near(line["phase_rad"], truth[1])
+    near(result("calibration")["gain_nm_per_v"], 6.6)
+
+
+def test_the_stored_traces_are_small() -> None:
+    size = sum(file.stat().st_size for file in STORED.rglob("*") if file.is_file())
+    assert size < 2_000_000
+
+
+def test_a_changed_inertia_is_caught_by_name(stored: Path) -> None:
+    profile = load_profile("cim-tr-97-06")
+    text = profile.text.replace("load_inertia_kg_m2 = 1.725e-2", "load_inertia_kg_m2 = 1.9e-2")
+    assert text != profile.text
+    (stored / "filter" / "bench.toml").write_text(text)
+    _edit(stored / "filter" / "case.json", ("profile",), "bench.toml")
+    report = compare_folder(stored / "filter")
+    assert not report.passed
+    keys = {change.key for case in report.cases for change in case.changes if change.regression}
+    assert "torque_filtered_rms_nm" in keys
+    assert any(key.startswith("samples_nm") for key in keys)
+
+
+def test_a_changed_gain_moves_the_amplitude_by_the_same_share(stored: Path) -> None:
+    gain = {"value": 6.6 * 1.01, "std": 0.0}
+    _edit(stored / "misalignment" / "case.json", ("gain_nm_per_v",), gain)
+    (case,) = compare_folder(stored / "misalignment").cases
+    change = next(c for c in case.changes if c.key == "amplitude_nm.value")
+    assert change.regression
+    assert isinstance(change.expected, float)
+    assert isinstance(change.found, float)
+    # the fit is linear in the torque up to the noise model, found by iteration
+    assert change.found / change.expected == pytest.approx(1.01, rel=0, abs=1e-5)
+
+
+def test_what_moved_is_told_in_units_of_its_tolerance(stored: Path) -> None:
+    file = stored / "calibration" / "expected.json"
+    gain = json.loads(file.read_text())["result"]["gain_nm_per_v"]
+    moved = gain["value"] + 0.1 * gain["std"]
+    _edit(file, ("result", "gain_nm_per_v", "value"), moved)
+    (case,) = compare_folder(stored / "calibration").cases
+    (change,) = [c for c in case.changes if c.regression]
+    assert change.key == "gain_nm_per_v.value"
+    # a tenth of a sigma at a tolerance of a fiftieth of one
+    assert change.in_tolerances == pytest.approx(5.0, rel=1e-6)
+
+
+def test_a_missing_key_is_a_regression_and_a_new_one_is_not() -> None:
+    changes, compared = compare_results({"a": 1.0, "gone": 2.0}, {"a": 1.0, "new": 3.0})
+    assert compared == 1
+    assert [(c.key, c.what, c.regression) for c in changes] == [
+        ("gone", "missing", True),
+        ("new", "new", False),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("expected", "found", "regression"),
+    [
+        (1.0, 1.0 + 1e-10, None),
+        (1.0, 1.0 + 1e-6, True),
+        (1.0, None, True),
+        (None, 1.0, True),
+        (True, 1, True),
+        ("named", "nothing-found", True),
+        (1.0, float("nan"), True),
+        (0.0, 1e-13, None),
+    ],
+)
+def test_values_compare_as_they_should(
+    expected: object, found: object, regression: bool | None
+) -> None:
+    changes, _ = compare_results({"x": expected}, {"x": found})
+    assert [c.regression for c in changes] == ([] if regression is None else [regression])
+
+
+def test_words_and_hashes_are_told_but_are_no_regression() -> None:
+    changes, _ = compare_results(
+        {"sha256": "a", "gain_basis_reason": "old"}, {"sha256": "b", "gain_basis_reason": "new"}
+    )
+    assert [c.regression for c in changes] == [False, False]
+
+
+def test_a_phase_may_wrap() -> None:
+    changes, _ = compare_results(
+        {"phase_rad": {"value": 3.14159265, "std": 0.1}},
+        {"phase_rad": {"value": -3.14159265, "std": 0.1}},
+    )
+    assert not changes
+
+
+def test_a_tolerance_of_the_case_stands_before_the_defaults() -> None:
+    own = (Tolerance("ripple[order=2.0].*", "test", rel=0.5),)
+    before = {"ripple": [{"order": 2.0, "x": 1.0}, {"order": 4.0, "x": 1.0}]}
+    after = {"ripple": [{"order": 2.0, "x": 1.4}, {"order": 4.0, "x": 1.4}]}
+    changes, _ = compare_results(before, after, own)
+    assert [c.key for c in changes] == ["ripple[order=4.0].x"]
+
+
+def test_a_measured_order_that_moves_is_moved_and_not_missing() -> None:
+    before = {"peaks": [{"order": 1.9593173486873736}, {"order": 2.0429017776150658}]}
+    after = {"peaks": [{"order": 1.9593173486873736}, {"order": 2.0429017776}]}
+    changes, _ = compare_results(before, after, (Tolerance("*", "test", rel=1e-13),))
+    assert [(c.key, c.what) for c in changes] == [("peaks[1].order", "moved")]
+
+
+def test_update_keeps_the_new_results_and_the_next_run_passes(stored: Path) -> None:
+    _edit(stored / "ripple" / "expected.json", ("result", "residual_rms_nm"), 9.0)
+    assert not compare_folder(stored / "ripple").passed
+    (case,) = compare_folder(stored / "ripple", update=True).cases
+    assert [c.key for c in case.changes if c.regression] == ["residual_rms_nm"]
+    assert compare_folder(stored / "ripple").passed
+
+
+@pytest.mark.parametrize(
+    ("name", "path", "value"),
+    [
+        ("case.json", ("kind",), "calibrate"),
+        ("case.json", ("typo",), 1),
+        ("case.json", ("input",), "nothing.csv"),
+        ("case.json", ("profile",), "no-such-bench"),
+        ("case.json", ("filter",), "report-7"),
+        ("case.json", ("options",), {"from": 1.0}),
+        ("case.json", ("gain_nm_per_v",), {"value": 6.6}),
+        ("case.json", ("tolerances",), {"*": {"abs": -1.0, "reason": "x"}}),
+        ("case.json", ("tolerances",), {"*": {"abs": 1.0}}),
+        ("expected.json", ("result",), None),
+        ("expected.json", ("schema",), "other"),
+    ],
+)
+def test_a_broken_case_names_the_file_and_exits_4(
+    name: str, path: tuple[str, ...], value: object, stored: Path
+) -> None:
+    _edit(stored / "ripple" / name, path, value)
+    with pytest.raises(DataError) as found:
+        compare_folder(stored / "ripple")
+    assert found.value.exit_code == 4
+    assert found.value.where
+    assert found.value.fix
+
+
+def test_a_folder_without_cases_and_a_case_without_results_are_named(
+    stored: Path, tmp_path: Path
+) -> None:
+    with pytest.raises(DataError, match=r"case\.json"):
+        compare_folder(tmp_path / "nothing")
+    (stored / "ripple" / "expected.json").unlink()
+    with pytest.raises(DataError, match=r"expected\.json"):
+        compare_folder(stored)
+
+
+def _run(*words: str, as_json: bool = False) -> tuple[BaseException | None, str, int]:
+    found = CliRunner().invoke(command, list(words), obj=Output(json=as_json))
+    return found.exception, found.stdout, found.exit_code
+
+
+def test_the_command_passes_and_prints_one_json_object(stored: Path) -> None:
+    error, text, code = _run(str(stored / "calibration"), as_json=True)
+    assert error is None
+    assert code == 0
+    body = json.loads(text)
+    assert body["schema"] == "hdbench/regression/1"
+    assert body["passed"]
+
+
+def test_the_command_exits_3_on_a_regression(stored: Path) -> None:
+    _edit(stored / "calibration" / "expected.json", ("result", "consistency"), 0.5)
+    error, text, _ = _run(str(stored / "calibration"))
+    assert isinstance(error, LimitError)
+    assert error.exit_code == 3
+    assert "calibration: 1 quantities" in error.what
+    assert "consistency: 0.5 ->" in text
+    _, text, code = _run(str(stored / "calibration"), as_json=True)
+    assert code == 3
+    assert not json.loads(text)["passed"]

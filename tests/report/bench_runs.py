@@ -1,0 +1,153 @@
+"""Run folders for the tests of the report, from traces that share no code with hdbench."""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+
+from hdbench.calibration import evaluate_calibration
+from hdbench.filter import OnlineFilter, preset
+from hdbench.misalignment import evaluate_misalignment
+from hdbench.profile import Profile
+from hdbench.records import Quantity, TorqueScale, Trace
+from hdbench.records.jsonfile import result_header, write_json
+from hdbench.records.loadsfile import read_loads
+from hdbench.records.runfolder import RunFolder
+from hdbench.records.tracefile import read_trace, write_trace
+from hdbench.ripple import evaluate_ripple
+
+STORED = Path(__file__).parents[1] / "stored"
+SCALE = TorqueScale(Quantity(6.6, 0.03, 3.0), "calibration 20260101T000000Z-calibration-abc123")
+
+
+def generator() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("stored_generate", STORED / "generate.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def trace_of(text: str, folder: Path) -> Trace:
+    file = folder / "raw.csv"
+    file.write_text(text)
+    return read_trace(file)
+
+
+def new_run(parent: Path, kind: str, profile: Profile) -> RunFolder:
+    parent.mkdir(exist_ok=True)
+    details = {
+        "calibration": SCALE.to_dict(),
+        "filter": preset("report-6", profile.data).to_dict(),
+        "simulation": {"plant": "as-modelled", "seed": 0},
+    }
+    return RunFolder.create(parent, kind=kind, profile=profile, details=details)
+
+
+def online(trace: Trace, profile: Profile) -> Trace:
+    velocity = trace["tacho_v"] * profile.data.tacho.gain_rad_s_per_v
+    torque = trace["torque_v"] * SCALE.gain_nm_per_v.value
+    found = OnlineFilter(preset("report-6", profile.data)).process(trace.time_s, velocity, torque)
+    return trace.with_columns(torque_filtered_online_nm=found.torque_filtered_nm)
+
+
+def dynamic_run(parent: Path, kind: str, profile: Profile, trace: Trace) -> Path:
+    run = new_run(parent, kind, profile)
+    write_trace(run.trace, online(trace, profile))
+    model = preset("report-6", profile.data)
+    evaluate = {"misalignment": evaluate_misalignment, "ripple": evaluate_ripple}[kind]
+    result = evaluate(trace, profile.data, scale=SCALE, filter_model=model)
+    write_json(run.result, result.to_dict(result_header(kind, profile)))
+    run.finish("complete", "done", [run.trace, run.result])
+    return run.path
+
+
+def calibration_run(parent: Path, profile: Profile, text: str) -> Path:
+    run = new_run(parent, "calibration", profile)
+    run.loads.write_text(text)
+    loads = read_loads(run.loads, profile.data.arm)
+    result = evaluate_calibration(loads, max_consistency=0.05)
+    write_json(run.result, result.to_dict(result_header("calibration", profile)))
+    run.finish("complete", "done", [run.loads, run.result])
+    return run.path
+
+
+def diagnosis_run(parent: Path, profile: Profile) -> Path:
+    run = new_run(parent, "diagnosis", profile)
+    rng = np.random.default_rng(3)
+    time = np.arange(6000) * 1e-3
+    angle = 156.0 * time
+    noise = rng.normal(0.0, 0.05, len(time))
+    simulated = 0.4 * np.cos(2.0 * angle) + 0.9 * np.cos(angle / 100.0)
+    extra = 0.15 * np.cos(6.0 * angle + 0.4)
+    columns = {
+        "time_s": time,
+        "measured_nm": simulated + extra + noise,
+        "simulated_nm": simulated,
+        "extended_nm": simulated + extra,
+        "residual_before_nm": extra + noise,
+        "residual_after_nm": noise,
+        "masked": (time > 4.0) * (time < 4.1) * 1.0,
+    }
+    _table(run.path / "residual.csv", columns)
+    for name, place, rate in (
+        ("order", "motor_order", 156.0 / (2.0 * np.pi)),
+        ("frequency", "frequency_hz", 1.0),
+    ):
+        line = {
+            key: np.abs(np.fft.rfft(columns[key])) * 2.0 / len(time)
+            for key in ("residual_before_nm", "residual_after_nm")
+        }
+        table = {
+            place: np.fft.rfftfreq(len(time), 1e-3) / rate,
+            "before_nm": line["residual_before_nm"],
+            "after_nm": line["residual_after_nm"],
+        }
+        _table(run.path / f"{name}_spectrum.csv", table)
+    write_json(run.result, {**result_header("diagnosis", profile), **_named_order()})
+    run.finish("complete", "done", [run.result, run.path / "residual.csv"])
+    return run.path
+
+
+def _named_order() -> dict[str, object]:
+    return {
+        "verdict": "named",
+        "causes": [
+            {
+                "name": "ripple-harmonic",
+                "group": [],
+                "rivals": ["tooth-mesh"],
+                "parameters": {
+                    "order": {"value": 6.0, "std": 0.0004, "unit": "1"},
+                    "amplitude_nm": {"value": 0.1502, "std": 0.0011, "unit": "N m"},
+                    "phase_rad": {"value": 0.401, "std": 0.007, "unit": "rad"},
+                },
+                "evidence_nats": 812.0,
+                "false_alarm_probability": 1e-12,
+                "gain": {
+                    "heldout_rms_before_nm": 0.1177,
+                    "heldout_rms_after_nm": 0.0502,
+                    "explained_fraction": 0.818,
+                    "interval": [0.80, 0.83],
+                },
+                "separating_experiment": "run at two speeds",
+            }
+        ],
+        "minor": [],
+        "unexplained": [],
+        "data_flags": [{"name": "spikes", "from_s": 4.0, "to_s": 4.1, "samples": 99}],
+        "minimum_detectable": [{"name": "mains-hum", "amplitude_nm": 0.004}],
+        "simulated": {"terms": ["zero"], "heldout_rms_nm": 0.1177},
+        "extended": {"terms": ["zero", "ripple-harmonic"], "heldout_rms_nm": 0.0502},
+        "model_file": "model.json",
+    }
+
+
+def _table(path: Path, columns: dict[str, np.ndarray]) -> None:
+    rows = zip(*columns.values(), strict=True)
+    lines = [",".join(columns), *(",".join(f"{x:.6g}" for x in row) for row in rows)]
+    path.write_text("\n".join(lines) + "\n")

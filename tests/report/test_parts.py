@@ -1,0 +1,77 @@
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hdbench.report.decimate import min_max
+from hdbench.report.elements import KeyNumber
+from hdbench.report.numbers import short
+
+
+@given(st.integers(0, 2**31), st.integers(1, 400), st.integers(1, 60))
+def test_thinning_keeps_the_extremes_the_order_and_only_real_points(
+    seed: int, n: int, bins: int
+) -> None:
+    y = np.random.default_rng(seed).standard_normal(n)
+    x = np.arange(float(n))
+    few_x, few_y = min_max(x, y, bins)
+    assert few_y.min() == y.min()
+    assert few_y.max() == y.max()
+    assert len(few_x) <= max(2 * bins, n if n <= 2 * bins else 0)
+    assert (np.diff(few_x) > 0).all()
+    assert (y[few_x.astype(int)] == few_y).all()
+
+
+def test_a_spike_of_one_sample_in_a_minute_survives_thinning() -> None:
+    y = np.zeros(60_000)
+    y[41_234] = 7.0
+    few_x, few_y = min_max(np.arange(60_000.0), y)
+    assert few_x[np.argmax(few_y)] == 41_234.0
+    assert few_y.max() == 7.0
+
+
+def test_lost_samples_break_the_line() -> None:
+    y = np.ones(1000)
+    y[500:520] = math.nan
+    few_x, few_y = min_max(np.arange(1000.0), y, 50)
+    assert np.isnan(few_y).any()
+    broken = few_x[np.isnan(few_y)]
+    assert broken.min() >= 500
+    assert broken.max() <= 520
+
+
+def test_thinning_refuses_no_bins_and_unequal_lengths() -> None:
+    with pytest.raises(ValueError, match="bins"):
+        min_max(np.zeros(3), np.zeros(3), 0)
+    with pytest.raises(ValueError, match="shapes"):
+        min_max(np.zeros(3), np.zeros(4))
+
+
+@pytest.mark.parametrize(
+    ("value", "std", "text"),
+    [
+        (6.6123, 0.0484, "6.612"),
+        (123456.7, 120.0, "123460"),
+        (-0.5, 0.02, "\N{MINUS SIGN}0.500"),
+        (0.0996, 0.00996, "0.0996"),
+        (2.0, None, "2"),
+        (0.0001234567, None, "0.0001235"),
+    ],
+)
+def test_a_number_has_the_digits_that_its_uncertainty_allows(
+    value: float, std: float | None, text: str
+) -> None:
+    assert short(value, std) == text
+
+
+def test_the_interval_uses_the_degrees_of_freedom() -> None:
+    number = KeyNumber("gain", "gain", 6.6, "N·m/V", "x", 0.1, 3.0)
+    ends = number.interval()
+    assert ends is not None
+    # Student's t, 3 dof, 97.5 %: 3.182446 (published tables)
+    assert ends[1] == pytest.approx(6.6 + 0.3182446, rel=0, abs=1e-7)
+    assert KeyNumber("n", "n", 1.0, "", "x").interval() is None

@@ -1,0 +1,368 @@
+from __future__ import annotations
+
+import csv
+import json
+import re
+import shutil
+from collections.abc import Iterator
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from hdbench.errors import DataError, UsageError
+from hdbench.profile import Profile
+from hdbench.report import ReportFiles, write_report
+from hdbench_cli.output import Output
+from hdbench_cli.report import command
+
+KINDS = ("calibration", "misalignment", "ripple", "diagnosis")
+
+
+class Page(HTMLParser):
+    """Collects what a browser would see."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.tags: list[tuple[str, dict[str, str | None]]] = []
+        self.words: list[str] = []
+        self._hidden = 0
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append((tag, dict(attrs)))
+        self._hidden += tag == "style"
+
+    def handle_endtag(self, tag: str) -> None:
+        self._hidden -= tag == "style"
+
+    def handle_data(self, data: str) -> None:
+        if not self._hidden:
+            self.words.append(data)
+
+    @property
+    def text(self) -> str:
+        return " ".join(" ".join(self.words).split())
+
+
+@pytest.fixture(scope="module")
+def report(runs: dict[str, Path], tmp_path_factory: pytest.TempPathFactory) -> ReportFiles:
+    return write_report([runs[kind] for kind in KINDS], tmp_path_factory.mktemp("out") / "all.html")
+
+
+@pytest.fixture(scope="module")
+def page(report: ReportFiles) -> Page:
+    return Page(report.html.read_text(encoding="utf-8"))
+
+
+def test_the_page_needs_nothing_from_outside(page: Page, report: ReportFiles) -> None:
+    assert not [tag for tag, _ in page.tags if tag in ("script", "link", "iframe", "object", "img")]
+    for _, attributes in page.tags:
+        for name in ("src", "href", "xlink:href", "action", "data"):
+            assert not re.match(r"[a-z]+:|//", attributes.get(name) or "", re.IGNORECASE)
+        assert not [name for name in attributes if name.startswith("on")]
+    text = report.html.read_text(encoding="utf-8")
+    assert "@import" not in text
+    assert not re.search(r"url\((?!#)", text)
+
+
+def test_the_page_carries_a_policy_that_forbids_scripts_and_requests(page: Page) -> None:
+    policy = next(a["content"] for tag, a in page.tags if a.get("http-equiv"))
+    assert policy is not None
+    assert "default-src 'none'" in policy
+    assert "script-src" not in policy
+
+
+def test_every_figure_has_an_alternative_text_and_a_caption(page: Page) -> None:
+    figures = [a for tag, a in page.tags if tag == "svg"]
+    assert len(figures) == sum(tag == "figcaption" for tag, _ in page.tags)
+    assert all(a["role"] == "img" and len(a["aria-label"] or "") > 40 for a in figures)
+
+
+def test_all_figures_of_the_bench_are_drawn(page: Page) -> None:
+    for number in ("6", "7", "8", "9", "10", "11"):
+        assert f"(after figure {number})" in page.text
+    assert "Residual before and after" in page.text
+    assert "Residual over motor order" in page.text
+    assert "Residual over frequency" in page.text
+
+
+def test_ids_are_unique_and_every_reference_has_its_target(page: Page, report: ReportFiles) -> None:
+    ids = [a["id"] for _, a in page.tags if "id" in a]
+    assert len(ids) == len(set(ids))
+    used = re.findall(r"url\(#([^)]*)\)|href=\"#([^\"]*)\"", report.html.read_text())
+    assert {a or b for a, b in used} <= set(ids)
+
+
+def test_colours_come_from_the_style_sheet_alone(report: ReportFiles) -> None:
+    text = report.html.read_text()
+    style = text[text.index("<style>") : text.index("</style>")]
+    figures = "".join(re.findall(r"<svg.*?</svg>", text, re.DOTALL))
+    used = set(re.findall(r"var\(--([a-z]+)\)", figures))
+    assert used
+    assert not re.findall(r"(?:fill|stroke|color): *#[0-9a-f]{3,6}", figures)
+    for theme in (style.split("@media")[0], style.split("prefers-color-scheme: dark")[1]):
+        assert used - {"sans"} <= set(re.findall(r"--([a-z]+):", theme))
+
+
+def test_the_verdict_stands_before_the_numbers_and_they_before_the_figures(page: Page) -> None:
+    text = page.text
+    places = [
+        text.index("1 worth a look"),
+        text.index("Calibration accepted"),
+        text.index("95 % interval"),
+        text.index("(after figure 6)"),
+        text.index("Provenance"),
+    ]
+    assert places == sorted(places)
+
+
+def test_key_numbers_in_the_csv_are_those_of_the_results(
+    report: ReportFiles, runs: dict[str, Path]
+) -> None:
+    lines = report.csv.read_text(encoding="utf-8").splitlines()
+    rows = {row["quantity"]: row for row in csv.DictReader(lines)}
+    gain = json.loads((runs["calibration"] / "result.json").read_text())["gain_nm_per_v"]
+    row = rows["calibration.gain_nm_per_v"]
+    # repr of a double reads back exactly
+    assert float(row["value"]) == gain["value"]
+    assert float(row["std"]) == gain["std"]
+    assert float(row["dof"]) == gain["dof"]
+    assert row["unit"] == "N m/V"
+    assert runs["calibration"].name in row["source"]
+    ripple = json.loads((runs["ripple"] / "result.json").read_text())["ripple"][1]
+    got = float(rows["ripple.ripple[order=4].amplitude_nm"]["value"])
+    assert got == ripple["amplitude_nm"]["value"]
+
+
+def test_the_json_names_every_run_with_its_verdict(
+    report: ReportFiles, runs: dict[str, Path]
+) -> None:
+    body = json.loads(report.json.read_text())
+    assert body["schema"] == "hdbench/report/1"
+    assert [run["run_id"] for run in body["runs"]] == [runs[kind].name for kind in KINDS]
+    assert [run["verdict"]["level"] for run in body["runs"]] == ["good", "good", "good", "look"]
+
+
+def test_the_filter_and_the_origin_of_its_numbers_are_listed(page: Page) -> None:
+    assert "Filter used: report-6" in page.text
+    assert "Where the filter's numbers came from" in page.text
+    assert "calibration 20260101T000000Z-calibration-abc123" in page.text
+
+
+def test_the_same_runs_give_the_same_bytes(runs: dict[str, Path], tmp_path: Path) -> None:
+    first = write_report([runs["ripple"]], tmp_path / "a.html").html.read_bytes()
+    second = write_report([runs["ripple"]], tmp_path / "b.html").html.read_bytes()
+    assert first.replace(b"a.csv", b"b.csv").replace(b"a.json", b"b.json") == second
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_run_alone_has_its_sections_only(
+    kind: str, runs: dict[str, Path], tmp_path: Path
+) -> None:
+    files = write_report([runs[kind]], tmp_path)
+    text = Page(files.html.read_text(encoding="utf-8")).text
+    assert files.html.name == "report.html"
+    assert ("(after figure 6)" in text) == (kind == "calibration")
+    assert ("(after figure 10)" in text) == (kind == "misalignment")
+    assert ("(after figure 8)" in text) == (kind == "ripple")
+    assert ("Residual before and after" in text) == (kind == "diagnosis")
+
+
+def test_links_lead_to_the_raw_files(runs: dict[str, Path], tmp_path: Path) -> None:
+    out = tmp_path / "deep" / "er" / "report.html"
+    page = Page(write_report([runs["ripple"]], out).html.read_text(encoding="utf-8"))
+    links = [a["href"] or "" for tag, a in page.tags if tag == "a" and "href" in a]
+    raw = [link for link in links if link.endswith(("trace.csv", "run.json"))]
+    assert len(raw) == 2
+    assert all((out.parent / link).is_file() for link in raw)
+
+
+def _copy(run: Path, tmp_path: Path) -> Path:
+    return shutil.copytree(run, tmp_path / run.name)
+
+
+def _edit(file: Path, **changes: object) -> None:
+    file.write_text(json.dumps({**json.loads(file.read_text()), **changes}))
+
+
+def test_an_incomplete_run_says_so_on_top(runs: dict[str, Path], tmp_path: Path) -> None:
+    run = _copy(runs["ripple"], tmp_path)
+    _edit(run / "run.json", status="incomplete", exit_reason="stopped by SIGINT at 3 s")
+    page = Page(write_report([run], tmp_path / "r.html").html.read_text(encoding="utf-8"))
+    text = page.text
+    assert text.index("The run is incomplete") < text.index("Key numbers")
+    assert "stopped by SIGINT at 3 s" in text
+    body = json.loads((tmp_path / "r.json").read_text())
+    assert body["runs"][0]["verdict"]["level"] == "look"
+
+
+def test_a_run_without_a_result_still_shows_its_data(runs: dict[str, Path], tmp_path: Path) -> None:
+    run = _copy(runs["ripple"], tmp_path)
+    (run / "result.json").unlink()
+    _edit(run / "run.json", status="aborted", files={})
+    text = Page(write_report([run], tmp_path / "r.html").html.read_text(encoding="utf-8")).text
+    assert "No verdict" in text
+    assert "The run was aborted" in text
+    assert "(after figure 8)" in text
+
+
+def test_a_changed_file_is_told(runs: dict[str, Path], tmp_path: Path) -> None:
+    run = _copy(runs["calibration"], tmp_path)
+    loads = run / "loads.csv"
+    loads.write_text(loads.read_text().replace("0.000000,low", "0.000001,low"))
+    text = Page(write_report([run], tmp_path / "r.html").html.read_text(encoding="utf-8")).text
+    assert "loads.csv was changed after the run" in text
+
+
+def test_text_from_files_is_escaped(runs: dict[str, Path], tmp_path: Path) -> None:
+    run = _copy(runs["ripple"], tmp_path)
+    evil = "<script>alert(1)</script><img src=x onerror=alert(2)>\"'&$x$"
+    _edit(run / "run.json", status="incomplete", exit_reason=evil, device={"model": evil})
+    _edit(run / "result.json", flags=[{"name": evil, "samples": 1, "detail": evil}])
+    (run / "<b>&quot;.csv").write_text("a\n1\n")
+    text = write_report([run], tmp_path / "r.html").html.read_text(encoding="utf-8")
+    tags = {tag for tag, _ in Page(text).tags}
+    assert "script" not in tags
+    assert "img" not in tags
+    assert "b" not in {t for t, a in Page(text).tags if "csv" in str(a)}
+    assert evil in Page(text).text
+
+
+def test_ids_of_experiments_do_not_become_markup_or_formulas(
+    runs: dict[str, Path], tmp_path: Path
+) -> None:
+    run = _copy(runs["calibration"], tmp_path)
+    for file in (run / "loads.csv", run / "result.json"):
+        file.write_text(file.read_text().replace("p0-cw-low", "<i>$x^{$</i>"))
+    text = write_report([run], tmp_path / "r.html").html.read_text(encoding="utf-8")
+    assert "i" not in {tag for tag, _ in Page(text).tags}
+    assert "&lt;i&gt;$x^{$&lt;/i&gt;" in text
+
+
+def test_a_minute_at_one_kilohertz_stays_below_five_megabytes(
+    bench: object, profile: Profile, tmp_path: Path
+) -> None:
+    made = bench.generator()  # type: ignore[attr-defined]
+    velocity = made.ramps([(0, 0), (1, 156), (59, 156), (60, 0)])
+    trace = bench.trace_of(made.trace_csv(velocity, 5), tmp_path)  # type: ignore[attr-defined]
+    assert len(trace) == 60_000
+    files = write_report([tmp_path / "raw.csv"], tmp_path / "long.html", profile=profile)
+    assert files.html.stat().st_size < 5_000_000
+
+
+def test_a_trace_alone_is_drawn_and_a_loads_file_too(
+    runs: dict[str, Path], profile: Profile, tmp_path: Path
+) -> None:
+    sources = [runs["ripple"] / "trace.csv", runs["calibration"] / "loads.csv"]
+    files = write_report(sources, tmp_path / "r.html", profile=profile)
+    text = Page(files.html.read_text(encoding="utf-8")).text
+    assert "(after figure 8)" in text
+    assert "(after figure 7)" in text
+
+
+def test_a_result_file_alone_gives_numbers_without_figures(
+    runs: dict[str, Path], tmp_path: Path
+) -> None:
+    file = runs["misalignment"] / "result.json"
+    page = Page(write_report([file], tmp_path / "r.html").html.read_text(encoding="utf-8"))
+    assert "misalignment, peak to peak" in page.text
+    assert not [tag for tag, _ in page.tags if tag == "svg"]
+
+
+def _broken(run: Path) -> Iterator[tuple[str, str]]:
+    yield "result.json", "{"
+    yield "result.json", json.dumps({"schema": "hdbench/ripple/1", "ripple": [{"order": "x"}]})
+    yield "result.json", json.dumps({"schema": "hdbench/other/1"})
+    yield "trace.csv", "time_s,tacho_v,torque_v\n0,1,2\n0,1\n"
+
+
+@pytest.mark.parametrize("number", range(4))
+def test_a_damaged_run_is_named_and_exits_4(
+    number: int, runs: dict[str, Path], tmp_path: Path
+) -> None:
+    run = _copy(runs["ripple"], tmp_path)
+    name, text = list(_broken(run))[number]
+    (run / name).write_text(text)
+    with pytest.raises(DataError) as found:
+        write_report([run], tmp_path / "r.html")
+    assert found.value.exit_code == 4
+    assert name in found.value.where
+    assert not (tmp_path / "r.html").exists()
+
+
+def test_no_run_and_no_such_run_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(UsageError):
+        write_report([], tmp_path)
+    with pytest.raises(DataError, match="no such"):
+        write_report([tmp_path / "nothing"], tmp_path)
+    with pytest.raises(DataError, match=r"run\.json"):
+        write_report([tmp_path], tmp_path)
+
+
+def test_a_run_that_ended_before_its_first_sample_still_has_a_report(
+    bench: object, profile: Profile, tmp_path: Path
+) -> None:
+    run = bench.new_run(tmp_path / "runs", "ripple", profile)  # type: ignore[attr-defined]
+    run.journal.write_bytes(b"")
+    run.finish("incomplete", "stopped by SIGTERM", [])
+    text = Page(write_report([run.path], tmp_path).html.read_text(encoding="utf-8")).text
+    assert "stopped by SIGTERM" in text
+    assert "No verdict" in text
+    assert "No data could be recovered" in text
+
+
+def test_lost_samples_do_not_stop_the_report(runs: dict[str, Path], tmp_path: Path) -> None:
+    run = _copy(runs["ripple"], tmp_path)
+    lines = (run / "trace.csv").read_text().splitlines()
+    for row in range(4000, 4007):
+        cells = lines[row].split(",")
+        lines[row] = ",".join([cells[0], *("" for _ in cells[1:])])
+    (run / "trace.csv").write_text("\n".join(lines) + "\n")
+    flag = {"name": "missing-samples", "samples": 7, "detail": "7 samples without a torque"}
+    _edit(run / "result.json", flags=[flag])
+    text = Page(write_report([run], tmp_path).html.read_text(encoding="utf-8")).text
+    assert "7 samples without a torque" in text
+    assert "(after figure 8)" in text
+    assert "(after figure 11)" in text
+
+
+def test_a_short_trace_at_rest_says_that_nothing_turns(profile: Profile, tmp_path: Path) -> None:
+    file = tmp_path / "rest.csv"
+    rows = [f"{k * 0.001:.3f},0.0,0.0" for k in range(20)]
+    file.write_text("\n".join(["time_s,tacho_v,torque_v", *rows]) + "\n")
+    files = write_report([file], tmp_path / "r.html", profile=profile)
+    assert "Nothing turns steadily" in Page(files.html.read_text(encoding="utf-8")).text
+
+
+def test_lines_beyond_the_known_orders_are_told_in_the_verdict(
+    runs: dict[str, Path], tmp_path: Path
+) -> None:
+    run = _copy(runs["ripple"], tmp_path)
+    amplitude = {"value": 0.2, "std": 0.003, "dof": 5.0}
+    line = {"order": 3.0, "false_alarm_probability": 0.0, "amplitude_nm": amplitude}
+    tone = {"frequency_hz": 50.0, "false_alarm_probability": 1e-9, "amplitude_nm": amplitude}
+    _edit(run / "result.json", lines=[line], tones=[tone])
+    page = Page(write_report([run], tmp_path).html.read_text(encoding="utf-8"))
+    body = json.loads((tmp_path / "report.json").read_text())["runs"][0]
+    assert body["verdict"]["level"] == "look"
+    assert "motor order 3" in body["verdict"]["text"]
+    assert "50 Hz" in body["verdict"]["text"]
+    assert "below 1e-300" in page.text
+
+
+def test_the_command_writes_into_the_run_or_where_it_is_told(
+    runs: dict[str, Path], tmp_path: Path
+) -> None:
+    run = _copy(runs["calibration"], tmp_path)
+    words = [str(run), "--profile", "cim-tr-97-06"]
+    found = CliRunner().invoke(command, words, obj=Output(json=True), catch_exceptions=False)
+    assert json.loads(found.stdout)["html"] == str(run / "report.html")
+    assert (run / "report.html").is_file()
+    out = tmp_path / "all.html"
+    found = CliRunner().invoke(
+        command, [*words, "--out", str(out)], obj=Output(), catch_exceptions=False
+    )
+    assert found.exit_code == 0
+    assert out.is_file()
