@@ -20,6 +20,9 @@ __all__ = ["Regression", "regress"]
 
 # a scale error of the velocity is believed when the measured order is off by so many sigma
 _SCALE_SIGMA = 3.0
+# output turns from which an output order is fitted, as for a misalignment run
+_TURNS_FOR_ORDER_1 = 1.0
+_TURNS_FOR_ORDER_2 = 1.5
 # share of the nominal order; a tacho that is off by more is a fault, not a scale
 _LARGEST_SCALE_ERROR = 0.01
 
@@ -31,7 +34,7 @@ class Regression:
     Parameters
     ----------
     found : LineFit
-        Fit with lines; columns: slow terms, orders, output order 1 where fitted, lines.
+        Fit with lines; columns: slow terms, orders, output orders where fitted, lines.
     filtered : LinearFit
         The same columns fitted to the filtered torque.
     filtered_nm : ndarray, shape (n,)
@@ -46,8 +49,8 @@ class Regression:
         Orders as measured in the angle of the record, before any correction.
     n_slow : int
         Number of slow columns.
-    output : bool
-        Whether output order 1 was fitted.
+    output_orders : tuple of float
+        Output orders fitted, 1 or 1 and 2; empty where the output travelled less than a turn.
     """
 
     found: LineFit
@@ -58,7 +61,7 @@ class Regression:
     angle_scale: Quantity | None
     estimates: tuple[Quantity | None, ...]
     n_slow: int
-    output: bool
+    output_orders: tuple[float, ...]
 
 
 def regress(record: Record, orders: tuple[float, ...], filtered: FloatArray) -> Regression:
@@ -89,6 +92,7 @@ def regress(record: Record, orders: tuple[float, ...], filtered: FloatArray) -> 
         angle_scale = _angle_scale(record, orders, slow, response)
         record = _corrected(record, angle_scale)
     motion, used, starts = record.motion, record.used, record.starts
+    output_orders = _output_orders(record)
     output = _output_columns(record)
     design = np.hstack([slow, harmonic_columns(motion.angle_rad, orders), output])
     found = fit_with_lines(
@@ -97,7 +101,7 @@ def regress(record: Record, orders: tuple[float, ...], filtered: FloatArray) -> 
         used,
         motor_angle_rad=motion.angle_rad,
         time_s=motion.time_s,
-        orders=orders + ((1.0 / motion.gear_ratio,) if output.shape[1] else ()),
+        orders=orders + tuple(order / motion.gear_ratio for order in output_orders),
         starts=starts,
     )
     measured = [_measure(record, i, orders, found, slow.shape[1]) for i in range(len(orders))]
@@ -111,7 +115,7 @@ def regress(record: Record, orders: tuple[float, ...], filtered: FloatArray) -> 
         angle_scale=angle_scale,
         estimates=tuple(None if m is None else _times(m.order, factor) for m in measured),
         n_slow=slow.shape[1],
-        output=bool(output.shape[1]),
+        output_orders=output_orders,
     )
 
 
@@ -129,12 +133,16 @@ def _slow_terms(
     return trend, trend_columns(trend, slow, record.used)
 
 
+def _output_orders(record: Record) -> tuple[float, ...]:
+    """Return the output orders that the travel of the output can tell from a drift."""
+    turns = float(np.ptp(record.motion.output_angle_rad[record.used])) / (2.0 * math.pi)
+    if turns < _TURNS_FOR_ORDER_1:
+        return ()
+    return (1.0,) if turns < _TURNS_FOR_ORDER_2 else (1.0, 2.0)
+
+
 def _output_columns(record: Record) -> FloatArray:
-    """Return output order 1 where the output spans a turn, else no column."""
-    angle = record.motion.output_angle_rad
-    if float(np.ptp(angle[record.used])) >= 2.0 * math.pi:
-        return harmonic_columns(angle, [1.0])
-    return np.zeros((len(angle), 0))
+    return harmonic_columns(record.motion.output_angle_rad, _output_orders(record))
 
 
 def _corrected(record: Record, angle_scale: Quantity | None) -> Record:

@@ -126,6 +126,8 @@ class RippleResult:
         Spectrum of the steadiest stretch; None where nothing is steady.
     misalignment : Harmonic or None
         Output order 1 of the joint fit; None where the output spans less than a turn.
+    output_order_2 : Harmonic or None
+        Output order 2 of the joint fit; None where the output spans less than 1.5 turns.
     trend : Trend
         Slow terms of the joint fit.
     noise : NoiseModel or None
@@ -162,6 +164,7 @@ class RippleResult:
     torque_rms_filtered_nm: float
     spectrum: SteadySpectrum | None
     misalignment: Harmonic | None
+    output_order_2: Harmonic | None
     trend: Trend
     noise: NoiseModel | None
     residual_rms_nm: float
@@ -195,12 +198,6 @@ class RippleResult:
         dict
             The keys of the contract's section 5 and those of `RippleResult`.
         """
-        output_order = None
-        if self.misalignment is not None:
-            output_order = {
-                "amplitude_nm": self.misalignment.amplitude.to_dict(),
-                "phase_rad": self.misalignment.phase.to_dict(),
-            }
         return {
             "schema": "hdbench/ripple/1",
             **header,
@@ -222,7 +219,8 @@ class RippleResult:
                 for entry in self.ripple
             ],
             "spectrum": None if self.spectrum is None else self.spectrum.to_dict(),
-            "output_order_1": output_order,
+            "output_order_1": _stored(self.misalignment),
+            "output_order_2": _stored(self.output_order_2),
             "trend": self.trend.to_dict(),
             "noise": None if self.noise is None else self.noise.to_dict(),
             "noise_std_nm": self.noise_std_nm,
@@ -247,3 +245,12 @@ class RippleResult:
             "process_noise": self.process_noise,
             "process_noise_origin": self.process_noise_origin,
         }
+
+
+def _stored(component: Harmonic | None) -> dict[str, object] | None:
+    if component is None:
+        return None
+    return {
+        "amplitude_nm": component.amplitude.to_dict(),
+        "phase_rad": component.phase.to_dict(),
+    }

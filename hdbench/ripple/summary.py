@@ -63,10 +63,11 @@ def summarise(
     time = record.motion.time_s[used]
     relative, dof = scale.relative_std, scale.gain_nm_per_v.dof
     wander, origin = _wander(record, regression)
-    output = None
-    if regression.output:
-        column = regression.n_slow + 2 * len(regression.orders)
-        output = _with_scale(harmonic_at(fit, column), scale)
+    first = regression.n_slow + 2 * len(regression.orders)
+    output = [
+        _with_scale(harmonic_at(fit, first + 2 * i), scale)
+        for i in range(len(regression.output_orders))
+    ]
     filtered = regression.filtered_nm[used]
     return RippleResult(
         ripple=_components(regression, scale),
@@ -80,7 +81,8 @@ def summarise(
         torque_rms_measured_nm=float(np.std(record.torque_nm[used])),
         torque_rms_filtered_nm=float(np.std(filtered[np.isfinite(filtered)])),
         spectrum=_spectrum(record, regression, profile),
-        misalignment=output,
+        misalignment=output[0] if output else None,
+        output_order_2=output[1] if len(output) > 1 else None,
         trend=regression.trend,
         noise=fit.noise,
         residual_rms_nm=fit.rms,
