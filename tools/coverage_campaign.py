@@ -41,7 +41,9 @@ def one_seed(seed: int) -> dict[str, bool]:
         }
         for true, found in zip(truth.model.ripple, ripple.evaluation.result["ripple"], strict=True):
             checks[f"ripple order {true.order:g}"] = (found["amplitude_nm"], true.amplitude_nm)
-        return {name: covers(found, value) for name, (found, value) in checks.items()}
+        outcome = {name: covers(found, value) for name, (found, value) in checks.items()}
+        print(json.dumps({"seed": seed, **outcome}), file=sys.stderr, flush=True)
+        return outcome
     finally:
         shutil.rmtree(folder, ignore_errors=True)
 
