@@ -126,9 +126,9 @@ def _unfit(record: Record) -> str:
     needed = _SAMPLES_PER_COEFFICIENT * columns
     if usable < needed:
         return f"{usable} usable samples for {columns} baseline coefficients; needed: {needed}"
-    response = record.response_nm[record.valid]
-    if not float(np.ptp(response)) > 0.0:
-        return f"the torque is {float(response[0]):.6g} N m throughout; needed: a live channel"
+    torque = record.torque_nm[record.valid]
+    if not float(np.ptp(torque)) > 0.0:
+        return f"the torque is {float(torque[0]):.6g} N m throughout; needed: a live channel"
     return ""
 
 

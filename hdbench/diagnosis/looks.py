@@ -142,7 +142,9 @@ def look_at(
         results[scan.domain], rates[scan.domain] = result, rate
         kept = result.statistic * _not_own(scan, accepted)
         best = int(np.argmax(kept))
-        terms = line_terms(scan.domain, float(scan.single.grid[best]), causes, record.motion)
+        terms = line_terms(
+            scan.domain, float(scan.single.grid[best]), causes, record.motion, 1.0 / scan.span
+        )
         chance = line_p_value(float(kept[best]), rate) / shares[scan.domain]
         looks.append(Look(scan.domain, tuple(terms), float(kept[best]), min(1.0, chance)))
     hits = [hit for cause in tested if (hit := scan_family(space, record, cause)) is not None]

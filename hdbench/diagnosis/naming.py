@@ -107,7 +107,9 @@ def unnamed(term: Term) -> bool:
     return term.cause.name in ("output-order line", "tone")
 
 
-def line_terms(domain: str, place: float, causes: tuple[Cause, ...], motion: Motion) -> list[Term]:
+def line_terms(
+    domain: str, place: float, causes: tuple[Cause, ...], motion: Motion, cell: float
+) -> list[Term]:
     """Return the terms that a line at a place may be.
 
     Parameters
@@ -120,15 +122,20 @@ def line_terms(domain: str, place: float, causes: tuple[Cause, ...], motion: Mot
         Catalogue.
     motion : Motion
         Motion of the record.
+    cell : float
+        Resolution of the axis, its own unit.
 
     Returns
     -------
     list of Term
         Every cause of the catalogue that has this place in its domain; a nameless line where
-        there is none.
+        there is none, and for every output order. Within a resolution cell of output order 2 the
+        angular misalignment is tried too, on less than a whole output turn as well.
     """
     if domain == "output-order":
-        return [Term(output_line(), {"order": place})]
+        twice = [Term(c, {}) for c in causes if c.name == "angular-misalignment"]
+        line = Term(output_line(), {"order": place})
+        return [line, *twice] if abs(place - 2.0) <= cell else [line]
     key = "order" if domain == "motor-order" else "frequency_hz"
     terms = [
         Term(cause, {key: place})

@@ -22,6 +22,8 @@ __all__ = [
 
 # a step longer than this many median periods is a gap: one lost sample makes 2
 _GAP = 1.5
+# more gaps than this are told as one flag over all of them
+_MANY_GAPS = 20
 # a spike lasts this many samples at most, against the median of this many
 _SPIKE_LENGTH = 2
 _SPIKE_WINDOW = 5
@@ -100,7 +102,11 @@ def _lost(trace: Trace, time: FloatArray) -> list[DataFlag]:
     for at in np.flatnonzero(steps > _GAP * period):
         lost = max(1, round(float(steps[at]) / period) - 1)
         flags.append(DataFlag("missed-samples", float(time[at]), float(time[at + 1]), lost))
-    return sorted(flags, key=lambda flag: flag.from_s)
+    flags.sort(key=lambda flag: flag.from_s)
+    if len(flags) <= _MANY_GAPS:
+        return flags
+    total = sum(flag.samples for flag in flags)
+    return [DataFlag("missed-samples", flags[0].from_s, flags[-1].to_s, total)]
 
 
 def _clipped(trace: Trace, profile: ProfileData, torque: FloatArray) -> NDArray[np.bool_]:

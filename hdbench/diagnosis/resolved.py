@@ -15,9 +15,8 @@ __all__ = ["unresolved_motion"]
 
 # local polynomials bridge two lost samples; a longer step ends a stretch
 _LONG_GAP = 3.5
-# an error of the expected torque of this share of the scatter that lasts for 40 ms is 0.6 standard
-# deviations of a mean: no reversal is found by it, and hundreds would be needed to
-_UNRESOLVED = 0.1
+# the scatter may be that of a large hidden effect: a fiftieth of it is far below any noise
+_UNRESOLVED = 0.02
 # the largest of a million normal samples lies near 5 standard deviations, and the wide window adds
 # little noise to that of the narrow one
 _NOISE_SIGMA = 5.0
@@ -37,7 +36,7 @@ def unresolved_motion(record: Record, profile: ProfileData) -> NDArray[np.bool_]
     -------
     ndarray of bool, shape (n_samples,)
         True within a window of samples where accelerations over 20 ms and over 40 ms differ by
-        more than a tenth of the residual's scatter in torque and by more than noise makes, and
+        more than a fiftieth of the residual's scatter in torque and by more than noise makes, and
         within half a window of an end of a stretch, where the acceleration has many times its
         noise.
 

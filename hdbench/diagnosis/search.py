@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hdbench.diagnosis.challengers import Left
+from hdbench.diagnosis.families import sharpen_step
 from hdbench.diagnosis.jointfit import JointFit, fit_jointly
 from hdbench.diagnosis.looks import Look, Looks, challenge, look_at
 from hdbench.diagnosis.naming import Candidate, refine_candidate, same_space, unnamed
@@ -88,14 +89,16 @@ class Found:
 
 
 def _candidates(
-    record: Record, fit: JointFit, noise: Noise, looks: tuple[Look, ...]
+    record: Record, space: Space, fit: JointFit, noise: Noise, looks: tuple[Look, ...]
 ) -> list[Candidate]:
     """Refine what is worth it, best score first."""
     top = max(look.statistic for look in looks)
     worth = sorted(
         (look for look in looks if look.statistic >= _WORTH * top), key=lambda x: -x.statistic
     )
-    terms = [term for look in worth[:_MAX_CANDIDATES] for term in look.terms]
+    terms = [
+        sharpen_step(space, record, term) for look in worth[:_MAX_CANDIDATES] for term in look.terms
+    ]
     done = [refine_candidate(record, fit, term, noise.whitener) for term in terms]
     # among equal scores the name with fewer free shapes comes first
     return sorted(done, key=lambda c: (-round(c.score_nats, 6), len(c.term.cause.shape)))
@@ -158,7 +161,7 @@ def search(
         alarms = tuple(look for look in looks.looks if look.false_alarm < alpha and look.terms)
         if not alarms or len(accepted) >= _MAX_CAUSES:
             break
-        ranked = _candidates(record, fit, noise, alarms)
+        ranked = _candidates(record, space, fit, noise, alarms)
         if not ranked[0].score_nats > 0.0:
             break
         chance = min(look.false_alarm for look in alarms)

@@ -15,8 +15,9 @@ __all__ = ["Term", "moved_term", "smooth_shapes", "tangent_columns", "term_colum
 
 # relative change of a signature by which its slope over a shape parameter is formed
 _SLOPE = 1e-4
-# noise crosses five standard deviations once in two million samples
-_ABOVE_NOISE = 5.0
+# counting steps of an encoder make the noise of the acceleration slow and far from normal: nearer
+# than this many standard deviations to it, noise still shows as an inertia of minus the load's
+_ABOVE_NOISE = 10.0
 # a shape parameter may move by this share of its value in one step
 _STRIDE = 0.3
 
