@@ -31,9 +31,14 @@ def public_names() -> Iterator[str]:
 
 
 def _has_parameters(thing: object) -> bool:
-    """Say whether a docstring owes parameters: not a Protocol, an Enum or a table of a schema."""
+    """Say whether a docstring owes parameters.
+
+    A Protocol, an Enum, a table of a schema and an error without a constructor of its own do not.
+    """
     if inspect.isclass(thing):
-        return not (issubclass(thing, Enum | BaseModel) or getattr(thing, "_is_protocol", False))
+        inherits = issubclass(thing, Exception) and "__init__" not in vars(thing)
+        known = issubclass(thing, Enum | BaseModel) or getattr(thing, "_is_protocol", False)
+        return not (inherits or known)
     return inspect.isfunction(thing)
 
 

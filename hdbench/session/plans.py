@@ -24,7 +24,13 @@ __all__ = [
 
 @dataclass(frozen=True, slots=True)
 class Lock:
-    """Have the wave generator locked (or released) by the operator; drive disabled."""
+    """Have the wave generator locked (or released) by the operator; drive disabled.
+
+    Parameters
+    ----------
+    locked : bool
+        True to lock, False to release.
+    """
 
     locked: bool
 
@@ -35,7 +41,15 @@ class Lock:
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """Have the flexspline brought to a position."""
+    """Have the flexspline brought to a position.
+
+    Parameters
+    ----------
+    position_rad : float
+        Flexspline position, rad.
+    index, count : int
+        Number of the position, from 1, and how many there are.
+    """
 
     position_rad: float
     index: int
@@ -48,7 +62,23 @@ class Place:
 
 @dataclass(frozen=True, slots=True)
 class Hang:
-    """Have a weight hung, wait until the reading has settled, average, record."""
+    """Have a weight hung, wait until the reading has settled, average, record.
+
+    Parameters
+    ----------
+    experiment : str
+        Identifier of the loading experiment.
+    position_rad : float
+        Flexspline position, rad.
+    range, direction, series : str
+        As in the loads file.
+    mass_kg : float
+        Mass on the arm, kg.
+    torque_nm : float
+        Torque expected of it, N m; cw positive.
+    label : str
+        The step in words.
+    """
 
     experiment: str
     position_rad: float
@@ -68,7 +98,17 @@ class Hang:
 
 @dataclass(frozen=True, slots=True)
 class Acquire:
-    """Run the reference generator and record samples."""
+    """Run the reference generator and record samples.
+
+    Parameters
+    ----------
+    wave : ReferenceWave
+        Motor reference, V.
+    sample_period_s : float
+        Sampling period, s.
+    duration_s : float
+        Length, s.
+    """
 
     wave: ReferenceWave
     sample_period_s: float

@@ -63,12 +63,12 @@ class TraceRecorder:
     journal: JournalWriter
     sample_period_s: float
     clock: Callable[[], float] = time.monotonic
-    synced_s: float = -math.inf
+    synced_s: float = field(default=-math.inf, init=False)
     online: OnlineFilter = field(init=False)
-    rows: list[dict[str, FloatArray]] = field(default_factory=list)
-    n_rows: int = 0
-    lost: int = 0
-    saturated: int = 0
+    rows: list[dict[str, FloatArray]] = field(default_factory=list, init=False)
+    n_rows: int = field(default=0, init=False)
+    lost: int = field(default=0, init=False)
+    saturated: int = field(default=0, init=False)
 
     def __post_init__(self) -> None:
         self.online = OnlineFilter(self.model)

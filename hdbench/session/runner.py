@@ -64,11 +64,11 @@ class Runner:
     progress: Progress
     recorder: TraceRecorder | None = None
     person: bool = False
-    readings: list[LoadReading] = field(default_factory=list)
-    settled: list[bool] = field(default_factory=list)
-    saturated_readings: int = 0
-    lock_count: int | None = None
-    safe: SafeState | None = None
+    readings: list[LoadReading] = field(default_factory=list, init=False)
+    settled: list[bool] = field(default_factory=list, init=False)
+    saturated_readings: int = field(default=0, init=False)
+    lock_count: int | None = field(default=None, init=False)
+    safe: SafeState | None = field(default=None, init=False)
 
     def run(self, plan: Plan) -> None:
         """Walk the plan; the bench is safe afterwards, whatever happened.
