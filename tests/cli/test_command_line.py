@@ -144,6 +144,6 @@ def test_dry_run_prints_plan_duration_and_limits_and_moves_nothing(tmp_path: Pat
     done = run("run-ripple", "--dry-run", "--json", "--out", str(tmp_path / "runs"))
     assert done.returncode == 0, done.stderr
     body = json.loads(done.stdout)
-    assert body["plan"]["duration_s"] == 20.0
+    assert body["plan"]["duration_s"] == 32.0
     assert body["limits"]["velocity_rad_s"] == 400.0
     assert not (tmp_path / "runs").exists()

@@ -29,8 +29,8 @@ def bench() -> Profile:
         ("full_masses_kg = [0.0, 2.0, 4.0, 6.0, 8.0]", "full_masses_kg = [0.0, 4.0, 8.0]"),
         ("low_masses_kg = [0.0, 0.5, 1.0, 1.5, 2.0]", "low_masses_kg = [0.0, 1.0, 2.0]"),
         ("velocity_rad_s = 60.0", "velocity_rad_s = 200.0"),
-        ("frequency_hz = 0.05 ", "frequency_hz = 0.125 "),
-        ("duration_s = 20.0", "duration_s = 8.0"),
+        ("frequency_hz = 0.0625 ", "frequency_hz = 0.125 "),
+        ("duration_s = 32.0", "duration_s = 8.0"),
     ):
         assert old in text
         text = text.replace(old, new)
