@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,6 +22,8 @@ def show(console: Console, result: Mapping[str, Any]) -> None:
     """Draw a calibration result."""
     from rich.table import Table
 
+    from hdbench_cli.numbers import show_remarks
+
     table = Table(title="Gain per loading experiment", box=None, title_justify="left")
     for name in ("experiment", "gain N m/V", "zero N m", "residual N m", "n"):
         table.add_column(name, justify="left" if name == "experiment" else "right")
@@ -36,6 +38,17 @@ def show(console: Console, result: Mapping[str, Any]) -> None:
     console.print(table)
     console.print()
     summary(console, result)
+    show_remarks(console, result)
+
+
+def _between(interval: Sequence[float | None] | None) -> str:
+    """Return the interval in words; its upper end is open where few gains spread widely."""
+    low, high = interval or (None, None)
+    if low is None:
+        return ""
+    return (
+        f"  (95 %: {low:.2%} to {high:.2%})" if high is not None else f"  (95 %: above {low:.2%})"
+    )
 
 
 def summary(console: Console, result: Mapping[str, Any]) -> None:
@@ -44,8 +57,7 @@ def summary(console: Console, result: Mapping[str, Any]) -> None:
 
     console.print(f"gain         {with_uncertainty(result['gain_nm_per_v'], 'N m/V')}")
     if result["consistency"] is not None:
-        low, high = result["consistency_interval"] or (None, None)
-        between = f"  (95 %: {low:.2%} to {high:.2%})" if low is not None else ""
+        between = _between(result["consistency_interval"])
         console.print(f"consistency  {result['consistency']:.2%}{between}")
     console.print(f"accepted     {'yes' if result['accepted'] else 'no'}")
 
@@ -54,7 +66,12 @@ def failed(result: Mapping[str, Any]) -> str | None:
     """Return why the calibration is not accepted, or None."""
     if result["accepted"]:
         return None
-    return f"calibration not accepted: consistency {result['consistency']}"
+    if result["consistency"] is None:
+        return "calibration not accepted: one loading experiment has no consistency; needed: two"
+    return (
+        f"calibration not accepted: consistency {result['consistency']:.2%}; needed: at most "
+        f"{result['max_consistency']:.2%}"
+    )
 
 
 @click.command(

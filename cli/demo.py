@@ -81,6 +81,7 @@ def command(output: Output, out: Path, plant: str, seed: int) -> None:
     """
     from hdbench.diagnosis import diagnose_run
     from hdbench.profile import load_profile
+    from hdbench.records import result_header
     from hdbench.report import write_report
     from hdbench_cli import diagnose
     from hdbench_cli.progress import progress_bar
@@ -108,7 +109,7 @@ def command(output: Output, out: Path, plant: str, seed: int) -> None:
         console.print(str(report), style="bold", soft_wrap=True)
 
     body = {
-        "schema": "hdbench/demo/1",
+        **result_header("demo", profile),
         "seconds": seconds,
         "results": {**results, "diagnosis": found},
         "runs": [str(path) for path in folders],

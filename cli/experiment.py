@@ -159,6 +159,7 @@ def _after(output: Output, error: LimitError | DoubtfulDataError) -> None:
 
 
 def _show_plan(output: Output, request: Request, profile: Profile) -> None:
+    from hdbench.records import result_header
     from hdbench.session import make_plan
 
     plan = make_plan(request.kind, profile)
@@ -171,7 +172,8 @@ def _show_plan(output: Output, request: Request, profile: Profile) -> None:
         console.print("limits  " + ", ".join(f"{k} {v:g}" for k, v in limits.items()))
         console.print("nothing has moved")
 
-    output.result({"plan": plan.to_dict(), "limits": limits, "profile": profile.describe()}, text)
+    header = result_header("plan", profile)
+    output.result({**header, "plan": plan.to_dict(), "limits": limits}, text)
 
 
 def _from_stored(request: Request, profile: Profile) -> tuple[Path, Mapping[str, Any]]:
@@ -185,6 +187,7 @@ def _from_stored(request: Request, profile: Profile) -> tuple[Path, Mapping[str,
         profile,
         out=request.out,
         calibration=request.calibration,
+        misalignment=request.misalignment,
         filter_name=request.filter_name,
         stretch=request.stretch,
     )

@@ -16,6 +16,7 @@ from hdbench_cli.output import Output
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from hdbench.estimation import DataFlag
     from hdbench.filter import FilteredBlock, FilterModel
     from hdbench.profile import Profile
     from hdbench.records import TorqueScale, Trace
@@ -62,12 +63,50 @@ def _scaled(
     return rescaled(trace, profile, calibration=calibration, stored=stored)
 
 
-def _missing(trace: Trace) -> int:
-    velocity = "motor_velocity_rad_s" if "motor_velocity_rad_s" in trace else "tacho_v"
-    return len(trace) - int(trace.valid("torque_nm", velocity).sum())
+def _check_out(out: Path, source: Path, file: Path) -> None:
+    """Refuse to write over what was measured."""
+    if out.resolve() == file.resolve() or (
+        source.is_dir() and out.resolve().parent == source.resolve()
+    ):
+        raise UsageError(
+            f"{out} belongs to the measured data; needed: another file",
+            where="--out",
+            fix="name a new file outside the run",
+        )
 
 
-def _summary(trace: Trace, block: FilteredBlock, model: FilterModel) -> dict[str, Any]:
+def _lost(trace: Trace, profile: Profile) -> int:
+    """Return how many samples have a torque or velocity that the filter cannot use."""
+    import numpy as np
+
+    from hdbench.filter.layout import USABLE
+
+    velocity = (
+        trace["motor_velocity_rad_s"]
+        if "motor_velocity_rad_s" in trace
+        else trace["tacho_v"] * profile.data.tacho.gain_rad_s_per_v
+    )
+    usable = (np.abs(velocity) <= USABLE) & (np.abs(trace["torque_nm"]) <= USABLE)
+    return len(trace) - int(np.count_nonzero(usable))
+
+
+def _flags(trace: Trace, profile: Profile) -> list[DataFlag]:
+    """Return what makes the filtered trace doubtful: lost samples, gaps in time, saturation."""
+    from hdbench.estimation import DataFlag, data_flags
+
+    others = data_flags(trace, trace["torque_nm"], profile.data)
+    flags = [flag for flag in others if flag.name != "missing-samples"]
+    lost = _lost(trace, profile)
+    if lost:
+        words = f"{lost} of {len(trace)} samples lack torque or velocity"
+        detail = f"{words}; the filter only predicted there"
+        flags.insert(0, DataFlag("missing-samples", lost, detail))
+    return flags
+
+
+def _summary(
+    trace: Trace, block: FilteredBlock, model: FilterModel, flags: list[DataFlag]
+) -> dict[str, Any]:
     import numpy as np
 
     from hdbench.filter import kernel_name
@@ -83,7 +122,8 @@ def _summary(trace: Trace, block: FilteredBlock, model: FilterModel) -> dict[str
 
     return {
         "samples": len(trace),
-        "missing_samples": _missing(trace),
+        "missing_samples": sum(f.samples for f in flags if f.name == "missing-samples"),
+        "flags": [flag.to_dict() for flag in flags],
         "torque_rms_nm": {
             "measured": rms(trace["torque_nm"]),
             "filtered": rms(block.torque_filtered_nm),
@@ -123,17 +163,20 @@ def command(
 ) -> None:
     """Take ripple and misalignment out of a stored trace.
 
-    Gives the same bits as the filter that ran while the trace was sampled. Exits 6 where samples
-    are missing: the file is written, and its torque is nan there.
+    A run is filtered by the filter that ran in it and gives the same bits, unless --model or
+    another profile says otherwise. Exits 6 where samples are missing, saturated or apart: the
+    file is written, and its torque is nan where it is missing.
     """
-    from hdbench.filter import filter_trace, filtered_columns, load_filter_model
+    from hdbench.filter import filter_trace, filtered_columns
     from hdbench.records import read_trace, resolve_input, result_header, sha256_file, write_trace
+    from hdbench.session.filters import choose_filter
 
     if gain is not None and calibration is not None:
         raise click.UsageError("--gain and --calibration both name a gain; give one")
     profile = choose_profile(profile_name, source)
-    model = load_filter_model(filter_name or profile.data.filter.model, profile.data)
+    model = choose_filter(profile, filter_name, source=source)
     file = resolve_input(source)
+    _check_out(out, source, file)
     trace, scale = _scaled(read_trace(file), source, profile, model, gain, calibration)
     block = filter_trace(
         trace,
@@ -146,14 +189,13 @@ def command(
         "input": {"path": str(file), "sha256": sha256_file(file)},
         "out": str(out),
         "torque_scale": scale.to_dict(),
-        **_summary(trace, block, model),
+        **_summary(trace, block, model, _flags(trace, profile)),
     }
     write_trace(out, filtered_columns(trace, block))
     output.result(body, lambda console: _show(console, body))
-    if body["missing_samples"]:
+    if body["flags"]:
         doubt = DoubtfulDataError(
-            f"{body['missing_samples']} of {body['samples']} samples lack torque or velocity; "
-            "the filter only predicted there",
+            "; ".join(flag["detail"] for flag in body["flags"]),
             where=str(file),
             fix="look at the marked samples, then measure again",
         )

@@ -118,6 +118,7 @@ def command(
     from dataclasses import replace
 
     from hdbench.profile import load_profile
+    from hdbench.records import result_header
     from hdbench.records.foreign import ForeignFormat
     from hdbench.records.importing import import_files
 
@@ -127,5 +128,7 @@ def command(
         rate_hz=rate,
         keep_time=keep_time,
     )
-    report = import_files(plan, files, out, load_profile(profile_name or "cim-tr-97-06").data.arm)
-    output.result(report.to_dict(), lambda console: _show(console, report))
+    profile = load_profile(profile_name or "cim-tr-97-06")
+    report = import_files(plan, files, out, profile.data.arm)
+    body = {**result_header("import", profile), **report.to_dict()}
+    output.result(body, lambda console: _show(console, report))

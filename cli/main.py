@@ -147,6 +147,8 @@ def cli(ctx: click.Context, version: bool) -> None:
     if version:
         _show_version(ctx.ensure_object(Output))
     elif ctx.invoked_subcommand is None:
+        if ctx.ensure_object(Output).json:
+            ctx.fail("Missing command.")
         click.echo(ctx.get_help())
 
 

@@ -46,4 +46,4 @@ def show_remarks(console: Console, result: Mapping[str, Any]) -> None:
     for kind in ("flags", "notes"):
         for remark in result.get(kind, ()):
             line = f"{kind[:-1]:13s} {remark['name']}: {remark['detail']}"
-            console.print(line, markup=False)
+            console.print(line, markup=False, soft_wrap=True)

@@ -69,10 +69,13 @@ class Output:
 
     @staticmethod
     def console(*, stderr: bool = False) -> Console:
-        """Return a console on stdout or stderr; it honours ``NO_COLOR``."""
+        """Return a console on stdout or stderr; with ``NO_COLOR`` it writes plain text."""
+        import os
+
         from rich.console import Console
 
-        console = Console(stderr=stderr, highlight=False)
+        plain = bool(os.environ.get("NO_COLOR"))
+        console = Console(stderr=stderr, highlight=False, color_system=None if plain else "auto")
         if not console.is_terminal:
             console.width = 100  # a file or pipe has no width of its own
         return console

@@ -30,11 +30,13 @@ def list_(output: Output) -> None:
     Example: hdbench profile list
     """
     from hdbench.profile import list_profiles, load_profile
+    from hdbench.records import result_header
 
     profiles = [load_profile(name) for name in list_profiles()]
     rows = [{**p.describe(), "description": p.data.description} for p in profiles]
     lines = "\n".join(f"{row['name']}  {row['description']}" for row in rows)
-    output.result({"profiles": rows}, lambda _console: click.echo(lines))
+    body = {**result_header("profiles", None), "profiles": rows}
+    output.result(body, lambda _console: click.echo(lines))
 
 
 @command.command("show")
@@ -46,9 +48,11 @@ def show(output: Output, name: str) -> None:
     Example: hdbench profile show cim-tr-97-06
     """
     from hdbench.profile import load_profile
+    from hdbench.records import result_header
 
     profile = load_profile(name)
     body = {
+        **result_header("profile", profile),
         **profile.describe(),
         "path": profile.path,
         "text": profile.text,
@@ -66,11 +70,12 @@ def check(output: Output, files: tuple[str, ...]) -> None:
     Example: hdbench profile check my-bench.toml
     """
     from hdbench.profile import check_profiles
+    from hdbench.records import result_header
 
     profiles = check_profiles(files)
     rows = [{**p.describe(), "path": p.path} for p in profiles]
     output.result(
-        {"profiles": rows},
+        {**result_header("profiles", None), "profiles": rows},
         lambda _console: click.echo("\n".join(f"{r['path']}: valid" for r in rows)),
     )
 
@@ -90,13 +95,14 @@ def new(output: Output, name: str, out: Path | None) -> None:
     Example: hdbench profile new my-bench --out my-bench.toml
     """
     from hdbench.profile import new_profile
-    from hdbench.records import write_new
+    from hdbench.records import result_header, write_new
 
     text = new_profile(name)
     if out is not None:
         write_new(out, text.encode())
+    body = {"name": name, "path": None if out is None else str(out), "text": text}
     output.result(
-        {"name": name, "path": None if out is None else str(out), "text": text},
+        {**result_header("profile-new", None), **body},
         lambda _console: click.echo(text if out is None else f"{out}\n", nl=False),
     )
 

@@ -37,13 +37,14 @@ def command(
     everything came from. Takes run folders, result.json files, traces and loads files.
     """
     from hdbench.profile import load_profile
+    from hdbench.records import result_header
     from hdbench.report import write_report
 
     profile = load_profile(profile_name or "cim-tr-97-06")
     alone = runs[0] if len(runs) == 1 and runs[0].is_dir() else Path()
     files = write_report(runs, out or alone / "report.html", profile=profile)
     body = {"html": str(files.html), "csv": str(files.csv), "json": str(files.json)}
-    body = {"schema": "hdbench/report-files/1", **body}
+    body = {**result_header("report-files", profile), **body}
 
     output.result(
         body, lambda console: console.print(f"report  {files.html}", highlight=False, markup=False)

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+from click.core import ParameterSource
 
 from hdbench_cli.output import Output
 
@@ -34,17 +35,23 @@ def _list_lines(parent: Path, runs: tuple[RunSummary, ...]) -> str:
 @click.argument(
     "parent", metavar="[DIR]", default="runs", type=click.Path(path_type=Path, file_okay=False)
 )
-@click.pass_obj
-def list_(output: Output, parent: Path) -> None:
+@click.pass_context
+def list_(ctx: click.Context, parent: Path) -> None:
     """List the runs in a folder, oldest first.
 
     Example: hdbench runs list runs
     """
-    from hdbench.records import list_runs
+    from hdbench.errors import DataError
+    from hdbench.records import list_runs, result_header
 
+    output: Output = ctx.obj
+    if not parent.is_dir() and ctx.get_parameter_source("parent") is not ParameterSource.DEFAULT:
+        raise DataError(
+            "no such folder", where=str(parent), fix="name the folder that --out of the runs named"
+        )
     runs = list_runs(parent)
     output.result(
-        {"runs": [run.to_dict() for run in runs]},
+        {**result_header("runs", None), "runs": [run.to_dict() for run in runs]},
         lambda _console: click.echo(_list_lines(parent, runs)),
     )
 
@@ -98,12 +105,16 @@ def verify(output: Output, runs: tuple[Path, ...], recover: bool) -> int:
 
     Example: hdbench runs verify runs/20261121T101500Z-ripple-3f9a1c --recover
     """
-    from hdbench.records import verify_runs
+    from hdbench.records import result_header, verify_runs
 
     reports = verify_runs(runs, recover=recover)
     ok = all(report.ok for report in reports)
     output.result(
-        {"ok": ok, "runs": [report.to_dict() for report in reports]},
+        {
+            **result_header("verify", None),
+            "ok": ok,
+            "runs": [report.to_dict() for report in reports],
+        },
         lambda console: _draw_checks(console, reports),
     )
     return 0 if ok else 4

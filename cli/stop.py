@@ -28,6 +28,7 @@ def command(output: Output, profile_name: str | None, address: str | None) -> No
     """
     from hdbench.devices import stop_bench
     from hdbench.profile import load_profile
+    from hdbench.records import result_header
 
     profile = load_profile(profile_name or "cim-tr-97-06")
     safe = stop_bench(profile, address=address)
@@ -41,4 +42,4 @@ def command(output: Output, profile_name: str | None, address: str | None) -> No
     def text(console: Console) -> None:
         console.print(f"stopped: {safe.detail}", markup=False)
 
-    output.result({"schema": "hdbench/stop/1", **asdict(safe)}, text)
+    output.result({**result_header("stop", profile), **asdict(safe)}, text)

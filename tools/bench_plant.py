@@ -10,10 +10,8 @@ import time
 
 from hdbench.devices.emulator.bench import SimulatedBench
 from hdbench.devices.emulator.plantfile import load_plant
+from hdbench.devices.node.registers import BLOCK_SCANS
 from hdbench.profile import load_profile
-
-# samples of one Modbus block, what a host asks for while it watches
-_BLOCK = 23
 
 
 def ratio(plant: str, *, block: int, seconds: float, locked: bool) -> float:
@@ -54,11 +52,12 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=60.0, help="time to simulate, s")
     seconds = parser.parse_args().seconds
     for plant in ("as-modelled", "worn"):
-        for block in (1, _BLOCK, 1000):
+        # a sample, a block of the wire, which is what a host asks for while it watches, a second
+        for block in (1, BLOCK_SCANS, 1000):
             free = ratio(plant, block=block, seconds=seconds, locked=False)
             print(f"{plant:12} 1 kHz, 5 channels, {block:4} at once: {free:6.0f} x real time")
-        locked = ratio(plant, block=_BLOCK, seconds=seconds, locked=True)
-        print(f"{plant:12} locked, 100 Hz,     {_BLOCK:4} at once: {locked:6.0f} x real time")
+        locked = ratio(plant, block=BLOCK_SCANS, seconds=seconds, locked=True)
+        print(f"{plant:12} locked, 100 Hz,     {BLOCK_SCANS:4} at once: {locked:6.0f} x real time")
 
 
 if __name__ == "__main__":

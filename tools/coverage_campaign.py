@@ -3,7 +3,7 @@
 Each seed runs calibrate, run-misalignment and run-ripple on the embedded bench over Modbus, with
 the calibration's gain scaling both dynamic runs. The truth comes from the profile: gain averaged
 over positions, amplitudes as the model describes them. Prints, per quantity, how many of the seeds
-are covered. With true coverage 95 %, a count outside 182-198 of 200 has probability 0.8 %.
+are covered. With true coverage 95 %, a count outside 182-198 of 200 has probability 0.6 %.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ def main() -> int:
         outcomes = list(pool.map(one_seed, seeds))
     counts = {name: sum(o[name] for o in outcomes) for name in outcomes[0]}
     print(json.dumps({"seeds": arguments.seeds, "covered": counts}))
-    # the 99.5 % band of a binomial with p = 0.95, scaled from 182-198 of 200
+    # 182-198 of 200, and as many standard deviations of a binomial for other numbers of seeds
     slack = 8.0 * (arguments.seeds / 200.0) ** 0.5
     middle = 0.95 * arguments.seeds
     return int(any(abs(count - middle) > slack + 1e-9 for count in counts.values()))

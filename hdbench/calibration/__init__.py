@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from hdbench.calibration.evaluation import evaluate_calibration
-from hdbench.calibration.lines import ExperimentLine, LoadStep, fit_experiment
+from hdbench.calibration.lines import ExperimentLine, fit_experiment
 from hdbench.calibration.result import CalibrationResult
 from hdbench.calibration.statistics import consistency_interval, mean_gain
+from hdbench.calibration.steps import LoadStep
 
 __all__ = [
     "CalibrationResult",

@@ -56,6 +56,12 @@ def evaluate_calibration(loads: Loads, *, max_consistency: float) -> Calibration
         fit_experiment(name, group, source=loads.source) for name, group in groups.items()
     )
     gain, basis, reason = mean_gain(lines)
+    if gain.value == 0.0:
+        raise DataError(
+            "the gains of the experiments cancel: their mean is 0 N m/V; needed: one sign",
+            where=loads.source,
+            fix="give torques their sign: cw positive, ccw negative",
+        )
     consistency = interval = by_positions = accepted = None
     if len(lines) > 1:
         gains = np.array([line.gain_nm_per_v.value for line in lines])

@@ -2,57 +2,22 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from hdbench.calibration.steps import LoadStep, load_steps
 from hdbench.errors import DataError
-from hdbench.estimation.regression import ordinary_fit
+from hdbench.estimation.regression import LinearFit, ordinary_fit
 from hdbench.records.loads import LoadReading
 from hdbench.records.quantity import Quantity
 from hdbench.records.trace import FloatArray
 
-__all__ = ["ExperimentLine", "LoadStep", "fit_experiment"]
+__all__ = ["ExperimentLine", "fit_experiment"]
 
 # chance that one experiment without a bad reading shows a doubtful one
 _DOUBT_LEVEL = 0.05
-# torques of one load step differ by less than this share of the largest torque
-_STEP_SHARE = 1e-6
-
-
-@dataclass(frozen=True, slots=True)
-class LoadStep:
-    """Readings of one experiment under one applied torque.
-
-    Parameters
-    ----------
-    torque_nm : float
-        Applied torque, N m.
-    reading_up_v, reading_down_v : float or None
-        Mean reading while loading and while unloading, V; None where there is none.
-    hysteresis_v : float or None
-        Unloading minus loading, V.
-    deviation_nm : float
-        Applied torque minus the experiment's line at the mean reading, N m.
-    """
-
-    torque_nm: float
-    reading_up_v: float | None
-    reading_down_v: float | None
-    hysteresis_v: float | None
-    deviation_nm: float
-
-    def to_dict(self) -> dict[str, float | None]:
-        """Return the step as results store it."""
-        return {
-            "torque_nm": self.torque_nm,
-            "reading_up_v": self.reading_up_v,
-            "reading_down_v": self.reading_down_v,
-            "hysteresis_v": self.hysteresis_v,
-            "deviation_nm": self.deviation_nm,
-        }
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,29 +116,9 @@ def fit_experiment(
     _check_one_experiment(name, readings, source)
     volts = np.array([r.reading_v for _, r in readings])
     torque = np.array([r.torque_nm for _, r in readings])
-    if not (np.isfinite(volts).all() and np.isfinite(torque).all()):
-        raise DataError(
-            f"experiment {name} holds a reading or torque that is not finite",
-            where=f"{source}: experiment {name}",
-            fix="remove or repeat that reading",
-        )
-    try:
-        fit = ordinary_fit(np.column_stack([volts, np.ones(len(volts))]), torque)
-    except ValueError as error:
-        raise DataError(
-            f"no line fits experiment {name}: {error}; needed: at least 3 readings at 2 or more "
-            f"distinct voltages, found {len(volts)} readings",
-            where=f"{source}: experiment {name}",
-            fix="record at least three loads in this experiment",
-        ) from error
+    fit = _fit_line(name, volts, torque, source)
     gain = fit.quantity(0)
-    if gain.value == 0.0:
-        raise DataError(
-            f"the readings of experiment {name} do not change with torque",
-            where=f"{source}: experiment {name}",
-            fix="check bridge, amplifier and the mapping of the columns",
-        )
-    steps = _load_steps(readings, gain.value, fit.coefficients[1])
+    steps = load_steps([r for _, r in readings], gain.value, fit.coefficients[1])
     widths = [abs(s.hysteresis_v * gain.value) for s in steps if s.hysteresis_v is not None]
     first = readings[0][1]
     return ExperimentLine(
@@ -190,6 +135,33 @@ def fit_experiment(
         doubtful=tuple(readings[i][0] for i in _doubtful(volts, fit.residual)),
         steps=steps,
     )
+
+
+def _fit_line(name: str, volts: FloatArray, torque: FloatArray, source: str) -> LinearFit:
+    """Return the regression of torque on volts and one, or say why there is none."""
+    where = f"{source}: experiment {name}"
+    if not (np.isfinite(volts).all() and np.isfinite(torque).all()):
+        raise DataError(
+            f"experiment {name} holds a reading or torque that is not finite",
+            where=where,
+            fix="remove or repeat that reading",
+        )
+    try:
+        fit = ordinary_fit(np.column_stack([volts, np.ones(len(volts))]), torque)
+    except ValueError as error:
+        raise DataError(
+            f"no line fits experiment {name}: {error}; needed: at least 3 readings at 2 or more "
+            f"distinct voltages, found {len(volts)} readings",
+            where=where,
+            fix="record at least three loads in this experiment",
+        ) from error
+    if fit.coefficients[0] == 0.0:
+        raise DataError(
+            f"the readings of experiment {name} do not change with torque",
+            where=where,
+            fix="check bridge, amplifier and the mapping of the columns",
+        )
+    return fit
 
 
 def _check_one_experiment(
@@ -226,33 +198,3 @@ def _doubtful(volts: FloatArray, residual: FloatArray) -> list[int]:
     return [
         i for i in range(n) if residual[i] ** 2 / open_[i] > limit**2 * max(float(others[i]), floor)
     ]
-
-
-def _load_steps(
-    readings: Sequence[tuple[int, LoadReading]], gain: float, intercept: float
-) -> tuple[LoadStep, ...]:
-    largest = max(abs(r.torque_nm) for _, r in readings)
-    groups: list[list[LoadReading]] = []
-    for _, reading in sorted(readings, key=lambda item: item[1].torque_nm):
-        last = groups[-1][0].torque_nm if groups else math.inf
-        if groups and abs(reading.torque_nm - last) <= _STEP_SHARE * largest:
-            groups[-1].append(reading)
-        else:
-            groups.append([reading])
-    return tuple(_load_step(group, gain, intercept) for group in groups)
-
-
-def _load_step(group: list[LoadReading], gain: float, intercept: float) -> LoadStep:
-    def mean(series: str) -> float | None:
-        values = [r.reading_v for r in group if r.series == series]
-        return math.fsum(values) / len(values) if values else None
-
-    up, down = mean("up"), mean("down")
-    reading = math.fsum(r.reading_v for r in group) / len(group)
-    return LoadStep(
-        torque_nm=group[0].torque_nm,
-        reading_up_v=up,
-        reading_down_v=down,
-        hysteresis_v=None if up is None or down is None else down - up,
-        deviation_nm=group[0].torque_nm - (gain * reading + intercept),
-    )

@@ -10,11 +10,12 @@ from hdbench.estimation.harmonics import (
     harmonic_columns,
     scaled,
 )
+from hdbench.estimation.noise import NoiseModel, fit_noise, run_positions
 from hdbench.estimation.regression import LinearFit, coloured_fit, ordinary_fit
 from hdbench.estimation.scan import Line, strongest_line
 from hdbench.estimation.search import FALSE_ALARM_LEVEL, LineFit, fit_with_lines
 from hdbench.estimation.spectrum import Spectrum, SpectrumPeak, amplitude_spectrum, find_peaks
-from hdbench.estimation.whitening import NoiseModel, fit_noise, run_positions, whiten
+from hdbench.estimation.whitening import whiten
 
 __all__ = [
     "FALSE_ALARM_LEVEL",

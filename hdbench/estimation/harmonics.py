@@ -12,7 +12,10 @@ from hdbench.estimation.regression import LinearFit
 from hdbench.records.quantity import Quantity
 from hdbench.records.trace import FloatArray
 
-__all__ = ["Harmonic", "combine", "harmonic_at", "harmonic_columns", "scaled"]
+__all__ = ["TURNS_FOR_ORDER_2", "Harmonic", "combine", "harmonic_at", "harmonic_columns", "scaled"]
+
+# turns of the output from which its orders 1 and 2 and an offset are told apart without loss
+TURNS_FOR_ORDER_2 = 1.5
 
 # amplitude over its uncertainty below which it is biased upwards by the noise: at 3 the Rice
 # distribution's mean exceeds the true amplitude by 6 % and its shape is no longer normal

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hdbench.estimation.harmonics import harmonic_columns
+from hdbench.estimation.noise import NoiseModel
 from hdbench.estimation.regression import LinearFit
 from hdbench.estimation.whitening import whiten
 from hdbench.records.quantity import Quantity
@@ -25,6 +26,41 @@ _MOST_RESOLUTIONS = 20.0
 _STEPS_PER_RESOLUTION = 5.0
 # gain of likelihood, in units of the noise, below which an order is not estimated: 5 sigma
 _LEAST_GAIN = 25.0
+
+
+@dataclass(frozen=True, slots=True)
+class _Projected:
+    """A whitened record with everything else projected out, to be fitted by one order."""
+
+    angle_rad: FloatArray
+    used: NDArray[np.bool_]
+    noise: NoiseModel
+    starts: NDArray[np.bool_] | None
+    basis: FloatArray
+    target: FloatArray
+
+    @property
+    def middle_rad(self) -> float:
+        """Middle of the angle's range, about which an order's slope is nearly orthogonal, rad."""
+        angle = self.angle_rad[self.used]
+        return 0.5 * float(np.max(angle) + np.min(angle))
+
+    def solve(
+        self, order: float, about: FloatArray | None = None
+    ) -> tuple[FloatArray, float, FloatArray]:
+        """Return coefficients at `order`, the gain of likelihood, and the inverse normal matrix.
+
+        With `about`, cosine and sine coefficients, the slope over the order is a third column.
+        """
+        columns = harmonic_columns(self.angle_rad, [order])
+        if about is not None:
+            slope = about[1] * columns[:, 0] - about[0] * columns[:, 1]
+            columns = np.column_stack([columns, (self.angle_rad - self.middle_rad) * slope])
+        table = whiten(columns, self.noise, self.used, starts=self.starts)[self.used]
+        table = table - self.basis @ (self.basis.T @ table)
+        inverse = np.asarray(np.linalg.pinv(table.T @ table, hermitian=True), dtype=np.float64)
+        solution = inverse @ (table.T @ self.target)
+        return solution, float(solution @ (table.T @ self.target)), inverse
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,51 +124,49 @@ def refine_order(
     """
     if fit.noise is None:
         return None
-    used = fit.used
-    turns = float(np.ptp(angle_rad[used])) / (2.0 * math.pi)
+    turns = float(np.ptp(angle_rad[fit.used])) / (2.0 * math.pi)
     if not turns > 2.0 / nominal:
         return None
-
-    def white(columns: FloatArray) -> FloatArray:
-        return whiten(columns, fit.noise, used, starts=starts)[used] if fit.noise else columns
-
-    basis, _ = np.linalg.qr(white(others))
-    target = white(response)
+    table = whiten(np.column_stack([others, response]), fit.noise, fit.used, starts=starts)
+    basis, _ = np.linalg.qr(table[fit.used, :-1])
+    target = table[fit.used, -1]
     target = target - basis @ (basis.T @ target)
-
-    def solve(order: float, slope: FloatArray | None) -> tuple[FloatArray, float, FloatArray]:
-        columns = harmonic_columns(angle_rad, [order])
-        if slope is not None:
-            extra = slope[1] * columns[:, 0] - slope[0] * columns[:, 1]
-            columns = np.column_stack([columns, (angle_rad - middle) * extra])
-        table = white(columns)
-        table = table - basis @ (basis.T @ table)
-        inverse = np.asarray(np.linalg.pinv(table.T @ table, hermitian=True), dtype=np.float64)
-        solution = inverse @ (table.T @ target)
-        return solution, float(solution @ (table.T @ target)), inverse
-
-    middle = 0.5 * float(np.max(angle_rad[used]) + np.min(angle_rad[used]))
+    record = _Projected(angle_rad, fit.used, fit.noise, starts, basis, target)
     resolution = 1.0 / turns
     half = min(
         max(_RANGE_SHARE * nominal, _RANGE_RESOLUTIONS * resolution), _MOST_RESOLUTIONS * resolution
     )
+    order = _coarse(record, nominal, half, resolution)
+    if order is None:
+        return None
+    order, gain, unit_variance = _refined(record, order, resolution)
+    free = max(1.0, len(target) - others.shape[1] - 3)
+    variance = max(float(target @ target) - gain, 0.0) / free
+    if not (abs(order - nominal) <= half and unit_variance > 0.0):
+        return None
+    std = math.sqrt(variance * unit_variance)
+    return OrderEstimate(Quantity(order, std, fit.dof), gain / variance if variance > 0.0 else gain)
+
+
+def _coarse(record: _Projected, nominal: float, half: float, resolution: float) -> float | None:
+    """Return the best order of a grid, or None where it is weak or lies at the end."""
     n_steps = math.ceil(half / resolution * _STEPS_PER_RESOLUTION)
     grid = nominal + np.linspace(-half, half, 2 * n_steps + 1)
-    gains = [solve(float(order), None)[1] for order in grid]
+    gains = [record.solve(float(order))[1] for order in grid]
     best = int(np.argmax(gains))
     if best in (0, len(grid) - 1) or not gains[best] > _LEAST_GAIN:
         return None
-    order = float(grid[best])
-    slope, _, _ = solve(order, None)
-    inverse = np.zeros((3, 3))
+    return float(grid[best])
+
+
+def _refined(record: _Projected, order: float, resolution: float) -> tuple[float, float, float]:
+    """Return the order after Gauss-Newton steps, its gain, and the variance per unit noise."""
+    pair, gain, _ = record.solve(order)
+    unit_variance = 0.0
     # from a fifth of the resolution the steps converge quadratically: four reach rounding
     for _ in range(4):
-        solution, _, inverse = solve(order, slope)
-        step = float(np.clip(solution[2], -resolution, resolution))
-        order += step
-        slope, gain, _ = solve(order, None)
-    variance = max(float(target @ target) - gain, 0.0) / max(1.0, len(target) - others.shape[1] - 3)
-    if not (abs(order - nominal) <= half and inverse[2, 2] > 0.0):
-        return None
-    std = math.sqrt(variance * float(inverse[2, 2]))
-    return OrderEstimate(Quantity(order, std, fit.dof), gain / variance if variance > 0.0 else gain)
+        solution, _, inverse = record.solve(order, pair)
+        unit_variance = float(inverse[2, 2])
+        order += float(np.clip(solution[2], -resolution, resolution))
+        pair, gain, _ = record.solve(order)
+    return order, gain, unit_variance

@@ -97,7 +97,8 @@ def fit_with_lines(
     fit = coloured_fit(columns, response, valid, starts=starts)
     while len(lines) + len(passed) < _MAX_LINES and fit.noise is not None:
         white = whiten(fit.residual, fit.noise, fit.used, starts=starts)[fit.used]
-        found = _next_line(white, fit.used, motor_angle_rad, time_s, orders, lines + passed)
+        turns = motor_angle_rad[fit.used] / (2.0 * np.pi)
+        found = _next_line(white, turns, time_s[fit.used], orders, lines + passed)
         if found is None:
             break
         turn = motor_angle_rad if found.domain == "motor-order" else 2.0 * np.pi * time_s
@@ -124,26 +125,19 @@ def _overlap(columns: FloatArray, extra: FloatArray) -> float:
 
 def _next_line(
     white: FloatArray,
-    used: NDArray[np.bool_],
-    motor_angle_rad: FloatArray,
+    turns: FloatArray,
     time_s: FloatArray,
     orders: tuple[float, ...],
     lines: list[Line],
 ) -> Line | None:
-    turns = motor_angle_rad[used] / (2.0 * np.pi)
-    time = time_s[used]
-    at_orders = orders + tuple(x.location for x in lines if x.domain == "motor-order")
-    at_tones = tuple(x.location for x in lines if x.domain == "frequency")
+    """Return the strongest line that is not known yet, or None where noise alone shows as much."""
     # over a hundredth of the record, so that jitter of single samples is not taken for speed
     lag = max(1, len(turns) // 100)
-    rate = np.abs((turns[lag:] - turns[:-lag]) / (time[lag:] - time[:-lag]))
-    slow, fast = (float(q) for q in np.percentile(rate, (5.0, 95.0)))
-    also_tones = _seen_as(at_orders, slow, fast, float(np.ptp(time)))
-    # a motor at rest turns a tone into no order at all
-    also_orders = _seen_as(at_tones, 1.0 / fast, 1.0 / slow, float(np.ptp(turns))) if slow else ()
+    rate = np.abs((turns[lag:] - turns[:-lag]) / (time_s[lag:] - time_s[:-lag]))
+    taken_orders, taken_tones = _taken(turns, time_s, rate, orders, lines)
     candidates = [
-        strongest_line(white, turns, "motor-order", taken=at_orders + also_orders),
-        strongest_line(white, time, "frequency", taken=at_tones + also_tones),
+        strongest_line(white, turns, "motor-order", taken=taken_orders),
+        strongest_line(white, time_s, "frequency", taken=taken_tones),
     ]
     found = [line for line in candidates if line is not None]
     if not found:
@@ -155,16 +149,43 @@ def _next_line(
     # with both domains alike the motor is named first: that is what turns on this bench
     chosen = next(x for x in found if x.power > best.power - _UNDECIDED_NATS)
     other = next((x for x in found if x is not chosen), None)
-    same = other is not None and other.power > chosen.power - _UNDECIDED_NATS
-    if other is not None and same:
-        order, tone = (x.location for x in (chosen, other)[:: 1 if chosen is found[0] else -1])
-        apart = abs(order * float(np.median(rate)) - tone) * float(np.ptp(time))
-        same = apart < NEIGHBOUR_RESOLUTIONS
+    same = other is not None and _same_line(
+        chosen, other, float(np.median(rate)), float(np.ptp(time_s))
+    )
     return replace(
         chosen,
         false_alarm_probability=probability,
         equivalent=other.location if other is not None and same else None,
     )
+
+
+def _taken(
+    turns: FloatArray,
+    time_s: FloatArray,
+    rate: FloatArray,
+    orders: tuple[float, ...],
+    lines: list[Line],
+) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Return orders and frequencies at which nothing new can be named."""
+    at_orders = orders + tuple(x.location for x in lines if x.domain == "motor-order")
+    at_tones = tuple(x.location for x in lines if x.domain == "frequency")
+    slow, fast = (float(q) for q in np.percentile(rate, (5.0, 95.0)))
+    also_tones = _seen_as(at_orders, slow, fast, float(np.ptp(time_s)))
+    # a motor at rest turns a tone into no order at all
+    also_orders = _seen_as(at_tones, 1.0 / fast, 1.0 / slow, float(np.ptp(turns))) if slow else ()
+    return at_orders + also_orders, at_tones + also_tones
+
+
+def _same_line(one: Line, other: Line, turns_per_s: float, duration_s: float) -> bool:
+    """Say whether an order and a frequency are one line at this speed, and equally likely."""
+    if not other.power > one.power - _UNDECIDED_NATS:
+        return False
+    order, tone = (
+        (one.location, other.location)
+        if one.domain == "motor-order"
+        else (other.location, one.location)
+    )
+    return abs(order * turns_per_s - tone) * duration_s < NEIGHBOUR_RESOLUTIONS
 
 
 def _seen_as(places: tuple[float, ...], slow: float, fast: float, span: float) -> tuple[float, ...]:

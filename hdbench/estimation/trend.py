@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hdbench.estimation.harmonics import harmonic_columns
+from hdbench.estimation.noise import fit_noise
 from hdbench.estimation.regression import ordinary_fit
-from hdbench.estimation.whitening import fit_noise
 from hdbench.records.trace import FloatArray
 
 __all__ = ["SlowMotion", "Trend", "choose_trend", "trend_columns"]

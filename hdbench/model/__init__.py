@@ -19,7 +19,7 @@ from hdbench.model.harmonics import amplitude_phase
 from hdbench.model.modelfile import MODEL_SCHEMA, load_model, model_dict, save_model
 from hdbench.model.motion import Motion, integrate_velocity, motion_from_trace
 from hdbench.model.simulate import simulate_like, simulate_run, with_noise
-from hdbench.model.waves import ReferenceWave, peak_reference_v, reference_voltage
+from hdbench.model.waves import ReferenceWave, reference_voltage
 
 __all__ = [
     "MODEL_SCHEMA",
@@ -41,7 +41,6 @@ __all__ = [
     "load_model",
     "model_dict",
     "motion_from_trace",
-    "peak_reference_v",
     "reference_voltage",
     "save_model",
     "shape_bounds",

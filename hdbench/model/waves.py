@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from hdbench.profile.schema import ReferenceWave
 from hdbench.records.trace import FloatArray
 
-__all__ = ["ReferenceWave", "peak_reference_v", "reference_voltage"]
+__all__ = ["ReferenceWave", "reference_voltage"]
 
 
 def reference_voltage(wave: ReferenceWave, time_s: FloatArray, duration_s: float) -> FloatArray:
@@ -57,25 +57,6 @@ def reference_voltage(wave: ReferenceWave, time_s: FloatArray, duration_s: float
     running = (time >= 0.0) & (time < duration_s)
     level = _unit_wave(wave, np.where(running, time, 0.0), duration_s)
     return np.where(running, wave.bias_v + wave.amplitude_v * level, 0.0)
-
-
-def peak_reference_v(wave: ReferenceWave) -> float:
-    """Return the largest magnitude that the generator can put out.
-
-    Parameters
-    ----------
-    wave : ReferenceWave
-        The wave.
-
-    Returns
-    -------
-    float
-        Bound on the absolute motor reference, V. A constant has ``abs(bias + amplitude)``; all
-        others swing to both sides and have ``abs(bias) + abs(amplitude)``.
-    """
-    if wave.wave == "constant":
-        return abs(wave.bias_v + wave.amplitude_v)
-    return abs(wave.bias_v) + abs(wave.amplitude_v)
 
 
 def _unit_wave(wave: ReferenceWave, time: FloatArray, duration_s: float) -> FloatArray:

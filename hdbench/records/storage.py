@@ -67,13 +67,25 @@ def sync_folder(folder: Path) -> None:
         os.close(handle)
 
 
+def _is_special(path: Path) -> bool:
+    """Return True for a device or pipe: written into, never replaced by a file."""
+    return path.exists() and not (path.is_file() or path.is_dir())
+
+
+def _write_special(path: Path, chunks: bytes | Iterable[bytes]) -> None:
+    with path.open("wb") as file:
+        for chunk in (chunks,) if isinstance(chunks, bytes) else chunks:
+            file.write(chunk)
+
+
 def write_atomic(path: Path, chunks: bytes | Iterable[bytes]) -> None:
     """Write a whole file: temporary file beside it, sync, rename, sync of the folder.
 
     Parameters
     ----------
     path : Path
-        File to write or replace; its folder must exist.
+        File to write or replace; its folder must exist. A link stays and its target is written; a
+        device or pipe is written into.
     chunks : bytes or iterable of bytes
         The content.
 
@@ -82,8 +94,12 @@ def write_atomic(path: Path, chunks: bytes | Iterable[bytes]) -> None:
     StorageError
         If the disk is full or failed, or the folder is missing; the old file is then untouched.
     """
+    path = Path(os.path.realpath(path))
     temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}.tmp")
     try:
+        if _is_special(path):
+            _write_special(path, chunks)
+            return
         try:
             with temporary.open("xb") as file:
                 for chunk in (chunks,) if isinstance(chunks, bytes) else chunks:
@@ -129,6 +145,10 @@ def publish(staged: Path, path: Path) -> None:
         If that fails; an old file is then untouched.
     """
     try:
+        if _is_special(path):
+            _write_special(path, staged.read_bytes())
+            staged.unlink()
+            return
         staged.replace(path)
         sync_folder(path.parent)
     except OSError as error:

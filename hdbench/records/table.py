@@ -119,12 +119,14 @@ def csv_lines(path: Path, text: str, delimiter: str = ",") -> list[tuple[int, li
     """
     reader = csv.reader(text.split("\n"), delimiter=delimiter, strict=True)
     rows = []
+    start = 1  # line on which the row that is being read begins
     try:
         for row in reader:
             if row:
                 rows.append((reader.line_num, row))
+            start = reader.line_num + 1
     except csv.Error as error:
-        raise data_error(path, max(reader.line_num, 1), f"not a CSV row: {error}") from error
+        raise data_error(path, start, f"not a CSV row: {error}") from error
     return rows
 
 

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from hdbench.estimation.channel import torque_channel
 from hdbench.filter import filter_trace, load_filter_model
 from hdbench.profile import Profile, load_profile
 from hdbench.records import Quantity, TorqueScale, Trace
@@ -51,7 +52,7 @@ def evaluate_case(case: Case) -> dict[str, Any]:
 
 
 def _default_scale(profile: Profile, trace: Trace) -> TorqueScale:
-    if "torque_v" not in trace:
+    if "torque_nm" in trace or "torque_v" not in trace:
         return TorqueScale(Quantity(1.0, 0.0), "trace torque_nm column")
     gain = profile.data.sensor.gain_nm_per_v
     return TorqueScale(Quantity(gain, 0.0), f"profile {profile.data.name}, taken as exact")
@@ -94,9 +95,7 @@ def _dynamic(case: Case, profile: Profile, trace: Trace, scale: TorqueScale) -> 
 
 
 def _in_nm(trace: Trace, scale: TorqueScale) -> Trace:
-    if "torque_v" not in trace:
-        return trace
-    return trace.with_columns(torque_nm=trace["torque_v"] * scale.gain_nm_per_v.value)
+    return trace.with_columns(torque_nm=torque_channel(trace, scale))
 
 
 def _filter_result(torque_nm: Any) -> dict[str, Any]:

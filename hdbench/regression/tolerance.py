@@ -63,6 +63,7 @@ DEFAULTS = (
     Tolerance("*reason", "words for a person, not a result", note_only=True),
     Tolerance("*detail", "words for a person, not a result", note_only=True),
     Tolerance("*origin", "words for a person, not a result", note_only=True),
+    Tolerance("torque_scale.source", "words for a person; the gain is compared", note_only=True),
     Tolerance(
         "*false_alarm_probability",
         "a tail probability: a tenth of it decides nothing",

@@ -7,7 +7,8 @@ from typing import Any
 
 from hdbench.report.elements import KeyNumber, Picture, Table, Verdict
 from hdbench.report.figures_static import calibration_pictures, number_of
-from hdbench.report.numbers import MINUS, key_number, short, value_of, with_std
+from hdbench.report.keynumbers import key_numbers, value_of
+from hdbench.report.numbers import MINUS, short, with_std
 from hdbench.report.source import Source
 
 __all__ = ["data_pictures", "numbers", "pictures", "summary", "tables", "verdict"]
@@ -93,10 +94,7 @@ def numbers(result: Mapping[str, Any], source: Source) -> tuple[KeyNumber, ...]:
         (result.get("consistency"), "consistency", "consistency", ""),
         (result.get("n_experiments"), "experiments", "n_experiments", ""),
     )
-    made = (
-        key_number(b, label, key, unit, f"{source.run_id}: {key}") for b, label, key, unit in rows
-    )
-    return tuple(number for number in made if number is not None)
+    return key_numbers(rows, source.run_id)
 
 
 def pictures(source: Source, prefix: str, _doubts: list[str]) -> tuple[Picture, ...]:

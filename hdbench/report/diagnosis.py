@@ -5,9 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from hdbench.report.elements import KeyNumber, Level, Picture, Table, Verdict
-from hdbench.report.numbers import DASH, key_number, plain, probability, short, unit_words
-from hdbench.report.source import Source, read_columns
+from hdbench.report.columns import read_columns
+from hdbench.report.diagnosis_tables import tables
+from hdbench.report.elements import KeyNumber, Level, Picture, Verdict
+from hdbench.report.keynumbers import key_numbers
+from hdbench.report.numbers import name_words, parameter_words, plain, short, unit_of
+from hdbench.report.source import Source
 
 __all__ = ["numbers", "pictures", "summary", "tables", "verdict"]
 
@@ -20,7 +23,6 @@ _VERDICTS: dict[str, tuple[Level, str]] = {
     "cannot-tell": ("look", "The record is too short or too noisy to tell."),
 }
 
-_SUFFIXES = ("_rad_s", "_nm", "_hz", "_rad", "_s", "_v")
 # what says where a cause sits and how large it is; the rest stands in the table
 _TELLING = ("order", "frequency_hz", "amplitude_nm")
 # the same amplitude and phase once more
@@ -56,24 +58,8 @@ def _cause_words(cause: Mapping[str, Any]) -> str:
     telling = [name for name in _TELLING if name in parameters]
     sized = [name for name, body in parameters.items() if body.get("unit") == "N m"]
     chosen = telling or sized[:1]
-    parts = [_parameter_words(name, parameters[name]) for name in chosen]
+    parts = [parameter_words(name, parameters[name]) for name in chosen]
     return f"{cause.get('name')} ({', '.join(parts)})" if parts else str(cause.get("name"))
-
-
-def _words(name: str) -> str:
-    """Return a parameter's name without the unit that stands beside it anyway."""
-    for suffix in _SUFFIXES:
-        name = name.removesuffix(suffix)
-    return name.replace("_", " ")
-
-
-def _unit(body: Mapping[str, Any]) -> str:
-    unit = str(body.get("unit") or "")
-    return "" if unit == "1" else unit.replace("N m", "N m")
-
-
-def _parameter_words(name: str, body: Mapping[str, Any]) -> str:
-    return f"{_words(name)} {plain(body)} {unit_words(_unit(body))}".strip()
 
 
 def _place_words(place: Mapping[str, Any]) -> str:
@@ -150,7 +136,7 @@ def numbers(result: Mapping[str, Any], source: Source) -> tuple[KeyNumber, ...]:
         shown = [x for x in parameters if x not in _QUADRATURES or "amplitude_nm" not in parameters]
         for name, body in ((x, parameters[x]) for x in shown):
             key = f"causes[{i}].parameters.{name}"
-            rows.append((body, f"{cause['name']}: {_words(str(name))}", key, _unit(body)))
+            rows.append((body, f"{cause['name']}: {name_words(str(name))}", key, unit_of(body)))
     rows += [
         (
             _rms(result, "simulated"),
@@ -160,10 +146,7 @@ def numbers(result: Mapping[str, Any], source: Source) -> tuple[KeyNumber, ...]:
         ),
         (_rms(result, "extended"), "held-out residual, extended", "extended.heldout_rms_nm", "N m"),
     ]
-    made = (
-        key_number(b, label, key, unit, f"{source.run_id}: {key}") for b, label, key, unit in rows
-    )
-    return tuple(number for number in made if number is not None)
+    return key_numbers(rows, source.run_id)
 
 
 def pictures(source: Source, prefix: str, doubts: list[str]) -> tuple[Picture, ...]:
@@ -195,75 +178,3 @@ def pictures(source: Source, prefix: str, doubts: list[str]) -> tuple[Picture, .
         if (table := read_columns(file)) is not None
     }
     return residual_pictures(columns, spectra, prefix)
-
-
-def tables(result: Mapping[str, Any]) -> tuple[Table, ...]:
-    """List causes, unexplained places and what could have been missed.
-
-    Parameters
-    ----------
-    result : mapping
-        The diagnosis result.
-
-    Returns
-    -------
-    tuple of Table
-    """
-    found = []
-    for key, title in (("causes", "Causes"), ("minor", "Smaller causes")):
-        rows = tuple(_cause_row(cause) for cause in result.get(key, ()))
-        if rows:
-            head = (
-                "cause",
-                "parameters",
-                "explains",
-                "false-alarm probability",
-                "same on this record",
-                "told apart by",
-            )
-            found.append(Table(title, head, rows))
-    places = tuple(
-        (
-            str(p.get("domain")),
-            f"{plain(p.get('location'))} {p.get('unit') or ''}",
-            plain(p.get("extent")),
-            plain(p.get("size_nm")),
-            _percent(p.get("share_of_variance")),
-        )
-        for p in result.get("unexplained", ())
-    )
-    if places:
-        columns = ("domain", "place", "extent", "size (N·m)", "share of variance")
-        found.append(Table("Unexplained", columns, places))
-    least = tuple(
-        (str(m.get("name")), plain(m.get("amplitude_nm")))
-        for m in result.get("minimum_detectable", ())
-    )
-    if least:
-        found.append(
-            Table(
-                "Smallest effect this record would have shown", ("cause", "amplitude (N·m)"), least
-            )
-        )
-    return tuple(found)
-
-
-def _cause_row(cause: Mapping[str, Any]) -> tuple[str, ...]:
-    parameters = "; ".join(
-        _parameter_words(str(name), body) for name, body in cause.get("parameters", {}).items()
-    )
-    gain = cause.get("gain") or {}
-    alarm = cause.get("false_alarm_probability")
-    same = [str(x) for x in (*cause.get("group", ()), *cause.get("rivals", ()))]
-    return (
-        str(cause.get("name")),
-        parameters,
-        _percent(gain.get("explained_fraction")),
-        probability(alarm),
-        ", ".join(name for name in dict.fromkeys(same) if name != cause.get("name")) or DASH,
-        plain(cause.get("separating_experiment")),
-    )
-
-
-def _percent(value: Any) -> str:
-    return f"{100.0 * value:.1f} %" if isinstance(value, int | float) else DASH

@@ -7,7 +7,8 @@ from typing import Any
 
 from hdbench.report.beyond import beyond_tables, with_beyond
 from hdbench.report.elements import KeyNumber, Picture, Table, Verdict
-from hdbench.report.numbers import key_number, plain, short, value_of, with_std
+from hdbench.report.keynumbers import key_numbers, value_of
+from hdbench.report.numbers import plain, short, with_std
 from hdbench.report.source import Source
 
 __all__ = ["numbers", "pictures", "summary", "tables", "verdict"]
@@ -110,10 +111,7 @@ def numbers(result: Mapping[str, Any], source: Source) -> tuple[KeyNumber, ...]:
         (result.get("output_turns"), "output turns", "output_turns", ""),
         (result.get("mean_torque_nm"), "mean torque", "mean_torque_nm", "N m"),
     )
-    made = (
-        key_number(b, label, key, unit, f"{source.run_id}: {key}") for b, label, key, unit in rows
-    )
-    return tuple(number for number in made if number is not None)
+    return key_numbers(rows, source.run_id)
 
 
 def pictures(source: Source, prefix: str, doubts: list[str]) -> tuple[Picture, ...]:

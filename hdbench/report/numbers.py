@@ -1,4 +1,4 @@
-"""Numbers as a person reads them, and key numbers out of results."""
+"""Numbers and parameters as a person reads them."""
 
 from __future__ import annotations
 
@@ -6,20 +6,21 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from hdbench.report.elements import KeyNumber
-
 __all__ = [
     "DASH",
     "MINUS",
-    "key_number",
+    "name_words",
+    "parameter_words",
     "plain",
     "probability",
     "short",
+    "unit_of",
     "unit_words",
-    "value_of",
     "with_std",
 ]
 
+# units that a name ends in, the longest first: they stand beside the number anyway
+_UNIT_SUFFIXES = ("_rad_s", "_nm", "_hz", "_rad", "_s", "_v")
 MINUS, DASH = "\N{MINUS SIGN}", "\N{EN DASH}"
 
 
@@ -129,58 +130,51 @@ def unit_words(unit: str) -> str:
     return unit.replace("N m", "N·m")
 
 
-def value_of(result: Mapping[str, Any], *keys: str) -> float | None:
-    """Return a number deep in a result, the value of one with uncertainty, or None.
+def unit_of(body: Mapping[str, Any]) -> str:
+    """Return the unit of a parameter; nothing for a pure number.
 
     Parameters
     ----------
-    result : mapping
-        A result.
-    *keys : str
-        Path to the number.
+    body : mapping
+        With ``unit``.
 
     Returns
     -------
-    float or None
+    str
     """
-    found: Any = result
-    for key in keys:
-        if not isinstance(found, Mapping) or key not in found:
-            return None
-        found = found[key]
-    if isinstance(found, Mapping):
-        found = found.get("value")
-    return float(found) if isinstance(found, int | float) and not isinstance(found, bool) else None
+    unit = str(body.get("unit") or "")
+    return "" if unit == "1" else unit
 
 
-def key_number(
-    body: Any, label: str, quantity: str, unit: str, source: str, *, note: str = ""
-) -> KeyNumber | None:
-    """Return a key number from a result's entry.
+def name_words(name: str) -> str:
+    """Return the name of a parameter as words, without its unit.
 
     Parameters
     ----------
-    body : object
-        A number, a mapping with `value`, `std`, `dof`, or None.
-    label : str
-        Name for a person.
-    quantity : str
-        Name for a program.
-    unit : str
-        Unit.
-    source : str
-        Where it stands.
-    note : str
-        What to know beside it.
+    name : str
+        As results write it, such as ``frequency_hz``.
 
     Returns
     -------
-    KeyNumber or None
-        None where there is no number.
+    str
     """
-    std = dof = None
-    if isinstance(body, Mapping):
-        std, dof, body = body.get("std"), body.get("dof"), body.get("value")
-    if isinstance(body, bool) or not isinstance(body, int | float):
-        return None
-    return KeyNumber(label, quantity, float(body), unit, source, std, dof, note)
+    for suffix in _UNIT_SUFFIXES:
+        name = name.removesuffix(suffix)
+    return name.replace("_", " ")
+
+
+def parameter_words(name: str, body: Mapping[str, Any]) -> str:
+    """Return a parameter as name, value and unit.
+
+    Parameters
+    ----------
+    name : str
+        As results write it.
+    body : mapping
+        With ``value``, ``std`` and ``unit``.
+
+    Returns
+    -------
+    str
+    """
+    return f"{name_words(name)} {plain(body)} {unit_words(unit_of(body))}".strip()

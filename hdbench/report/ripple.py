@@ -9,7 +9,8 @@ import numpy as np
 
 from hdbench.report.beyond import beyond_tables, beyond_words, with_beyond
 from hdbench.report.elements import KeyNumber, Picture, Table, Verdict
-from hdbench.report.numbers import key_number, plain, short, value_of, with_std
+from hdbench.report.keynumbers import key_numbers, value_of
+from hdbench.report.numbers import plain, short, with_std
 from hdbench.report.signals import Signals, make_signals, window
 from hdbench.report.source import Source
 from hdbench.report.steady import Steady, steady_stretch
@@ -143,10 +144,7 @@ def numbers(result: Mapping[str, Any], source: Source) -> tuple[KeyNumber, ...]:
         (rms.get("filtered"), "torque rms, filtered", "torque_rms_nm.filtered", "N m"),
         (speed.get("mean"), "motor velocity, mean", "motor_velocity_rad_s.mean", "rad/s"),
     ]
-    made = (
-        key_number(b, label, key, unit, f"{source.run_id}: {key}") for b, label, key, unit in rows
-    )
-    return tuple(number for number in made if number is not None)
+    return key_numbers(rows, source.run_id)
 
 
 def pictures(source: Source, prefix: str, doubts: list[str]) -> tuple[Picture, ...]:

@@ -7,20 +7,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from hdbench.errors import DataError
 from hdbench.profile import Profile, parse_profile
-from hdbench.records import FloatArray, Loads, Trace
+from hdbench.records import Loads, Trace
 from hdbench.records.jsonfile import read_json, sha256_file
 from hdbench.records.loadsfile import is_loads_file, read_loads
 from hdbench.records.recovery import resolve_input
 from hdbench.records.runfolder import RunFolder
-from hdbench.records.table import parse_table
-from hdbench.records.textfile import read_text
 from hdbench.records.tracefile import read_trace
 
-__all__ = ["Source", "load_source", "read_columns"]
+__all__ = ["Source", "load_source"]
 
 KINDS = ("calibration", "misalignment", "ripple", "diagnosis")
 _STATUS = {
@@ -225,38 +221,3 @@ def _data_file(run: RunFolder, doubts: list[str]) -> Path | None:
         # a run that ended before its first sample has a journal without data: that is its report
         doubts.append(f"No data could be recovered from the journal: {error.what}.")
         return None
-
-
-def read_columns(path: Path) -> dict[str, FloatArray] | None:
-    """Read a table of numbers, such as ``residual.csv``; None where there is no such file.
-
-    Parameters
-    ----------
-    path : Path
-        A CSV file with one header row; ``.csv`` or ``.csv.gz``.
-
-    Returns
-    -------
-    dict of str to ndarray or None
-        Column name to values; an empty cell or text is NaN.
-
-    Raises
-    ------
-    DataError
-        If the file is damaged.
-    """
-    if not path.is_file():
-        return None
-    table = parse_table(path, read_text(path, "table"))
-    columns = zip(*table.rows, strict=True)
-    return {
-        name: np.array([_number(cell) for cell in cells])
-        for name, cells in zip(table.header, columns, strict=True)
-    }
-
-
-def _number(cell: str) -> float:
-    try:
-        return float(cell)
-    except ValueError:
-        return float("nan")

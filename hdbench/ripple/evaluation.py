@@ -63,11 +63,12 @@ def evaluate_ripple(
     Notes
     -----
     ``torque - J/N acceleration = slow terms + sum_o (a_o cos(o angle) + b_o sin(o angle)) +
-    output order 1 (where the output spans a turn) + lines found + coloured noise`` by generalised
-    least squares over all samples chosen. Slow terms are chosen by BIC, see `choose_trend`.
-    Suppression is the ratio of the amplitudes that the same columns have in measured and in
-    filtered torque. Where the angle was integrated from a velocity, a scale error of it of up to
-    1 % is found from the measured order of the strongest component, and the angle is corrected.
+    output order 1 (where the output spans a turn) and 2 (1.5 turns) + lines found + coloured
+    noise`` by generalised least squares over all samples chosen. Slow terms are chosen by BIC,
+    see `choose_trend`. Suppression is the ratio of the amplitudes that the same columns have in
+    measured and in filtered torque. Where the angle was integrated from a velocity, a scale error
+    of it of up to 1 % is found from the measured order of the strongest component, and the angle
+    is corrected.
 
     References
     ----------

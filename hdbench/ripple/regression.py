@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hdbench.estimation.harmonics import harmonic_columns
+from hdbench.estimation.harmonics import TURNS_FOR_ORDER_2, harmonic_columns
 from hdbench.estimation.refine import OrderEstimate, refine_order
 from hdbench.estimation.regression import LinearFit, coloured_fit
 from hdbench.estimation.search import LineFit, fit_with_lines
@@ -20,9 +20,8 @@ __all__ = ["Regression", "regress"]
 
 # a scale error of the velocity is believed when the measured order is off by so many sigma
 _SCALE_SIGMA = 3.0
-# output turns from which an output order is fitted, as for a misalignment run
+# output turns from which output order 1 is told from a drift
 _TURNS_FOR_ORDER_1 = 1.0
-_TURNS_FOR_ORDER_2 = 1.5
 # share of the nominal order; a tacho that is off by more is a fault, not a scale
 _LARGEST_SCALE_ERROR = 0.01
 
@@ -65,7 +64,7 @@ class Regression:
 
 
 def regress(record: Record, orders: tuple[float, ...], filtered: FloatArray) -> Regression:
-    """Fit slow terms, orders, output order 1 and lines jointly.
+    """Fit slow terms, orders, output orders and lines jointly.
 
     Parameters
     ----------
@@ -138,7 +137,7 @@ def _output_orders(record: Record) -> tuple[float, ...]:
     turns = float(np.ptp(record.motion.output_angle_rad[record.used])) / (2.0 * math.pi)
     if turns < _TURNS_FOR_ORDER_1:
         return ()
-    return (1.0,) if turns < _TURNS_FOR_ORDER_2 else (1.0, 2.0)
+    return (1.0,) if turns < TURNS_FOR_ORDER_2 else (1.0, 2.0)
 
 
 def _output_columns(record: Record) -> FloatArray:

@@ -8,12 +8,12 @@ from typing import Any
 
 from hdbench.estimation.channel import DataFlag
 from hdbench.estimation.harmonics import Harmonic
+from hdbench.estimation.noise import NoiseModel
 from hdbench.estimation.scan import Line
 from hdbench.estimation.search import FALSE_ALARM_LEVEL
 from hdbench.estimation.spectrum import Spectrum, SpectrumPeak
 from hdbench.estimation.stretches import SteadyStretch
 from hdbench.estimation.trend import Trend
-from hdbench.estimation.whitening import NoiseModel
 from hdbench.records.quantity import Quantity
 from hdbench.records.scale import TorqueScale
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from hdbench.errors import DataError
-from hdbench.filter import FilterModel, build_filter_model, load_filter_model
+from hdbench.filter import FilterModel, build_filter_model
 from hdbench.profile import Profile
 from hdbench.records import Loads, TorqueScale, Trace
 from hdbench.records.jsonfile import read_json, result_header, sha256_file, write_json
@@ -18,7 +18,12 @@ from hdbench.records.recovery import resolve_input
 from hdbench.records.runfolder import RunFolder
 from hdbench.records.tracefile import read_trace
 from hdbench.ripple import Stretch
+from hdbench.session.filters import choose_filter
 from hdbench.session.scaling import rescaled, stored_scale
+
+# share of the largest load below which a torque of the other sign may be the zero of a reference
+# sensor: Table 1's sensors are consistent to 2 %, hand-read zeros to about as much again
+_ZERO_SHARE = 0.05
 
 __all__ = ["Evaluation", "evaluate", "evaluate_stored", "store_evaluation"]
 
@@ -165,6 +170,7 @@ def evaluate_stored(
     *,
     out: Path,
     calibration: Path | None = None,
+    misalignment: Path | None = None,
     filter_name: str | None = None,
     stretch: Stretch | None = None,
 ) -> tuple[RunFolder, Evaluation]:
@@ -182,8 +188,10 @@ def evaluate_stored(
         Parent folder of run folders.
     calibration : Path or None
         Calibration to rescale by.
+    misalignment : Path or None
+        Misalignment result whose output-order block joins the filter.
     filter_name : str or None
-        Filter model instead of the profile's.
+        Filter model instead of the stored run's or, for a file, the profile's.
     stretch : Stretch or None
         Part of a ripple run.
 
@@ -200,7 +208,7 @@ def evaluate_stored(
         If the input is broken or cannot be evaluated.
     """
     file = resolve_input(source)
-    model = load_filter_model(filter_name or profile.data.filter.model, profile.data)
+    model = choose_filter(profile, filter_name, misalignment=misalignment, source=source)
     records, scale = _load(kind, file, source, profile, calibration)
     details = {"source": {"path": str(source), "sha256": sha256_file(file)}}
     folder = RunFolder.create(out, kind=kind, profile=profile, details=details)
@@ -209,12 +217,34 @@ def evaluate_stored(
     stored = folder.path / (("loads" if isinstance(records, Loads) else "trace") + suffix)
     shutil.copyfile(file, stored)
     try:
-        found = evaluate(kind, records, profile, scale, model, run=folder.run_id, stretch=stretch)
+        found = evaluate(
+            kind,
+            records,
+            profile,
+            scale,
+            model,
+            run=folder.run_id,
+            doubts=_sign_doubts(records),
+            stretch=stretch,
+        )
     except DataError as error:
         folder.finish("complete", f"not evaluated: {error.what}", [stored])
         raise
     store_evaluation(folder, found, [stored], f"evaluated from {source}")
     return folder, found
+
+
+def _sign_doubts(records: Trace | Loads) -> list[str]:
+    """Return a doubt where torques contradict their direction (cw positive, ccw negative)."""
+    if not isinstance(records, Loads):
+        return []
+    least = _ZERO_SHARE * max(abs(r.torque_nm) for r in records.readings)
+    signs = {"cw": 1.0, "ccw": -1.0}
+    wrong = [r for r in records.readings if signs[r.direction] * r.torque_nm < -least]
+    if not wrong:
+        return []
+    names = ", ".join(dict.fromkeys(r.experiment for r in wrong))
+    return [f"{len(wrong)} torques have the sign of the other direction (experiments {names})"]
 
 
 def _load(

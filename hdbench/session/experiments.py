@@ -18,15 +18,15 @@ from hdbench.errors import (
     UnsafeError,
     UsageError,
 )
-from hdbench.filter import FilterModel, build_filter_model, kernel_name, load_filter_model
+from hdbench.filter import FilterModel, kernel_name
 from hdbench.profile import Profile
 from hdbench.records import Loads, TorqueScale, Trace
 from hdbench.records.journal import JournalWriter
-from hdbench.records.jsonfile import read_json
 from hdbench.records.loadsfile import write_loads
 from hdbench.records.runfolder import RunFolder
 from hdbench.records.tracefile import write_trace
 from hdbench.session.evaluation import Evaluation, evaluate, store_evaluation
+from hdbench.session.filters import choose_filter
 from hdbench.session.plans import (
     Plan,
     calibration_plan,
@@ -161,7 +161,7 @@ def run_experiment(
     """
     plan = make_plan(kind, profile)
     scale = read_calibration(options.calibration) if options.calibration else profile_scale(profile)
-    model = _filter_model(profile, options)
+    model = choose_filter(profile, options.filter_name, misalignment=options.misalignment)
     with listen() as stop:
         folder = RunFolder.create(
             options.out, kind=kind, profile=profile, details=_details(plan, options)
@@ -171,15 +171,6 @@ def run_experiment(
         run = _Run(kind, profile, options, plan, scale, model, folder, stop, progress)
         run.measure()
         return run.evaluate()
-
-
-def _filter_model(profile: Profile, options: BenchOptions) -> FilterModel:
-    base = load_filter_model(options.filter_name or profile.data.filter.model, profile.data)
-    if options.misalignment is None:
-        return base
-    file = options.misalignment
-    stored = read_json(file / "result.json" if file.is_dir() else file, "hdbench/misalignment/1")
-    return build_filter_model(base, ripple=None, misalignment=stored, calibration=None)
 
 
 def _details(plan: Plan, options: BenchOptions) -> dict[str, Any]:

@@ -163,6 +163,7 @@ def test_unbalanced_positions_are_marked() -> None:
     result = evaluate_calibration(loads_of(EIGHT[:7]), max_consistency=0.05)
     assert result.gain_basis == "positions-unbalanced"
     assert [note.name for note in result.notes] == ["gain-positions-unbalanced"]
+    # readings without noise: rounding of seven lines
     assert result.gain_nm_per_v.value == pytest.approx(np.mean(EIGHT[:7]), rel=1e-9)
 
 

@@ -147,3 +147,68 @@ def test_dry_run_prints_plan_duration_and_limits_and_moves_nothing(tmp_path: Pat
     assert body["plan"]["duration_s"] == 32.0
     assert body["limits"]["velocity_rad_s"] == 400.0
     assert not (tmp_path / "runs").exists()
+
+
+def test_json_without_a_command_is_a_wrong_use_and_one_object() -> None:
+    done = run("--json")
+    assert done.returncode == 2
+    assert json.loads(done.stdout)["error"]["kind"] == "usage"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "kind"),
+    [
+        (["profile", "list"], "profiles"),
+        (["profile", "show"], "profile"),
+        (["profile", "check", "cim-tr-97-06"], "profiles"),
+        (["profile", "new", "mine"], "profile-new"),
+        (["runs", "list"], "runs"),
+        (["run-ripple", "--dry-run"], "plan"),
+    ],
+)
+def test_every_result_says_what_it_is_and_who_made_it(arguments: list[str], kind: str) -> None:
+    body = json.loads(run(*arguments, "--json").stdout)
+    assert body["schema"] == f"hdbench/{kind}/1"
+    assert body["hdbench_version"]
+    assert body["profile"] is None or {"name", "sha256"} <= set(body["profile"])
+
+
+def test_listing_a_folder_that_is_not_there_is_an_error(tmp_path: Path) -> None:
+    done = run("runs", "list", str(tmp_path / "nowhere"))
+    assert done.returncode == 4
+    assert "nowhere" in done.stderr
+
+
+def test_no_color_gives_plain_text_even_on_a_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("NO_COLOR", "1")
+    monkeypatch.setenv("FORCE_COLOR", "1")  # rich then takes any stream for a terminal
+    console = Output.console()
+    with console.capture() as captured:
+        console.print("[bold red]error[/] and [dim]fix[/]")
+    assert captured.get() == "error and fix\n"
+
+
+@pytest.mark.parametrize(
+    ("scale", "code", "said"),
+    [
+        (1.0, 4, "torques their sign: cw positive, ccw negative"),
+        (1.1, 6, "sign of the other direction (experiments 0.0-ccw, 0.5-ccw)"),
+    ],
+)
+def test_torques_against_their_direction_are_doubtful_and_not_a_bug(
+    tmp_path: Path, scale: float, code: int, said: str
+) -> None:
+    rows = ["experiment,position_rad,range,direction,series,torque_nm,reading_v"]
+    for position in (0.0, 0.5):
+        for direction, sign in (("cw", 1.0), ("ccw", -scale)):
+            rows += [
+                f"{position}-{direction},{position},full,{direction},up,{load},{sign * load / 6.6}"
+                for load in (0.0, 10.0, 20.0, 30.0)
+            ]
+    file = tmp_path / "loads.csv"
+    file.write_text("\n".join(rows) + "\n")
+    words = ("calibrate", "--from", str(file), "--no-report", "--out", str(tmp_path / "runs"))
+    done = run(*words)
+    assert done.returncode == code, done.stderr
+    assert said in done.stderr
+    assert run(*words, "--check").returncode == (code if code == 4 else 3)

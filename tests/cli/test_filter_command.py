@@ -12,6 +12,9 @@ import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
+from hdbench.filter import load_filter_model
+from hdbench.profile import load_profile
+from hdbench.records import RunFolder
 from hdbench_cli.filter import command
 from hdbench_cli.output import Output
 
@@ -124,3 +127,47 @@ def test_people_read_model_gain_and_place(volts, tmp_path):
     assert found.exit_code == 0
     for word in ("report-6", "orders 2, 4, 0.01", "N m", os.fspath(out)):
         assert word in found.stdout
+
+
+def test_a_run_is_filtered_by_the_filter_that_ran_in_it(volts, tmp_path):
+    profile = load_profile("cim-tr-97-06")
+    ran = load_filter_model("report-a1", profile.data)
+    folder = RunFolder.create(tmp_path / "runs", kind="ripple", profile=profile, details={})
+    folder.update(filter=ran.to_dict())
+    folder.trace.write_bytes(volts.read_bytes())
+    out = tmp_path / "clean.csv"
+    found = json.loads(run(folder.path, "--out", out).stdout)
+    assert found["filter"]["name"] == "report-a1"
+    named = json.loads(run(folder.path, "--model", "report-6", "--out", out).stdout)
+    assert named["filter"]["name"] == "report-6"
+    other = tmp_path / "other.toml"
+    other.write_text(profile.text.replace("gear_ratio = 100.0", "gear_ratio = 50.0"))
+    changed = json.loads(run(folder.path, "--profile", other, "--out", out).stdout)
+    assert changed["filter"]["gear_ratio"] == 50.0
+
+
+def test_it_never_writes_over_what_was_measured(volts, tmp_path):
+    before = volts.read_bytes()
+    link = tmp_path / "link.csv"
+    link.symlink_to(volts)
+    for out in (volts, link):
+        assert getattr(run(volts, "--out", out).exception, "exit_code", None) == 2
+    assert volts.read_bytes() == before
+
+
+@pytest.mark.parametrize("fault", ["rows-missing", "beyond-any-motor", "end-of-the-converter"])
+def test_gaps_faults_and_saturation_exit_6_and_are_marked(tmp_path, fault):
+    t = np.arange(300) * 1e-3
+    v, y = 0 * t + 50.0, np.cos(t)
+    name = "torque_v" if fault == "end-of-the-converter" else "torque_nm"
+    if fault == "rows-missing":
+        t, v, y = (np.delete(column, slice(100, 140)) for column in (t, v, y))
+    elif fault == "beyond-any-motor":
+        v[100] = 1e300
+    else:
+        y[100:110] = 10.0
+    source = write(tmp_path / "trace.csv", f"time_s,motor_velocity_rad_s,{name}", t, v, y)
+    found = run(source, "--out", tmp_path / "clean.csv")
+    assert found.exit_code == 6
+    flag = {"rows-missing": "gap", "beyond-any-motor": "missing-samples"}.get(fault, "saturation")
+    assert [entry["name"] for entry in json.loads(found.stdout)["flags"]] == [flag]

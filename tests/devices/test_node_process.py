@@ -95,19 +95,28 @@ def _read(bench, n_samples):
     return blocks
 
 
-def test_five_channels_at_1_khz_run_at_least_15_times_faster_than_real_time():
+def _cpu_s(pid):
+    """Return the processor time that a process has used; other work on the machine is not in it."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+@linux_only
+def test_five_channels_at_1_khz_cost_less_than_a_twentieth_of_real_time():
     n_samples = 10_000
-    rates = []
+    ratios = []
     with open_bench(PROFILE, plant="worn", seed=3) as bench:
-        # the best of three: the machine has other work
+        (node,) = [pid for pid in _children(os.getpid()) if b"emulator" in _command_line(pid)]
+        # the best of three: caches and the other half of a core are shared
         for _ in range(3):
             bench.configure(AcquisitionSettings(1e-3, n_samples, PROFILE.ripple.reference))
-            start_s = time.monotonic()
+            before_s = time.process_time() + _cpu_s(node)
             bench.start()
             blocks = _read(bench, n_samples)
-            rates.append(n_samples * 1e-3 / (time.monotonic() - start_s))
+            # host and node one after the other: on two cores they overlap
+            ratios.append(n_samples * 1e-3 / (time.process_time() + _cpu_s(node) - before_s))
             assert sum(block.lost_before for block in blocks) == 0
-    assert max(rates) >= 15.0
+    assert max(ratios) >= 20.0
 
 
 def test_the_embedded_bench_moves_as_asked_and_ends_safe():
@@ -147,6 +156,7 @@ def test_killing_the_host_lets_the_watchdog_stop_the_motor_within_a_second(tmp_p
             killed_s = time.monotonic()
             process.wait()
         with driver(host, port) as bench:
+            # half a rad/s is a 300th of the speed it ran at: it stands; the watchdog has 3 s for it
             until(lambda: bench.status()["velocity_rad_s"] == pytest.approx(0.0, abs=0.5), 3.0)
             status = bench.status()
     assert status["state"] == State.TRIPPED

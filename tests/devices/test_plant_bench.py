@@ -188,6 +188,7 @@ def test_halt_brakes_within_the_limit_to_standstill() -> None:
     bench.advance(1000)
     assert bench.enabled
     speed = bench.velocity_rad_s
+    # what is left of the start after a second: 80 time constants, rounding
     assert speed == pytest.approx(6.0 * 56.2565, rel=1e-9)
     bench.halt()
     assert bench.reference_v == 0.0
@@ -223,6 +224,7 @@ def test_the_motor_keeps_turning_until_it_is_halted() -> None:
     bench = SimulatedBench(QUIET, AS_MODELLED, 1)
     _run(bench, _constant(2.0), 500)
     bench.advance(500)
+    # a second is 94 time constants: rounding is left
     assert bench.velocity_rad_s == pytest.approx(2.0 * 56.2565, rel=1e-9)
 
 
@@ -261,6 +263,7 @@ def test_saturated_codes_stay_at_the_ends_of_the_range() -> None:
 def test_speed_stays_within_the_amplifiers_limit() -> None:
     bench = SimulatedBench(QUIET, AS_MODELLED, 1)
     _run(bench, _constant(9.0), 1000)
+    # a second is 94 time constants less the ramp: rounding is left
     assert bench.velocity_rad_s == pytest.approx(QUIET.limits.velocity_rad_s, rel=1e-9)
 
 
@@ -303,6 +306,7 @@ def test_truth_is_json_and_states_what_the_profile_says() -> None:
     bench.begin(sample_period_s=1e-3, wave=None, duration_s=1.0)
     truth = json.loads(json.dumps(bench.truth(), allow_nan=False))
     assert truth["gain_nm_per_v"] == 6.6
+    # order times 1 + 1/100, rounded
     assert [part["order"] for part in truth["ripple"]] == pytest.approx([2.02, 4.04], rel=1e-12)
     assert len(truth["gain_at_position"]) == 24
     tones = [effect for effect in truth["effects"] if effect["kind"] == "tone"]

@@ -29,8 +29,10 @@ def _order(signal: np.ndarray, order: int) -> complex:
 def test_equations_two_and_three_hold_for_the_first_two_rosettes() -> None:
     torsion = 40.0 / 132000.0
     first, second = PERFECT.rosette_strains(np.full_like(BETA, 40.0), BETA)[:2]
+    # rounding of strains of 2e-4
     np.testing.assert_allclose(first, 2 * torsion + 200e-6 * np.sin(2 * BETA), rtol=0, atol=1e-17)
     expected = 2 * torsion + 200e-6 * np.sin(2 * BETA - math.pi)
+    # rounding of strains of 2e-4
     np.testing.assert_allclose(second, expected, rtol=0, atol=1e-17)
 
 
@@ -45,6 +47,7 @@ def test_one_wrong_rosette_of_four_leaves_half_the_sine_of_its_error(degrees: fl
     delta = math.radians(degrees)
     bridge = replace(PERFECT, placement_error_rad=(0.0, delta, 0.0, 0.0))
     left = _order(bridge.output_v(np.zeros_like(BETA), BETA), 2)
+    # closed form on both sides: rounding of a Fourier sum
     assert abs(left) == pytest.approx(SINGLE_V * math.sin(delta) / 2, rel=1e-12)
 
 
@@ -62,6 +65,7 @@ def test_one_wrong_rosette_of_two_leaves_the_sine_of_its_error(degrees: float) -
 def test_ninety_degrees_do_not_cancel_the_second_harmonic() -> None:
     bridge = replace(PERFECT, wave_harmonic=0.1)
     left = bridge.output_v(np.zeros_like(BETA), BETA)
+    # closed form on both sides: rounding of a Fourier sum
     assert abs(_order(left, 4)) == pytest.approx(0.1 * SINGLE_V, rel=1e-12)
     assert abs(_order(left, 2)) < 1e-14
 
@@ -99,4 +103,5 @@ def test_without_wave_strain_all_ripple_is_in_the_mesh() -> None:
     ripple = (HarmonicParameters(order=2.0, amplitude_nm=0.4),)
     bridge, rest = place_gauges(sensor, ripple)
     assert rest == ripple
+    # four equal arms: the differences are exactly 0
     np.testing.assert_allclose(bridge.output_v(np.zeros(5), BETA[:5]), 0.0, rtol=0, atol=0)

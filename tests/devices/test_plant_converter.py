@@ -30,8 +30,10 @@ def test_filter_is_flat_in_the_pass_band_and_down_in_the_stop_band(n_steps: int)
 def test_filter_is_symmetric_about_the_time_stamp() -> None:
     taps = Decimator.design(10).taps.ravel()
     assert taps[0] == 0.0
+    # symmetric to the rounding of taps below 0.1
     np.testing.assert_allclose(taps[1:], taps[:0:-1], rtol=0, atol=1e-17)
     assert int(np.argmax(taps)) == HALF_LENGTH_SAMPLES * 10
+    # rounding of a sum of some hundred taps
     assert taps.sum() == pytest.approx(1.0, rel=1e-14)
 
 

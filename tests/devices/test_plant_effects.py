@@ -40,6 +40,7 @@ def test_friction_is_odd_half_way_at_the_transition_and_viscous_beyond() -> None
     still = np.zeros_like(speeds)
     torque = friction.torque_nm(PlantMotion(still, still, 100 * speeds, still, speeds, still))
     np.testing.assert_allclose(torque, -torque[::-1], **EXACT)
+    # closed form: rounding
     assert torque[3] == pytest.approx(0.15 + 0.001, rel=1e-12)
     # atan(200) is 1/200 short of a quarter turn
     assert torque[4] == pytest.approx(0.3 * (1 - 2 / math.pi / 200) + 0.2, rel=1e-6)
@@ -63,6 +64,7 @@ def test_zero_steps_and_drifts_from_the_start_of_the_acquisition() -> None:
     assert set(step[TIME >= 4.0]) == {-0.2}
     drift = ZeroDrift(0.01).torque_nm(MOTION)
     assert drift[0] == 0.0
+    # closed form: rounding
     assert drift[-1] == pytest.approx(0.095, rel=1e-12)
 
 
@@ -75,6 +77,7 @@ def test_a_tooth_bump_returns_once_per_output_turn() -> None:
     angles = np.array([6.2, 6.25, 6.2 - 2 * math.pi, 6.2 + 4 * math.pi, 3.0])
     still = np.zeros_like(angles)
     torque = bump.torque_nm(PlantMotion(still, 100 * angles, still, angles, still, still))
+    # angles of whole turns, rounded, on a bump of 0.05 rad
     np.testing.assert_allclose(torque[[0, 2, 3]], 0.3, rtol=1e-9, atol=0)
     assert torque[1] == pytest.approx(0.3 * math.exp(-0.5), rel=1e-9)
     assert torque[4] < 1e-100

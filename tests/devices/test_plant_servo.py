@@ -91,6 +91,7 @@ def test_current_reaches_its_limit_at_the_acceleration_limit() -> None:
     servo = load_profile("cim-tr-97-06").data.servo
     still = np.zeros(3)
     current = motor_current_a(servo, np.array([2500.0, -1250.0, 9999.0]), still)
+    # products of three numbers: rounding
     np.testing.assert_allclose(current, [10.0, -5.0, 10.0], rtol=1e-12, atol=0)
     # 0.02 N m of friction at 0.05 N m/A
     assert motor_current_a(servo, still, still + 0.02)[0] == pytest.approx(0.4, rel=1e-12)

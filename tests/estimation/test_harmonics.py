@@ -53,6 +53,7 @@ def test_a_known_part_alone_stays_known() -> None:
 @given(st.floats(1.0, 200.0))
 def test_one_part_keeps_its_dof(dof: float) -> None:
     std, combined = combine((0.7, dof), (0.0, None))
+    # a sum of squares and its root: rounding
     assert std == pytest.approx(0.7, rel=1e-12)
     # the inverse of Student's t in its dof is solved to about 1e-8
     assert combined == pytest.approx(dof, rel=1e-5)

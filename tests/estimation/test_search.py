@@ -75,6 +75,7 @@ def test_at_constant_velocity_order_and_tone_are_said_to_be_alike() -> None:
     )
     (line,) = found.lines
     assert line.domain == "motor-order"
+    # far below the resolution, 1 over the length of the record
     assert line.equivalent == pytest.approx(3.3 * 80.0 / (2.0 * np.pi), abs=1e-2)
 
 
@@ -119,6 +120,7 @@ def test_the_longest_steady_stretch_is_found_between_ramps() -> None:
     time = np.arange(len(velocity)) * DT
     found = longest_steady(time, velocity, np.ones(len(time), dtype=bool), tolerance=0.01)
     assert found is not None
+    # half of the 0.1 s smoothing, and the search step
     assert found.from_s == pytest.approx(3.7, abs=0.06)
     assert found.to_s == pytest.approx(5.2, abs=0.06)
 

@@ -64,6 +64,7 @@ def test_the_file_says_what_the_contract_says(tmp_path: Path, profile: Profile) 
     (cause,) = body["causes"]
     assert cause["name"] == "ripple-harmonic"
     assert cause["parameters"]["order"] == {"value": 3.37, "std": None, "unit": "1"}
+    # the hypotenuse of two parts, to the last place
     assert cause["parameters"]["amplitude_nm"]["value"] == pytest.approx(0.5, rel=1e-15, abs=0)
     want = math.atan2(0.4, 0.3)
     assert cause["parameters"]["phase_rad"]["value"] == pytest.approx(want, rel=1e-15, abs=0)

@@ -198,3 +198,8 @@ def test_a_minute_at_one_kilohertz_is_read_quickly(tmp_path, record_property):
     record_property("seconds_of_cpu", took)
     # 0.2 to 0.3 s were measured; five times that means the fast way is no longer taken
     assert took < 1.5
+
+
+def test_an_unclosed_quote_is_told_on_the_line_that_opens_it(tmp_path):
+    path = put(tmp_path, GOOD + '0.003,"4.5,13\n0.004,5.5,14\n0.005,6.5,15\n')
+    assert refused(path).where == f"{path}:5"

@@ -9,6 +9,7 @@ from click.testing import CliRunner
 
 from hdbench.errors import DataError, LimitError
 from hdbench.profile import load_profile
+from hdbench.records.tracefile import read_trace, write_trace
 from hdbench.regression import Tolerance, compare_folder, compare_results
 from hdbench_cli.output import Output
 from hdbench_cli.regress import command
@@ -93,6 +94,19 @@ def test_a_changed_gain_moves_the_amplitude_by_the_same_share(stored: Path) -> N
     assert isinstance(change.found, float)
     # the fit is linear in the torque up to the noise model, found by iteration
     assert change.found / change.expected == pytest.approx(1.01, rel=0, abs=1e-5)
+
+
+@pytest.mark.parametrize("name", ["filter", "misalignment", "ripple"])
+def test_torque_in_newton_metres_goes_before_volts_in_every_kind(stored: Path, name: str) -> None:
+    file = stored / name / json.loads((stored / name / "case.json").read_text())["input"]
+    trace = read_trace(file)
+    volts = trace["torque_v"]
+    # the profile's 6.6 N m/V; the volts beside it no longer belong to it
+    write_trace(file, trace.with_columns(torque_nm=6.6 * volts, torque_v=0.5 * volts))
+    (case,) = compare_folder(stored / name).cases
+    moved = [c.describe() for c in case.changes if c.regression]
+    # its gain is declared as 1: the torque is in N m already
+    assert [text for text in moved if not text.startswith("torque_scale.gain_nm_per_v")] == []
 
 
 def test_what_moved_is_told_in_units_of_its_tolerance(stored: Path) -> None:

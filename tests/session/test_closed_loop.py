@@ -108,6 +108,25 @@ def test_evaluating_the_stored_run_again_gives_the_same_numbers(
         theirs = [line["amplitude_nm"] for line in runs[kind].evaluation.result["ripple"]]
         assert ours == theirs
     assert read_json(folder.result, None)["run"] == folder.run_id
+    ran = runs[kind].folder.manifest["filter"]
+    assert read_json(folder.path / "run.json", None)["filter"] == ran
+
+
+def test_a_stored_trace_takes_the_named_misalignment_into_its_filter(
+    runs: dict[str, RunOutcome], bench: Profile, tmp_path: Path
+) -> None:
+    misalignment = runs["misalignment"].folder
+    folder, _ = evaluate_stored(
+        "ripple",
+        runs["ripple"].folder.trace,
+        bench,
+        out=tmp_path,
+        misalignment=misalignment.path,
+        filter_name="report-a1",
+    )
+    model = read_json(folder.path / "run.json", None)["filter"]
+    assert misalignment.run_id in model["provenance"]["misalignment block"]
+    assert 0.01 in [block["order"] for block in model["blocks"]]
 
 
 def test_95_percent_intervals_cover_the_simulated_truth(tmp_path: Path, bench: Profile) -> None:

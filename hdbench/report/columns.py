@@ -1,0 +1,48 @@
+"""Tables of numbers that a diagnosis leaves beside its result."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from hdbench.records import FloatArray
+from hdbench.records.table import parse_table
+from hdbench.records.textfile import read_text
+
+__all__ = ["read_columns"]
+
+
+def read_columns(path: Path) -> dict[str, FloatArray] | None:
+    """Read a table of numbers, such as ``residual.csv``; None where there is no such file.
+
+    Parameters
+    ----------
+    path : Path
+        A CSV file with one header row; ``.csv`` or ``.csv.gz``.
+
+    Returns
+    -------
+    dict of str to ndarray or None
+        Column name to values; an empty cell or text is NaN.
+
+    Raises
+    ------
+    DataError
+        If the file is damaged.
+    """
+    if not path.is_file():
+        return None
+    table = parse_table(path, read_text(path, "table"))
+    columns = zip(*table.rows, strict=True)
+    return {
+        name: np.array([_number(cell) for cell in cells])
+        for name, cells in zip(table.header, columns, strict=True)
+    }
+
+
+def _number(cell: str) -> float:
+    try:
+        return float(cell)
+    except ValueError:
+        return float("nan")

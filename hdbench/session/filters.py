@@ -1,0 +1,82 @@
+"""Which filter model serves an experiment: named, fed by results, or the one that ran before."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from hdbench.filter import FilterModel, build_filter_model, load_filter_model
+from hdbench.profile import Profile
+from hdbench.records.jsonfile import read_json
+
+__all__ = ["choose_filter", "stored_filter"]
+
+
+def choose_filter(
+    profile: Profile,
+    name: str | None,
+    *,
+    misalignment: Path | None = None,
+    source: Path | None = None,
+) -> FilterModel:
+    """Return the filter that was asked for.
+
+    Parameters
+    ----------
+    profile : Profile
+        The bench.
+    name : str or None
+        Preset or model file; None takes the stored run's, else the profile's.
+    misalignment : Path or None
+        Misalignment result or run whose output-order block joins the filter.
+    source : Path or None
+        Stored run or file that is evaluated or filtered again.
+
+    Returns
+    -------
+    FilterModel
+        The model.
+
+    Raises
+    ------
+    DataError
+        If a name or file is no filter model or no misalignment result.
+    """
+    stored = None if name or source is None else stored_filter(source, profile)
+    base = stored or load_filter_model(name or profile.data.filter.model, profile.data)
+    if misalignment is None:
+        return base
+    file = misalignment / "result.json" if misalignment.is_dir() else misalignment
+    result = read_json(file, "hdbench/misalignment/1")
+    return build_filter_model(base, ripple=None, misalignment=result, calibration=None)
+
+
+def stored_filter(source: Path, profile: Profile) -> FilterModel | None:
+    """Return the filter that ran while a run was sampled.
+
+    Parameters
+    ----------
+    source : Path
+        Run folder, or any other path.
+    profile : Profile
+        The bench; under another profile than the run's own its filter says nothing.
+
+    Returns
+    -------
+    FilterModel or None
+        None where `source` is no run, names no filter, or belongs to another profile.
+
+    Raises
+    ------
+    DataError
+        If run.json or the model in it is broken.
+    """
+    manifest = source / "run.json"
+    if not manifest.is_file():
+        return None
+    body = read_json(manifest)
+    own, model = body.get("profile"), body.get("filter")
+    if not (isinstance(own, dict) and own.get("sha256") == profile.sha256):
+        return None
+    if not isinstance(model, dict):
+        return None
+    return FilterModel.from_dict(model, source=f"{manifest}: filter")

@@ -1,0 +1,51 @@
+"""Writing replaces regular files only: links keep their target, devices and pipes stay."""
+
+import os
+import stat
+import threading
+
+import pytest
+
+from hdbench.errors import StorageError
+from hdbench.records.storage import publish, write_atomic
+
+POSIX = pytest.mark.skipif(os.name != "posix", reason="pipes and links of a POSIX system")
+
+
+@POSIX
+def test_a_link_stays_a_link_and_its_target_is_written(tmp_path):
+    target, link = tmp_path / "kept.csv", tmp_path / "link.csv"
+    target.write_bytes(b"old")
+    link.symlink_to(target)
+    write_atomic(link, b"new")
+    assert link.is_symlink()
+    assert target.read_bytes() == b"new"
+
+
+@POSIX
+def test_a_pipe_is_written_into_and_not_replaced(tmp_path):
+    pipe, staged, got = tmp_path / "pipe", tmp_path / ".staged", []
+
+    def read():
+        got.append(pipe.read_bytes())
+
+    os.mkfifo(pipe)
+    for write in (lambda: write_atomic(pipe, [b"a", b"b"]), lambda: publish(staged, pipe)):
+        staged.write_bytes(b"ab")
+        reader = threading.Thread(target=read, daemon=True)
+        reader.start()
+        write()
+        reader.join(timeout=10)
+        assert stat.S_ISFIFO(pipe.stat().st_mode)
+    assert got == [b"ab", b"ab"]
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="no /dev/full on this system")
+def test_a_full_device_is_a_storage_fault(tmp_path):
+    # through a link of our own, so that a failure of this test cannot replace the device
+    link = tmp_path / "full.csv"
+    link.symlink_to("/dev/full")
+    with pytest.raises(StorageError) as caught:
+        write_atomic(link, b"x" * 100_000)
+    assert caught.value.exit_code == 7
+    assert link.is_symlink()
