@@ -33,9 +33,9 @@ def _scaled(
     calibration: Path | None,
 ) -> tuple[Trace, TorqueScale]:
     """Give the trace its torque in N m: the named gain, else what is known of it, in that order."""
+    from hdbench.profile.scaling import rescaled, stored_scale
     from hdbench.records import Quantity, TorqueScale
     from hdbench.records.jsonfile import read_json
-    from hdbench.session.scaling import rescaled, stored_scale
 
     if gain is not None:
         if not 0.0 < abs(gain) < math.inf:

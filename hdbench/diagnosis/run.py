@@ -12,12 +12,11 @@ import numpy as np
 from hdbench.diagnosis.dynamic import diagnose_trace
 from hdbench.diagnosis.result import Diagnosis, Pictures
 from hdbench.diagnosis.static import diagnose_loads
-from hdbench.errors import DataError
 from hdbench.model import load_model, save_model
 from hdbench.profile import Profile
+from hdbench.profile.scaling import rescaled, stored_scale
 from hdbench.records import (
     FloatArray,
-    Quantity,
     RunFolder,
     TorqueScale,
     Trace,
@@ -147,33 +146,10 @@ def _diagnose(
 
 def _scaled(trace: Trace, source: Path, profile: Profile) -> tuple[Trace, TorqueScale]:
     """Return the trace in N m and by which gain: its own, the run's calibration, the profile's."""
-    if "torque_nm" in trace:
-        one = Quantity(1.0, 0.0)
-        return trace, TorqueScale(one, "torque_nm as given; its gain is not declared")
-    sensor = profile.data.sensor
-    std = sensor.gain_consistency * sensor.gain_nm_per_v
-    scale = TorqueScale(Quantity(sensor.gain_nm_per_v, std), f"profile {profile.name}")
+    stored = None
     if (source / "run.json").is_file():
-        scale = _run_scale(source / "run.json") or scale
-    if "torque_v" not in trace:
-        return trace, scale
-    return trace.with_columns(torque_nm=trace["torque_v"] * scale.gain_nm_per_v.value), scale
-
-
-def _run_scale(manifest: Path) -> TorqueScale | None:
-    used = read_json(manifest).get("calibration")
-    if not isinstance(used, dict) or not isinstance(used.get("gain_nm_per_v"), dict):
-        return None
-    entry = used["gain_nm_per_v"]
-    try:
-        gain = Quantity(float(entry["value"]), float(entry["std"]), entry.get("dof"))
-    except (KeyError, TypeError, ValueError) as error:
-        raise DataError(
-            f"gain_nm_per_v is {entry!r}; needed: value, std and dof, N m/V",
-            where=f"{manifest}: calibration.gain_nm_per_v",
-            fix="calibrate again, or import the trace with torque_nm",
-        ) from error
-    return TorqueScale(gain, str(used.get("source", "run.json")), used.get("sha256"))
+        stored = stored_scale(read_json(source / "run.json").get("calibration"), source)
+    return rescaled(trace, profile, calibration=None, stored=stored)
 
 
 def _write_pictures(folder: Path, pictures: Pictures) -> list[str]:

@@ -12,7 +12,6 @@ from hdbench.estimation.regression import LinearFit, coloured_fit
 from hdbench.estimation.search import LineFit, fit_with_lines
 from hdbench.filter import FilterModel, filter_trace
 from hdbench.misalignment.record import (
-    RIPPLE_ORDERS,
     TURN_MARGIN,
     Record,
     cannot_fit,
@@ -77,7 +76,7 @@ def evaluate_misalignment(
             record.used,
             motor_angle_rad=motion.angle_rad,
             time_s=motion.time_s,
-            orders=(1.0 / motion.gear_ratio, 2.0 / motion.gear_ratio, *RIPPLE_ORDERS),
+            orders=(1.0 / motion.gear_ratio, 2.0 / motion.gear_ratio, *record.ripple_orders),
             starts=record.starts,
         )
     except ValueError as error:
@@ -117,12 +116,12 @@ def _beside(
     first = len(record.stretches) + 2
     sizes = [
         scaled(harmonic_at(fit, column).amplitude, scale.relative_std, scale.gain_nm_per_v.dof)
-        for column in range(first, first + 2 * len(RIPPLE_ORDERS), 2)
+        for column in range(first, first + 2 * len(record.ripple_orders), 2)
     ]
-    ripple = tuple(zip(RIPPLE_ORDERS, sizes, strict=True))
+    ripple = tuple(zip(record.ripple_orders, sizes, strict=True))
     if not max(record.turns) >= TURNS_FOR_ORDER_2:
         return ripple, None
-    second = harmonic_at(fit, first + 2 * len(RIPPLE_ORDERS)).amplitude
+    second = harmonic_at(fit, first + 2 * len(record.ripple_orders)).amplitude
     return ripple, scaled(second, scale.relative_std, scale.gain_nm_per_v.dof)
 
 

@@ -12,13 +12,13 @@ from hdbench.errors import DataError
 from hdbench.estimation.channel import stretch_starts, torque_channel
 from hdbench.estimation.harmonics import TURNS_FOR_ORDER_2, harmonic_columns
 from hdbench.estimation.stretches import SteadyStretch, steady_runs
+from hdbench.model import baseline_orders
 from hdbench.model.motion import Motion, motion_from_trace
 from hdbench.profile.schema import ProfileData
 from hdbench.records.scale import TorqueScale
 from hdbench.records.trace import FloatArray, Trace
 
 __all__ = [
-    "RIPPLE_ORDERS",
     "TURN_MARGIN",
     "Record",
     "cannot_fit",
@@ -26,8 +26,6 @@ __all__ = [
     "prepare",
 ]
 
-# ripple orders fitted jointly, contract section 6
-RIPPLE_ORDERS = (2.0, 4.0)
 # turns are counted to 2 %: the steady stretch of a plan of whole turns misses its first samples
 TURN_MARGIN = 0.02
 # below one turn offset and sinusoid are hardly told apart
@@ -57,6 +55,8 @@ class Record:
         Samples that enter.
     starts : ndarray of bool, shape (n,)
         Where a stretch begins.
+    ripple_orders : tuple of float
+        Ripple orders of the model's baseline, fitted jointly.
     """
 
     trace: Trace
@@ -67,6 +67,7 @@ class Record:
     turns: tuple[float, ...]
     used: NDArray[np.bool_]
     starts: NDArray[np.bool_]
+    ripple_orders: tuple[float, ...]
 
 
 def cannot_fit(trace: Trace, what: str) -> DataError:
@@ -121,7 +122,17 @@ def prepare(trace: Trace, profile: ProfileData, scale: TorqueScale) -> Record:
         starts[run.start] = True
     used &= motion.valid & np.isfinite(torque)
     expected = profile.drive.load_inertia_kg_m2 / motion.gear_ratio * motion.acceleration_rad_s2
-    return Record(trace, motion, torque, expected, stretches, turns, used, starts)
+    return Record(
+        trace,
+        motion,
+        torque,
+        expected,
+        stretches,
+        turns,
+        used,
+        starts,
+        baseline_orders(profile),
+    )
 
 
 def _steady(
@@ -176,7 +187,7 @@ def design_columns(record: Record) -> FloatArray:
     columns = [
         offsets,
         harmonic_columns(record.motion.output_angle_rad, [1.0]),
-        harmonic_columns(record.motion.angle_rad, RIPPLE_ORDERS),
+        harmonic_columns(record.motion.angle_rad, record.ripple_orders),
     ]
     if max(record.turns) >= TURNS_FOR_ORDER_2:
         columns.append(harmonic_columns(record.motion.output_angle_rad, [2.0]))

@@ -10,7 +10,8 @@ import numpy as np
 from hdbench.estimation.channel import torque_channel
 from hdbench.filter import filter_trace, load_filter_model
 from hdbench.profile import Profile, load_profile
-from hdbench.records import Quantity, TorqueScale, Trace
+from hdbench.profile.scaling import rescaled
+from hdbench.records import TorqueScale, Trace
 from hdbench.records.jsonfile import result_header
 from hdbench.records.loadsfile import read_loads
 from hdbench.records.tracefile import read_trace
@@ -47,15 +48,9 @@ def evaluate_case(case: Case) -> dict[str, Any]:
         result = _calibration(case, profile)
     else:
         trace = read_trace(case.source)
-        result = _dynamic(case, profile, trace, case.scale or _default_scale(profile, trace))
+        trace, scale = rescaled(trace, profile, calibration=None, stored=case.scale)
+        result = _dynamic(case, profile, trace, scale)
     return {key: value for key, value in result.items() if key not in _NO_RESULT}
-
-
-def _default_scale(profile: Profile, trace: Trace) -> TorqueScale:
-    if "torque_nm" in trace or "torque_v" not in trace:
-        return TorqueScale(Quantity(1.0, 0.0), "trace torque_nm column")
-    gain = profile.data.sensor.gain_nm_per_v
-    return TorqueScale(Quantity(gain, 0.0), f"profile {profile.data.name}, taken as exact")
 
 
 def _calibration(case: Case, profile: Profile) -> dict[str, Any]:

@@ -12,6 +12,7 @@ from hdbench.errors import DataError
 from hdbench.filter import FilterModel, butterworth_lowpass, filter_trace, preset
 from hdbench.model.motion import Motion, motion_from_trace
 from hdbench.profile import Profile
+from hdbench.profile.scaling import profile_scale, stored_scale
 from hdbench.records import FloatArray, Trace
 from hdbench.report.source import Source
 
@@ -113,19 +114,17 @@ def make_signals(source: Source, doubts: list[str]) -> Signals | None:
 def _with_torque(source: Source, trace: Trace) -> Trace:
     if "torque_nm" in trace:
         return trace
-    scale = source.result.get("torque_scale") or source.detail("calibration")
-    gain = None
-    if isinstance(scale, Mapping) and isinstance(scale.get("gain_nm_per_v"), Mapping):
-        gain = scale["gain_nm_per_v"].get("value")
-    if gain is None and source.profile is not None:
-        gain = source.profile.data.sensor.gain_nm_per_v
-    if gain is None:
+    said = source.result.get("torque_scale") or source.detail("calibration")
+    scale = stored_scale(said, source.path)
+    if scale is None and source.profile is not None:
+        scale = profile_scale(source.profile)
+    if scale is None:
         raise DataError(
             "the trace holds volts and nothing says how many newton metres they are",
             where=f"{trace.source}: torque_v",
             fix="give --profile, or report on the run folder",
         )
-    return trace.with_columns(torque_nm=trace["torque_v"] * float(gain))
+    return trace.with_columns(torque_nm=trace["torque_v"] * scale.gain_nm_per_v.value)
 
 
 def filter_model_of(source: Source) -> tuple[FilterModel, str] | None:

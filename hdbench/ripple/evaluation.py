@@ -8,6 +8,7 @@ import numpy as np
 
 from hdbench.errors import DataError, UsageError
 from hdbench.filter import FilterModel, filter_trace
+from hdbench.model import baseline_orders
 from hdbench.profile.schema import ProfileData
 from hdbench.records.scale import TorqueScale
 from hdbench.records.trace import Trace
@@ -28,7 +29,7 @@ def evaluate_ripple(
     *,
     scale: TorqueScale,
     filter_model: FilterModel,
-    orders: tuple[float, ...] = (2.0, 4.0),
+    orders: tuple[float, ...] | None = None,
     stretch: Stretch | None = None,
 ) -> RippleResult:
     """Evaluate the torque ripple of a run.
@@ -43,8 +44,10 @@ def evaluate_ripple(
         Gain with its uncertainty.
     filter_model : FilterModel
         Filter whose suppression is measured.
-    orders : tuple of float
-        Motor orders, cycles per motor turn, above 0, all different.
+    orders : tuple of float, optional
+        Motor orders, cycles per motor turn, above 0, all different; without it those of the
+        model's baseline: 2, 4 and further ones of the profile, seen from a turning flexspline
+        times 1 + 1/N.
     stretch : Stretch, optional
         Which samples; all without it.
 
@@ -74,6 +77,7 @@ def evaluate_ripple(
     ----------
     .. [1] H. D. Taghirad, CIM-TR-97-06, McGill University, 1997, section 4.
     """
+    orders = baseline_orders(profile) if orders is None else orders
     record = prepare(trace, profile, scale, stretch or Stretch())
     _check_travel(record, orders, stretch)
     filtered = filter_trace(
@@ -113,4 +117,4 @@ def _check_travel(record: Record, orders: tuple[float, ...], stretch: Stretch | 
 
 
 def _described(stretch: Stretch | None) -> str:
-    return "all samples" if stretch is None else str(stretch)
+    return "all samples" if stretch is None else stretch.describe()

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hdbench.errors import DataError
+from hdbench.errors import DataError, UsageError
 from hdbench.estimation.channel import stretch_starts, torque_channel
 from hdbench.model.motion import Motion, motion_from_trace
 from hdbench.profile.schema import ProfileData
@@ -32,6 +33,27 @@ class Stretch:
     velocity_above_rad_s: float | None = None
     from_s: float | None = None
     to_s: float | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("velocity_above_rad_s", "from_s", "to_s"):
+            value = getattr(self, name)
+            if value is not None and not math.isfinite(value):
+                raise UsageError(
+                    f"{name} is {value!r}; needed: a finite number",
+                    where=name,
+                    fix="name a number, or leave it out",
+                )
+
+    def describe(self) -> str:
+        """Return the stretch in words."""
+        words = []
+        if self.velocity_above_rad_s is not None:
+            words.append(f"motor faster than {self.velocity_above_rad_s:g} rad/s")
+        if self.from_s is not None:
+            words.append(f"from {self.from_s:g} s")
+        if self.to_s is not None:
+            words.append(f"to {self.to_s:g} s")
+        return ", ".join(words) or "all samples"
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,7 +117,7 @@ def prepare(trace: Trace, profile: ProfileData, scale: TorqueScale, stretch: Str
     if not used.any():
         raise DataError(
             "no sample is left to evaluate",
-            where=f"{trace.source}: {stretch}",
+            where=f"{trace.source}: {stretch.describe()}",
             fix="choose a wider range of time or a lower velocity",
         )
     expected = profile.drive.load_inertia_kg_m2 / motion.gear_ratio * motion.acceleration_rad_s2

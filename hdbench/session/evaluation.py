@@ -11,6 +11,7 @@ from typing import Any
 from hdbench.errors import DataError
 from hdbench.filter import FilterModel, build_filter_model
 from hdbench.profile import Profile
+from hdbench.profile.scaling import rescaled, stored_scale
 from hdbench.records import Loads, TorqueScale, Trace
 from hdbench.records.jsonfile import read_json, result_header, sha256_file, write_json
 from hdbench.records.loadsfile import is_loads_file, read_loads
@@ -19,7 +20,6 @@ from hdbench.records.runfolder import RunFolder
 from hdbench.records.tracefile import read_trace
 from hdbench.ripple import Stretch
 from hdbench.session.filters import choose_filter
-from hdbench.session.scaling import rescaled, stored_scale
 
 # share of the largest load below which a torque of the other sign may be the zero of a reference
 # sensor: Table 1's sensors are consistent to 2 %, hand-read zeros to about as much again
@@ -250,7 +250,7 @@ def _sign_doubts(records: Trace | Loads) -> list[str]:
 def _load(
     kind: str, file: Path, source: Path, profile: Profile, calibration: Path | None
 ) -> tuple[Trace | Loads, TorqueScale]:
-    from hdbench.session.scaling import profile_scale
+    from hdbench.profile.scaling import profile_scale
 
     if is_loads_file(file):
         return read_loads(file, profile.data.arm), profile_scale(profile)

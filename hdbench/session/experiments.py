@@ -20,6 +20,7 @@ from hdbench.errors import (
 )
 from hdbench.filter import FilterModel, kernel_name
 from hdbench.profile import Profile
+from hdbench.profile.scaling import profile_scale, read_calibration
 from hdbench.records import Loads, TorqueScale, Trace
 from hdbench.records.journal import JournalWriter
 from hdbench.records.loadsfile import write_loads
@@ -36,7 +37,6 @@ from hdbench.session.plans import (
 )
 from hdbench.session.recorder import TraceRecorder
 from hdbench.session.runner import Aborted, Progress, Runner
-from hdbench.session.scaling import profile_scale, read_calibration
 from hdbench.session.stop import StopRequested, StopSignals, listen
 
 __all__ = ["BenchOptions", "RunOutcome", "make_plan", "run_experiment"]

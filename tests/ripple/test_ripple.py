@@ -263,3 +263,27 @@ def test_truth_of_the_traces_is_the_models() -> None:
         BENCH.model.ripple[0].amplitude_nm,
         BENCH.model.ripple[0].phase_rad,
     )
+
+
+def test_a_turning_flexspline_is_evaluated_at_the_orders_its_gauges_see() -> None:
+    drive = BENCH.drive.model_copy(update={"flexspline": "turning"})
+    turning = BENCH.model_copy(update={"drive": drive})
+    rng = np.random.default_rng(7)
+    time_s = np.arange(20_000) * 1e-3
+    angle = 100.0 * time_s
+    torque = 0.4 * np.cos(2.02 * angle + 0.3) + 0.2 * np.cos(4.04 * angle - 1.0)
+    trace = Trace(
+        {
+            "time_s": time_s,
+            "motor_velocity_rad_s": np.full(20_000, 100.0),
+            "motor_angle_rad": angle,
+            "torque_nm": torque + 0.05 * rng.standard_normal(20_000),
+        }
+    )
+    scale = TorqueScale(Quantity(1.0, 0.0), "as given")
+    result = evaluate_ripple(trace, turning, scale=scale, filter_model=preset("report-6", turning))
+    assert [line.order for line in result.ripple] == pytest.approx([2.02, 4.04], rel=1e-12)
+    # five standard errors of an amplitude: 0.05 sqrt(2 / 20000) = 0.5 mN m each
+    assert result.ripple[0].component.amplitude.value == pytest.approx(0.4, abs=2.5e-3)
+    assert result.ripple[1].component.amplitude.value == pytest.approx(0.2, abs=2.5e-3)
+    assert result.lines == ()

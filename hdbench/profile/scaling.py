@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from hdbench.errors import DataError
-from hdbench.profile import Profile
+from hdbench.profile.loader import Profile
 from hdbench.records import Quantity, TorqueScale, Trace
 from hdbench.records.jsonfile import read_json, sha256_file
 
