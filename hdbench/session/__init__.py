@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from hdbench.session.evaluation import Evaluation, evaluate, evaluate_stored
-from hdbench.session.experiments import BenchOptions, RunOutcome, make_plan, run_experiment
+from hdbench.session.experiments import make_plan, run_experiment
+from hdbench.session.options import BenchOptions, RunOutcome
 from hdbench.session.plans import Plan
 from hdbench.session.runner import Aborted
 

@@ -1,0 +1,68 @@
+"""What an experiment is asked for and what it gives back."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from hdbench.devices.ports import Operator
+from hdbench.records.runfolder import RunFolder
+from hdbench.session.evaluation import Evaluation
+
+__all__ = ["BenchOptions", "RunOutcome"]
+
+
+@dataclass(frozen=True, slots=True)
+class BenchOptions:
+    """How an experiment is to be run.
+
+    Parameters
+    ----------
+    out : Path
+        Parent folder of run folders.
+    plant : str
+        Plant of the embedded bench.
+    seed : int
+        Seed of the embedded bench.
+    address : str or None
+        Bench controller instead of the profile's.
+    realtime : bool
+        Keep real time on the embedded bench.
+    calibration : Path or None
+        Calibration whose gain scales the torque.
+    misalignment : Path or None
+        Misalignment result whose output-order block joins the online filter.
+    filter_name : str or None
+        Filter model instead of the profile's.
+    operator : Operator or None
+        The person at a real bench; an emulated bench brings its own simulated one.
+    """
+
+    out: Path
+    plant: str = "as-modelled"
+    seed: int = 0
+    address: str | None = None
+    realtime: bool = False
+    calibration: Path | None = None
+    misalignment: Path | None = None
+    filter_name: str | None = None
+    operator: Operator | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class RunOutcome:
+    """A finished run.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        Where everything is kept.
+    evaluation : Evaluation
+        What came out of it.
+    doubts : tuple of str
+        Reasons to doubt the data; with any, the command exits 6.
+    """
+
+    folder: RunFolder
+    evaluation: Evaluation
+    doubts: tuple[str, ...]
