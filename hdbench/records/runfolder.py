@@ -6,7 +6,7 @@ import re
 from collections.abc import Callable, Iterable, Mapping
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from hdbench.records.jsonfile import ProfileIdentity, write_json
 from hdbench.records.manifest import (
@@ -20,9 +20,6 @@ from hdbench.records.manifest import (
 )
 from hdbench.records.process import still_running
 from hdbench.records.storage import sha256_file
-
-if TYPE_CHECKING:
-    from hdbench.records.verify import VerifyReport
 
 __all__ = ["RunFolder"]
 
@@ -164,18 +161,6 @@ class RunFolder:
             return self._clock().timestamp() - self.journal.stat().st_mtime
         except OSError:
             return None
-
-    def verify(self) -> VerifyReport:
-        """Read the run in full and compare it with its ``run.json``; see `verify_run`."""
-        from hdbench.records.verify import verify_run
-
-        return verify_run(self.path)
-
-    def recover_trace(self) -> Path:
-        """Write trace or loads of a killed run from its journal; see `recover_run`."""
-        from hdbench.records.recovery import recover_run
-
-        return recover_run(self)
 
     def update(self, **fields: Any) -> None:
         """Set keys of ``run.json`` and write it atomically.

@@ -20,6 +20,7 @@ from hdbench.records import (
     list_runs,
     read_loads,
     read_trace,
+    recover_run,
     resolve_input,
     verify_run,
     verify_runs,
@@ -112,7 +113,7 @@ def test_a_killed_run_is_incomplete_and_gives_back_every_acknowledged_sample(tmp
     with folder.journal.open("ab") as file:
         file.write(b"HDJ1 torn")
     killed(folder)
-    report = folder.verify()
+    report = verify_run(folder.path)
     assert (report.status, report.ok, report.recoverable) == ("incomplete", True, True)
     assert (report.samples_in_journal, report.torn_bytes) == (30, 9)
     trace = read_trace(resolve_input(folder.path))
@@ -151,7 +152,7 @@ def test_a_run_that_goes_on_is_left_alone(tmp_path, profile):
     folder = make(tmp_path, profile)
     samples(folder)
     with pytest.raises(DataError, match="still goes on"):
-        folder.recover_trace()
+        recover_run(folder)
     assert not folder.trace.exists()
 
 
@@ -180,10 +181,10 @@ def test_a_damaged_journal_is_a_problem_and_keeps_what_is_intact(tmp_path, profi
     raw[len(raw) // 2] ^= 1
     folder.journal.write_bytes(raw)
     killed(folder)
-    report = folder.verify()
+    report = verify_run(folder.path)
     assert not report.ok
     assert report.samples_in_journal == 20
-    assert len(read_trace(folder.recover_trace())) == 20
+    assert len(read_trace(recover_run(folder))) == 20
     assert "damaged" in RunFolder.open(folder.path).manifest["exit_reason"]
 
 
