@@ -86,6 +86,6 @@ def test_hostile_text_is_refused_quickly(text):
     start = time.process_time()
     with pytest.raises(ProfileError) as caught:
         parse_profile(text, "p.toml")
-    # one second is what somebody at the bench waits without wondering
-    assert time.process_time() - start < 1.0
+    # they take up to half a second; quadratic growth would take minutes, a busy machine would not
+    assert time.process_time() - start < 10.0
     assert caught.value.exit_code == 4
