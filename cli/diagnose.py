@@ -27,6 +27,8 @@ _WORDS = {
 }
 # effects listed with the smallest size that would have been found
 _SHOWN_LIMITS = 4
+# a false-alarm probability below this says no more than that there is an effect
+_SURE = 1e-9
 
 
 def show(console: Console, result: Mapping[str, Any]) -> None:
@@ -41,7 +43,8 @@ def show(console: Console, result: Mapping[str, Any]) -> None:
         unit = "" if place["unit"] == "1" else f" {place['unit']}"
         console.print(
             f"unexplained at {place['domain']} {place['location']:.6g}{unit} "
-            f"({low:.6g} to {high:.6g}), {place['size_nm']:.3g} N m, "
+            f"({low:.6g} to {high:.6g})\n"
+            f"  {'size':<18}{place['size_nm']:.3g} N m, "
             f"{100.0 * place['share_of_variance']:.1f} % of the residual variance",
             markup=False,
         )
@@ -73,11 +76,13 @@ def _show_cause(console: Console, cause: Mapping[str, Any]) -> None:
         console.print(f"  {name:<18}{entry['value']:.7g}{spread}{unit}", markup=False)
     gain = cause["gain"]
     low, high = gain["interval"]
+    chance = cause["false_alarm_probability"]
+    surely = f"below {_SURE:g}" if chance < _SURE else f"{chance:.1e}"
     console.print(
-        f"  held-out residual {gain['heldout_rms_before_nm']:.4g} -> "
-        f"{gain['heldout_rms_after_nm']:.4g} N m rms, {100.0 * gain['explained_fraction']:.1f} % "
-        f"explained ({100.0 * low:.1f} to {100.0 * high:.1f} %), "
-        f"false alarm {cause['false_alarm_probability']:.1e}",
+        f"  {'held-out residual':<18}{gain['heldout_rms_before_nm']:.4g} -> "
+        f"{gain['heldout_rms_after_nm']:.4g} N m rms\n"
+        f"  {'explained':<18}{100.0 * gain['explained_fraction']:.1f} % "
+        f"({100.0 * low:.1f} to {100.0 * high:.1f} %), false alarm {surely}",
         markup=False,
     )
     if cause["separating_experiment"]:
@@ -91,8 +96,9 @@ def _show_gain(console: Console, result: Mapping[str, Any]) -> None:
         console.print(f"held-out  {before:.4g} N m rms simulated, {after:.4g} N m rms extended")
     limits = result["minimum_detectable"][:_SHOWN_LIMITS]
     if limits:
-        words = ", ".join(f"{m['name']} {m['amplitude_nm']:.2g}" for m in limits)
-        console.print(f"would have been found (N m, 90 %): {words}", markup=False)
+        console.print("would have been found with 90 %:", markup=False)
+        for limit in limits:
+            console.print(f"  {limit['name']:<28}{limit['amplitude_nm']:.2g} N m", markup=False)
 
 
 def _list_causes(output: Output) -> None:

@@ -7,22 +7,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from hdbench.diagnosis.confirm import Gain, gain_between, held_out_residual
+from hdbench.diagnosis.extend import cause_term, extended_model
 from hdbench.diagnosis.jointfit import JointFit, fit_jointly
 from hdbench.diagnosis.limits import minimum_detectable
 from hdbench.diagnosis.naming import unnamed
-from hdbench.diagnosis.preflight import (
-    Preflight,
-)
+from hdbench.diagnosis.preflight import Preflight
 from hdbench.diagnosis.record import Record
 from hdbench.diagnosis.result import Diagnosis, NamedCause, Pictures, Unexplained
 from hdbench.diagnosis.search import Accepted, Found
 from hdbench.diagnosis.spectra import peak_spectrum
 from hdbench.diagnosis.terms import Term
-from hdbench.model import (
-    BenchModel,
-    CauseTerm,
-    cause_parameters,
-)
+from hdbench.model import BenchModel, cause_parameters
 from hdbench.records.trace import FloatArray
 
 __all__ = ["Answer"]
@@ -40,7 +35,25 @@ _DOMAINS = {
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """Everything from which the answer is put together."""
+    """Everything from which the answer is put together.
+
+    Parameters
+    ----------
+    record : Record
+        Record.
+    given : BenchModel
+        Model that was held against it.
+    preflight : Preflight
+        Flags and masked samples.
+    found : Found
+        What the search found.
+    n_known : int
+        Causes that `given` already held; they come first in the fit.
+    materiality : float
+        Smallest share of the residual variance of a cause that counts, in [0, 1).
+    rng : Generator
+        For the bootstrap.
+    """
 
     record: Record
     given: BenchModel
@@ -82,7 +95,7 @@ class Answer:
             )
         causes = tuple(c for c in named if self._counts(c.share_of_variance, c.gain))
         unexplained = tuple(u for u in places if self._counts(u.share_of_variance, None))
-        extended = self._extended_model()
+        extended = extended_model(record, self.given, found.fit, whitener)
         noise = found.noise.model
         base_rms = held_out_residual(record, baseline, whitener).rms_nm
         return Diagnosis(
@@ -114,26 +127,27 @@ class Answer:
         return float(np.mean(left**2))
 
     def _share(self, place: int, variance: float) -> float:
-        terms = self.found.fit.terms
-        others = fit_jointly(
-            self.record,
-            terms[:place] + terms[place + 1 :],
-            self.found.noise.whitener,
-            refine=False,
-        )
-        gained = self._mean_square(others) - self._mean_square(self.found.fit)
-        return float(np.clip(gained / variance, 0.0, 1.0))
+        """Return the share of variance that a term explains.
 
-    def _term(self, place: int) -> CauseTerm:
-        fit = self.found.fit
-        term = fit.terms[place]
-        covariance = tuple(tuple(float(x) for x in row) for row in fit.covariances[place])
-        linear = tuple(float(x) for x in fit.linear[place])
-        return CauseTerm(term.cause.name, dict(term.shape), linear, covariance)
+        The larger of what it adds to the terms before it and of what its loss would cost: of two
+        like effects, such as dry and viscous friction, each can stand in for the other, and the
+        loss of one alone costs little however large both are.
+        """
+        terms = self.found.fit.terms
+        added = self._left_by(terms[:place]) - self._left_by(terms[: place + 1])
+        lost = self._left_by(terms[:place] + terms[place + 1 :]) - self._left_by(terms)
+        return float(np.clip(max(added, lost) / variance, 0.0, 1.0))
+
+    def _left_by(self, terms: tuple[Term, ...]) -> float:
+        """Return the mean square that baseline and terms leave, (N m)^2."""
+        whitener = self.found.noise.whitener
+        return self._mean_square(fit_jointly(self.record, terms, whitener, refine=False))
 
     def _named(self, place: int, accepted: Accepted, share: float, gain: Gain) -> NamedCause:
         term = self.found.fit.terms[place]
-        parameters = dict(cause_parameters(self._term(place), extra=self.given.extra_causes))
+        parameters = dict(
+            cause_parameters(cause_term(self.found.fit, place), extra=self.given.extra_causes)
+        )
         for other in accepted.group[1:]:
             for name, value in other.shape.items():
                 unit = next(p.unit for p in other.cause.shape if p.name == name)
@@ -185,23 +199,6 @@ class Answer:
             accepted.false_alarm,
         )
 
-    def _extended_model(self) -> BenchModel:
-        fit, names = self.found.fit, self.record.names
-        model = self.given.with_baseline(names, fit.base[: len(names)].tolist())
-        named = [k for k, term in enumerate(fit.terms) if not unnamed(term)]
-        bare = BenchModel(
-            model.zero_nm,
-            model.inertia_nm_s2,
-            model.ripple,
-            model.misalignment,
-            (),
-            model.provenance,
-            model.extra_causes,
-        )
-        for place in named:
-            bare = bare.with_cause(self._term(place))
-        return bare
-
     def _as_given_rms(self) -> float:
         simulated = self.given.torque_nm(self.record.motion)
         left = (self.record.torque_nm - simulated)[self.record.valid]
@@ -215,13 +212,7 @@ class Answer:
             return np.where(record.valid, values, np.nan)
 
         spectra = tuple(
-            peak_spectrum(
-                scan.domain,
-                scan.unit,
-                scan.single.grid,
-                found.first.scans[scan.domain].amplitude,
-                found.last.scans[scan.domain].amplitude,
-            )
+            peak_spectrum(scan.domain, scan.unit, found.first.scans, found.last.scans)
             for scan in found.scans
         )
         return Pictures(

@@ -62,7 +62,22 @@ class Left:
 
 
 def equal_bins(values: FloatArray, valid: NDArray[np.bool_], count: int) -> list[NDArray[np.bool_]]:
-    """Return masks of bins that hold equal shares of the valid samples."""
+    """Return masks of bins that hold equal shares of the valid samples.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n,)
+        What is binned: speed, rad/s, or time, s.
+    valid : ndarray of bool, shape (n,)
+        Samples that count.
+    count : int
+        Number of bins, at least 2.
+
+    Returns
+    -------
+    list of ndarray of bool, shape (n,)
+        Bins of 200 samples at least; none where the values are too few or too much alike.
+    """
     edges = np.unique(np.quantile(values[valid], np.linspace(0.0, 1.0, count + 1)))
     if len(edges) < 3:
         return []
@@ -80,7 +95,7 @@ def _means(
 ) -> Left | None:
     if len(masks) < 2:
         return None
-    columns = np.column_stack([m.astype(float) for m in masks])
+    columns = np.array(masks, dtype=float).T
     statistic, dof, linear = exact_statistic(space, columns)
     if dof == 0:
         return None
@@ -101,7 +116,23 @@ def _means(
 
 
 def velocity_means(space: Space, record: Record, noise_nm: float) -> Left | None:
-    """Return what the mean residual over bins of motor speed leaves."""
+    """Return what the mean residual over bins of motor speed leaves.
+
+    Parameters
+    ----------
+    space : Space
+        Whitened residual with what is explained projected out.
+    record : Record
+        Record.
+    noise_nm : float
+        Standard deviation of the noise's innovation, N m; not needed here.
+
+    Returns
+    -------
+    Left or None
+        The bin that stands out most, rad/s, and the probability of all bins together; None
+        where the speed does not change.
+    """
     del noise_nm
     speed = record.motion.velocity_rad_s
     masks = equal_bins(speed, record.valid, _VELOCITY_BINS)
@@ -109,7 +140,23 @@ def velocity_means(space: Space, record: Record, noise_nm: float) -> Left | None
 
 
 def time_means(space: Space, record: Record, noise_nm: float) -> Left | None:
-    """Return what the mean residual over blocks of time leaves."""
+    """Return what the mean residual over blocks of time leaves.
+
+    Parameters
+    ----------
+    space : Space
+        Whitened residual with what is explained projected out.
+    record : Record
+        Record.
+    noise_nm : float
+        Standard deviation of the noise's innovation, N m; not needed here.
+
+    Returns
+    -------
+    Left or None
+        The block that stands out most, s, and the probability of all blocks together; None
+        where the record is too short.
+    """
     del noise_nm
     time = record.motion.time_s
     masks = equal_bins(time, record.valid, _TIME_BLOCKS)
@@ -118,6 +165,20 @@ def time_means(space: Space, record: Record, noise_nm: float) -> Left | None:
 
 def variance_map(space: Space, record: Record, noise_nm: float) -> Left | None:
     """Return where the residual's variance differs, over bins of absolute motor speed.
+
+    Parameters
+    ----------
+    space : Space
+        Whitened residual with what is explained projected out.
+    record : Record
+        Record.
+    noise_nm : float
+        Standard deviation of the noise's innovation, N m.
+
+    Returns
+    -------
+    Left or None
+        The bin that stands out most, rad/s; None where the speed does not change.
 
     Notes
     -----
@@ -150,7 +211,22 @@ def variance_map(space: Space, record: Record, noise_nm: float) -> Left | None:
 
 
 def outliers(space: Space, record: Record, noise_nm: float) -> Left | None:
-    """Return what is left of isolated samples far outside of a normal distribution."""
+    """Return what is left of isolated samples far outside of a normal distribution.
+
+    Parameters
+    ----------
+    space : Space
+        Whitened residual with what is explained projected out.
+    record : Record
+        Record.
+    noise_nm : float
+        Standard deviation of the noise's innovation, N m.
+
+    Returns
+    -------
+    Left or None
+        The farthest sample, s; None where no sample is beyond what 1 in 10 000 records shows.
+    """
     used = np.flatnonzero(space.whitener.used)
     magnitude = np.abs(space.residual[used])
     # the probability that the largest of n normal samples is beyond this is 1e-4

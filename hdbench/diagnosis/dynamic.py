@@ -13,7 +13,7 @@ from hdbench.diagnosis.preflight import (
     flag_samples,
     inspect_trace,
 )
-from hdbench.diagnosis.record import Record, mask_samples, prepare_record
+from hdbench.diagnosis.record import Beyond, Record, mask_samples, prepare_record
 from hdbench.diagnosis.resolved import unresolved_motion
 from hdbench.diagnosis.result import Diagnosis
 from hdbench.diagnosis.search import search
@@ -106,9 +106,25 @@ def diagnose_trace(
     )
     causes = (*catalogue().values(), *given.extra_causes)
     report("fitting the baseline", 0.05)
-    found = search(record, causes, known, alpha=alpha, rng=rng, progress=report)
+    unused = ~record.valid
+
+    def align(beyond: Beyond) -> Record:
+        return prepare_record(trace, profile.data, given, unused, beyond)
+
+    integrated = record.motion.angle_source == "velocity"
+    found = search(
+        record,
+        causes,
+        known,
+        alpha=alpha,
+        rng=rng,
+        progress=report,
+        align=align if integrated else None,
+    )
     report("measuring the gain on held-out blocks", 0.95)
-    return Answer(record, given, preflight, found, len(known), materiality, rng).build(settings)
+    return Answer(found.record, given, preflight, found, len(known), materiality, rng).build(
+        settings
+    )
 
 
 def _despiked(record: Record, preflight: Preflight) -> tuple[Record, Preflight]:

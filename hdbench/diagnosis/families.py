@@ -69,12 +69,35 @@ class FamilyHit:
 
 
 def is_line(cause: Cause) -> bool:
-    """Return whether a cause is found by a scan: it has an order or a frequency."""
+    """Return whether a cause is found by a scan: it has an order or a frequency.
+
+    Parameters
+    ----------
+    cause : Cause
+        Cause.
+
+    Returns
+    -------
+    bool
+    """
     return any(p.name in ("order", "frequency_hz") for p in cause.shape)
 
 
 def family_causes(record: Record, causes: tuple[Cause, ...]) -> tuple[Cause, ...]:
-    """Return the causes to be tested as families on this record."""
+    """Return the causes to be tested as families on this record.
+
+    Parameters
+    ----------
+    record : Record
+        Record; its motion says what it can show.
+    causes : tuple of Cause
+        Catalogue.
+
+    Returns
+    -------
+    tuple of Cause
+        Those without order or frequency that the motion allows.
+    """
     return tuple(c for c in causes if not is_line(c) and c.applicable(record.motion) is None)
 
 

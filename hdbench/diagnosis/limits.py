@@ -56,7 +56,7 @@ def minimum_detectable(looks: Looks, alpha: float) -> tuple[tuple[str, float], .
         finite = result.sigma[np.isfinite(result.sigma)]
         if not len(finite):
             continue
-        rate = looks.rates[domain]
+        rate = looks.scans[domain].rate
         level = alpha * shares[domain]
         c = _threshold(lambda c, rate=rate: line_p_value(c, rate), level)  # type: ignore[misc]
         limits.append(

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from hdbench.diagnosis.challengers import CHALLENGERS, Left
-from hdbench.diagnosis.families import FamilyHit, family_causes, scan_family
+from hdbench.diagnosis.families import FamilyHit, exact_statistic, family_causes, scan_family
 from hdbench.diagnosis.naming import line_terms
 from hdbench.diagnosis.record import Record
-from hdbench.diagnosis.scan import LineScan, ScanResult, scan_line, upcrossing_rate
+from hdbench.diagnosis.scan import LineScan, ScanResult, scan_line
 from hdbench.diagnosis.terms import Term
 from hdbench.diagnosis.whitened import Space
 from hdbench.model import Cause
@@ -25,6 +25,9 @@ _CHALLENGER_SHARE = 0.2
 # draws of white noise through the scans: hundreds of upcrossings each, rates to a few per cent
 _DRAWS = 16
 _SMALLEST = 1e-300
+# peaks of a scan that are tried exactly at most: a scan takes the whitener for its response at the
+# line's rate, which is wrong where little is left of a line beside the explained ones
+_PEAKS = 24
 # a line this close to an accepted one, in resolution cells, is that one's own sidelobe
 _OWN = 1.5
 
@@ -61,20 +64,29 @@ class Looks:
         Scans, then families.
     scans : mapping of str to ScanResult
         By domain.
-    rates : mapping of str to float
-        Upcrossing rate of each scan.
     families : tuple of FamilyHit
         Best member of each family.
     """
 
     looks: tuple[Look, ...]
     scans: dict[str, ScanResult]
-    rates: dict[str, float]
     families: tuple[FamilyHit, ...]
 
 
 def look_shares(n_families: int) -> dict[str, float]:
-    """Return the share of the false-alarm rate of each scan, a family and a challenger."""
+    """Return the share of the false-alarm rate of each scan, a family and a challenger.
+
+    Parameters
+    ----------
+    n_families : int
+        Families that are tested on the record.
+
+    Returns
+    -------
+    dict of str to float
+        By domain of a scan, ``family`` for one family and ``challenger`` for one challenger; all
+        scans, families and challengers together make 1.
+    """
     return {
         **_SHARES,
         "family": _FAMILY_SHARE / max(1, n_families),
@@ -83,7 +95,20 @@ def look_shares(n_families: int) -> dict[str, float]:
 
 
 def line_p_value(statistic: float, rate: float) -> float:
-    """Return the probability that a scan of white noise reaches a statistic."""
+    """Return the probability that a scan of white noise reaches a statistic.
+
+    Parameters
+    ----------
+    statistic : float
+        chi^2 with two degrees of freedom at the best place.
+    rate : float
+        W of `upcrossing_rate`.
+
+    Returns
+    -------
+    float
+        ``exp(-c/2) (1 + W sqrt(c))``, in (0, 1].
+    """
     tail = float(np.exp(-0.5 * statistic))
     # a probability below the smallest normal double is not zero
     chance = tail * (1.0 + rate * float(np.sqrt(max(statistic, 0.0))))
@@ -100,6 +125,28 @@ def _not_own(scan: LineScan, terms: tuple[Term, ...]) -> FloatArray:
             continue
         keep[np.abs(scan.single.grid - term.shape[key]) < _OWN / scan.span] = 0.0
     return keep
+
+
+def _best_place(
+    space: Space, record: Record, scan: LineScan, kept: FloatArray
+) -> tuple[float, float]:
+    """Return the place of the best line and its exact statistic.
+
+    Peaks are tried in falling order until the best exact value is above what is left of them.
+    """
+    inner = np.arange(1, len(kept) - 1)
+    tops = inner[(kept[inner] >= kept[inner - 1]) & (kept[inner] >= kept[inner + 1])]
+    tops = np.concatenate([tops, [0, len(kept) - 1]])
+    place, best = float(scan.single.grid[tops[0]]), 0.0
+    for at in tops[np.argsort(-kept[tops], kind="stable")][:_PEAKS]:
+        if kept[at] <= best:
+            break
+        phase = 2.0 * np.pi * scan.single.grid[at] * scan.positions
+        columns = np.column_stack([np.cos(phase), np.sin(phase)])
+        value = exact_statistic(space, np.where(record.valid[:, None], columns, 0.0))[0]
+        if value > best:
+            place, best = float(scan.single.grid[at]), value
+    return place, best
 
 
 def look_at(
@@ -135,27 +182,40 @@ def look_at(
     names = {term.cause.name for term in accepted}
     tested = tuple(c for c in family_causes(record, causes) if c.name not in names)
     shares = look_shares(len(tested))
-    looks, results, rates = [], {}, {}
+    looks, results = [], {}
     for scan in scans:
         result = scan_line(space, scan, pulls)
-        rate = upcrossing_rate(result.null)
-        results[scan.domain], rates[scan.domain] = result, rate
+        results[scan.domain] = result
         kept = result.statistic * _not_own(scan, accepted)
-        best = int(np.argmax(kept))
-        terms = line_terms(
-            scan.domain, float(scan.single.grid[best]), causes, record.motion, 1.0 / scan.span
-        )
-        chance = line_p_value(float(kept[best]), rate) / shares[scan.domain]
-        looks.append(Look(scan.domain, tuple(terms), float(kept[best]), min(1.0, chance)))
+        place, best = _best_place(space, record, scan, kept)
+        terms = line_terms(scan.domain, place, causes, record.motion, 1.0 / scan.span)
+        chance = line_p_value(best, result.rate) / shares[scan.domain]
+        looks.append(Look(scan.domain, tuple(terms), best, min(1.0, chance)))
     hits = [hit for cause in tested if (hit := scan_family(space, record, cause)) is not None]
     for hit in hits:
         chance = min(1.0, max(hit.p_value, _SMALLEST) / shares["family"])
         looks.append(Look(hit.term.cause.name, (hit.term,), hit.statistic, chance))
-    return Looks(tuple(looks), results, rates, tuple(hits))
+    return Looks(tuple(looks), results, tuple(hits))
 
 
 def challenge(space: Space, record: Record, noise_nm: float, alpha: float) -> list[Left]:
-    """Return the challengers that pass their share of the false-alarm rate, surest first."""
+    """Return the challengers that pass their share of the false-alarm rate, surest first.
+
+    Parameters
+    ----------
+    space : Space
+        Whitened residual with what is explained projected out.
+    record : Record
+        Record.
+    noise_nm : float
+        Standard deviation of the noise's innovation, N m.
+    alpha : float
+        False-alarm rate of the record, in (0, 1).
+
+    Returns
+    -------
+    list of Left
+    """
     share = look_shares(1)["challenger"]
     found = [left for test in CHALLENGERS if (left := test(space, record, noise_nm)) is not None]
     passed = [left for left in found if left.p_value / share < alpha]

@@ -91,19 +91,41 @@ def _nameless(
 
 
 def output_line() -> Cause:
-    """Return a line at any output order: no name of the catalogue has it."""
+    """Return a line at any output order: no name of the catalogue has it.
+
+    Returns
+    -------
+    Cause
+        One shape parameter ``order``, cycles per output turn, and two quadratures, N m.
+    """
     shape = Parameter("order", "1", 0.1, 1e4, "cycles per output turn")
     return _nameless("output-order line", shape, "output", _line_columns)
 
 
 def slow_tone() -> Cause:
-    """Return a tone below the catalogue's tones."""
+    """Return a tone below the catalogue's tones.
+
+    Returns
+    -------
+    Cause
+        One shape parameter ``frequency_hz``, Hz, and two quadratures, N m.
+    """
     shape = Parameter("frequency_hz", "Hz", 0.0, 1e5, "frequency")
     return _nameless("tone", shape, "clock", _tone_columns)
 
 
 def unnamed(term: Term) -> bool:
-    """Return whether a term is a line without a name."""
+    """Return whether a term is a line without a name.
+
+    Parameters
+    ----------
+    term : Term
+        Term.
+
+    Returns
+    -------
+    bool
+    """
     return term.cause.name in ("output-order line", "tone")
 
 

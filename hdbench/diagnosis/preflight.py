@@ -145,7 +145,18 @@ def _baseline_residual(record: Record) -> FloatArray:
 
 
 def robust_scatter_nm(record: Record) -> float:
-    """Return the robust scatter of the baseline's residual, N m."""
+    """Return the robust scatter of the baseline's residual.
+
+    Parameters
+    ----------
+    record : Record
+        Record.
+
+    Returns
+    -------
+    float
+        N m; the standard deviation where the residual is normal.
+    """
     left = _baseline_residual(record)
     # 68.27 % of a normal distribution lie within one standard deviation
     return float(np.quantile(np.abs(left - np.median(left)), 0.6827))
@@ -187,7 +198,22 @@ def find_spikes(record: Record) -> NDArray[np.bool_]:
 
 
 def flag_samples(name: str, time: FloatArray, mask: NDArray[np.bool_]) -> list[DataFlag]:
-    """Return one flag for the marked samples, none where there are none."""
+    """Return one flag for the marked samples, none where there are none.
+
+    Parameters
+    ----------
+    name : str
+        Name of the fault.
+    time : ndarray, shape (n_samples,)
+        Time, s.
+    mask : ndarray of bool, shape (n_samples,)
+        Marked samples.
+
+    Returns
+    -------
+    list of DataFlag
+        From the first to the last of them.
+    """
     at = np.flatnonzero(mask)
     if not len(at):
         return []

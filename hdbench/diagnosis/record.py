@@ -7,15 +7,32 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from hdbench.diagnosis.drift import turned_motion, without_drift
 from hdbench.errors import DataError
 from hdbench.model import BenchModel, Motion, baseline_columns, motion_from_trace
 from hdbench.profile.schema import ProfileData
 from hdbench.records.trace import FloatArray, Trace
 
-__all__ = ["Record", "mask_samples", "prepare_record", "torque_from_trace"]
+__all__ = ["Beyond", "Record", "mask_samples", "prepare_record", "torque_from_trace"]
 
 # a step longer than this many median periods is a gap in time: one lost sample makes 2
 _GAP = 1.5
+
+
+@dataclass(frozen=True, slots=True)
+class Beyond:
+    """What was found beyond the baseline.
+
+    Parameters
+    ----------
+    torque_nm : ndarray, shape (n_samples,)
+        Torque of the effects that must not be taken for a drift of the angle, N m.
+    orders : tuple of float
+        Motor orders that carry such a drift; they are no part of `torque_nm`.
+    """
+
+    torque_nm: FloatArray
+    orders: tuple[float, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,7 +115,11 @@ def torque_from_trace(trace: Trace, profile: ProfileData) -> FloatArray:
 
 
 def prepare_record(
-    trace: Trace, profile: ProfileData, model: BenchModel, masked: NDArray[np.bool_]
+    trace: Trace,
+    profile: ProfileData,
+    model: BenchModel,
+    masked: NDArray[np.bool_],
+    beyond: Beyond | None = None,
 ) -> Record:
     """Return the record with its baseline.
 
@@ -112,6 +133,8 @@ def prepare_record(
         Model whose misalignment is held fixed where the output covers less than a turn.
     masked : ndarray of bool, shape (n_samples,)
         Samples that the preflight took out.
+    beyond : Beyond or None
+        Effects beyond the baseline, for the drift of an integrated angle; none where None.
 
     Returns
     -------
@@ -130,10 +153,10 @@ def prepare_record(
 
     An angle that is integrated from the velocity by the contract's rule lies half a sample behind
     the shaft wherever the speed changes. Where the baseline fits better with the half sample put
-    back, the diagnosis uses that angle.
+    back, the diagnosis uses that angle. The noise of the velocity makes it drift: `without_drift`.
     """
     torque = torque_from_trace(trace, profile)
-    motion = _aligned(motion_from_trace(trace, profile), profile, torque, masked)
+    motion = _aligned(motion_from_trace(trace, profile), profile, torque, masked, beyond)
     fixed, names, columns = baseline_columns(motion, profile)
     nuisance = np.zeros((len(torque), 0))
     if "misalignment:cosine" not in names:
@@ -161,19 +184,21 @@ def prepare_record(
 
 
 def _aligned(
-    motion: Motion, profile: ProfileData, torque: FloatArray, masked: NDArray[np.bool_]
+    motion: Motion,
+    profile: ProfileData,
+    torque: FloatArray,
+    masked: NDArray[np.bool_],
+    beyond: Beyond | None,
 ) -> Motion:
-    """Return the motion with the integrated angle that fits the baseline better."""
+    """Return the motion with an integrated angle in step with the baseline."""
     if motion.angle_source != "velocity":
         return motion
     velocity = np.where(motion.valid, motion.velocity_rad_s, 0.0)
     period = float(np.median(np.diff(motion.time_s)))
-    angle = motion.angle_rad + 0.5 * period * (velocity - velocity[0])
-    output = motion.output_angle_rad
-    if motion.output_source == "motor":
-        output = angle / motion.gear_ratio
-    moved = replace(motion, angle_rad=angle, output_angle_rad=output)
+    moved = turned_motion(motion, motion.angle_rad + 0.5 * period * (velocity - velocity[0]))
     usable = motion.valid & np.isfinite(torque) & ~masked
+    if beyond is not None:
+        torque = torque - beyond.torque_nm
     left = []
     for candidate in (motion, moved):
         fixed, _, columns = baseline_columns(candidate, profile)
@@ -182,11 +207,25 @@ def _aligned(
             return motion
         solution = np.linalg.lstsq(design, response, rcond=None)[0]
         left.append(float(np.sum((response - design @ solution) ** 2)))
-    return moved if left[1] < left[0] else motion
+    best = moved if left[1] < left[0] else motion
+    orders = () if beyond is None else beyond.orders
+    return without_drift(best, profile, torque, usable, orders)
 
 
 def mask_samples(record: Record, masked: NDArray[np.bool_]) -> Record:
-    """Return the record without the marked samples."""
+    """Return the record without the marked samples.
+
+    Parameters
+    ----------
+    record : Record
+        Record.
+    masked : ndarray of bool, shape (n_samples,)
+        Samples to be left out.
+
+    Returns
+    -------
+    Record
+    """
     valid = record.valid & ~masked
     return replace(
         record,

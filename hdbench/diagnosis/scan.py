@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,6 +27,9 @@ _MIN_CELLS = 4.0
 _ORDER_REACH = 12.0
 _MAX_ORDER = 60.0
 _MAX_OUTPUT_ORDER = 20.0
+# an angle this close to a straight line in time, turns, tells no order from its alias: the two
+# differ by the sum of both orders, about ten, times this
+_STRAIGHT = 0.1
 # motor orders below this are output orders
 _LOW_ORDER = 0.25
 # speeds below this share of the largest are rest, for the normalisation only
@@ -67,6 +71,8 @@ class ScanResult:
 
     Parameters
     ----------
+    grid : ndarray, shape (n_grid,)
+        Orders, or Hz.
     statistic : ndarray, shape (n_grid,)
         chi^2 with two degrees of freedom without a line; 0 where it cannot be formed.
     amplitude : ndarray, shape (n_grid,)
@@ -75,15 +81,16 @@ class ScanResult:
         Standard deviation of each quadrature, N m; infinite where it cannot be formed.
     usable : ndarray of bool, shape (n_grid,)
         Where it could be formed.
-    null : ndarray, shape (draws, n_grid)
-        The statistic of white noise through the same scan.
+    rate : float
+        W of `upcrossing_rate`, by white noise through the same scan.
     """
 
+    grid: FloatArray
     statistic: FloatArray
     amplitude: FloatArray
     sigma: FloatArray
     usable: NDArray[np.bool_]
-    null: FloatArray
+    rate: float
 
 
 def plan_scans(record: Record) -> tuple[LineScan, ...]:
@@ -97,16 +104,18 @@ def plan_scans(record: Record) -> tuple[LineScan, ...]:
     Returns
     -------
     tuple of LineScan
-        Motor order from 0.25 to the Nyquist equivalent at the median speed (12 at least, 60 at
-        most), output order from 0.5 to 20, frequency from 2 cycles in the record to Nyquist;
-        without those whose axis spans too little.
+        Motor order from 0.25 to the Nyquist equivalent at the median speed (60 at most, and 12 at
+        least unless the speed is constant: then an order above it looks like one below), output
+        order from 0.5 to 20, frequency from 2 cycles in the record to Nyquist; without those
+        whose axis spans too little.
     """
     motion, valid = record.motion, record.valid
     turns = motion.angle_rad / (2.0 * np.pi)
     speed = np.abs(motion.velocity_rad_s[valid])
     moving = speed[speed > _REST * float(speed.max(initial=0.0))]
     per_sample = float(np.median(moving)) * record.period_s / (2.0 * np.pi) if len(moving) else 1.0
-    high = float(np.clip(0.5 / max(per_sample, 1e-9), _ORDER_REACH, _MAX_ORDER))
+    least = 0.0 if _straight(motion.time_s[valid], turns[valid]) else _ORDER_REACH
+    high = float(np.clip(0.5 / max(per_sample, 1e-9), least, _MAX_ORDER))
     output_high = max(_MAX_OUTPUT_ORDER, _LOW_ORDER * motion.gear_ratio)
     duration = float(np.ptp(motion.time_s[valid]))
     wanted = (
@@ -134,6 +143,14 @@ def plan_scans(record: Record) -> tuple[LineScan, ...]:
             )
         )
     return tuple(scans)
+
+
+def _straight(time_s: FloatArray, turns: FloatArray) -> bool:
+    """Return whether the angle hardly leaves a straight line in time."""
+    time = time_s - time_s.mean()
+    away = turns - turns.mean()
+    away = away - time * float(time @ away) / float(time @ time)
+    return float(np.sqrt(np.mean(away**2))) < _STRAIGHT
 
 
 def _response(space: Space, cycles: FloatArray) -> NDArray[np.complex128]:
@@ -213,24 +230,24 @@ def scan_line(space: Space, scan: LineScan, null_pulls: FloatArray) -> ScanResul
     sums = scan.single(space.pull[:, None])[0]
     c, s = sums.real, -sums.imag
     amplitude = np.hypot(ss * c - cs * s, cc * s - cs * c) / determinant
-    null = np.array([statistic(scan.single(p[:, None])[0]) for p in null_pulls.T])
     sigma = np.where(usable, np.sqrt(np.maximum(mean, 0.0) / determinant), np.inf)
     return ScanResult(
-        statistic(sums),
-        np.where(usable, amplitude, 0.0),
-        sigma,
-        usable,
-        null.reshape(-1, len(usable)),
+        grid=scan.single.grid,
+        statistic=statistic(sums),
+        amplitude=np.where(usable, amplitude, 0.0),
+        sigma=sigma,
+        usable=usable,
+        rate=upcrossing_rate(statistic(scan.single(p[:, None])[0]) for p in null_pulls.T),
     )
 
 
-def upcrossing_rate(null: FloatArray) -> float:
+def upcrossing_rate(draws: Iterable[FloatArray]) -> float:
     """Return W of ``P(max T > c) <= exp(-c/2) (1 + W sqrt(c))`` from draws of the scan.
 
     Parameters
     ----------
-    null : ndarray, shape (draws, n_grid)
-        Statistic of white noise.
+    draws : iterable of ndarray, shape (n_grid,)
+        Statistic of white noise, one array for each draw; they need not fit into memory together.
 
     Returns
     -------
@@ -242,8 +259,7 @@ def upcrossing_rate(null: FloatArray) -> float:
     ----------
     .. [1] E. Gross, O. Vitells, Eur. Phys. J. C 70 (2010) 525, arXiv:1005.1891.
     """
-    crossings = (null[:, :-1] <= _LEVEL) & (null[:, 1:] > _LEVEL)
-    mean = float(crossings.sum()) / max(1, len(null))
+    counts = [int(((draw[:-1] <= _LEVEL) & (draw[1:] > _LEVEL)).sum()) for draw in draws]
     # an empty count is known to three at 95 %
-    mean = max(mean, 3.0 / max(1, len(null)))
+    mean = max(sum(counts), 3.0) / max(1, len(counts))
     return float(mean / (np.sqrt(_LEVEL) * np.exp(-_LEVEL / 2.0)))

@@ -12,10 +12,10 @@ from hdbench.diagnosis.families import sharpen_step
 from hdbench.diagnosis.jointfit import JointFit, fit_jointly
 from hdbench.diagnosis.looks import Look, Looks, challenge, look_at
 from hdbench.diagnosis.naming import Candidate, refine_candidate, same_space, unnamed
-from hdbench.diagnosis.record import Record
+from hdbench.diagnosis.record import Beyond, Record
 from hdbench.diagnosis.scan import LineScan, plan_scans
 from hdbench.diagnosis.settle import Hidden, Noise, coarse_basis, settle
-from hdbench.diagnosis.terms import Term
+from hdbench.diagnosis.terms import Term, term_columns
 from hdbench.diagnosis.whitened import Space, make_space
 from hdbench.model import Cause
 
@@ -24,8 +24,8 @@ __all__ = ["RIVAL_NATS", "Accepted", "Found", "search"]
 _MAX_CAUSES = 8
 # names within this many nats of the best are rivals: a Bayes factor of 20
 RIVAL_NATS = 3.0
-# candidates whose statistic on the grid is below this share of the best are not refined: the grid
-# loses a tenth at most
+# looks whose statistic is below this share of the best are refined only where no name pays for the
+# others: the grid loses a tenth at most
 _WORTH = 0.5
 # candidates refined at most, strongest first
 _MAX_CANDIDATES = 8
@@ -76,6 +76,8 @@ class Found:
         Looks at the first and at the last residual.
     scans : tuple of LineScan
         Planned scans.
+    record : Record
+        Record that all of this is about: its motion may have been aligned anew.
     """
 
     fit: JointFit
@@ -86,19 +88,15 @@ class Found:
     first: Looks
     last: Looks
     scans: tuple[LineScan, ...]
+    record: Record
 
 
 def _candidates(
     record: Record, space: Space, fit: JointFit, noise: Noise, looks: tuple[Look, ...]
 ) -> list[Candidate]:
-    """Refine what is worth it, best score first."""
-    top = max(look.statistic for look in looks)
-    worth = sorted(
-        (look for look in looks if look.statistic >= _WORTH * top), key=lambda x: -x.statistic
-    )
-    terms = [
-        sharpen_step(space, record, term) for look in worth[:_MAX_CANDIDATES] for term in look.terms
-    ]
+    """Refine the strongest looks, best score first."""
+    worth = sorted(looks, key=lambda look: -look.statistic)[:_MAX_CANDIDATES]
+    terms = [sharpen_step(space, record, term) for look in worth for term in look.terms]
     done = [refine_candidate(record, fit, term, noise.whitener) for term in terms]
     # among equal scores the name with fewer free shapes comes first
     return sorted(done, key=lambda c: (-round(c.score_nats, 6), len(c.term.cause.shape)))
@@ -118,6 +116,21 @@ def _accept(record: Record, space: Space, ranked: list[Candidate], false_alarm: 
     return Accepted(best.term.cause.name, false_alarm, best.score_nats, tuple(group), tuple(rivals))
 
 
+def _next(
+    record: Record, space: Space, fit: JointFit, noise: Noise, alarms: tuple[Look, ...]
+) -> tuple[Accepted, JointFit] | None:
+    """Return the best name for what raised an alarm, with its fit; None where no name pays."""
+    top = max(look.statistic for look in alarms)
+    strong = tuple(look for look in alarms if look.statistic >= _WORTH * top)
+    weak = tuple(look for look in alarms if look.statistic < _WORTH * top)
+    for part in (strong, weak):
+        ranked = _candidates(record, space, fit, noise, part)
+        if ranked and ranked[0].score_nats > 0.0:
+            chance = min(look.false_alarm for look in alarms)
+            return _accept(record, space, ranked, chance), ranked[0].fit
+    return None
+
+
 def search(
     record: Record,
     causes: tuple[Cause, ...],
@@ -126,6 +139,7 @@ def search(
     alpha: float,
     rng: np.random.Generator,
     progress: Callable[[str, float], None],
+    align: Callable[[Beyond], Record] | None = None,
 ) -> Found:
     """Name causes until nothing passes the false-alarm rate, or eight were named.
 
@@ -143,6 +157,9 @@ def search(
         For the draws of the null.
     progress : callable
         Called with what is being done and the share done.
+    align : callable or None
+        Returns the record anew, given what was found; None where its motion does not depend on
+        that.
 
     Returns
     -------
@@ -161,15 +178,32 @@ def search(
         alarms = tuple(look for look in looks.looks if look.false_alarm < alpha and look.terms)
         if not alarms or len(accepted) >= _MAX_CAUSES:
             break
-        ranked = _candidates(record, space, fit, noise, alarms)
-        if not ranked[0].score_nats > 0.0:
+        step = _next(record, space, fit, noise, alarms)
+        if step is None:
             break
-        chance = min(look.false_alarm for look in alarms)
-        accepted.append(_accept(record, space, ranked, chance))
-        fit, noise = settle(record, ranked[0].fit.terms, noise, hidden)
+        accepted.append(step[0])
+        fit = step[1]
+        if align is not None:
+            record = align(_beyond(record, fit))
+            scans = plan_scans(record)
+            hidden = Hidden(coarse_basis(record), scans)
+        fit, noise = settle(record, fit.terms, noise, hidden)
         fit, noise, accepted = _drop(record, fit, noise, accepted, hidden)
     left = challenge(space, record, noise.model.innovation_std, alpha)
-    return Found(fit, noise, space, tuple(accepted), tuple(left), first, looks, scans)
+    return Found(fit, noise, space, tuple(accepted), tuple(left), first, looks, scans, record)
+
+
+def _beyond(record: Record, fit: JointFit) -> Beyond:
+    """Return the terms of a fit: lines of the motor as orders, all others as torque."""
+    torque = np.zeros(len(record.valid))
+    orders = []
+    for term, linear in zip(fit.terms, fit.linear, strict=True):
+        line = term.cause.locked_to == "motor" and [*term.shape] == ["order"] and len(linear) == 2
+        if line:
+            orders.append(term.shape["order"])
+        else:
+            torque += term_columns(term, record) @ linear
+    return Beyond(torque, tuple(orders))
 
 
 def _drop(

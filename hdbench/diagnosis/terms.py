@@ -42,11 +42,23 @@ class Term:
 
 
 def term_columns(term: Term, record: Record) -> FloatArray:
-    """Return the columns of a term, zero where not valid, shape (n, n_linear).
+    """Return the columns of a term on a record.
 
     What follows the acceleration counts only where that stands out of its own noise: the expected
     torque is made of the same samples, so that noise alone looks like an inertia of minus the
     load's.
+
+    Parameters
+    ----------
+    term : Term
+        Term.
+    record : Record
+        Record.
+
+    Returns
+    -------
+    ndarray, shape (n, n_linear)
+        N m per unit of each linear parameter; zero where not valid.
     """
     motion, seen = record.motion, record.valid
     if term.cause.locked_to == "acceleration":
@@ -57,7 +69,17 @@ def term_columns(term: Term, record: Record) -> FloatArray:
 
 
 def smooth_shapes(term: Term) -> tuple[str, ...]:
-    """Return the shape parameters that have a slope: a step in time has none."""
+    """Return the shape parameters that have a slope: a step in time has none.
+
+    Parameters
+    ----------
+    term : Term
+        Term.
+
+    Returns
+    -------
+    tuple of str
+    """
     return tuple(p.name for p in term.cause.shape if p.name != "step_time_s")
 
 
@@ -101,7 +123,21 @@ def tangent_columns(
 
 
 def moved_term(term: Term, moves: Mapping[str, float], record: Record) -> Term:
-    """Return the term with its shape moved, cut to its bands and to a stride."""
+    """Return the term with its shape moved, cut to its bands and to a stride.
+
+    Parameters
+    ----------
+    term : Term
+        Term.
+    moves : mapping of str to float
+        Change of each shape parameter, its own unit.
+    record : Record
+        Record; its motion bounds the shapes.
+
+    Returns
+    -------
+    Term
+    """
     bounds = shape_bounds(term.cause, record.motion)
     shape = dict(term.shape)
     for name, move in moves.items():

@@ -96,8 +96,10 @@ def plan_transform(
     weights = np.i0(beta * np.sqrt(np.maximum(inside, 0.0)))
     rows %= size
     n_rows = int(rows.max()) + 1
-    columns = np.repeat(np.arange(len(positions)), _WIDTH)
-    spread = csr_array((weights.ravel(), (rows.ravel(), columns)), shape=(n_rows, len(positions)))
+    # 32 bits hold any index of a record that fits into memory, and halve the matrix's
+    columns = np.repeat(np.arange(len(positions), dtype=np.int32), _WIDTH)
+    places = (rows.ravel().astype(np.int32), columns)
+    spread = csr_array((weights.ravel(), places), shape=(n_rows, len(positions)))
     root = np.sqrt(beta**2 - (np.pi * _WIDTH * index / size) ** 2)
     kernel = _WIDTH * np.sinh(root) / root
     turn = np.exp(2j * np.pi * index * _WIDTH / 2.0 / size)

@@ -90,14 +90,26 @@ def make_whitener(
 
 
 def orthonormal(columns: FloatArray) -> FloatArray:
-    """Return an orthonormal basis of the span of columns, shape (n, rank)."""
-    size = np.sqrt(np.einsum("nk,nk->k", columns, columns))
-    kept = columns[:, size > 0.0] / size[size > 0.0]
-    if not kept.shape[1]:
+    """Return an orthonormal basis of the span of columns.
+
+    Parameters
+    ----------
+    columns : ndarray, shape (n, k)
+        Columns of any rank.
+
+    Returns
+    -------
+    ndarray, shape (n, rank)
+    """
+    gram = columns.T @ columns
+    size = np.sqrt(np.diag(gram))
+    kept = size > 0.0
+    if not kept.any():
         return np.zeros((len(columns), 0))
-    values, vectors = np.linalg.eigh(kept.T @ kept)
+    scale = np.where(kept, 1.0 / np.where(kept, size, 1.0), 0.0)
+    values, vectors = np.linalg.eigh(gram * np.outer(scale, scale))
     good = values > _RANK * values[-1]
-    return np.asarray(kept @ (vectors[:, good] / np.sqrt(values[good])))
+    return np.asarray(columns @ (scale[:, None] * vectors[:, good] / np.sqrt(values[good])))
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,7 +144,8 @@ class Space:
     def project(self, columns: FloatArray) -> FloatArray:
         """Return ``M A columns``, shape (n, k)."""
         white = self.whitener.apply(columns)
-        return np.asarray(white - self.basis @ (self.basis.T @ white))
+        white -= self.basis @ (self.basis.T @ white)
+        return white
 
     def null_pulls(self, draws: int, rng: np.random.Generator) -> FloatArray:
         """Return ``A' M w`` for white noise w, shape (n, draws)."""

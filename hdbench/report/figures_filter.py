@@ -63,7 +63,7 @@ def filter_picture(
         if lowpass is not None:
             trend(axes, time, lowpass[cut], "lowpass", line="--", label="low-pass")
         trend(axes, time, filtered.torque_nm[cut], "filtered", label="Kalman filtered")
-        _limits(axes, torque)
+        _limits(axes, torque, filtered.torque_nm[cut])
     label_axes(whole, None, "torque (N·m)")
     legend_above(whole)
     label_axes(close, "time (s)", "torque (N·m)", "close-up")
@@ -106,9 +106,12 @@ def _close_up(signals: Signals, steady: Steady | None) -> Any:
     return window(time, middle, min(_ZOOM_TURNS * turn_s, steady.to_s - middle))
 
 
-def _limits(axes: Axes, torque: FloatArray) -> None:
-    """Scale by the measured torque, so that the start of a filter does not hide the rest."""
+def _limits(axes: Axes, torque: FloatArray, filtered: FloatArray) -> None:
+    """Hold all of the measured torque and 98 % of the filtered: its start may leave the frame."""
     present = torque[np.isfinite(torque)]
+    settled = filtered[np.isfinite(filtered)]
+    if len(settled):
+        present = np.concatenate([present, np.percentile(settled, [1.0, 99.0])])
     if len(present):
         low, high = float(present.min()), float(present.max())
         margin = 0.1 * (high - low) or 1.0

@@ -6,7 +6,7 @@ from scipy.signal import lfilter
 
 from hdbench.diagnosis.jointfit import fit_jointly
 from hdbench.diagnosis.record import prepare_record
-from hdbench.diagnosis.scan import plan_scans, scan_line, upcrossing_rate
+from hdbench.diagnosis.scan import plan_scans, scan_line
 from hdbench.diagnosis.settle import settle  # noqa: F401 - the room imports as one
 from hdbench.diagnosis.terms import Term
 from hdbench.diagnosis.transform import plan_transform
@@ -107,7 +107,7 @@ def test_upcrossing_rate_agrees_with_the_law_for_white_noise():
     space = space_of(record)
     nulls = space.null_pulls(24, np.random.default_rng(5))
     (scan,) = [s for s in plan_scans(record) if s.domain == "frequency"]
-    rate = upcrossing_rate(scan_line(space, scan, nulls).null)
+    rate = scan_line(space, scan, nulls).rate
     # Baluev 2008: FAP = W exp(-z) sqrt(z), W = bandwidth sqrt(4 pi var t), z = T / 2
     width = np.ptp(scan.single.grid)
     law = width * np.sqrt(4.0 * np.pi * np.var(scan.positions)) / np.sqrt(2.0)

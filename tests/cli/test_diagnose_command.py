@@ -1,0 +1,156 @@
+"""`hdbench diagnose`: one JSON object with the contract's keys, exit codes, one screen of text."""
+
+import io
+import json
+import signal
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from hdbench.records import Trace, write_trace
+from hdbench_cli.diagnose import show
+from hdbench_cli.main import main
+
+# contract, section 5
+KEYS = {
+    "schema",
+    "hdbench_version",
+    "profile",
+    "verdict",
+    "causes",
+    "minor",
+    "unexplained",
+    "data_flags",
+    "minimum_detectable",
+    "simulated",
+    "extended",
+    "model_file",
+}
+LOADS = """experiment,position_rad,range,direction,series,torque_nm,reading_v
+a,0,full,cw,up,0,0.01
+a,0,full,cw,up,10,1.525
+a,0,full,cw,up,20,3.04
+a,0,full,cw,up,30,4.556
+a,0,full,cw,up,35,5.31
+"""
+
+
+def trace_file(folder, amplitude_nm, change=lambda torque: None):
+    rng = np.random.default_rng(3)
+    time = np.arange(6000) * 1e-3
+    speed = 90.0 + 40.0 * np.sin(2.0 * np.pi * time / 6.0)
+    angle = 90.0 * time + 120.0 / np.pi * (1.0 - np.cos(2.0 * np.pi * time / 6.0))
+    torque = 1.725e-4 * 40.0 * np.pi / 3.0 * np.cos(2.0 * np.pi * time / 6.0)
+    torque += 0.4 * np.cos(2.0 * angle) + amplitude_nm * np.cos(5.5 * angle)
+    torque += 0.05 * rng.standard_normal(len(time))
+    change(torque)
+    columns = {"time_s": time, "motor_velocity_rad_s": speed, "motor_angle_rad": angle}
+    file = folder / "trace.csv"
+    write_trace(file, Trace({**columns, "torque_nm": torque}))
+    return file
+
+
+@pytest.fixture
+def run(tmp_path, capsys, monkeypatch):
+    """Return a function that runs the command and returns exit code and stdout."""
+    # the handlers of the test process stay its own
+    monkeypatch.setattr(signal, "signal", lambda *_: None)
+
+    def call(*arguments):
+        capsys.readouterr()
+        with pytest.raises(SystemExit) as ended:
+            main(["diagnose", "--out", str(tmp_path / "runs"), *arguments])
+        return ended.value.code, capsys.readouterr().out
+
+    return call
+
+
+def test_a_hidden_order_is_one_json_object_with_the_contracts_keys(tmp_path, run):
+    code, out = run("--json", str(trace_file(tmp_path, 0.1)))
+    assert code == 0
+    body = json.loads(out)
+    assert set(body) >= KEYS
+    assert body["schema"] == "hdbench/diagnosis/1"
+    assert body["verdict"] == "named"
+    (cause,) = body["causes"]
+    # a hundredth of the resolution of 86 turns
+    assert cause["parameters"]["order"]["value"] == pytest.approx(5.5, abs=1e-3)
+
+
+def test_check_exits_3_on_a_finding_and_0_without(tmp_path, run):
+    assert run("--check", str(trace_file(tmp_path, 0.1)))[0] == 3
+    assert run("--check", str(trace_file(tmp_path, 0.0)))[0] == 0
+
+
+def test_doubtful_data_exit_6_and_a_check_still_comes_first(tmp_path, run):
+    def harm(torque):
+        torque[2000:2040] = np.nan
+
+    file = str(trace_file(tmp_path, 0.1, harm))
+    code, out = run("--json", file)
+    assert code == 6
+    (flag,) = json.loads(out)["data_flags"]
+    assert (flag["name"], flag["samples"]) == ("missed-samples", 40)
+    assert run("--check", file)[0] == 3
+
+
+def test_loads_are_told_from_a_trace_by_their_columns(tmp_path, run):
+    file = tmp_path / "loads.csv"
+    file.write_text(LOADS)
+    code, out = run("--json", str(file))
+    body = json.loads(out)
+    assert code == 0
+    assert body["verdict"] == "cannot-tell"
+    assert body["reason"]
+    assert set(body) >= KEYS
+
+
+def test_a_broken_cell_exits_4_with_file_and_line(tmp_path, run):
+    file = tmp_path / "broken.csv"
+    file.write_text("time_s,motor_velocity_rad_s,torque_nm\n0,1,0.5\n0.001,1,x\n")
+    code, out = run("--json", str(file))
+    assert code == 4
+    assert "broken.csv:3" in json.loads(out)["error"]["where"]
+    assert not (tmp_path / "runs").exists()
+
+
+def test_list_causes_holds_the_contracts_names_of_what_is_searched(run):
+    body = json.loads(run("--list-causes", "--json")[1])
+    names = {cause["name"] for cause in body["causes"]}
+    assert names >= {
+        "ripple-harmonic",
+        "wave-generator-eccentricity",
+        "motor-unbalance",
+        "bearing-defect",
+        "angular-misalignment",
+        "mains-hum",
+        "structural-tone",
+        "coulomb-friction",
+        "viscous-friction",
+        "stribeck-friction",
+        "inertia-error",
+        "zero-step",
+        "zero-drift",
+        "warm-up",
+    }
+    for cause in body["causes"]:
+        assert cause["equation"]
+        assert all(parameter["unit"] for parameter in cause["parameters"])
+
+
+def test_the_extended_model_continues(tmp_path, run):
+    file = str(trace_file(tmp_path, 0.1))
+    body = json.loads(run("--json", file)[1])
+    model = f"{body['run_folder']}/{body['model_file']}"
+    assert run("--check", "--model", model, file)[0] == 0
+
+
+def test_two_findings_fit_a_terminal_of_80_by_30(tmp_path, run):
+    body = json.loads(run("--json", str(trace_file(tmp_path, 0.1)))[1])
+    body["causes"] *= 2
+    console = Console(width=200, record=True, file=io.StringIO())
+    show(console, body)
+    lines = console.export_text().splitlines()
+    assert len(lines) <= 28
+    assert max(map(len, lines)) <= 80

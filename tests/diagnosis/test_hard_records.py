@@ -1,0 +1,132 @@
+"""Records that invite a wrong name: short, slow, coloured, or with two like effects."""
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from hdbench.diagnosis import diagnose_trace
+from hdbench.model import BenchModel
+from hdbench.profile import load_profile
+from hdbench.records import Trace
+
+PROFILE = load_profile("cim-tr-97-06")
+
+
+def record(speed_of, extra, *, n, period_s=1e-3, noise_nm=0.05, pole=0.0, seed=0):
+    """Return a record on a motion in closed form; phases of the model are zero."""
+    rng = np.random.default_rng(seed)
+    time = np.arange(n) * period_s
+    speed, drive, angle = speed_of(time)
+    torque = 0.4 * np.cos(2 * angle) + 0.2 * np.cos(4 * angle) + 1.725e-4 * drive
+    white = np.sqrt(1.0 - pole**2) * rng.standard_normal(n + 200)
+    torque += noise_nm * lfilter([1.0], [1.0, -pole], white)[200:] + extra(time, angle, speed)
+    columns = {
+        "time_s": time,
+        "motor_velocity_rad_s": speed,
+        "motor_angle_rad": angle,
+        "torque_nm": torque,
+    }
+    return Trace(columns)
+
+
+def swinging(mean, swing, period_s):
+    rate = 2.0 * np.pi / period_s
+
+    def motion(time):
+        phase = rate * time
+        angle = mean * time + swing / rate * (1.0 - np.cos(phase))
+        return mean + swing * np.sin(phase), swing * rate * np.cos(phase), angle
+
+    return motion
+
+
+@pytest.mark.parametrize(
+    ("tone_hz", "period_s", "n", "pole"),
+    [(5.0, 5e-3, 2400, 0.9), (50.02, 5e-3, 1200, 0.0), (21.3, 1e-3, 12_000, 0.0)],
+)
+def test_a_tone_on_a_swinging_speed_is_not_taken_for_noise(tone_hz, period_s, n, pole):
+    def tone(time, angle, speed):
+        return 0.3 * np.cos(2.0 * np.pi * tone_hz * time + 1.0)
+
+    trace = record(
+        swinging(34.0, 20.0, 6.0), tone, n=n, period_s=period_s, noise_nm=0.01, pole=pole
+    )
+    result = diagnose_trace(trace, PROFILE)
+    (cause,) = result.causes
+    assert result.unexplained == ()
+    place = cause.parameters["frequency_hz"]
+    # four standard deviations: 6e-5 that a right interval misses
+    assert abs(place["value"] - tone_hz) < 4.0 * place["std"]
+
+
+def test_coloured_noise_of_a_short_slow_record_has_no_name():
+    for seed in range(8):
+        trace = record(
+            swinging(60.0, 20.0, 5.0),
+            lambda time, angle, speed: 0.0,
+            n=1200,
+            period_s=5e-3,
+            pole=0.9,
+            seed=seed,
+        )
+        # 1 % each: 0.3 % that two of eight have a finding; none is 92 %
+        assert diagnose_trace(trace, PROFILE).verdict == "nothing-found"
+
+
+def test_less_than_an_output_turn_keeps_the_given_misalignment():
+    def arc(time, angle, speed):
+        return 1.0 * np.cos(angle / 100.0 + 0.4)
+
+    trace = record(swinging(50.0, 10.0, 4.0), arc, n=5000)
+    given = BenchModel.from_profile(PROFILE.data)
+    result = diagnose_trace(trace, PROFILE, model=given)
+    pictures = result.pictures
+    left = (pictures.measured_nm - pictures.extended_nm)[~pictures.masked]
+    # what the file simulates is what the fit left: noise of 0.05 N m, known to 1 % by 5000 samples
+    assert np.sqrt(np.mean(left**2)) == pytest.approx(0.05, rel=0.04)
+    assert result.model.misalignment[0] > 0.5
+
+
+def test_a_short_arc_says_nothing_about_a_misalignment_and_leaves_it():
+    trace = record(swinging(5.0, 1.0, 2.0), lambda time, angle, speed: 0.0, n=3000, noise_nm=0.5)
+    given = BenchModel.from_profile(PROFILE.data)
+    flat = diagnose_trace(
+        trace.with_columns(
+            torque_nm=trace["torque_nm"]
+            + given.misalignment[0]
+            * np.cos(trace["motor_angle_rad"] / 100.0 + given.misalignment[1])
+        ),
+        PROFILE,
+    )
+    amplitude, phase = flat.model.misalignment
+    # noise of 0.5 / sqrt(3000) = 9 mN m over 0.15 rad cannot move a cosine of the prior by more
+    # than some tenths of it
+    assert amplitude == pytest.approx(given.misalignment[0], rel=0.3)
+    assert phase == pytest.approx(given.misalignment[1], abs=0.3)
+
+
+def test_at_one_speed_an_order_is_not_taken_for_its_alias():
+    def steady(time):
+        return np.full(len(time), 124.0), np.zeros(len(time)), 124.0 * time
+
+    def order(time, angle, speed):
+        return 0.1 * np.cos(2.02 * angle)
+
+    result = diagnose_trace(record(steady, order, n=6000, period_s=5e-3), PROFILE)
+    (cause,) = result.causes
+    # a fifth of the resolution of 592 turns; the alias is at 8.11
+    assert cause.parameters["order"]["value"] == pytest.approx(2.02, abs=3e-4)
+
+
+def test_two_like_effects_do_not_hide_each_other_below_the_materiality_line():
+    def reversing(time):
+        rate = 2.0 * np.pi / 5.0
+        speed = 100.0 * np.sin(rate * time)
+        return speed, 100.0 * rate * np.cos(rate * time), 100.0 / rate * (1 - np.cos(rate * time))
+
+    def friction(time, angle, speed):
+        return 0.3 * np.tanh(speed / 1.5) + 0.0012 * speed
+
+    result = diagnose_trace(record(reversing, friction, n=20_000), PROFILE)
+    names = {name for cause in result.causes for name in (cause.name, *cause.group)}
+    assert names & {"coulomb-friction", "stribeck-friction"}
