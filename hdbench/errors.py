@@ -44,6 +44,10 @@ class HdbenchError(Exception):
         self.fix = fix
         self.problems = problems
 
+    def __reduce__(self) -> tuple[object, ...]:
+        """Carry the error between processes: the constructor's arguments have names."""
+        return Exception.__new__, (type(self), self.what), self.__dict__
+
     def __str__(self) -> str:
         """Return the three parts as a person reads them."""
         return f"{self.where}: {self.what}\n  fix: {self.fix}"

@@ -20,8 +20,10 @@ if TYPE_CHECKING:
 __all__ = ["open_bench", "parse_address", "stop_bench"]
 
 EMBEDDED = "embedded"
-# the emulator shares the processor with its host: its replies wait for the scheduler, no motor does
-_EMBEDDED_DEADLINE_S = 1.0
+# the emulator shares the processor with its host: both wait for the scheduler, no motor does. So
+# it gets the longest watchdog time that a node takes, and a deadline below it.
+_EMBEDDED_DEADLINE_S = 1.5
+_EMBEDDED_WATCHDOG_S = 2.0
 
 
 @contextmanager
@@ -83,11 +85,12 @@ def open_bench(
                 )
             )
             deadline_s = max(data.daq.deadline_s, _EMBEDDED_DEADLINE_S)
+            watchdog_s = max(data.daq.watchdog_s, _EMBEDDED_WATCHDOG_S)
         else:
             stack.enter_context(exclusive(where))
             host, port = parse_address(where)
-            deadline_s = data.daq.deadline_s
-        bench = _node(data, host, port, deadline_s)
+            deadline_s, watchdog_s = data.daq.deadline_s, data.daq.watchdog_s
+        bench = _node(host, port, deadline_s=deadline_s, watchdog_s=watchdog_s)
         stack.callback(bench.close)
         bench.take_session()
         yield bench
@@ -124,7 +127,7 @@ def stop_bench(profile: Profile | ProfileData, *, address: str | None = None) ->
             fix="stop that command, or name the address tcp://HOST:PORT of a node",
         )
     host, port = parse_address(where)
-    bench = _node(data, host, port, data.daq.deadline_s)
+    bench = _node(host, port, deadline_s=data.daq.deadline_s, watchdog_s=data.daq.watchdog_s)
     try:
         # a device that is no node is never written to
         bench.identity()
@@ -165,9 +168,9 @@ def _data(profile: Profile | ProfileData) -> ProfileData:
     return profile.data if isinstance(profile, Profile) else profile
 
 
-def _node(profile: ProfileData, host: str, port: int, deadline_s: float) -> NodeBench:
+def _node(host: str, port: int, *, deadline_s: float, watchdog_s: float) -> NodeBench:
     from hdbench.devices.node.driver import NodeBench
     from hdbench.devices.node.wire import NodeWire
 
     wire = NodeWire(host, port, deadline_s=deadline_s)
-    return NodeBench(wire, watchdog_s=profile.daq.watchdog_s)
+    return NodeBench(wire, watchdog_s=watchdog_s)

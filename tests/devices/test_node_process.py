@@ -179,7 +179,8 @@ def test_the_embedded_node_stops_the_motor_and_leaves_when_its_host_is_killed(tm
     last = _events(record)[-1]
     assert last["event"] == "standstill"
     assert (last["state"], last["reference_v"]) == ("tripped", 0.0)
-    assert last["monotonic_s"] - killed_s < 1.0
+    # the embedded bench's watchdog 2 s, deceleration 0.2 s, the scheduler
+    assert last["monotonic_s"] - killed_s < 2.5
 
 
 @linux_only
