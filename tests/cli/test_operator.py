@@ -1,0 +1,55 @@
+"""The person at the bench is asked plainly, and a no is a no."""
+
+from __future__ import annotations
+
+import click
+import pytest
+from click.testing import CliRunner
+
+from hdbench_cli.operator import ConsoleOperator
+
+
+def ask(call, answer: str) -> tuple[bool, str]:
+    told: list[bool] = []
+
+    @click.command()
+    def command() -> None:
+        told.append(call())
+
+    result = CliRunner().invoke(command, input=answer)
+    assert result.exit_code == 0, result.output
+    return told[0], result.stderr
+
+
+@pytest.mark.parametrize(("answer", "meant"), [("\n", True), ("y\n", True), ("n\n", False)])
+def test_a_weight_is_named_with_its_side_and_the_torque_to_expect(answer: str, meant: bool) -> None:
+    operator = ConsoleOperator()
+    told, text = ask(
+        lambda: operator.hang(2.0, direction="ccw", expected_nm=-9.81, step="p1 2 of 9"), answer
+    )
+    assert told is meant
+    assert "hang 2 kg on the ccw side (expect -9.81 N m)" in text
+
+
+def test_no_weight_means_take_it_off() -> None:
+    operator = ConsoleOperator()
+    told, text = ask(
+        lambda: operator.hang(0.0, direction="cw", expected_nm=0.0, step="p1 1 of 9"), "\n"
+    )
+    assert told
+    assert "take all weights off" in text
+
+
+def test_confirmed_motion_is_not_asked_for_again_but_the_lock_is() -> None:
+    operator = ConsoleOperator(motion_confirmed=True)
+    assert operator.confirm_motion("square reference for 2.0 s")
+    assert operator.confirm_lock(locked=False)
+    told, text = ask(lambda: operator.confirm_lock(locked=True), "n\n")
+    assert not told
+    assert "Lock the wave generator" in text
+
+
+def test_a_position_is_asked_for_in_degrees() -> None:
+    operator = ConsoleOperator()
+    _, text = ask(lambda: operator.set_position(1.5707963, index=2, count=4), "\n")
+    assert "position 2 of 4: 90.0 degrees" in text
