@@ -193,7 +193,8 @@ class NodeWire:
         kind: type[HdbenchError] = DeviceError
         fix = "compare the value with the node's limits (docs/node-protocol.md)"
         if reason == Refusal.SESSION_HELD:
-            kind, fix = BusyError, "wait until the other host has finished, or stop it"
+            kind = BusyError
+            fix = "wait until the other host has finished; a killed one loses its session in 2 s"
         raise kind(
             f"the node refused with {reply}{why}", where=self._place(entry), fix=fix
         ) from reply
