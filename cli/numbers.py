@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from rich.console import Console
 
-__all__ = ["show_remarks", "with_uncertainty"]
+__all__ = ["probability", "show_remarks", "with_uncertainty"]
 
 
 def with_uncertainty(quantity: Mapping[str, Any], unit: str) -> str:
@@ -39,6 +39,26 @@ def with_uncertainty(quantity: Mapping[str, Any], unit: str) -> str:
     dof = quantity.get("dof")
     tail = f" ({dof:.3g} dof)" if dof is not None else ""
     return f"{value:.{digits}f} +- {std:.{digits}f} {unit}{tail}"
+
+
+def probability(value: float) -> str:
+    """Return a false-alarm probability in words: nothing is impossible, only below 1e-9.
+
+    Parameters
+    ----------
+    value : float
+        Probability, 0 to 1; 0 where it is too small for a float.
+
+    Returns
+    -------
+    str
+
+    Examples
+    --------
+    >>> probability(0.0021), probability(0.0)
+    ('0.0021', 'below 1e-9')
+    """
+    return "below 1e-9" if value < 1e-9 else f"{value:.2g}"
 
 
 def show_remarks(console: Console, result: Mapping[str, Any]) -> None:

@@ -21,7 +21,7 @@ __all__ = ["command", "show"]
 
 def show(console: Console, result: Mapping[str, Any]) -> None:
     """Draw a ripple result."""
-    from hdbench_cli.numbers import show_remarks, with_uncertainty
+    from hdbench_cli.numbers import probability, show_remarks, with_uncertainty
 
     console.print("Torque ripple")
     taken = {entry["order"]: entry["suppression_db"] for entry in result["suppression_db"]}
@@ -34,12 +34,12 @@ def show(console: Console, result: Mapping[str, Any]) -> None:
     for line in result.get("lines", ()):
         console.print(
             f"also {line['order']:<8.4g} {with_uncertainty(line['amplitude_nm'], 'N m')}"
-            f"  false alarm {line['false_alarm_probability']:.1e}"
+            f"  false alarm {probability(line['false_alarm_probability'])}"
         )
     for tone in result.get("tones", ()):
         console.print(
             f"tone {tone['frequency_hz']:<5.4g} Hz {with_uncertainty(tone['amplitude_nm'], 'N m')}"
-            f"  false alarm {tone['false_alarm_probability']:.1e}"
+            f"  false alarm {probability(tone['false_alarm_probability'])}"
         )
     rms = result["torque_rms_nm"]
     console.print(
