@@ -33,11 +33,7 @@ def command(output: Output, profile_name: str | None, address: str | None) -> No
     profile = load_profile(profile_name or "cim-tr-97-06")
     safe = stop_bench(profile, address=address)
     if not safe.confirmed:
-        raise UnsafeError(
-            f"THE SAFE STATE COULD NOT BE CONFIRMED: {safe.detail}",
-            where=address or profile.data.daq.address,
-            fix="press the emergency stop, then look at the bench before anything else",
-        )
+        raise UnsafeError.unconfirmed(safe.detail, where=address or profile.data.daq.address)
 
     def text(console: Console) -> None:
         console.print(f"stopped: {safe.detail}", markup=False)

@@ -127,6 +127,27 @@ class UnsafeError(HdbenchError):
     exit_code = 8
     kind = "unsafe"
 
+    @classmethod
+    def unconfirmed(cls, detail: str, *, where: str) -> UnsafeError:
+        """Return the loudest message there is.
+
+        Parameters
+        ----------
+        detail : str
+            What was read back, or that nobody answered.
+        where : str
+            Run folder or address.
+
+        Returns
+        -------
+        UnsafeError
+        """
+        return cls(
+            f"THE SAFE STATE COULD NOT BE CONFIRMED: {detail}",
+            where=where,
+            fix="press the emergency stop, then look at the bench before anything else",
+        )
+
 
 class BusyError(HdbenchError):
     """Another run holds the bench."""

@@ -27,7 +27,7 @@ from hdbench.session.evaluation import evaluate, store_evaluation
 from hdbench.session.options import BenchOptions, RunOutcome
 from hdbench.session.plans import Plan
 from hdbench.session.recorder import TraceRecorder
-from hdbench.session.runner import Aborted, Progress, Runner
+from hdbench.session.runner import Progress, Runner
 from hdbench.session.stop import StopRequested, StopSignals
 
 __all__ = ["Run"]
@@ -76,13 +76,10 @@ class Run:
             self._measure()
         except StopRequested as request:
             raise self._stopped(request) from request
-        except Aborted as error:
-            raise self._ended("aborted", error) from error
         except (DeviceError, StorageError) as error:
             raise self._ended("incomplete", error) from error
         except HdbenchError as error:
-            self._keep("aborted", error.what)
-            raise
+            raise self._ended("aborted", error) from error
         except OSError as error:
             storage = StorageError(
                 str(error.strerror or error),
@@ -144,11 +141,7 @@ class Run:
         safe = self.runner.safe if self.runner else None
         detail = safe.detail if safe else "no answer from the bench"
         because = f"; after: {cause.what}" if cause else ""
-        return UnsafeError(
-            f"THE SAFE STATE COULD NOT BE CONFIRMED: {detail}{because}",
-            where=str(self.folder.path),
-            fix="press the emergency stop, then look at the bench before anything else",
-        )
+        return UnsafeError.unconfirmed(detail + because, where=str(self.folder.path))
 
     def _ended(self, status: str, error: HdbenchError) -> HdbenchError:
         runner = self.runner
@@ -168,7 +161,7 @@ class Run:
 
     def _keep(self, status: str, reason: str) -> None:
         try:
-            files = self._write_records() if self.stop.count < 2 else []
+            files = self._write_records(self._records()) if self.stop.count < 2 else []
             self.folder.finish(status, reason, files)
         except (OSError, StorageError) as error:
             # the run folder's own disk has failed: the journal has what was acknowledged, and the
@@ -189,8 +182,7 @@ class Run:
         marks = {"settled": tuple(str(settled).lower() for settled in runner.settled)}
         return Loads(tuple(runner.readings), str(self.folder.loads), extra_columns=marks)
 
-    def _write_records(self) -> list[Path]:
-        records = self._records()
+    def _write_records(self, records: Trace | Loads | None) -> list[Path]:
         if isinstance(records, Trace):
             write_trace(self.folder.trace, records)
             return [self.folder.trace]
@@ -201,8 +193,8 @@ class Run:
 
     def evaluate(self) -> RunOutcome:
         """Write the records, evaluate them, close the run."""
-        files = self._write_records()
         records = self._records()
+        files = self._write_records(records)
         if records is None:
             self.folder.finish("incomplete", "no data", files)
             raise DataError(

@@ -1,0 +1,59 @@
+"""However a run ends, an unconfirmed safe state is what the user hears."""
+
+from __future__ import annotations
+
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+from fakes import FakeBench, FakeOperator
+
+from hdbench.errors import BusyError, DataError, DeviceError, HdbenchError, UnsafeError
+from hdbench.profile import load_profile
+from hdbench.records.jsonfile import read_json
+from hdbench.session import BenchOptions, keeping, run_experiment
+
+
+def run_with(
+    monkeypatch: pytest.MonkeyPatch, out: Path, failure: HdbenchError, *, confirms: bool
+) -> None:
+    def fail(bench: FakeBench, name: str) -> None:
+        if name == "read_block" and bench.calls.count(name) == 3:
+            raise failure
+
+    bench = FakeBench(hook=fail)
+    bench.confirms = confirms
+
+    @contextmanager
+    def opened(*_arguments: object, **_named: object):
+        yield bench
+
+    monkeypatch.setattr(keeping, "open_bench", opened)
+    monkeypatch.setattr(keeping, "SimulatedOperator", FakeOperator)
+    run_experiment(
+        "ripple", load_profile("cim-tr-97-06"), BenchOptions(out), lambda _what, _share: None
+    )
+
+
+@pytest.mark.parametrize(
+    ("kind", "status"),
+    [(DeviceError, "incomplete"), (BusyError, "aborted"), (DataError, "aborted")],
+)
+def test_the_safe_state_is_told_before_the_error_that_ended_the_run(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, kind: type[HdbenchError], status: str
+) -> None:
+    failure = kind("it failed", where="fake", fix="none")
+    with pytest.raises(UnsafeError, match=r"COULD NOT BE CONFIRMED.*after: it failed"):
+        run_with(monkeypatch, tmp_path, failure, confirms=False)
+    (manifest,) = tmp_path.glob("*/run.json")
+    assert read_json(manifest)["status"] == status
+
+
+def test_with_the_bench_safe_the_error_itself_is_told_and_the_samples_are_kept(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    failure = DeviceError("it failed", where="fake", fix="none")
+    with pytest.raises(DeviceError, match="it failed"):
+        run_with(monkeypatch, tmp_path, failure, confirms=True)
+    (manifest,) = tmp_path.glob("*/run.json")
+    assert "trace.csv" in read_json(manifest)["files"]
