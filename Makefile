@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test check venv dev coverage-campaign blind bench clean
+.PHONY: demo test check venv dev coverage-campaign blind bench firmware-check clean
 
 demo: $(VENV)/.installed
 	$(BIN)/hdbench demo
@@ -36,8 +36,20 @@ coverage-campaign: $(VENV)/.dev
 blind: $(VENV)/.dev
 	$(BIN)/python tools/blind.py
 
+# The exported filter on this machine and on an emulated Cortex-M4F; says what is missing.
+firmware-check: $(VENV)/.installed
+	@for tool in cc arm-none-eabi-gcc qemu-system-arm; do \
+	    command -v $$tool >/dev/null || echo "missing: $$tool (Debian: gcc, gcc-arm-none-eabi, qemu-system-arm)"; \
+	done
+	$(BIN)/hdbench export --model report-6 --out build/firmware
+	$(MAKE) -C build/firmware all double sanitize
+	@if command -v arm-none-eabi-gcc >/dev/null && command -v qemu-system-arm >/dev/null; then \
+	    $(MAKE) -C build/firmware target; \
+	else echo "not run on a Cortex-M4F: tools are missing"; fi
+
 bench: $(VENV)/.dev
 	$(BIN)/python tools/bench_filter.py
+	$(BIN)/python tools/bench_files.py
 	$(BIN)/python tools/bench_plant.py
 
 clean:

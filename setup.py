@@ -1,24 +1,81 @@
-"""Build the filter kernel where there is a C compiler; without one the NumPy form serves."""
+"""Build the filter kernel where there is a C compiler; without one the Python form serves."""
 
+import os
+import subprocess
 import sys
+import tempfile
 
 from setuptools import Extension, setup
+from setuptools.command.build_ext import build_ext
 
-GCC_FLAGS = ["-std=c99", "-O3", "-ffp-contract=off", "-Wall", "-Wextra"]
-FLAGS = [] if sys.platform == "win32" else GCC_FLAGS
+# -ffp-contract=off: the same bits on every processor; -fno-trapping-math: choices become selects
+GCC_FLAGS = ["-std=c99", "-O3", "-ffp-contract=off", "-fno-trapping-math"]
+GCC_FLAGS += ["-g0", "-Wall", "-Wextra", "-Wno-psabi"]
+PROBE = """
+#pragma GCC push_options
+#pragma GCC target("avx512f")
+typedef double wide __attribute__((vector_size(64)));
+static wide twice(wide a) { return a + a; }
+#pragma GCC pop_options
+int main(void) { return __builtin_cpu_supports("avx512f") && sizeof(wide) == 1; }
+"""
 
+
+class Build(build_ext):
+    """Add a version per width of the processor's vectors where the compiler can choose one."""
+
+    def build_extensions(self) -> None:
+        if self.compiler.compiler_type == "unix" and self.compiles_versions():
+            for extension in self.extensions:
+                extension.define_macros.append(("HDB_MULTIVERSION", "1"))
+        super().build_extensions()
+
+    def compiles_versions(self) -> bool:
+        with tempfile.TemporaryDirectory() as folder:
+            source = os.path.join(folder, "probe.c")
+            with open(source, "w") as file:
+                file.write(PROBE)
+            command = [*self.compiler.compiler, "-c", source, "-o", os.path.join(folder, "probe.o")]
+            try:
+                version = subprocess.run(
+                    [self.compiler.compiler[0], "--version"], capture_output=True, text=True
+                ).stdout
+                built = subprocess.run(command, capture_output=True).returncode == 0
+            except OSError:
+                return False
+        # clang takes other pragmas for targets
+        return built and "clang" not in version
+
+
+KERNEL = "hdbench/filter/kernel"
 setup(
+    cmdclass={"build_ext": Build},
     ext_modules=[
         Extension(
             "hdbench.filter._kernel",
-            sources=["hdbench/filter/kernel/binding.c", "hdbench/filter/kernel/oscillator.c"],
-            depends=["hdbench/filter/kernel/oscillator.h"],
-            include_dirs=["hdbench/filter/kernel"],
-            extra_compile_args=FLAGS,
+            sources=[
+                f"{KERNEL}/{name}.c"
+                for name in ("binding", "filter", "filter_run", "filter_smooth")
+            ],
+            depends=[
+                f"{KERNEL}/filter{name}.h"
+                for name in (
+                    "",
+                    "_dispatch",
+                    "_host",
+                    "_isa",
+                    "_lanes",
+                    "_math",
+                    "_recurse",
+                    "_shape",
+                )
+            ],
+            include_dirs=[KERNEL],
+            extra_compile_args=[] if sys.platform == "win32" else GCC_FLAGS,
             libraries=[] if sys.platform == "win32" else ["m"],
             define_macros=[("Py_LIMITED_API", "0x030B0000")],
             py_limited_api=True,
             optional=True,
         )
-    ]
+    ],
 )

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from hdbench.errors import DataError, DoubtfulDataError, UsageError
+from hdbench.errors import DataError, DoubtfulDataError
 from hdbench_cli.experiment import choose_profile
 from hdbench_cli.options import calibration_option, model_option, profile_option
 from hdbench_cli.output import Output
@@ -19,60 +18,10 @@ if TYPE_CHECKING:
     from hdbench.estimation import DataFlag
     from hdbench.filter import FilteredBlock, FilterModel
     from hdbench.profile import Profile
-    from hdbench.records import TorqueScale, Trace
+    from hdbench.records import Trace
+    from hdbench_cli.traces import Input
 
 __all__ = ["command"]
-
-
-def _scaled(
-    trace: Trace,
-    source: Path,
-    profile: Profile,
-    model: FilterModel,
-    gain: float | None,
-    calibration: Path | None,
-) -> tuple[Trace, TorqueScale]:
-    """Give the trace its torque in N m: the named gain, else what is known of it, in that order."""
-    from hdbench.profile.scaling import rescaled, stored_scale
-    from hdbench.records import Quantity, TorqueScale
-    from hdbench.records.jsonfile import read_json
-
-    if gain is not None:
-        if not 0.0 < abs(gain) < math.inf:
-            raise UsageError(
-                f"gain {gain!r} N m/V; needed: a finite number other than 0",
-                where="--gain",
-                fix="give the sensor's torque per volt",
-            )
-        if "torque_v" not in trace:
-            raise DataError(
-                "no torque_v column to scale by --gain; found torque_nm only",
-                where=trace.source,
-                fix="leave --gain out, or import the raw volts as torque_v",
-            )
-        scale = TorqueScale(Quantity(gain, 0.0), "--gain; its uncertainty not declared")
-        return trace.with_columns(torque_nm=trace["torque_v"] * gain), scale
-    stored = None
-    if (source / "run.json").is_file():
-        stored = stored_scale(read_json(source / "run.json").get("calibration"), source)
-    if stored is None and model.torque_gain_nm_per_v is not None and "torque_nm" not in trace:
-        origin = model.provenance.get("torque_gain_nm_per_v", "not stated")
-        stored = TorqueScale(
-            Quantity(model.torque_gain_nm_per_v, 0.0), f"filter model {model.name}: {origin}"
-        )
-    return rescaled(trace, profile, calibration=calibration, stored=stored)
-
-
-def _check_out(out: Path, source: Path, file: Path) -> None:
-    """Refuse to write over what was measured."""
-    if out.resolve() == file.resolve() or (
-        source.is_dir() and out.resolve().parent == source.resolve()
-    ):
-        raise UsageError(
-            f"{out} belongs to the measured data; needed: another file",
-            where="--out",
-            fix="name a new file outside the run",
-        )
 
 
 def _lost(trace: Trace, profile: Profile) -> int:
@@ -110,6 +59,7 @@ def _summary(
     import numpy as np
 
     from hdbench.filter import kernel_name
+    from hdbench.filter.guard import FLAG_BITS
 
     both = np.isfinite(trace["torque_nm"]) & np.isfinite(block.torque_filtered_nm)
     if not both.any():
@@ -124,6 +74,9 @@ def _summary(
         "samples": len(trace),
         "missing_samples": sum(f.samples for f in flags if f.name == "missing-samples"),
         "flags": [flag.to_dict() for flag in flags],
+        "sample_flags": {
+            name: int(np.count_nonzero(block.flags & bit)) for name, bit in FLAG_BITS.items()
+        },
         "torque_rms_nm": {
             "measured": rms(trace["torque_nm"]),
             "filtered": rms(block.torque_filtered_nm),
@@ -131,6 +84,39 @@ def _summary(
         "kernel": kernel_name(),
         "filter": model.to_dict(),
     }
+
+
+def _tuned(item: Input, profile: Profile) -> FilterModel:
+    """Tune the profile's orders on this very trace."""
+    from hdbench.filter.tuning import settings_of
+    from hdbench.session.filters import choose_filter
+    from hdbench_cli.tune import tune_inputs
+
+    base = choose_filter(profile, None)
+    return tune_inputs([item], base, settings_of(profile.data), profile).model
+
+
+def _smoothed(
+    written: Trace, trace: Trace, model: FilterModel, profile: Profile
+) -> tuple[Trace, list[dict[str, Any]]]:
+    from hdbench.filter.smoothing import smooth_channels
+    from hdbench_cli.filter_more import smoothed_columns, smoothed_summary, trace_channels
+
+    smoothed = smooth_channels(model, trace_channels(trace, model, profile))
+    return smoothed_columns(written, smoothed), smoothed_summary(smoothed)
+
+
+def _compared(
+    written: Trace, item: Input, model: FilterModel, profile: Profile, plot: Path | None
+) -> tuple[Trace, dict[str, Any]]:
+    """Compare with the model at hand where it is a tuned one, else with one tuned here."""
+    from hdbench_cli.filter_more import compare, compared_columns, draw_comparison
+
+    tuned = model if model.tuning is not None else _tuned(item, profile)
+    found = compare(item.trace, tuned, profile)
+    if plot is not None:
+        draw_comparison(plot, item.trace, found)
+    return compared_columns(written, found), found.to_dict()
 
 
 @click.command("filter", epilog="Example: hdbench filter runs/RUN --model report-6 --out clean.csv")
@@ -151,6 +137,22 @@ def _summary(
     required=True,
     help="Trace file to write (.csv or .csv.gz).",
 )
+@click.option(
+    "--smooth",
+    is_flag=True,
+    help="Add columns: smoothed torque, every order's amplitude and phase with their bands.",
+)
+@click.option(
+    "--compare",
+    is_flag=True,
+    help="Raw, low-pass, the report's tuning, tuned and smoothed side by side.",
+)
+@click.option(
+    "--plot",
+    metavar="FILE.svg",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="With --compare: picture to write, .svg or .png.",
+)
 @click.pass_obj
 def command(
     output: Output,
@@ -160,6 +162,9 @@ def command(
     calibration: Path | None,
     gain: float | None,
     out: Path,
+    smooth: bool,
+    compare: bool,
+    plot: Path | None,
 ) -> None:
     """Take ripple and misalignment out of a stored trace.
 
@@ -168,16 +173,22 @@ def command(
     file is written, and its torque is nan where it is missing.
     """
     from hdbench.filter import filter_trace, filtered_columns
-    from hdbench.records import read_trace, resolve_input, result_header, sha256_file, write_trace
+    from hdbench.records import result_header, write_trace
     from hdbench.session.filters import choose_filter
+    from hdbench_cli.traces import check_out, read_input
 
     if gain is not None and calibration is not None:
         raise click.UsageError("--gain and --calibration both name a gain; give one")
+    if plot is not None and not compare:
+        raise click.UsageError("--plot draws the comparison; ask for --compare too")
     profile = choose_profile(profile_name, source)
-    model = choose_filter(profile, filter_name, source=source)
-    file = resolve_input(source)
-    _check_out(out, source, file)
-    trace, scale = _scaled(read_trace(file), source, profile, model, gain, calibration)
+    tuned = filter_name == "tuned"
+    model = choose_filter(profile, None if tuned else filter_name, source=source)
+    item = read_input(source, profile, gain=gain, calibration=calibration, model=model)
+    check_out(out, source, item.file)
+    trace = item.trace
+    if tuned:
+        model = _tuned(item, profile)
     block = filter_trace(
         trace,
         model,
@@ -186,17 +197,22 @@ def command(
     )
     body = {
         **result_header("filter", profile),
-        "input": {"path": str(file), "sha256": sha256_file(file)},
+        "input": item.identity(),
         "out": str(out),
-        "torque_scale": scale.to_dict(),
+        "torque_scale": item.scale.to_dict(),
         **_summary(trace, block, model, _flags(trace, profile)),
     }
-    write_trace(out, filtered_columns(trace, block))
+    written = filtered_columns(trace, block)
+    if smooth:
+        written, body["orders"] = _smoothed(written, trace, model, profile)
+    if compare:
+        written, body["comparison"] = _compared(written, item, model, profile, plot)
+    write_trace(out, written)
     output.result(body, lambda console: _show(console, body))
     if body["flags"]:
         doubt = DoubtfulDataError(
             "; ".join(flag["detail"] for flag in body["flags"]),
-            where=str(file),
+            where=str(item.file),
             fix="look at the marked samples, then measure again",
         )
         if output.json:
@@ -207,7 +223,11 @@ def command(
 
 def _show(console: Console, body: dict[str, Any]) -> None:
     rms, model = body["torque_rms_nm"], body["filter"]
-    orders = ", ".join(f"{block['order']:g}" for block in model["blocks"])
+    places = [
+        f"{block['frequency_hz']:g} Hz" if "frequency_hz" in block else f"{block['order']:g}"
+        for block in model["blocks"]
+    ]
+    orders = ", ".join(places)
     for name, text in (
         ("model", f"{model['name']}, orders {orders}, kernel {body['kernel']}"),
         ("torque gain", body["torque_scale"]["source"]),
@@ -215,3 +235,11 @@ def _show(console: Console, body: dict[str, Any]) -> None:
         ("written", f"{body['out']}, {body['samples']} samples"),
     ):
         console.print(f"{name:12s}{text}", markup=False, highlight=False, soft_wrap=True)
+    if "orders" in body:
+        from hdbench_cli.filter_more import show_orders
+
+        show_orders(console, body["orders"])
+    if "comparison" in body:
+        from hdbench_cli.filter_more import show_comparison
+
+        show_comparison(console, body["comparison"])

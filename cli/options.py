@@ -66,8 +66,8 @@ model_option = click.option(
     "--model",
     "filter_name",
     metavar="NAME|FILE",
-    help="Filter model: report-a1, report-a2, report-6 or a model file; else that of the stored "
-    "run, else the profile's.",
+    help="Filter model: report-a1, report-a2, report-6, a model file, or tuned (on this input) "
+    "where there is one; else that of the stored run, else the profile's.",
 )
 
 

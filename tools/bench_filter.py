@@ -1,46 +1,65 @@
-"""Print what one sample of the filter costs: C kernel, NumPy form, dense textbook loop.
+"""Print what one sample of the filter costs, beside other libraries, in one run on one trace.
 
-Usage: python tools/bench_filter.py [--samples N]
+Usage: python tools/bench_filter.py [--samples N] [--covariance N]
 
-All forms are timed in one run on one trace, because a shared machine allows ratios only.
+A shared machine allows ratios only, so the rounds of all contenders alternate. `--covariance`
+runs the filter over so many samples (1e8 in a campaign) and shows the covariance's eigenvalues.
 """
 
 from __future__ import annotations
 
 import argparse
+import importlib
+import math
+import shutil
+import subprocess
+import tempfile
 import time
 from collections.abc import Callable
+from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 
-from hdbench.filter import FilterModel, OnlineFilter, OscillatorBlock
-from hdbench.filter.core import run_form
+from hdbench.filter.core import kernel_form
+from hdbench.filter.kalman import batch, new_state, run, smooth
+from hdbench.filter.statespace import StateBlock, StateSpace
 from hdbench.records import FloatArray
 
+Work = Callable[[], FloatArray | None]
+
 _ROUNDS = 5
-_SLOW_SAMPLES = 5_000
 _PERIOD_S = 1e-3
+_FEW = 3_000
+_TRACES = 64
 
 
-def model_of(orders: tuple[float, ...]) -> FilterModel:
-    """Return a model with blocks at `orders` and the noise of the report.
-
-    Parameters
-    ----------
-    orders : tuple of float
-        Cycles per motor turn.
+def model() -> StateSpace:
+    """Return the report's model of six states, without expected torque.
 
     Returns
     -------
-    FilterModel
-        The model.
+    StateSpace
+        Orders 2, 4 and 1/100 with the report's noise.
     """
-    blocks = tuple(OscillatorBlock(order, "ripple", 1000.0) for order in orders)
-    return FilterModel("bench", blocks, 1.0, 1.725e-2, 100.0, 0.005, False, {})
+    orders = ((2.0, 1000.0), (4.0, 1000.0), (0.01, 0.05))
+    blocks = (StateBlock("oscillator", "ripple", order=o, noise_per_sample=q) for o, q in orders)
+    return StateSpace(tuple(blocks), 1.0, start="listing")
 
 
 def trace(n: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return time, velocity with reversals, and torque with ripple and noise, n samples."""
+    """Return time, velocity with reversals, and torque with ripple and noise.
+
+    Parameters
+    ----------
+    n : int
+        Number of samples.
+
+    Returns
+    -------
+    time_s, velocity_rad_s, torque_nm : ndarray, shape (n,)
+        Samples at 1 kHz.
+    """
     rng = np.random.default_rng(1)
     time_s = np.arange(n) * _PERIOD_S
     velocity = 156.0 * np.sin(2.0 * np.pi * 0.3 * time_s)
@@ -49,62 +68,285 @@ def trace(n: int) -> tuple[FloatArray, FloatArray, FloatArray]:
     return time_s, velocity, torque
 
 
-def dense_loop(model: FilterModel, time_s: FloatArray, v: FloatArray, y: FloatArray) -> None:
-    """Run equations 8-10 with full matrices, expected torque left out."""
-    n = 2 * len(model.blocks)
-    c = np.zeros((1, n))
-    c[0, ::2] = 1.0
-    noise = np.diag(np.repeat([block.process_noise for block in model.blocks], 2))
-    p, x, phi = np.eye(n), np.zeros((n, 1)), np.zeros((n, n))
-    for k in range(time_s.size - 1):
-        turn = v[k] * (time_s[k + 1] - time_s[k])
-        for i, block in enumerate(model.blocks):
-            cosine, sine = np.cos(block.order * turn), np.sin(block.order * turn)
-            phi[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] = ((cosine, sine), (-sine, cosine))
-        gain = phi @ p @ c.T / (model.measurement_noise + c @ p @ c.T)
-        x = phi @ x + gain @ (y[k] - c @ x)
-        p = noise + (phi - gain @ c) @ p @ phi.T
+def matrices(v: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return transitions out of every sample, C and Q of `model` as dense matrices.
+
+    Parameters
+    ----------
+    v : ndarray, shape (n,)
+        Velocity, rad/s.
+
+    Returns
+    -------
+    phi : ndarray, shape (n, 6, 6)
+        Transitions.
+    c : ndarray, shape (1, 6)
+        Output.
+    q : ndarray, shape (6, 6)
+        Process noise.
+    """
+    phi = np.zeros((v.size, 6, 6))
+    for i, order in enumerate((2.0, 4.0, 0.01)):
+        cosine, sine = np.cos(order * v * _PERIOD_S), np.sin(order * v * _PERIOD_S)
+        at = 2 * i
+        phi[:, at, at] = phi[:, at + 1, at + 1] = cosine
+        phi[:, at, at + 1], phi[:, at + 1, at] = sine, -sine
+    c = np.array([[1.0, 0.0] * 3])
+    return phi, c, np.diag([1000.0] * 4 + [0.05] * 2)
 
 
-def best_ns(work: Callable[[], object], n: int) -> float:
-    """Return the least time of some rounds, ns per sample."""
-    times = []
+def peers(v: FloatArray, y: FloatArray) -> tuple[dict[str, Work], list[str]]:
+    """Return every other library that is here, and the names of those that are not.
+
+    Parameters
+    ----------
+    v, y : ndarray, shape (n,)
+        Velocity, rad/s, and torque, N m.
+
+    Returns
+    -------
+    work : dict
+        What to time; each returns the predicted torque.
+    missing : list of str
+        Libraries to install with ``pip install hdbench[bench]``.
+    """
+    phi, c, q = matrices(v)
+    start = np.array([y[0], 0.0] * 3)
+    makers: dict[str, tuple[str, Callable[[ModuleType], Work]]] = {
+        "filterpy": ("filterpy.kalman", lambda m: _filterpy(m, phi, c, q, start, y)),
+        "statsmodels": (
+            "statsmodels.tsa.statespace.kalman_filter",
+            lambda m: _statsmodels(m, phi, c, q, start, y),
+        ),
+        "pykalman": ("pykalman", lambda m: _pykalman(m, phi, c, q, start, y)),
+    }
+    work: dict[str, Work] = {"plain NumPy": lambda: _plain(phi, c, q, start, y)}
+    missing = []
+    for name, (module, maker) in makers.items():
+        try:
+            work[name] = maker(importlib.import_module(module))
+        except ImportError:
+            missing.append(name)
+    return work, missing
+
+
+def _plain(
+    phi: FloatArray, c: FloatArray, q: FloatArray, x: FloatArray, y: FloatArray
+) -> FloatArray:
+    p, out = np.eye(6), np.zeros(y.size)
+    for k in range(y.size):
+        out[k] = (c @ x)[0]
+        gain = phi[k] @ p @ c.T / (1.0 + c @ p @ c.T)
+        x = phi[k] @ x + gain[:, 0] * (y[k] - out[k])
+        p = q + (phi[k] - gain @ c) @ p @ phi[k].T
+    return out
+
+
+def _filterpy(
+    m: ModuleType, phi: FloatArray, c: FloatArray, q: FloatArray, x: FloatArray, y: FloatArray
+) -> Work:
+    def work() -> FloatArray:
+        kf = m.KalmanFilter(dim_x=6, dim_z=1)
+        kf.x, kf.P, kf.H, kf.R, kf.Q = x[:, None].copy(), np.eye(6), c, np.eye(1), q
+        out = np.zeros(y.size)
+        for k in range(y.size):
+            out[k] = (c @ kf.x)[0, 0]
+            kf.update(y[k])
+            kf.predict(F=phi[k])
+        return out
+
+    return work
+
+
+def _statsmodels(
+    m: ModuleType, phi: FloatArray, c: FloatArray, q: FloatArray, x: FloatArray, y: FloatArray
+) -> Work:
+    kf = m.KalmanFilter(k_endog=1, k_states=6, k_posdef=6)
+    kf.bind(y.copy())
+    kf["design"], kf["obs_cov"], kf["selection"] = c, np.eye(1), np.eye(6)
+    kf["transition"], kf["state_cov"] = np.ascontiguousarray(phi.transpose(1, 2, 0)), q
+    kf.initialize_known(x, np.eye(6))
+    return lambda: np.asarray(kf.filter().forecasts[0])
+
+
+def _pykalman(
+    m: ModuleType, phi: FloatArray, c: FloatArray, q: FloatArray, x: FloatArray, y: FloatArray
+) -> Work:
+    def work() -> FloatArray:
+        kf = m.KalmanFilter(phi[:-1], c, q, np.eye(1), np.zeros(6), np.zeros(1), x, np.eye(6))
+        means, _ = kf.filter(y)
+        ahead = np.einsum("kij,kj->ki", phi[:-1], np.asarray(means)[:-1])
+        return np.asarray(np.append(x[::2].sum(), ahead[:, ::2].sum(axis=1)))
+
+    return work
+
+
+def ours(n: int) -> dict[str, tuple[Work, int]]:
+    """Return our forms: what to time, and samples per call.
+
+    Parameters
+    ----------
+    n : int
+        Samples of the long trace.
+
+    Returns
+    -------
+    dict
+        By name.
+    """
+    space, (t, v, y) = model(), trace(n)
+    m = max(n // 200, 10)
+    columns = [np.repeat(a[:m, None], _TRACES, axis=1) * np.linspace(0.9, 1, 64) for a in (v, y)]
+    half = slice(0, max(n // 10, 10))
+
+    def steps() -> None:
+        state = new_state(space)
+        for k in range(_FEW):
+            run(space, state, t[k : k + 1], v[k : k + 1], y[k : k + 1])
+
+    def numpy_form() -> None:
+        run(space, new_state(space), t[:_FEW], v[:_FEW], y[:_FEW], form="numpy")
+
+    return {
+        "run": (lambda: run(space, new_state(space), t, v, y).ripple_nm, n),
+        f"batch of {_TRACES}": (
+            lambda: batch(space, t[:m], columns[0], columns[1]).torque_filtered_nm,
+            m * _TRACES,
+        ),
+        "smoother": (
+            lambda: smooth(space, t[half], v[half], y[half]).torque_expected_nm,
+            half.stop,
+        ),
+        "one sample per call": (steps, _FEW),
+        "Python form": (numpy_form, _FEW),
+    }
+
+
+def float_ns(rounds: int) -> float | None:
+    """Return what a sample costs in the exported float32 build, ns; None without a compiler.
+
+    Parameters
+    ----------
+    rounds : int
+        Of the self-test's loop; the least time counts.
+
+    Returns
+    -------
+    float or None
+        ns per sample.
+    """
+    from hdbench.filter.firmware import export_firmware
+    from hdbench.filter.presets import preset
+    from hdbench.profile import load_profile
+
+    compiler = shutil.which("cc")
+    if compiler is None:
+        return None
+    program = """
+#include <stdio.h>
+#include <time.h>
+#include "hdb_model.h"
+#include "hdb_vectors.h"
+int main(void)
+{
+    static hdb_state state; hdb_output out; double best = 1e9;
+    for (int r = 0; r < ROUNDS; ++r) {
+        const clock_t start = clock();
+        for (int n = 0; n < 200; ++n)
+            for (int k = 0; k < HDB_VECTORS; ++k)
+                hdb_filter_step(&hdb_exported_model, &state, HDB_SAMPLE_PERIOD_S,
+                                hdb_vector_velocity[k], hdb_vector_torque[k], &out);
+        const double took = (double)(clock() - start) / CLOCKS_PER_SEC / (200.0 * HDB_VECTORS);
+        best = took < best ? took : best;
+    }
+    printf("%g", 1e9 * best + 0 * (double)out.filtered);
+    return 0;
+}
+"""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        report = preset("report-6", load_profile("cim-tr-97-06").data)
+        export_firmware(report, folder, sample_period_s=_PERIOD_S, source="bench")
+        (folder / "bench.c").write_text(program)
+        flags = ["-std=c99", "-O3", "-DHDB_EXPORTED", f"-DROUNDS={rounds}"]
+        files = ["filter.c", "bench.c", "-o", "bench"]
+        subprocess.run([compiler, *flags, *files], cwd=folder, check=True)
+        said = subprocess.run([folder / "bench"], capture_output=True, text=True, check=True)
+    return float(said.stdout)
+
+
+def timed(work: dict[str, tuple[Work, int]]) -> dict[str, float]:
+    """Return the least time of each contender over alternating rounds, ns per sample.
+
+    Parameters
+    ----------
+    work : dict
+        What to call, and samples per call.
+
+    Returns
+    -------
+    dict
+        ns per sample by name.
+    """
+    best = dict.fromkeys(work, math.inf)
     for _ in range(_ROUNDS):
-        start = time.perf_counter_ns()
-        work()
-        times.append(time.perf_counter_ns() - start)
-    return min(times) / n
+        for name, (function, samples) in work.items():
+            start = time.perf_counter_ns()
+            function()
+            best[name] = min(best[name], (time.perf_counter_ns() - start) / samples)
+    return best
+
+
+def covariance(n: int) -> None:
+    """Run `n` samples and print the eigenvalues of P on the way.
+
+    Parameters
+    ----------
+    n : int
+        Number of samples.
+    """
+    space, chunk = model(), 1_000_000
+    t, v, y = trace(chunk)
+    state, size = new_state(space), 6
+    for k in range(max(n // chunk, 1)):
+        run(space, state, t + k * chunk * _PERIOD_S, v, y)
+        p = np.zeros((size, size))
+        p[np.tril_indices(size)] = state[-size * (size + 1) // 2 :]
+        values = np.linalg.eigvalsh(p + np.tril(p, -1).T)
+        if k % 10 == 9 or k == 0:
+            print(f"{(k + 1) * chunk:12d} samples: P from {values[0]:.6g} to {values[-1]:.6g}")
 
 
 def main() -> None:
-    """Time every form on models of 4, 6, 8 and 12 states."""
+    """Time every form and library on the report's model of six states."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
-    parser.add_argument("--samples", type=int, default=1_000_000, help="samples for the C kernel")
-    samples = max(parser.parse_args().samples, 1)
-    few = min(samples, _SLOW_SAMPLES)
-    long, short = trace(samples), trace(few)
+    parser.add_argument("--samples", type=int, default=1_000_000, help="samples of our long run")
+    parser.add_argument("--covariance", type=int, default=0, help="samples of the drift campaign")
+    given = parser.parse_args()
+    if given.covariance:
+        covariance(given.covariance)
+        return
     try:
-        run_form("c")
-        compiled = True
+        kernel_form("c")
     except ValueError as error:
-        print(error)
-        compiled = False
-    print(
-        f"{'states':>6} {'C ns':>9} {'NumPy ns':>10} {'dense ns':>10} {'NumPy/C':>8} {'dense/C':>8}"
-    )
-    for orders in ((2.0, 4.0), (2.0, 4.0, 0.01), (1.0, 2.0, 4.0, 0.01), (1, 2, 3, 4, 5, 0.01)):
-        model = model_of(tuple(float(order) for order in orders))
-
-        def run(form: str, data: tuple[FloatArray, ...], model: FilterModel = model) -> object:
-            return OnlineFilter(model, kernel=form).process(*data)
-
-        fast = best_ns(lambda run=run: run("c", long), samples) if compiled else float("nan")
-        numpy_form = best_ns(lambda run=run: run("numpy", short), few)
-        dense = best_ns(lambda model=model: dense_loop(model, *short), few)
-        print(
-            f"{2 * len(orders):6d} {fast:9.1f} {numpy_form:10.0f} {dense:10.0f} "
-            f"{numpy_form / fast:8.0f} {dense / fast:8.0f}"
-        )
+        print(f"without the compiled kernel: {error}")
+    _, v, y = trace(_FEW)
+    others, missing = peers(v, y)
+    work = ours(max(given.samples, _FEW))
+    best = timed({**work, **{name: (function, _FEW) for name, function in others.items()}})
+    single = float_ns(_ROUNDS)
+    if single is not None:
+        best["float32, as exported"] = single
+    space, (t, _, _) = model(), trace(_FEW)
+    wanted = run(space, new_state(space), t, v, y).ripple_nm
+    print(f"{'six states':22} {'ns per sample':>14} {'times run':>10} {'differs, N m':>13}")
+    for name, value in best.items():
+        found = others[name]() if name in others else None
+        # the first prediction is reported as 0 by ours: nothing was seen
+        apart = "" if found is None else f"{np.abs(found[1:] - wanted[1:]).max():13.1e}"
+        print(f"{name:22} {value:14.1f} {value / best['run']:10.2f} {apart}")
+    for name in missing:
+        print(f"{name}: not here; pip install 'hdbench[bench]'")
 
 
 if __name__ == "__main__":

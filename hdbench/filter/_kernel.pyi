@@ -1,18 +1,29 @@
+import numpy as np
+from numpy.typing import NDArray
+
 from hdbench.records import FloatArray
 
 def run(
-    order: FloatArray,
-    process_noise: FloatArray,
-    misalignment: FloatArray,
-    parameters: FloatArray,
+    model: FloatArray,
     state: FloatArray,
-    time_s: FloatArray,
-    velocity_rad_s: FloatArray,
-    torque_nm: FloatArray,
-    angle_rad: FloatArray | None,
-    torque_expected_nm: FloatArray,
-    ripple_nm: FloatArray,
-    misalignment_nm: FloatArray,
-    torque_filtered_nm: FloatArray,
+    samples: tuple[FloatArray, FloatArray, FloatArray, FloatArray | None],
+    outputs: tuple[FloatArray, ...],
+    flags: NDArray[np.uint8],
+    sums: FloatArray,
+    /,
+) -> int: ...
+def batch(
+    model: FloatArray,
+    samples: tuple[FloatArray, FloatArray, FloatArray, FloatArray | None],
+    outputs: tuple[FloatArray | None, ...],
+    sums: FloatArray,
+    /,
+) -> int: ...
+def smooth(
+    model: FloatArray,
+    samples: tuple[FloatArray, FloatArray, FloatArray, FloatArray | None],
+    expected: FloatArray,
+    mean: FloatArray,
+    covariance: FloatArray | None,
     /,
 ) -> int: ...

@@ -55,18 +55,21 @@ def build_filter_model(
     Notes
     -----
     A new R scales every Q that no result gives by the same factor: the filter's gain depends on
-    Q/R alone, so those blocks stay as selective as in `base`.
+    Q/R alone, so those blocks stay as selective as in `base`. A tuned base keeps all its noise:
+    results give it orders only, with the noise of its own block of that kind.
     """
     if ripple is None and misalignment is None and calibration is None:
         return base
-    blocks = base.blocks
+    blocks, tuned = base.blocks, base.order_prior_std_nm is not None
     provenance = dict(base.provenance)
     r, gain = base.measurement_noise, base.torque_gain_nm_per_v
     if misalignment is not None:
-        blocks = _with_misalignment(blocks, misalignment, r)
+        added = _with_misalignment(blocks, misalignment, r)
+        blocks = _own_noise(blocks, added) if tuned else added
         provenance["misalignment block"] = _origin(misalignment, "misalignment")
     if ripple is not None:
-        blocks, r = _with_ripple(blocks, ripple, r)
+        added, new_r = _with_ripple(blocks, ripple, r)
+        blocks, r = (_own_noise(blocks, added), r) if tuned else (added, new_r)
         provenance["ripple blocks, measurement_noise"] = _origin(ripple, "ripple")
     if calibration is not None:
         gain = _finite(calibration, "gain_nm_per_v", "calibration result")
@@ -115,6 +118,22 @@ def _finite(body: object, key: str, where: str) -> float:
     return float(value)
 
 
+def _own_noise(
+    before: tuple[OscillatorBlock, ...], after: tuple[OscillatorBlock, ...]
+) -> tuple[OscillatorBlock, ...]:
+    """Return `after` with the tuned noise: of the same order, else of the first of its role."""
+    found = []
+    for block in after:
+        like = [b for b in before if b.role == block.role] or list(before)
+        # relative rounding of 1/N written and read again
+        same = [b for b in like if abs(b.order - block.order) <= 1e-9 * block.order]
+        template = (same or like)[0]
+        found.append(
+            replace(block, process_noise=template.process_noise, noise_per=template.noise_per)
+        )
+    return tuple(found)
+
+
 def _with_ripple(
     blocks: tuple[OscillatorBlock, ...], result: Mapping[str, Any], r: float
 ) -> tuple[tuple[OscillatorBlock, ...], float]:
@@ -135,7 +154,8 @@ def _with_ripple(
         OscillatorBlock(_number(entry, "order", f"ripple result:ripple[{i}]"), "ripple", q)
         for i, entry in enumerate(entries)
     )
-    return found + tuple(block for block in scaled if block.role != "ripple"), new_r
+    kept = tuple(block for block in scaled if block.role != "ripple" or block.frequency_hz > 0.0)
+    return found + kept, new_r
 
 
 def _with_misalignment(

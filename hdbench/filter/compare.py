@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from hdbench.errors import DataError
 from hdbench.filter.model import FilterModel
+from hdbench.filter.steady import steady_filter
 from hdbench.records import FloatArray
 
 __all__ = ["butterworth_lowpass", "transfer_at_steady_speed"]
@@ -103,44 +104,11 @@ def transfer_at_steady_speed(
 
     Notes
     -----
-    The steady P solves the Riccati equation of the recursion; with
-    :math:`K = \Phi P C^T / (R + C P C^T)`,
-    :math:`H(z) = 1 - C (z I - \Phi + K C)^{-1} K`, zero at every block's own frequency.
+    The steady P solves the Riccati equation of the recursion; with the transition F and
+    :math:`K = F P C^T / (R + C P C^T)`, and c that picks the blocks taken off the torque,
+    :math:`H(z) = 1 - c (z I - F + K C)^{-1} K`, zero at every block's own frequency.
     """
-    if not (0.0 < abs(velocity_rad_s) < math.inf and 0.0 < sample_period_s < math.inf):
-        raise _no_steady_gain(velocity_rad_s, f"at a sampling period of {sample_period_s!r} s")
-    turns = [b.order * velocity_rad_s * sample_period_s for b in model.blocks]
-    n = 2 * len(turns)
-    phi, c = np.zeros((n, n)), np.zeros((1, n))
-    c[0, ::2] = 1.0
-    for i, turn in enumerate(turns):
-        block = ((math.cos(turn), math.sin(turn)), (-math.sin(turn), math.cos(turn)))
-        phi[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] = block
-    noise = np.diag(np.repeat([b.process_noise for b in model.blocks], 2))
-    p = _steady_covariance(phi, c, noise, model.measurement_noise, velocity_rad_s)
-    gain = phi @ p @ c.T / (model.measurement_noise + c @ p @ c.T)
+    steady = steady_filter(model, velocity_rad_s, sample_period_s)
     frequency = np.asarray(frequency_hz, dtype=np.float64)
-    z = np.exp(2j * np.pi * frequency.ravel() * sample_period_s)
-    closed = phi - gain @ c
-    inner = z[:, None, None] * np.eye(n) - closed
-    response = 1.0 - (c @ np.linalg.solve(inner, np.broadcast_to(gain, (z.size, n, 1))))[:, 0, 0]
+    response = steady.transfer(frequency.ravel())
     return np.asarray(response.reshape(frequency.shape), dtype=np.complex128)
-
-
-def _steady_covariance(
-    phi: FloatArray, c: FloatArray, noise: FloatArray, r: float, velocity_rad_s: float
-) -> FloatArray:
-    from scipy.linalg import solve_discrete_are
-
-    try:
-        return np.asarray(solve_discrete_are(phi.T, c.T, noise, np.array([[r]])))
-    except np.linalg.LinAlgError as error:
-        raise _no_steady_gain(velocity_rad_s, str(error)) from error
-
-
-def _no_steady_gain(velocity_rad_s: float, reason: str) -> DataError:
-    return DataError(
-        f"the filter has no steady gain at {velocity_rad_s!r} rad/s: {reason}",
-        where="velocity_rad_s",
-        fix="ask at a velocity at which the blocks have different frequencies",
-    )

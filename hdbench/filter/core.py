@@ -1,30 +1,79 @@
-"""Which form of the filter runs: the C kernel, or its NumPy form."""
+"""Which form of the kernel runs: compiled, or in Python with the same bits.
+
+What they compute, with signatures, stands in `hdbench.filter.kalman`: ``run``, ``batch``,
+``smooth`` on a `hdbench.filter.statespace.StateSpace`.
+"""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import cache
+from typing import Literal
 
 from hdbench.errors import UsageError
-from hdbench.filter import recursion
+from hdbench.filter import twin, twin_smooth
 
-__all__ = ["Run", "kernel_name", "kernel_reason", "run_form"]
+__all__ = ["Form", "KernelForm", "Run", "kernel_form", "kernel_name", "kernel_reason"]
 
+Form = Literal["c", "numpy"]
 Run = Callable[..., int]
 _VARIABLE = "HDBENCH_KERNEL"
 
 
+@dataclass(frozen=True, slots=True)
+class KernelForm:
+    """The entry points of one form.
+
+    Parameters
+    ----------
+    run, batch, smooth : callable
+        As in `hdbench.filter.twin` and `hdbench.filter.twin_smooth`.
+    """
+
+    run: Run
+    batch: Run
+    smooth: Run
+
+
+def kernel_form(name: str) -> KernelForm:
+    """Return the entry points of a form.
+
+    Parameters
+    ----------
+    name : str
+        ``c`` or ``numpy``, as `kernel_name` returns it.
+
+    Returns
+    -------
+    KernelForm
+        Its functions.
+
+    Raises
+    ------
+    ValueError
+        If `name` is neither, or the compiled form is not there.
+    """
+    if name == "numpy":
+        return KernelForm(twin.run, twin_smooth.batch, twin_smooth.smooth)
+    form, reason = _compiled()
+    if name != "c" or form is None:
+        raise ValueError(f"no filter form {name!r}: {reason}")
+    return form
+
+
 @cache
-def _compiled() -> tuple[Run | None, str]:
+def _compiled() -> tuple[KernelForm | None, str]:
     try:
         from hdbench.filter import _kernel
     except ImportError:
         return None, "no C kernel was compiled at installation"
-    return _kernel.run, "the C kernel was compiled at installation"
+    form = KernelForm(_kernel.run, _kernel.batch, _kernel.smooth)
+    return form, "the C kernel was compiled at installation"
 
 
-def _choose() -> tuple[str, str]:
+def _choose() -> tuple[Form, str]:
     wanted = os.environ.get(_VARIABLE, "")
     if wanted not in ("", "c", "numpy"):
         raise UsageError(
@@ -46,14 +95,14 @@ def _choose() -> tuple[str, str]:
     return "numpy", reason
 
 
-def kernel_name() -> str:
+def kernel_name() -> Form:
     """Return which form of the filter runs: ``c`` or ``numpy``.
 
     Returns
     -------
     str
         ``c`` for the compiled kernel, ``numpy`` for the form that needs no compiler. Both give the
-        same numbers to rounding.
+        same bits.
 
     Raises
     ------
@@ -77,29 +126,3 @@ def kernel_reason() -> str:
         As `kernel_name`.
     """
     return _choose()[1]
-
-
-def run_form(name: str) -> Run:
-    """Return the function behind a form of the filter.
-
-    Parameters
-    ----------
-    name : str
-        ``c`` or ``numpy``, as `kernel_name` returns it.
-
-    Returns
-    -------
-    callable
-        `hdbench.filter.recursion.run` or its compiled twin.
-
-    Raises
-    ------
-    ValueError
-        If `name` is neither, or the compiled form is not there.
-    """
-    if name == "numpy":
-        return recursion.run
-    function, reason = _compiled()
-    if name != "c" or function is None:
-        raise ValueError(f"no filter form {name!r}: {reason}")
-    return function

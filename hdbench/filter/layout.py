@@ -1,17 +1,23 @@
-"""Where each number stands in the filter's state vector (shared by both kernel forms)."""
+"""Where each number stands in the filter's vectors (shared by both kernel forms)."""
 
 from __future__ import annotations
 
 __all__ = [
     "ACCELERATION",
     "ANGLE",
+    "BLOCK",
+    "GATED",
+    "GATED_RUN",
     "HAS_ANGLE",
     "HAS_VELOCITY",
     "HEADER",
     "MAX_BLOCKS",
+    "MISSING",
+    "MODEL_HEADER",
     "SEEN",
     "STARTED",
     "TIME",
+    "UNRESOLVED",
     "USABLE",
     "VELOCITY",
     "VELOCITY_TIME",
@@ -19,15 +25,20 @@ __all__ = [
 ]
 
 SEEN, HAS_VELOCITY, HAS_ANGLE, STARTED = 0, 1, 2, 3
-TIME, VELOCITY, VELOCITY_TIME, ACCELERATION, ANGLE = 4, 5, 6, 7, 8
-HEADER = 9
+TIME, VELOCITY, VELOCITY_TIME, ACCELERATION, ANGLE, GATED_RUN = 4, 5, 6, 7, 8, 9
+HEADER = 10
+MODEL_HEADER = 9
+BLOCK = 11
 MAX_BLOCKS = 16
 USABLE = 1e12
 """Beyond this magnitude (rad/s, rad, N m) a sample is a fault and counts as missing."""
 
+MISSING, GATED, UNRESOLVED = 1, 2, 4
+"""Bits of a sample's flag."""
+
 
 def state_size(n_blocks: int) -> int:
-    """Return the length of the state vector of `n_blocks` oscillator blocks.
+    """Return the length of the state vector of `n_blocks` blocks.
 
     Parameters
     ----------
@@ -37,6 +48,6 @@ def state_size(n_blocks: int) -> int:
     Returns
     -------
     int
-        Header, two states per block, and one triangle of their covariance.
+        Header, phase (two numbers) and two states per block, lower triangle of their covariance.
     """
-    return HEADER + 2 * n_blocks + n_blocks * (2 * n_blocks + 1)
+    return HEADER + 4 * n_blocks + n_blocks * (2 * n_blocks + 1)

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from hdbench.errors import DataError
+from hdbench.filter.channels import filter_channels
 from hdbench.filter.model import FilterModel
 from hdbench.filter.online import FilteredBlock, OnlineFilter
 from hdbench.records import Trace
@@ -52,30 +51,16 @@ def filter_trace(
     DataError
         If a channel is missing or time does not increase.
     """
-    if "torque_nm" not in trace:
-        raise DataError(
-            "there is no channel torque_nm",
-            where=trace.source,
-            fix="give the torque in N m, or torque_v and a gain in N m/V",
-        )
-    if "motor_velocity_rad_s" in trace:
-        velocity = trace["motor_velocity_rad_s"]
-    elif "tacho_v" in trace:
-        velocity = trace["tacho_v"] * velocity_gain_rad_s_per_v
-    else:
-        raise DataError(
-            "there is neither motor_velocity_rad_s nor tacho_v",
-            where=trace.source,
-            fix="record the motor velocity or the tacho voltage; the filter needs one of them",
-        )
-    angle = None
-    if model.use_measured_angle:
-        if "motor_angle_rad" in trace:
-            angle = trace["motor_angle_rad"]
-        elif "encoder_count" in trace and encoder_counts_per_turn is not None:
-            angle = trace["encoder_count"] * (2.0 * np.pi / encoder_counts_per_turn)
+    channels = filter_channels(
+        trace,
+        use_measured_angle=model.use_measured_angle,
+        velocity_gain_rad_s_per_v=velocity_gain_rad_s_per_v,
+        encoder_counts_per_turn=encoder_counts_per_turn,
+    )
     try:
-        return OnlineFilter(model).process(trace.time_s, velocity, trace["torque_nm"], angle)
+        return OnlineFilter(model).process(
+            channels.time_s, channels.velocity_rad_s, channels.torque_nm, channels.angle_rad
+        )
     except DataError as error:
         raise DataError(
             error.what, where=f"{trace.source}: {error.where}", fix=error.fix

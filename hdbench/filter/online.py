@@ -5,11 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from hdbench.errors import DataError
-from hdbench.filter.core import kernel_name, run_form
-from hdbench.filter.layout import state_size
+from hdbench.filter.assemble import state_space
+from hdbench.filter.core import Form, kernel_form, kernel_name
+from hdbench.filter.guard import GUARD_STATES, guard_torque
+from hdbench.filter.kalman import new_state, run
 from hdbench.filter.model import FilterModel
 from hdbench.records import FloatArray
 
@@ -30,12 +32,25 @@ class FilteredBlock:
         Predicted sum of the output-order blocks, from earlier samples only.
     torque_filtered_nm : ndarray
         Torque minus both predictions; NaN where the torque is missing.
+    slow_nm : ndarray
+        Predicted slow torque, which the filtered torque keeps; 0 where the model has none.
+    innovation_nm : ndarray
+        Torque minus everything predicted; NaN where the sample is missing.
+    innovation_variance_nm2 : ndarray
+        What the model claims of its variance, (N m)^2; NaN before the filter has started.
+    flags : ndarray of uint8
+        0, or bits: 1 missing, 2 gated as an outlier, 4 an order not resolved (as at standstill),
+        8 saturated, 16 stuck.
     """
 
     torque_expected_nm: FloatArray
     ripple_nm: FloatArray
     misalignment_nm: FloatArray
     torque_filtered_nm: FloatArray
+    slow_nm: FloatArray
+    innovation_nm: FloatArray
+    innovation_variance_nm2: FloatArray
+    flags: NDArray[np.uint8]
 
 
 class OnlineFilter:
@@ -58,37 +73,29 @@ class OnlineFilter:
         x(k+1) = \Phi x + K (y - C x), \quad
         P(k+1) = Q + (\Phi - K C) P \Phi^T
 
-    with :math:`y` = torque - expected torque. P = I and the first state of every block is the
-    first residual at the start; the prediction reported for that sample is 0.
+    with :math:`y` = torque - expected torque. The report's models start with P = I and the first
+    state of every block at the first residual, and report the prediction 0 for that sample; models
+    with a prior start at states 0 with its variances. Slow torque is estimated beside the blocks
+    and stays in the filtered torque.
 
     Missing samples (NaN, or beyond 1e12): without torque or velocity the sample only predicts.
-    A missing velocity holds the last one and the last acceleration. Q is added once per row, so a
-    gap in time should be filled by rows of NaN, as records do.
+    A missing velocity holds the last one and the last acceleration. Noise per sample is added once
+    per row, so for the report's models a gap in time should be filled by rows of NaN, as records
+    do; noise per angle or second grows with the gap itself.
 
     The object owns its state; one thread at a time may call it.
     """
 
-    __slots__ = ("_kernel", "_parameters", "_run", "_state", "model")
+    __slots__ = ("_guard", "_kernel", "_space", "_state", "model")
 
-    def __init__(self, model: FilterModel, *, kernel: str | None = None) -> None:
+    def __init__(self, model: FilterModel, *, kernel: Form | None = None) -> None:
         self.model = model
-        self._kernel = kernel_name() if kernel is None else kernel
-        self._run = run_form(self._kernel)
-        blocks = model.blocks
-        self._parameters = (
-            np.array([block.order for block in blocks]),
-            np.array([block.process_noise for block in blocks]),
-            np.array([float(block.role == "misalignment") for block in blocks]),
-            np.array(
-                [
-                    model.measurement_noise,
-                    model.load_inertia_kg_m2,
-                    model.gear_ratio,
-                    model.differentiator_time_constant_s,
-                ]
-            ),
-        )
-        self._state = np.zeros(state_size(len(blocks)))
+        self._kernel: Form = kernel_name() if kernel is None else kernel
+        kernel_form(self._kernel)
+        self._space = state_space(model)
+        self._state = new_state(self._space)
+        guarded = model.torque_limit_nm is not None or model.stuck_samples is not None
+        self._guard = np.zeros(GUARD_STATES if guarded else 0)
 
     @property
     def kernel(self) -> str:
@@ -133,44 +140,48 @@ class OnlineFilter:
         for name, array in (("velocity_rad_s", velocity), ("torque_nm", torque), ("angle", angle)):
             if array is not None and array.size != time.size:
                 raise ValueError(f"{name} has {array.size} samples, time_s {time.size}")
-        out = FilteredBlock(*(np.empty(time.size) for _ in range(4)))
-        bad = self._run(
-            *self._parameters,
+        guard, refused = self._guard.copy(), None
+        if guard.size:
+            torque, refused = guard_torque(self.model, torque, guard)
+        found = run(
+            self._space,
             self._state,
             time,
             velocity,
             torque,
-            angle,
-            out.torque_expected_nm,
-            out.ripple_nm,
-            out.misalignment_nm,
-            out.torque_filtered_nm,
+            angle_rad=angle,
+            form=self._kernel,
         )
-        if bad >= 0:
-            raise DataError(
-                f"time_s is {time[bad]!r} s; needed: finite and later than the sample before",
-                where=f"sample {bad} of the block",
-                fix="sort the samples by time and remove repeated ones",
-            )
-        return out
+        self._guard[:] = guard
+        return FilteredBlock(
+            found.torque_expected_nm,
+            found.ripple_nm,
+            found.misalignment_nm,
+            found.torque_filtered_nm,
+            found.slow_nm,
+            found.innovation_nm,
+            found.innovation_variance_nm2,
+            found.flags if refused is None else found.flags | refused,
+        )
 
     def state(self) -> FloatArray:
         """Return a copy of the state, to `restore` later with the same bits.
 
         Returns
         -------
-        ndarray, shape (state_size(n_blocks),)
+        ndarray, shape (n,)
             Finite numbers only: header (`hdbench.filter.layout`), block states and one triangle of
-            their covariance, in N m and (N m)^2. Both kernel forms use this layout.
+            their covariance, in N m and (N m)^2; then what the guard against stuck samples keeps,
+            where the model has one. Both kernel forms use this layout.
         """
-        return self._state.copy()
+        return np.concatenate((self._state, self._guard))
 
     def restore(self, state: ArrayLike) -> None:
         """Go on from a state that `state` returned.
 
         Parameters
         ----------
-        state : array_like, shape (state_size(n_blocks),)
+        state : array_like, shape (n,)
             The state of a filter with as many blocks.
 
         Raises
@@ -179,14 +190,16 @@ class OnlineFilter:
             If the length is another one or a number is not finite.
         """
         array = np.array(state, dtype=np.float64)
-        if array.shape != self._state.shape or not np.isfinite(array).all():
+        needed = self._state.size + self._guard.size
+        if array.shape != (needed,) or not np.isfinite(array).all():
             raise DataError(
                 f"filter state has shape {array.shape} or holds NaN or infinity; needed: "
-                f"{self._state.size} finite numbers for {len(self.model.blocks)} blocks",
+                f"{needed} finite numbers for {len(self._space.blocks)} blocks",
                 where="stored filter state",
                 fix="restore a state of this very model, or start the filter anew",
             )
-        self._state[:] = array
+        self._state[:] = array[: self._state.size]
+        self._guard[:] = array[self._state.size :]
 
 
 def _vector(values: ArrayLike) -> FloatArray:

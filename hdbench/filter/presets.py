@@ -111,6 +111,14 @@ def load_filter_model(name_or_path: str, profile: ProfileData) -> FilterModel:
 
 
 def _unknown(name: str) -> DataError:
+    if name == "tuned":
+        return DataError(
+            "'tuned' is tuned on the very input, and there is none before measuring; presets: "
+            f"{', '.join(PRESETS)}",
+            where="filter model",
+            fix="tune on a stored run: `hdbench tune RUN --out tuned.json`, then name that file; "
+            "or take `report-6`",
+        )
     nearest = difflib.get_close_matches(name, PRESETS, n=1, cutoff=0.0)[0]
     return DataError(
         f"{name!r} is no filter model; presets: {', '.join(PRESETS)}, and there is no such file",
@@ -136,9 +144,10 @@ def _from_bench_model(body: dict[str, Any], path: Path, profile: ProfileData) ->
         if not of_cause:
             provenance[f"cause {cause['name']}"] = f"{path}: not locked to one order, no block"
         for block in of_cause:
-            found.append((f"order {block.order:g}", f"{path}, cause {cause['name']}", block))
+            place = f"{block.frequency_hz:g} Hz" if block.frequency_hz else f"order {block.order:g}"
+            found.append((place, f"{path}, cause {cause['name']}", block))
     for what, source, block in found:
-        if not any(_same(block.order, other.order) for other in blocks):
+        if not any(_same_place(block, other) for other in blocks):
             blocks.append(block)
             provenance[what] = source
     try:
@@ -155,9 +164,12 @@ def _from_bench_model(body: dict[str, Any], path: Path, profile: ProfileData) ->
         ) from error
 
 
-def _same(a: float, b: float) -> bool:
+def _same_place(a: OscillatorBlock, b: OscillatorBlock) -> bool:
+    if a.frequency_hz or b.frequency_hz:
+        # two tones closer than this cannot be parted within a hundred seconds
+        return a.order == b.order and abs(a.frequency_hz - b.frequency_hz) < 1e-2
     # two orders closer than this cannot be parted within a thousand turns of the motor
-    return abs(a - b) < 1e-3 * min(1.0, a, b)
+    return abs(a.order - b.order) < 1e-3 * min(1.0, a.order, b.order)
 
 
 def _bad(path: Path, key: str, found: object, needed: str) -> DataError:
@@ -177,7 +189,7 @@ def _list(body: dict[str, Any], key: str, path: Path) -> list[Any]:
 
 def _order(value: object, path: Path, key: str) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < 1e6:
-        raise _bad(path, key, value, "a number above 0, cycles per motor turn")
+        raise _bad(path, key, value, "a number above 0, cycles per motor turn or Hz")
     return float(value)
 
 
@@ -209,6 +221,12 @@ def _cause_blocks(
     parameters = cause.get("parameters", {})
     if not isinstance(parameters, dict):
         raise _bad(path, f"{where}.parameters", parameters, "an object")
+    if name == "mains-hum":  # picked up by the sensor's wires: no torque
+        entry = parameters.get("frequency_hz")
+        hum = entry.get("value") if isinstance(entry, dict) else entry
+        hz = _order(hum, path, f"{where}.parameters.frequency_hz")
+        noise = profile.filter.ripple_process_noise
+        return [OscillatorBlock(0.0, "ripple", noise, frequency_hz=hz)]
     entry = parameters.get("order", _MOTOR_ORDERS.get(name))
     if entry is None:
         return []

@@ -19,7 +19,7 @@ from hdbench.records.recovery import resolve_input
 from hdbench.records.runfolder import RunFolder
 from hdbench.records.tracefile import read_trace
 from hdbench.ripple import Stretch
-from hdbench.session.filters import choose_filter
+from hdbench.session.filters import TUNED, choose_filter, tuned_filter
 
 # share of the largest load below which a torque of the other sign may be the zero of a reference
 # sensor: Table 1's sensors are consistent to 2 %, hand-read zeros to about as much again
@@ -191,7 +191,8 @@ def evaluate_stored(
     misalignment : Path or None
         Misalignment result whose output-order block joins the filter.
     filter_name : str or None
-        Filter model instead of the stored run's or, for a file, the profile's.
+        Filter model instead of the stored run's or, for a file, the profile's; ``tuned`` is tuned
+        on this very input.
     stretch : Stretch or None
         Part of a ripple run.
 
@@ -208,8 +209,12 @@ def evaluate_stored(
         If the input is broken or cannot be evaluated.
     """
     file = resolve_input(source)
-    model = choose_filter(profile, filter_name, misalignment=misalignment, source=source)
+    tuned = filter_name == TUNED
+    name = None if tuned else filter_name
+    model = choose_filter(profile, name, misalignment=misalignment, source=source)
     records, scale = _load(kind, file, source, profile, calibration)
+    if tuned and isinstance(records, Trace):
+        model = tuned_filter(profile, model, records)
     details = {"source": {"path": str(source), "sha256": sha256_file(file)}}
     folder = RunFolder.create(out, kind=kind, profile=profile, details=details)
     folder.update(calibration=scale.to_dict(), filter=model.to_dict())

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 from hdbench.filter import FilterModel, build_filter_model, load_filter_model
 from hdbench.profile import Profile
 from hdbench.records.jsonfile import read_json
+from hdbench.records.trace import Trace
 
-__all__ = ["choose_filter", "stored_filter"]
+__all__ = ["TUNED", "choose_filter", "stored_filter", "tuned_filter"]
+
+# name of the filter that is tuned on the very input
+TUNED = "tuned"
 
 
 def choose_filter(
@@ -48,6 +53,41 @@ def choose_filter(
     file = misalignment / "result.json" if misalignment.is_dir() else misalignment
     result = read_json(file, "hdbench/misalignment/1")
     return build_filter_model(base, ripple=None, misalignment=result, calibration=None)
+
+
+def tuned_filter(profile: Profile, base: FilterModel, trace: Trace) -> FilterModel:
+    """Return a filter tuned on the trace that it will filter.
+
+    Parameters
+    ----------
+    profile : Profile
+        The bench.
+    base : FilterModel
+        Gives the orders.
+    trace : Trace
+        With ``torque_nm``.
+
+    Returns
+    -------
+    FilterModel
+
+    Raises
+    ------
+    DataError
+        If a channel is missing.
+    """
+    from hdbench.filter import filter_channels, tune
+    from hdbench.filter.tuning import settings_of
+
+    channels = filter_channels(
+        trace,
+        use_measured_angle=True,
+        velocity_gain_rad_s_per_v=profile.data.tacho.gain_rad_s_per_v,
+        encoder_counts_per_turn=profile.data.encoder.counts_per_turn,
+    )
+    origins = {f"trace {trace.source}": "the input itself"}
+    measured = replace(base, use_measured_angle=True)
+    return tune(measured, [channels], settings_of(profile.data), origins=origins).model
 
 
 def stored_filter(source: Path, profile: Profile) -> FilterModel | None:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from hdbench.filter.core import run_form
+from hdbench.filter.core import kernel_form
 from hdbench.profile.schema import ProfileData
 
 sys.path.insert(0, str(Path(__file__).parent))  # filter_oracle
@@ -26,7 +26,7 @@ def bench() -> ProfileData:
 def kernel(request: pytest.FixtureRequest) -> str:
     """Return each kernel form that is there; without a compiler only the NumPy form is."""
     try:
-        run_form(request.param)
+        kernel_form(request.param)
     except ValueError:
         pytest.skip("the C kernel was not compiled here")
     return str(request.param)

@@ -1,40 +1,172 @@
-"""The compiled kernel's own guards, and how a form is chosen."""
+"""The compiled kernel: the same bits as its Python form, its guards, and how a form is chosen."""
 
 from __future__ import annotations
 
+import math
 import threading
+from dataclasses import fields
 
 import numpy as np
 import pytest
-from numpy.testing import assert_array_equal
+from kernel_models import KINDS, listing, order_block, samples, slow_block, tuned
+from numpy.testing import assert_allclose, assert_array_equal
 
-from hdbench.errors import UsageError
-from hdbench.filter import core, kernel_name, kernel_reason, recursion
-from hdbench.filter.layout import state_size
+from hdbench.errors import DataError, UsageError
+from hdbench.filter import core, kernel_name, kernel_reason
+from hdbench.filter.kalman import RunResult, batch, new_state, run, smooth
+from hdbench.filter.layout import GATED, MISSING, UNRESOLVED, state_size
+from hdbench.filter.statespace import StateBlock, StateSpace, pack
 
 _kernel = pytest.importorskip("hdbench.filter._kernel", reason="the C kernel was not compiled here")
-NAMES = ("order", "noise", "role", "parameters", "state", "time", "velocity", "torque", "angle")
-OUTPUTS = ("expected", "ripple", "misaligned", "filtered")
+MANY = StateSpace(tuple(order_block(0.5 + i) for i in range(16)), 0.01)
+MODELS = {
+    "listing": listing(),
+    "one order": listing(((2.0, 0.1),)),
+    "two orders": listing(((2.0, 1000.0), (4.0, 1000.0))),
+    **{kind: tuned(kind, gate=6.0) for kind in KINDS},
+    "slow only": StateSpace((slow_block("random-walk"),), 0.1),
+    "three and two": StateSpace(
+        (slow_block("matern-3/2"), *tuned().blocks, order_block(4.0)), 0.01, gate_sigma=5.0
+    ),
+    "sixteen": MANY,
+}
 
 
-def arguments(n=20, n_blocks=2):
-    rng = np.random.default_rng(0)
+@pytest.fixture(params=MODELS)
+def model(request):
+    return MODELS[request.param]
+
+
+def same(one, two):
+    for field in fields(RunResult):
+        assert_array_equal(getattr(one, field.name), getattr(two, field.name), field.name)
+
+
+def test_both_forms_give_the_same_bits(model):
+    t, v, y = samples(400)
+    one, two = (run(model, new_state(model), t, v, y, form=form) for form in ("c", "numpy"))
+    same(one, two)
+
+
+def test_both_forms_keep_the_same_state_and_go_on_from_each_others(model):
+    t, v, y = samples(300)
+    states = [new_state(model) for _ in range(2)]
+    for state, form in zip(states, ("c", "numpy"), strict=True):
+        run(model, state, t[:200], v[:200], y[:200], form=form)
+    assert_array_equal(*states)
+    same(
+        run(model, states[0], t[200:], v[200:], y[200:], form="numpy"),
+        run(model, states[1], t[200:], v[200:], y[200:], form="c"),
+    )
+
+
+def test_both_forms_agree_with_a_measured_angle():
+    t, v, y = samples(400, missing=False)
+    angle = np.cumsum(v) * 1e-3
+    angle[100:140] = np.nan
+    one, two = (
+        run(tuned(), new_state(tuned()), t, v, y, angle_rad=angle, form=form)
+        for form in ("c", "numpy")
+    )
+    same(one, two)
+    without = run(tuned(), new_state(tuned()), t, v, y)
+    assert not np.array_equal(one.torque_filtered_nm, without.torque_filtered_nm)
+
+
+@pytest.mark.parametrize("n_traces", [1, 3, 8, 11])
+def test_a_batch_gives_every_trace_the_bits_it_has_alone(model, n_traces):
+    t, v, y = samples(200)
+    velocity = np.stack([v * (1.0 + 0.01 * i) for i in range(n_traces)], axis=1)
+    torque = np.stack([np.roll(y, 37 * i) for i in range(n_traces)], axis=1)
+    torque[:5, -1] = np.nan  # this lane starts later than the others
+    found = batch(model, t, velocity, torque, innovations=True)
+    for i in range(n_traces):
+        alone = run(model, new_state(model), t, velocity[:, i], torque[:, i])
+        assert_array_equal(found.torque_filtered_nm[:, i], alone.torque_filtered_nm)
+        assert_array_equal(found.innovation_nm[:, i], alone.innovation_nm)
+        assert_array_equal(found.innovation_variance_nm2[:, i], alone.innovation_variance_nm2)
+        assert found.log_likelihood[i] == alone.log_likelihood
+
+
+def test_both_forms_of_the_batch_give_the_same_bits():
+    t, v, y = samples(120)
+    columns = np.stack([v, -v], axis=1), np.stack([y, y], axis=1)
+    one, two = (batch(tuned(), t, *columns, form=form) for form in ("c", "numpy"))
+    assert_array_equal(one.torque_filtered_nm, two.torque_filtered_nm)
+    assert_array_equal(one.log_likelihood, two.log_likelihood)
+
+
+def test_both_forms_smooth_alike(model):
+    t, v, y = samples(600)  # more than one of the kernel's segments
+    one, two = (smooth(model, t, v, y, form=form) for form in ("c", "numpy"))
+    scale = np.nanmax(np.abs(two.mean))
+    # the two sum in another order: rounding times the condition of orders that lie side by side
+    assert_allclose(one.mean, two.mean, rtol=0.0, atol=1e-8 * scale)
+    assert_allclose(one.covariance, two.covariance, rtol=1e-6, atol=1e-6 * scale**2)
+    assert_array_equal(one.torque_expected_nm, two.torque_expected_nm)
+    assert smooth(model, t, v, y, covariance=False).covariance is None
+
+
+def test_a_missing_a_gated_and_an_unresolved_sample_are_flagged():
+    t, v, y = samples(600)
+    flags = run(tuned(gate=6.0), new_state(tuned()), t, v, y).flags
+    missing = ~(np.abs(y) < 1e12) | np.isnan(v)
+    assert_array_equal((flags & MISSING) > 0, missing)
+    assert flags[400] & GATED  # the outlier
+    still = np.zeros(600)
+    report = run(listing(), new_state(listing()), t, still, y).flags
+    assert (report[590:] & UNRESOLVED).all()  # at standstill every block is a constant
+    turning = np.full(600, 100.0)
+    assert not (run(listing(), new_state(listing()), t, turning, y).flags[300:] & UNRESOLVED).any()
+
+
+def test_the_gate_lets_a_step_through_after_its_limit():
+    model = StateSpace((slow_block("random-walk"),), 0.01, gate_sigma=5.0, gate_samples=4)
+    y = np.where(np.arange(200) < 100, 0.0, 50.0)
+    flags = run(model, new_state(model), np.arange(200) * 1e-3, np.zeros(200), y).flags
+    assert np.flatnonzero(flags & GATED)[:4].tolist() == [100, 101, 102, 103]
+    assert not flags[104] & GATED
+
+
+def test_a_held_estimate_stays_through_a_standstill_without_torque():
+    model = tuned()
+    t = np.arange(4000) * 1e-3
+    v = np.where(t < 1.0, 100.0, 0.0)
+    y = 0.4 * np.cos(2.0 * np.minimum(t, 1.0) * 100.0)
+    y[1001:] = np.nan
+    found = run(model, new_state(model), t, v, y)
+    part = found.ripple_nm + found.misalignment_nm
+    # the 50 Hz block turns with the clock; at whole periods only its rotation's rounding is left
+    assert part[3999 - 20] == pytest.approx(part[1199], abs=1e-9)
+
+
+@pytest.mark.parametrize("form", ["c", "numpy"])
+def test_the_first_sample_with_a_wrong_time_is_named(form):
+    t = np.arange(20.0)
+    t[13] = t[12]
+    state = new_state(listing())
+    with pytest.raises(DataError, match=r"12\.0.* s; needed"):
+        run(listing(), state, t, np.zeros(20), np.zeros(20), form=form)
+    assert not state.any()
+    with pytest.raises(DataError, match="later than"):
+        smooth(listing(), t, np.zeros(20), np.zeros(20), form=form)
+    with pytest.raises(DataError, match="later than"):
+        batch(listing(), t, np.zeros((20, 2)), np.zeros((20, 2)), form=form)
+
+
+def arguments(n=20):
     return {
-        "order": np.arange(1.0, n_blocks + 1.0),
-        "noise": np.full(n_blocks, 0.1),
-        "role": np.zeros(n_blocks),
-        "parameters": np.array([1.0, 0.0, 100.0, 0.005]),
-        "state": np.zeros(state_size(n_blocks)),
-        "time": np.arange(n) * 1e-3,
-        "velocity": np.full(n, 20.0),
-        "torque": rng.normal(size=n),
-        "angle": None,
-        **{name: np.empty(n) for name in OUTPUTS},
+        "model": pack(listing()),
+        "state": new_state(listing()),
+        "samples": (np.arange(n) * 1e-3, np.full(n, 20.0), np.zeros(n), None),
+        "outputs": tuple(np.empty(n) for _ in range(7)),
+        "flags": np.empty(n, np.uint8),
+        "sums": np.empty(3),
     }
 
 
-def call(given, run=None):
-    return (run or _kernel.run)(*(given[name] for name in NAMES + OUTPUTS))
+def replaced(values, i, value):
+    return tuple(value if k == i else v for k, v in enumerate(values))
 
 
 def read_only(array):
@@ -43,91 +175,138 @@ def read_only(array):
 
 
 @pytest.mark.parametrize(
-    ("name", "value"),
+    ("name", "change"),
     [
-        ("time", np.arange(20)),
-        ("time", np.arange(20, dtype=np.float32)),
-        ("time", np.arange(20.0).astype(">f8")),
-        ("time", np.zeros((4, 5))),
-        ("velocity", np.zeros(40)[::2]),
-        ("velocity", np.zeros(19)),
-        ("torque", np.zeros(21)),
-        ("torque", [0.0] * 20),
-        ("torque", np.frombuffer(bytes(161), dtype=np.uint8)[1:].view(np.float64)),
-        ("angle", np.zeros(19)),
-        ("state", np.zeros(3)),
-        ("state", read_only(np.zeros(state_size(2)))),
-        ("parameters", np.zeros(5)),
-        ("noise", np.ones(3)),
-        ("role", np.zeros(1)),
-        ("order", np.zeros(0)),
-        ("order", np.arange(1.0, 18.0)),
-        ("ripple", np.empty(5)),
-        ("filtered", read_only(np.empty(20))),
+        ("model", lambda a: a[:-1]),
+        ("model", lambda a: a[:5]),
+        ("model", lambda a: a.astype(np.float32)),
+        ("state", lambda a: a[:-1]),
+        ("state", read_only),
+        ("samples", lambda a: replaced(a, 0, np.arange(20))),
+        ("samples", lambda a: replaced(a, 0, np.arange(20.0).astype(">f8"))),
+        ("samples", lambda a: replaced(a, 1, np.zeros(40)[::2])),
+        ("samples", lambda a: replaced(a, 1, np.zeros(19))),
+        ("samples", lambda a: replaced(a, 2, [0.0] * 20)),
+        ("samples", lambda a: replaced(a, 2, np.zeros(161, np.uint8)[1:].view(np.float64))),
+        ("samples", lambda a: replaced(a, 3, np.zeros(19))),
+        ("samples", lambda a: a[:3]),
+        ("outputs", lambda a: replaced(a, 4, np.empty(5))),
+        ("outputs", lambda a: replaced(a, 4, a[1])),
+        ("outputs", lambda a: replaced(a, 4, None)),
+        ("outputs", list),
+        ("flags", lambda a: a[1:]),
+        ("flags", lambda a: a.astype(float)),
+        ("sums", lambda a: np.empty(2)),
     ],
 )
-def test_the_kernel_refuses_buffers_that_do_not_fit(name, value):
-    with pytest.raises((ValueError, TypeError, BufferError)):
-        call({**arguments(), name: value})
-
-
-def test_the_kernel_refuses_arguments_in_the_wrong_number():
-    with pytest.raises(TypeError):
-        _kernel.run(np.zeros(1))
-
-
-@pytest.mark.parametrize("other", ["torque", "ripple", "order", "state"])
-def test_the_kernel_refuses_outputs_that_share_memory(other):
+def test_the_kernel_refuses_arrays_that_do_not_fit(name, change):
     given = arguments()
-    shared = np.zeros(100)
-    given["filtered"] = shared[:20]
-    given[other] = shared[10 : 10 + given[other].size]
-    with pytest.raises(ValueError, match="share memory"):
-        call(given)
+    given[name] = change(given[name])
+    with pytest.raises((ValueError, TypeError, BufferError)):
+        _kernel.run(*given.values())
 
 
 @pytest.mark.parametrize(
-    ("name", "index", "value"),
+    ("index", "value"),
     [
-        ("order", 0, 0.0),
-        ("order", 1, np.nan),
-        ("noise", 0, -1.0),
-        ("noise", 1, np.inf),
-        ("role", 0, 0.5),
-        ("parameters", 0, 0.0),
-        ("parameters", 1, -1.0),
-        ("parameters", 2, np.nan),
-        ("parameters", 3, 0.0),
+        *((0, 17.0), (0, math.nan), (1, 1.0), (2, 0.0), (3, -1.0), (4, math.nan), (5, 0.0)),
+        *((6, -1.0), (7, 0.0), (9, 1.0), (10, 2.0), (11, 0.0), (13, -1.0), (14, math.inf)),
+        (18, math.nan),
     ],
 )
-def test_the_kernel_refuses_parameters_out_of_their_domain(name, index, value):
+def test_the_kernel_refuses_numbers_out_of_their_domain(index, value):
     given = arguments()
-    given[name][index] = value
-    with pytest.raises(ValueError, match="positive and finite"):
-        call(given)
+    given["model"][index] = value
+    with pytest.raises(ValueError, match="out of its domain"):
+        _kernel.run(*given.values())
     assert not given["state"].any()
 
 
-@pytest.mark.parametrize("run", [_kernel.run, recursion.run], ids=["c", "numpy"])
-def test_both_forms_name_the_first_sample_with_a_wrong_time(run):
-    given = arguments()
-    given["time"][13] = given["time"][12]
-    assert call(given, run) == 13
-    assert not given["state"].any()
+@pytest.mark.parametrize(
+    "bad",
+    [
+        {"kind": "spring"},
+        {"part": "slow"},
+        {"order": 0.0},
+        {"order": math.nan},
+        {"frequency_hz": 50.0},
+        {"noise_per_rad": -1.0},
+        {"variance": 1.0},
+        {"kind": "random-walk", "part": "slow"},
+        {"kind": "matern-3/2", "part": "slow", "order": 0.0},
+    ],
+)
+def test_a_block_that_contradicts_itself_is_refused(bad):
+    with pytest.raises(ValueError, match=r"."):
+        StateBlock(**{"kind": "oscillator", "part": "ripple", "order": 2.0, **bad})
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [
+        {"blocks": ()},
+        {"blocks": (order_block(1.0),) * 17},
+        {"measurement_noise": 0.0},
+        {"gear_ratio": math.inf},
+        {"load_inertia_kg_m2": -1.0},
+        {"gate_sigma": math.nan},
+        {"gate_samples": 0},
+        {"start": "warm"},
+        {"start": "listing", "blocks": (slow_block("random-walk"),)},
+    ],
+)
+def test_a_model_that_contradicts_itself_is_refused(bad):
+    with pytest.raises(ValueError, match=r"."):
+        StateSpace(**{"blocks": (order_block(2.0),), "measurement_noise": 1.0, **bad})
+
+
+def test_a_state_of_another_model_is_refused():
+    t, v, y = samples(10)
+    with pytest.raises(ValueError, match="state has shape"):
+        run(listing(), np.zeros(state_size(2)), t, v, y)
 
 
 def test_threads_on_states_of_their_own_do_not_disturb_each_other():
-    jobs = [arguments(20_000, n_blocks) for n_blocks in (2, 3, 2, 5)]
-    alone = [arguments(20_000, n_blocks) for n_blocks in (2, 3, 2, 5)]
-    for job in alone:
-        call(job)
-    threads = [threading.Thread(target=call, args=(job,)) for job in jobs]
+    t, v, y = samples(20_000)
+    models = [MODELS[name] for name in ("listing", "matern-3/2", "two orders", "sixteen")]
+    alone = [run(model, new_state(model), t, v, y) for model in models]
+    found = {}
+
+    def work(i):
+        found[i] = run(models[i], new_state(models[i]), t, v, y)
+
+    threads = [threading.Thread(target=work, args=(i,)) for i in range(len(models))]
     for thread in threads:
         thread.start()
     for thread in threads:
         thread.join()
-    for one, other in zip(jobs, alone, strict=True):
-        assert_array_equal(one["filtered"], other["filtered"])
+    for i, wanted in enumerate(alone):
+        same(found[i], wanted)
+
+
+def test_the_covariance_neither_drifts_nor_loses_its_sign():
+    # a reduced form of `tools/bench_filter.py --covariance`, which runs 1e8 samples
+    model = tuned()
+    n = 50_000
+    t = np.arange(n) * 1e-3
+    v = 100.0 * np.sin(2.0 * np.pi * 0.5 * t)
+    y = np.zeros(n)
+    state = new_state(model)
+    found = []
+    for k in range(12):
+        run(model, state, t + k * n * 1e-3, v, y)
+        found.append(covariance_of(state, len(model.blocks)))
+        # symmetric by its storage; a triangle of a positive matrix
+        assert np.linalg.eigvalsh(found[-1]).min() > -1e-15
+    # the motion repeats every 2 s, so once settled does P
+    assert_allclose(found[-1], found[-2], rtol=1e-6, atol=1e-9)
+
+
+def covariance_of(state, n_blocks):
+    size = 2 * n_blocks
+    p = np.zeros((size, size))
+    p[np.tril_indices(size)] = state[-size * (size + 1) // 2 :]
+    return p + np.tril(p, -1).T
 
 
 def test_the_environment_chooses_the_form(monkeypatch):
@@ -140,14 +319,15 @@ def test_the_environment_chooses_the_form(monkeypatch):
         kernel_name()
 
 
-def test_without_a_compiled_kernel_the_numpy_form_runs_and_says_why(monkeypatch):
+def test_without_a_compiled_kernel_the_python_form_runs_and_says_why(monkeypatch):
     monkeypatch.delenv("HDBENCH_KERNEL", raising=False)
     monkeypatch.setattr(core, "_compiled", lambda: (None, "the C kernel was not compiled"))
     assert kernel_name() == "numpy"
     assert "not compiled" in kernel_reason()
-    assert core.run_form("numpy") is recursion.run
     with pytest.raises(ValueError, match="not compiled"):
-        core.run_form("c")
+        core.kernel_form("c")
+    with pytest.raises(ValueError, match="fortran"):
+        core.kernel_form("fortran")
     monkeypatch.setenv("HDBENCH_KERNEL", "c")
     with pytest.raises(UsageError, match="not compiled"):
         kernel_name()

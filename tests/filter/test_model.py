@@ -11,6 +11,7 @@ from hdbench.errors import DataError
 from hdbench.filter import (
     FilterModel,
     OscillatorBlock,
+    SlowBlock,
     build_filter_model,
     load_filter_model,
     preset,
@@ -155,12 +156,13 @@ def test_an_extended_bench_model_gives_its_orders_as_blocks(bench, tmp_path):
         {"name": "wave-generator-eccentricity", "parameters": {}},
         {"name": "angular-misalignment", "parameters": {}},
         {"name": "mains-hum", "parameters": {"frequency_hz": {"value": 60.0}}},
+        {"name": "structural-tone", "parameters": {"frequency_hz": {"value": 31.0}}},
         {"name": "misalignment", "parameters": {}},
         {"name": "bearing-defect", "parameters": {"order": {"value": 3.1}}},
     ]
     file.write_text(json.dumps(bench_model(causes=causes)))
     found = load_filter_model(str(file), bench)
-    assert {(b.order, b.role) for b in found.blocks} == {
+    assert {(b.order, b.role) for b in found.blocks if not b.frequency_hz} == {
         (2.0, "ripple"),
         (4.0, "ripple"),
         (0.01, "misalignment"),
@@ -173,7 +175,9 @@ def test_an_extended_bench_model_gives_its_orders_as_blocks(bench, tmp_path):
     }
     assert found.use_measured_angle
     assert found.name == "extended"
-    assert "no block" in found.provenance["cause mains-hum"]
+    assert [b.frequency_hz for b in found.blocks if b.frequency_hz] == [60.0]
+    assert "mains-hum" in found.provenance["60 Hz"]
+    assert "no block" in found.provenance["cause structural-tone"]
     assert "ripple-harmonic" in found.provenance["order 7.9"]
 
 
@@ -258,6 +262,26 @@ def test_a_block_that_no_result_gives_keeps_its_selectivity(bench):
     # Q/R of the profile, 1000 and 0.05, kept: products and quotients of doubles
     ratios = [b.process_noise / only_r.measurement_noise for b in only_r.blocks]
     assert ratios == pytest.approx([1000.0, 0.05], rel=1e-12)
+
+
+def test_a_tuned_base_keeps_its_noise_and_takes_orders_only():
+    tuned = model(
+        blocks=(
+            OscillatorBlock(2.0, "ripple", 1e-9, "motor-radian"),
+            OscillatorBlock(0.01, "misalignment", 1e-6, "motor-radian"),
+        ),
+        slow=(SlowBlock("random-walk", noise_per_s=0.1),),
+        order_prior_std_nm=4.0,
+        slow_prior_std_nm=40.0,
+    )
+    fed = build_filter_model(tuned, ripple=RIPPLE, misalignment=MISALIGNMENT)
+    assert fed.measurement_noise == tuned.measurement_noise
+    assert [(b.order, b.process_noise, b.noise_per) for b in fed.blocks] == [
+        (2.0, 1e-9, "motor-radian"),
+        (7.9, 1e-9, "motor-radian"),
+        (0.01, 1e-6, "motor-radian"),
+    ]
+    assert fed.slow == tuned.slow
 
 
 def test_without_results_the_model_stays_itself(bench):

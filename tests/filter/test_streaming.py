@@ -14,7 +14,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from hdbench.errors import DataError
 from hdbench.filter import FilteredBlock, FilterModel, OnlineFilter, OscillatorBlock, preset
-from hdbench.filter.core import run_form
+from hdbench.filter.core import kernel_form
 
 MODEL = FilterModel(
     "own",
@@ -32,7 +32,7 @@ def forms():
     """Return the kernel forms that are there."""
     found = ["numpy"]
     try:
-        run_form("c")
+        kernel_form("c")
     except ValueError:
         return found
     return ["c", *found]

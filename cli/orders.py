@@ -1,0 +1,201 @@
+"""`hdbench orders`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from hdbench_cli.options import calibration_option, profile_option
+from hdbench_cli.output import Output
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from hdbench.filter import Channels, FilterModel
+    from hdbench.filter.orders import OrderMap, OrderSpectrum
+    from hdbench.filter.smoothing import SmoothedTorque
+    from hdbench.profile import Profile
+    from hdbench.records import Trace
+    from hdbench_cli.traces import Input
+
+__all__ = ["command"]
+
+
+def _model(name: str | None, item: Input, profile: Profile) -> FilterModel:
+    """Return the model that tracks the orders: tuned on the trace unless one is named."""
+    from hdbench.filter.tuning import settings_of
+    from hdbench.session.filters import choose_filter
+    from hdbench_cli.tune import tune_inputs
+
+    if name not in (None, "tuned"):
+        return choose_filter(profile, name)
+    base = choose_filter(profile, None)
+    return tune_inputs([item], base, settings_of(profile.data), profile).model
+
+
+def _waves(channels: Channels, smoothed: SmoothedTorque) -> Trace:
+    """Return every order over time as a trace to be written."""
+    from hdbench.records import Trace
+    from hdbench_cli.filter_more import smoothed_columns
+
+    base = Trace({"time_s": channels.time_s}, source=channels.source)
+    return smoothed_columns(base, smoothed)
+
+
+def _write_map(path: Path, found: OrderMap) -> None:
+    """Write the order map, one row per window and order."""
+    from hdbench.records import write_atomic
+
+    rows = ["time_s,motor_velocity_rad_s,order,amplitude_nm"]
+    for time, speed, line in zip(found.time_s, found.speed_rad_s, found.amplitude_nm, strict=True):
+        head = f"{float(time):.9g},{float(speed):.9g}"
+        rows += [
+            f"{head},{float(order):.9g},{float(amplitude):.9g}"
+            for order, amplitude in zip(found.order, line, strict=True)
+        ]
+    write_atomic(path, ("\n".join(rows) + "\n").encode())
+
+
+@click.command("orders", epilog="Example: hdbench orders runs/RUN --out orders.csv")
+@click.argument("source", metavar="TRACE|RUN", type=click.Path(path_type=Path))
+@click.option(
+    "--model",
+    "filter_name",
+    metavar="NAME|FILE",
+    help="Filter model whose orders are tracked.  [default: the profile's, tuned on this trace]",
+)
+@profile_option
+@calibration_option
+@click.option("--gain", metavar="N·m/V", type=float, help="Gain that scales torque_v.")
+@click.option(
+    "--max-order",
+    metavar="ORDER",
+    type=click.FloatRange(min=0.0, min_open=True),
+    default=12.0,
+    show_default=True,
+    help="Highest order of spectrum and map.",
+)
+@click.option(
+    "--out",
+    metavar="FILE.csv",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="Every order over time: amplitude, phase, their bands.",
+)
+@click.option(
+    "--map",
+    "map_file",
+    metavar="FILE.csv",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="Order map: amplitude over time and order.",
+)
+@click.option(
+    "--plot",
+    metavar="FILE.svg",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="Picture to write, .svg or .png.",
+)
+@click.pass_obj
+def command(
+    output: Output,
+    source: Path,
+    filter_name: str | None,
+    profile_name: str | None,
+    calibration: Path | None,
+    gain: float | None,
+    max_order: float,
+    out: Path | None,
+    map_file: Path | None,
+    plot: Path | None,
+) -> None:
+    """Show the torque by order: spectrum over the motor angle, map, every order over time.
+
+    The angle is the encoder's where there is one, else the integrated velocity. Amplitude and phase
+    over time come from the smoother, with their bands.
+    """
+    from hdbench.filter.orders import order_map, order_spectrum
+    from hdbench.filter.smoothing import smooth_channels
+    from hdbench.records import result_header, write_trace
+    from hdbench_cli.experiment import choose_profile
+    from hdbench_cli.filter_more import smoothed_summary, trace_channels
+    from hdbench_cli.traces import check_out, read_input
+
+    profile = choose_profile(profile_name, source)
+    item = read_input(source, profile, gain=gain, calibration=calibration)
+    for target in (out, map_file, plot):
+        if target is not None:
+            check_out(target, source, item.file)
+    model = _model(filter_name, item, profile)
+    channels = trace_channels(item.trace, model, profile)
+    spectrum = order_spectrum(channels, channels.torque_nm, highest_order=max_order)
+    found = order_map(channels, channels.torque_nm, highest_order=max_order)
+    smoothed = smooth_channels(model, channels)
+    body = {
+        **result_header("orders", profile),
+        "input": item.identity(),
+        "torque_scale": item.scale.to_dict(),
+        "angle": "measured" if channels.angle_rad is not None else "integrated velocity",
+        **_spectrum_body(spectrum),
+        "tracked": smoothed_summary(smoothed),
+        "map": {
+            "windows": len(found.time_s),
+            "turns": found.turns,
+            "orders": len(found.order),
+        },
+        "files": {
+            name: str(path)
+            for name, path in (("orders", out), ("map", map_file), ("plot", plot))
+            if path is not None
+        },
+        "filter": model.to_dict(),
+    }
+    if out is not None:
+        write_trace(out, _waves(channels, smoothed))
+    if map_file is not None:
+        _write_map(map_file, found)
+    if plot is not None:
+        _draw(plot, channels, spectrum, smoothed)
+    output.result(body, lambda console: _show(console, body))
+
+
+def _spectrum_body(spectrum: OrderSpectrum) -> dict[str, Any]:
+    least, mean, most = spectrum.speed_rad_s
+    return {
+        "stretch": {"from_s": spectrum.from_s, "to_s": spectrum.to_s, "turns": spectrum.turns},
+        "motor_velocity_rad_s": {"min": least, "mean": mean, "max": most},
+        "peaks": [peak.to_dict() for peak in spectrum.peaks],
+        "spectrum": {
+            "order": spectrum.order.tolist(),
+            "amplitude_nm": spectrum.amplitude_nm.tolist(),
+        },
+    }
+
+
+def _draw(
+    path: Path, channels: Channels, spectrum: OrderSpectrum, smoothed: SmoothedTorque
+) -> None:
+    from hdbench.report.plots import plot_orders
+
+    waves = {
+        wave.name: (channels.time_s, wave.amplitude_nm, wave.amplitude_std_nm)
+        for wave in smoothed.waves
+    }
+    plot_orders(path, (spectrum.order, spectrum.amplitude_nm), waves)
+
+
+def _show(console: Console, body: dict[str, Any]) -> None:
+    from hdbench_cli.filter_more import show_orders
+
+    stretch, speed = body["stretch"], body["motor_velocity_rad_s"]
+    text = f"{stretch['turns']:.1f} motor turns, {stretch['from_s']:.3g} ... "
+    text += f"{stretch['to_s']:.3g} s, {speed['min']:.4g} ... {speed['max']:.4g} rad/s, "
+    text += f"angle: {body['angle']}"
+    console.print(text, markup=False, highlight=False, soft_wrap=True)
+    for peak in body["peaks"][:10]:
+        name = peak["name"] or ""
+        text = f"peak  order {peak['order']:<9.4g} {peak['amplitude_nm']:.4f} N m  {name}"
+        console.print(text, markup=False, highlight=False, soft_wrap=True)
+    show_orders(console, body["tracked"])
+    for name, file in body["files"].items():
+        console.print(f"{name}: {file}", markup=False, highlight=False, soft_wrap=True)

@@ -1,0 +1,155 @@
+"""Stored traces as the filter's commands take them: named, scaled, never written over."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from hdbench.errors import DataError, UsageError
+
+if TYPE_CHECKING:
+    from hdbench.filter import FilterModel
+    from hdbench.profile import Profile
+    from hdbench.records import TorqueScale, Trace
+
+__all__ = ["Input", "check_out", "read_input"]
+
+
+@dataclass(frozen=True, slots=True)
+class Input:
+    """One trace with its torque in N m.
+
+    Parameters
+    ----------
+    source, file : Path
+        What was named, and the trace file it means.
+    trace : Trace
+        With ``torque_nm``.
+    scale : TorqueScale
+        The gain that made it.
+    """
+
+    source: Path
+    file: Path
+    trace: Trace
+    scale: TorqueScale
+
+    def identity(self) -> dict[str, str]:
+        """Return path and digest of the file."""
+        from hdbench.records import sha256_file
+
+        return {"path": str(self.file), "sha256": sha256_file(self.file)}
+
+
+def read_input(
+    source: Path,
+    profile: Profile,
+    *,
+    gain: float | None,
+    calibration: Path | None,
+    model: FilterModel | None = None,
+) -> Input:
+    """Read a trace and give it its torque in N m.
+
+    Parameters
+    ----------
+    source : Path
+        Run folder or trace file.
+    profile : Profile
+        Its gain serves where nothing else is known.
+    gain : float or None
+        Gain named by the user, N m/V.
+    calibration : Path or None
+        Calibration named by the user.
+    model : FilterModel or None
+        A filter model that may know a gain.
+
+    Returns
+    -------
+    Input
+        The trace and which gain made its torque: the named one, else that of calibration, run,
+        model or profile, in that order.
+
+    Raises
+    ------
+    DataError
+        If a named gain finds no volts to scale, or the file is no trace.
+    """
+    from hdbench.records import read_trace, resolve_input
+
+    file = resolve_input(source)
+    trace, scale = _scaled(
+        read_trace(file), source, profile, model, gain=gain, calibration=calibration
+    )
+    return Input(source, file, trace, scale)
+
+
+def _scaled(
+    trace: Trace,
+    source: Path,
+    profile: Profile,
+    model: FilterModel | None,
+    *,
+    gain: float | None,
+    calibration: Path | None,
+) -> tuple[Trace, TorqueScale]:
+    from hdbench.profile.scaling import rescaled, stored_scale
+    from hdbench.records import Quantity, TorqueScale
+    from hdbench.records.jsonfile import read_json
+
+    if gain is not None:
+        return _by_gain(trace, gain)
+    stored = None
+    if (source / "run.json").is_file():
+        stored = stored_scale(read_json(source / "run.json").get("calibration"), source)
+    known = None if model is None else model.torque_gain_nm_per_v
+    if stored is None and model is not None and known is not None and "torque_nm" not in trace:
+        origin = model.provenance.get("torque_gain_nm_per_v", "not stated")
+        stored = TorqueScale(Quantity(known, 0.0), f"filter model {model.name}: {origin}")
+    return rescaled(trace, profile, calibration=calibration, stored=stored)
+
+
+def _by_gain(trace: Trace, gain: float) -> tuple[Trace, TorqueScale]:
+    from hdbench.records import Quantity, TorqueScale
+
+    if not 0.0 < abs(gain) < math.inf:
+        raise UsageError(
+            f"gain {gain!r} N m/V; needed: a finite number other than 0",
+            where="--gain",
+            fix="give the sensor's torque per volt",
+        )
+    if "torque_v" not in trace:
+        raise DataError(
+            "no torque_v column to scale by --gain; found torque_nm only",
+            where=trace.source,
+            fix="leave --gain out, or import the raw volts as torque_v",
+        )
+    scale = TorqueScale(Quantity(gain, 0.0), "--gain; its uncertainty not declared")
+    return trace.with_columns(torque_nm=trace["torque_v"] * gain), scale
+
+
+def check_out(out: Path, source: Path, file: Path) -> None:
+    """Refuse to write over what was measured.
+
+    Parameters
+    ----------
+    out : Path
+        File to be written.
+    source, file : Path
+        What was named, and the trace file it means.
+
+    Raises
+    ------
+    UsageError
+        If `out` is the trace or lies in the run.
+    """
+    if out.resolve() == file.resolve() or (
+        source.is_dir() and out.resolve().parent == source.resolve()
+    ):
+        raise UsageError(
+            f"{out} belongs to the measured data; needed: another file",
+            where="--out",
+            fix="name a new file outside the run",
+        )

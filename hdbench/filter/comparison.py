@@ -1,0 +1,260 @@
+"""Filters side by side on one trace: what each takes, what it keeps, what it costs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hdbench.errors import DataError
+from hdbench.filter.channels import Channels
+from hdbench.filter.compare import butterworth_lowpass
+from hdbench.filter.model import FilterModel
+from hdbench.filter.online import OnlineFilter
+from hdbench.filter.smoothing import motor_angle, smooth_channels
+from hdbench.records import FloatArray
+
+__all__ = ["Comparison", "Contender", "compare_filters"]
+
+_SETTLE_SHARE = 0.25  # of the record is left to the filters to settle, at most 20 s
+_SETTLE_S = 20.0
+_LAG_S = 0.25  # delays are sought up to here
+
+
+@dataclass(frozen=True, slots=True)
+class Contender:
+    """One way to get the torque, judged on the settled part of the record.
+
+    Parameters
+    ----------
+    name : str
+        ``raw``, ``lowpass``, ``report``, ``tuned``, ``smoothed``.
+    torque_nm : ndarray, shape (n,)
+        Its output, N m.
+    suppression_db : mapping of str to float
+        For each block, amplitude before over after, dB, at most 120; None for the smoothed torque
+        where it is the reference itself.
+    torque_kept : float or None
+        Slope of the output on the reference, low-passed without delay where that is the smoothed
+        torque; None where it varies less than the noise.
+    delay_s : float or None
+        Lag of the output behind the reference, s; None as above.
+    noise_nm : float
+        Standard deviation from sample to sample, N m (third differences over root 20).
+    error_rms_nm : float
+        Root mean square of output minus reference, N m.
+    """
+
+    name: str
+    torque_nm: FloatArray
+    suppression_db: Mapping[str, float | None]
+    torque_kept: float | None
+    delay_s: float | None
+    noise_nm: float
+    error_rms_nm: float
+
+    def to_dict(self) -> dict[str, object]:
+        """Return the row as results store it, without the curve."""
+        return {
+            "name": self.name,
+            "suppression_db": dict(self.suppression_db),
+            "torque_kept": self.torque_kept,
+            "delay_s": self.delay_s,
+            "noise_nm": self.noise_nm,
+            "error_rms_nm": self.error_rms_nm,
+        }
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """All contenders on one trace.
+
+    Parameters
+    ----------
+    reference : str
+        ``truth``: the trace's own true torque; ``smoothed``: the tuned model's smoothed torque.
+    from_s : float
+        Start of the part that was judged.
+    contenders : tuple of Contender
+        From raw to smoothed.
+    """
+
+    reference: str
+    from_s: float
+    contenders: tuple[Contender, ...]
+
+    def to_dict(self) -> dict[str, object]:
+        """Return the comparison as results store it."""
+        return {
+            "reference": self.reference,
+            "from_s": self.from_s,
+            "rows": [row.to_dict() for row in self.contenders],
+        }
+
+
+def compare_filters(
+    channels: Channels,
+    models: Mapping[str, FilterModel],
+    tuned: FilterModel,
+    *,
+    truth_nm: FloatArray | None,
+    lowpass: tuple[float, int],
+) -> Comparison:
+    """Run filters over one trace and judge them alike.
+
+    Parameters
+    ----------
+    channels : Channels
+        The trace, with a measured angle where there is one.
+    models : mapping of str to FilterModel
+        Filters to run, by name, e.g. ``report``.
+    tuned : FilterModel
+        The tuned model: it runs too, smooths, and its blocks are what is suppressed.
+    truth_nm : ndarray, shape (n,), or None
+        True torque without ripple, misalignment and noise, N m, where it is known.
+    lowpass : tuple of (float, int)
+        Cut-off, Hz, and order of the Butterworth low-pass.
+
+    Returns
+    -------
+    Comparison
+        One row per contender.
+
+    Raises
+    ------
+    DataError
+        If the record is too short, or no sample has a torque.
+    """
+    time = channels.time_s
+    outputs: dict[str, FloatArray] = {"raw": channels.torque_nm}
+    outputs["lowpass"] = _lowpassed(channels, lowpass)
+    for name, model in {**models, "tuned": tuned}.items():
+        block = OnlineFilter(model).process(
+            time, channels.velocity_rad_s, channels.torque_nm, channels.angle_rad
+        )
+        outputs[name] = block.torque_filtered_nm
+    smoothed = smooth_channels(tuned, channels)
+    outputs["smoothed"] = smoothed.torque_smoothed_nm
+    reference = smoothed.torque_smoothed_nm if truth_nm is None else truth_nm
+    start = time[0] + min(_SETTLE_S, _SETTLE_SHARE * (time[-1] - time[0]))
+    judged = (time >= start) & np.isfinite(reference)
+    for output in outputs.values():
+        judged &= np.isfinite(output)
+    # least samples for the fit of a dozen columns and a lag of a quarter second
+    if not np.count_nonzero(judged) >= 1000:
+        raise DataError(
+            f"{np.count_nonzero(judged)} samples are left to judge; needed: 1000",
+            where=channels.source,
+            fix="compare on a longer record",
+        )
+    columns = _columns(tuned, channels)
+    before = _amplitudes(columns, outputs["raw"] - reference, judged)
+    slow = reference if truth_nm is not None else _slow_part(reference, time, lowpass)
+    rows = [
+        _judge(name, output, (reference, slow), (columns, before), judged, time=time)
+        for name, output in outputs.items()
+    ]
+    return Comparison("smoothed" if truth_nm is None else "truth", float(start), tuple(rows))
+
+
+def _slow_part(torque: FloatArray, time: FloatArray, lowpass: tuple[float, int]) -> FloatArray:
+    """Low-pass forwards and backwards, so that nothing is delayed; missing samples hold."""
+    from scipy.signal import butter, sosfiltfilt
+
+    known = np.isfinite(torque)
+    last = np.maximum.accumulate(np.where(known, np.arange(known.size), int(np.argmax(known))))
+    rate = 1.0 / float(np.median(np.diff(time)))
+    sections = butter(lowpass[1], lowpass[0], fs=rate, output="sos")
+    return np.asarray(sosfiltfilt(sections, torque[last]), dtype=np.float64)
+
+
+def _lowpassed(channels: Channels, lowpass: tuple[float, int]) -> FloatArray:
+    """Low-pass the torque; missing samples hold the last one, and are missing in the answer."""
+    known = np.isfinite(channels.torque_nm)
+    if not known.any():
+        raise DataError("no sample has a torque", where=channels.source, fix="record the torque")
+    last = np.maximum.accumulate(np.where(known, np.arange(known.size), int(np.argmax(known))))
+    period = float(np.median(np.diff(channels.time_s)))
+    held = channels.torque_nm[last]
+    low = butterworth_lowpass(held, sample_period_s=period, cutoff_hz=lowpass[0], order=lowpass[1])
+    return np.where(known, low, np.nan)
+
+
+def _columns(model: FilterModel, channels: Channels) -> dict[str, FloatArray]:
+    """Return cosine and sine of every block, shape (n, 2), by name."""
+    angle, elapsed = motor_angle(channels), channels.time_s - channels.time_s[0]
+    found = {}
+    for block in model.blocks:
+        turned = block.order * angle + 2.0 * math.pi * block.frequency_hz * elapsed
+        name = f"{block.frequency_hz:g} Hz" if block.frequency_hz > 0.0 else f"{block.order:g}x"
+        found[name] = np.stack((np.cos(turned), np.sin(turned)), axis=1)
+    return found
+
+
+def _amplitudes(
+    columns: Mapping[str, FloatArray], signal: FloatArray, judged: NDArray[np.bool_]
+) -> dict[str, float]:
+    """Fit all blocks and a constant together; return each one's amplitude, N m."""
+    design = np.hstack([*columns.values(), np.ones((judged.size, 1))])[judged]
+    fit = np.linalg.lstsq(design, signal[judged], rcond=None)[0]
+    return {name: float(np.hypot(*fit[2 * i : 2 * i + 2])) for i, name in enumerate(columns)}
+
+
+def _judge(
+    name: str,
+    output: FloatArray,
+    references: tuple[FloatArray, FloatArray],
+    lines: tuple[Mapping[str, FloatArray], Mapping[str, float]],
+    judged: NDArray[np.bool_],
+    *,
+    time: FloatArray,
+) -> Contender:
+    reference, slow = references
+    columns, before = lines
+    after = _amplitudes(columns, output - reference, judged)
+    suppression = {
+        key: min(20.0 * math.log10(max(before[key], 1e-12) / max(after[key], 1e-12)), 120.0)
+        if output is not reference
+        else None
+        for key in before
+    }
+    third = np.diff(output, 3)[judged[3:] & judged[:-3]]
+    noise = float(np.std(third)) / math.sqrt(20.0)
+    kept, delay = _followed(output, slow, judged, time, noise)
+    error = (output - reference)[judged]
+    rms = float(np.sqrt(np.mean(np.square(error))))
+    return Contender(name, output, suppression, kept, delay, noise, rms)
+
+
+def _followed(
+    output: FloatArray,
+    slow: FloatArray,
+    judged: NDArray[np.bool_],
+    time: FloatArray,
+    noise: float,
+) -> tuple[float | None, float | None]:
+    """Return slope on the reference, and lag behind it by the largest correlation."""
+    y, r = output[judged], slow[judged]
+    r = r - np.mean(r)
+    power = float(r @ r)
+    # a reference that varies less than the noise shows neither; 1e-12 is against rounding
+    if not power > max(noise**2, 1e-12) * r.size:
+        return None, None
+    y = y - np.mean(y)
+    kept = float(y @ r) / power
+    period = float(np.median(np.diff(time)))
+    lags = np.arange(-round(_LAG_S / period), round(_LAG_S / period) + 1)
+    n = y.size
+    size = 1 << (2 * n - 1).bit_length()
+    full = np.fft.irfft(np.fft.rfft(y, size) * np.conj(np.fft.rfft(r, size)), size)
+    correlation = full[lags]
+    at = int(np.argmax(correlation))
+    if not 0 < at < lags.size - 1:
+        return kept, None
+    left, top, right = correlation[at - 1 : at + 2]
+    bend = left - 2.0 * top + right
+    shift = 0.5 * (left - right) / bend if bend < 0.0 else 0.0
+    return kept, float((lags[at] + shift) * period)

@@ -1,0 +1,237 @@
+"""Order spectrum and order map: the torque over the motor angle instead of time."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from hdbench.errors import DataError
+from hdbench.estimation import SpectrumPeak, amplitude_spectrum, find_peaks
+from hdbench.filter.channels import Channels
+from hdbench.filter.layout import USABLE
+from hdbench.filter.smoothing import motor_angle
+from hdbench.records import FloatArray
+
+__all__ = ["OrderMap", "OrderSpectrum", "order_map", "order_spectrum"]
+
+_LEAST_TURNS = 4.0
+_GAP_PERIODS = 2.5  # a step of time above this many median periods is a gap
+_SLOWEST = 0.02  # of the fastest speed: below, the angle hardly moves and noise piles up
+_MAP_WINDOWS = 24
+
+
+@dataclass(frozen=True, slots=True)
+class OrderSpectrum:
+    """Amplitude over order of the longest stretch that turned one way without a gap.
+
+    Parameters
+    ----------
+    order : ndarray, shape (m,)
+        Cycles per motor turn.
+    amplitude_nm : ndarray, shape (m,)
+        Amplitude of a sinusoid at that order, N m (Hann window).
+    peaks : tuple of SpectrumPeak
+        Above the noise, strongest first; their frequency is at the stretch's mean speed.
+    turns : float
+        Motor turns of the stretch; the resolution is one over it.
+    from_s, to_s : float
+        The stretch.
+    speed_rad_s : tuple of float
+        Least, mean and largest speed in it.
+    """
+
+    order: FloatArray
+    amplitude_nm: FloatArray
+    peaks: tuple[SpectrumPeak, ...]
+    turns: float
+    from_s: float
+    to_s: float
+    speed_rad_s: tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class OrderMap:
+    """Order spectra along the same stretch.
+
+    Parameters
+    ----------
+    time_s, speed_rad_s : ndarray, shape (w,)
+        Mean time and speed of every window.
+    order : ndarray, shape (m,)
+        Cycles per motor turn.
+    amplitude_nm : ndarray, shape (w, m)
+        Amplitudes, N m.
+    turns : float
+        Motor turns of a window.
+    """
+
+    time_s: FloatArray
+    speed_rad_s: FloatArray
+    order: FloatArray
+    amplitude_nm: FloatArray
+    turns: float
+
+
+@dataclass(frozen=True, slots=True)
+class _Stretch:
+    """The torque over evenly spaced motor turns."""
+
+    torque_nm: FloatArray
+    time_s: FloatArray
+    speed_rad_s: FloatArray
+    turn_step: float
+    highest_order: float
+
+
+def order_spectrum(
+    channels: Channels, torque_nm: FloatArray, *, highest_order: float = 12.0
+) -> OrderSpectrum:
+    """Return the order spectrum of a trace.
+
+    Parameters
+    ----------
+    channels : Channels
+        Time, velocity and, where there is one, the measured angle.
+    torque_nm : ndarray, shape (n,)
+        Torque to be looked at, N m; NaN where missing.
+    highest_order : float
+        Highest order wanted, > 0; less where the sampling does not reach it.
+
+    Returns
+    -------
+    OrderSpectrum
+        Of the longest stretch that turned one way.
+
+    Raises
+    ------
+    DataError
+        If no stretch has four motor turns.
+
+    Notes
+    -----
+    The torque is interpolated by a cubic spline to even steps of the motor angle. At most half
+    the samples per turn at the fastest speed are orders.
+    """
+    stretch = _resampled(channels, torque_nm, highest_order)
+    spectrum = amplitude_spectrum(stretch.torque_nm, stretch.turn_step)
+    mean = float(np.mean(stretch.speed_rad_s))
+    # with turns for seconds a frequency is an order; 2 pi rad/s is one turn per turn
+    named = {f"{order:g}x": float(order) for order in (1, 2, 4)}
+    peaks = tuple(
+        SpectrumPeak(
+            peak.name,
+            peak.order * mean / (2.0 * math.pi),
+            peak.order * mean,
+            peak.order,
+            peak.amplitude,
+        )
+        for peak in find_peaks(spectrum, 2.0 * math.pi, named)
+        if peak.order <= stretch.highest_order
+    )
+    wanted = spectrum.frequency_hz <= stretch.highest_order
+    speed = stretch.speed_rad_s
+    return OrderSpectrum(
+        spectrum.frequency_hz[wanted],
+        spectrum.amplitude[wanted],
+        peaks,
+        stretch.turn_step * (stretch.torque_nm.size - 1),
+        float(stretch.time_s[0]),
+        float(stretch.time_s[-1]),
+        (float(np.min(speed)), mean, float(np.max(speed))),
+    )
+
+
+def order_map(
+    channels: Channels, torque_nm: FloatArray, *, highest_order: float = 12.0
+) -> OrderMap:
+    """Return order spectra of overlapping windows along a trace.
+
+    Parameters
+    ----------
+    channels : Channels
+        As in `order_spectrum`.
+    torque_nm : ndarray, shape (n,)
+        As in `order_spectrum`.
+    highest_order : float
+        As in `order_spectrum`.
+
+    Returns
+    -------
+    OrderMap
+        About 24 windows that overlap by half, each of at least four motor turns.
+
+    Raises
+    ------
+    DataError
+        If no stretch has four motor turns.
+    """
+    stretch = _resampled(channels, torque_nm, highest_order)
+    n = stretch.torque_nm.size
+    least = math.ceil(_LEAST_TURNS / stretch.turn_step)
+    size = min(max(least, 2 * n // (_MAP_WINDOWS + 1), 16), n)
+    rows, times, speeds = [], [], []
+    order: FloatArray = np.empty(0)
+    for start in range(0, n - size + 1, max(1, size // 2)):
+        part = slice(start, start + size)
+        spectrum = amplitude_spectrum(stretch.torque_nm[part], stretch.turn_step)
+        wanted = np.flatnonzero(spectrum.frequency_hz <= stretch.highest_order)
+        # the grid is padded at least fourfold: every second line still shows every peak
+        order, row = spectrum.frequency_hz[wanted][::2], spectrum.amplitude[wanted][::2]
+        rows.append(row)
+        times.append(float(np.mean(stretch.time_s[part])))
+        speeds.append(float(np.mean(stretch.speed_rad_s[part])))
+    return OrderMap(
+        np.array(times), np.array(speeds), order, np.array(rows), size * stretch.turn_step
+    )
+
+
+def _resampled(channels: Channels, torque_nm: FloatArray, highest_order: float) -> _Stretch:
+    """Return the longest stretch over even steps of the motor angle."""
+    from scipy.interpolate import CubicSpline
+
+    angle = motor_angle(channels)
+    first, after = _longest(channels, torque_nm, angle)
+    time, torque = channels.time_s[first:after], torque_nm[first:after]
+    turned = np.abs(angle[first:after] - angle[first]) / (2.0 * math.pi)
+    speed = np.abs(channels.velocity_rad_s[first:after])
+    per_sample = np.diff(turned)
+    reach = 0.5 / float(np.max(per_sample))
+    # the slower parts hold more samples per turn: keep them apart, so that noise does not fold
+    step = float(np.quantile(per_sample, 0.05))
+    step = max(step, float(np.max(per_sample)) * _SLOWEST)
+    grid = np.arange(math.floor(float(turned[-1]) / step) + 1) * step
+    return _Stretch(
+        np.asarray(CubicSpline(turned, torque)(grid), dtype=np.float64),
+        np.interp(grid, turned, time),
+        np.interp(grid, turned, speed),
+        step,
+        min(highest_order, reach),
+    )
+
+
+def _longest(channels: Channels, torque_nm: FloatArray, angle: FloatArray) -> tuple[int, int]:
+    """Return first and past-last sample of the stretch with the most turns."""
+    time, velocity = channels.time_s, channels.velocity_rad_s
+    known = (np.abs(velocity) <= USABLE) & (np.abs(torque_nm) <= USABLE)
+    fastest = float(np.max(np.abs(velocity[known]), initial=0.0))
+    sign = np.where(known & (np.abs(velocity) > _SLOWEST * fastest), np.sign(velocity), 0.0)
+    dt = np.diff(time)
+    turning = np.sign(np.diff(angle))
+    together = (sign[1:] == sign[:-1]) & (sign[1:] != 0.0) & (turning == sign[1:])
+    together &= dt <= _GAP_PERIODS * float(np.median(dt)) if dt.size else False
+    edges = np.flatnonzero(np.diff(np.concatenate(([0], together.astype(np.int8), [0]))))
+    best, most = (0, 0), 0.0
+    for a, b in edges.reshape(-1, 2).tolist():
+        turns = abs(float(angle[b] - angle[a])) / (2.0 * math.pi)
+        if turns > most:
+            best, most = (a, b + 1), turns
+    if not most >= _LEAST_TURNS:
+        raise DataError(
+            f"the longest stretch that turns one way without a gap has {most:.3g} motor turns; "
+            f"needed: {_LEAST_TURNS:g}",
+            where=channels.source,
+            fix="record a longer run in one direction",
+        )
+    return best

@@ -1,0 +1,237 @@
+"""What a tuning does to the torque at a steady speed: notches, torque passed, noise, memory."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hdbench.filter.model import FilterModel
+from hdbench.filter.steady import SteadyFilter, steady_filter
+from hdbench.records import FloatArray
+
+__all__ = ["Notch", "Passed", "Response", "filter_response"]
+
+_HALF_POWER = math.sqrt(0.5)
+_PASSED_HZ = (0.0, 0.5, 1.0, 2.0, 5.0, 10.0)
+_CURVE_POINTS = 400
+_LEFT = 0.02  # share of a disturbance that is left when it counts as settled
+
+
+@dataclass(frozen=True, slots=True)
+class Notch:
+    """What one block takes out of the torque.
+
+    Parameters
+    ----------
+    name : str
+        ``order 2`` or ``50 Hz``.
+    frequency_hz : float
+        Its frequency at this speed, Hz.
+    depth_db : float
+        ``20 log10 |H|`` there, at least -300.
+    lower_hz, upper_hz : float or None
+        Where ``|H|`` has come back to half power on either side; None where it does not before 0,
+        half the sampling frequency or the next block.
+    """
+
+    name: str
+    frequency_hz: float
+    depth_db: float
+    lower_hz: float | None
+    upper_hz: float | None
+
+    @property
+    def width_hz(self) -> float | None:
+        """Distance of the half-power points, Hz; None where there are not two."""
+        if self.lower_hz is None or self.upper_hz is None:
+            return None
+        return self.upper_hz - self.lower_hz
+
+
+@dataclass(frozen=True, slots=True)
+class Passed:
+    """How much of a slow torque comes through.
+
+    Parameters
+    ----------
+    frequency_hz : float
+        Frequency, Hz.
+    gain : float
+        ``|H|``: 1 keeps the torque; what is missing is replaced by the expected torque.
+    phase_rad : float
+        Phase of H, rad.
+    """
+
+    frequency_hz: float
+    gain: float
+    phase_rad: float
+
+    @property
+    def delay_s(self) -> float | None:
+        """Phase delay, s; None at frequency 0."""
+        if not self.frequency_hz > 0.0:
+            return None
+        return -self.phase_rad / (2.0 * math.pi * self.frequency_hz)
+
+
+@dataclass(frozen=True, slots=True)
+class Response:
+    """The steady response of a filter model at one speed.
+
+    Parameters
+    ----------
+    velocity_rad_s, sample_period_s : float
+        Motor velocity, rad/s, and sampling period, s.
+    notches : tuple of Notch
+        One per block, in the model's order.
+    passed : tuple of Passed
+        From 0 to 10 Hz.
+    noise_gain : float
+        Standard deviation of filtered over measured white noise.
+    settling_time_s : float or None
+        Time after which 2 % are left of what the slowest state forgets; None: never.
+    frequency_hz : ndarray, shape (n,)
+        Frequencies of the curve, Hz.
+    transfer : ndarray of complex, shape (n,)
+        H on them.
+    """
+
+    velocity_rad_s: float
+    sample_period_s: float
+    notches: tuple[Notch, ...]
+    passed: tuple[Passed, ...]
+    noise_gain: float
+    settling_time_s: float | None
+    frequency_hz: FloatArray
+    transfer: NDArray[np.complex128]
+
+    def to_dict(self) -> dict[str, object]:
+        """Return the response as results store it."""
+        return {
+            "velocity_rad_s": self.velocity_rad_s,
+            "gain_at_zero": self.passed[0].gain,
+            "notches": [
+                {
+                    "name": n.name,
+                    "frequency_hz": n.frequency_hz,
+                    "depth_db": n.depth_db,
+                    "lower_hz": n.lower_hz,
+                    "upper_hz": n.upper_hz,
+                    "width_hz": n.width_hz,
+                }
+                for n in self.notches
+            ],
+            "passed": [
+                {
+                    "frequency_hz": p.frequency_hz,
+                    "gain": p.gain,
+                    "phase_rad": p.phase_rad,
+                    "delay_s": p.delay_s,
+                }
+                for p in self.passed
+            ],
+            "noise_gain": self.noise_gain,
+            "settling_time_s": self.settling_time_s,
+            "curve": {
+                "frequency_hz": self.frequency_hz.tolist(),
+                "gain": np.abs(self.transfer).tolist(),
+                "phase_rad": np.angle(self.transfer).tolist(),
+            },
+        }
+
+
+def filter_response(model: FilterModel, velocity_rad_s: float, sample_period_s: float) -> Response:
+    """Return what a model does to the torque at a constant speed, after all time.
+
+    Parameters
+    ----------
+    model : FilterModel
+        Blocks and noise.
+    velocity_rad_s : float
+        Motor velocity, rad/s, not 0.
+    sample_period_s : float
+        Sampling period, s, > 0.
+
+    Returns
+    -------
+    Response
+        Exact, from the steady Kalman gain.
+
+    Raises
+    ------
+    DataError
+        If no steady gain exists: at standstill, or where two blocks have one frequency.
+    """
+    steady = steady_filter(model, velocity_rad_s, sample_period_s)
+    nyquist = 0.5 / sample_period_s
+    places = [_place(block.order, block.frequency_hz, velocity_rad_s) for block in model.blocks]
+    known = [hz for hz, _ in places if hz < nyquist]
+    curve = _curve(known, nyquist)
+    low = np.array([hz for hz in _PASSED_HZ if hz < nyquist])
+    slow = steady.transfer(low)
+    mode = steady.slowest_mode_s()
+    return Response(
+        velocity_rad_s=velocity_rad_s,
+        sample_period_s=sample_period_s,
+        notches=tuple(_notch(steady, hz, name, known, nyquist) for hz, name in places),
+        passed=tuple(
+            Passed(float(hz), float(abs(h)), float(np.angle(h)))
+            for hz, h in zip(low, slow, strict=True)
+        ),
+        noise_gain=steady.noise_gain(),
+        settling_time_s=-mode * math.log(_LEFT) if math.isfinite(mode) else None,
+        frequency_hz=curve,
+        transfer=steady.transfer(curve),
+    )
+
+
+def _place(order: float, frequency_hz: float, velocity_rad_s: float) -> tuple[float, str]:
+    """Return frequency and name of a block at a speed."""
+    if frequency_hz > 0.0:
+        return frequency_hz, f"{frequency_hz:g} Hz"
+    return order * abs(velocity_rad_s) / (2.0 * math.pi), f"order {order:g}"
+
+
+def _curve(notches: list[float], nyquist: float) -> FloatArray:
+    """Return frequencies for a plot: logarithmic, denser at the notches."""
+    lowest = 0.2 * min([*notches, 0.5])
+    grid = [np.geomspace(lowest, 0.999 * nyquist, _CURVE_POINTS)]
+    offsets = np.geomspace(1e-4, 0.2, 20)
+    for hz in notches:
+        grid += [hz * (1.0 - offsets), np.array([hz]), hz * (1.0 + offsets)]
+    return np.unique(np.clip(np.concatenate(grid), lowest, 0.999 * nyquist))
+
+
+def _notch(
+    steady: SteadyFilter, hz: float, name: str, others: list[float], nyquist: float
+) -> Notch:
+    depth = float(abs(steady.transfer(np.array([hz]))[0]))
+    below = max((x for x in (0.0, *others) if x < hz), default=0.0)
+    above = min((x for x in (nyquist, *others) if x > hz), default=nyquist)
+    return Notch(
+        name,
+        hz,
+        20.0 * math.log10(max(depth, 1e-15)),
+        _half_power(steady, hz, below - hz),
+        _half_power(steady, hz, above - hz),
+    )
+
+
+def _half_power(steady: SteadyFilter, hz: float, room: float) -> float | None:
+    """Return where |H| first comes back to half power towards `hz + room`."""
+    if not abs(room) > 0.0:
+        return None
+    offsets = abs(room) * np.geomspace(1e-9, 1.0, 181)
+    side = math.copysign(1.0, room)
+    back = np.flatnonzero(np.abs(steady.transfer(hz + side * offsets)) >= _HALF_POWER)
+    if not back.size or back[0] == 0:
+        return None
+    low, high = float(offsets[back[0] - 1]), float(offsets[back[0]])
+    for _ in range(20):
+        middle = math.sqrt(low * high)
+        gain = float(abs(steady.transfer(np.array([hz + side * middle]))[0]))
+        low, high = (low, middle) if gain >= _HALF_POWER else (middle, high)
+    return hz + side * high

@@ -1,0 +1,208 @@
+"""Amplitude and phase of every block over time, from the whole trace (order tracking)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from hdbench.errors import DataError
+from hdbench.filter.assemble import state_space
+from hdbench.filter.channels import Channels
+from hdbench.filter.kalman import smooth
+from hdbench.filter.layout import USABLE
+from hdbench.filter.model import FilterModel
+from hdbench.records import FloatArray
+
+__all__ = ["OrderWave", "SmoothedTorque", "motor_angle", "smooth_channels"]
+
+
+@dataclass(frozen=True, slots=True)
+class OrderWave:
+    """One oscillator over time; arrays of shape (n,), NaN before the filter has started.
+
+    Parameters
+    ----------
+    name : str
+        ``order_2``, ``order_0.01`` or ``50_hz``.
+    role : str
+        ``ripple`` or ``misalignment``.
+    order, frequency_hz : float
+        Its place: cycles per motor turn, or Hz; the other one is 0.
+    torque_nm : ndarray
+        Its torque, N m.
+    amplitude_nm, amplitude_std_nm : ndarray
+        Amplitude A and its standard deviation, N m.
+    phase_rad, phase_std_rad : ndarray
+        Phase of ``A cos(order * motor angle + phase)``, or of ``A cos(2 pi f t + phase)``, in
+        (-pi, pi], and its standard deviation, at most pi, rad.
+    """
+
+    name: str
+    role: str
+    order: float
+    frequency_hz: float
+    torque_nm: FloatArray
+    amplitude_nm: FloatArray
+    amplitude_std_nm: FloatArray
+    phase_rad: FloatArray
+    phase_std_rad: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class SmoothedTorque:
+    """A trace seen from all of its samples; arrays of shape (n,), N m.
+
+    Parameters
+    ----------
+    torque_smoothed_nm : ndarray
+        Torque minus the smoothed ripple and misalignment; NaN where the torque is missing.
+    slow_nm, slow_std_nm : ndarray
+        Smoothed slow torque, all slow blocks together, and its standard deviation as if the
+        blocks were independent (their errors are anticorrelated, so this is an upper bound).
+    waves : tuple of OrderWave
+        Every oscillator, in the model's order.
+    """
+
+    torque_smoothed_nm: FloatArray
+    slow_nm: FloatArray
+    slow_std_nm: FloatArray
+    waves: tuple[OrderWave, ...]
+
+
+def motor_angle(channels: Channels) -> FloatArray:
+    """Return the motor angle by which phases are stated.
+
+    Parameters
+    ----------
+    channels : Channels
+        The samples.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        The measured angle, its missing samples carried by the velocity; else the velocity
+        integrated from 0, each step with the velocity at its start, rad.
+    """
+    time, velocity = channels.time_s, channels.velocity_rad_s
+    known = np.abs(velocity) <= USABLE
+    last = np.maximum.accumulate(np.where(known, np.arange(time.size), -1))
+    held = np.where(last >= 0, velocity[np.maximum(last, 0)], 0.0)
+    turned = np.concatenate(([0.0], np.cumsum(held[:-1] * np.diff(time))))[: time.size]
+    if channels.angle_rad is None:
+        return turned
+    measured = np.abs(channels.angle_rad) <= USABLE
+    if not measured.any():
+        return turned
+    at = np.maximum.accumulate(np.where(measured, np.arange(time.size), -1))
+    first = int(np.argmax(measured))
+    at = np.where(at >= 0, at, first)
+    carried: FloatArray = channels.angle_rad[at] + (turned - turned[at])
+    return carried
+
+
+def smooth_channels(model: FilterModel, channels: Channels) -> SmoothedTorque:
+    r"""Smooth a trace: every order's amplitude and phase over time.
+
+    Parameters
+    ----------
+    model : FilterModel
+        Blocks and noise. Its gate is not asked.
+    channels : Channels
+        The samples.
+
+    Returns
+    -------
+    SmoothedTorque
+        Torque without ripple and misalignment, slow torque, orders.
+
+    Raises
+    ------
+    DataError
+        If a time does not increase, or no sample has torque and velocity.
+
+    Notes
+    -----
+    Fixed-interval smoothing of the filter's own model, which is Vold-Kalman order tracking with
+    process noise in place of a bandwidth [1]_. With the smoothed states
+    :math:`x_1 = A\cos\psi, x_2 = -A\sin\psi`: amplitude :math:`\sqrt{x_1^2 + x_2^2}`, phase
+    :math:`\operatorname{atan2}(-x_2, x_1)` less the order's angle, bands to first order.
+
+    References
+    ----------
+    .. [1] H. Vold, J. Leuridan, "High resolution order tracking at extreme slew rates, using
+       Kalman tracking filters", SAE 931288 (1993).
+    """
+    known = np.abs(channels.velocity_rad_s) <= USABLE
+    if not (known & (np.abs(channels.torque_nm) <= USABLE)).any():
+        raise DataError(
+            "no sample has torque and velocity",
+            where=channels.source,
+            fix="record the torque and velocity channels",
+        )
+    space = state_space(model)
+    try:
+        found = smooth(
+            space,
+            channels.time_s,
+            channels.velocity_rad_s,
+            channels.torque_nm,
+            angle_rad=channels.angle_rad if model.use_measured_angle else None,
+        )
+    except DataError as error:
+        where = f"{channels.source}: {error.where}"
+        raise DataError(error.what, where=where, fix=error.fix) from error
+    if found.covariance is None:
+        raise ValueError("the smoother gave no covariance")
+    angle = motor_angle(channels)
+    elapsed = channels.time_s - channels.time_s[0]
+    n = len(model.blocks)
+    waves = tuple(
+        _wave(model, i, found.mean[:, i], found.covariance[:, i], angle, elapsed=elapsed)
+        for i in range(n)
+    )
+    taken = found.mean[:, :n, 0].sum(axis=1)
+    slow_variance = np.maximum(found.covariance[:, n:, 0], 0.0).sum(axis=1)
+    return SmoothedTorque(
+        torque_smoothed_nm=channels.torque_nm - taken,
+        slow_nm=found.mean[:, n:, 0].sum(axis=1),
+        slow_std_nm=np.sqrt(slow_variance),
+        waves=waves,
+    )
+
+
+def _wave(
+    model: FilterModel,
+    index: int,
+    mean: FloatArray,
+    covariance: FloatArray,
+    angle: FloatArray,
+    *,
+    elapsed: FloatArray,
+) -> OrderWave:
+    block = model.blocks[index]
+    if block.frequency_hz > 0.0:
+        name, turned = f"{block.frequency_hz:g}_hz", 2.0 * math.pi * block.frequency_hz * elapsed
+    else:
+        name, turned = f"order_{block.order:g}", block.order * angle
+    first, second = mean[:, 0], mean[:, 1]
+    amplitude = np.hypot(first, second)
+    p11, p12, p22 = covariance.T
+    with np.errstate(divide="ignore", invalid="ignore"):
+        along = (first**2 * p11 + 2.0 * first * second * p12 + second**2 * p22) / amplitude**2
+        across = (second**2 * p11 - 2.0 * first * second * p12 + first**2 * p22) / amplitude**2
+        phase_std = np.minimum(np.sqrt(np.maximum(across, 0.0)) / amplitude, math.pi)
+    flat = 0.5 * (p11 + p22)  # of no amplitude, in any direction
+    phase = np.arctan2(-second, first) - turned
+    return OrderWave(
+        name=name,
+        role=block.role,
+        order=block.order,
+        frequency_hz=block.frequency_hz,
+        torque_nm=first,
+        amplitude_nm=amplitude,
+        amplitude_std_nm=np.sqrt(np.maximum(np.where(amplitude > 0.0, along, flat), 0.0)),
+        phase_rad=math.pi - np.mod(math.pi - phase, 2.0 * math.pi),
+        phase_std_rad=np.where(np.isnan(amplitude) | (amplitude > 0.0), phase_std, math.pi),
+    )

@@ -1,0 +1,18 @@
+"""Noise of a filter model by maximum likelihood of its innovations."""
+
+from __future__ import annotations
+
+from hdbench.filter.tuning.checks import Consistency, check_innovations
+from hdbench.filter.tuning.result import TuningResult
+from hdbench.filter.tuning.run import tune
+from hdbench.filter.tuning.settings import SLOW_CHOICES, TuningSettings, settings_of
+
+__all__ = [
+    "SLOW_CHOICES",
+    "Consistency",
+    "TuningResult",
+    "TuningSettings",
+    "check_innovations",
+    "settings_of",
+    "tune",
+]

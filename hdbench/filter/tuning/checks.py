@@ -1,0 +1,188 @@
+"""Do the innovations look as the model says: white, and of the variance it claims."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from hdbench.filter.assemble import state_space
+from hdbench.filter.channels import Channels
+from hdbench.filter.kalman import new_state, run
+from hdbench.filter.layout import GATED
+from hdbench.filter.model import FilterModel
+from hdbench.records import FloatArray
+
+__all__ = ["Consistency", "check_innovations", "ljung_box", "nis_band"]
+
+_PARTS = 8
+
+
+@dataclass(frozen=True, slots=True)
+class Consistency:
+    """Innovations of a model on traces, held against what it claims of them.
+
+    Parameters
+    ----------
+    samples : int
+        Innovations used.
+    gated : int
+        Samples that the gate refused.
+    nis : float
+        Mean of the squared normalised innovations; 1 where variances are right.
+    nis_band : tuple of float
+        95 % band of `nis` for white normal innovations, from chi-square.
+    nis_parts : tuple of float
+        The same mean over eight parts of the record, in time.
+    parts_band : tuple of float
+        95 % band of each of them.
+    lags : int
+        Lags of the whiteness test.
+    ljung_box : float
+        Statistic Q of Ljung and Box.
+    p_value : float
+        Probability of a larger Q for white innovations.
+    largest_correlation : float
+        The autocorrelation largest in magnitude among these lags: how far from white.
+    """
+
+    samples: int
+    gated: int
+    nis: float
+    nis_band: tuple[float, float]
+    nis_parts: tuple[float, ...]
+    parts_band: tuple[float, float]
+    lags: int
+    ljung_box: float
+    p_value: float
+    largest_correlation: float
+
+    def to_dict(self) -> dict[str, object]:
+        """Return the checks as results store them."""
+        return {
+            "samples": self.samples,
+            "gated": self.gated,
+            "nis": {
+                "value": self.nis,
+                "band": list(self.nis_band),
+                "parts": list(self.nis_parts),
+                "parts_band": list(self.parts_band),
+            },
+            "whiteness": {
+                "lags": self.lags,
+                "ljung_box": self.ljung_box,
+                "p_value": self.p_value,
+                "largest_autocorrelation": self.largest_correlation,
+            },
+        }
+
+
+def nis_band(samples: int) -> tuple[float, float]:
+    """Return the 95 % band of the mean of `samples` squared standard normal variables.
+
+    Parameters
+    ----------
+    samples : int
+        How many, >= 1.
+
+    Returns
+    -------
+    tuple of float
+        2.5 % and 97.5 % points of chi-square over its degrees of freedom.
+    """
+    from scipy.special import gammaincinv
+
+    half = 0.5 * samples
+    return (float(gammaincinv(half, 0.025)) / half, float(gammaincinv(half, 0.975)) / half)
+
+
+def ljung_box(normalised: FloatArray, lags: int) -> tuple[float, float, FloatArray]:
+    """Test normalised innovations for whiteness.
+
+    Parameters
+    ----------
+    normalised : ndarray, shape (n,)
+        Innovations over their standard deviation, n > `lags`; NaN breaks a product.
+    lags : int
+        Number of lags, >= 1.
+
+    Returns
+    -------
+    statistic, p_value : float
+        Q and the probability of a larger one from chi-square with `lags` degrees of freedom.
+    correlation : ndarray, shape (lags,)
+        Autocorrelations.
+
+    References
+    ----------
+    .. [1] G. M. Ljung, G. E. P. Box, "On a measure of lack of fit in time series models",
+       Biometrika 65 (1978) 297-303.
+    """
+    from scipy.special import gammaincc
+
+    known = np.isfinite(normalised)
+    n = int(np.count_nonzero(known))
+    centred = np.where(known, normalised - np.mean(normalised[known]), 0.0)
+    power = float(centred @ centred)
+    correlation = np.array([float(centred[k:] @ centred[:-k]) / power for k in range(1, lags + 1)])
+    weights = 1.0 / (n - np.arange(1, lags + 1))
+    statistic = n * (n + 2.0) * float(np.square(correlation) @ weights)
+    return statistic, float(gammaincc(0.5 * lags, 0.5 * statistic)), correlation
+
+
+def check_innovations(
+    model: FilterModel, records: Sequence[Channels], *, settle_s: float = 1.0
+) -> Consistency:
+    """Hold a model's innovations on traces against its claims.
+
+    Parameters
+    ----------
+    model : FilterModel
+        The model, with its gate.
+    records : sequence of Channels
+        The traces.
+    settle_s : float
+        Start of each trace that is left out, s: there the prior speaks.
+
+    Returns
+    -------
+    Consistency
+        Whiteness and variance of the innovations.
+    """
+    space, gated, parts = state_space(model), 0, []
+    for record in records:
+        found = run(
+            space,
+            new_state(space),
+            record.time_s,
+            record.velocity_rad_s,
+            record.torque_nm,
+            angle_rad=record.angle_rad,
+        )
+        refused = (found.flags & GATED) != 0
+        gated += int(np.count_nonzero(refused))
+        normalised = found.innovation_nm / np.sqrt(found.innovation_variance_nm2)
+        late = record.time_s >= record.time_s[0] + settle_s
+        parts.append(np.where(refused, math.nan, normalised)[late])
+    whole = np.concatenate(parts)
+    squares = np.square(whole[np.isfinite(whole)])
+    lags = 20
+    if squares.size <= 10 * lags:
+        raise ValueError(f"{squares.size} innovations after {settle_s} s; needed: {10 * lags}")
+    statistic, p_value, correlation = ljung_box(whole, lags)
+    edges = np.linspace(0, squares.size, _PARTS + 1).astype(int)
+    return Consistency(
+        samples=int(squares.size),
+        gated=gated,
+        nis=float(np.mean(squares)),
+        nis_band=nis_band(squares.size),
+        nis_parts=tuple(float(np.mean(squares[a:b])) for a, b in pairwise(edges.tolist())),
+        parts_band=nis_band(squares.size // _PARTS),
+        lags=lags,
+        ljung_box=statistic,
+        p_value=p_value,
+        largest_correlation=float(correlation[np.argmax(np.abs(correlation))]),
+    )

@@ -1,0 +1,212 @@
+"""`hdbench tune`, `response`, `orders` and what `filter` adds, from the command line's side."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import click
+import numpy as np
+import pytest
+from click.testing import CliRunner, Result
+
+from hdbench.filter import load_filter_model
+from hdbench.filter.core import kernel_form
+from hdbench.profile import load_profile
+from hdbench_cli import filter as filter_command
+from hdbench_cli import orders, response, tune
+from hdbench_cli.main import main
+from hdbench_cli.output import Output
+
+
+def run(command: click.Command, *arguments: object, as_json: bool = True) -> Result:
+    words = [str(argument) for argument in arguments]
+    return CliRunner().invoke(command, words, obj=Output(json=as_json))
+
+
+def code(words: list[str]) -> object:
+    with pytest.raises(SystemExit) as stop:
+        main(words)
+    return stop.value.code
+
+
+@pytest.fixture(scope="module")
+def trace(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return 5 s of a swinging speed with ripple, misalignment, slow torque and its truth."""
+    rng = np.random.default_rng(1)
+    n = 5000
+    t = np.arange(n) * 1e-3
+    v = 100.0 - 60.0 * np.cos(2.0 * t)
+    angle = np.concatenate([[0.0], np.cumsum(v[:-1] * 1e-3)])
+    slow = np.convolve(rng.normal(0.0, 0.3, n + 99), np.exp(-np.arange(100) / 30.0), "valid")
+    waves = 1.2 * np.cos(2 * angle + 0.6) + 0.6 * np.cos(4 * angle) + 3.0 * np.cos(angle / 100)
+    torque = slow + waves + rng.normal(0.0, 0.05, n)
+    path = tmp_path_factory.mktemp("traces") / "trace.csv"
+    columns = np.stack([t, v, angle, torque, slow], axis=1)
+    names = "time_s,motor_velocity_rad_s,motor_angle_rad,torque_nm,torque_true_nm"
+    np.savetxt(path, columns, delimiter=",", header=names, comments="", fmt="%.12g")
+    return path
+
+
+@pytest.fixture(scope="module")
+def tuned(trace: Path) -> tuple[Path, dict]:
+    try:
+        kernel_form("c")
+    except ValueError:
+        pytest.skip("the C kernel was not compiled here")
+    out = trace.parent / "tuned.json"
+    found = run(tune.command, trace, "--out", out, "--slow", "ornstein-uhlenbeck")
+    assert found.exit_code == 0, found.output
+    return out, json.loads(found.stdout)
+
+
+def head(path: Path) -> list[str]:
+    return next(csv.reader(path.read_text().splitlines()))
+
+
+def test_tune_writes_a_model_that_every_command_reads(tuned, trace):
+    out, body = tuned
+    assert body["schema"] == "hdbench/tune/1"
+    assert body["converged"] is True
+    assert body["inputs"][0]["sha256"]
+    model = load_filter_model(str(out), load_profile("cim-tr-97-06").data)
+    assert model.to_dict() == body["filter"] == json.loads(out.read_text())
+    assert str(trace) in " ".join(model.provenance)
+    clean = trace.parent / "clean.csv"
+    found = run(filter_command.command, trace, "--model", out, "--out", clean)
+    assert found.exit_code == 0, found.output
+    body = json.loads(found.stdout)
+    assert body["filter"]["name"] == "tuned"
+    assert body["sample_flags"]["stuck"] == body["sample_flags"]["missing"] == 0
+    assert head(clean)[-1] == "torque_filtered_nm"
+
+
+def test_tune_names_what_the_data_cannot_say_and_prints_it(trace, tuned):
+    assert any("output turns" in note for note in tuned[1]["notes"])
+    out = trace.parent / "shown.json"
+    shown = run(tune.command, trace, "--out", out, "--slow", "random-walk", as_json=False)
+    assert shown.exit_code == 0, shown.output
+    for word in ("measurement_noise", "NIS", "Ljung-Box", "unbounded variance", str(out)):
+        assert word in shown.stdout
+
+
+def test_an_order_of_ones_own_is_tuned_too(trace):
+    out = trace.parent / "seven.json"
+    arguments = ("--out", out, "--slow", "ornstein-uhlenbeck", "--order", "7.9", "--gate", "0")
+    body = json.loads(run(tune.command, trace, *arguments).stdout)
+    assert [b["order"] for b in body["filter"]["blocks"]] == [2.0, 4.0, 0.01, 7.9]
+    assert "gate_sigma" not in body["filter"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "what"),
+    [
+        (["--out", "tuned.txt"], "--out"),
+        (["--out", "t.json", "--order", "2"], "--order"),
+        (["--out", "t.json", "--gate", "1"], "--gate"),
+    ],
+)
+def test_a_wrong_call_names_its_option(trace, monkeypatch, arguments, what, capsys):
+    monkeypatch.chdir(trace.parent)
+    assert code(["tune", str(trace), *arguments]) == 2
+    assert what in capsys.readouterr().err
+
+
+def test_a_missing_trace_is_a_data_error(tmp_path, capsys):
+    assert code(["tune", str(tmp_path / "no.csv"), "--out", str(tmp_path / "t.json")]) == 4
+    assert "no.csv" in capsys.readouterr().err
+
+
+def test_the_model_tuned_is_tuned_on_this_very_trace(trace):
+    out = trace.parent / "own.csv"
+    found = run(filter_command.command, trace, "--model", "tuned", "--out", out)
+    assert found.exit_code == 0, found.output
+    model = json.loads(found.stdout)["filter"]
+    assert model["name"] == "tuned"
+    assert str(trace) in model["provenance"]["noise"]
+
+
+def test_filter_adds_orders_and_comparison_on_request(tuned, trace, tmp_path):
+    out, plot = tmp_path / "more.csv", tmp_path / "more.svg"
+    found = run(
+        filter_command.command,
+        trace,
+        *("--model", tuned[0], "--out", out, "--smooth", "--compare", "--plot", plot),
+    )
+    assert found.exit_code == 0, found.output
+    body = json.loads(found.stdout)
+    assert [row["name"] for row in body["orders"]] == ["order_2", "order_4", "order_0.01"]
+    assert body["comparison"]["reference"] == "truth"
+    names = [row["name"] for row in body["comparison"]["rows"]]
+    assert names == ["raw", "lowpass", "report", "tuned", "smoothed"]
+    columns = head(out)
+    assert columns[:6] == [
+        "time_s",
+        "torque_nm",
+        "torque_expected_nm",
+        "ripple_nm",
+        "misalignment_nm",
+        "torque_filtered_nm",
+    ]
+    assert {"order_2_amplitude_nm", "order_2_phase_std_rad", "torque_lowpass_nm"} <= set(columns)
+    assert plot.read_text().lstrip().startswith("<?xml")
+    shown = run(
+        filter_command.command,
+        trace,
+        *("--model", tuned[0], "--out", out, "--compare"),
+        as_json=False,
+    )
+    assert "torque kept" in shown.stdout
+
+
+def test_response_gives_the_share_of_torque_that_the_report_keeps(tmp_path):
+    plot = tmp_path / "response.png"
+    arguments = ("--model", "report-a1", "--velocity", 50, "--velocity", 156, "--plot", plot)
+    found = run(response.command, *arguments)
+    assert found.exit_code == 0, found.output
+    body = json.loads(found.stdout)
+    assert body["schema"] == "hdbench/response/1"
+    # three printed digits
+    shares = [item["gain_at_zero"] for item in body["responses"]]
+    assert shares == pytest.approx([0.141, 0.531], abs=6e-4)
+    injected = body["responses"][0]["injection"][0]
+    assert injected["measured"] == pytest.approx(injected["algebra"], abs=1e-6)
+    assert plot.read_bytes().startswith(b"\x89PNG")
+    text = run(response.command, "--model", "report-a1", as_json=False).stdout
+    assert "notch order 2" in text
+
+
+def test_orders_writes_spectrum_map_and_waves(tuned, trace, tmp_path):
+    out, table, plot = tmp_path / "o.csv", tmp_path / "m.csv", tmp_path / "o.svg"
+    found = run(
+        orders.command,
+        trace,
+        *("--model", tuned[0], "--out", out, "--map", table, "--plot", plot),
+    )
+    assert found.exit_code == 0, found.output
+    body = json.loads(found.stdout)
+    assert body["schema"] == "hdbench/orders/1"
+    peaks = {round(p["order"]): p["amplitude_nm"] for p in body["peaks"]}
+    # the slow torque's noise under the lines
+    assert peaks[2] == pytest.approx(1.2, rel=0.1)
+    assert peaks[4] == pytest.approx(0.6, rel=0.1)
+    assert head(table) == ["time_s", "motor_velocity_rad_s", "order", "amplitude_nm"]
+    assert "order_2_amplitude_nm" in head(out)
+    assert plot.stat().st_size > 1000
+    assert body["angle"] == "measured"
+
+
+def test_a_picture_of_another_kind_is_refused(tmp_path, capsys):
+    assert code(["response", "--plot", str(tmp_path / "response.gif")]) == 2
+    assert ".svg" in capsys.readouterr().err
+
+
+def test_a_speed_of_zero_has_no_response(capsys):
+    assert code(["response", "--velocity", "0"]) == 4
+    assert "steady gain" in capsys.readouterr().err
+
+
+def test_the_measured_file_is_never_written_over(trace, capsys):
+    assert code(["orders", str(trace), "--out", str(trace)]) == 2
+    assert "belongs to the measured data" in capsys.readouterr().err

@@ -1,0 +1,99 @@
+"""Filters side by side: what each takes, keeps and costs."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from tuning_traces import channels, turning
+
+from hdbench.errors import DataError
+from hdbench.filter import FilterModel, OscillatorBlock, SlowBlock, preset
+from hdbench.filter.comparison import compare_filters
+
+TUNED = FilterModel(
+    "tuned",
+    (
+        OscillatorBlock(2.0, "ripple", 1e-9, "motor-radian"),
+        OscillatorBlock(4.0, "ripple", 1e-9, "motor-radian"),
+        OscillatorBlock(0.01, "misalignment", 1e-9, "motor-radian"),
+    ),
+    0.0025,
+    0.0,
+    100.0,
+    0.005,
+    True,
+    {},
+    slow=(
+        SlowBlock("random-walk", noise_per_s=1e-3),
+        SlowBlock("resonance", variance=2.0, time_constant_s=0.3, frequency_hz=1.5),
+    ),
+    order_prior_std_nm=4.0,
+    slow_prior_std_nm=40.0,
+)
+
+
+def made():
+    t, v, angle, y = turning(16.0, slow=0.0, seed=8)
+    truth = 2.0 * np.sin(2 * np.pi * 1.5 * t)
+    return channels(t, v, y + truth, angle), truth
+
+
+def compared(bench, truth_known=True):
+    record, truth = made()
+    return compare_filters(
+        record,
+        {"report": preset("report-6", bench)},
+        TUNED,
+        truth_nm=truth if truth_known else None,
+        lowpass=(20.0, 2),
+    )
+
+
+def test_the_table_tells_what_each_filter_takes_keeps_and_costs(bench):
+    found = compared(bench)
+    rows = {row.name: row for row in found.contenders}
+    assert list(rows) == ["raw", "lowpass", "report", "tuned", "smoothed"]
+    assert found.reference == "truth"
+    assert rows["raw"].suppression_db == {"2x": 0.0, "4x": 0.0, "0.01x": 0.0}
+    assert rows["raw"].noise_nm == pytest.approx(0.05, rel=0.15)  # ripple adds to it
+    # report-6 replaces most of the torque; the tuned filter keeps it
+    assert rows["report"].torque_kept < 0.6
+    assert rows["tuned"].torque_kept == pytest.approx(1.0, abs=0.02)
+    assert min(rows["tuned"].suppression_db.values()) > 20.0
+    assert rows["smoothed"].error_rms_nm <= rows["tuned"].error_rms_nm < 0.2
+    assert rows["report"].error_rms_nm > 5.0 * rows["tuned"].error_rms_nm
+    # group delay of a second-order Butterworth of 20 Hz at low frequency: sqrt 2 / (2 pi 20)
+    assert rows["lowpass"].delay_s == pytest.approx(math.sqrt(2.0) / (40.0 * math.pi), rel=0.1)
+    assert abs(rows["tuned"].delay_s) < 1e-3
+    assert rows["lowpass"].noise_nm < 0.2 * rows["raw"].noise_nm
+
+
+def test_without_truth_the_smoothed_torque_is_the_reference(bench):
+    found = compared(bench, truth_known=False)
+    rows = {row.name: row for row in found.contenders}
+    assert found.reference == "smoothed"
+    assert rows["smoothed"].error_rms_nm == 0.0
+    assert set(rows["smoothed"].suppression_db.values()) == {None}
+    assert rows["tuned"].torque_kept == pytest.approx(1.0, abs=0.05)
+    body = found.to_dict()
+    assert body["rows"][0]["name"] == "raw"
+
+
+def test_torque_that_does_not_vary_shows_neither_share_nor_delay(bench):
+    record, truth = made()
+    still = channels(
+        record.time_s, record.velocity_rad_s, record.torque_nm - truth, record.angle_rad
+    )
+    found = compare_filters(still, {}, TUNED, truth_nm=np.zeros(truth.size), lowpass=(20.0, 2))
+    assert all(row.torque_kept is None and row.delay_s is None for row in found.contenders)
+
+
+def test_a_record_too_short_to_judge_is_refused(bench):
+    t, v, angle, y = turning(1.0)
+    with pytest.raises(DataError, match="left to judge"):
+        compare_filters(channels(t, v, y, angle), {}, TUNED, truth_nm=None, lowpass=(20.0, 2))
+    silent = channels(t, v, np.full_like(y, np.nan), angle)
+    with pytest.raises(DataError, match="no sample"):
+        compare_filters(silent, {}, TUNED, truth_nm=None, lowpass=(20.0, 2))

@@ -1,0 +1,257 @@
+"""What must hold for every trace and model, and two oracles that share no code with the kernel."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from kernel_models import KINDS, listing, order_block, samples, slow_block, tuned
+from numpy.testing import assert_allclose, assert_array_equal
+from scipy.linalg import expm, solveh_banded
+
+from hdbench.filter.kalman import new_state, run, smooth
+from hdbench.filter.statespace import StateBlock, StateSpace
+
+FAST = settings(max_examples=15, deadline=None)
+seeds = st.integers(min_value=0, max_value=10_000)
+
+
+@FAST
+@given(seed=seeds, cuts=st.lists(st.integers(0, 300), max_size=6), kind=st.sampled_from(KINDS))
+def test_blocks_of_any_split_give_the_same_bits(seed, cuts, kind):
+    t, v, y = samples(300, seed)
+    model = tuned(kind, gate=6.0)
+    whole = run(model, new_state(model), t, v, y)
+    state, pieces = new_state(model), []
+    edges = [0, *sorted(cuts), 300]
+    for a, b in pairwise(edges):
+        pieces.append(run(model, state, t[a:b], v[a:b], y[a:b]))
+        state = state.copy()  # stored and restored
+    for name in ("torque_filtered_nm", "innovation_nm", "innovation_variance_nm2", "flags"):
+        assert_array_equal(np.concatenate([getattr(p, name) for p in pieces]), getattr(whole, name))
+
+
+@FAST
+@given(seed=seeds, factor=st.sampled_from([-1.0, 0.125, 8.0, -1024.0]))
+def test_a_torque_times_a_power_of_two_is_filtered_to_that_multiple(seed, factor):
+    t, v, y = samples(300, seed)
+    scaled = {"noise_per_rad", "noise_per_s", "variance", "prior_variance", "prior_variance_2"}
+    model = replace(tuned(), load_inertia_kg_m2=0.0)
+    other = replace(
+        model,
+        blocks=tuple(
+            replace(b, **{name: getattr(b, name) * factor**2 for name in scaled})
+            for b in model.blocks
+        ),
+        measurement_noise=model.measurement_noise * factor**2,
+    )
+    one = run(model, new_state(model), t, v, y)
+    two = run(other, new_state(other), t, v, y * factor)
+    assert_array_equal(two.torque_filtered_nm, one.torque_filtered_nm * factor)
+    assert_array_equal(two.flags, one.flags)
+
+
+@FAST
+@given(seed=seeds, order=st.permutations(range(4)))
+def test_the_order_of_the_blocks_does_not_matter(seed, order):
+    t, v, y = samples(200, seed)
+    model = tuned()
+    other = replace(model, blocks=tuple(model.blocks[i] for i in order))
+    one, two = (run(m, new_state(m), t, v, y) for m in (model, other))
+    # sums in another order: rounding of torques of 10 N m over 200 samples
+    assert_allclose(one.torque_filtered_nm, two.torque_filtered_nm, rtol=0.0, atol=1e-10)
+    both = [smooth(m, t, v, y).mean for m in (model, other)]
+    assert_allclose(both[0][:, list(order)], both[1], rtol=0.0, atol=1e-7)
+
+
+@FAST
+@given(seed=seeds, n=st.sampled_from([0.5, 2.0, 4.0]))
+def test_order_n_at_speed_w_is_order_1_at_speed_n_w(seed, n):
+    t, v, y = samples(300, seed)
+    one = replace(listing(((n, 0.1),)), load_inertia_kg_m2=0.0)
+    two = replace(listing(((1.0, 0.1),)), load_inertia_kg_m2=0.0)
+    # a power of two: n * (v dt) and (n v) dt are the same number
+    assert_array_equal(
+        run(one, new_state(one), t, v, y).torque_filtered_nm,
+        run(two, new_state(two), t, n * v, y).torque_filtered_nm,
+    )
+
+
+@FAST
+@given(seed=seeds)
+def test_a_smoother_run_backwards_in_time_gives_the_same_orders(seed):
+    # random-walk amplitudes and a stationary torque look alike from both ends of time, but for the
+    # prior: of a wide prior a millionth is left (a wider one costs digits of its variance)
+    t, v, y = samples(250, seed, missing=False)
+    model = StateSpace((order_block(2.0, 1e-3, 1e4), slow_block("ornstein-uhlenbeck")), 0.01)
+    forward = smooth(model, t, v, y)
+    turned_v = np.append(-v[-2::-1], 0.0)  # the velocity that leads from k to k+1
+    back = smooth(model, (t[-1] - t)[::-1] + 1.0, turned_v, y[::-1].copy())
+    mean = back.mean[::-1]
+    assert_allclose(mean[:, :, 0], forward.mean[:, :, 0], rtol=0.0, atol=1e-4)
+    assert_allclose(mean[:, 0, 1], forward.mean[:, 0, 1], rtol=0.0, atol=1e-4)
+    assert_allclose(back.covariance[::-1, :, 0], forward.covariance[:, :, 0], rtol=1e-3)
+
+
+def drift(block, dt):
+    """Return F and Q of a slow block by the matrix exponential (Van Loan), Q of a walk exactly."""
+    if block.kind == "random-walk":
+        return np.eye(1), np.array([[block.noise_per_s * dt]])
+    if block.kind == "ornstein-uhlenbeck":
+        a = np.array([[-1.0 / block.time_constant_s]])
+        q = np.array([[2.0 * block.variance / block.time_constant_s]])
+    elif block.kind == "integrated-random-walk":
+        a, q = np.array([[0.0, 1.0], [0.0, 0.0]]), np.diag([0.0, block.noise_per_s])
+    else:
+        rate = 1.0 / block.time_constant_s
+        w2 = rate**2 if block.kind == "matern-3/2" else (2.0 * np.pi * block.frequency_hz) ** 2
+        a = np.array([[0.0, 1.0], [-w2, -2.0 * rate]])
+        q = np.diag([0.0, 4.0 * rate * w2 * block.variance])
+    n = len(a)
+    both = expm(np.block([[-a, q], [np.zeros((n, n)), a.T]]) * dt)
+    f = both[n:, n:].T
+    return f, f @ both[:n, n:]
+
+
+def matrices(model, t, v):
+    """Return F and Q into every sample, C, and the prior variances, with dense matrices."""
+    steps = []
+    for k in range(1, t.size):
+        dt, turn = t[k] - t[k - 1], v[k - 1] * (t[k] - t[k - 1])
+        parts = []
+        for b in model.blocks:
+            if b.kind == "oscillator":
+                a = b.order * turn + 2.0 * np.pi * b.frequency_hz * dt
+                f = np.array([[np.cos(a), np.sin(a)], [-np.sin(a), np.cos(a)]])
+                q = b.noise_per_sample + b.noise_per_rad * abs(turn) + b.noise_per_s * dt
+                parts.append((f, q * np.eye(2)))
+            else:
+                parts.append(drift(b, dt))
+        steps.append(tuple(block_diagonal([p[i] for p in parts]) for i in range(2)))
+    c = np.concatenate([[1.0] + [0.0] * (b.n_states - 1) for b in model.blocks])
+    prior = np.concatenate(
+        [[b.prior_variance, b.prior_variance_2][: b.n_states] for b in model.blocks]
+    )
+    return steps, c, prior
+
+
+def block_diagonal(parts):
+    size = sum(len(p) for p in parts)
+    out, at = np.zeros((size, size)), 0
+    for p in parts:
+        out[at : at + len(p), at : at + len(p)] = p
+        at += len(p)
+    return out
+
+
+def held(v):
+    """Hold the last velocity where one is missing."""
+    v = v.copy()
+    for k in np.flatnonzero(np.isnan(v)):
+        v[k] = v[k - 1]
+    return v
+
+
+def normal_equations(model, t, v, y):
+    """Return matrix and right side of x_0 ~ prior, x_k - F x_(k-1) ~ Q, y - C x ~ R."""
+    steps, c, prior = matrices(model, t, held(v))
+    n, m = t.size, c.size
+    whole, right = np.zeros((n * m, n * m)), np.zeros(n * m)
+    whole[:m, :m] = np.diag(1.0 / prior)
+    for k, (f, q) in enumerate(steps):
+        inverse = np.linalg.inv(q)
+        inverse = 0.5 * (inverse + inverse.T)
+        a, b = slice(k * m, (k + 1) * m), slice((k + 1) * m, (k + 2) * m)
+        whole[a, a] += f.T @ inverse @ f
+        whole[a, b] -= f.T @ inverse
+        whole[b, a] -= inverse @ f
+        whole[b, b] += inverse
+    for k in np.flatnonzero((np.abs(y) < 1e12) & np.isfinite(v)):
+        at = slice(k * m, (k + 1) * m)
+        whole[at, at] += np.outer(c, c) / model.measurement_noise
+        right[at] += c * y[k] / model.measurement_noise
+    return whole, right, m
+
+
+def turning(n, seed):
+    """Samples 20 ms apart (Q of a walk's two states loses digits as dt^-3), the axis never at rest.
+
+    A resting axis has Q = 0, which normal equations cannot hold.
+    """
+    t, _, y = samples(n, seed)
+    t = 20.0 * t
+    v = 6.0 + 4.0 * np.sin(0.5 * t)
+    v[n // 2 + 10 : n // 2 + 30] = np.nan
+    return t, v, y
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_smoother_is_the_solution_of_banded_normal_equations(kind):
+    t, v, y = turning(120, seed=3)
+    model = replace(tuned(kind), load_inertia_kg_m2=0.0)
+    whole, right, m = normal_equations(model, t, v, y)
+    upper = np.zeros((2 * m, right.size))
+    for d in range(2 * m):
+        upper[2 * m - 1 - d, d:] = np.diagonal(whole, d)
+    wanted = solveh_banded(upper, right).reshape(-1, m)
+    variance = np.diagonal(np.linalg.inv(whole)).reshape(-1, m)
+    found, at = smooth(model, t, v, y), 0
+    for i, block in enumerate(model.blocks):
+        # 1e-9 is what is asked for, on torques of some N m
+        assert_allclose(found.mean[:, i, 0], wanted[:, at], rtol=0.0, atol=1e-9)
+        # variances by inverting a matrix of condition 1e10 or so
+        assert_allclose(found.covariance[:, i, 0], variance[:, at], rtol=1e-5)
+        at += block.n_states
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_likelihood_is_that_of_statsmodels(kind):
+    statespace = pytest.importorskip("statsmodels.tsa.statespace.kalman_filter")
+    t, v, y = samples(300, seed=5)
+    model = replace(tuned(kind), load_inertia_kg_m2=0.0)
+    steps, c, prior = matrices(model, t, held(v))
+    m = c.size
+    y = np.where((np.abs(y) < 1e12) & np.isfinite(v), y, np.nan)
+    kf = statespace.KalmanFilter(k_endog=1, k_states=m, k_posdef=m)
+    kf.bind(y.copy())
+    kf["design"] = c[None, :]
+    kf["obs_cov"] = np.array([[model.measurement_noise]])
+    kf["selection"] = np.eye(m)
+    last = (np.eye(m), np.zeros((m, m)))  # out of the last sample: not used
+    kf["transition"] = np.stack([f for f, _ in (*steps, last)], axis=2)
+    kf["state_cov"] = np.stack([q for _, q in (*steps, last)], axis=2)
+    kf.initialize_known(np.zeros(m), np.diag(prior))
+    found = run(model, new_state(model), t, v, y)
+    # 1e-8 relative is what is asked for
+    assert found.log_likelihood == pytest.approx(kf.loglike(), rel=1e-8)
+    assert found.n_used == np.isfinite(y).sum()
+
+
+def test_scaling_all_noise_moves_the_likelihood_as_concentration_says():
+    t, v, y = samples(300, seed=6)
+    model = replace(tuned(), load_inertia_kg_m2=0.0)
+    one = run(model, new_state(model), t, v, y)
+    factor = one.sum_normalised_squares / one.n_used
+    scaled = {"noise_per_rad", "noise_per_s", "variance", "prior_variance", "prior_variance_2"}
+    blocks = tuple(
+        replace(b, **{name: getattr(b, name) * factor for name in scaled}) for b in model.blocks
+    )
+    best = replace(model, blocks=blocks, measurement_noise=model.measurement_noise * factor)
+    two = run(best, new_state(best), t, v, y)
+    # rounding of 300 terms
+    assert two.sum_normalised_squares == pytest.approx(two.n_used, rel=1e-9)
+    assert two.log_likelihood >= one.log_likelihood
+
+
+def test_a_block_that_turns_with_the_clock_takes_out_a_hum():
+    t = np.arange(6000) * 1e-3
+    y = 0.3 * np.sin(2.0 * np.pi * 50.0 * t)
+    block = StateBlock("oscillator", "ripple", frequency_hz=50.0, noise_per_s=1e-6)
+    model = StateSpace((block,), 1e-4)
+    left = run(model, new_state(model), t, np.zeros_like(t), y).torque_filtered_nm
+    # settled to a Q / R of 1e-5 after 6 s
+    assert np.abs(left[5000:]).max() < 1e-3

@@ -1,0 +1,393 @@
+"""Tuning: noise by maximum likelihood, and what it says when the data are silent."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from tuning_traces import campaign, channels, dense_log_likelihood, needs_compiled_kernel, turning
+
+from hdbench.errors import DataError
+from hdbench.filter import (
+    FilterModel,
+    OnlineFilter,
+    OscillatorBlock,
+    SlowBlock,
+    load_filter_model,
+    preset,
+    state_space,
+    tune,
+)
+from hdbench.filter.response import filter_response
+from hdbench.filter.tuning import TuningSettings, check_innovations, settings_of
+from hdbench.filter.tuning.checks import ljung_box, nis_band
+from hdbench.filter.tuning.data import describe_motion
+from hdbench.filter.tuning.likelihood import score
+from hdbench.filter.tuning.limits import refusal
+from hdbench.filter.tuning.memory import (
+    forget_beyond_the_data,
+    slow_density,
+    with_moving_offset,
+)
+from hdbench.filter.tuning.result import Estimate
+from hdbench.filter.tuning.search import curvature
+
+SETTINGS = TuningSettings(4.0, 40.0)
+
+
+def relative_model(slow):
+    blocks = (
+        OscillatorBlock(2.0, "ripple", 1e-6, "motor-radian"),
+        OscillatorBlock(0.01, "misalignment", 1e-5, "motor-radian"),
+    )
+    return FilterModel("own", blocks, 1.0, 0.0, 100.0, 0.005, True, {}, None, slow, 20.0, 50.0)
+
+
+SLOW = [
+    (
+        SlowBlock("random-walk", noise_per_s=3.0),
+        (np.zeros((1, 1)), np.eye(1) * 2500.0, np.eye(1) * 3.0),
+    ),
+    (
+        SlowBlock("ornstein-uhlenbeck", variance=200.0, time_constant_s=0.1),
+        (np.array([[-10.0]]), np.eye(1) * 200.0, None),
+    ),
+    (
+        SlowBlock("matern-3/2", variance=200.0, time_constant_s=0.1),
+        (np.array([[0.0, 1.0], [-100.0, -20.0]]), np.diag([200.0, 200.0 * 100.0]), None),
+    ),
+    (
+        SlowBlock("resonance", variance=200.0, time_constant_s=0.3, frequency_hz=2.0),
+        (
+            np.array([[0.0, 1.0], [-((4 * math.pi) ** 2), -2.0 / 0.3]]),
+            np.diag([200.0, 200.0 * (4 * math.pi) ** 2]),
+            None,
+        ),
+    ),
+]
+
+
+@pytest.mark.parametrize(("block", "known"), SLOW, ids=[b.kind for b, _ in SLOW])
+def test_the_likelihood_is_that_of_the_dense_textbook_recursion(block, known):
+    t, v, angle, y = turning(1.2, seed=2)
+    t = t + 2e-4 * np.sin(np.arange(t.size))  # uneven sampling
+    y[100:130] = np.nan
+    found = score(relative_model((block,)), [channels(t, v, y, angle)])
+    turn = np.diff(angle, prepend=0.0)
+    oscillators = [(2.0, 1e-6, 400.0), (0.01, 1e-5, 400.0)]
+    r = found.noise_nm2
+    scaled = [
+        (drift, prior * r, None if diffusion is None else diffusion * r)
+        for drift, prior, diffusion in [known]
+    ]
+    scaled_oscillators = [(o, q * r, p * r) for o, q, p in oscillators]
+    wanted = dense_log_likelihood(t, turn, y, scaled_oscillators, scaled, r)
+    assert found.samples == np.isfinite(y).sum()
+    # 1e-8: agreement asked of two ways to one likelihood; rounding of 1200 samples is below
+    assert found.log_likelihood == pytest.approx(wanted, rel=1e-8)
+
+
+def test_two_traces_count_as_independent_records():
+    model = relative_model((SLOW[1][0],))
+    records = [channels(*_parts(turning(1.0, seed=s))) for s in (1, 2)]
+    single = [score(model, [record]) for record in records]
+    both = score(model, records)
+    assert both.samples == sum(s.samples for s in single)
+    total = sum(s.samples * s.noise_nm2 for s in single)
+    # the mean of all normalised squares: one division
+    assert both.noise_nm2 == pytest.approx(total / both.samples, rel=1e-12)
+
+
+def _parts(made):
+    t, v, angle, y = made
+    return t, v, y, angle
+
+
+@pytest.fixture(scope="module")
+def tuned(bench):
+    """Return one tuning with its trace: first-order torque beside ripple and misalignment."""
+    needs_compiled_kernel()
+    base = replace(preset("report-6", bench), load_inertia_kg_m2=0.0, use_measured_angle=True)
+    record = channels(*_parts(turning(10.0, seed=5)))
+    return base, record, tune(base, [record], settings_of(bench), origins={"trace": "sha256 0"})
+
+
+def test_the_noise_that_was_put_in_is_found_within_its_standard_errors(tuned):
+    _, _, found = tuned
+    by_name = {e.name: e for e in found.estimates}
+    assert found.candidates[0].slow == "ornstein-uhlenbeck"
+    assert found.converged
+    for name, truth in (
+        ("measurement_noise", 0.05**2),
+        ("ornstein-uhlenbeck variance", 0.25),
+        ("ornstein-uhlenbeck time_constant_s", 0.1),
+    ):
+        estimate = by_name[name]
+        # three standard errors, and the noise of R that a filter's own gain adds to it
+        spread = 3.0 * max(estimate.relative_std, 0.02)
+        assert abs(math.log(estimate.value / truth)) < spread, name
+
+
+def test_the_innovations_of_a_tuned_model_are_white_and_of_their_variance(tuned):
+    _, _, found = tuned
+    check = found.consistency
+    assert check.nis_band[0] < check.nis < check.nis_band[1]
+    # a right model fails this once in ten thousand traces
+    assert check.p_value > 1e-4
+    assert abs(check.largest_correlation) < 0.05
+
+
+def test_an_untuned_model_fails_the_same_checks(tuned, bench):
+    _, record, found = tuned
+    wrong = replace(found.model, measurement_noise=4.0 * found.model.measurement_noise)
+    check = check_innovations(wrong, [record])
+    assert not check.nis_band[0] < check.nis < check.nis_band[1]
+    assert check.p_value < 1e-6
+
+
+def test_the_tuned_model_is_stored_and_read_back(tuned, bench, tmp_path):
+    _, record, found = tuned
+    file = tmp_path / "tuned.json"
+    file.write_text(json.dumps(found.model.to_dict(), allow_nan=False))
+    read = load_filter_model(str(file), bench)
+    assert read == found.model
+    assert read.provenance["trace"] == "sha256 0"
+    assert read.tuning["consistency"]["nis"]["value"] == found.consistency.nis
+    once = OnlineFilter(found.model).process(*_args(record)).torque_filtered_nm
+    again = OnlineFilter(read).process(*_args(record)).torque_filtered_nm
+    assert np.array_equal(once, again)
+
+
+def _args(record):
+    return record.time_s, record.velocity_rad_s, record.torque_nm, record.angle_rad
+
+
+def test_tuning_twice_gives_the_same_model(tuned, bench):
+    base, record, _ = tuned
+    short = replace(
+        record,
+        time_s=record.time_s[:3000],
+        velocity_rad_s=record.velocity_rad_s[:3000],
+        torque_nm=record.torque_nm[:3000],
+        angle_rad=record.angle_rad[:3000],
+    )
+    settings = replace(SETTINGS, slow="ornstein-uhlenbeck")
+    assert tune(base, [short], settings).model == tune(base, [short], settings).model
+
+
+def test_torque_in_other_units_scales_every_noise(tuned):
+    base, record, _ = tuned
+    part = slice(0, 4000)
+    cut = replace(
+        record,
+        time_s=record.time_s[part],
+        velocity_rad_s=record.velocity_rad_s[part],
+        torque_nm=record.torque_nm[part],
+        angle_rad=record.angle_rad[part],
+    )
+    settings = TuningSettings(4.0, 40.0, slow="ornstein-uhlenbeck")
+    one = tune(base, [cut], settings)
+    ten = tune(
+        base,
+        [replace(cut, torque_nm=8.0 * cut.torque_nm)],
+        TuningSettings(32.0, 320.0, slow="ornstein-uhlenbeck"),
+    )
+    # a power of two scales exactly, so the search takes the same steps up to rounding
+    for a, b in zip(one.estimates, ten.estimates, strict=True):
+        factor = 64.0 if a.unit.startswith("(N m)^2") else 1.0
+        assert b.value == pytest.approx(factor * a.value, rel=1e-3), a.name
+
+
+def test_a_tuned_filter_keeps_the_torque_and_takes_the_ripple(bench):
+    """Reduced form of tools/tuning_campaign.py: one seed, shorter traces."""
+    needs_compiled_kernel()
+    tool = campaign()
+    row = tool.one(tool.SCENARIOS["2 Hz low-pass noise"], 3, 26.0)
+    assert row["converged"]
+    assert row["ratio"] <= 1.35
+    assert min(row["suppression_db"]) >= 30.0
+    assert row["noise_gain"] <= 1.05
+    assert row["gain_least"] >= 0.98
+    assert row["gain_most"] <= 1.02
+    # the oracle itself must be one: far better than the report's tuning
+    assert row["oracle_error_nm"] < 0.3 * row["report_error_nm"]
+
+
+def test_a_walk_by_name_is_warned_of_and_a_stationary_kind_is_what_auto_takes(tuned):
+    base, record, found = tuned
+    assert {c.slow for c in found.candidates} == {"none", "ornstein-uhlenbeck", "resonance"}
+    part = replace(
+        record,
+        time_s=record.time_s[:3000],
+        velocity_rad_s=record.velocity_rad_s[:3000],
+        torque_nm=record.torque_nm[:3000],
+        angle_rad=record.angle_rad[:3000],
+    )
+    walk = tune(base, [part], TuningSettings(4.0, 40.0, slow="integrated-random-walk"))
+    assert any("unbounded variance" in note for note in walk.notes)
+    assert walk.model.slow[0].kind == "integrated-random-walk"
+
+
+def test_few_output_turns_and_constant_speed_are_told(bench):
+    needs_compiled_kernel()
+    base = replace(preset("report-6", bench), load_inertia_kg_m2=0.0, use_measured_angle=True)
+    record = channels(*_parts(turning(4.0, seed=1, low=60.0, high=60.0)))
+    notes = tune(base, [record], TuningSettings(4.0, 40.0, slow="ornstein-uhlenbeck")).notes
+    assert any("output turns" in note and "order 0.01" in note for note in notes)
+    assert any("constant speed" in note for note in notes)
+
+
+def test_an_order_that_the_model_lacks_is_noticed_in_the_innovations(bench):
+    needs_compiled_kernel()
+    base = replace(preset("report-6", bench), load_inertia_kg_m2=0.0, use_measured_angle=True)
+    t, v, angle, y = turning(5.0, seed=1)
+    record = channels(t, v, y + 0.5 * np.cos(6 * angle), angle)
+    notes = tune(base, [record], TuningSettings(4.0, 40.0, slow="random-walk")).notes
+    assert any("not white" in note and "--order" in note for note in notes)
+
+
+def test_a_resonance_at_an_order_of_a_constant_speed_is_refused():
+    model = relative_model(
+        (SlowBlock("resonance", variance=1.0, time_constant_s=5.0, frequency_hz=0.1),)
+    )
+    steady = describe_motion([channels(*_parts(turning(4.0, low=60.0, high=60.0)))])
+    swinging = describe_motion([channels(*_parts(turning(4.0)))])
+    # order 0.01 at 60 rad/s turns at 0.095 Hz
+    assert "order 0.01" in refusal(model, steady)
+    assert refusal(model, swinging) is None
+
+
+def test_spikes_are_left_out_and_a_step_is_not(bench):
+    needs_compiled_kernel()
+    base = replace(preset("report-6", bench), load_inertia_kg_m2=0.0, use_measured_angle=True)
+    t, v, angle, y = turning(4.5, seed=4)
+    y[2500:] += 3.0
+    clean = channels(t, v, y, angle)
+    spiky = y.copy()
+    spikes = np.array([1000, 2222, 3001, 4003])
+    spiky[spikes] += 4.0
+    settings = TuningSettings(4.0, 40.0, slow="ornstein-uhlenbeck")
+    assert tune(base, [clean], settings).outliers == 0
+    found = tune(base, [channels(t, v, spiky, angle)], settings)
+    assert found.outliers == spikes.size
+    flags = OnlineFilter(found.model).process(t, v, spiky, angle).flags
+    assert (flags[spikes] & 2).all()
+
+
+@pytest.mark.parametrize(
+    ("records", "what"),
+    [
+        ([], "no trace"),
+        ([channels(*_parts(turning(1.0)))], "samples"),
+        ([channels(*_parts(turning(3.0, noise=0.0, slow=0.0))[:2], np.zeros(3000))], "no noise"),
+    ],
+    ids=["none", "short", "silent"],
+)
+def test_traces_that_say_nothing_are_refused(bench, records, what):
+    with pytest.raises(DataError, match=what):
+        tune(preset("report-6", bench), records, SETTINGS)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"order_prior_std_nm": math.nan},
+        {"slow_prior_std_nm": 0.0},
+        {"slow": "white"},
+        {"gate_sigma": 2.0},
+        {"torque_limit_nm": -1.0},
+        {"max_evaluations": 3},
+    ],
+)
+def test_settings_out_of_their_domain_are_refused(change):
+    with pytest.raises(ValueError, match=next(iter(change))):
+        replace(SETTINGS, **change)
+
+
+def test_the_band_of_the_normalised_squares_is_chi_square():
+    from scipy.stats import chi2
+
+    for n in (1, 10, 60_000):
+        # two routes to one quantile
+        assert_allclose(nis_band(n), chi2.ppf([0.025, 0.975], n) / n, rtol=1e-9)
+
+
+def test_the_whiteness_test_is_that_of_statsmodels():
+    from statsmodels.stats.diagnostic import acorr_ljungbox
+
+    x = np.random.default_rng(1).normal(size=3000)
+    x[1:] += 0.05 * x[:-1]
+    statistic, p_value, _ = ljung_box(x, 20)
+    wanted = acorr_ljungbox(x, lags=[20])
+    # both sum the same products in another order
+    assert statistic == pytest.approx(float(wanted["lb_stat"].iloc[0]), rel=1e-9)
+    assert p_value == pytest.approx(float(wanted["lb_pvalue"].iloc[0]), rel=1e-9)
+
+
+def test_the_curvature_of_a_parabola_is_its_matrix():
+    matrix = np.array([[4.0, 1.0], [1.0, 900.0]])
+    centre = np.array([0.3, -1.0])
+
+    def value(x):
+        return -0.5 * float((x - centre) @ matrix @ (x - centre))
+
+    # differences of a parabola are exact but for rounding
+    assert_allclose(curvature(centre, value), matrix, rtol=1e-6, atol=1e-6)
+
+
+@pytest.mark.parametrize("block", [b for b, _ in SLOW], ids=lambda b: b.kind)
+def test_the_density_of_a_slow_torque_integrates_to_its_variance(block):
+    if not block.stationary:
+        # a random walk of q has q / w^2: ten times the frequency, a hundredth
+        assert slow_density(block, 1.0) == pytest.approx(100.0 * slow_density(block, 10.0))
+        return
+    hz = np.concatenate([np.linspace(1e-4, 20.0, 20_001), np.geomspace(20.0, 1e6, 4000)[1:]])
+    density = np.array([slow_density(block, f) for f in hz])
+    total = 2.0 * float(np.trapezoid(density, hz))
+    # the trapezoid's steps, and what lies above 1e6 Hz
+    assert total == pytest.approx(block.variance, rel=5e-3)
+
+
+def test_the_kernel_gets_every_block_in_its_own_kind():
+    space = state_space(relative_model((SLOW[3][0],)))
+    assert [b.kind for b in space.blocks] == ["oscillator", "oscillator", "resonance"]
+    assert space.blocks[2].prior_variance_2 == pytest.approx(200.0 * (4 * math.pi) ** 2)
+    assert space.blocks[0].prior_variance == 400.0
+    assert space.start == "prior"
+
+
+def test_an_order_without_a_peak_forgets_within_the_traces_and_leaves_the_torque_alone():
+    motion = describe_motion([channels(*_parts(turning(20.0)))])
+    found = [
+        Estimate("measurement_noise", "(N m)^2", 0.0025, 0.01),
+        Estimate("order 2 process_noise", "(N m)^2/rad", 1e-20, None),
+        Estimate("order 0.01 process_noise", "(N m)^2/rad", 1e-4, 0.3),
+    ]
+    blocks = (
+        OscillatorBlock(2.0, "ripple", 1e-20, "motor-radian"),
+        OscillatorBlock(0.01, "misalignment", 1e-4, "motor-radian"),
+    )
+    model = replace(relative_model(()), blocks=blocks, measurement_noise=0.0025)
+    raised, estimates = forget_beyond_the_data(model, found, motion)
+    assert estimates[1].held
+    assert not estimates[2].held
+    # a number with a peak is what the data say
+    assert raised.blocks[1].process_noise == 1e-4
+    alone = replace(raised, blocks=raised.blocks[:1])
+    mode = filter_response(alone, motion.speed_rad_s, 1e-3).settling_time_s / math.log(50.0)
+    # P^2 / (2 S) = q gives a decay of 1/duration; the speed swings about its mean
+    assert mode == pytest.approx(20.0, rel=0.1)
+
+
+def test_the_offset_has_a_tenth_of_the_density_at_the_slowest_order():
+    motion = describe_motion([channels(*_parts(turning(20.0)))])
+    slow = (SlowBlock("random-walk", noise_per_s=1e-9), SLOW[1][0])
+    moved = with_moving_offset(relative_model(slow), motion)
+    hz = 0.01 * motion.speed_rad_s / (2.0 * math.pi)
+    others = motion.period_s + slow_density(slow[1], hz)
+    assert slow_density(moved.slow[0], hz) == pytest.approx(0.1 * others)
+    assert moved.slow[1] == slow[1]
