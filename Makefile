@@ -34,7 +34,9 @@ coverage-campaign: $(VENV)/.dev
 	$(BIN)/python tools/coverage_campaign.py
 
 blind: $(VENV)/.dev
-	$(BIN)/python tools/blind.py
+	$(BIN)/python tools/blind.py --full --processes $$(nproc) --out build/blind
+	$(BIN)/python tools/blind.py --rivals 150 --processes $$(nproc) --out build/blind
+	$(BIN)/python tools/blind.py --report build/blind --write
 
 # The exported filter on this machine and on an emulated Cortex-M4F; says what is missing.
 firmware-check: $(VENV)/.installed

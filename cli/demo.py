@@ -42,6 +42,30 @@ def _runs(output: Output, profile: Profile, out: Path, plant: str, seed: int) ->
     return done
 
 
+def _hidden_words(effect: Mapping[str, Any]) -> str:
+    """Return a hidden effect in one line."""
+    numbers = [
+        f"{name} {value:.4g}"
+        for name, value in effect.items()
+        if isinstance(value, int | float) and not name.startswith("phase")
+    ]
+    return f"{effect['kind']}: {', '.join(numbers)}"
+
+
+def _again(profile: Profile, trace_run: Path, model_file: Path) -> str:
+    """Return the verdict on a record that the extended model simulates."""
+    import numpy as np
+
+    from hdbench.diagnosis import diagnose_trace
+    from hdbench.model import load_model, simulate_like, with_noise
+    from hdbench.records import read_trace, resolve_input
+
+    model = load_model(model_file)
+    simulated = simulate_like(read_trace(resolve_input(trace_run)), profile.data, model)
+    noisy = with_noise(simulated, profile.data.sensor.noise_nm, np.random.default_rng(0))
+    return diagnose_trace(noisy, profile, model=model).verdict
+
+
 def _draw(console: Console, results: Mapping[str, Mapping[str, Any]]) -> None:
     from hdbench_cli import calibrate, run_misalignment, run_ripple
 
@@ -79,11 +103,12 @@ def command(output: Output, out: Path, plant: str, seed: int) -> None:
     Calibrate, measure misalignment and ripple, let the diagnosis find what the plant hides, and
     write one report.
     """
+    from hdbench.devices.hidden import hidden_effects
     from hdbench.diagnosis import diagnose_run
     from hdbench.profile import load_profile
     from hdbench.records import result_header
     from hdbench.report import write_report
-    from hdbench_cli import diagnose
+    from hdbench_cli import diagnosis_text
     from hdbench_cli.progress import progress_bar
 
     started = time.monotonic()
@@ -96,6 +121,10 @@ def command(output: Output, out: Path, plant: str, seed: int) -> None:
         )
     output.note(f"  diagnosis done: {folder}")
     folders = [done[kind].folder.path for kind in _KINDS] + [folder]
+    with progress_bar("simulate") as progress:
+        progress("the extended model, diagnosed again", 0.5)
+        again = _again(profile, done["ripple"].folder.path, folder / "model.json")
+    hidden = hidden_effects(profile, plant, seed)
     report = folder / "report.html"
     write_report(folders, report, profile=profile)
     results = {kind: done[kind].evaluation.result for kind in _KINDS}
@@ -104,7 +133,11 @@ def command(output: Output, out: Path, plant: str, seed: int) -> None:
     def text(console: Console) -> None:
         _draw(console, results)
         console.rule("[bold]diagnosis[/]", align="left")
-        diagnose.show(console, found)
+        diagnosis_text.show(console, found, folder)
+        console.rule("[bold]what the plant had hidden[/]", align="left")
+        for effect in hidden:
+            console.print(_hidden_words(effect), markup=False)
+        console.print(f"the extended model, simulated and diagnosed again: {again}")
         console.print(f"\n{seconds:.0f} s. Open the report:")
         console.print(str(report), style="bold", soft_wrap=True)
 
@@ -112,6 +145,8 @@ def command(output: Output, out: Path, plant: str, seed: int) -> None:
         **result_header("demo", profile),
         "seconds": seconds,
         "results": {**results, "diagnosis": found},
+        "hidden": [dict(effect) for effect in hidden],
+        "extended_model_verdict": again,
         "runs": [str(path) for path in folders],
         "report": str(report),
     }

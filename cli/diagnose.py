@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,96 +15,14 @@ from hdbench_cli.output import Output
 if TYPE_CHECKING:
     from rich.console import Console
 
-__all__ = ["command", "show"]
-
-_WORDS = {
-    "nothing-found": "Nothing found: the simulation explains the measurement.",
-    "named": "The simulation misses something, and it has a name.",
-    "unexplained": "The simulation misses something that has no name yet.",
-    "named-and-unexplained": "The simulation misses several things; not all have a name.",
-    "data-bad": "The data do not allow a diagnosis.",
-    "cannot-tell": "These data cannot tell.",
-}
-# effects listed with the smallest size that would have been found
-_SHOWN_LIMITS = 4
-# a false-alarm probability below this says no more than that there is an effect
-_SURE = 1e-9
+__all__ = ["command"]
 
 
-def show(console: Console, result: Mapping[str, Any]) -> None:
-    """Draw a diagnosis on one screen."""
-    console.print(_WORDS[result["verdict"]], style="bold", markup=False)
-    if result["reason"]:
-        console.print(result["reason"], markup=False)
-    for cause in result["causes"]:
-        _show_cause(console, cause)
-    for place in result["unexplained"]:
-        low, high = place["extent"]
-        unit = "" if place["unit"] == "1" else f" {place['unit']}"
-        console.print(
-            f"unexplained at {place['domain']} {place['location']:.6g}{unit} "
-            f"({low:.6g} to {high:.6g})\n"
-            f"  {'size':<18}{place['size_nm']:.3g} N m, "
-            f"{100.0 * place['share_of_variance']:.1f} % of the residual variance",
-            markup=False,
-        )
-    small = [cause["name"] for cause in result["minor"]]
-    if small:
-        console.print(f"below the materiality line: {', '.join(small)}", markup=False)
-    _show_gain(console, result)
-    for flag in result["data_flags"]:
-        console.print(
-            f"flag      {flag['name']}: {flag['samples']} samples, "
-            f"{flag['from_s']:.3f} to {flag['to_s']:.3f} s",
-            markup=False,
-        )
-
-
-def _show_cause(console: Console, cause: Mapping[str, Any]) -> None:
-    from rich.text import Text
-
-    others = [name for name in (*cause["group"], *cause["rivals"]) if name != cause["name"]]
-    head = Text(cause["name"], style="bold")
-    if others:
-        head.append(f"  (or {', '.join(others)})", style="not bold")
-    console.print(head)
-    for name, entry in cause["parameters"].items():
-        if name.startswith(("cosine", "sine")) or entry["value"] is None:
-            continue
-        spread = "" if entry["std"] is None else f" +- {entry['std']:.2g}"
-        unit = "" if entry["unit"] == "1" else f" {entry['unit']}"
-        console.print(f"  {name:<18}{entry['value']:.7g}{spread}{unit}", markup=False)
-    gain = cause["gain"]
-    low, high = gain["interval"]
-    chance = cause["false_alarm_probability"]
-    surely = f"below {_SURE:g}" if chance < _SURE else f"{chance:.1e}"
-    console.print(
-        f"  {'held-out residual':<18}{gain['heldout_rms_before_nm']:.4g} -> "
-        f"{gain['heldout_rms_after_nm']:.4g} N m rms\n"
-        f"  {'explained':<18}{100.0 * gain['explained_fraction']:.1f} % "
-        f"({100.0 * low:.1f} to {100.0 * high:.1f} %), false alarm {surely}",
-        markup=False,
-    )
-    if cause["separating_experiment"]:
-        console.print(f"  told apart by: {cause['separating_experiment']}", markup=False)
-
-
-def _show_gain(console: Console, result: Mapping[str, Any]) -> None:
-    before = result["simulated"]["heldout_rms_nm"]
-    after = result["extended"]["heldout_rms_nm"]
-    if before is not None and after is not None:
-        console.print(f"held-out  {before:.4g} N m rms simulated, {after:.4g} N m rms extended")
-    limits = result["minimum_detectable"][:_SHOWN_LIMITS]
-    if limits:
-        console.print("would have been found with 90 %:", markup=False)
-        for limit in limits:
-            console.print(f"  {limit['name']:<28}{limit['amplitude_nm']:.2g} N m", markup=False)
-
-
-def _list_causes(output: Output) -> None:
+def _list_causes(output: Output, cause_files: tuple[Path, ...]) -> None:
     from hdbench.diagnosis import describe_causes
+    from hdbench.model import user_causes
 
-    causes = describe_causes()
+    causes = describe_causes(user_causes(cause_files))
 
     def text(console: Console) -> None:
         for cause in causes:
@@ -139,6 +57,21 @@ def _list_causes(output: Output) -> None:
     show_default=True,
     help="Smallest share of the residual variance of a cause that counts.",
 )
+@click.option(
+    "--baseline",
+    "baseline",
+    metavar="TERM",
+    multiple=True,
+    help="Change the baseline: -misalignment or -load takes a term out, +order:6 adds one.",
+)
+@click.option(
+    "--causes",
+    "cause_files",
+    metavar="FILE",
+    multiple=True,
+    type=click.Path(path_type=Path, exists=True, dir_okay=False),
+    help="Causes of your own, a TOML file; may be repeated.",
+)
 @click.option("--check", is_flag=True, help="Exit 3 unless nothing was found.")
 @click.option("--list-causes", is_flag=True, help="Print the catalogue of causes.")
 @seed_option
@@ -150,6 +83,8 @@ def command(
     model_file: Path | None,
     out: Path,
     materiality: float,
+    baseline: tuple[str, ...],
+    cause_files: tuple[Path, ...],
     check: bool,
     list_causes: bool,
     seed: int,
@@ -160,7 +95,7 @@ def command(
     after, and its spectra.
     """
     if list_causes:
-        _list_causes(output)
+        _list_causes(output, cause_files)
         return
     if not sources:
         raise UsageError(
@@ -169,10 +104,17 @@ def command(
             fix="name a run folder, a trace or a loads file, or ask for --list-causes",
         )
     from hdbench.diagnosis import DiagnosisOptions, diagnose_run
+    from hdbench_cli.diagnosis_text import show
     from hdbench_cli.experiment import choose_profile
     from hdbench_cli.progress import progress_bar
 
-    options = DiagnosisOptions(model_file, materiality=materiality, seed=seed)
+    options = DiagnosisOptions(
+        model_file,
+        materiality=materiality,
+        seed=seed,
+        baseline=baseline,
+        cause_files=cause_files,
+    )
     done: list[tuple[Path, dict[str, Any]]] = []
     for source in sources:
         profile = choose_profile(profile_name, source)
@@ -183,8 +125,8 @@ def command(
 
     def text(console: Console) -> None:
         for body in bodies:
-            show(console, body)
-            console.print(f"\nrun       {body['run_folder']}", markup=False, soft_wrap=True)
+            show(console, body, Path(body["run_folder"]))
+            console.print(f"{'run':<11}{body['run_folder']}", markup=False, soft_wrap=True)
 
     output.result(whole, text)
     _end(output, bodies, check)

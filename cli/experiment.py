@@ -13,6 +13,7 @@ from hdbench_cli.output import Output
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from hdbench.diagnosis.planning import MotionPlan
     from hdbench.profile import Profile
     from hdbench.ripple import Stretch
 
@@ -42,6 +43,7 @@ class Request:
     misalignment: Path | None = None
     filter_name: str | None = None
     stretch: Stretch | None = None
+    plan_file: Path | None = None
 
 
 def choose_profile(name: str | None, source: Path | None) -> Profile:
@@ -114,6 +116,12 @@ def run_command(
         When the data are doubtful.
     """
     profile = choose_profile(request.profile_name, request.source)
+    if request.plan_file is not None and request.source is not None:
+        raise UsageError(
+            "--plan and --from together; needed: one, a stored run has its own motion",
+            where="--plan",
+            fix="leave out --from to measure, or --plan to evaluate again",
+        )
     if request.dry_run:
         _show_plan(output, request, profile)
         return
@@ -162,7 +170,7 @@ def _show_plan(output: Output, request: Request, profile: Profile) -> None:
     from hdbench.records import result_header
     from hdbench.session import make_plan
 
-    plan = make_plan(request.kind, profile)
+    plan = make_plan(request.kind, profile, _motion(request))
     limits = profile.data.limits.model_dump()
 
     def text(console: Console) -> None:
@@ -174,6 +182,15 @@ def _show_plan(output: Output, request: Request, profile: Profile) -> None:
 
     header = result_header("plan", profile)
     output.result({**header, "plan": plan.to_dict(), "limits": limits}, text)
+
+
+def _motion(request: Request) -> MotionPlan | None:
+    """Return the content of the plan file that was asked for."""
+    if request.plan_file is None:
+        return None
+    from hdbench.diagnosis.planning import read_plan
+
+    return read_plan(request.plan_file)
 
 
 def _from_stored(request: Request, profile: Profile) -> tuple[Path, Mapping[str, Any]]:
@@ -203,6 +220,14 @@ def _measure(output: Output, request: Request, profile: Profile) -> tuple[Path, 
     if request.no_input and request.kind == "calibration":
         person = False
     operator = ConsoleOperator(motion_confirmed=request.yes) if person else None
+    motion = _motion(request)
+    if motion is not None and motion.needs_operator and request.no_input:
+        raise UsageError(
+            f"the plan needs an operator ({len(motion.loads)} load steps, first: "
+            f"{motion.loads[0].text})",
+            where=f"{request.plan_file} with --no-input",
+            fix="run it without --no-input, or make a plan with hdbench plan --no-loads",
+        )
     options = BenchOptions(
         out=request.out,
         plant=request.plant,
@@ -213,6 +238,7 @@ def _measure(output: Output, request: Request, profile: Profile) -> tuple[Path, 
         misalignment=request.misalignment,
         filter_name=request.filter_name,
         operator=operator,
+        motion=motion,
     )
     with progress_bar(request.kind) as progress:
         outcome = run_experiment(request.kind, profile, options, progress)

@@ -28,6 +28,7 @@ _COMMANDS: dict[str, tuple[str, str]] = {
     "export": ("export", "Write a filter model as C99 source for a controller."),
     "orders": ("orders", "Order spectrum, order map, and every order over time."),
     "diagnose": ("diagnose", "Show what the simulation gets wrong and name the cause."),
+    "plan": ("plan", "Which run separates which causes; write it as a plan file."),
     "simulate": ("simulate", "Compute the bench model, alone or on a measured motion."),
     "emulate": ("emulate", "Serve the emulated bench over Modbus TCP."),
     "report": ("report", "Write runs as one offline HTML file with CSV and JSON."),

@@ -15,6 +15,7 @@ __all__ = [
     "from_option",
     "model_option",
     "out_option",
+    "plan_option",
     "profile_option",
     "seed_option",
 ]
@@ -68,6 +69,15 @@ model_option = click.option(
     metavar="NAME|FILE",
     help="Filter model: report-a1, report-a2, report-6, a model file, or tuned (on this input) "
     "where there is one; else that of the stored run, else the profile's.",
+)
+
+
+plan_option = click.option(
+    "--plan",
+    "plan_file",
+    metavar="FILE",
+    type=click.Path(path_type=Path, exists=True, dir_okay=False),
+    help="Run this plan file (hdbench plan --out FILE) instead of the profile's motion.",
 )
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from hdbench_cli.experiment import Request, doubts_of, run_command
-from hdbench_cli.options import bench_options, calibration_option, model_option
+from hdbench_cli.options import bench_options, calibration_option, model_option, plan_option
 from hdbench_cli.output import Output
 
 if TYPE_CHECKING:
@@ -45,6 +45,7 @@ def failed(result: Mapping[str, Any]) -> str | None:
 @bench_options
 @calibration_option
 @model_option
+@plan_option
 @click.pass_obj
 def command(output: Output, /, **options: Any) -> None:
     """Measure the misalignment torque at constant velocity, both directions.

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from hdbench_cli.experiment import Request, run_command
-from hdbench_cli.options import bench_options, calibration_option, model_option
+from hdbench_cli.options import bench_options, calibration_option, model_option, plan_option
 from hdbench_cli.output import Output
 from hdbench_cli.run_misalignment import failed
 
@@ -61,6 +61,7 @@ def show(console: Console, result: Mapping[str, Any]) -> None:
     help="Misalignment result whose output-order block joins the online filter.",
 )
 @model_option
+@plan_option
 @click.option(
     "--velocity-above",
     metavar="RAD/S",
@@ -81,7 +82,8 @@ def command(
     """Measure the torque ripple in free motion with the reference generator.
 
     Amplitudes and phases at twice and four times motor speed, the power spectrum of a steady
-    stretch, and how much of it the filter takes away.
+    stretch, and how much of it the filter takes away. With --plan the motion is that of a plan
+    file, held against the same limits.
     """
     from hdbench.ripple import Stretch
 

@@ -1,7 +1,26 @@
-"""Blind benchmark: hide effects in records of an independent bench, diagnose, count.
+"""Blind benchmark: hide effects with a bench of its own, diagnose, open the truth, count.
 
-Usage: python tools/blind.py [--orders 20] [--tones 20] [--frictions 20] [--clean 100]
-[--duration 30] [--first-seed 1] [--materiality 0.01] [--json FILE]
+A few records of one family, at once and in one process::
+
+    tools/blind.py --part B --family coulomb-friction --record protocol --d 10 --limit 5
+
+prints one line per record: what was hidden, what was answered, how it is scored. `--show` adds
+parameters, truth and bounds. Choose with `--part ABPCDEFL` (A clean, B single effects at 3 to 20
+sigma, P physical sizes, C two effects, D outside the catalogue, E look-alike duels, F bad data,
+L calibration loads), `--family NAME`, `--d N`, `--tier low|mid|high`, `--noise white|ar|flicker`,
+`--record constant|compact|mixed|short|protocol|long`, `--limit N`; the grid is mixed, so that any
+beginning of it is fair.
+
+The whole benchmark, resumable (answers already there are kept) and quiet::
+
+    tools/blind.py --full --processes 2 --out build/blind
+    tools/blind.py --report build/blind          # figures; --write: docs/blind-benchmark.md too
+    tools/blind.py --report build/blind --lines --part B    # a line per record
+
+    tools/blind.py --rivals 150 --out build/blind   # simpler methods on 150 of its short records
+
+`--stop-after MINUTES` ends early with what there is; `--fresh` takes seeds from commit and date,
+otherwise the public ones. Needs PYTHONPATH only where hdbench is not installed.
 """
 
 from __future__ import annotations
@@ -10,110 +29,102 @@ import argparse
 import json
 import os
 import sys
-import time
-from collections import defaultdict
 from pathlib import Path
 
-# one core: the figures are per core, and threads of small matrix products only wait for each other
-os.environ.setdefault("OMP_NUM_THREADS", "1")
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+# one core per process: threads of small matrix products only wait for each other
+for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+    os.environ.setdefault(_name, "1")
 
-_TESTS = Path(__file__).resolve().parent.parent / "tests" / "blind"
-sys.path.insert(0, str(_TESTS))
-
-import numpy as np  # noqa: E402
-from injector import MOTIONS, inject  # noqa: E402
-from scorer import score  # noqa: E402
-
-from hdbench.diagnosis import diagnose_trace  # noqa: E402
-from hdbench.profile import load_profile  # noqa: E402
-from hdbench.records import Trace  # noqa: E402
+from blind_runner import Options, answer_case, fresh_base, run  # noqa: E402
+from injector.cases import PUBLIC_SEED, grid  # noqa: E402
+from injector.loadcases import load_cases  # noqa: E402
+from scorer.judge import judge  # noqa: E402
+from scorer.line import one_line  # noqa: E402
+from scorer.truth import open_truth  # noqa: E402
 
 
-def _cell(injected: object) -> float:
-    """Return one resolution cell: an inverse turn, or an inverse second."""
-    columns = injected.columns  # type: ignore[attr-defined]
-    if injected.hidden == "tone":  # type: ignore[attr-defined]
-        return 1.0 / float(np.ptp(columns["time_s"]))
-    return 4000.0 / float(np.ptp(columns["encoder_count"]))
+def _arguments() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--part", default="")
+    parser.add_argument("--family", action="append", default=[])
+    parser.add_argument("--record", action="append", default=[])
+    parser.add_argument("--noise", action="append", default=[])
+    parser.add_argument("--d", type=float, action="append", default=[])
+    parser.add_argument("--tier", action="append", default=[])
+    parser.add_argument("--limit", type=int)
+    parser.add_argument("--base", type=int, help="base seed; default the public one")
+    parser.add_argument("--fresh", action="store_true", help="base seed from commit and date")
+    parser.add_argument("--full", action="store_true")
+    parser.add_argument("--scale", type=float, default=1.0, help="records per cell, times this")
+    parser.add_argument("--processes", type=int, default=1)
+    parser.add_argument("--out", type=Path)
+    parser.add_argument("--stop-after", type=float, default=float("inf"), metavar="MINUTES")
+    parser.add_argument("--show", action="store_true")
+    parser.add_argument("--report", type=Path, metavar="FOLDER")
+    parser.add_argument("--rivals", type=int, metavar="N", help="simpler methods on N records")
+    parser.add_argument("--lines", action="store_true", help="with --report: a line per record")
+    parser.add_argument("--write", action="store_true", help="with --report: write the page")
+    return parser.parse_args()
 
 
-def _cases(args: argparse.Namespace) -> list[tuple[str, str, str, int]]:
-    seeds = args.first_seed
-    cases = []
-    for kind, count in (("order", args.orders), ("tone", args.tones), ("friction", args.frictions)):
-        motions = MOTIONS[:2] if kind == "friction" else MOTIONS
-        cases += [
-            (kind, motion, noise, seeds + k)
-            for motion in motions
-            for k in range(count)
-            for noise in (("white", "coloured")[k % 2],)
-        ]
-    for k in range(args.clean):
-        cases.append(("clean", MOTIONS[k % 3], ("white", "coloured")[(k // 3) % 2], seeds + k))
-    return cases
+def _chosen(args: argparse.Namespace) -> list:  # type: ignore[type-arg]
+    base = fresh_base() if args.fresh else (args.base or PUBLIC_SEED)
+    tiers = {f"d{value:g}" for value in args.d} | set(args.tier)
+    parts = args.part or "ABPCDEFL"
+    every = [*grid(base, parts.replace("L", ""), args.scale)]
+    every += load_cases(base) if "L" in parts else []
+    cases = [
+        case
+        for case in every
+        if (not args.record or case.record in args.record)
+        and (not args.noise or case.noise in args.noise)
+        and (not tiers or any(hidden.tier in tiers for hidden in case.hidden))
+        and (not args.family or _names(case) & set(args.family))
+    ]
+    return cases[: args.limit]
+
+
+def _names(case: object) -> set[str]:
+    hidden = {entry.name for entry in case.hidden}  # type: ignore[attr-defined]
+    return hidden | {case.fault}  # type: ignore[attr-defined]
+
+
+def _at_once(args: argparse.Namespace) -> None:
+    """Diagnose the chosen cases here and print one line each."""
+    for case in _chosen(args):
+        sealed, entry = answer_case(case)
+        truth = open_truth(sealed, entry["seal"])
+        print(one_line(truth, entry, judge(truth, entry)), flush=True)
+        if args.show:
+            shown = {key: entry.get("answer", {}).get(key) for key in ("causes", "unexplained")}
+            print(json.dumps({"truth": truth["hidden"], **shown}, indent=1), flush=True)
 
 
 def main() -> int:
-    """Run the benchmark and print the table."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    for name, default in (("orders", 20), ("tones", 20), ("frictions", 20), ("clean", 100)):
-        parser.add_argument(f"--{name}", type=int, default=default)
-    parser.add_argument("--duration", type=float, default=30.0)
-    parser.add_argument("--first-seed", type=int, default=1)
-    parser.add_argument("--materiality", type=float, default=0.01)
-    parser.add_argument("--json", type=Path)
-    args = parser.parse_args()
-    profile = load_profile("cim-tr-97-06")
-    rows: dict[tuple[str, str], list[tuple[object, float]]] = defaultdict(list)
-    log = []
-    for kind, motion, noise, seed in _cases(args):
-        injected = inject(seed, kind, motion, noise, args.duration)
-        trace = Trace(injected.columns, source=f"{kind}-{motion}-{seed}")
-        begin = time.perf_counter()
-        result = diagnose_trace(trace, profile, materiality=args.materiality, seed=seed)
-        took = time.perf_counter() - begin
-        answer = result.to_dict({})
-        judged = score(injected, answer, _cell(injected))
-        rows[kind, motion].append((judged, took))
-        entry = {
-            "case": [kind, motion, noise, seed],
-            "place": injected.place,
-            "amplitude_nm": injected.amplitude_nm,
-            "score": {n: getattr(judged, n) for n in judged.__dataclass_fields__},
-            "seconds": took,
-            "verdict": answer["verdict"],
-            "names": [c["name"] for c in answer["causes"]],
-            "minor": [
-                (
-                    c["name"],
-                    c["false_alarm_probability"],
-                    {n: e["value"] for n, e in c["parameters"].items()},
-                )
-                for c in answer["minor"]
-            ],
-            "unexplained": answer["unexplained"] + answer["minor_unexplained"],
-            "flags": answer["data_flags"],
-        }
-        log.append(entry)
-        bad = (
-            judged.extra
-            or judged.minor
-            or (kind != "clean" and not (judged.right_place and judged.right_name))
-        )
-        if bad:
-            print(json.dumps(entry), file=sys.stderr, flush=True)
-    print("kind      motion      n  found place name  second minor  s/record")
-    for (kind, motion), judged_rows in rows.items():
-        scores = [s for s, _ in judged_rows]
-        print(
-            f"{kind:9s} {motion:10s} {len(scores):3d} {sum(s.found for s in scores):5d} "
-            f"{sum(s.right_place for s in scores):5d} {sum(s.right_name for s in scores):4d} "
-            f"{sum(s.extra > 0 for s in scores):6d} {sum(s.minor > 0 for s in scores):5d} "
-            f"{np.mean([t for _, t in judged_rows]):9.2f}"
-        )
-    if args.json:
-        args.json.write_text(json.dumps(log, indent=1) + "\n")
+    """Run what was asked for."""
+    args = _arguments()
+    if args.report:
+        from blind_report import list_lines, report
+
+        if args.lines:
+            list_lines(args.report, args.part)
+        else:
+            report(args.report, args.write)
+        return 0
+    if args.rivals:
+        from blind_rivals import run_rivals
+
+        run_rivals(args.out or Path("build") / "blind", args.rivals, args.processes)
+        return 0
+    if not args.full and args.out is None:
+        _at_once(args)
+        return 0
+    out = args.out or Path("build") / "blind"
+    options = Options(out, args.processes, True, 60.0 * args.stop_after)
+    answered = run(_chosen(args), options)
+    print(f"{answered} answered now; {out / 'answers.jsonl'}", file=sys.stderr)
     return 0
 
 

@@ -8,6 +8,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from hdbench.model.program import ReferenceProgram
 from hdbench.profile.schema import ReferenceWave
 from hdbench.records.trace import FloatArray
 
@@ -43,13 +44,14 @@ class AcquisitionSettings:
         Sampling period, s.
     n_samples : int
         Samples to take; the node stops and zeroes the motor reference by itself after them.
-    reference : ReferenceWave or None
-        Reference generator in volts; None keeps the drive disabled (locked wave generator).
+    reference : ReferenceWave, ReferenceProgram or None
+        Reference generator in volts: one wave, or parts one after the other; None
+        keeps the drive disabled (locked wave generator).
     """
 
     sample_period_s: float
     n_samples: int
-    reference: ReferenceWave | None
+    reference: ReferenceWave | ReferenceProgram | None
 
 
 @dataclass(frozen=True, slots=True)

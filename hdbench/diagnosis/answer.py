@@ -6,18 +6,21 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hdbench.diagnosis.confirm import Gain, gain_between, held_out_residual
+from hdbench.diagnosis.confirm import Gain, HeldOut, gain_between, held_out_residuals
+from hdbench.diagnosis.curves import curve_place, is_curve
 from hdbench.diagnosis.extend import cause_term, extended_model
 from hdbench.diagnosis.jointfit import JointFit, fit_jointly
 from hdbench.diagnosis.limits import minimum_detectable
-from hdbench.diagnosis.naming import unnamed
+from hdbench.diagnosis.nameless import unnamed
 from hdbench.diagnosis.preflight import Preflight
 from hdbench.diagnosis.record import Record
 from hdbench.diagnosis.result import Diagnosis, NamedCause, Pictures, Unexplained
-from hdbench.diagnosis.search import Accepted, Found
+from hdbench.diagnosis.search import Found
 from hdbench.diagnosis.spectra import peak_spectrum
+from hdbench.diagnosis.state import Accepted
 from hdbench.diagnosis.terms import Term
-from hdbench.model import BenchModel, cause_parameters
+from hdbench.diagnosis.walk import WALK, walk_cause, walk_shape
+from hdbench.model import BenchModel, CauseTerm, cause_parameters
 from hdbench.records.trace import FloatArray
 
 __all__ = ["Answer"]
@@ -53,6 +56,9 @@ class Answer:
         Smallest share of the residual variance of a cause that counts, in [0, 1).
     rng : Generator
         For the bootstrap.
+    acquired : tuple of NamedCause
+        Causes of the acquisition that were named before the search; the same materiality line
+        parts them.
     """
 
     record: Record
@@ -62,6 +68,7 @@ class Answer:
     n_known: int
     materiality: float
     rng: np.random.Generator
+    acquired: tuple[NamedCause, ...] = ()
 
     def build(self, settings: dict[str, object]) -> Diagnosis:
         """Return the diagnosis."""
@@ -69,35 +76,13 @@ class Answer:
         whitener = found.noise.whitener
         baseline = fit_jointly(record, found.fit.terms[: self.n_known], whitener, refine=False)
         variance = self._mean_square(baseline)
-        named: list[NamedCause] = []
-        places: list[Unexplained] = []
-        after = held_out_residual(record, found.fit, whitener)
-        for index, accepted in enumerate(found.accepted):
-            place = self.n_known + index
-            share = self._share(place, variance)
-            if unnamed(found.fit.terms[place]):
-                places.append(self._unnamed_line(place, accepted, share))
-                continue
-            before = held_out_residual(record, found.fit, whitener, leave_out=place)
-            gain = gain_between(before, after, record, self.rng)
-            named.append(self._named(place, accepted, share, gain))
-        for left in found.left:
-            places.append(
-                Unexplained(
-                    left.domain,
-                    left.location,
-                    left.extent,
-                    left.unit,
-                    left.size_nm,
-                    min(1.0, left.variance_nm2 / variance),
-                    left.p_value,
-                )
-            )
-        causes = tuple(c for c in named if self._counts(c.share_of_variance, c.gain))
-        unexplained = tuple(u for u in places if self._counts(u.share_of_variance, None))
+        named, places, held_out = self._findings(variance)
+        causes = tuple(c for c in named if c.share_of_variance >= self.materiality)
+        unexplained = tuple(u for u in places if u.share_of_variance >= self.materiality)
         extended = extended_model(record, self.given, found.fit, whitener)
+        if found.walk is not None:
+            extended = extended.with_cause(CauseTerm(WALK, walk_shape(found), ()))
         noise = found.noise.model
-        base_rms = held_out_residual(record, baseline, whitener).rms_nm
         return Diagnosis(
             _verdict(causes, unexplained),
             causes,
@@ -105,22 +90,59 @@ class Answer:
             unexplained,
             tuple(u for u in places if u not in unexplained),
             self.preflight.flags,
-            minimum_detectable(found.last, float(str(settings["alpha"]))),
+            minimum_detectable(found.last, found.survey, float(str(settings["alpha"]))),
             {
                 "terms": list(self.given.terms()),
-                "heldout_rms_nm": base_rms,
+                "heldout_rms_nm": held_out[1].rms_nm,
                 "as_given_rms_nm": self._as_given_rms(),
             },
-            {"terms": list(extended.terms()), "heldout_rms_nm": after.rms_nm},
+            {"terms": list(extended.terms()), "heldout_rms_nm": held_out[0].rms_nm},
             extended,
-            {**settings, "noise": noise.to_dict(), "samples_used": int(record.valid.sum())},
+            {
+                **settings,
+                "noise": noise.to_dict(),
+                "slow_noise": None if found.noise.slow is None else found.noise.slow.to_dict(),
+                "load_coefficient": record.load,
+                "samples_used": int(record.valid.sum()),
+            },
             "",
             self._pictures(baseline, extended),
         )
 
-    def _counts(self, share: float, gain: Gain | None) -> bool:
-        confirmed = gain is None or gain.explained_fraction > 0.0
-        return confirmed and share >= self.materiality
+    def _findings(
+        self, variance: float
+    ) -> tuple[list[NamedCause], list[Unexplained], list[HeldOut]]:
+        """Return causes, places without a name, and residuals with and without all causes."""
+        found, first = self.found, self.n_known
+        count = len(found.accepted)
+        left_out = [None, -1, *range(first, first + count)]
+        whitener = found.noise.whitener
+        held_out = held_out_residuals(self.record, found.fit, whitener, left_out)
+        named = list(self.acquired)
+        places: list[Unexplained] = []
+        for index, accepted in enumerate(found.accepted):
+            share = self._share(first + index, variance)
+            before = held_out[2 + index]
+            if unnamed(found.fit.terms[first + index]):
+                places.append(self._unnamed(first + index, accepted, share))
+            elif before.chi2 > held_out[0].chi2:
+                gain = gain_between(before, held_out[0], self.record, self.rng)
+                named.append(self._named(first + index, accepted, share, gain))
+        if found.walk is not None:
+            named.append(walk_cause(found, found.walk, variance, held_out[0].rms_nm))
+        places += [
+            Unexplained(
+                left.domain,
+                left.location,
+                left.extent,
+                left.unit,
+                left.size_nm,
+                min(1.0, left.variance_nm2 / variance),
+                left.p_value,
+            )
+            for left in found.left
+        ]
+        return named, places, held_out[:2]
 
     def _mean_square(self, fit: JointFit) -> float:
         left = (self.record.response_nm - fit.fitted_nm)[self.record.valid]
@@ -185,8 +207,14 @@ class Answer:
         scaled = value * ratio if name == "frequency_hz" else value / ratio
         return float(relative * scaled)
 
-    def _unnamed_line(self, place: int, accepted: Accepted, share: float) -> Unexplained:
+    def _unnamed(self, place: int, accepted: Accepted, share: float) -> Unexplained:
         fit = self.found.fit
+        if is_curve(fit.terms[place]):
+            curve = curve_place(self.record, fit, place)
+            size, chance = curve.size_nm, accepted.false_alarm
+            return Unexplained(
+                curve.domain, curve.location, curve.extent, curve.unit, size, share, chance
+            )
         term, covariance = fit.terms[place], fit.covariances[place]
         (key, value), std = next(iter(term.shape.items())), float(np.sqrt(covariance[-1, -1]))
         return Unexplained(
@@ -225,6 +253,10 @@ class Answer:
             unused_as_nan(record.response_nm - found.fit.fitted_nm),
             ~record.valid,
             spectra,
+            motion.acceleration_rad_s2,
+            motion.angle_rad,
+            motion.output_angle_rad,
+            motion.applied_nm,
         )
 
 

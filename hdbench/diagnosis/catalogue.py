@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 from hdbench.model import Cause, Parameter, catalogue
@@ -38,8 +39,13 @@ def _entry(cause: Cause) -> dict[str, Any]:
     }
 
 
-def describe_causes() -> list[dict[str, Any]]:
+def describe_causes(own: Iterable[Cause] = ()) -> list[dict[str, Any]]:
     """Return every cause that a diagnosis can name.
+
+    Parameters
+    ----------
+    own : iterable of Cause
+        Causes beside the catalogue.
 
     Returns
     -------
@@ -47,4 +53,4 @@ def describe_causes() -> list[dict[str, Any]]:
         Name, equation, parameters with units and domains, what it is locked to, parity, channel
         of origin, look-alikes, the experiment that separates them, and source; JSON-able.
     """
-    return [_entry(cause) for cause in catalogue().values()]
+    return [_entry(cause) for cause in catalogue(own).values()]

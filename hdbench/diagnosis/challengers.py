@@ -1,4 +1,4 @@
-"""What may be left when no name fits: means over speed and time, variance, outliers."""
+"""What may be left that is no torque: variance, bursts, outliers."""
 
 from __future__ import annotations
 
@@ -6,10 +6,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import gammaincc, ndtri
 
-from hdbench.diagnosis.families import exact_statistic
+from hdbench.diagnosis.curves import equal_bins
 from hdbench.diagnosis.record import Record
 from hdbench.diagnosis.whitened import Space
 from hdbench.records.trace import FloatArray
@@ -17,17 +16,18 @@ from hdbench.records.trace import FloatArray
 __all__ = [
     "CHALLENGERS",
     "Left",
-    "equal_bins",
+    "challenge",
     "outliers",
-    "time_means",
-    "variance_map",
-    "velocity_means",
+    "tiles",
+    "variance_over_speed",
+    "variance_over_torque",
 ]
 
-_VELOCITY_BINS = 16
-_TIME_BLOCKS = 32
-# smallest share of the samples that a bin of the map may hold
-_MIN_BIN = 200
+_VARIANCE_BINS = 16
+# lengths of tiles, s; samples of the shortest and number of tiles that make a look worth while
+_TILES_S = (1.0, 4.0, 16.0)
+_SHORTEST_TILE = 32
+_LEAST_TILES = 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,110 +61,40 @@ class Left:
     variance_nm2: float
 
 
-def equal_bins(values: FloatArray, valid: NDArray[np.bool_], count: int) -> list[NDArray[np.bool_]]:
-    """Return masks of bins that hold equal shares of the valid samples.
-
-    Parameters
-    ----------
-    values : ndarray, shape (n,)
-        What is binned: speed, rad/s, or time, s.
-    valid : ndarray of bool, shape (n,)
-        Samples that count.
-    count : int
-        Number of bins, at least 2.
-
-    Returns
-    -------
-    list of ndarray of bool, shape (n,)
-        Bins of 200 samples at least; none where the values are too few or too much alike.
-    """
-    edges = np.unique(np.quantile(values[valid], np.linspace(0.0, 1.0, count + 1)))
-    if len(edges) < 3:
-        return []
-    where = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, len(edges) - 2)
-    masks = [valid & (where == k) for k in range(len(edges) - 1)]
-    return [m for m in masks if int(m.sum()) >= _MIN_BIN]
-
-
-def _means(
-    space: Space,
-    record: Record,
-    axis: FloatArray,
-    masks: list[NDArray[np.bool_]],
-    what: tuple[str, str],
+def _variance_over(
+    space: Space, record: Record, noise_nm: float, axis: FloatArray, unit: str
 ) -> Left | None:
+    """Return where the residual's variance differs over bins of an axis that is not negative.
+
+    Means of the squared whitened residual in m bins of n samples are compared with each other;
+    their spread without an effect is the variance of the squares over n, taken from the record.
+    """
+    used = space.whitener.used
+    masks = equal_bins(axis, used & record.valid, _VARIANCE_BINS)
     if len(masks) < 2:
         return None
-    columns = np.array(masks, dtype=float).T
-    statistic, dof, linear = exact_statistic(space, columns)
-    if dof == 0:
-        return None
-    p = float(gammaincc(dof / 2.0, statistic / 2.0))
-    curve = columns @ linear
-    curve = np.where(record.valid, curve - curve[record.valid].mean(), 0.0)
-    worst = max(range(len(masks)), key=lambda k: abs(float(curve[masks[k]].mean())))
+    squares = space.residual**2
+    means = np.array([squares[m].mean() for m in masks])
+    weights = np.array([float(m.sum()) for m in masks]) / float(squares[used].var())
+    centre = float((weights * means).sum() / weights.sum())
+    statistic = float((weights * (means - centre) ** 2).sum())
+    p = float(gammaincc((len(masks) - 1) / 2.0, statistic / 2.0))
+    worst = int(np.argmax(np.abs(means - centre) * np.sqrt(weights)))
     place = axis[masks[worst]]
+    excess = noise_nm**2 * abs(float(means[worst]) - centre)
     return Left(
-        what[0],
-        what[1],
+        "variance",
+        unit,
         float(np.median(place)),
         (float(place.min()), float(place.max())),
-        abs(float(curve[masks[worst]].mean())),
+        float(np.sqrt(excess)),
         p,
-        float(np.mean(curve[record.valid] ** 2)),
+        float(excess * masks[worst].sum() / used.sum()),
     )
 
 
-def velocity_means(space: Space, record: Record, noise_nm: float) -> Left | None:
-    """Return what the mean residual over bins of motor speed leaves.
-
-    Parameters
-    ----------
-    space : Space
-        Whitened residual with what is explained projected out.
-    record : Record
-        Record.
-    noise_nm : float
-        Standard deviation of the noise's innovation, N m; not needed here.
-
-    Returns
-    -------
-    Left or None
-        The bin that stands out most, rad/s, and the probability of all bins together; None
-        where the speed does not change.
-    """
-    del noise_nm
-    speed = record.motion.velocity_rad_s
-    masks = equal_bins(speed, record.valid, _VELOCITY_BINS)
-    return _means(space, record, speed, masks, ("velocity", "rad/s"))
-
-
-def time_means(space: Space, record: Record, noise_nm: float) -> Left | None:
-    """Return what the mean residual over blocks of time leaves.
-
-    Parameters
-    ----------
-    space : Space
-        Whitened residual with what is explained projected out.
-    record : Record
-        Record.
-    noise_nm : float
-        Standard deviation of the noise's innovation, N m; not needed here.
-
-    Returns
-    -------
-    Left or None
-        The block that stands out most, s, and the probability of all blocks together; None
-        where the record is too short.
-    """
-    del noise_nm
-    time = record.motion.time_s
-    masks = equal_bins(time, record.valid, _TIME_BLOCKS)
-    return _means(space, record, time, masks, ("time", "s"))
-
-
-def variance_map(space: Space, record: Record, noise_nm: float) -> Left | None:
-    """Return where the residual's variance differs, over bins of absolute motor speed.
+def variance_over_speed(space: Space, record: Record, noise_nm: float) -> Left | None:
+    """Return where the residual's variance differs over the magnitude of motor speed.
 
     Parameters
     ----------
@@ -179,34 +109,80 @@ def variance_map(space: Space, record: Record, noise_nm: float) -> Left | None:
     -------
     Left or None
         The bin that stands out most, rad/s; None where the speed does not change.
+    """
+    speed = np.abs(record.motion.velocity_rad_s)
+    return _variance_over(space, record, noise_nm, speed, "rad/s")
+
+
+def variance_over_torque(space: Space, record: Record, noise_nm: float) -> Left | None:
+    """Return where the residual's variance differs over the magnitude of the known torque.
+
+    Parameters
+    ----------
+    space : Space
+        Whitened residual with what is explained projected out.
+    record : Record
+        Record.
+    noise_nm : float
+        Standard deviation of the noise's innovation, N m.
+
+    Returns
+    -------
+    Left or None
+        The bin that stands out most, N m; None without a measured load.
+    """
+    if record.motion.load_torque_nm is None:
+        return None
+    return _variance_over(space, record, noise_nm, np.abs(record.motion.applied_nm), "N m")
+
+
+def tiles(space: Space, record: Record, noise_nm: float) -> Left | None:
+    """Return the strongest burst of any frequency in tiles of 1, 4 and 16 s.
+
+    Parameters
+    ----------
+    space : Space
+        Whitened residual with what is explained projected out.
+    record : Record
+        Record.
+    noise_nm : float
+        Standard deviation of the noise's innovation, N m.
+
+    Returns
+    -------
+    Left or None
+        Its middle and its ends, s; None for a record shorter than four tiles of 1 s.
 
     Notes
     -----
-    Means of the squared whitened residual in m bins of n samples are compared with each other;
-    their spread without an effect is the variance of the squares over n, taken from the record.
+    ``2 |F|^2 / n`` of white noise is chi^2 with two degrees of freedom in each bin of each tile.
     """
-    used = space.whitener.used
-    speed = np.abs(record.motion.velocity_rad_s)
-    masks = equal_bins(speed, used & record.valid, _VELOCITY_BINS)
-    if len(masks) < 2:
+    best: tuple[float, int, int] | None = None
+    tried = 0
+    for span_s in _TILES_S:
+        length = round(span_s / record.period_s)
+        whole = len(space.residual) // max(length, 1)
+        if length < _SHORTEST_TILE or whole < _LEAST_TILES:
+            continue
+        table = space.residual[: whole * length].reshape(whole, length)
+        powers = 2.0 * np.abs(np.fft.rfft(table, axis=1)[:, 1:-1]) ** 2 / length
+        tried += powers.size
+        at = int(np.argmax(powers))
+        if best is None or powers.flat[at] > best[0]:
+            best = (float(powers.flat[at]), at // powers.shape[1], length)
+    if best is None:
         return None
-    squares = space.residual**2
-    means = np.array([squares[m].mean() for m in masks])
-    weights = np.array([float(m.sum()) for m in masks]) / float(squares[used].var())
-    centre = float((weights * means).sum() / weights.sum())
-    statistic = float((weights * (means - centre) ** 2).sum())
-    p = float(gammaincc((len(masks) - 1) / 2.0, statistic / 2.0))
-    worst = int(np.argmax(np.abs(means - centre) * np.sqrt(weights)))
-    place = record.motion.velocity_rad_s[masks[worst]]
-    excess = noise_nm**2 * abs(float(means[worst]) - centre)
+    power, tile, length = best
+    times = record.motion.time_s[tile * length : (tile + 1) * length]
+    amplitude = noise_nm * float(np.sqrt(2.0 * power / length))
     return Left(
-        "variance",
-        "rad/s",
-        float(np.median(np.abs(place))),
-        (float(np.abs(place).min()), float(np.abs(place).max())),
-        float(np.sqrt(excess)),
-        p,
-        float(excess * masks[worst].sum() / used.sum()),
+        "time",
+        "s",
+        float(np.median(times)),
+        (float(times[0]), float(times[-1])),
+        amplitude,
+        min(1.0, tried * float(np.exp(-0.5 * power))),
+        0.5 * amplitude**2 * length / len(space.residual),
     )
 
 
@@ -251,8 +227,31 @@ def outliers(space: Space, record: Record, noise_nm: float) -> Left | None:
 
 
 CHALLENGERS: tuple[Callable[[Space, Record, float], Left | None], ...] = (
-    velocity_means,
-    time_means,
-    variance_map,
+    variance_over_speed,
+    variance_over_torque,
+    tiles,
     outliers,
 )
+
+
+def challenge(space: Space, record: Record, noise_nm: float, level: float) -> list[Left]:
+    """Return what stands out of white noise, surest first.
+
+    Parameters
+    ----------
+    space : Space
+        Whitened residual with what is explained projected out.
+    record : Record
+        Record.
+    noise_nm : float
+        Standard deviation of the noise's innovation, N m.
+    level : float
+        Probability of any finding without an effect, in (0, 1).
+
+    Returns
+    -------
+    list of Left
+    """
+    found = [left for test in CHALLENGERS if (left := test(space, record, noise_nm)) is not None]
+    passed = [left for left in found if left.p_value * len(CHALLENGERS) < level]
+    return sorted(passed, key=lambda left: left.p_value)

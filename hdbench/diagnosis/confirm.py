@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,7 +15,7 @@ from hdbench.diagnosis.terms import tangent_columns, term_columns
 from hdbench.diagnosis.whitened import Whitener
 from hdbench.records.trace import FloatArray
 
-__all__ = ["Gain", "HeldOut", "gain_between", "held_out_residual"]
+__all__ = ["Gain", "HeldOut", "gain_between", "held_out_residuals"]
 
 _FOLDS = 5
 # contiguous blocks of each fold, spread over the record: a block of a single stretch would leave
@@ -22,10 +23,14 @@ _FOLDS = 5
 _BLOCKS_PER_FOLD = 4
 # gap between training and test, in samples at least; three times the noise's memory above that
 _GAP = 30
+# a longer memory, of slow noise, leaves no samples to train on if its whole is kept away
+_MEMORY = 100
 _DRAWS = 2000
 # at least this many blocks in the bootstrap, else its interval is no interval
 _MIN_BLOCKS = 20
 _RANK = 1e-10
+# weight of plain samples beside whitened ones
+_ANCHOR = 1e-3
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,10 +43,13 @@ class HeldOut:
         Measured less predicted, N m; zero where not valid.
     valid : ndarray of bool, shape (n,)
         Samples that were predicted.
+    chi2 : float
+        Sum of squares of the whitened residual.
     """
 
     residual_nm: FloatArray
     valid: NDArray[np.bool_]
+    chi2: float
 
     @property
     def rms_nm(self) -> float:
@@ -78,9 +86,9 @@ class Gain:
         }
 
 
-def held_out_residual(
-    record: Record, fit: JointFit, whitener: Whitener, leave_out: int | None = None
-) -> HeldOut:
+def held_out_residuals(
+    record: Record, fit: JointFit, whitener: Whitener, leave_out: Sequence[int | None]
+) -> list[HeldOut]:
     """Predict each fifth of the record from the rest of it.
 
     Parameters
@@ -91,12 +99,13 @@ def held_out_residual(
         Joint fit whose causes are used.
     whitener : Whitener
         Noise.
-    leave_out : int or None
-        Index of a cause that is left out of the prediction.
+    leave_out : sequence of int or None
+        Index of a cause that is left out of each prediction; None for all causes, -1 for the
+        causes that the model did not hold before.
 
     Returns
     -------
-    HeldOut
+    list of HeldOut
 
     Notes
     -----
@@ -105,35 +114,77 @@ def held_out_residual(
     torque about the joint fit, other shapes stay at it. Samples within the noise's memory of a
     block, 30 at least, do not train.
     """
-    parts = [record.base]
+    design, owner = _design(record, fit)
+    response = record.response_nm
+    white, right = _anchored(record, fit, whitener, design)
+    samples = np.flatnonzero(record.valid)
+    gap = max(_GAP, 3 * min(len(whitener.kernel), _MEMORY))
+    blocks = np.array_split(samples, _FOLDS * _BLOCKS_PER_FOLD)
+    gram, vector, n = white.T @ white, white.T @ right, len(response)
+    residuals = np.zeros((len(leave_out), len(response)))
+    for fold in range(_FOLDS):
+        own, target = gram.copy(), vector.copy()
+        for around in _surroundings(blocks[fold::_FOLDS], gap):
+            for rows in (around, slice(around.start + n, around.stop + n)):
+                own -= white[rows].T @ white[rows]
+                target -= white[rows].T @ right[rows]
+        for row, left in enumerate(leave_out):
+            solution = _solution(own, target, _kept(owner, left, fit))
+            for block in blocks[fold::_FOLDS]:
+                residuals[row, block] = response[block] - design[block] @ solution
+    return [
+        HeldOut(residual, record.valid, float(np.sum(whitener.apply(residual) ** 2)))
+        for residual in residuals
+    ]
+
+
+def _anchored(
+    record: Record, fit: JointFit, whitener: Whitener, design: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return whitened columns and response, and below them both as they are with little weight.
+
+    Noise without a level of its own (a random walk) leaves the whitened zero next to nothing: the
+    plain samples then hold it, while they add a thousandth where the noise is white.
+    """
+    response = record.response_nm
+    spread = float(np.std((response - fit.fitted_nm)[record.valid]))
+    weight = np.sqrt(_ANCHOR) / spread if spread > 0.0 else 0.0
+    seen = np.where(record.valid, weight, 0.0)
+    white = np.vstack([whitener.apply(design), design * seen[:, None]])
+    return white, np.concatenate([whitener.apply(response), response * seen])
+
+
+def _design(record: Record, fit: JointFit) -> tuple[FloatArray, NDArray[np.int64]]:
+    """Return scaled columns and the index of the cause that each belongs to, -1 for the base."""
+    parts, owner = [record.base], [-1] * record.base.shape[1]
     for index, (term, linear) in enumerate(zip(fit.terms, fit.linear, strict=True)):
-        if index != leave_out:
-            columns = term_columns(term, record)
-            parts.append(columns)
-            if is_line(term.cause):
-                parts.append(tangent_columns(term, linear, columns, record))
+        columns = term_columns(term, record)
+        parts.append(columns)
+        if is_line(term.cause):
+            parts.append(tangent_columns(term, linear, columns, record))
+        owner += [index] * (sum(p.shape[1] for p in parts) - len(owner))
     design = np.hstack(parts)
     size = np.sqrt(np.einsum("nk,nk->k", design, design))
-    design = design / np.where(size > 0.0, size, 1.0)
-    response = record.response_nm
-    white, white_response = whitener.apply(design), whitener.apply(response)
-    total = white.T @ white
-    right = white.T @ white_response
-    residual = np.zeros(len(response))
-    samples = np.flatnonzero(record.valid)
-    gap = max(_GAP, 3 * len(whitener.kernel))
-    blocks = np.array_split(samples, _FOLDS * _BLOCKS_PER_FOLD)
-    for fold in range(_FOLDS):
-        gram, vector = total.copy(), right.copy()
-        for around in _surroundings(blocks[fold::_FOLDS], gap):
-            gram -= white[around].T @ white[around]
-            vector -= white[around].T @ white_response[around]
-        values, vectors = np.linalg.eigh(gram)
-        good = values > _RANK * values[-1]
-        solution = (vectors[:, good] / values[good]) @ (vectors[:, good].T @ vector)
-        for block in blocks[fold::_FOLDS]:
-            residual[block] = response[block] - design[block] @ solution
-    return HeldOut(residual, record.valid)
+    return design / np.where(size > 0.0, size, 1.0), np.array(owner, dtype=np.int64)
+
+
+def _kept(owner: NDArray[np.int64], left: int | None, fit: JointFit) -> NDArray[np.bool_]:
+    """Return which columns stay."""
+    if left is None:
+        return np.ones(len(owner), dtype=bool)
+    if left >= 0:
+        return np.asarray(owner != left)
+    known = [index for index, term in enumerate(fit.terms) if term.known]
+    return np.isin(owner, [-1, *known])
+
+
+def _solution(gram: FloatArray, target: FloatArray, kept: NDArray[np.bool_]) -> FloatArray:
+    """Return the coefficients with those that are not kept at zero."""
+    values, vectors = np.linalg.eigh(gram[np.ix_(kept, kept)])
+    good = values > _RANK * values[-1]
+    solution = np.zeros(len(kept))
+    solution[kept] = (vectors[:, good] / values[good]) @ (vectors[:, good].T @ target[kept])
+    return solution
 
 
 def _surroundings(blocks: list[NDArray[np.int64]], gap: int) -> list[slice]:

@@ -3,33 +3,33 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
+from hdbench.diagnosis.acquisition.acquire import inspect_channels, moving_causes
+from hdbench.diagnosis.acquisition.late import (
+    late_spikes,
+    noise_law,
+    speed_noise_cause,
+    still_left,
+)
+from hdbench.diagnosis.acquisition.masked import masked_causes
+from hdbench.diagnosis.acquisition.measure import baseline_residual
+from hdbench.diagnosis.acquisition.named import Acquired
+from hdbench.diagnosis.acquisition.task import Clean, Task, cleaned, task_of, unfit, with_terms
 from hdbench.diagnosis.answer import Answer
-from hdbench.diagnosis.preflight import (
-    Preflight,
-    find_spikes,
-    flag_samples,
-    inspect_trace,
-)
-from hdbench.diagnosis.record import Beyond, Record, mask_samples, prepare_record
-from hdbench.diagnosis.resolved import unresolved_motion
+from hdbench.diagnosis.baselineterms import parse_baseline
+from hdbench.diagnosis.preflight import Preflight
+from hdbench.diagnosis.record import Beyond, Record, prepare_record
 from hdbench.diagnosis.result import Diagnosis
-from hdbench.diagnosis.search import search
+from hdbench.diagnosis.search import Found, search
 from hdbench.diagnosis.terms import Term
-from hdbench.model import (
-    BenchModel,
-    catalogue,
-    cause_named,
-)
+from hdbench.model import BenchModel, Cause
 from hdbench.profile import Profile
 from hdbench.records.trace import Trace
 
 __all__ = ["diagnose_trace"]
-
-# fewer usable samples than this per baseline coefficient fit nothing that could be trusted
-_SAMPLES_PER_COEFFICIENT = 20
 
 
 def _silent(_what: str, _share: float) -> None:
@@ -45,6 +45,8 @@ def diagnose_trace(
     materiality: float = 0.01,
     seed: int = 0,
     progress: Callable[[str, float], None] | None = None,
+    causes: tuple[Cause, ...] = (),
+    baseline: tuple[str, ...] = (),
 ) -> Diagnosis:
     """Say what the simulation gets wrong on a dynamic run, and why.
 
@@ -64,7 +66,11 @@ def diagnose_trace(
     seed : int
         Seed of the draws of the null and the bootstrap.
     progress : callable or None
-        Called with what is being done and the share done in [0, 1].
+        Called with what is being done and the share done in [0, 1], which never falls.
+    causes : tuple of Cause
+        Causes beside the catalogue and the model's own.
+    baseline : tuple of str
+        Terms of the baseline to add or remove, as `parse_baseline` reads them.
 
     Returns
     -------
@@ -85,67 +91,112 @@ def diagnose_trace(
         raise ValueError(f"alpha {alpha!r} must be in (0, 1)")
     if not 0.0 <= materiality < 1.0:
         raise ValueError(f"materiality {materiality!r} must be in [0, 1)")
-    report = progress or _silent
-    given = model or BenchModel.from_profile(profile.data)
-    report("inspecting the data", 0.02)
-    preflight = inspect_trace(trace, profile.data)
-    record = prepare_record(trace, profile.data, given, preflight.masked)
+    task = replace(task_of(profile, model, causes, alpha), change=parse_baseline(baseline))
+    report = _rising(progress or _silent)
     settings: dict[str, object] = {"alpha": alpha, "materiality": materiality, "seed": seed}
-    reason = _unfit(record)
-    if not reason:
-        unresolved = unresolved_motion(record, profile.data)
-        settings["unresolved_motion_samples"] = int((unresolved & record.valid).sum())
-        record, preflight = _despiked(mask_samples(record, unresolved), preflight)
-        reason = _unfit(record)
-    if reason:
-        return _data_bad(given, preflight, settings, reason)
+    if baseline:
+        settings["baseline"] = list(baseline)
     rng = np.random.default_rng(seed)
-    known = tuple(
-        Term(cause_named(t.name, where="model", extra=given.extra_causes), dict(t.shape), True)
-        for t in given.causes
+    inspected = inspect_channels(trace, profile.data, task.given, task.prepare, report)
+    if inspected.reason:
+        return _data_bad(task.given, inspected.preflight, settings, inspected.reason)
+    report("fitting the baseline", 0.04)
+    clean = cleaned(task, inspected, settings)
+    reason = unfit(clean.record)
+    if reason:
+        return _data_bad(task.given, clean.preflight, settings, reason)
+    known = task.known_terms()
+    found, clean = _searched(task, clean, known, rng, report)
+    report("naming faults of the acquisition", 0.94)
+    acquired, found = _acquired(task, clean, found, rng)
+    report("measuring the gain on held-out blocks", 0.95)
+    told = tuple(one.cause for one in acquired)
+    flagged = clean.flagged(acquired)
+    parts = (found.record, task.of_the_torque(), flagged, found, len(known), materiality, rng, told)
+    answer = Answer(*parts).build(settings)
+    report("done", 1.0)
+    return _complete(answer, task, acquired)
+
+
+def _complete(answer: Diagnosis, task: Task, acquired: list[Acquired]) -> Diagnosis:
+    """Return the answer with faults of the acquisition among the terms of its models."""
+    model = with_terms(answer.model, task.held_terms(), acquired)
+    return replace(
+        answer,
+        model=model,
+        simulated={**answer.simulated, "terms": list(task.given.terms())},
+        extended={**answer.extended, "terms": list(model.terms())},
     )
-    causes = (*catalogue().values(), *given.extra_causes)
-    report("fitting the baseline", 0.05)
+
+
+def _rising(report: Callable[[str, float], None]) -> Callable[[str, float], None]:
+    """Return a callback that never hands on a share below one handed on before."""
+    highest = 0.0
+
+    def rising(what: str, share: float) -> None:
+        nonlocal highest
+        highest = min(1.0, max(highest, share))
+        report(what, highest)
+
+    return rising
+
+
+def _searched(
+    task: Task,
+    clean: Clean,
+    known: tuple[Term, ...],
+    rng: np.random.Generator,
+    report: Callable[[str, float], None],
+) -> tuple[Found, Clean]:
+    """Return what the search finds, once more where spikes only show in its residual."""
+    found = _search(task, clean, known, rng, report)
+    spikes = clean.above_steps(late_spikes(found))
+    if not spikes.any():
+        return found, clean
+    report("searching again without spikes", 0.9)
+    clean = clean.without(spikes)
+    return _search(task, clean, known, rng, report), clean
+
+
+def _search(
+    task: Task,
+    clean: Clean,
+    known: tuple[Term, ...],
+    rng: np.random.Generator,
+    report: Callable[[str, float], None],
+) -> Found:
+    record = clean.record
     unused = ~record.valid
 
     def align(beyond: Beyond) -> Record:
-        return prepare_record(trace, profile.data, given, unused, beyond)
+        trace = clean.inspected.trace
+        return prepare_record(trace, task.profile.data, task.given, unused, beyond, task.change)
 
-    integrated = record.motion.angle_source == "velocity"
-    found = search(
+    return search(
         record,
-        causes,
+        task.causes,
         known,
-        alpha=alpha,
+        alpha=task.alpha,
         rng=rng,
         progress=report,
-        align=align if integrated else None,
-    )
-    report("measuring the gain on held-out blocks", 0.95)
-    return Answer(found.record, given, preflight, found, len(known), materiality, rng).build(
-        settings
+        align=align if record.motion.angle_source == "velocity" else None,
     )
 
 
-def _despiked(record: Record, preflight: Preflight) -> tuple[Record, Preflight]:
-    """Return the record without spikes, and the preflight that says so."""
-    spikes = find_spikes(record)
-    if not spikes.any():
-        return record, preflight
-    flags = (*preflight.flags, *flag_samples("spikes", record.motion.time_s, spikes))
-    return mask_samples(record, spikes), Preflight(flags, preflight.masked | spikes)
-
-
-def _unfit(record: Record) -> str:
-    """Return why no baseline can be fitted, or an empty text."""
-    usable, columns = int(record.valid.sum()), record.base.shape[1]
-    needed = _SAMPLES_PER_COEFFICIENT * columns
-    if usable < needed:
-        return f"{usable} usable samples for {columns} baseline coefficients; needed: {needed}"
-    torque = record.torque_nm[record.valid]
-    if not float(np.ptp(torque)) > 0.0:
-        return f"the torque is {float(torque[0]):.6g} N m throughout; needed: a live channel"
-    return ""
+def _acquired(
+    task: Task, clean: Clean, found: Found, rng: np.random.Generator
+) -> tuple[list[Acquired], Found]:
+    """Return the named faults of the acquisition, and the search's result beside them."""
+    acquired = moving_causes(clean.inspected, task.prepare, rng)
+    acquired += masked_causes(task, clean, rng)
+    law = noise_law(found)
+    if law is not None:
+        square = baseline_residual(clean.record).mean_square
+        acquired.append(speed_noise_cause(law, found, square, rng))
+        found = still_left(found, law)
+    held = {term.name for term in task.held_terms()}
+    taken_out = {fault.name for fault in clean.inspected.faults}
+    return [one for one in acquired if one.cause.name not in held - taken_out], found
 
 
 def _data_bad(

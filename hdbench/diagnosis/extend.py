@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from hdbench.diagnosis.jointfit import JointFit
-from hdbench.diagnosis.naming import unnamed
+from hdbench.diagnosis.nameless import unnamed
 from hdbench.diagnosis.record import Record
 from hdbench.diagnosis.terms import term_columns
 from hdbench.diagnosis.whitened import Whitener
@@ -43,7 +43,7 @@ def _baseline(
 ) -> tuple[tuple[str, ...], FloatArray]:
     """Return the names and coefficients of the model's baseline on this record."""
     if not record.nuisance.shape[1]:
-        return record.names, fit.base
+        return record.names, fit.base[: len(record.names)]
     response = record.response_nm
     for term, linear in zip(fit.terms, fit.linear, strict=True):
         response = response - term_columns(term, record) @ linear
@@ -51,16 +51,17 @@ def _baseline(
     gram = white.T @ white
     amplitude, phase = given.misalignment
     free = np.arange(gram.shape[0])
+    extra = len(record.names) + np.arange(record.nuisance.shape[1])
     if amplitude > 0.0:
-        extra = free[len(record.names) :]
         gram[extra, extra] += 1.0 / amplitude**2
     else:
-        free = free[: len(record.names)]
+        free = np.setdiff1d(free, extra)
     part = white[:, free]
     base = np.zeros(gram.shape[0])
     base[free] = np.linalg.solve(gram[np.ix_(free, free)], part.T @ whitener.apply(response))
-    base[len(record.names) :] += (amplitude * np.cos(phase), -amplitude * np.sin(phase))
-    return (*record.names, "misalignment:cosine", "misalignment:sine"), base
+    base[extra] += (amplitude * np.cos(phase), -amplitude * np.sin(phase))
+    names = (*record.names, "misalignment:cosine", "misalignment:sine")
+    return names, base[: len(names)]
 
 
 def extended_model(
@@ -92,7 +93,8 @@ def extended_model(
     one that does moves it. A given model without misalignment gets none.
     """
     names, base = _baseline(record, given, fit, whitener)
-    model = replace(given.with_baseline(names, base[: len(names)].tolist()), causes=())
+    fitted = given.with_baseline(names, base[: len(names)].tolist())
+    model = replace(fitted, causes=(), load=record.load)
     for place, term in enumerate(fit.terms):
         if not unnamed(term):
             model = model.with_cause(cause_term(fit, place))

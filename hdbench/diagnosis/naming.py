@@ -1,216 +1,126 @@
-"""From a place on a scan, or a family, to candidates with names."""
+"""Candidates for a name: refined, scored, and held against each other."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
-from hdbench.diagnosis.jointfit import JointFit, fit_jointly
+from hdbench.diagnosis.families import exact_statistic, refine_term
 from hdbench.diagnosis.record import Record
 from hdbench.diagnosis.terms import Term, term_columns
-from hdbench.diagnosis.whitened import Space, Whitener
-from hdbench.model import Cause, Motion, Parameter
-from hdbench.records.trace import FloatArray
+from hdbench.diagnosis.whitened import Space
 
-__all__ = [
-    "Candidate",
-    "line_terms",
-    "output_line",
-    "refine_candidate",
-    "same_space",
-    "slow_tone",
-    "unnamed",
-]
+__all__ = ["Candidate", "refined_candidate", "same_space", "score", "whole_order"]
 
 # contract: names whose effect spans the same space on this record
 _SAME_SPACE = 0.01
-# an order is an integer where it lies within this many standard deviations of one ...
-_INTEGER_SIGMA = 3.0
-# ... and is known to this: a tenth of the distance to the next half
-_INTEGER_STD = 0.05
+# amplitudes of some seven standard deviations are expected, ln 7^2: fewer would let causes with
+# many parameters pass for one with few, more would ask those with many to be huge
+_LOG_EFFECTIVE = 4.0
 _RANK = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """A term that may be accepted, refined together with all that was accepted before.
+    """A term that may be accepted, at its best shape.
 
     Parameters
     ----------
     term : Term
         Refined term.
-    fit : JointFit
-        The joint fit with it.
     statistic : float
         Fall of the whitened sum of squares that it brings.
-    parameters : int
-        Linear and shape parameters that its score pays for.
+    dof : int
+        Linear parameters that the record can tell.
     score_nats : float
-        ``statistic / 2 - parameters / 2 ln n``.
+        ``statistic / 2 - dof / 2 ln n_eff - ln trials``.
     """
 
     term: Term
-    fit: JointFit
     statistic: float
-    parameters: int
+    dof: int
     score_nats: float
 
 
-def _line_columns(motion: Motion, shape: Mapping[str, float]) -> FloatArray:
-    angle = shape["order"] * motion.output_angle_rad
-    return np.column_stack([np.cos(angle), np.sin(angle)])
-
-
-def _tone_columns(motion: Motion, shape: Mapping[str, float]) -> FloatArray:
-    angle = 2.0 * np.pi * shape["frequency_hz"] * motion.time_s
-    return np.column_stack([np.cos(angle), np.sin(angle)])
-
-
-def _nameless(
-    name: str, shape: Parameter, locked_to: str, lines: Callable[..., FloatArray]
-) -> Cause:
-    pair = tuple(
-        Parameter(part, "N m", -np.inf, np.inf, "quadrature") for part in ("cosine_nm", "sine_nm")
-    )
-    return Cause(
-        name,
-        "A cos(x + phase)",
-        (shape,),
-        pair,
-        locked_to,
-        "",
-        "",
-        (),
-        "",
-        "",
-        lines,
-        True,
-    )
-
-
-def output_line() -> Cause:
-    """Return a line at any output order: no name of the catalogue has it.
-
-    Returns
-    -------
-    Cause
-        One shape parameter ``order``, cycles per output turn, and two quadratures, N m.
-    """
-    shape = Parameter("order", "1", 0.1, 1e4, "cycles per output turn")
-    return _nameless("output-order line", shape, "output", _line_columns)
-
-
-def slow_tone() -> Cause:
-    """Return a tone below the catalogue's tones.
-
-    Returns
-    -------
-    Cause
-        One shape parameter ``frequency_hz``, Hz, and two quadratures, N m.
-    """
-    shape = Parameter("frequency_hz", "Hz", 0.0, 1e5, "frequency")
-    return _nameless("tone", shape, "clock", _tone_columns)
-
-
-def unnamed(term: Term) -> bool:
-    """Return whether a term is a line without a name.
+def score(statistic: float, dof: int, trials: float) -> float:
+    """Return the score of a candidate, nats.
 
     Parameters
     ----------
-    term : Term
-        Term.
+    statistic : float
+        Fall of the whitened sum of squares.
+    dof : int
+        Linear parameters.
+    trials : float
+        Effective number of shapes that were tried.
 
     Returns
     -------
-    bool
+    float
+        ``statistic / 2 - dof / 2 ln n_eff - ln trials``: log of the evidence against no effect,
+        for amplitudes that are expected within some seven standard deviations.
     """
-    return term.cause.name in ("output-order line", "tone")
+    return 0.5 * statistic - 0.5 * dof * _LOG_EFFECTIVE - float(np.log(max(trials, 1.0)))
 
 
-def line_terms(
-    domain: str, place: float, causes: tuple[Cause, ...], motion: Motion, cell: float
-) -> list[Term]:
-    """Return the terms that a line at a place may be.
+def refined_candidate(space: Space, record: Record, term: Term, trials: float) -> Candidate:
+    """Move a term to its best shape and score it.
 
     Parameters
     ----------
-    domain : str
-        ``motor-order``, ``output-order`` or ``frequency``.
-    place : float
-        Order or frequency, Hz.
-    causes : tuple of Cause
-        Catalogue.
-    motion : Motion
-        Motion of the record.
-    cell : float
-        Resolution of the axis, its own unit.
-
-    Returns
-    -------
-    list of Term
-        Every cause of the catalogue that has this place in its domain; a nameless line where
-        there is none, and for every output order. Within a resolution cell of output order 2 the
-        angular misalignment is tried too, on less than a whole output turn as well.
-    """
-    if domain == "output-order":
-        twice = [Term(c, {}) for c in causes if c.name == "angular-misalignment"]
-        line = Term(output_line(), {"order": place})
-        return [line, *twice] if abs(place - 2.0) <= cell else [line]
-    key = "order" if domain == "motor-order" else "frequency_hz"
-    terms = [
-        Term(cause, {key: place})
-        for cause in causes
-        if [p.name for p in cause.shape] == [key]
-        and cause.shape[0].contains(place)
-        and cause.applicable(motion) is None
-    ]
-    if not terms and domain == "frequency":
-        terms = [Term(slow_tone(), {key: place})]
-    return terms
-
-
-def _paid_shapes(term: Term, covariance: FloatArray) -> int:
-    """Return how many shape parameters a score pays for: an integer order costs nothing."""
-    names = [p.name for p in term.cause.shape]
-    if names != ["order"]:
-        return len(names)
-    value, std = term.shape["order"], float(np.sqrt(covariance[-1, -1]))
-    near = abs(value - round(value)) <= _INTEGER_SIGMA * std
-    return 0 if near and std <= _INTEGER_STD else 1
-
-
-def refine_candidate(record: Record, base: JointFit, term: Term, whitener: Whitener) -> Candidate:
-    """Fit a term together with all accepted ones and score it.
-
-    Parameters
-    ----------
+    space : Space
+        Whitened residual without the term.
     record : Record
         Record.
-    base : JointFit
-        Fit without the term, in the same noise.
     term : Term
         Term with a starting shape.
-    whitener : Whitener
-        Noise.
+    trials : float
+        Effective number of shapes that were tried.
 
     Returns
     -------
     Candidate
     """
-    fit = fit_jointly(record, (*base.terms, term), whitener)
-    refined = fit.terms[-1]
-    statistic = base.chi2 - fit.chi2
-    paid = _paid_shapes(refined, fit.covariances[-1])
-    if paid < len(refined.cause.shape):
-        whole = Term(refined.cause, {"order": float(round(refined.shape["order"]))})
-        held = fit_jointly(record, (*base.terms, whole), whitener, refine=False)
-        statistic = base.chi2 - held.chi2
-    count = len(refined.cause.linear) + paid
-    n_used = float(whitener.used.sum())
-    score = 0.5 * statistic - 0.5 * count * float(np.log(n_used))
-    return Candidate(refined, fit, statistic, count, score)
+    best = refine_term(space, record, term)
+    # what the catalogue calls impossible explains nothing
+    value = score(best.statistic, best.dof, trials) if best.within else -np.inf
+    return Candidate(best.term, best.statistic, best.dof, value)
+
+
+def whole_order(space: Space, record: Record, candidate: Candidate, trials: float) -> Candidate:
+    """Return a line at the next whole order where that explains it as well.
+
+    Parameters
+    ----------
+    space : Space
+        Whitened residual without the term.
+    record : Record
+        Record.
+    candidate : Candidate
+        Candidate.
+    trials : float
+        Effective number of known orders.
+
+    Returns
+    -------
+    Candidate
+        The one with the better score.
+    """
+    term = candidate.term
+    if [*term.shape] != ["order"] or term.cause.locked_to != "motor":
+        return candidate
+    best = candidate
+    for factor in {1.0, record.motion.gauge_factor}:
+        order = float(round(term.shape["order"] / factor)) * factor
+        if not term.cause.shape[0].contains(order):
+            continue
+        held = Term(term.cause, {"order": order})
+        statistic, dof, _ = exact_statistic(space, term_columns(held, record))
+        value = score(statistic, dof, trials)
+        if value > best.score_nats:
+            best = Candidate(held, statistic, dof, value)
+    return best
 
 
 def same_space(space: Space, record: Record, first: Term, second: Term) -> bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from hdbench.diagnosis.scan import OVERSAMPLE, LineScan
+from hdbench.diagnosis.scanplan import OVERSAMPLE, LineScan
 from hdbench.diagnosis.whitened import orthonormal
 from hdbench.records.trace import FloatArray
 
@@ -49,7 +49,7 @@ def without_lines(
     for _ in range(_LINES):
         best: tuple[float, LineScan, int] | None = None
         for scan in axes:
-            power = np.abs(scan.single(left[:, None])[0]) ** 2
+            power = np.abs(scan.single(left)) ** 2
             peak = _strongest_peak(power)
             if peak is not None and (best is None or power[peak] > best[0]):
                 best = (float(power[peak]), scan, peak)
@@ -67,11 +67,12 @@ def without_lines(
 
 def _strongest_peak(power: FloatArray) -> int | None:
     """Return the strongest local maximum far above the running median of the power, or None."""
-    width = _BACKGROUND_CELLS * OVERSAMPLE
-    edges = np.arange(0, max(1, len(power) - width // 2), width)
+    width = min(_BACKGROUND_CELLS * OVERSAMPLE, len(power))
+    whole = len(power) // width
     # the median of an exponential distribution is ln 2 times its mean
-    levels = [float(np.median(power[e : e + width])) / np.log(2.0) for e in edges]
-    background = np.interp(np.arange(len(power)), edges + width // 2, levels)
+    levels = np.median(power[: whole * width].reshape(whole, width), axis=1) / np.log(2.0)
+    centres = width * np.arange(whole) + width // 2
+    background = np.interp(np.arange(len(power)), centres, levels)
     ratio = power / np.maximum(background, np.finfo(float).tiny)
     inner = np.arange(1, len(power) - 1)
     top = (power[inner] >= power[inner - 1]) & (power[inner] > power[inner + 1])

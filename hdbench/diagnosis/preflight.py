@@ -1,4 +1,4 @@
-"""Faults of the acquisition, found before anything is fitted."""
+"""Lost, clipped, stuck and spiky samples, found before anything is fitted."""
 
 from __future__ import annotations
 
@@ -7,6 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from hdbench.diagnosis.acquisition.codes import clipped_samples, stuck_samples
+from hdbench.diagnosis.acquisition.flags import DataFlag, flag_runs, flag_samples, mask_runs
+from hdbench.diagnosis.acquisition.stamps import lost_flags, repeated_rows
 from hdbench.diagnosis.record import Record, torque_from_trace
 from hdbench.profile.schema import ProfileData
 from hdbench.records.trace import FloatArray, Trace
@@ -20,10 +23,6 @@ __all__ = [
     "robust_scatter_nm",
 ]
 
-# a step longer than this many median periods is a gap: one lost sample makes 2
-_GAP = 1.5
-# more gaps than this are told as one flag over all of them
-_MANY_GAPS = 20
 # a spike lasts this many samples at most, against the median of this many
 _SPIKE_LENGTH = 2
 _SPIKE_WINDOW = 5
@@ -31,40 +30,6 @@ _SPIKE_WINDOW = 5
 _SPIKE_RATIO = 2.5
 # a sample nearer than this to the rest, in units of its scatter, spoils no fit of thousands
 _SPIKE_SIGMA = 5.0
-# the last code of a converter that clips holds this many times the samples of the code before it
-_CLIP_RATIO = 5
-_CLIP_LEAST = 5
-# this many equal samples in a row do not come from a channel with noise
-_STUCK = 20
-
-
-@dataclass(frozen=True, slots=True)
-class DataFlag:
-    """A stretch of doubtful samples.
-
-    Parameters
-    ----------
-    name : str
-        ``missed-samples``, ``saturation``, ``spikes`` or ``stuck-value``.
-    from_s, to_s : float
-        First and last of them, s.
-    samples : int
-        How many.
-    """
-
-    name: str
-    from_s: float
-    to_s: float
-    samples: int
-
-    def to_dict(self) -> dict[str, object]:
-        """Return the flag as the contract writes it."""
-        return {
-            "name": self.name,
-            "from_s": self.from_s,
-            "to_s": self.to_s,
-            "samples": self.samples,
-        }
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,60 +46,6 @@ class Preflight:
 
     flags: tuple[DataFlag, ...]
     masked: NDArray[np.bool_]
-
-
-def _runs(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """Return first and last index of each run of True."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(np.int8), [0]])))
-    return [(int(a), int(b) - 1) for a, b in zip(edges[::2], edges[1::2], strict=True)]
-
-
-def _lost(trace: Trace, time: FloatArray) -> list[DataFlag]:
-    """Return runs of samples without a value and steps in time that lack samples."""
-    names = [n for n in ("torque_nm", "torque_v", "motor_velocity_rad_s", "tacho_v") if n in trace]
-    missing = ~trace.valid(*names)
-    flags = [
-        DataFlag("missed-samples", float(time[a]), float(time[b]), b - a + 1)
-        for a, b in _runs(missing)
-    ]
-    steps = np.diff(time)
-    period = float(np.median(steps))
-    for at in np.flatnonzero(steps > _GAP * period):
-        lost = max(1, round(float(steps[at]) / period) - 1)
-        flags.append(DataFlag("missed-samples", float(time[at]), float(time[at + 1]), lost))
-    flags.sort(key=lambda flag: flag.from_s)
-    if len(flags) <= _MANY_GAPS:
-        return flags
-    total = sum(flag.samples for flag in flags)
-    return [DataFlag("missed-samples", flags[0].from_s, flags[-1].to_s, total)]
-
-
-def _clipped(trace: Trace, profile: ProfileData, torque: FloatArray) -> NDArray[np.bool_]:
-    """Return samples at the end of the converter's range, or piled up at the extreme value."""
-    clipped = np.zeros(len(torque), dtype=bool)
-    if "torque_v" in trace:
-        step = 2.0 * profile.daq.range_v / 2**profile.daq.resolution_bits
-        clipped |= np.abs(trace["torque_v"]) >= profile.daq.range_v - 1.5 * step
-    present = torque[np.isfinite(torque)]
-    if len(present) < _STUCK:
-        return clipped
-    values, counts = np.unique(present, return_counts=True)
-    for end, neighbours in ((0, counts[1:4]), (len(values) - 1, counts[-4:-1])):
-        if len(neighbours) and counts[end] >= max(_CLIP_LEAST, _CLIP_RATIO * int(neighbours.max())):
-            clipped |= torque == values[end]
-    return clipped
-
-
-def _stuck(torque: FloatArray) -> NDArray[np.bool_]:
-    """Return samples in runs of equal values that noise cannot make."""
-    same = np.zeros(len(torque), dtype=bool)
-    if len(torque) < _STUCK or not np.nanstd(np.diff(torque)) > 0.0:
-        return same
-    equal = np.concatenate([[False], np.diff(torque) == 0.0])
-    for first, last in _runs(equal):
-        if last - first + 2 >= _STUCK:
-            same[first - 1 : last + 1] = True
-    return same
 
 
 def _baseline_residual(record: Record) -> FloatArray:
@@ -191,37 +102,14 @@ def find_spikes(record: Record) -> NDArray[np.bool_]:
         return far
     large = np.abs(left - np.median(left)) > _SPIKE_SIGMA * robust_scatter_nm(record)
     far[index[(away > limit) & large]] = True
-    for first, last in _runs(far):
+    for first, last in mask_runs(far):
         if last - first + 1 > _SPIKE_LENGTH:
             far[first : last + 1] = False
     return far
 
 
-def flag_samples(name: str, time: FloatArray, mask: NDArray[np.bool_]) -> list[DataFlag]:
-    """Return one flag for the marked samples, none where there are none.
-
-    Parameters
-    ----------
-    name : str
-        Name of the fault.
-    time : ndarray, shape (n_samples,)
-        Time, s.
-    mask : ndarray of bool, shape (n_samples,)
-        Marked samples.
-
-    Returns
-    -------
-    list of DataFlag
-        From the first to the last of them.
-    """
-    at = np.flatnonzero(mask)
-    if not len(at):
-        return []
-    return [DataFlag(name, float(time[at[0]]), float(time[at[-1]]), len(at))]
-
-
 def inspect_trace(trace: Trace, profile: ProfileData) -> Preflight:
-    """Find gaps, clipping and stuck values.
+    """Find gaps, samples that repeat the one before, clipping and stuck values.
 
     Parameters
     ----------
@@ -233,7 +121,7 @@ def inspect_trace(trace: Trace, profile: ProfileData) -> Preflight:
     Returns
     -------
     Preflight
-        Clipped and stuck samples are masked; lost ones have no value anyway. Nothing is
+        Clipped, repeated and stuck samples are masked; lost ones have no value anyway. Nothing is
         repaired.
 
     Raises
@@ -243,11 +131,13 @@ def inspect_trace(trace: Trace, profile: ProfileData) -> Preflight:
     """
     time, torque = trace.time_s, torque_from_trace(trace, profile)
     present = np.isfinite(torque)
-    clipped = _clipped(trace, profile, torque)
-    stuck = _stuck(torque) & ~clipped & present
+    clipped = clipped_samples(trace, profile, torque)
+    stuck = stuck_samples(torque) & ~clipped & present
+    held = repeated_rows(trace) & ~clipped & ~stuck
     flags = [
-        *_lost(trace, time),
+        *lost_flags(trace),
+        *flag_runs("missed-samples", time, held),
         *flag_samples("saturation", time, clipped),
         *flag_samples("stuck-value", time, stuck),
     ]
-    return Preflight(tuple(flags), clipped | stuck)
+    return Preflight(tuple(flags), clipped | stuck | held)

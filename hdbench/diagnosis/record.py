@@ -7,14 +7,29 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from hdbench.diagnosis.baselineterms import BaselineChange
 from hdbench.diagnosis.drift import turned_motion, without_drift
+from hdbench.diagnosis.fixed import fast_noise, load_share
 from hdbench.errors import DataError
 from hdbench.model import BenchModel, Motion, baseline_columns, motion_from_trace
 from hdbench.profile.schema import ProfileData
 from hdbench.records.trace import FloatArray, Trace
 
-__all__ = ["Beyond", "Record", "mask_samples", "prepare_record", "torque_from_trace"]
+__all__ = [
+    "Beyond",
+    "Record",
+    "mask_samples",
+    "prepare_record",
+    "torque_from_trace",
+    "with_simulated",
+]
 
+# a torque once per output turn this many times the model's, and this share of the rated torque, is
+# another effect than the misalignment that the model means ...
+_MISALIGNED = 5.0
+_MISALIGNED_RATED = 0.1
+# ... where it takes the residual down to less than half: a short arc fits noise with any amplitude
+_CLEARLY = 2.0
 # a step longer than this many median periods is a gap in time: one lost sample makes 2
 _GAP = 1.5
 
@@ -59,6 +74,14 @@ class Record:
         Columns projected out beside the baseline: output order 1 on less than an output turn.
     period_s : float
         Median sampling period, s.
+    load : float
+        Coefficient of the measured load torque in `fixed_nm`.
+    jitter : ndarray, shape (n_samples, n_jitter)
+        Fast noise of the measured load and acceleration, N m. It stands in the residual, and in all
+        that is made of the same channels: it is projected out, so that nothing finds it there.
+    weighty : bool
+        True where the output covers less than a turn and carries a torque once per turn far beyond
+        any misalignment.
     """
 
     motion: Motion
@@ -70,6 +93,9 @@ class Record:
     columns: FloatArray
     nuisance: FloatArray
     period_s: float
+    load: float
+    jitter: FloatArray
+    weighty: bool = False
 
     @property
     def response_nm(self) -> FloatArray:
@@ -78,8 +104,8 @@ class Record:
 
     @property
     def base(self) -> FloatArray:
-        """Baseline and nuisance columns, shape (n_samples, k)."""
-        return np.hstack([self.columns, self.nuisance])
+        """Baseline, nuisance and jitter columns, shape (n_samples, k)."""
+        return np.hstack([self.columns, self.nuisance, self.jitter])
 
 
 def torque_from_trace(trace: Trace, profile: ProfileData) -> FloatArray:
@@ -120,6 +146,7 @@ def prepare_record(
     model: BenchModel,
     masked: NDArray[np.bool_],
     beyond: Beyond | None = None,
+    change: BaselineChange | None = None,
 ) -> Record:
     """Return the record with its baseline.
 
@@ -135,6 +162,8 @@ def prepare_record(
         Samples that the preflight took out.
     beyond : Beyond or None
         Effects beyond the baseline, for the drift of an integrated angle; none where None.
+    change : BaselineChange or None
+        What is added to the baseline and taken out of it; nothing where None.
 
     Returns
     -------
@@ -149,7 +178,8 @@ def prepare_record(
     -----
     On less than an output turn the once-per-turn torque, the zero and slow changes look alike:
     it is then subtracted with the model's numbers and what is left of it projected out, so that
-    a bench whose misalignment differs from its profile raises no alarm there.
+    a bench whose misalignment differs from its profile raises no alarm there. A torque far beyond
+    any misalignment, as of an arm's weight, is left for the search to name.
 
     An angle that is integrated from the velocity by the contract's rule lies half a sample behind
     the shaft wherever the speed changes. Where the baseline fits better with the half sample put
@@ -157,14 +187,21 @@ def prepare_record(
     """
     torque = torque_from_trace(trace, profile)
     motion = _aligned(motion_from_trace(trace, profile), profile, torque, masked, beyond)
-    fixed, names, columns = baseline_columns(motion, profile)
+    change = change or BaselineChange()
+    load = 0.0 if "load" in change.without else load_share(motion, profile, torque, masked)
+    fixed, names, columns = baseline_columns(motion, profile, load=load)
+    whole_turn = "misalignment:cosine" in names
+    fixed, names, columns = change.apply(motion, fixed, names, columns)
     nuisance = np.zeros((len(torque), 0))
-    if "misalignment:cosine" not in names:
+    weighty = False
+    if not whole_turn and "misalignment" not in change.without:
         amplitude, phase = model.misalignment
         fixed = fixed + amplitude * np.cos(motion.output_angle_rad + phase)
-        nuisance = np.column_stack(
-            [np.cos(motion.output_angle_rad), np.sin(motion.output_angle_rad)]
-        )
+        once = np.column_stack([np.cos(motion.output_angle_rad), np.sin(motion.output_angle_rad)])
+        usable = motion.valid & np.isfinite(torque - fixed) & ~masked
+        largest = max(_MISALIGNED * amplitude, _MISALIGNED_RATED * profile.drive.rated_torque_nm)
+        weighty = _far_off(columns[usable], once[usable], (torque - fixed)[usable], largest)
+        nuisance = nuisance if weighty else once
     valid = motion.valid & np.isfinite(torque) & np.isfinite(fixed) & ~masked
     valid &= np.isfinite(columns).all(axis=1) & np.isfinite(nuisance).all(axis=1)
     steps = np.diff(motion.time_s)
@@ -180,7 +217,27 @@ def prepare_record(
         np.where(valid[:, None], columns, 0.0),
         np.where(valid[:, None], nuisance, 0.0),
         period,
+        load,
+        np.where(valid[:, None], fast_noise(motion, load), 0.0),
+        weighty,
     )
+
+
+def _far_off(
+    columns: FloatArray, once: FloatArray, response: FloatArray, largest_nm: float
+) -> bool:
+    """Return whether the torque once per output turn is none that the model can have meant.
+
+    An arm's weight is: it is then looked for as an effect instead of being projected out.
+    """
+    design = np.hstack([columns, once])
+    if len(response) <= design.shape[1]:
+        return False
+    without = response - columns @ np.linalg.lstsq(columns, response, rcond=None)[0]
+    solution = np.linalg.lstsq(design, response, rcond=None)[0]
+    left = response - design @ solution
+    size = float(np.hypot(solution[-2], solution[-1]))
+    return size > largest_nm and float(without @ without) > _CLEARLY**2 * float(left @ left)
 
 
 def _aligned(
@@ -201,7 +258,11 @@ def _aligned(
         torque = torque - beyond.torque_nm
     left = []
     for candidate in (motion, moved):
-        fixed, _, columns = baseline_columns(candidate, profile)
+        fixed, names, columns = baseline_columns(candidate, profile)
+        if "misalignment:cosine" not in names:
+            # on less than an output turn it would hide which angle the ripple fits
+            turn = candidate.output_angle_rad
+            columns = np.column_stack([columns, np.cos(turn), np.sin(turn)])
         design, response = columns[usable], (torque - fixed)[usable]
         if len(response) <= design.shape[1]:
             return motion
@@ -210,6 +271,24 @@ def _aligned(
     best = moved if left[1] < left[0] else motion
     orders = () if beyond is None else beyond.orders
     return without_drift(best, profile, torque, usable, orders)
+
+
+def with_simulated(record: Record, fitted_nm: FloatArray) -> Record:
+    """Return the record with the torque that a fit simulates, for causes that act on all of it.
+
+    Parameters
+    ----------
+    record : Record
+        Record.
+    fitted_nm : ndarray, shape (n_samples,)
+        Fitted torque without what is fixed, N m.
+
+    Returns
+    -------
+    Record
+    """
+    simulated = np.where(record.valid, record.fixed_nm + fitted_nm, np.nan)
+    return replace(record, motion=replace(record.motion, simulated_nm=simulated))
 
 
 def mask_samples(record: Record, masked: NDArray[np.bool_]) -> Record:
@@ -232,4 +311,5 @@ def mask_samples(record: Record, masked: NDArray[np.bool_]) -> Record:
         valid=valid,
         columns=np.where(valid[:, None], record.columns, 0.0),
         nuisance=np.where(valid[:, None], record.nuisance, 0.0),
+        jitter=np.where(valid[:, None], record.jitter, 0.0),
     )

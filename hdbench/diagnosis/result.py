@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hdbench.diagnosis.confirm import Gain
+from hdbench.diagnosis.loads.pictures import LoadPictures
 from hdbench.diagnosis.preflight import DataFlag
 from hdbench.model import BenchModel
 from hdbench.records.trace import FloatArray
@@ -155,6 +156,9 @@ class Pictures:
         Samples that no fit used.
     spectra : tuple of Spectrum
         Lines before and after.
+    acceleration_rad_s2, motor_angle_rad, output_angle_rad, applied_nm : ndarray
+        Motor acceleration, angles of wave generator and output, and the known torque through the
+        flexspline, N m.
     """
 
     time_s: FloatArray
@@ -166,6 +170,10 @@ class Pictures:
     residual_after_nm: FloatArray
     masked: NDArray[np.bool_]
     spectra: tuple[Spectrum, ...]
+    acceleration_rad_s2: FloatArray
+    motor_angle_rad: FloatArray
+    output_angle_rad: FloatArray
+    applied_nm: FloatArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -193,7 +201,9 @@ class Diagnosis:
     reason : str
         One sentence for a verdict that is none; empty otherwise.
     pictures : Pictures or None
-        Data for pictures; None where no baseline could be fitted.
+        Data for pictures of a dynamic run; None where no baseline could be fitted.
+    load_pictures : LoadPictures or None
+        Data for pictures of calibration loads; None for a dynamic run, and as above.
     """
 
     verdict: str
@@ -209,6 +219,7 @@ class Diagnosis:
     settings: Mapping[str, Any] = field(default_factory=dict)
     reason: str = ""
     pictures: Pictures | None = None
+    load_pictures: LoadPictures | None = None
 
     def to_dict(self, header: Mapping[str, Any], model_file: str | None = None) -> dict[str, Any]:
         """Return the result object of the contract.

@@ -7,16 +7,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from hdbench.diagnosis.dynamic import diagnose_trace
-from hdbench.diagnosis.result import Diagnosis, Pictures
+from hdbench.diagnosis.files import write_load_pictures, write_pictures, write_table
+from hdbench.diagnosis.filtergain import filter_gain
+from hdbench.diagnosis.maps import code_map
+from hdbench.diagnosis.planning import Proposal, plan_for_result, write_plan
+from hdbench.diagnosis.result import Diagnosis
 from hdbench.diagnosis.static import diagnose_loads
-from hdbench.model import load_model, save_model
+from hdbench.errors import UsageError
+from hdbench.model import load_model, motion_from_trace, save_model, user_causes
 from hdbench.profile import Profile
 from hdbench.profile.scaling import rescaled, stored_scale
 from hdbench.records import (
-    FloatArray,
     RunFolder,
     TorqueScale,
     Trace,
@@ -27,17 +29,10 @@ from hdbench.records import (
     resolve_input,
     result_header,
     sha256_file,
-    write_atomic,
     write_json,
 )
 
 __all__ = ["DiagnosisOptions", "diagnose_run"]
-
-_SPECTRUM_FILES = {
-    "motor-order": ("order_spectrum.csv", "motor_order"),
-    "output-order": ("output_order_spectrum.csv", "output_order"),
-    "frequency": ("frequency_spectrum.csv", "frequency_hz"),
-}
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,12 +49,27 @@ class DiagnosisOptions:
         Smallest share of the residual variance of a cause that counts.
     seed : int
         Seed of the draws.
+    baseline : tuple of str
+        Terms of the baseline to add or remove, such as ``-misalignment`` or ``+order:6``.
+    cause_files : tuple of Path
+        TOML files with causes of the user's own.
     """
 
     model_file: Path | None = None
     alpha: float = 0.01
     materiality: float = 0.01
     seed: int = 0
+    baseline: tuple[str, ...] = ()
+    cause_files: tuple[Path, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class _Done:
+    """A diagnosis and what belongs to it; trace and scale are None for calibration loads."""
+
+    answer: Diagnosis
+    trace: Trace | None = None
+    scale: TorqueScale | None = None
 
 
 def diagnose_run(
@@ -103,18 +113,28 @@ def diagnose_run(
     chosen = options or DiagnosisOptions()
     file = resolve_input(Path(source))
     # an input that cannot be used must not leave an empty run behind
-    answer, origin = _diagnose(file, Path(source), profile, chosen, progress)
+    done = _diagnose(file, Path(source), profile, chosen, progress)
+    answer = done.answer
     details = {"input": str(source), "input_sha256": sha256_file(file)}
     folder = RunFolder.create(out, kind="diagnosis", profile=profile, details=details)
-    files = ["result.json"]
-    if answer.pictures is not None:
-        files += _write_pictures(folder.path, answer.pictures)
+    files = ["result.json", *_write_tables(folder.path, done, profile)]
+    proposal = _proposal(done, profile, options=chosen)
+    if proposal is not None and proposal.plan is not None:
+        write_plan(folder.path / "plan.toml", proposal.plan)
+        files.append("plan.toml")
+    extended = answer.pictures is not None or answer.load_pictures is not None
+    if extended:
         provenance = {"diagnosis": folder.run_id, **details}
         save_model(folder.path / "model.json", answer.model, profile=profile, provenance=provenance)
         files.append("model.json")
     header = result_header("diagnosis", profile)
-    model_file = "model.json" if answer.pictures is not None else None
-    result = {**answer.to_dict(header, model_file), **details, "torque_scale": origin}
+    result = {
+        **answer.to_dict(header, "model.json" if extended else None),
+        **details,
+        "torque_scale": None if done.scale is None else done.scale.to_dict(),
+        "filter_gain": _gain(done, profile),
+        "separating_run": _separating(proposal),
+    }
     write_json(folder.result, result)
     folder.finish("complete", f"diagnosis: {answer.verdict}", files)
     return folder.path, result
@@ -126,12 +146,26 @@ def _diagnose(
     profile: Profile,
     options: DiagnosisOptions,
     progress: Callable[[str, float], None] | None,
-) -> tuple[Diagnosis, dict[str, object] | None]:
-    if is_loads_file(file):
-        loads = read_loads(file, profile.data.arm)
-        return diagnose_loads(loads, profile), None
-    trace, scale = _scaled(read_trace(file), source, profile)
+) -> _Done:
     model = load_model(options.model_file) if options.model_file else None
+    if is_loads_file(file):
+        if options.baseline:
+            raise UsageError(
+                f"--baseline {options.baseline[0]} with calibration loads; needed: a dynamic run",
+                where=str(file),
+                fix="leave out --baseline: readings have one gain and one zero per experiment",
+            )
+        static = diagnose_loads(
+            read_loads(file, profile.data.arm),
+            profile,
+            model=model,
+            alpha=options.alpha,
+            materiality=options.materiality,
+            seed=options.seed,
+            progress=progress,
+        )
+        return _Done(static)
+    trace, scale = _scaled(read_trace(file), source, profile)
     answer = diagnose_trace(
         trace,
         profile,
@@ -140,8 +174,53 @@ def _diagnose(
         materiality=options.materiality,
         seed=options.seed,
         progress=progress,
+        causes=user_causes(options.cause_files),
+        baseline=options.baseline,
     )
-    return answer, scale.to_dict()
+    return _Done(answer, trace, scale)
+
+
+def _write_tables(folder: Path, done: _Done, profile: Profile) -> list[str]:
+    """Write every table of the diagnosis and return the names."""
+    if done.answer.load_pictures is not None:
+        return write_load_pictures(folder, done.answer.load_pictures)
+    if done.answer.pictures is None:
+        return []
+    files = write_pictures(folder, done.answer.pictures)
+    if done.trace is not None and "torque_v" in done.trace:
+        daq = profile.data.daq
+        step_v = 2.0 * daq.range_v / 2**daq.resolution_bits
+        write_table(folder / "map_code.csv", code_map(done.trace["torque_v"], step_v))
+        files.append("map_code.csv")
+    return files
+
+
+def _gain(done: _Done, profile: Profile) -> dict[str, Any] | None:
+    """Return what the filter gains by the orders found; None where none was."""
+    gain = None if done.trace is None else filter_gain(done.trace, profile, done.answer)
+    return None if gain is None else gain.to_dict()
+
+
+def _proposal(done: _Done, profile: Profile, *, options: DiagnosisOptions) -> Proposal | None:
+    """Return the run that settles what is open; None for loads and where nothing is."""
+    if done.trace is None or done.answer.pictures is None:
+        return None
+    return plan_for_result(
+        done.answer.to_dict({}),
+        profile.data,
+        motion=motion_from_trace(done.trace, profile.data),
+        extra=user_causes(options.cause_files),
+    )
+
+
+def _separating(proposal: Proposal | None) -> dict[str, Any] | None:
+    """Return what the proposed run settles, in words, and its file."""
+    if proposal is None:
+        return None
+    return {
+        "file": None if proposal.plan is None else "plan.toml",
+        "words": list(proposal.words),
+    }
 
 
 def _scaled(trace: Trace, source: Path, profile: Profile) -> tuple[Trace, TorqueScale]:
@@ -150,35 +229,3 @@ def _scaled(trace: Trace, source: Path, profile: Profile) -> tuple[Trace, Torque
     if (source / "run.json").is_file():
         stored = stored_scale(read_json(source / "run.json").get("calibration"), source)
     return rescaled(trace, profile, calibration=None, stored=stored)
-
-
-def _write_pictures(folder: Path, pictures: Pictures) -> list[str]:
-    """Write residual and spectra; nine digits, an empty cell where there is no number."""
-    table = {
-        "time_s": pictures.time_s,
-        "measured_nm": pictures.measured_nm,
-        "simulated_nm": pictures.simulated_nm,
-        "extended_nm": pictures.extended_nm,
-        "residual_before_nm": pictures.residual_before_nm,
-        "residual_after_nm": pictures.residual_after_nm,
-        "masked": pictures.masked.astype(float),
-    }
-    _write_table(folder / "residual.csv", table)
-    names = ["residual.csv"]
-    for spectrum in pictures.spectra:
-        name, axis = _SPECTRUM_FILES[spectrum.domain]
-        columns = {
-            axis: spectrum.axis,
-            "before_nm": spectrum.before_nm,
-            "after_nm": spectrum.after_nm,
-        }
-        _write_table(folder / name, columns)
-        names.append(name)
-    return names
-
-
-def _write_table(path: Path, columns: dict[str, FloatArray]) -> None:
-    rows = np.column_stack(list(columns.values())).tolist()
-    lines = [",".join(columns)]
-    lines += [",".join("" if x != x else f"{x:.9g}" for x in row) for row in rows]
-    write_atomic(path, ("\n".join(lines) + "\n").encode())

@@ -3,57 +3,32 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from hdbench.diagnosis.challengers import Left
-from hdbench.diagnosis.families import sharpen_step
+from hdbench.diagnosis.challengers import Left, challenge
 from hdbench.diagnosis.jointfit import JointFit, fit_jointly
-from hdbench.diagnosis.looks import Look, Looks, challenge, look_at
-from hdbench.diagnosis.naming import Candidate, refine_candidate, same_space, unnamed
+from hdbench.diagnosis.looks import SHARES, Looks, look_at
+from hdbench.diagnosis.nameless import unnamed
+from hdbench.diagnosis.naming import Candidate
+from hdbench.diagnosis.ranking import name_residual, promise, rank_looks
 from hdbench.diagnosis.record import Beyond, Record
-from hdbench.diagnosis.scan import LineScan, plan_scans
-from hdbench.diagnosis.settle import Hidden, Noise, coarse_basis, settle
+from hdbench.diagnosis.renaming import drop_needless, rename_all
+from hdbench.diagnosis.scanplan import LineScan
+from hdbench.diagnosis.settle import Noise
+from hdbench.diagnosis.slowsearch import accept_slow_noise, outweighs, slow_noise, with_walk
+from hdbench.diagnosis.state import Accepted, State, Walk, accepted_as
+from hdbench.diagnosis.survey import Survey
 from hdbench.diagnosis.terms import Term, term_columns
 from hdbench.diagnosis.whitened import Space, make_space
 from hdbench.model import Cause
 
-__all__ = ["RIVAL_NATS", "Accepted", "Found", "search"]
+__all__ = ["Found", "search"]
 
 _MAX_CAUSES = 8
-# names within this many nats of the best are rivals: a Bayes factor of 20
-RIVAL_NATS = 3.0
-# looks whose statistic is below this share of the best are refined only where no name pays for the
-# others: the grid loses a tenth at most
-_WORTH = 0.5
-# candidates refined at most, strongest first
-_MAX_CANDIDATES = 8
-
-
-@dataclass(frozen=True, slots=True)
-class Accepted:
-    """An accepted term and what it could also be.
-
-    Parameters
-    ----------
-    name : str
-        Name of the cause.
-    false_alarm : float
-        Probability of such a finding on this record without any effect.
-    evidence_nats : float
-        Score at acceptance.
-    group : tuple of Term
-        Terms that span the same space on this record, the accepted one first.
-    rivals : tuple of Term
-        Other terms within 3 nats.
-    """
-
-    name: str
-    false_alarm: float
-    evidence_nats: float
-    group: tuple[Term, ...]
-    rivals: tuple[Term, ...]
+# a place without a name must explain more than two names by this, nats: a Bayes factor of 20
+_UNNAMED_BONUS = 3.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,10 +49,12 @@ class Found:
         What is left without a name.
     first, last : Looks
         Looks at the first and at the last residual.
-    scans : tuple of LineScan
-        Planned scans.
+    survey : Survey
+        Plan of the looks.
     record : Record
         Record that all of this is about: its motion may have been aligned anew.
+    walk : Walk or None
+        A random walk of the zero.
     """
 
     fit: JointFit
@@ -87,48 +64,14 @@ class Found:
     left: tuple[Left, ...]
     first: Looks
     last: Looks
-    scans: tuple[LineScan, ...]
+    survey: Survey
     record: Record
+    walk: Walk | None = None
 
-
-def _candidates(
-    record: Record, space: Space, fit: JointFit, noise: Noise, looks: tuple[Look, ...]
-) -> list[Candidate]:
-    """Refine the strongest looks, best score first."""
-    worth = sorted(looks, key=lambda look: -look.statistic)[:_MAX_CANDIDATES]
-    terms = [sharpen_step(space, record, term) for look in worth for term in look.terms]
-    done = [refine_candidate(record, fit, term, noise.whitener) for term in terms]
-    # among equal scores the name with fewer free shapes comes first
-    return sorted(done, key=lambda c: (-round(c.score_nats, 6), len(c.term.cause.shape)))
-
-
-def _accept(record: Record, space: Space, ranked: list[Candidate], false_alarm: float) -> Accepted:
-    best = ranked[0]
-    group, rivals = [best.term], []
-    for other in ranked[1:]:
-        close = best.score_nats - other.score_nats <= RIVAL_NATS
-        if unnamed(other.term) or other.term.cause.name == best.term.cause.name:
-            continue
-        if same_space(space, record, best.term, other.term):
-            group.append(other.term)
-        elif close:
-            rivals.append(other.term)
-    return Accepted(best.term.cause.name, false_alarm, best.score_nats, tuple(group), tuple(rivals))
-
-
-def _next(
-    record: Record, space: Space, fit: JointFit, noise: Noise, alarms: tuple[Look, ...]
-) -> tuple[Accepted, JointFit] | None:
-    """Return the best name for what raised an alarm, with its fit; None where no name pays."""
-    top = max(look.statistic for look in alarms)
-    strong = tuple(look for look in alarms if look.statistic >= _WORTH * top)
-    weak = tuple(look for look in alarms if look.statistic < _WORTH * top)
-    for part in (strong, weak):
-        ranked = _candidates(record, space, fit, noise, part)
-        if ranked and ranked[0].score_nats > 0.0:
-            chance = min(look.false_alarm for look in alarms)
-            return _accept(record, space, ranked, chance), ranked[0].fit
-    return None
+    @property
+    def scans(self) -> tuple[LineScan, ...]:
+        """Planned scans."""
+        return self.survey.scans
 
 
 def search(
@@ -165,68 +108,97 @@ def search(
     -------
     Found
     """
-    scans = plan_scans(record)
-    hidden = Hidden(coarse_basis(record), scans)
-    fit, noise = settle(record, known, None, hidden)
-    accepted: list[Accepted] = []
+    state = State.start(record, causes, known, rng)
     first: Looks | None = None
     while True:
-        space = make_space(noise.whitener, fit.explained, record.response_nm)
-        progress("scanning the residual", min(0.9, 0.1 + 0.2 * len(accepted)))
-        looks = look_at(space, record, scans, causes, fit.terms, rng)
+        space = state.space()
+        progress("scanning the residual", min(0.9, 0.1 + 0.2 * len(state.accepted)))
+        looks = look_at(space, state.record, state.survey, state.fit.terms, state.grams)
+        state.grams = looks.grams
         first = first or looks
-        alarms = tuple(look for look in looks.looks if look.false_alarm < alpha and look.terms)
-        if not alarms or len(accepted) >= _MAX_CAUSES:
+        if len(state.accepted) >= _MAX_CAUSES or not _step(state, space, looks, alpha, align):
             break
-        step = _next(record, space, fit, noise, alarms)
-        if step is None:
-            break
-        accepted.append(step[0])
-        fit = step[1]
-        if align is not None:
-            record = align(_beyond(record, fit))
-            scans = plan_scans(record)
-            hidden = Hidden(coarse_basis(record), scans)
-        fit, noise = settle(record, fit.terms, noise, hidden)
-        fit, noise, accepted = _drop(record, fit, noise, accepted, hidden)
-    left = challenge(space, record, noise.model.innovation_std, alpha)
-    return Found(fit, noise, space, tuple(accepted), tuple(left), first, looks, scans, record)
-
-
-def _beyond(record: Record, fit: JointFit) -> Beyond:
-    """Return the terms of a fit: lines of the motor as orders, all others as torque."""
-    torque = np.zeros(len(record.valid))
-    orders = []
-    for term, linear in zip(fit.terms, fit.linear, strict=True):
-        line = term.cause.locked_to == "motor" and [*term.shape] == ["order"] and len(linear) == 2
-        if line:
-            orders.append(term.shape["order"])
-        else:
-            torque += term_columns(term, record) @ linear
-    return Beyond(torque, tuple(orders))
-
-
-def _drop(
-    record: Record, fit: JointFit, noise: Noise, accepted: list[Accepted], hidden: Hidden
-) -> tuple[JointFit, Noise, list[Accepted]]:
-    """Take out what a later cause has made needless."""
-    n_known = sum(term.known for term in fit.terms)
-    cost = 0.5 * float(np.log(float(noise.whitener.used.sum())))
-    for index in range(len(accepted) - 1):
-        place = n_known + index
-        others = fit.terms[:place] + fit.terms[place + 1 :]
-        without = fit_jointly(record, others, noise.whitener, refine=False)
-        term = fit.terms[place]
-        paid = len(term.cause.linear) + len(term.cause.shape)
-        if 0.5 * (without.chi2 - fit.chi2) < cost * paid:
-            kept = accepted[:index] + accepted[index + 1 :]
-            fit, noise = settle(record, others, noise, hidden)
-            return fit, noise, kept
-    return (
-        fit,
-        noise,
-        [
-            replace(a, group=(t, *a.group[1:]))
-            for a, t in zip(accepted, fit.terms[n_known:], strict=True)
-        ],
+    if len(state.accepted) > 1:
+        progress("going over the names again", 0.92)
+        rename_all(state)
+        space = state.space()
+    left = challenge(space, state.record, state.noise.model.innovation_std, alpha * SHARES["tests"])
+    return Found(
+        state.fit,
+        state.noise,
+        space,
+        tuple(state.accepted),
+        tuple(left),
+        first,
+        looks,
+        state.survey,
+        state.record,
+        state.walk,
     )
+
+
+def _step(
+    state: State,
+    space: Space,
+    looks: Looks,
+    alpha: float,
+    align: Callable[[Beyond], Record] | None,
+) -> bool:
+    """Accept the best name, or a noise that rises towards 0 Hz; False where nothing passes."""
+    alarms = tuple(look for look in looks.looks if look.false_alarm < alpha and look.terms)
+    slow = slow_noise(state, space)
+    chance = 1.0 if slow is None else min(1.0, float(np.exp(-slow.gain_nats)) / SHARES["slow"])
+    if not alarms and not chance < alpha:
+        return False
+    ranked = rank_looks(space, state.record, state.survey, looks.looks) if alarms else []
+    named = _with_names(state, space, looks, ranked)
+    if slow is not None and outweighs(state, slow, named or ranked):
+        accept_slow_noise(state, slow, ranked, chance)
+        return True
+    if not ranked or not ranked[0].score_nats > 0.0:
+        return False
+    ranked = _named_first(state, named, ranked)
+    naming = with_walk(name_residual(space, state.record, ranked), slow)
+    state.accepted.append(accepted_as(naming, min(look.false_alarm for look in alarms)))
+    terms = (*state.fit.terms, naming.best.term)
+    state.fit = fit_jointly(state.record, terms, state.noise.whitener)
+    if align is None:
+        state.settle(state.fit.terms)
+    else:
+        state.realign(align)
+    drop_needless(state)
+    return True
+
+
+def _with_names(
+    state: State, space: Space, looks: Looks, ranked: list[Candidate]
+) -> list[Candidate]:
+    """Return the candidates that have names, best first."""
+    if not ranked or not unnamed(ranked[0].term):
+        return ranked
+    rest = tuple(k for k in looks.looks if k.terms and not all(map(unnamed, k.terms)))
+    found = rank_looks(space, state.record, state.survey, rest)
+    return [c for c in found if not unnamed(c.term) and c.score_nats > 0.0]
+
+
+def _named_first(state: State, named: list[Candidate], ranked: list[Candidate]) -> list[Candidate]:
+    """Return the candidates with names where two of them explain as much as one without a name.
+
+    A table or a bump gathers what two causes do at the same place.
+    """
+    if not unnamed(ranked[0].term) or not named:
+        return ranked
+    wanted = ranked[0].score_nats - _UNNAMED_BONUS
+    if named[0].score_nats < wanted:
+        columns = term_columns(named[0].term, state.record)
+        explained = np.hstack([state.fit.explained, columns])
+        beside = make_space(state.noise.whitener, explained, state.record.response_nm)
+        terms = (*state.fit.terms, named[0].term)
+        others = look_at(beside, state.record, state.survey, terms, state.grams)
+        second = max(
+            (promise(k) for k in others.looks if k.terms and not all(map(unnamed, k.terms))),
+            default=0.0,
+        )
+        if named[0].score_nats + max(second, 0.0) < wanted:
+            return ranked
+    return [*named, *ranked]

@@ -2,24 +2,30 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hdbench.diagnosis.challengers import equal_bins
+from hdbench.diagnosis.curves import equal_bins
 from hdbench.diagnosis.jointfit import JointFit, fit_jointly
 from hdbench.diagnosis.notch import without_lines
 from hdbench.diagnosis.record import Record
-from hdbench.diagnosis.scan import LineScan
+from hdbench.diagnosis.scanplan import LineScan
+from hdbench.diagnosis.slownoise import SlowNoise, SlowSpectrum, slow_kernel, slow_spectrum
 from hdbench.diagnosis.terms import Term
-from hdbench.diagnosis.whitened import Whitener, make_whitener, orthonormal
+from hdbench.diagnosis.whitened import Whitener, make_space, make_whitener, orthonormal
 from hdbench.estimation import NoiseModel, fit_noise
 from hdbench.records.trace import FloatArray
 
-__all__ = ["Hidden", "Noise", "coarse_basis", "settle"]
+__all__ = [
+    "Hidden",
+    "Noise",
+    "coarse_basis",
+    "plain_spectrum",
+    "settle",
+    "without_coarse",
+]
 
-# the noise hardly moves after the second round
-_NOISE_ROUNDS = 2
 # bins of speed, blocks of time, and twice the output orders that the noise must not swallow; fewer
 # on short records: three directions in 300 samples take a hundredth of the noise with them
 _COARSE = 16
@@ -37,10 +43,18 @@ class Noise:
         Autoregression; its innovation is in N m.
     whitener : Whitener
         Its operator on the record.
+    slow : SlowNoise or None
+        Power that rises towards 0 Hz, where that was accepted.
     """
 
     model: NoiseModel
     whitener: Whitener
+    slow: SlowNoise | None = None
+
+    @property
+    def ar_kernel(self) -> FloatArray:
+        """Kernel that whitens all but the slow noise."""
+        return np.concatenate([[1.0], -self.model.coefficients])
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,16 +108,71 @@ def coarse_basis(record: Record) -> FloatArray:
     return orthonormal(table)
 
 
-def _noise_of(record: Record, fitted_nm: FloatArray, hidden: Hidden) -> Noise:
-    left = np.where(record.valid, record.response_nm - fitted_nm, 0.0)
+def _noise_of(record: Record, fit: JointFit, hidden: Hidden, exponent: float) -> Noise:
+    left = without_coarse(record, fit, hidden)
+    if not exponent > 0.0:
+        model = fit_noise(left, record.valid, starts=record.starts, keep_lines=False)
+        return Noise(model, make_whitener(model, record.valid, record.starts))
+    slow = plain_spectrum(record, fit, left).fit(exponent)
+    response = slow_kernel(slow, len(left))
+    # the slow noise first, then what colour is left
+    rough = Whitener(response, 1.0, record.valid, record.valid)
+    model = fit_noise(rough.apply(left), record.valid, starts=record.starts, keep_lines=False)
+    whitener = make_whitener(model, record.valid, record.starts)
+    kernel = np.asarray(np.convolve(response, whitener.kernel)[: len(left)], dtype=np.float64)
+    return Noise(model, replace(whitener, kernel=kernel), slow)
+
+
+def without_coarse(record: Record, fit: JointFit, hidden: Hidden) -> FloatArray:
+    """Return a residual without what a noise model must not see, N m.
+
+    Parameters
+    ----------
+    record : Record
+        Record.
+    fit : JointFit
+        Fit that the residual belongs to.
+    hidden : Hidden
+        What the noise model must not see.
+
+    Returns
+    -------
+    ndarray, shape (n_samples,)
+    """
+    left = np.where(record.valid, record.response_nm - fit.fitted_nm, 0.0)
     left = left - hidden.coarse @ (hidden.coarse.T @ left)
-    left = without_lines(left, record.valid, hidden.scans)
-    model = fit_noise(left, record.valid, starts=record.starts)
-    return Noise(model, make_whitener(model, record.valid, record.starts))
+    return without_lines(left, record.valid, hidden.scans)
+
+
+def plain_spectrum(record: Record, fit: JointFit, left: FloatArray) -> SlowSpectrum:
+    """Return the slow spectrum of a residual that is not whitened.
+
+    Parameters
+    ----------
+    record : Record
+        Record.
+    fit : JointFit
+        Fit.
+    left : ndarray, shape (n_samples,)
+        As `without_coarse` gives it.
+
+    Returns
+    -------
+    SlowSpectrum
+        In units of the residual: an autoregression would follow the rise towards 0 Hz part of the
+        way.
+    """
+    model = fit_noise(left, record.valid, starts=record.starts, max_order=0, keep_lines=False)
+    whitener = make_whitener(model, record.valid, record.starts)
+    return slow_spectrum(make_space(whitener, fit.explained, record.response_nm))
 
 
 def settle(
-    record: Record, terms: tuple[Term, ...], noise: Noise | None, hidden: Hidden
+    record: Record,
+    terms: tuple[Term, ...],
+    noise: Noise | None,
+    hidden: Hidden,
+    exponent: float = 0.0,
 ) -> tuple[JointFit, Noise]:
     """Fit terms and noise in turn.
 
@@ -117,6 +186,8 @@ def settle(
         Noise to start from; white without it.
     hidden : Hidden
         What the noise model must not see.
+    exponent : float
+        Exponent of the slow noise; 0 where there is none.
 
     Returns
     -------
@@ -127,9 +198,7 @@ def settle(
         white = NoiseModel((np.zeros(0),), np.ones(1), int(record.valid.sum()))
         noise = Noise(white, make_whitener(white, record.valid, record.starts))
         fit = fit_jointly(record, terms, noise.whitener, refine=False)
-        noise = _noise_of(record, fit.fitted_nm, hidden)
-    for _ in range(_NOISE_ROUNDS):
-        fit = fit_jointly(record, terms, noise.whitener)
-        terms = fit.terms
-        noise = _noise_of(record, fit.fitted_nm, hidden)
-    return fit_jointly(record, terms, noise.whitener, refine=False), noise
+        noise = _noise_of(record, fit, hidden, exponent)
+    fit = fit_jointly(record, terms, noise.whitener)
+    noise = _noise_of(record, fit, hidden, exponent)
+    return fit_jointly(record, fit.terms, noise.whitener, refine=False), noise

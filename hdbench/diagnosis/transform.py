@@ -26,13 +26,13 @@ class PhaseTransform:
     ----------
     grid : ndarray, shape (n_grid,)
         f: order where u is in turns, frequency in Hz where u is in s.
-    spread : sparse matrix, shape (rows, n)
+    spread : sparse matrix of float32, shape (rows, n)
         Spreads samples over the uniform grid.
     size : int
         Length of the FFT.
     first : int
         Index of the first grid point in the FFT.
-    correction : ndarray of complex, shape (n_grid,)
+    correction : ndarray of complex64, shape (n_grid,)
         Divides out kernel and origin.
     """
 
@@ -40,18 +40,15 @@ class PhaseTransform:
     spread: Any
     size: int
     first: int
-    correction: NDArray[np.complex128]
+    correction: NDArray[np.complex64]
 
-    def __call__(self, columns: FloatArray) -> NDArray[np.complex128]:
-        """Return the sums of columns of shape (n, k) as (k, n_grid)."""
+    def __call__(self, column: FloatArray) -> NDArray[np.complex64]:
+        """Return the sums of a column of shape (n,) as (n_grid,), to single precision."""
         from scipy.fft import rfft
 
-        spread = np.ascontiguousarray((self.spread @ columns).T)
-        out = np.empty((len(spread), len(self.grid)), dtype=np.complex128)
-        for row, line in enumerate(spread):
-            full = rfft(line, n=self.size)
-            out[row] = full[self.first : self.first + len(self.grid)] * self.correction
-        return out
+        spread = self.spread @ column.astype(np.float32)
+        full = rfft(spread, n=self.size)
+        return np.asarray(full[self.first : self.first + len(self.grid)] * self.correction)
 
 
 def plan_transform(
@@ -81,6 +78,7 @@ def plan_transform(
     """
     from scipy.fft import next_fast_len
     from scipy.sparse import csr_array
+    from scipy.special import i0
 
     first, last = max(1, int(np.ceil(low / grid_step))), int(np.floor(high / grid_step))
     index = np.arange(first, last + 1)
@@ -88,12 +86,11 @@ def plan_transform(
     reach = factor * grid_step * float(np.ptp(positions))
     size = int(next_fast_len(max(64, int(np.ceil(2.0 * _FINER * (last + 1) * max(1.0, reach))))))
     place = factor * grid_step * size * (positions - origin) + _WIDTH / 2.0
-    left = np.floor(place).astype(np.int64) - _WIDTH // 2 + 1
-    offsets = np.arange(_WIDTH)
-    rows = left[:, None] + offsets
+    left = np.floor(place).astype(np.int32) - _WIDTH // 2 + 1
+    rows = left[:, None] + np.arange(_WIDTH, dtype=np.int32)
     beta = np.pi * _WIDTH * (1.0 - 0.5 / _FINER)
     inside = 1.0 - (2.0 * (rows - place[:, None]) / _WIDTH) ** 2
-    weights = np.i0(beta * np.sqrt(np.maximum(inside, 0.0)))
+    weights = i0(beta * np.sqrt(np.maximum(inside, 0.0))).astype(np.float32)
     rows %= size
     n_rows = int(rows.max()) + 1
     # 32 bits hold any index of a record that fits into memory, and halve the matrix's
@@ -105,6 +102,7 @@ def plan_transform(
     turn = np.exp(2j * np.pi * index * _WIDTH / 2.0 / size)
     # back to the true origin of the positions
     turn = turn * np.exp(-2j * np.pi * factor * grid_step * index * origin)
+    correction = np.asarray(turn / kernel, dtype=np.complex64)
     return PhaseTransform(
-        np.asarray(grid_step * index, dtype=np.float64), spread, size, first, turn / kernel
+        np.asarray(grid_step * index, dtype=np.float64), spread, size, first, correction
     )

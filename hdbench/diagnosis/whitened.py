@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,9 @@ __all__ = ["Space", "Whitener", "make_space", "make_whitener", "orthonormal"]
 
 # directions whose share of the scaled design falls below this are sums of the others
 _RANK = 1e-9
+# kernels up to this length are applied by sums of shifted samples, longer ones by an FFT
+_SHORT = 5
+_DIRECT = 64
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,13 +27,13 @@ class Whitener:
     Parameters
     ----------
     kernel : ndarray, shape (p + 1,)
-        ``(1, -a_1, ..., -a_p)``.
+        ``(1, -a_1, ..., -a_p)``, or the first n samples of a longer response.
     std : float
         Standard deviation of the innovation.
     valid : ndarray of bool, shape (n,)
         Samples that enter.
     used : ndarray of bool, shape (n,)
-        Samples of the whitened record: valid with p valid ones directly before them.
+        Samples of the whitened record: valid with enough valid ones directly before them.
     """
 
     kernel: FloatArray
@@ -37,40 +41,65 @@ class Whitener:
     valid: NDArray[np.bool_]
     used: NDArray[np.bool_]
 
-    def apply(self, columns: FloatArray) -> FloatArray:
-        """Return A applied to columns of shape (n,) or (n, k); zero where not used."""
+    def apply(self, columns: Any) -> Any:
+        """Return A applied to columns of shape (n,) or (n, k); zero where not used.
+
+        Single precision stays single.
+        """
         table = columns[:, None] if columns.ndim == 1 else columns
-        white = np.empty(table.shape)
-        for j in range(table.shape[1]):
-            filled = np.where(self.valid, table[:, j], 0.0)
-            white[:, j] = np.convolve(filled, self.kernel)[: len(filled)]
-        white[~self.used] = 0.0
-        white /= self.std
+        white = self._filtered(table * self.valid[:, None].astype(table.dtype))
+        white *= (self.used / self.std).astype(table.dtype)[:, None]
         return white[:, 0] if columns.ndim == 1 else white
 
     def adjoint(self, columns: FloatArray) -> FloatArray:
         """Return A' applied to columns of shape (n,) or (n, k); zero where not valid."""
         table = columns[:, None] if columns.ndim == 1 else columns
-        lag = len(self.kernel) - 1
-        out = np.empty(table.shape)
+        masked = table * self.used[:, None].astype(table.dtype)
+        out = self._filtered(masked[::-1])[::-1] * (self.valid / self.std)[:, None]
+        return np.asarray(out[:, 0] if columns.ndim == 1 else out)
+
+    def _filtered(self, table: Any) -> Any:
+        """Return the causal convolution of every column with the kernel."""
+        kernel = self.kernel.astype(table.dtype)
+        if len(kernel) <= _SHORT:
+            out = kernel[0] * table
+            for lag, weight in enumerate(kernel[1:], 1):
+                out[lag:] += weight * table[:-lag]
+            return out
+        out = np.empty(table.shape, dtype=table.dtype, order="F")
+        if len(kernel) <= _DIRECT:
+            for j in range(table.shape[1]):
+                out[:, j] = np.convolve(table[:, j], kernel)[: len(table)]
+            return out
+        from scipy.fft import irfft, next_fast_len, rfft
+
+        size = next_fast_len(len(table) + len(kernel), real=True)
+        response = rfft(kernel, size)
         for j in range(table.shape[1]):
-            masked = np.where(self.used, table[:, j], 0.0)
-            out[:, j] = np.convolve(masked, self.kernel[::-1])[lag:]
-        out[~self.valid] = 0.0
-        out /= self.std
-        return out[:, 0] if columns.ndim == 1 else out
+            out[:, j] = irfft(rfft(table[:, j], size) * response, size)[: len(table)]
+        return out
 
     def power_gain(self, cycles_per_sample: FloatArray) -> NDArray[np.complex128]:
         """Return the frequency response of A, per unit of the noise."""
-        lags = np.arange(len(self.kernel))
-        turn = np.exp(-2j * np.pi * np.multiply.outer(cycles_per_sample, lags))
-        return np.asarray(turn @ self.kernel / self.std)
+        if len(self.kernel) <= _DIRECT:
+            lags = np.arange(len(self.kernel))
+            turn = np.exp(-2j * np.pi * np.multiply.outer(cycles_per_sample, lags))
+            return np.asarray(turn @ self.kernel / self.std, dtype=np.complex128)
+        from scipy.fft import next_fast_len, rfft
+
+        size = next_fast_len(4 * len(self.kernel), real=True)
+        response = rfft(self.kernel, size)
+        axis = np.arange(len(response)) / size
+        folded = np.abs(cycles_per_sample - np.round(cycles_per_sample))
+        real = np.interp(folded, axis, response.real)
+        imaginary = np.interp(folded, axis, response.imag)
+        return np.asarray((real + 1j * imaginary) / self.std, dtype=np.complex128)
 
 
 def make_whitener(
     noise: NoiseModel, valid: NDArray[np.bool_], starts: NDArray[np.bool_]
 ) -> Whitener:
-    """Return the whitener of a noise model on a record with gaps.
+    """Return the whitening operator of a noise model on a record.
 
     Parameters
     ----------
@@ -145,7 +174,7 @@ class Space:
         """Return ``M A columns``, shape (n, k)."""
         white = self.whitener.apply(columns)
         white -= self.basis @ (self.basis.T @ white)
-        return white
+        return np.asarray(white)
 
     def null_pulls(self, draws: int, rng: np.random.Generator) -> FloatArray:
         """Return ``A' M w`` for white noise w, shape (n, draws)."""

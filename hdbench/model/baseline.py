@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
 from hdbench.model.gauges import gauge_order_factor
+from hdbench.model.harmonics import amplitude_phase
 from hdbench.model.motion import Motion
 from hdbench.profile.schema import ProfileData
 from hdbench.records.trace import FloatArray
 
 __all__ = [
     "baseline_columns",
+    "baseline_numbers",
     "baseline_orders",
     "expected_torque_nm",
     "output_turns",
@@ -82,7 +85,7 @@ def output_turns(motion: Motion) -> float:
 
 
 def baseline_columns(
-    motion: Motion, profile: ProfileData
+    motion: Motion, profile: ProfileData, *, load: float = 1.0
 ) -> tuple[FloatArray, tuple[str, ...], FloatArray]:
     """Return the baseline as a fixed torque and columns with free coefficients.
 
@@ -92,11 +95,14 @@ def baseline_columns(
         Motion of the record.
     profile : ProfileData
         Load inertia, gear ratio, flexspline and ripple orders.
+    load : float
+        Coefficient of the measured load torque.
 
     Returns
     -------
     fixed_nm : ndarray, shape (n_samples,)
-        Expected torque with the coefficient J_load/N, N m; NaN at lost samples.
+        Expected torque with the coefficient J_load/N and, where the motion has one, the measured
+        load torque, N m; NaN at lost samples.
     names : tuple of str
         ``zero``, ``ripple:<order>:cosine`` and ``ripple:<order>:sine`` for every order of
         `baseline_orders` (the order as the shortest decimal that gives it back), and
@@ -106,6 +112,8 @@ def baseline_columns(
     """
     drive = profile.drive
     fixed = expected_torque_nm(motion, drive.load_inertia_kg_m2 / drive.gear_ratio)
+    if motion.load_torque_nm is not None and load != 0.0:
+        fixed = fixed + load * motion.load_torque_nm
     names, columns = ["zero"], [np.ones(len(motion))]
     for order in baseline_orders(profile):
         angle = order * motion.angle_rad
@@ -115,3 +123,47 @@ def baseline_columns(
         names += ["misalignment:cosine", "misalignment:sine"]
         columns += [np.cos(motion.output_angle_rad), np.sin(motion.output_angle_rad)]
     return fixed, tuple(names), np.column_stack(columns)
+
+
+def baseline_numbers(
+    names: Sequence[str], coefficients: Sequence[float]
+) -> tuple[float | None, tuple[tuple[float, float, float], ...], tuple[float, float]]:
+    """Return what the coefficients of a fitted baseline say.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Names as `baseline_columns` gives them.
+    coefficients : sequence of float
+        Fitted coefficient of each column, N m.
+
+    Returns
+    -------
+    zero_nm : float or None
+        Zero offset, N m; None where it was not fitted.
+    ripple : tuple of (float, float, float)
+        Order, amplitude in N m and phase in rad of each component.
+    misalignment : tuple of float
+        Amplitude in N m and phase in rad; zero where it was not fitted.
+
+    Raises
+    ------
+    ValueError
+        If the lengths differ, a name is unknown or a coefficient is not finite.
+    """
+    values = dict(zip(names, (float(c) for c in coefficients), strict=True))
+    if not all(math.isfinite(value) for value in values.values()):
+        raise ValueError(f"baseline coefficients must be finite, got {values}")
+    pairs: dict[str, tuple[float, float]] = {}
+    for name in values:
+        stem, _, part = name.rpartition(":")
+        if part == "cosine":
+            pairs[stem] = amplitude_phase(values[name], values[f"{stem}:sine"])[:2]
+        elif part not in ("sine", "zero"):
+            raise ValueError(f"unknown baseline term {name!r}")
+    ripple = tuple(
+        (float(stem.removeprefix("ripple:")), *pair)
+        for stem, pair in pairs.items()
+        if stem.startswith("ripple:")
+    )
+    return values.get("zero"), ripple, pairs.get("misalignment", (0.0, 0.0))

@@ -2,23 +2,21 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
-from hdbench.errors import DataError
-from hdbench.model.baseline import expected_torque_nm
-from hdbench.model.cause import Cause, CauseTerm, check_term
+from hdbench.model.baseline import baseline_numbers, expected_torque_nm
+from hdbench.model.cause import Cause, CauseTerm, catalogue, check_term
 from hdbench.model.gauges import gauge_order_factor
-from hdbench.model.harmonics import amplitude_phase
 from hdbench.model.motion import Motion
+from hdbench.model.term import summed_torque_nm, undone_faults
 from hdbench.profile.schema import ProfileData
 from hdbench.records.trace import FloatArray
 
-__all__ = ["BenchModel", "term_torque_nm"]
+__all__ = ["BenchModel"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,11 +39,16 @@ class BenchModel:
         Where the numbers came from.
     extra_causes : tuple of Cause
         Causes beside the catalogue that `causes` may name.
+    load : float
+        Coefficient of the measured load torque, 1; 0 where the channel does not hold it.
 
     Notes
     -----
-    .. math:: \tau = z + \frac{J}{N} \alpha_m + \sum_i A_i \cos(o_i \theta_m + \varphi_i)
+    .. math:: \tau = z + \frac{J}{N} \alpha_m + k \tau_{load}
+              + \sum_i A_i \cos(o_i \theta_m + \varphi_i)
               + A_o \cos(\theta_o + \varphi_o) + \sum_j c_j(\text{motion})
+
+    with the load term where the motion has a measured load.
     """
 
     zero_nm: float
@@ -55,6 +58,7 @@ class BenchModel:
     causes: tuple[CauseTerm, ...] = ()
     provenance: Mapping[str, Any] = field(default_factory=dict)
     extra_causes: tuple[Cause, ...] = ()
+    load: float = 1.0
 
     @classmethod
     def from_profile(cls, data: ProfileData) -> BenchModel:
@@ -88,7 +92,7 @@ class BenchModel:
         Parameters
         ----------
         motion : Motion
-            Motion at every sample.
+            Motion at every sample, as it was recorded.
 
         Returns
         -------
@@ -99,13 +103,42 @@ class BenchModel:
         ------
         DataError
             If a cause does not fit the catalogue, or needs a channel that the record lacks.
+
+        Notes
+        -----
+        Baseline and causes are computed on the motion that the bench had: causes that are faults of
+        angle or clock are undone first (`true_motion`). Causes of the noise add nothing.
         """
-        torque = self.baseline_torque_nm(motion) + self.cause_torque_nm(motion)
-        return np.where(motion.valid, torque, np.nan)
+        true = self.true_motion(motion)
+        torque = self.baseline_torque_nm(true) + self.cause_torque_nm(true)
+        return np.where(true.valid, torque, np.nan)
+
+    def true_motion(self, motion: Motion) -> Motion:
+        """Return the motion that the bench had when `motion` was recorded.
+
+        Parameters
+        ----------
+        motion : Motion
+            Motion as it was recorded.
+
+        Returns
+        -------
+        Motion
+            Without the faults of angle and clock among the causes; `motion` itself if there is
+            none.
+
+        Raises
+        ------
+        DataError
+            If a cause does not fit the catalogue.
+        """
+        return undone_faults(self.causes, motion, extra=self.extra_causes)
 
     def baseline_torque_nm(self, motion: Motion) -> FloatArray:
-        """Return zero, expected torque, ripple and misalignment, N m, shape (n_samples,)."""
+        """Return zero, expected torque, load, ripple, misalignment, N m, shape (n_samples,)."""
         torque = self.zero_nm + expected_torque_nm(motion, self.inertia_nm_s2)
+        if motion.load_torque_nm is not None and self.load != 0.0:
+            torque = torque + self.load * motion.load_torque_nm
         for order, amplitude, phase in self.ripple:
             torque = torque + amplitude * np.cos(order * motion.angle_rad + phase)
         amplitude, phase = self.misalignment
@@ -117,7 +150,7 @@ class BenchModel:
         Parameters
         ----------
         motion : Motion
-            Motion at every sample.
+            Motion at every sample, as the bench had it.
 
         Returns
         -------
@@ -128,17 +161,25 @@ class BenchModel:
         ------
         DataError
             As `torque_nm`.
+
+        Notes
+        -----
+        What acts on the whole signal (a time skew, a saturation) acts on the sum of the baseline
+        and of all causes that do not.
         """
-        torque = np.zeros(len(motion))
-        for term in self.causes:
-            torque += term_torque_nm(term, motion, extra=self.extra_causes)
-        return torque
+        return summed_torque_nm(
+            self.causes, motion, self.baseline_torque_nm, extra=self.extra_causes
+        )
 
     def terms(self) -> tuple[str, ...]:
-        """Return the names of the model's terms: baseline, then causes, in order."""
+        """Return the names of the model's terms: baseline, then causes, in order.
+
+        ``load`` is the measured load torque, in records that have one.
+        """
         ripple = tuple(f"ripple-{order:g}" for order, _, _ in self.ripple)
         causes = tuple(term.name for term in self.causes)
-        return ("zero", "expected-torque", *ripple, "misalignment", *causes)
+        load = ("load",) if self.load != 0.0 else ()
+        return ("zero", "expected-torque", *load, *ripple, "misalignment", *causes)
 
     def with_cause(self, term: CauseTerm) -> BenchModel:
         """Return the model extended by one cause.
@@ -159,6 +200,33 @@ class BenchModel:
         """
         check_term(term, where=f"cause {term.name!r}", extra=self.extra_causes)
         return replace(self, causes=(*self.causes, term))
+
+    def with_extra(self, causes: Sequence[Cause]) -> BenchModel:
+        """Return the model that may also name these causes.
+
+        Parameters
+        ----------
+        causes : sequence of Cause
+            Causes of the user's own. One that the model has already, by the same declaration, is
+            the same.
+
+        Returns
+        -------
+        BenchModel
+
+        Raises
+        ------
+        DataError
+            If a name stands for another cause.
+        """
+        known = {cause.name: cause for cause in self.extra_causes}
+        for cause in causes:
+            same = known.get(cause.name)
+            if same is not None and same.definition == cause.definition is not None:
+                continue
+            catalogue((*known.values(), cause))
+            known[cause.name] = cause
+        return replace(self, extra_causes=tuple(known.values()))
 
     def with_baseline(self, names: Sequence[str], coefficients: Sequence[float]) -> BenchModel:
         """Return the model with a fitted baseline.
@@ -181,57 +249,10 @@ class BenchModel:
         ValueError
             If the lengths differ, a name is unknown or a coefficient is not finite.
         """
-        values = dict(zip(names, (float(c) for c in coefficients), strict=True))
-        if not all(math.isfinite(value) for value in values.values()):
-            raise ValueError(f"baseline coefficients must be finite, got {values}")
-        pairs: dict[str, tuple[float, float]] = {}
-        for name in values:
-            stem, _, part = name.rpartition(":")
-            if part == "cosine":
-                pairs[stem] = amplitude_phase(values[name], values[f"{stem}:sine"])[:2]
-            elif part not in ("sine", "zero"):
-                raise ValueError(f"unknown baseline term {name!r}")
-        ripple = tuple(
-            (float(stem.removeprefix("ripple:")), *pair)
-            for stem, pair in pairs.items()
-            if stem.startswith("ripple:")
-        )
+        zero, ripple, misalignment = baseline_numbers(names, coefficients)
         return replace(
             self,
-            zero_nm=values.get("zero", self.zero_nm),
+            zero_nm=self.zero_nm if zero is None else zero,
             ripple=ripple,
-            misalignment=pairs.get("misalignment", (0.0, 0.0)),
+            misalignment=misalignment,
         )
-
-
-def term_torque_nm(term: CauseTerm, motion: Motion, *, extra: Sequence[Cause] = ()) -> FloatArray:
-    """Return the torque of one cause.
-
-    Parameters
-    ----------
-    term : CauseTerm
-        A cause with numbers.
-    motion : Motion
-        Motion at every sample.
-    extra : sequence of Cause
-        Causes beside the catalogue.
-
-    Returns
-    -------
-    ndarray, shape (n_samples,)
-        N m.
-
-    Raises
-    ------
-    DataError
-        If the numbers do not fit the cause, or the record lacks a channel that it needs.
-    """
-    cause = check_term(term, where=f"cause {term.name!r}", extra=extra)
-    for channel in cause.channels:
-        if getattr(motion, channel) is None:
-            raise DataError(
-                f"the model's cause {cause.name} needs {channel}, which the record does not have",
-                where=f"cause {cause.name!r}",
-                fix=f"give a record with a column {channel}, or take the cause out of the model",
-            )
-    return np.asarray(cause.columns(motion, term.shape) @ np.asarray(term.linear))

@@ -11,7 +11,8 @@ import numpy as np
 from hdbench.errors import DataError
 from hdbench.model.causes import ALL_CAUSES
 from hdbench.model.definition import Cause, CauseTerm, Parameter, shape_bounds
-from hdbench.model.harmonics import amplitude_phase, pair_tags, standard_uncertainty
+from hdbench.model.harmonics import amplitude_phase, quadratures, standard_uncertainty
+from hdbench.model.plugins import plugin_causes
 from hdbench.records.trace import FloatArray
 
 __all__ = [
@@ -40,14 +41,16 @@ def catalogue(extra: Iterable[Cause] = ()) -> Mapping[str, Cause]:
     Returns
     -------
     mapping of str to Cause
-        Read-only, in the order of the contract, then `extra`.
+        Read-only: in the order of the contract, then those that installed packages bring (entry
+        point group ``hdbench.causes``), then `extra`.
 
     Raises
     ------
     DataError
-        If a further cause takes a name that is taken.
+        If a further cause takes a name that is taken, or an installed package cannot give its
+        causes.
     """
-    named = {cause.name: cause for cause in ALL_CAUSES}
+    named = {cause.name: cause for cause in (*ALL_CAUSES, *plugin_causes())}
     for cause in extra:
         if cause.name in named:
             raise DataError(
@@ -59,7 +62,7 @@ def catalogue(extra: Iterable[Cause] = ()) -> Mapping[str, Cause]:
     return MappingProxyType(named)
 
 
-def cause_named(name: str, *, where: str, extra: Iterable[Cause] = ()) -> Cause:
+def cause_named(name: str, *, where: str, extra: Sequence[Cause] = ()) -> Cause:
     """Return the cause with this name.
 
     Parameters
@@ -68,7 +71,7 @@ def cause_named(name: str, *, where: str, extra: Iterable[Cause] = ()) -> Cause:
         Name of a cause.
     where : str
         Place of the name, for the error.
-    extra : iterable of Cause
+    extra : sequence of Cause
         Further causes.
 
     Returns
@@ -78,8 +81,13 @@ def cause_named(name: str, *, where: str, extra: Iterable[Cause] = ()) -> Cause:
     Raises
     ------
     DataError
-        If there is none; the nearest name that exists is proposed.
+        If there is none, and the nearest name that exists is proposed; or an installed package
+        cannot give its causes.
     """
+    # no installed package is asked for a name that stands here
+    for cause in (*ALL_CAUSES, *extra):
+        if cause.name == name:
+            return cause
     known = catalogue(extra)
     if name in known:
         return known[name]
@@ -87,11 +95,11 @@ def cause_named(name: str, *, where: str, extra: Iterable[Cause] = ()) -> Cause:
     raise DataError(
         f"unknown cause {name!r}; needed: a name of the catalogue, nearest is {near!r}",
         where=where,
-        fix=f"write {near!r}, or see `hdbench diagnose --list-causes`",
+        fix=f"write {near!r}, see `hdbench diagnose --list-causes`, or install what brings it",
     )
 
 
-def check_term(term: CauseTerm, *, where: str, extra: Iterable[Cause] = ()) -> Cause:
+def check_term(term: CauseTerm, *, where: str, extra: Sequence[Cause] = ()) -> Cause:
     """Return the cause of `term` after making sure that its numbers fit.
 
     Parameters
@@ -100,7 +108,7 @@ def check_term(term: CauseTerm, *, where: str, extra: Iterable[Cause] = ()) -> C
         A cause with numbers.
     where : str
         Place of the term, for the error.
-    extra : iterable of Cause
+    extra : sequence of Cause
         Further causes.
 
     Returns
@@ -170,12 +178,12 @@ def cause_parameters(
     matrix = _matrix(covariance if covariance is not None else term.covariance, cause)
     table: ParameterTable = {}
     names = [parameter.name for parameter in cause.linear]
-    for tag in pair_tags(cause):
-        c, s = names.index(f"cosine{tag}_nm"), names.index(f"sine{tag}_nm")
+    for pair in quadratures(cause):
+        c, s = names.index(pair.cosine), names.index(pair.sine)
         part = None if matrix is None else matrix[np.ix_([c, s], [c, s])]
         amplitude, phase, a_std, p_std = amplitude_phase(term.linear[c], term.linear[s], part)
-        table[f"amplitude{tag}_nm"] = _entry(amplitude, a_std, "N m")
-        table[f"phase{tag}_rad"] = _entry(phase, p_std, "rad")
+        table[pair.amplitude] = _entry(amplitude, a_std, pair.unit)
+        table[pair.phase] = _entry(phase, p_std, "rad")
     n = len(cause.linear)
     for index, parameter in enumerate(cause.shape):
         std = _diagonal(matrix, n + index)

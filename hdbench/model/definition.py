@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from hdbench.model.motion import Motion
 from hdbench.records.trace import FloatArray
 
-__all__ = ["Cause", "CauseTerm", "Parameter", "always", "shape_bounds"]
+__all__ = ["Cause", "CauseTerm", "Parameter", "always", "shape_bounds", "unbounded"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,6 +72,23 @@ def always(motion: Motion) -> str | None:
     return None
 
 
+def unbounded(motion: Motion) -> Mapping[str, tuple[float, float]]:
+    """Return no bounds: every value of the domain can be told on any record.
+
+    Parameters
+    ----------
+    motion : Motion
+        Any motion.
+
+    Returns
+    -------
+    mapping
+        Empty.
+    """
+    del motion
+    return {}
+
+
 @dataclass(frozen=True, slots=True)
 class Cause:
     """One entry of the catalogue: equation, signature and the columns it adds to the torque.
@@ -86,7 +104,7 @@ class Cause:
     linear : tuple of Parameter
         Parameters that multiply the columns, one each.
     locked_to : str
-        What it follows: motor, output, clock, velocity, acceleration, load or time.
+        What it follows: motor, output, clock, velocity, acceleration, load, current or time.
     parity : str
         Sign behaviour under reversal of speed and of load.
     channel : str
@@ -106,6 +124,20 @@ class Cause:
         ``applicable(motion)`` gives None, or why this record cannot show the cause.
     channels : tuple of str
         Channels that the columns need beside the motion itself, by the names of `Motion`.
+    additive : bool
+        True where the cause is a torque that `columns` gives; False where it is one of the noise or
+        of the acquisition: it then has shape parameters alone and `columns` has no column.
+    change_motion : callable or None
+        ``change_motion(motion, shape)`` gives the motion that the bench really had, for a fault of
+        the angle or of the clock; None for all other causes.
+    reach : callable
+        ``reach(motion)`` gives for some shape parameters the ends (lower, upper) between which this
+        record can tell their values apart; a search stays inside of them.
+    whole_signal : bool
+        True where `columns` acts on all of the torque in the channel, `Motion.simulated_nm`.
+    definition : mapping or None
+        The declaration that a cause of a user's own was read from, JSON-able, so that a model file
+        can carry it; None for all others.
     """
 
     name: str
@@ -122,6 +154,11 @@ class Cause:
     harmonic: bool
     applicable: Callable[[Motion], str | None] = always
     channels: tuple[str, ...] = ()
+    additive: bool = True
+    change_motion: Callable[[Motion, Mapping[str, float]], Motion] | None = None
+    reach: Callable[[Motion], Mapping[str, tuple[float, float]]] = unbounded
+    whole_signal: bool = False
+    definition: Mapping[str, Any] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,18 +197,18 @@ def shape_bounds(cause: Cause, motion: Motion) -> dict[str, tuple[tuple[float, f
     -------
     dict
         Name of each shape parameter to its bands (lower, upper), its own domain cut to what the
-        record can show: times inside the record, frequencies up to half the sampling rate. Empty
-        bands where nothing is left.
+        record can show: times inside the record, frequencies up to half the sampling rate, and
+        what the cause itself says (`Cause.reach`). Empty bands where nothing is left.
     """
     first, last = float(motion.time_s[0]), float(motion.time_s[-1])
     span = last - first
     period = float(np.median(np.diff(motion.time_s))) if len(motion.time_s) > 1 else math.inf
-    limits = {"Hz": (1.0 / span if span > 0.0 else math.inf, 0.5 / period)}
+    by_unit = {"Hz": (1.0 / span if span > 0.0 else math.inf, 0.5 / period)}
+    by_name = {"step_time_s": (first, last), **cause.reach(motion)}
     result = {}
     for parameter in cause.shape:
-        low, high = limits.get(parameter.unit, (-math.inf, math.inf))
-        if parameter.name == "step_time_s":
-            low, high = first, last
+        anywhere = by_unit.get(parameter.unit, (-math.inf, math.inf))
+        low, high = by_name.get(parameter.name, anywhere)
         bands = parameter.bands or ((parameter.lower, parameter.upper),)
         cut = ((max(a, low), min(b, high)) for a, b in bands)
         result[parameter.name] = tuple((a, b) for a, b in cut if a < b)

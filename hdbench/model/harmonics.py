@@ -3,17 +3,39 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
 from hdbench.model.definition import Cause
 from hdbench.records.trace import FloatArray
 
-__all__ = ["amplitude_phase", "pair_tags", "standard_uncertainty"]
+__all__ = ["Quadratures", "amplitude_phase", "quadratures", "standard_uncertainty"]
 
 
-def pair_tags(cause: Cause) -> tuple[str, ...]:
-    """Return the tags of the (cosine, sine) pairs among the linear parameters.
+@dataclass(frozen=True, slots=True)
+class Quadratures:
+    """Names of a (cosine, sine) pair of linear parameters and of what it is stated as.
+
+    Parameters
+    ----------
+    cosine, sine : str
+        Names of the linear parameters, such as ``cosine_2_nm``.
+    amplitude, phase : str
+        Names of amplitude and phase, such as ``amplitude_2_nm`` and ``phase_2_rad``.
+    unit : str
+        Unit of cosine, sine and amplitude.
+    """
+
+    cosine: str
+    sine: str
+    amplitude: str
+    phase: str
+    unit: str
+
+
+def quadratures(cause: Cause) -> tuple[Quadratures, ...]:
+    """Return the (cosine, sine) pairs among the linear parameters.
 
     Parameters
     ----------
@@ -22,15 +44,18 @@ def pair_tags(cause: Cause) -> tuple[str, ...]:
 
     Returns
     -------
-    tuple of str
-        One tag per pair, in order: ``""`` for ``cosine_nm``, ``"_2"`` for ``cosine_2_nm``.
+    tuple of Quadratures
+        In order of the parameters.
     """
-    names = [parameter.name for parameter in cause.linear]
-    return tuple(
-        name.removeprefix("cosine").removesuffix("_nm")
-        for name in names
-        if name.startswith("cosine") and name.replace("cosine", "sine", 1) in names
-    )
+    units = {parameter.name: parameter.unit for parameter in cause.linear}
+    pairs = []
+    for name, unit in units.items():
+        rest = name.removeprefix("cosine")
+        if rest == name or f"sine{rest}" not in units:
+            continue
+        phase = f"phase{rest.rpartition('_')[0]}_rad"
+        pairs.append(Quadratures(name, f"sine{rest}", f"amplitude{rest}", phase, unit))
+    return tuple(pairs)
 
 
 def amplitude_phase(

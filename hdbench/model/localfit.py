@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from hdbench.records.trace import FloatArray
 
-__all__ = ["LocalFit", "fit_derivative", "segments"]
+__all__ = ["LocalFit", "fit_derivative", "segments", "smoothed"]
 
 # a window of fewer samples than this has next to no averaging left for the degrees used here
 _MIN_HALF_WIDTH = 3
@@ -112,6 +112,39 @@ def fit_derivative(
     known = residual[np.isfinite(residual)]
     scatter = float(np.sqrt(np.mean(known * known))) / spare if len(known) else float("nan")
     return LocalFit(result, scatter * float(np.linalg.norm(slope_row)))
+
+
+def smoothed(time_s: FloatArray, values: FloatArray, *, degree: int, window_s: float) -> FloatArray:
+    """Smooth by a polynomial fitted to the samples around each sample.
+
+    Parameters
+    ----------
+    time_s : ndarray, shape (n_samples,)
+        Time, s, strictly increasing, at least two samples.
+    values : ndarray, shape (n_samples,)
+        Samples; NaN marks a lost one, which no fit uses.
+    degree : int
+        Degree of the polynomial, at least 1.
+    window_s : float
+        Length of the window, s; at least seven samples are used.
+
+    Returns
+    -------
+    ndarray, shape (n_samples,)
+        Value of the polynomial at every sample, without phase; the sample itself where too few
+        stand around it, NaN where it is lost.
+    """
+    result = np.array(values, dtype=np.float64)
+    present = np.flatnonzero(np.isfinite(values))
+    if len(present) < 2:
+        return result
+    time, samples = time_s[present], values[present]
+    period = float(np.median(np.diff(time)))
+    half = max(round(0.5 * window_s / period), _MIN_HALF_WIDTH)
+    for part in segments(time, period):
+        _, rest = _segment(time[part], samples[part], half, degree, 1)
+        result[present[part]] = samples[part] - np.where(np.isfinite(rest), rest, 0.0)
+    return result
 
 
 def _rows(offsets: FloatArray, degree: int, derivative: int) -> tuple[FloatArray, FloatArray]:

@@ -17,7 +17,8 @@ from hdbench.model.cause import (
     cause_parameters,
     check_term,
 )
-from hdbench.model.harmonics import pair_tags
+from hdbench.model.declared import declared_cause
+from hdbench.model.harmonics import quadratures
 from hdbench.model.jsonnode import JsonNode
 from hdbench.records.jsonfile import ProfileIdentity, read_json, result_header, write_json
 
@@ -74,7 +75,8 @@ def model_dict(
     -------
     dict
         Header, ``baseline``, ``causes`` (``name``, ``parameters`` with value, std and unit, and
-        ``covariance`` of linear and shape parameters or None) and ``provenance``.
+        ``covariance`` of linear and shape parameters or None), ``definitions`` (declarations of the
+        user's own causes among them) and ``provenance``.
 
     Raises
     ------
@@ -87,6 +89,7 @@ def model_dict(
         "baseline": {
             "zero_nm": model.zero_nm,
             "inertia_nm_s2": model.inertia_nm_s2,
+            "load": model.load,
             "ripple": [
                 {"order": order, "amplitude_nm": a, "phase_rad": p} for order, a, p in model.ripple
             ],
@@ -100,6 +103,7 @@ def model_dict(
             }
             for term in model.causes
         ],
+        "definitions": _definitions(model),
         "provenance": {**model.provenance, **provenance},
     }
 
@@ -113,7 +117,8 @@ def load_model(path: Path, *, extra: Sequence[Cause] = ()) -> BenchModel:
         A file that `save_model` or a person wrote. A (cosine, sine) pair may be given by its
         amplitude and phase alone.
     extra : sequence of Cause
-        Causes beside the catalogue that the file may name.
+        Causes beside the catalogue and beside those that the file itself declares, that it may
+        name.
 
     Returns
     -------
@@ -129,6 +134,8 @@ def load_model(path: Path, *, extra: Sequence[Cause] = ()) -> BenchModel:
     body = JsonNode(read_json(path, MODEL_SCHEMA), str(path), "")
     baseline = body.node("baseline")
     inertia = baseline.number("inertia_nm_s2", low=0.0)
+    # files written before a measured load was part of the baseline have no such key
+    load = baseline.number("load") if "load" in baseline.value else 1.0
     ripple = tuple(
         (item.number("order", low=0.0), *_amplitude(item)) for item in baseline.nodes("ripple")
     )
@@ -138,11 +145,28 @@ def load_model(path: Path, *, extra: Sequence[Cause] = ()) -> BenchModel:
         ripple,
         _amplitude(baseline.node("misalignment")),
         provenance=body.node("provenance").value if "provenance" in body.value else {},
-        extra_causes=tuple(extra),
-    )
+        load=load,
+    ).with_extra((*extra, *_declared(body)))
     for item in body.nodes("causes"):
-        model = model.with_cause(_term(item, extra))
+        model = model.with_cause(_term(item, model.extra_causes))
     return model
+
+
+def _definitions(model: BenchModel) -> list[dict[str, Any]]:
+    """Return the declarations of the causes of `model` that were declared."""
+    used = {term.name for term in model.causes}
+    own = (cause for cause in model.extra_causes if cause.name in used)
+    return [dict(cause.definition) for cause in own if cause.definition is not None]
+
+
+def _declared(body: JsonNode) -> list[Cause]:
+    """Return the causes that a model file declares; files of old have none."""
+    if "definitions" not in body.value:
+        return []
+    return [
+        declared_cause(node.value, where=f"{node.file}: key {node.key.removesuffix('.')}")
+        for node in body.nodes("definitions")
+    ]
 
 
 def _amplitude(node: JsonNode) -> tuple[float, float]:
@@ -180,20 +204,20 @@ def _term(node: JsonNode, extra: Sequence[Cause]) -> CauseTerm:
 def _with_pairs(cause: Cause, values: dict[str, float], where: str) -> dict[str, float]:
     """Return `values` with cosine and sine in the place of amplitude and phase."""
     values = dict(values)
-    for tag in pair_tags(cause):
-        amplitude = values.pop(f"amplitude{tag}_nm", None)
-        phase = values.pop(f"phase{tag}_rad", None)
+    for pair in quadratures(cause):
+        amplitude = values.pop(pair.amplitude, None)
+        phase = values.pop(pair.phase, None)
         if amplitude is None or phase is None:
             continue
         given = (amplitude * math.cos(phase), -amplitude * math.sin(phase))
-        for name, value in zip((f"cosine{tag}_nm", f"sine{tag}_nm"), given, strict=True):
+        for name, value in zip((pair.cosine, pair.sine), given, strict=True):
             stated = values.setdefault(name, value)
             if not abs(stated - value) <= _AGREE * max(abs(amplitude), abs(stated)):
                 raise DataError(
-                    f"{name} is {stated!r}, but amplitude{tag}_nm and phase{tag}_rad give "
-                    f"{value!r} N m; needed: one of the two",
+                    f"{name} is {stated!r}, but {pair.amplitude} and {pair.phase} give "
+                    f"{value!r} {pair.unit}; needed: one of the two",
                     where=where,
-                    fix=f"take out cosine{tag}_nm and sine{tag}_nm, or amplitude and phase",
+                    fix=f"take out {pair.cosine} and {pair.sine}, or amplitude and phase",
                 )
     return values
 

@@ -9,20 +9,21 @@ from numpy.typing import NDArray
 
 from hdbench.errors import DataError
 from hdbench.model.gauges import gauge_order_factor
-from hdbench.model.localfit import fit_derivative
+from hdbench.model.kinematics import (
+    ACCELERATION_WINDOW_S,
+    integrate_velocity,
+    sampled_acceleration,
+)
+from hdbench.model.localfit import smoothed
 from hdbench.profile.schema import ProfileData
 from hdbench.records.trace import FloatArray, Trace
 
-__all__ = ["ACCELERATION_WINDOW_S", "Motion", "integrate_velocity", "motion_from_trace"]
+__all__ = ["ACCELERATION_WINDOW_S", "Motion", "motion_from_trace"]
 
-# window of the acceleration: 20 ms hold 21 samples at 1 kHz, which leaves J/N times the noise near
-# 1 mN m with the profile's tacho, and passes a 10 Hz motion to within 0.1 %
-ACCELERATION_WINDOW_S = 0.020
-# degrees whose derivative at the centre of the window is exact for cubic velocity
-_VELOCITY_DEGREE = 3
-_ANGLE_DEGREE = 4
-# a step this many median periods long means that samples are missing: one lost sample makes 2
-_BRIDGE = 1.5
+# degree of the polynomial that smooths a measured load: passes a ramp and a bend
+_LOAD_DEGREE = 2
+# an expected torque nearer than this many standard deviations to its own noise is noise to causes
+_ABOVE_NOISE = 10.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,6 +61,17 @@ class Motion:
         Motor orders per order relative to the gauges: 1, or 1 + 1/N on a turning flexspline.
     load_torque_nm, motor_current_a, temperature_c : ndarray or None
         Further channels of the record; None where it has none.
+    inertia_nm_s2 : float
+        J_load/N, N m per rad/s^2 of the motor.
+    starts : ndarray of bool or None
+        True where a sample does not follow its predecessor, so that nothing that remembers is
+        carried over; None where only the first sample is such a start.
+    simulated_nm : ndarray or None
+        Torque of the fitted or given baseline, N m, for causes that act on the whole signal (a time
+        skew, a saturation); None where no baseline is known yet.
+    load_smooth_nm : ndarray or None
+        `load_torque_nm` without its fast noise, N m, for causes: the same noise stands in the
+        residual, and what is made of it would find itself there. None where the load is exact.
     """
 
     time_s: FloatArray
@@ -78,6 +90,23 @@ class Motion:
     load_torque_nm: FloatArray | None = None
     motor_current_a: FloatArray | None = None
     temperature_c: FloatArray | None = None
+    inertia_nm_s2: float = 0.0
+    starts: NDArray[np.bool_] | None = None
+    simulated_nm: FloatArray | None = None
+    load_smooth_nm: FloatArray | None = None
+
+    @property
+    def applied_nm(self) -> FloatArray:
+        """Known torque through the flexspline, N m: measured load (if any) and expected torque.
+
+        Both without their noise, which stands in the residual too: the load smoothed, the expected
+        torque only where the acceleration stands out.
+        """
+        floor = _ABOVE_NOISE * self.acceleration_noise_rad_s2
+        quiet = np.abs(self.acceleration_rad_s2) <= floor
+        expected = self.inertia_nm_s2 * np.where(quiet, 0.0, self.acceleration_rad_s2)
+        load = self.load_torque_nm if self.load_smooth_nm is None else self.load_smooth_nm
+        return expected if load is None else expected + load
 
     def __len__(self) -> int:
         return len(self.time_s)
@@ -115,7 +144,7 @@ def motion_from_trace(trace: Trace, profile: ProfileData) -> Motion:
     angle, source, bridged = _angle(trace, profile, velocity)
     measured_output = trace.columns.get("output_angle_rad")
     output = angle / profile.drive.gear_ratio if measured_output is None else measured_output
-    acceleration, from_what, noise = _acceleration(time, velocity, angle, source)
+    acceleration, from_what, noise = sampled_acceleration(time, velocity, angle, source)
     valid = np.isfinite(velocity) & np.isfinite(angle) & np.isfinite(output)
     valid &= np.isfinite(acceleration)
     if int(valid.sum()) < 5:
@@ -141,41 +170,17 @@ def motion_from_trace(trace: Trace, profile: ProfileData) -> Motion:
         trace.columns.get("load_torque_nm"),
         trace.columns.get("motor_current_a"),
         trace.columns.get("temperature_c"),
+        profile.drive.load_inertia_kg_m2 / profile.drive.gear_ratio,
+        load_smooth_nm=_smooth_load(trace, time),
     )
 
 
-def integrate_velocity(
-    time_s: FloatArray, velocity_rad_s: FloatArray
-) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """Integrate velocity as the contract does.
-
-    Parameters
-    ----------
-    time_s : ndarray, shape (n_samples,)
-        Time, s, strictly increasing.
-    velocity_rad_s : ndarray, shape (n_samples,)
-        Velocity, rad/s; NaN where lost.
-
-    Returns
-    -------
-    angle_rad : ndarray, shape (n_samples,)
-        angle(0) = 0, angle(k+1) = angle(k) + velocity(k) (t(k+1) - t(k)); a lost velocity is
-        replaced by the last one before it (by the first one after it where there is none before).
-    bridged : ndarray of bool, shape (n_samples,)
-        True at each sample that was reached over missing ones: by a replaced velocity, or by a
-        step longer than 1.5 median periods.
-    """
-    lost = ~np.isfinite(velocity_rad_s)
-    steps = np.diff(time_s)
-    bridged = np.zeros(len(time_s), dtype=bool)
-    if bool(lost.all()):
-        return np.full(len(time_s), np.nan), ~bridged
-    last = np.maximum.accumulate(np.where(lost, -1, np.arange(len(time_s))))
-    held = velocity_rad_s[np.where(last < 0, int(np.argmin(lost)), last)]
-    angle = np.concatenate(([0.0], np.cumsum(held[:-1] * steps)))
-    if len(steps):
-        bridged[1:] = lost[:-1] | (steps > _BRIDGE * float(np.median(steps)))
-    return angle, bridged
+def _smooth_load(trace: Trace, time: FloatArray) -> FloatArray | None:
+    """Return the measured load without its fast noise, in the window of the acceleration."""
+    load = trace.columns.get("load_torque_nm")
+    if load is None:
+        return None
+    return smoothed(time, load, degree=_LOAD_DEGREE, window_s=ACCELERATION_WINDOW_S)
 
 
 def _checked_time(trace: Trace) -> FloatArray:
@@ -218,20 +223,3 @@ def _angle(
         return trace["encoder_count"] * scale, "encoder_count", None
     angle, bridged = integrate_velocity(trace.time_s, velocity)
     return angle, "velocity", bridged
-
-
-def _acceleration(
-    time: FloatArray, velocity: FloatArray, angle: FloatArray, source: str
-) -> tuple[FloatArray, str, float]:
-    """Return the acceleration, what it came from and its noise, rad/s^2."""
-    by_velocity = fit_derivative(
-        time, velocity, derivative=1, degree=_VELOCITY_DEGREE, window_s=ACCELERATION_WINDOW_S
-    )
-    if source != "velocity":
-        by_angle = fit_derivative(
-            time, angle, derivative=2, degree=_ANGLE_DEGREE, window_s=ACCELERATION_WINDOW_S
-        )
-        # false where either is unknown (NaN): the velocity is then kept
-        if by_angle.noise_std < by_velocity.noise_std:
-            return by_angle.derivative, "angle", by_angle.noise_std
-    return by_velocity.derivative, "velocity", by_velocity.noise_std

@@ -8,6 +8,7 @@ import numpy as np
 
 from hdbench.errors import UsageError
 from hdbench.model.bench import BenchModel
+from hdbench.model.cause import check_term
 from hdbench.model.motion import motion_from_trace
 from hdbench.model.waves import reference_voltage
 from hdbench.profile.schema import ProfileData, ReferenceWave
@@ -30,6 +31,8 @@ _MOTION_COLUMNS = (
 )
 # longest step of the servo's integration: a fiftieth of the time constant of a 30 Hz velocity loop
 _SERVO_STEP_S = 1e-4
+# the ideal bench stands in a room that keeps its temperature
+_ROOM_C = 20.0
 # samples of a run that still fit a gigabyte with all their columns
 _MAX_SAMPLES = 10_000_000
 
@@ -93,12 +96,15 @@ def simulate_run(
     -------
     Trace
         ``time_s``, ``reference_v``, ``motor_velocity_rad_s``, ``motor_angle_rad`` (0 at the start)
-        and ``torque_nm``.
+        and ``torque_nm``; ``motor_current_a`` (of the acceleration alone) and ``temperature_c``
+        (20 degC) where a cause of the model needs them.
 
     Raises
     ------
     UsageError
         If duration or noise is out of its domain.
+    DataError
+        If a cause of the model does not fit.
 
     Notes
     -----
@@ -125,11 +131,31 @@ def simulate_run(
             "reference_v": reference_voltage(wave, time, duration_s),
             "motor_velocity_rad_s": velocity,
             "motor_angle_rad": angle,
+            **_needed_channels(profile, model, velocity),
         },
         f"simulation of {profile.name}",
     )
     torque = model.torque_nm(motion_from_trace(trace, profile))
     return with_noise(trace.with_columns(torque_nm=torque), noise_nm, rng)
+
+
+def _needed_channels(
+    profile: ProfileData, model: BenchModel, velocity: FloatArray
+) -> dict[str, FloatArray]:
+    """Return the channels beside the motion that the model's causes need, of an ideal bench."""
+    needed = {
+        channel
+        for term in model.causes
+        for channel in check_term(term, where="model", extra=model.extra_causes).channels
+    }
+    channels = {}
+    if "motor_current_a" in needed:
+        servo = profile.servo
+        slope = np.gradient(velocity, profile.daq.sample_period_s)
+        channels["motor_current_a"] = slope * (servo.max_current_a / servo.max_acceleration_rad_s2)
+    if "temperature_c" in needed:
+        channels["temperature_c"] = np.full(len(velocity), _ROOM_C)
+    return channels
 
 
 def with_noise(trace: Trace, noise_nm: float, rng: np.random.Generator) -> Trace:

@@ -112,7 +112,24 @@ def summary(result: Mapping[str, Any], _source: Source) -> str:
             f"measurement by {short(before)} N·m rms, the extended one by {short(after)} N·m rms "
             f"({100.0 * (1.0 - (after / before) ** 2):.0f} % of the residual variance explained). "
         )
-    return text
+    return text + _filter_words(result.get("filter_gain"))
+
+
+def _filter_words(gain: Any) -> str:
+    """Say what the filter gains by the orders found; nothing where there is no such figure."""
+    if not isinstance(gain, Mapping):
+        return ""
+    rms = gain["error_rms_nm"]
+    sizes = ", ".join(
+        f"motor order {plain(block['order'])} from {short(float(block['amplitude_nm']['before']))} "
+        f"to {short(float(block['amplitude_nm']['after']))} N·m"
+        for block in gain["blocks"]
+    )
+    return (
+        f"With the new orders as blocks of the filter, its output holds {sizes}, and is off by "
+        f"{short(float(rms['before']))} and {short(float(rms['after']))} N·m rms without and with "
+        "them. "
+    )
 
 
 def numbers(result: Mapping[str, Any], source: Source) -> tuple[KeyNumber, ...]:
@@ -150,7 +167,7 @@ def numbers(result: Mapping[str, Any], source: Source) -> tuple[KeyNumber, ...]:
 
 
 def pictures(source: Source, prefix: str, doubts: list[str]) -> tuple[Picture, ...]:
-    """Draw the residual before and after, over time, motor order and frequency.
+    """Draw the residual before and after, in every domain.
 
     Parameters
     ----------
@@ -166,9 +183,13 @@ def pictures(source: Source, prefix: str, doubts: list[str]) -> tuple[Picture, .
     tuple of Picture
         Those for which the run holds data.
     """
+    from hdbench.report.figures_loads import load_pictures
+    from hdbench.report.figures_maps import map_pictures
     from hdbench.report.figures_residual import residual_pictures
 
     columns = read_columns(source.folder / "residual.csv")
+    if columns is not None and "falling" in columns:
+        return load_pictures(columns, prefix)
     if columns is None:
         doubts.append("residual.csv is not there: the residual is not drawn.")
         return ()
@@ -177,4 +198,5 @@ def pictures(source: Source, prefix: str, doubts: list[str]) -> tuple[Picture, .
         for file in sorted(source.folder.glob("*spectrum*.csv"))
         if (table := read_columns(file)) is not None
     }
-    return residual_pictures(columns, spectra, prefix)
+    drawn = residual_pictures(columns, spectra, prefix)
+    return drawn + map_pictures(source.folder, prefix)

@@ -111,8 +111,8 @@ def probability(value: Any) -> str:
     """
     if isinstance(value, bool) or not isinstance(value, int | float):
         return DASH
-    # the smallest double that keeps its digits
-    return "below 1e-300" if value < 1e-300 else f"{value:.1e}"
+    # what is smaller says no more than that there is an effect: no law of the null holds there
+    return "below 1e-9" if value < 1e-9 else f"{value:.1e}"
 
 
 def unit_words(unit: str) -> str:

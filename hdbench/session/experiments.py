@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+from hdbench.diagnosis.planning.segments import MotionPlan
 from hdbench.filter import kernel_name
 from hdbench.profile import Profile
 from hdbench.profile.scaling import profile_scale, read_calibration
 from hdbench.records.runfolder import RunFolder
 from hdbench.session.filters import choose_filter
 from hdbench.session.keeping import Run
+from hdbench.session.motionplans import motion_plan
 from hdbench.session.options import BenchOptions, RunOutcome
 from hdbench.session.plans import (
     Plan,
@@ -31,7 +33,7 @@ _PLANS: dict[str, Callable[..., Plan]] = {
 }
 
 
-def make_plan(kind: str, profile: Profile) -> Plan:
+def make_plan(kind: str, profile: Profile, motion: MotionPlan | None = None) -> Plan:
     """Plan an experiment and hold it against the profile's limits.
 
     Parameters
@@ -40,6 +42,8 @@ def make_plan(kind: str, profile: Profile) -> Plan:
         ``calibration``, ``misalignment`` or ``ripple``.
     profile : Profile
         The bench.
+    motion : MotionPlan or None
+        Content of a plan file to run instead of the profile's motion.
 
     Returns
     -------
@@ -51,7 +55,8 @@ def make_plan(kind: str, profile: Profile) -> Plan:
     UsageError
         If a step is outside a limit.
     """
-    plan = _PLANS[kind](profile.data)
+    data = profile.data
+    plan = _PLANS[kind](data) if motion is None else motion_plan(kind, motion, data)
     check_plan(plan, profile.data)
     return plan
 
@@ -86,7 +91,7 @@ def run_experiment(
     DeviceError, StorageError, Aborted
         When the device, the disk, the operator or a limit ended it; the run is kept.
     """
-    plan = make_plan(kind, profile)
+    plan = make_plan(kind, profile, options.motion)
     scale = read_calibration(options.calibration) if options.calibration else profile_scale(profile)
     model = choose_filter(profile, options.filter_name, misalignment=options.misalignment)
     with listen() as stop:

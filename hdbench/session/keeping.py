@@ -114,6 +114,13 @@ class Run:
                 where=f"{self.kind} run",
                 fix="run without --no-input; motion alone can be confirmed with --yes",
             )
+        moved = [put for put in self.plan.loads if put.load.torque_nm and not put.load.locked]
+        if identity.simulated and moved:
+            raise UsageError(
+                f"{moved[0].describe()}: a simulated bench has loads only while it is locked",
+                where=f"{self.kind} run",
+                fix="make the plan with hdbench plan --no-loads, or run it on a real bench",
+            )
         recorder = None
         if self.plan.moves:
             recorder = TraceRecorder(

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from hdbench.devices.ports import Operator
+from hdbench.diagnosis.planning.segments import MotionPlan
 from hdbench.records.runfolder import RunFolder
 from hdbench.session.evaluation import Evaluation
 
@@ -36,6 +37,8 @@ class BenchOptions:
         Filter model instead of the profile's.
     operator : Operator or None
         The person at a real bench; an emulated bench brings its own simulated one.
+    motion : MotionPlan or None
+        Content of a plan file that is run instead of the profile's motion.
     """
 
     out: Path
@@ -47,6 +50,7 @@ class BenchOptions:
     misalignment: Path | None = None
     filter_name: str | None = None
     operator: Operator | None = None
+    motion: MotionPlan | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,7 +5,10 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from hdbench.diagnosis.planning.planfile import plan_to_dict
+from hdbench.diagnosis.planning.segments import LoadStep, MotionPlan
 from hdbench.errors import UsageError
+from hdbench.model.program import ReferenceProgram
 from hdbench.profile.schema import ProfileData, ReferenceWave
 
 __all__ = [
@@ -14,6 +17,7 @@ __all__ = [
     "Lock",
     "Place",
     "Plan",
+    "Put",
     "Step",
     "calibration_plan",
     "check_plan",
@@ -97,36 +101,77 @@ class Hang:
 
 
 @dataclass(frozen=True, slots=True)
+class Put:
+    """Have a load put on (or taken off) that stays for what is recorded next.
+
+    Parameters
+    ----------
+    load : LoadStep
+        What the operator is told, and the torque.
+    mass_kg : float
+        Mass on the profile's arm that gives this torque, kg.
+    """
+
+    load: LoadStep
+    mass_kg: float
+
+    @property
+    def direction(self) -> str:
+        """``cw`` or ``ccw``."""
+        return "ccw" if self.load.torque_nm < 0.0 else "cw"
+
+    def describe(self) -> str:
+        """Return the step in words."""
+        return self.load.describe()
+
+
+@dataclass(frozen=True, slots=True)
 class Acquire:
     """Run the reference generator and record samples.
 
     Parameters
     ----------
-    wave : ReferenceWave
-        Motor reference, V.
+    wave : ReferenceWave, ReferenceProgram or None
+        Motor reference, V; None with the wave generator locked and the drive disabled.
     sample_period_s : float
         Sampling period, s.
     duration_s : float
         Length, s.
+    load : LoadStep or None
+        Load that is on meanwhile; None where the plan has no loads.
     """
 
-    wave: ReferenceWave
+    wave: ReferenceWave | ReferenceProgram | None
     sample_period_s: float
     duration_s: float
+    load: LoadStep | None = None
 
     @property
     def n_samples(self) -> int:
         """Number of samples of the acquisition."""
+        if isinstance(self.wave, ReferenceProgram):
+            return self.wave.n_samples
         return round(self.duration_s / self.sample_period_s)
+
+    @property
+    def peak_v(self) -> float:
+        """Bound of the reference's magnitude, V."""
+        if isinstance(self.wave, ReferenceProgram):
+            return self.wave.peak_v
+        return 0.0 if self.wave is None else abs(self.wave.bias_v) + abs(self.wave.amplitude_v)
 
     def describe(self) -> str:
         """Return the step in words."""
-        return f"{self.wave.wave} reference for {self.duration_s:.1f} s, {self.n_samples} samples"
+        length = f"{self.duration_s:.1f} s, {self.n_samples} samples"
+        if isinstance(self.wave, ReferenceProgram):
+            return f"program of {len(self.wave.parts)} parts for {length}"
+        return f"{'no' if self.wave is None else self.wave.wave} reference for {length}"
 
 
+_ROUNDING = 1e-12
 _RAMP_SHARE = 4.0  # ramps last four times as long as the servo at its limit would need
 
-Step = Lock | Place | Hang | Acquire
+Step = Lock | Place | Hang | Put | Acquire
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,25 +186,34 @@ class Plan:
         What happens.
     duration_s : float
         Time the bench needs, s; the operator's own time is not in it.
+    motion : MotionPlan or None
+        The plan file that it was made from.
     """
 
     kind: str
     steps: tuple[Step, ...]
     duration_s: float
+    motion: MotionPlan | None = None
 
     @property
     def moves(self) -> bool:
-        """Whether the motor moves."""
+        """Whether samples of a motion are recorded."""
         return any(isinstance(step, Acquire) for step in self.steps)
+
+    @property
+    def loads(self) -> tuple[Put, ...]:
+        """Loads that a person puts on between acquisitions."""
+        return tuple(step for step in self.steps if isinstance(step, Put))
 
     def to_dict(self) -> dict[str, object]:
         """Return the plan as ``--dry-run`` prints it and run.json keeps it."""
-        return {
+        body: dict[str, object] = {
             "kind": self.kind,
             "duration_s": self.duration_s,
             "moves": self.moves,
             "steps": [step.describe() for step in self.steps],
         }
+        return body if self.motion is None else {**body, "motion": plan_to_dict(self.motion)}
 
 
 def calibration_plan(profile: ProfileData) -> Plan:
@@ -307,7 +361,7 @@ def check_plan(plan: Plan, profile: ProfileData) -> None:
 
 
 def _check_motion(step: Acquire, profile: ProfileData, where: str) -> list[UsageError]:
-    peak_v = abs(step.wave.bias_v) + abs(step.wave.amplitude_v)
+    peak_v = step.peak_v
     velocity = peak_v * profile.servo.velocity_gain_rad_s_per_v
     limits = profile.limits
     asked = (
@@ -322,5 +376,6 @@ def _check_motion(step: Acquire, profile: ProfileData, where: str) -> list[Usage
             fix=f"ask for less, or raise limits.{key} in the profile if the bench allows it",
         )
         for name, value, limit, unit, key in asked
-        if not value <= limit
+        # a speed at its limit comes back from volts with the rounding of a division
+        if not value <= limit * (1.0 + _ROUNDING)
     ]

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from hdbench.devices.ports import Block
+from hdbench.diagnosis.planning.segments import LoadStep
 from hdbench.filter import FilterModel, OnlineFilter
 from hdbench.profile.schema import ProfileData
 from hdbench.records import FloatArray, Trace
@@ -28,6 +29,7 @@ _CHANNELS = (
     "motor_current_a",
     "reference_v",
 )
+_LOAD_CHANNELS = ("output_angle_rad", "load_torque_nm", "stage")
 
 
 @dataclass(slots=True)
@@ -69,9 +71,40 @@ class TraceRecorder:
     n_rows: int = field(default=0, init=False)
     lost: int = field(default=0, init=False)
     saturated: int = field(default=0, init=False)
+    stage: int = field(default=0, init=False)
+    stage_rows: int = field(default=0, init=False)
+    stage_start_s: float = field(default=0.0, init=False)
+    load: LoadStep | None = field(default=None, init=False)
+    ended_s: float | None = field(default=None, init=False)
 
     def __post_init__(self) -> None:
         self.online = OnlineFilter(self.model)
+
+    def begin(self, load: LoadStep | None) -> None:
+        """Begin an acquisition; one that follows another begins the pause after it.
+
+        Parameters
+        ----------
+        load : LoadStep or None
+            Load that is on; None where the plan has no loads.
+
+        Notes
+        -----
+        A pause is as long as this computer's clock says: effects that follow the clock do not keep
+        their phase over it. The column ``stage`` counts acquisitions, so that a pause is not taken
+        for lost samples.
+        """
+        if self.n_rows:
+            pause_s = 0.0 if self.ended_s is None else max(0.0, self.clock() - self.ended_s)
+            last_s = self.stage_start_s + (self.stage_rows - 1) * self.sample_period_s
+            # at least two periods, so that nothing joins what does not belong together
+            self.stage_start_s = last_s + max(pause_s, 2.0 * self.sample_period_s)
+            self.stage += 1
+        self.stage_rows, self.load = 0, load
+
+    def end(self) -> None:
+        """Note that an acquisition is over."""
+        self.ended_s = self.clock()
 
     def add(self, block: Block) -> dict[str, FloatArray]:
         """Scale, filter and journal one block.
@@ -110,6 +143,7 @@ class TraceRecorder:
         )
         self.rows.append(rows)
         self.n_rows += len(rows["time_s"])
+        self.stage_rows += len(rows["time_s"])
         self.lost += block.lost_before
         self.saturated += int(np.count_nonzero(block.saturated))
         return rows
@@ -130,7 +164,20 @@ class TraceRecorder:
         rows["motor_current_a"][present] = block.motor_current_a
         rows["reference_v"][present] = block.reference_v
         time_s = np.arange(first, first + n, dtype=np.float64) * self.sample_period_s
-        return {"time_s": time_s, **rows}
+        return {"time_s": self.stage_start_s + time_s, **rows, **self._under_load(rows, n)}
+
+    def _under_load(self, rows: dict[str, FloatArray], n: int) -> dict[str, FloatArray]:
+        """Return the columns of a plan with loads."""
+        if self.load is None:
+            return {}
+        output = rows["motor_angle_rad"] / self.profile.drive.gear_ratio
+        if self.load.locked:
+            output = np.full(n, self.load.position_rad)
+        return {
+            "output_angle_rad": output,
+            "load_torque_nm": np.full(n, self.load.torque_nm),
+            "stage": np.full(n, float(self.stage)),
+        }
 
     def trace(self, source: str) -> Trace:
         """Return everything recorded so far as one trace.
@@ -145,7 +192,8 @@ class TraceRecorder:
         Trace
             All channels; empty where nothing came.
         """
-        names = ("time_s", *_CHANNELS, "torque_filtered_online_nm")
+        extra = _LOAD_CHANNELS if self.load is not None else ()
+        names = ("time_s", *_CHANNELS, *extra, "torque_filtered_online_nm")
         columns = {
             name: np.concatenate([rows[name] for rows in self.rows]) if self.rows else np.empty(0)
             for name in names

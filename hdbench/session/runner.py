@@ -13,7 +13,7 @@ from hdbench.errors import DeviceError, LimitError
 from hdbench.profile.schema import ProfileData
 from hdbench.records import LoadReading
 from hdbench.records.journal import JournalWriter
-from hdbench.session.plans import Acquire, Hang, Lock, Place, Plan
+from hdbench.session.plans import Acquire, Hang, Lock, Place, Plan, Put, Step
 from hdbench.session.recorder import TraceRecorder
 from hdbench.session.settling import SettledReading, settled_reading
 from hdbench.session.stop import StopSignals
@@ -101,7 +101,7 @@ class Runner:
         finally:
             self.safe = self.bench.safe_state()
 
-    def _step(self, step: Lock | Place | Hang | Acquire) -> None:
+    def _step(self, step: Step) -> None:
         match step:
             case Lock():
                 self._ask(lambda: self.operator.confirm_lock(locked=step.locked), step.describe())
@@ -125,6 +125,16 @@ class Runner:
                     step.describe(),
                 )
                 self._read(step)
+            case Put():
+                self._ask(
+                    lambda: self.operator.hang(
+                        step.mass_kg,
+                        direction=step.direction,
+                        expected_nm=step.load.torque_nm,
+                        step=step.load.text,
+                    ),
+                    step.describe(),
+                )
             case Acquire():
                 self._ask(
                     lambda: self.operator.confirm_motion(step.describe()), "confirm the motion"
@@ -214,13 +224,15 @@ class Runner:
             )
         self.stop.check()
         self.bench.configure(AcquisitionSettings(step.sample_period_s, step.n_samples, step.wave))
+        recorder.begin(step.load)
         self.bench.start()
-        while recorder.n_rows < step.n_samples:
+        while recorder.stage_rows < step.n_samples:
             block = self._next_block()
             rows = recorder.add(block)
             self._watch_limits(block, rows["motor_velocity_rad_s"], rows["torque_nm"])
-            self.progress(step.describe(), recorder.n_rows / step.n_samples)
+            self.progress(step.describe(), recorder.stage_rows / step.n_samples)
         self.bench.stop()
+        recorder.end()
 
     def _next_block(self) -> Block:
         deadline = time.monotonic() + _STALL_S

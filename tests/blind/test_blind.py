@@ -1,101 +1,53 @@
-"""The diagnosis finds what a bench with its own physics hides, and nothing else."""
+"""The diagnosis finds what a bench with its own physics hides, and nothing else.
 
-import ast
-import sys
-from pathlib import Path
+The quick form of the benchmark: forty records on fixed seeds. A rate that is at its pass level
+breaks a bound here with less than 1 % (binomial law).
+"""
 
-import numpy as np
-import pytest
-
-from hdbench.diagnosis import diagnose_trace
-from hdbench.profile import load_profile
-from hdbench.records import Trace
-
-HERE = Path(__file__).resolve().parent
-ROOT = HERE.parent.parent
-sys.path.insert(0, str(HERE))
-from injector import inject  # noqa: E402
-from scorer import score  # noqa: E402
+from blind_runner import answer_case
+from quick import CLEAN, DYNAMIC, LOADS
+from scorer.judge import judge
+from scorer.line import one_line
+from scorer.truth import open_truth
 
 
-def imported(path):
-    names = set()
-    for node in ast.walk(ast.parse(path.read_text())):
-        if isinstance(node, ast.Import):
-            names |= {alias.name for alias in node.names}
-        elif isinstance(node, ast.ImportFrom):
-            names.add(node.module or "")
-    return names
+def judged(cases):
+    """(truth, verdict, line) of each case; no record may crash or be refused."""
+    out = []
+    for case in cases:
+        sealed, entry = answer_case(case, with_oracle=False)
+        assert "crashed" not in entry, entry["crashed"]
+        assert "refused" not in entry, entry["refused"]
+        truth = open_truth(sealed, entry["seal"])
+        verdict = judge(truth, entry)
+        out.append((truth, verdict, one_line(truth, entry, verdict)))
+    return out
 
 
-def cell(injected):
-    columns = injected.columns
-    if injected.hidden == "tone":
-        return 1.0 / np.ptp(columns["time_s"])
-    return 4000.0 / np.ptp(columns["encoder_count"])
+def test_clean_records_give_no_finding():
+    lines = [line for _, verdict, line in judged(CLEAN) if verdict.alarm]
+    # four records at 2 %: two alarms in 0.2 %
+    assert len(lines) <= 1, "\n".join(lines)
 
 
-def answer(injected):
-    trace = Trace(injected.columns, source="blind")
-    return diagnose_trace(trace, load_profile("cim-tr-97-06"), seed=injected.seed).to_dict({})
+def test_effects_of_twenty_sigma_are_found_under_sets_that_hold_their_names():
+    answers = judged(DYNAMIC)
+    missed = [line for _, verdict, line in answers if not verdict.alarm]
+    strange = [line for _, verdict, line in answers if verdict.alarm and not verdict.covered]
+    certain = [line for _, verdict, line in answers if verdict.wrong_certain]
+    # ten records, detection 99 %, name in the set 95 %, certain of a wrong one 1 %:
+    # beyond these counts in 0.4 %, 0.1 % and 0.4 %
+    assert len(missed) <= 1, "\n".join(missed)
+    assert len(strange) <= 3, "\n".join(strange)
+    assert len(certain) <= 1, "\n".join(certain)
 
 
-def test_injector_and_product_import_nothing_of_each_other():
-    for name in ("injector.py", "scorer.py"):
-        roots = {module.partition(".")[0] for module in imported(HERE / name)}
-        assert roots <= {"dataclasses", "numpy"}
-    for path in [*(ROOT / "hdbench").rglob("*.py"), *(ROOT / "cli").rglob("*.py")]:
-        assert not any(
-            word in module.split(".")
-            for module in imported(path)
-            for word in ("injector", "scorer", "tests")
-        ), path
-
-
-@pytest.mark.parametrize(
-    ("hidden", "motion", "noise", "seed"),
-    [
-        ("order", "reversals", "coloured", 16),
-        ("order", "varying", "coloured", 10),
-        ("order", "constant", "white", 5),
-        ("tone", "reversals", "white", 1),
-        ("tone", "varying", "coloured", 18),
-        ("friction", "reversals", "white", 1),
-        ("friction", "reversals", "coloured", 2),
-    ],
-)
-def test_hidden_effect_is_found_with_its_place_and_no_second_name(hidden, motion, noise, seed):
-    injected = inject(seed, hidden, motion, noise, 15.0)
-    judged = score(injected, answer(injected), cell(injected))
-    assert judged.found
-    assert judged.right_place
-    assert judged.right_name
-    assert judged.extra == 0
-
-
-@pytest.mark.parametrize(
-    ("motion", "noise"),
-    [("reversals", "white"), ("varying", "coloured"), ("constant", "white")],
-)
-def test_clean_record_gives_no_finding(motion, noise):
-    injected = inject(77, "clean", motion, noise, 12.0)
-    result = answer(injected)
-    # a finding of any size has a probability of 1 % per record: 3 % that this test needs a look
-    assert result["verdict"] == "nothing-found"
-    assert result["minor"] == []
-    assert result["minor_unexplained"] == []
-    assert result["data_flags"] == []
-
-
-def test_scorer_rejects_a_wrong_place_and_counts_a_second_name():
-    injected = inject(3, "tone", "varying", "white", 2.0)
-    entry = {
-        "name": "structural-tone",
-        "group": ["structural-tone"],
-        "rivals": [],
-        "parameters": {"frequency_hz": {"value": injected.place + 1.0}},
-    }
-    body = {"causes": [entry, entry], "unexplained": [], "minor": [], "minor_unexplained": []}
-    judged = score(injected, body, cell(injected))
-    assert not judged.right_place
-    assert judged.extra == 1
+def test_static_effects_are_found_in_calibration_loads_and_clean_ones_stay_silent():
+    answers = judged(LOADS)
+    clean = [line for truth, verdict, line in answers if not truth["hidden"] and verdict.alarm]
+    missed = [line for truth, v, line in answers if truth["hidden"] and not v.alarm]
+    strange = [line for truth, v, line in answers if truth["hidden"] and v.alarm and not v.covered]
+    # eight clean ones at 1 %, eighteen effects at 99 % and 95 %: beyond in 0.3 %, 1 % and 0.2 %
+    assert len(clean) <= 1, "\n".join(clean)
+    assert len(missed) <= 1, "\n".join(missed)
+    assert len(strange) <= 4, "\n".join(strange)

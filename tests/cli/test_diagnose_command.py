@@ -3,13 +3,14 @@
 import io
 import json
 import signal
+from pathlib import Path
 
 import numpy as np
 import pytest
 from rich.console import Console
 
 from hdbench.records import Trace, write_trace
-from hdbench_cli.diagnose import show
+from hdbench_cli.diagnosis_text import show
 from hdbench_cli.main import main
 
 # contract, section 5
@@ -149,8 +150,10 @@ def test_the_extended_model_continues(tmp_path, run):
 def test_two_findings_fit_a_terminal_of_80_by_30(tmp_path, run):
     body = json.loads(run("--json", str(trace_file(tmp_path, 0.1)))[1])
     body["causes"] *= 2
-    console = Console(width=200, record=True, file=io.StringIO())
-    show(console, body)
+    console = Console(width=80, record=True, file=io.StringIO())
+    show(console, body, Path(body["run_folder"]))
     lines = console.export_text().splitlines()
+    assert lines[0].startswith("measured")
+    assert lines[2].startswith("difference")
     assert len(lines) <= 28
     assert max(map(len, lines)) <= 80

@@ -60,6 +60,7 @@ def test_a_tone_on_a_swinging_speed_is_not_taken_for_noise(tone_hz, period_s, n,
 
 
 def test_coloured_noise_of_a_short_slow_record_has_no_name():
+    named = 0
     for seed in range(8):
         trace = record(
             swinging(60.0, 20.0, 5.0),
@@ -69,8 +70,9 @@ def test_coloured_noise_of_a_short_slow_record_has_no_name():
             pole=0.9,
             seed=seed,
         )
-        # 1 % each: 0.3 % that two of eight have a finding; none is 92 %
-        assert diagnose_trace(trace, PROFILE).verdict == "nothing-found"
+        named += diagnose_trace(trace, PROFILE).verdict != "nothing-found"
+    # 1 % each: 0.3 % that two of eight have a finding
+    assert named <= 1
 
 
 def test_less_than_an_output_turn_keeps_the_given_misalignment():

@@ -43,7 +43,24 @@ def make_motion() -> Callable[..., Motion]:
             "angle_source": "encoder_count",
             "gear_ratio": 100.0,
             "load_torque_nm": rng.uniform(-30.0, 30.0, n),
+            "motor_current_a": rng.uniform(-5.0, 5.0, n),
+            "temperature_c": rng.uniform(20.0, 40.0, n),
+            "inertia_nm_s2": 1.725e-4,
         }
         return Motion(**{**values, **replaced})
 
     return make
+
+
+@pytest.fixture
+def swinging(make_motion: Callable[..., Motion]) -> Motion:
+    """A motor that swings to and fro under a load that changes slower, sampled unevenly."""
+    time = 5.0 + np.cumsum(np.random.default_rng(3).uniform(0.5e-3, 2e-3, 3000))
+    return make_motion(
+        3000,
+        time_s=time,
+        angle_rad=2.0 * np.sin(9.0 * time),
+        velocity_rad_s=18.0 * np.cos(9.0 * time),
+        acceleration_rad_s2=-162.0 * np.sin(9.0 * time),
+        load_torque_nm=8.0 * np.sin(2.1 * time) + 3.0 * np.sin(11.0 * time),
+    )

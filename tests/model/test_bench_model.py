@@ -10,10 +10,12 @@ import pytest
 from hdbench.errors import DataError
 from hdbench.model import (
     BenchModel,
+    Cause,
     CauseTerm,
     Motion,
     baseline_columns,
     baseline_orders,
+    catalogue,
     gauge_order_factor,
     term_torque_nm,
 )
@@ -33,7 +35,7 @@ def test_the_model_is_exactly_what_the_profile_describes(
         # the numbers of profiles/cim-tr-97-06.toml, by hand
         want = 1.725e-2 / 100 * float(motion.acceleration_rad_s2[k])
         want += 0.4 * math.cos(2 * a + 0.6) + 0.2 * math.cos(4 * a - 1.1)
-        want += 0.9 * math.cos(o + 0.3)
+        want += 0.9 * math.cos(o + 0.3) + float(motion.load_torque_nm[k])
         # angles up to 8000 rad: doubles 1e-12 apart
         assert got[k] == pytest.approx(want, rel=0, abs=1e-11)
 
@@ -58,15 +60,20 @@ def test_further_orders_of_the_profile_join_the_baseline_once(bench: ProfileData
 
 
 def test_baseline_columns_are_those_of_the_contract(bench: ProfileData, make_motion: Make) -> None:
-    motion = make_motion()
+    motion = make_motion(load_torque_nm=None)
     fixed, names, columns = baseline_columns(motion, bench)
-    np.testing.assert_allclose(
-        fixed,
-        1.725e-4 * motion.acceleration_rad_s2,
-        # one product and one quotient
-        rtol=1e-15,
-        atol=0,
-    )
+    # one product and one quotient
+    expected = 1.725e-4 * motion.acceleration_rad_s2
+    np.testing.assert_allclose(fixed, expected, rtol=1e-15, atol=0)
+    loaded = make_motion()
+    load = loaded.load_torque_nm
+    # and one sum of numbers below 32
+    for got, want in (
+        (baseline_columns(loaded, bench)[0], expected + load),
+        (baseline_columns(loaded, bench, load=0.0)[0], expected),
+        (baseline_columns(loaded, bench, load=-1.0)[0], expected - load),
+    ):
+        np.testing.assert_allclose(got, want, rtol=0, atol=8e-15)
     a, o = motion.angle_rad, motion.output_angle_rad
     want = {
         "zero": np.ones(len(motion)),
@@ -149,6 +156,7 @@ def test_causes_add_up_and_stand_in_the_terms(bench: ProfileData, make_motion: M
     assert model.terms() == (
         "zero",
         "expected-torque",
+        "load",
         "ripple-2",
         "ripple-4",
         "misalignment",
@@ -158,16 +166,59 @@ def test_causes_add_up_and_stand_in_the_terms(bench: ProfileData, make_motion: M
     assert base.causes == ()
 
 
-@pytest.mark.parametrize(
-    ("name", "linear"), [("gain-error", (0.1,)), ("load-dependent-ripple", (0.1, 0.0))]
-)
-def test_a_cause_that_needs_the_load_is_not_simulated_without_it(
-    name: str, linear: tuple[float, ...], make_motion: Make
+def test_the_load_counts_by_its_coefficient(bench: ProfileData, make_motion: Make) -> None:
+    motion = make_motion()
+    model = BenchModel.from_profile(bench)
+    without = model.torque_nm(make_motion(load_torque_nm=None))
+    for load in (1.0, 0.0, -1.0):
+        got = replace(model, load=load).torque_nm(motion)
+        # sums of a few numbers below 32
+        np.testing.assert_allclose(got, without + load * motion.load_torque_nm, rtol=0, atol=2e-14)
+    assert "load" not in replace(model, load=0.0).terms()
+
+
+def test_what_acts_on_the_whole_signal_sees_baseline_load_and_causes(
+    bench: ProfileData, make_motion: Make
 ) -> None:
-    term = CauseTerm(name, {}, linear)
+    motion = make_motion()
+    base = BenchModel.from_profile(bench)
+    hum = CauseTerm("mains-hum", {"frequency_hz": 50.0}, (0.3, 0.4))
+    limited = CauseTerm("saturation", {"limit_nm": 20.0}, (1.0,))
+    # in either order
+    for model in (
+        base.with_cause(limited).with_cause(hum),
+        base.with_cause(hum).with_cause(limited),
+    ):
+        want = 20.0 * np.tanh(base.with_cause(hum).torque_nm(motion) / 20.0)
+        np.testing.assert_allclose(model.torque_nm(motion), want, rtol=0, atol=1e-13)
+
+
+@pytest.mark.parametrize("name", ["gain-error", "cubic-nonlinearity", "direction-asymmetry"])
+def test_without_a_measured_load_the_torque_is_the_expected_one(
+    name: str, make_motion: Make
+) -> None:
+    term = CauseTerm(name, {}, (0.1,))
+    free, expected = (
+        make_motion(load_torque_nm=None),
+        make_motion(load_torque_nm=1.725e-4 * make_motion().acceleration_rad_s2, inertia_nm_s2=0.0),
+    )
+    got, want = term_torque_nm(term, free), term_torque_nm(term, expected)
+    np.testing.assert_allclose(got, want, rtol=1e-13)
+
+
+def test_a_cause_that_needs_a_channel_is_not_simulated_without_it(make_motion: Make) -> None:
+    term = CauseTerm("crosstalk", {}, (0.1,))
     assert np.isfinite(term_torque_nm(term, make_motion())).all()
-    with pytest.raises(DataError, match="needs load_torque_nm"):
-        term_torque_nm(term, make_motion(load_torque_nm=None))
+    with pytest.raises(DataError, match="needs motor_current_a"):
+        term_torque_nm(term, make_motion(motor_current_a=None))
+
+
+def test_columns_of_another_shape_are_refused(make_motion: Make) -> None:
+    base = catalogue()["zero-drift"]
+    parts = {f: getattr(base, f) for f in base.__slots__}
+    own = Cause(**{**parts, "name": "own", "columns": lambda motion, shape: np.ones(len(motion))})
+    with pytest.raises(DataError, match=r"shape \(400,\); needed: \(400, 1\)"):
+        term_torque_nm(CauseTerm("own", {}, (1.0,)), make_motion(), extra=(own,))
 
 
 def test_torque_is_missing_where_the_motion_is(bench: ProfileData, make_motion: Make) -> None:

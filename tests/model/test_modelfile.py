@@ -60,6 +60,8 @@ def test_the_file_says_what_the_contract_says(tmp_path: Path, profile: Profile) 
     assert body["schema"] == "hdbench/model/1"
     assert body["profile"] == {"name": "cim-tr-97-06", "sha256": profile.sha256}
     assert body["baseline"]["inertia_nm_s2"] == 1.725e-2 / 100
+    assert body["baseline"]["load"] == 1.0
+    assert body["definitions"] == []
     assert body["baseline"]["ripple"][0] == {"order": 2.0, "amplitude_nm": 0.4, "phase_rad": 0.6}
     (cause,) = body["causes"]
     assert cause["name"] == "ripple-harmonic"
@@ -68,6 +70,37 @@ def test_the_file_says_what_the_contract_says(tmp_path: Path, profile: Profile) 
     assert cause["parameters"]["amplitude_nm"]["value"] == pytest.approx(0.5, rel=1e-15, abs=0)
     want = math.atan2(0.4, 0.3)
     assert cause["parameters"]["phase_rad"]["value"] == pytest.approx(want, rel=1e-15, abs=0)
+
+
+def test_a_file_of_old_still_loads(tmp_path: Path, profile: Profile) -> None:
+    path = tmp_path / "model.json"
+    model = written(path, profile, CauseTerm("misalignment", {}, (0.3, -0.4)))
+
+    def strip(body: dict[str, Any]) -> None:
+        del body["definitions"]
+        del body["baseline"]["load"]
+
+    found = load_model(edited(path, strip))
+    assert found.load == 1.0
+    assert found.causes == model.causes
+
+
+def test_the_coefficient_of_the_load_is_kept(tmp_path: Path, profile: Profile) -> None:
+    path = tmp_path / "model.json"
+    written(path, profile)
+    assert load_model(path).load == 1.0
+    edited(path, lambda body: body["baseline"].update(load=-1.0))
+    assert load_model(path).load == -1.0
+
+
+def test_an_angle_is_stated_by_amplitude_and_phase_too(tmp_path: Path, profile: Profile) -> None:
+    path = tmp_path / "model.json"
+    written(path, profile, CauseTerm("kinematic-error", {}, (3e-4, 4e-4, 0.0, 0.0, 0.0, 0.0)))
+    found = parameters_of(json.loads(path.read_text()))
+    assert found["amplitude_1_rad"]["unit"] == "rad"
+    # a hypotenuse, to the last place
+    assert found["amplitude_1_rad"]["value"] == pytest.approx(5e-4, rel=1e-15, abs=0)
+    assert found["phase_1_rad"]["value"] == pytest.approx(math.atan2(-4, 3), rel=1e-15, abs=0)
 
 
 def edited(path: Path, change: Callable[[dict[str, Any]], object]) -> Path:

@@ -160,10 +160,12 @@ def test_a_cubic_is_differentiated_exactly_on_any_grid(
     seed: int, coefficients: tuple[float, float, float, float]
 ) -> None:
     rng = np.random.default_rng(seed)
-    time = 5.0 + np.cumsum(rng.uniform(0.6e-3, 2.0e-3, 120))
+    time = 5.0 + np.cumsum(rng.uniform(0.6e-3, 1.7e-3, 120))
     values = np.polyval(coefficients, time - 5.0)
     lost = rng.random(120) < 0.1
     lost[:3] = False
+    # single ones: two in a row may be a gap, and next to it a stretch too short for a slope
+    lost[1:] &= ~lost[:-1]
     fit = fit_derivative(
         time, np.where(lost, np.nan, values), derivative=1, degree=3, window_s=0.02
     )

@@ -13,6 +13,7 @@ from hdbench.model import (
     BenchModel,
     CauseTerm,
     ReferenceWave,
+    catalogue,
     save_model,
     simulate_like,
     simulate_run,
@@ -195,3 +196,33 @@ def test_lost_samples_make_the_simulation_doubtful(tmp_path: Path) -> None:
     assert json.loads(result.stdout)["lost_samples"] == 1
     assert "1 of 1000 samples" in result.stderr
     assert np.flatnonzero(np.isnan(read_trace(out)["torque_nm"])).tolist() == [500]
+
+
+def test_a_run_of_its_own_can_show_every_cause(bench: ProfileData) -> None:
+    wave = ReferenceWave(wave="sine", amplitude_v=0.8, frequency_hz=2.0)
+    base = BenchModel.from_profile(bench)
+    plain = run_of(bench, wave, 1.0)
+    for name, cause in catalogue().items():
+        shape = {}
+        for parameter in cause.shape:
+            low, high = (parameter.bands or ((parameter.lower, parameter.upper),))[0]
+            shape[parameter.name] = (low * high) ** 0.5 if low > 0.0 else 0.5 * (low + high)
+        model = base.with_cause(CauseTerm(name, shape, (0.1,) * len(cause.linear)))
+        run = simulate_run(
+            bench, model, duration_s=1.0, wave=wave, noise_nm=0.0, rng=np.random.default_rng(1)
+        )
+        again = simulate_like(run, bench, model)
+        assert again["torque_nm"].tobytes() == run["torque_nm"].tobytes(), name
+        changed = np.abs(run["torque_nm"] - plain["torque_nm"]).max() > 0.0
+        # a fault of angle or clock moves this torque or not, by where it begins; a knee at 7 N m
+        # lies beyond the torque of a free run
+        unseen = cause.change_motion is not None or name == "piecewise-stiffness"
+        assert changed == cause.additive or unseen, name
+    # current at the acceleration limit is the amplifier's
+    crosstalk = base.with_cause(CauseTerm("crosstalk", {}, (0.5,)))
+    fast = ReferenceWave(wave="constant", bias_v=5.0)
+    run = simulate_run(
+        bench, crosstalk, duration_s=0.1, wave=fast, noise_nm=0.0, rng=np.random.default_rng(1)
+    )
+    # 1e-12: rounding of a difference of velocities over 1 ms
+    assert run["motor_current_a"][20] == pytest.approx(bench.servo.max_current_a, rel=1e-12, abs=0)

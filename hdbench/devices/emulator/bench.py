@@ -14,11 +14,13 @@ from hdbench.devices.emulator.draw import draw_effects
 from hdbench.devices.emulator.effects import start_effect
 from hdbench.devices.emulator.extended import cause_volts, with_model
 from hdbench.devices.emulator.fixture import PositionGain
+from hdbench.devices.emulator.lockedcauses import LockedCauses
 from hdbench.devices.emulator.plantfile import PlantSpec
 from hdbench.devices.emulator.timeline import Timeline, reference_values_v
 from hdbench.devices.emulator.torque import AnalogueChannels
 from hdbench.devices.emulator.truth import sensor_truth, torque_truth
 from hdbench.errors import UsageError
+from hdbench.model.program import ReferenceProgram
 from hdbench.profile.schema import ProfileData, ReferenceWave
 from hdbench.records.trace import FloatArray
 
@@ -99,6 +101,7 @@ class SimulatedBench:
         self._timeline: Timeline | None = None
         self._driven = False
         self._cause_v: FloatArray = np.zeros(1)
+        self._locked = None if model is None else LockedCauses(model, self._profile)
 
     @property
     def reference_v(self) -> float:
@@ -118,7 +121,11 @@ class SimulatedBench:
         return not self._timeline.stopped or abs(self.velocity_rad_s) > _STANDSTILL_RAD_S
 
     def begin(
-        self, *, sample_period_s: float, wave: ReferenceWave | None, duration_s: float
+        self,
+        *,
+        sample_period_s: float,
+        wave: ReferenceWave | ReferenceProgram | None,
+        duration_s: float,
     ) -> None:
         """Begin a new acquisition from standstill at the home marks.
 
@@ -126,7 +133,7 @@ class SimulatedBench:
         ----------
         sample_period_s : float
             Sampling period, s, above 0.
-        wave : ReferenceWave or None
+        wave : ReferenceWave, ReferenceProgram or None
             Reference generator; None keeps the drive disabled.
         duration_s : float
             Length of the acquisition, s, above 0. After it the generator's last value stays until
@@ -148,6 +155,8 @@ class SimulatedBench:
             )
         if self._timeline is not None:
             self._fixture.restart(self._timeline.now_s)
+            if self._locked is not None:
+                self._locked.restart(self._timeline.now_s)
         self._noise = self._stream(_ACQUISITION, self._acquisitions)
         self._acquisitions += 1
         self._driven = wave is not None
@@ -197,10 +206,15 @@ class SimulatedBench:
         sensor, tacho = self._profile.sensor, self._profile.tacho
         noise = self._noise.standard_normal((n_samples, 2))
         # beyond its last value a cause stays where it is
-        index = np.minimum(np.arange(first, first + n_samples), len(self._cause_v) - 1)
+        stamps = np.arange(first, first + n_samples)
+        cause_v = self._cause_v[np.minimum(stamps, len(self._cause_v) - 1)]
+        if self._locked is not None:
+            cause_v = cause_v + self._locked.volts(
+                timeline.sample_period_s * stamps.astype(np.float64)
+            )
         torque_noise_v = noise[:, 0] * (sensor.noise_nm / sensor.gain_nm_per_v)
         return RawSamples(
-            torque_code=self._code(true.volts[0] + self._cause_v[index] + torque_noise_v),
+            torque_code=self._code(true.volts[0] + cause_v + torque_noise_v),
             tacho_code=self._code(true.volts[1] + noise[:, 1] * tacho.noise_v),
             current_code=self._code(true.volts[2]),
             reference_code=self._code(true.reference_v),
@@ -236,6 +250,8 @@ class SimulatedBench:
             mass_kg=mass_kg,
             direction=direction,
         )
+        if self._locked is not None:
+            self._locked.change(mount)
         if self._timeline is not None:
             self._timeline.remount(mount)
 
@@ -267,10 +283,11 @@ class SimulatedBench:
         return np.random.default_rng([self._seed, *key])
 
     def _causes(self, sample_period_s: float, reference_v: FloatArray) -> FloatArray:
-        """Return what an extended model adds at every sample, V; nothing while locked."""
+        """Return what an extended model adds at every sample of a run, V; 0 while locked."""
         if self._model is None or self._fixture.mount.locked:
             return np.zeros(1)
-        return cause_volts(self._model, self._profile, sample_period_s, reference_v)
+        mount = self._fixture.mount
+        return cause_volts(self._model, self._channels, mount, sample_period_s, reference_v)
 
     def _code(self, volt: FloatArray) -> NDArray[np.int16]:
         """Return codes of a channel."""

@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 
 from hdbench.devices.emulator.machine import NodeMachine
 from hdbench.devices.emulator.parameters import DEFAULT_PARAMETERS, RefusedError, check_parameters
+from hdbench.devices.emulator.programs import ProgramStore
 from hdbench.devices.emulator.session import HELD, Session
 from hdbench.devices.emulator.window import BlockWindow
 from hdbench.devices.node import registers as reg
@@ -25,6 +26,7 @@ _GROUPS = (
     reg.CONTROL,
     reg.SESSION,
     reg.FIXTURE,
+    reg.PROGRAM,
 )
 
 
@@ -63,6 +65,7 @@ class NodeCore:
             "fixture_position_rad": 0.0,
             "fixture_mass_kg": 0.0,
         }
+        self._program = ProgramStore(self._limits)
         self._feed = {"ack": 0, "heartbeat": 0}
         self._command = 0
         self._refusals: dict[int, tuple[Refusal, int]] = {}
@@ -102,6 +105,9 @@ class NodeCore:
             self._accept_parameters(values)
         elif group is reg.CONTROL:
             self._accept_command(int(values["command"]), address)
+        elif group is reg.PROGRAM:
+            self._refuse_while_running(address)
+            self._program.take(values, address)
         else:
             self._accept_fixture(values, address)
 
@@ -137,6 +143,8 @@ class NodeCore:
             return struct.pack(">H", self._command)
         if group is reg.SESSION:
             return struct.pack(">I", 0)
+        if group is reg.PROGRAM:
+            return encode_group(reg.PROGRAM, self._program.last)
         return encode_group(reg.FIXTURE, self._fixture)
 
     def _status(self, connection: int) -> dict[str, Value]:
@@ -178,6 +186,7 @@ class NodeCore:
         self._refuse_while_running(reg.PARAMETERS[0].address)
         wanted = {**self._parameters, **values}
         check_parameters(wanted, self._limits)
+        self._program.check(wanted)
         self._parameters = wanted
         self.machine.rearm()
 
@@ -187,14 +196,16 @@ class NodeCore:
             if self.machine.state == State.TRIPPED:
                 raise RefusedError(4, Refusal.TRIPPED, address)
             check_parameters(self._parameters, self._limits)
+            program = self._program.check(self._parameters)
             self._feed["ack"] = 0
             self._window.clear()
-            self.machine.start(self._parameters)
+            self.machine.start(self._parameters, program)
         elif command in (Command.STOP, Command.SAFE):
             self.machine.end(State.STOPPED)
             if command == Command.SAFE:
                 # a start needs a new parameter block after this
                 self._parameters = dict(DEFAULT_PARAMETERS)
+                self._program.forget()
         else:
             raise RefusedError(3, Refusal.VALUE, address)
         self._command = command

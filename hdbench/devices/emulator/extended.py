@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hdbench.devices.emulator.servo import command_rad_s, motor_current_a, servo_loop
+from hdbench.devices.emulator.servo import command_rad_s, servo_loop
 from hdbench.profile.schema import (
     HarmonicParameters,
     MisalignmentParameters,
@@ -16,9 +16,14 @@ from hdbench.profile.schema import (
 from hdbench.records.trace import FloatArray
 
 if TYPE_CHECKING:
+    from hdbench.devices.emulator.fixture import Mount
+    from hdbench.devices.emulator.torque import AnalogueChannels
     from hdbench.model import BenchModel
 
-__all__ = ["cause_volts", "with_model"]
+__all__ = ["ROOM_C", "cause_volts", "with_model"]
+
+# the emulated bench stands in a room that keeps its temperature
+ROOM_C = 20.0
 
 
 def with_model(profile: ProfileData, model: BenchModel) -> ProfileData:
@@ -56,7 +61,11 @@ def with_model(profile: ProfileData, model: BenchModel) -> ProfileData:
 
 
 def cause_volts(
-    model: BenchModel, profile: ProfileData, sample_period_s: float, reference_v: FloatArray
+    model: BenchModel,
+    channels: AnalogueChannels,
+    mount: Mount,
+    sample_period_s: float,
+    reference_v: FloatArray,
 ) -> FloatArray:
     """Return what the causes of `model` add to the torque channel.
 
@@ -64,8 +73,10 @@ def cause_volts(
     ----------
     model : BenchModel
         An extended model.
-    profile : ProfileData
-        The bench.
+    channels : AnalogueChannels
+        The bench, from its motion to its volts.
+    mount : Mount
+        Lock, arm and weight; not locked.
     sample_period_s : float
         Sampling period, s.
     reference_v : ndarray, shape (n_samples,)
@@ -75,20 +86,22 @@ def cause_volts(
     -------
     ndarray, shape (n_samples,)
         Volts at the time stamps. A cause may depend on all of the motion before it, so it is
-        computed for the whole acquisition, on the true motion.
+        computed for the whole acquisition, on the true motion: faults of angle and clock, which are
+        none of the motion, and causes of the noise add nothing.
 
     Raises
     ------
     DataError
-        If a cause needs a channel that a motion without a record cannot have.
+        If a cause of the model does not fit the catalogue.
     """
     from hdbench.model import Motion, gauge_order_factor
 
-    servo, ratio = profile.servo, profile.drive.gear_ratio
+    profile, ratio = channels.profile, channels.profile.drive.gear_ratio
     command = command_rad_s(profile, reference_v)
-    motion = servo_loop(servo).run(command, sample_period_s, 1, (0.0, 0.0, 0.0))
+    motion = servo_loop(profile.servo).run(command, sample_period_s, 1, (0.0, 0.0, 0.0))
     angle, acceleration = motion.angle_rad[:, 0], motion.acceleration_rad_s2[:, 0]
     time_s = np.arange(len(reference_v), dtype=np.float64) * sample_period_s
+    per_volt_a = profile.servo.max_current_a / profile.daq.range_v
     sampled = Motion(
         time_s=time_s,
         velocity_rad_s=motion.velocity_rad_s[:, 0],
@@ -98,7 +111,9 @@ def cause_volts(
         valid=np.ones(len(reference_v), dtype=bool),
         angle_source="motor_angle_rad",
         gear_ratio=ratio,
-        motor_current_a=motor_current_a(servo, acceleration, np.zeros_like(angle)),
+        motor_current_a=channels.volts(time_s[:, None], motion, mount)[2, :, 0] * per_volt_a,
+        temperature_c=np.full(len(reference_v), ROOM_C),
         gauge_factor=gauge_order_factor(profile.drive),
+        inertia_nm_s2=model.inertia_nm_s2,
     )
     return model.cause_torque_nm(sampled) / profile.sensor.gain_nm_per_v

@@ -13,6 +13,7 @@ from hdbench.devices.emulator.parameters import reference_wave
 from hdbench.devices.emulator.ratings import FIFO_SCANS
 from hdbench.devices.node.codec import Value, encode_scans
 from hdbench.devices.node.registers import BLOCK_SCANS, Flag, State
+from hdbench.model.program import ReferenceProgram
 from hdbench.profile.schema import ReferenceWave
 
 __all__ = ["NodeMachine", "Pace", "PlantBench", "Record"]
@@ -48,7 +49,11 @@ class PlantBench(Protocol):
         ...
 
     def begin(
-        self, *, sample_period_s: float, wave: ReferenceWave | None, duration_s: float
+        self,
+        *,
+        sample_period_s: float,
+        wave: ReferenceWave | ReferenceProgram | None,
+        duration_s: float,
     ) -> None:
         """Begin a new acquisition; without a wave the drive is disabled."""
         ...
@@ -104,9 +109,11 @@ class NodeMachine:
         """Whether an acquisition runs or the motor is not at a standstill yet."""
         return self.state == State.RUNNING or self.bench.enabled
 
-    def start(self, parameters: Mapping[str, Value]) -> None:
+    def start(
+        self, parameters: Mapping[str, Value], program: ReferenceProgram | None = None
+    ) -> None:
         """Start an acquisition from a checked parameter block and arm the watchdog."""
-        wave = reference_wave(parameters)
+        wave = reference_wave(parameters) if program is None else program
         self._period_s = 1e-9 * int(parameters["sample_period_ns"])
         self._n_samples = int(parameters["n_samples"])
         self._watchdog_s = 1e-3 * int(parameters["watchdog_ms"])

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from hdbench.devices.node.codec import Value
-from hdbench.devices.node.registers import PARAMETERS, WAVES, Refusal, register
+from hdbench.devices.node.registers import PARAMETERS, PROGRAM_WAVE, WAVES, Refusal, register
 from hdbench.profile.schema import ReferenceWave
 
 __all__ = ["DEFAULT_PARAMETERS", "RefusedError", "check_parameters", "reference_wave"]
@@ -49,10 +49,10 @@ def reference_wave(values: Mapping[str, Value]) -> ReferenceWave | None:
     Returns
     -------
     ReferenceWave or None
-        None when the drive stays disabled.
+        None when the drive stays disabled, and for a program, which has a block of its own.
     """
     code = int(values["wave"])
-    if code == 0:
+    if code in (0, PROGRAM_WAVE):
         return None
     duty, rise, fall = (float(values[name]) for name in ("duty", "rise", "fall"))
     if WAVES[code] == "trapezoid" and 0.0 < rise + duty + fall - 1.0 <= _ROUNDING:
@@ -102,6 +102,8 @@ def check_parameters(values: Mapping[str, Value], limits: Mapping[str, Value]) -
         raise _refused("amplitude_v", Refusal.VELOCITY_LIMIT)
     if not 0 <= int(values["wave"]) < len(WAVES):
         raise _refused("wave", Refusal.WAVE)
+    if values["wave"] == PROGRAM_WAVE:
+        return
     try:
         reference_wave(values)
     except ValueError as error:

@@ -33,7 +33,7 @@ def identity_values(seed: int) -> Mapping[str, Value]:
     return {
         "word_order": WORD_ORDER_TEST,
         "protocol_version": 1,
-        "capabilities": int(Capability.SIMULATED | Capability.FIXTURE),
+        "capabilities": int(Capability.SIMULATED | Capability.FIXTURE | Capability.PROGRAM),
         "vendor": "hdbench",
         "model": "emulated node",
         "serial": f"sim-{seed % 1_000_000_000}",

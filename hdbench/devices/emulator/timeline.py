@@ -10,6 +10,7 @@ from hdbench.devices.emulator.converter import HALF_LENGTH_SAMPLES, Decimator, s
 from hdbench.devices.emulator.fixture import Mount
 from hdbench.devices.emulator.servo import HoldMotion, command_rad_s, servo_loop
 from hdbench.devices.emulator.torque import AnalogueChannels
+from hdbench.model.program import ReferenceProgram, program_voltage
 from hdbench.model.waves import reference_voltage
 from hdbench.profile.schema import ReferenceWave
 from hdbench.records.trace import FloatArray
@@ -237,7 +238,7 @@ class Timeline:
 
 
 def reference_values_v(
-    sample_period_s: float, wave: ReferenceWave | None, duration_s: float
+    sample_period_s: float, wave: ReferenceWave | ReferenceProgram | None, duration_s: float
 ) -> FloatArray:
     """Return the reference at every sample of an acquisition, at least one.
 
@@ -245,7 +246,7 @@ def reference_values_v(
     ----------
     sample_period_s : float
         Sampling period, s.
-    wave : ReferenceWave or None
+    wave : ReferenceWave, ReferenceProgram or None
         Reference generator; None gives 0.
     duration_s : float
         Length of the acquisition, s.
@@ -255,6 +256,8 @@ def reference_values_v(
     ndarray, shape (n_samples,)
         Motor reference, V.
     """
+    if isinstance(wave, ReferenceProgram):
+        return program_voltage(wave, sample_period_s)
     n_samples = max(1, round(duration_s / sample_period_s))
     if wave is None:
         return np.zeros(n_samples)

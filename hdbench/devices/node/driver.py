@@ -19,6 +19,7 @@ from hdbench.devices.node.registers import (
     IDENTITY,
     LIMITS,
     PARAMETERS,
+    PROGRAM,
     PROTOCOL_VERSION,
     STATUS,
     WORD_ORDER_TEST,
@@ -29,10 +30,11 @@ from hdbench.devices.node.registers import (
     register,
 )
 from hdbench.devices.node.safe import reach_safe_state
-from hdbench.devices.node.settings import parameter_values
+from hdbench.devices.node.settings import parameter_values, part_values
 from hdbench.devices.node.wire import NodeWire
 from hdbench.devices.ports import AcquisitionSettings, Block, Identity, SafeState
 from hdbench.errors import DeviceError
+from hdbench.model.program import ReferenceProgram
 
 __all__ = ["NodeBench"]
 
@@ -116,9 +118,23 @@ class NodeBench:
         """Write the parameter block with the watchdog time, and read it back."""
         self.identity()
         wanted = parameter_values(settings, self._watchdog_ms, self.limits())
+        if isinstance(settings.reference, ReferenceProgram):
+            self._write_program(settings.reference)
         self._write_and_read_back(PARAMETERS, wanted)
         self._settings = settings
         self._reader = None
+
+    def _write_program(self, program: ReferenceProgram) -> None:
+        """Write the parts of a program and read each of them back."""
+        values = decode_group(IDENTITY, self._wire.read(IDENTITY))
+        if not int(values["capabilities"]) & Capability.PROGRAM:
+            raise self._error(
+                "this node's generator has no program; needed: bit 2 of the capabilities",
+                "capabilities",
+                "update the node's firmware (docs/node-protocol.md), or run without --plan",
+            )
+        for part in part_values(program):
+            self._write_and_read_back(PROGRAM, part)
 
     def start(self) -> None:
         """Start sampling and, with a reference, the motion; sent once, then read back."""

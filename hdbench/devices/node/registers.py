@@ -19,6 +19,8 @@ __all__ = [
     "LIMITS",
     "MAP",
     "PARAMETERS",
+    "PROGRAM",
+    "PROGRAM_WAVE",
     "PROTOCOL_VERSION",
     "SCAN_REGISTERS",
     "SESSION",
@@ -48,7 +50,8 @@ BLOCK_SCANS = 19
 BLOCK_REGISTERS = BLOCK_HEADER_REGISTERS + BLOCK_SCANS * SCAN_REGISTERS
 
 # register value of each wave type; 0 keeps the drive disabled
-WAVES = ("none", "constant", "sine", "square", "triangle", "trapezoid", "chirp")
+WAVES = ("none", "constant", "sine", "square", "triangle", "trapezoid", "chirp", "program")
+PROGRAM_WAVE = WAVES.index("program")
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,7 +115,7 @@ IDENTITY = _group(
     "r",
     ("word_order", "u32", "always 0x00112233"),
     ("protocol_version", "u16", "version of this map, 1"),
-    ("capabilities", "u16", "bit 0 simulated bench, bit 1 fixture block present"),
+    ("capabilities", "u16", "bit 0 simulated bench, bit 1 fixture block present, 2 program"),
     ("vendor", "text", "vendor"),
     ("model", "text", "model"),
     ("serial", "text", "serial number"),
@@ -169,7 +172,11 @@ PARAMETERS = _group(
     ("sample_period_ns", "u32", "sample period, ns"),
     ("n_samples", "u32", "scans to take"),
     ("amplitude_v", "f32", "amplitude of the reference, V"),
-    ("wave", "u16", "0 none, 1 constant, 2 sine, 3 square, 4 triangle, 5 trapezoid, 6 chirp"),
+    (
+        "wave",
+        "u16",
+        "0 none, 1 constant, 2 sine, 3 square, 4 triangle, 5 trapezoid, 6 chirp, 7 program",
+    ),
     ("frequency_hz", "f32", "frequency, start frequency of a chirp, Hz"),
     ("duty", "f32", "share that is high"),
     ("rise", "f32", "share of the rise"),
@@ -189,7 +196,19 @@ FIXTURE = _group(
     ("fixture_position_rad", "f32", "simulated bench only: flexspline position, rad"),
     ("fixture_mass_kg", "f32", "simulated bench only: mass on the arm, kg"),
 )
-MAP = BLOCK + IDENTITY + LIMITS + STATUS + FEED + PARAMETERS + CONTROL + SESSION + FIXTURE
+PROGRAM = _group(
+    0x1070,
+    "rw",
+    ("program_part", "u16", "which part is written, from 0; part 0 forgets the program before"),
+    ("program_parts", "u16", "how many parts the program has, 1..128"),
+    ("part_samples", "u32", "length of this part, scans"),
+    ("part_start_v", "f32", "reference at its start, V"),
+    ("part_end_v", "f32", "reference at its end, V; linear between"),
+    ("part_amplitude_v", "f32", "amplitude of a sine on it, V"),
+    ("part_frequency_hz", "f32", "frequency of the sine at the start, Hz"),
+    ("part_end_frequency_hz", "f32", "frequency of the sine at the end, Hz"),
+)
+MAP = BLOCK + IDENTITY + LIMITS + STATUS + FEED + PARAMETERS + CONTROL + SESSION + FIXTURE + PROGRAM
 
 _BY_NAME = {entry.name: entry for entry in MAP}
 _BY_ADDRESS = {entry.address + k: entry for entry in MAP for k in range(entry.size)}

@@ -39,6 +39,7 @@ class Capability(IntFlag):
 
     SIMULATED = 1
     FIXTURE = 2
+    PROGRAM = 4
 
 
 class Refusal(IntEnum):

@@ -1,4 +1,4 @@
-"""Parts that several causes share: cosine and sine columns, parameters, what a record must hold."""
+"""Parts that several causes share: cosine and sine columns and parameters."""
 
 from __future__ import annotations
 
@@ -12,10 +12,11 @@ from hdbench.records.trace import FloatArray
 
 # far outside of what any bench with this kind of gear carries: bounds data errors, not physics
 TORQUE_LIMIT_NM = 1000.0
-# below this the motor counts as standing: three ADC steps of a tacho with 562 rad/s full range
-_STANDING_RAD_S = 0.5
-
-Applicable = Callable[[Motion], str | None]
+# a share of a known torque: ten times all of it bounds data errors, not physics
+RATIO_LIMIT = 10.0
+# amplitudes that grow with speed or load are stated at these, so that all stand in N m
+REFERENCE_SPEED_RAD_S = 100.0
+REFERENCE_LOAD_NM = 10.0
 
 
 def pair(phase_rad: FloatArray, envelope: FloatArray | float = 1.0) -> FloatArray:
@@ -41,6 +42,11 @@ def pair_parameters(what: str, tag: str = "") -> tuple[Parameter, Parameter]:
     )
 
 
+def ratio_parameter(name: str, description: str) -> Parameter:
+    """Return a linear parameter without unit."""
+    return Parameter(name, "1", -RATIO_LIMIT, RATIO_LIMIT, description)
+
+
 def order_parameter(lower: float, upper: float) -> Parameter:
     """Return the shape parameter ``order``."""
     return Parameter("order", "1", lower, upper, "cycles per revolution of the wave generator")
@@ -56,63 +62,12 @@ def no_shape(columns: Callable[[Motion], FloatArray]) -> Callable[..., FloatArra
     return with_shape
 
 
-def all_of(*conditions: Applicable) -> Applicable:
-    """Return the condition whose reason is the first one that any of `conditions` gives."""
-
-    def check(motion: Motion) -> str | None:
-        return next((reason for c in conditions if (reason := c(motion)) is not None), None)
-
-    return check
+def lobe_angle(motion: Motion) -> FloatArray:
+    """Return the phase of the ripple of the wave generator's two lobes, 2 G theta_m, rad."""
+    return np.asarray(2.0 * motion.gauge_factor * motion.angle_rad)
 
 
-def _turns(angle_rad: FloatArray, motion: Motion) -> float:
-    """Return the span of an angle over the valid samples, turns."""
-    return float(np.ptp(angle_rad[motion.valid])) / (2.0 * np.pi) if motion.valid.any() else 0.0
-
-
-def motor_turns(needed: float) -> Applicable:
-    """Return the condition that the wave generator covers `needed` turns."""
-
-    def check(motion: Motion) -> str | None:
-        turns = _turns(motion.angle_rad, motion)
-        if turns >= needed:
-            return None
-        return f"the wave generator covers {turns:.3g} turns; needed: {needed:.3g}"
-
-    return check
-
-
-def output_turns(needed: float) -> Applicable:
-    """Return the condition that the output covers `needed` turns."""
-
-    def check(motion: Motion) -> str | None:
-        turns = _turns(motion.output_angle_rad, motion)
-        if turns >= needed:
-            return None
-        return f"the output covers {turns:.3g} turns; needed: {needed:.3g}"
-
-    return check
-
-
-def has_load(motion: Motion) -> str | None:
-    """Return why a cause that needs a known load torque does not apply, or None."""
-    if motion.load_torque_nm is None:
-        return "the record has no load_torque_nm; needed: a known load on the output, N m"
-    known = motion.load_torque_nm[motion.valid & np.isfinite(motion.load_torque_nm)]
-    if len(known) == 0 or not float(np.abs(known).max()) > 0.0:
-        return "load_torque_nm is zero throughout; needed: a load on the output, N m"
-    return None
-
-
-def moves_and_reverses(motion: Motion) -> str | None:
-    """Return why dry friction cannot be told from the zero here, or None."""
-    velocity = motion.velocity_rad_s[motion.valid]
-    states = (velocity > _STANDING_RAD_S, velocity < -_STANDING_RAD_S)
-    standing = ~(states[0] | states[1])
-    seen = sum(bool(state.any()) for state in (*states, standing))
-    if seen >= 2:
-        return None
-    return (
-        f"the motor keeps one direction (or stands) throughout, within {_STANDING_RAD_S} rad/s; "
-        "needed: a reversal, or rest and motion"
-    )
+def no_column(motion: Motion, shape: Mapping[str, float]) -> FloatArray:
+    """Return the columns of a cause that adds no torque, shape (n_samples, 0)."""
+    del shape
+    return np.zeros((len(motion), 0))

@@ -6,12 +6,13 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from hdbench.model.causes._needs import lasts
 from hdbench.model.causes._parts import pair, pair_parameters
 from hdbench.model.definition import Cause, Parameter
 from hdbench.model.motion import Motion
 from hdbench.records.trace import FloatArray
 
-__all__ = ["CLOCK_CAUSES"]
+__all__ = ["MAINS_HUM", "STRUCTURAL_TONE"]
 
 # European and American mains keep within 1 % of nominal; a record's own clock is far better
 _MAINS_BANDS = ((49.5, 50.5), (59.5, 60.5))
@@ -22,21 +23,14 @@ def _tone(motion: Motion, shape: Mapping[str, float]) -> FloatArray:
 
 
 def _mains_applicable(motion: Motion) -> str | None:
-    rate = 1.0 / float(np.median(np.diff(motion.time_s)))
+    steps = np.diff(motion.time_s)
+    rate = 1.0 / float(np.median(steps)) if len(steps) else 0.0
     if rate > 2.0 * _MAINS_BANDS[0][1]:
         return None
     return f"{rate:.4g} samples/s; needed: more than {2.0 * _MAINS_BANDS[0][1]:g} to see 50 Hz"
 
 
-def _tone_applicable(motion: Motion) -> str | None:
-    span = float(motion.time_s[-1] - motion.time_s[0])
-    # shorter than this, a tone and the trend of the motion cannot be separated
-    if span >= 1.0:
-        return None
-    return f"the record lasts {span:.3g} s; needed: 1 s to separate a tone from a trend"
-
-
-_MAINS_HUM = Cause(
+MAINS_HUM = Cause(
     name="mains-hum",
     equation="A cos(2 pi f t + phase), f near 50 or 60 Hz",
     shape=(
@@ -53,7 +47,7 @@ _MAINS_HUM = Cause(
     harmonic=True,
     applicable=_mains_applicable,
 )
-_STRUCTURAL_TONE = Cause(
+STRUCTURAL_TONE = Cause(
     name="structural-tone",
     equation="A cos(2 pi f t + phase)",
     shape=(Parameter("frequency_hz", "Hz", 0.5, 5000.0, "frequency of the tone"),),
@@ -66,7 +60,6 @@ _STRUCTURAL_TONE = Cause(
     source="one line of a spectrum over time",
     columns=_tone,
     harmonic=True,
-    applicable=_tone_applicable,
+    # shorter than this, a tone and the trend of the motion cannot be separated
+    applicable=lasts(1.0),
 )
-
-CLOCK_CAUSES = (_MAINS_HUM, _STRUCTURAL_TONE)

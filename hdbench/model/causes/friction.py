@@ -6,26 +6,21 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from hdbench.model.causes._parts import (
-    all_of,
-    moves_and_reverses,
-    no_shape,
-    single,
-    torque_parameter,
-)
+from hdbench.model.causes._needs import all_of, moves_and_reverses, speed_varies
+from hdbench.model.causes._parts import no_shape, single, torque_parameter
 from hdbench.model.definition import Cause, Parameter
 from hdbench.model.motion import Motion
 from hdbench.records.trace import FloatArray
 
-__all__ = ["FRICTION_CAUSES"]
+__all__ = ["COULOMB", "STRIBECK", "TRANSITION", "TUTTLE", "VISCOUS"]
 
-_TRANSITION = Parameter(
+TRANSITION = Parameter(
     "transition_rad_s", "rad/s", 0.05, 20.0, "motor speed over which the sign is smoothed"
 )
 _STRIBECK = Parameter("stribeck_rad_s", "rad/s", 1.0, 80.0, "motor speed at which 1/e is left")
 # samples slower than the Stribeck speed's domain that a record must have to show the effect
 _SLOW_SAMPLES = 20
-_TUTTLE = "Tuttle and Seering 1996: harmonic-drive friction varies non-linearly with velocity"
+TUTTLE = "Tuttle and Seering 1996: harmonic-drive friction varies non-linearly with velocity"
 
 
 def _coulomb(motion: Motion, shape: Mapping[str, float]) -> FloatArray:
@@ -42,21 +37,9 @@ def _stribeck(motion: Motion, shape: Mapping[str, float]) -> FloatArray:
     return single(excess * np.tanh(velocity / shape["transition_rad_s"]))
 
 
-def _speed_varies(motion: Motion) -> str | None:
-    low, high = np.percentile(motion.velocity_rad_s[motion.valid], (1.0, 99.0))
-    spread, largest = float(high - low), float(max(abs(low), abs(high)))
-    # 5 % of the speed: below it the torque of viscous friction is a constant, that is a zero
-    if spread > 0.05 * largest and spread > 0.0:
-        return None
-    return (
-        f"the speed varies by {spread:.3g} rad/s of {largest:.3g} rad/s; needed: more than 5 % to "
-        "tell viscous friction from the zero"
-    )
-
-
 def _moves_slowly(motion: Motion) -> str | None:
     speed = np.abs(motion.velocity_rad_s[motion.valid])
-    slow = int(((speed > _TRANSITION.lower) & (speed < _STRIBECK.upper)).sum())
+    slow = int(((speed > TRANSITION.lower) & (speed < _STRIBECK.upper)).sum())
     if slow >= _SLOW_SAMPLES:
         return None
     return (
@@ -65,22 +48,22 @@ def _moves_slowly(motion: Motion) -> str | None:
     )
 
 
-_COULOMB_CAUSE = Cause(
+COULOMB = Cause(
     name="coulomb-friction",
     equation="F_c tanh(w / w_0)",
-    shape=(_TRANSITION,),
+    shape=(TRANSITION,),
     linear=(torque_parameter("coulomb_nm", "dry friction of the output side"),),
     locked_to="velocity",
     parity="odd in speed, even in load",
     channel="mechanical",
-    look_alikes=("hysteresis", "zero-step", "backlash", "stribeck-friction"),
+    look_alikes=("hysteresis", "zero-step", "backlash", "stribeck-friction", "presliding"),
     experiment="at least four reversals of speed, in steps of both signs",
-    source=_TUTTLE,
+    source=TUTTLE,
     columns=_coulomb,
     harmonic=False,
     applicable=moves_and_reverses,
 )
-_VISCOUS_CAUSE = Cause(
+VISCOUS = Cause(
     name="viscous-friction",
     equation="F_v w",
     shape=(),
@@ -92,15 +75,15 @@ _VISCOUS_CAUSE = Cause(
     channel="mechanical",
     look_alikes=("stribeck-friction", "creep", "coulomb-friction"),
     experiment="speeds over at least 1:5, both directions",
-    source=_TUTTLE,
+    source=TUTTLE,
     columns=no_shape(_viscous),
     harmonic=False,
-    applicable=_speed_varies,
+    applicable=speed_varies,
 )
-_STRIBECK_CAUSE = Cause(
+STRIBECK = Cause(
     name="stribeck-friction",
     equation="(F_s - F_c) exp(-(w / w_s)^2) tanh(w / w_0)",
-    shape=(_STRIBECK, _TRANSITION),
+    shape=(_STRIBECK, TRANSITION),
     linear=(torque_parameter("excess_nm", "static above dry friction, F_s - F_c"),),
     locked_to="velocity",
     parity="odd in speed, even in load",
@@ -112,5 +95,3 @@ _STRIBECK_CAUSE = Cause(
     harmonic=False,
     applicable=all_of(moves_and_reverses, _moves_slowly),
 )
-
-FRICTION_CAUSES = (_COULOMB_CAUSE, _VISCOUS_CAUSE, _STRIBECK_CAUSE)

@@ -6,13 +6,12 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from hdbench.model.causes._needs import all_of, motor_turns, output_turns
 from hdbench.model.causes._parts import (
-    all_of,
-    has_load,
-    motor_turns,
+    REFERENCE_SPEED_RAD_S,
+    lobe_angle,
     no_shape,
     order_parameter,
-    output_turns,
     pair,
     pair_parameters,
 )
@@ -20,14 +19,9 @@ from hdbench.model.definition import Cause
 from hdbench.model.motion import Motion
 from hdbench.records.trace import FloatArray
 
-__all__ = ["MOTOR_CAUSES"]
+__all__ = ["BEARING", "BEAT", "ECCENTRICITY", "RIPPLE_HARMONIC", "TOOTH_MESH", "UNBALANCE"]
 
 _REPORT = "Taghirad, CIM-TR-97-06, section 4; Taghirad, Helmy, Belanger, doi:10.1109/19.728840"
-# amplitudes that grow with speed or load are stated at these, so that all stand in N m
-UNBALANCE_SPEED_RAD_S = 100.0
-RIPPLE_LOAD_NM = 10.0
-# order, relative to the gauges, of the ripple that the wave generator's two lobes cause
-_LOBES = 2.0
 
 
 def _at_order(motion: Motion, shape: Mapping[str, float]) -> FloatArray:
@@ -39,20 +33,11 @@ def _order_one(motion: Motion) -> FloatArray:
 
 
 def _unbalance(motion: Motion) -> FloatArray:
-    return pair(motion.angle_rad, (motion.velocity_rad_s / UNBALANCE_SPEED_RAD_S) ** 2)
-
-
-def _lobe_angle(motion: Motion) -> FloatArray:
-    return np.asarray(_LOBES * motion.gauge_factor * motion.angle_rad)
-
-
-def _with_load(motion: Motion) -> FloatArray:
-    load = np.nan if motion.load_torque_nm is None else np.abs(motion.load_torque_nm)
-    return pair(_lobe_angle(motion), load / RIPPLE_LOAD_NM)
+    return pair(motion.angle_rad, (motion.velocity_rad_s / REFERENCE_SPEED_RAD_S) ** 2)
 
 
 def _beat(motion: Motion) -> FloatArray:
-    carrier = _lobe_angle(motion)
+    carrier = lobe_angle(motion)
     lower, upper = carrier - motion.output_angle_rad, carrier + motion.output_angle_rad
     return np.hstack((pair(lower), pair(upper)))
 
@@ -75,7 +60,7 @@ def _needs_measured_angle(motion: Motion) -> str | None:
     )
 
 
-_RIPPLE_HARMONIC = Cause(
+RIPPLE_HARMONIC = Cause(
     name="ripple-harmonic",
     equation="A cos(order theta_m + phase)",
     shape=(order_parameter(0.1, 60.0),),
@@ -83,14 +68,21 @@ _RIPPLE_HARMONIC = Cause(
     locked_to="motor",
     parity="amplitude and phase do not change with sign of speed or load",
     channel="sensor",
-    look_alikes=("structural-tone", "mains-hum", "bearing-defect", "torsional-resonance"),
+    look_alikes=(
+        "structural-tone",
+        "mains-hum",
+        "bearing-defect",
+        "torsional-resonance",
+        "kinematic-error",
+        "wave-generator-eccentricity",
+    ),
     experiment="two constant speeds: a line that keeps its order and amplitude is ripple",
     source=_REPORT,
     columns=_at_order,
     harmonic=True,
     applicable=motor_turns(1.0),
 )
-_ECCENTRICITY = Cause(
+ECCENTRICITY = Cause(
     name="wave-generator-eccentricity",
     equation="A cos(theta_m + phase)",
     shape=(),
@@ -105,11 +97,11 @@ _ECCENTRICITY = Cause(
     harmonic=True,
     applicable=motor_turns(1.0),
 )
-_UNBALANCE = Cause(
+UNBALANCE = Cause(
     name="motor-unbalance",
-    equation=f"A (w / {UNBALANCE_SPEED_RAD_S:g} rad/s)^2 cos(theta_m + phase)",
+    equation=f"A (w / {REFERENCE_SPEED_RAD_S:g} rad/s)^2 cos(theta_m + phase)",
     shape=(),
-    linear=pair_parameters(f"the torque once per motor turn at {UNBALANCE_SPEED_RAD_S:g} rad/s"),
+    linear=pair_parameters(f"the torque once per motor turn at {REFERENCE_SPEED_RAD_S:g} rad/s"),
     locked_to="motor",
     parity="even in speed",
     channel="mechanical",
@@ -120,23 +112,7 @@ _UNBALANCE = Cause(
     harmonic=True,
     applicable=motor_turns(1.0),
 )
-_LOAD_RIPPLE = Cause(
-    name="load-dependent-ripple",
-    equation=f"A abs(load) / {RIPPLE_LOAD_NM:g} N m cos(2 G theta_m + phase)",
-    shape=(),
-    linear=pair_parameters(f"the ripple added by {RIPPLE_LOAD_NM:g} N m of load"),
-    locked_to="motor",
-    parity="even in load",
-    channel="sensor",
-    look_alikes=("ripple-harmonic", "gain-ripple"),
-    experiment="constant speed under three loads of both signs",
-    source="first term of the ripple amplitude in powers of the load's magnitude",
-    columns=no_shape(_with_load),
-    harmonic=True,
-    applicable=all_of(motor_turns(1.0), has_load),
-    channels=("load_torque_nm",),
-)
-_BEAT = Cause(
+BEAT = Cause(
     name="ripple-beat",
     equation="A1 cos(2 G theta_m - theta_o + phase1) + A2 cos(2 G theta_m + theta_o + phase2)",
     shape=(),
@@ -154,7 +130,7 @@ _BEAT = Cause(
     harmonic=False,
     applicable=output_turns(1.0),
 )
-_TOOTH_MESH = Cause(
+TOOTH_MESH = Cause(
     name="tooth-mesh",
     equation="A cos(2 (N + 1) theta_m + phase)",
     shape=(),
@@ -169,7 +145,7 @@ _TOOTH_MESH = Cause(
     harmonic=True,
     applicable=all_of(motor_turns(1.0), _needs_measured_angle),
 )
-_BEARING = Cause(
+BEARING = Cause(
     name="bearing-defect",
     equation="sum over k = 1, 2, 3 of A_k cos(k order theta_m + phase_k)",
     shape=(order_parameter(0.2, 20.0),),
@@ -187,14 +163,4 @@ _BEARING = Cause(
     columns=_bearing,
     harmonic=False,
     applicable=motor_turns(10.0),
-)
-
-MOTOR_CAUSES = (
-    _RIPPLE_HARMONIC,
-    _ECCENTRICITY,
-    _UNBALANCE,
-    _LOAD_RIPPLE,
-    _BEAT,
-    _TOOTH_MESH,
-    _BEARING,
 )

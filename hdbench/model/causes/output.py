@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
-from hdbench.model.causes._parts import no_shape, output_turns, pair, pair_parameters
+import numpy as np
+
+from hdbench.model.causes._needs import all_of, loaded, loaded_positions, output_turns
+from hdbench.model.causes._parts import REFERENCE_LOAD_NM, no_shape, pair, pair_parameters
 from hdbench.model.definition import Cause
 from hdbench.model.motion import Motion
 from hdbench.records.trace import FloatArray
 
-__all__ = ["OUTPUT_CAUSES"]
+__all__ = ["ANGULAR_MISALIGNMENT", "LOAD_GRAVITY", "MISALIGNMENT", "POSITION_GAIN"]
+
+
+# output turns on which a torque once per turn bends enough to be told from a zero and a drift
+_ARC = 0.25
 
 
 def _once(motion: Motion) -> FloatArray:
@@ -18,7 +25,13 @@ def _twice(motion: Motion) -> FloatArray:
     return pair(2.0 * motion.output_angle_rad)
 
 
-_MISALIGNMENT = Cause(
+def _position_gain(motion: Motion) -> FloatArray:
+    share = motion.applied_nm / REFERENCE_LOAD_NM
+    angle = motion.output_angle_rad
+    return np.hstack((pair(angle, share), pair(2.0 * angle, share)))
+
+
+MISALIGNMENT = Cause(
     name="misalignment",
     equation="A cos(theta_o + phase)",
     shape=(),
@@ -31,9 +44,9 @@ _MISALIGNMENT = Cause(
     source="Taghirad, CIM-TR-97-06, section 5; Taghirad, Helmy, Belanger, doi:10.1109/19.728840",
     columns=no_shape(_once),
     harmonic=True,
-    applicable=output_turns(1.0),
+    applicable=output_turns(_ARC),
 )
-_ANGULAR = Cause(
+ANGULAR_MISALIGNMENT = Cause(
     name="angular-misalignment",
     equation="A cos(2 theta_o + phase)",
     shape=(),
@@ -46,9 +59,9 @@ _ANGULAR = Cause(
     source="second harmonic of the output angle, as of a shaft joint at an angle",
     columns=no_shape(_twice),
     harmonic=True,
-    applicable=output_turns(1.0),
+    applicable=output_turns(0.5),
 )
-_GRAVITY = Cause(
+LOAD_GRAVITY = Cause(
     name="load-gravity",
     equation="m g r cos(theta_o + phase)",
     shape=(),
@@ -61,7 +74,24 @@ _GRAVITY = Cause(
     source="moment of a weight m g at radius r about a level axis",
     columns=no_shape(_once),
     harmonic=True,
-    applicable=output_turns(1.0),
+    applicable=output_turns(_ARC),
 )
 
-OUTPUT_CAUSES = (_MISALIGNMENT, _ANGULAR, _GRAVITY)
+POSITION_GAIN = Cause(
+    name="position-dependent-gain",
+    equation="tau / 10 N m (A1 cos(theta_o + phase1) + A2 cos(2 theta_o + phase2))",
+    shape=(),
+    linear=(
+        *pair_parameters(f"the torque once per output turn under {REFERENCE_LOAD_NM:g} N m", "_1"),
+        *pair_parameters(f"the torque twice per output turn under {REFERENCE_LOAD_NM:g} N m", "_2"),
+    ),
+    locked_to="output",
+    parity="odd in load, even in speed",
+    channel="sensor",
+    look_alikes=("gain-error", "gain-ripple", "side-force"),
+    experiment="locked load at four output angles or more, both signs of load",
+    source="bridge on a flexspline: bending and side force change its gain with the position",
+    columns=no_shape(_position_gain),
+    harmonic=False,
+    applicable=all_of(loaded, loaded_positions(3)),
+)

@@ -1,72 +1,138 @@
-"""Causes of the sensor and of the inertia: what scales a torque that is known."""
+"""Causes of the sensor that need no memory: what a known torque becomes in the bridge."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
-from hdbench.model.causes._parts import has_load, no_shape, single
+from hdbench.model.causes._needs import all_of, both_signs, known_torque, loaded
+from hdbench.model.causes._parts import (
+    REFERENCE_LOAD_NM,
+    no_shape,
+    ratio_parameter,
+    single,
+    torque_parameter,
+)
 from hdbench.model.definition import Cause, Parameter
 from hdbench.model.motion import Motion
 from hdbench.records.trace import FloatArray
 
-__all__ = ["SENSOR_CAUSES"]
-
-# an acceleration that never leaves its own noise by this much cannot carry an inertia: the largest
-# of a million normal samples lies near 5 standard deviations
-_ABOVE_NOISE = 6.0
+__all__ = ["BACKLASH", "CUBIC_NONLINEARITY", "GAIN_ERROR", "SATURATION", "whole_signal"]
 
 
-def _per_inertia(motion: Motion) -> FloatArray:
-    return single(motion.acceleration_rad_s2 / motion.gear_ratio)
+def whole_signal(motion: Motion) -> FloatArray:
+    """Return the torque in the channel.
+
+    Parameters
+    ----------
+    motion : Motion
+        Motion at every sample.
+
+    Returns
+    -------
+    ndarray, shape (n_samples,)
+        Simulated torque where a baseline is known, else the applied one, N m.
+    """
+    return motion.applied_nm if motion.simulated_nm is None else motion.simulated_nm
 
 
-def _load(motion: Motion) -> FloatArray:
-    load = motion.load_torque_nm
-    return single(np.full(len(motion), np.nan) if load is None else load)
+def _applied(motion: Motion) -> FloatArray:
+    return single(motion.applied_nm)
 
 
-def _accelerates(motion: Motion) -> str | None:
-    largest = float(np.abs(motion.acceleration_rad_s2[motion.valid]).max())
-    if largest > _ABOVE_NOISE * motion.acceleration_noise_rad_s2:
-        return None
-    return (
-        f"the acceleration stays within {largest:.3g} rad/s^2 at a noise of "
-        f"{motion.acceleration_noise_rad_s2:.3g} rad/s^2; needed: a speed that changes faster"
-    )
+def _cubic(motion: Motion) -> FloatArray:
+    share = motion.applied_nm / REFERENCE_LOAD_NM
+    return single(share * share * share)
 
 
-_INERTIA_ERROR = Cause(
-    name="inertia-error",
-    equation="dJ alpha_m / N",
-    shape=(),
-    linear=(
-        Parameter("inertia_kg_m2", "kg m^2", -10.0, 10.0, "inertia that the profile lacks, dJ"),
-    ),
-    locked_to="acceleration",
-    parity="odd in acceleration",
-    channel="mechanical",
-    look_alikes=("gain-error", "time-skew", "kinematic-error"),
-    experiment="a fast sine of speed, and static weights",
-    source="Newton's law for the load about the output",
-    columns=no_shape(_per_inertia),
-    harmonic=False,
-    applicable=_accelerates,
-)
-_GAIN_ERROR = Cause(
+def _backlash(motion: Motion, shape: Mapping[str, float]) -> FloatArray:
+    play = shape["play_nm"]
+    return single(-np.clip(motion.applied_nm, -play, play))
+
+
+def _saturation(motion: Motion, shape: Mapping[str, float]) -> FloatArray:
+    limit, torque = shape["limit_nm"], whole_signal(motion)
+    return single(limit * np.tanh(torque / limit) - torque)
+
+
+def _largest(torque: FloatArray, motion: Motion) -> float:
+    known = np.abs(torque[motion.valid & np.isfinite(torque)])
+    return float(known.max()) if len(known) else 0.0
+
+
+def _play_reach(motion: Motion) -> dict[str, tuple[float, float]]:
+    # a play beyond the largest torque takes all of it: a gain
+    return {"play_nm": (0.0, _largest(motion.applied_nm, motion))}
+
+
+def _limit_reach(motion: Motion) -> dict[str, tuple[float, float]]:
+    largest = _largest(whole_signal(motion), motion)
+    # a limit ten times the largest torque takes 0.3 % of it, by then a pure cube; one of a tenth
+    # leaves a square wave
+    return {"limit_nm": (0.1 * largest, 10.0 * largest)}
+
+
+GAIN_ERROR = Cause(
     name="gain-error",
-    equation="g load",
+    equation="g tau",
     shape=(),
-    linear=(Parameter("gain_error", "1", -1.0, 1.0, "relative error of the sensor's gain, g"),),
+    linear=(ratio_parameter("gain_error", "relative error of the sensor's gain, g"),),
     locked_to="load",
     parity="odd in load, even in speed",
     channel="sensor",
     look_alikes=("inertia-error", "cubic-nonlinearity", "position-dependent-gain"),
     experiment="static weights on at least five levels of both signs",
     source="Taghirad, CIM-TR-97-06, section 3 (gain by static loads)",
-    columns=no_shape(_load),
+    columns=no_shape(_applied),
     harmonic=False,
-    applicable=has_load,
-    channels=("load_torque_nm",),
+    applicable=known_torque,
 )
-
-SENSOR_CAUSES = (_INERTIA_ERROR, _GAIN_ERROR)
+CUBIC_NONLINEARITY = Cause(
+    name="cubic-nonlinearity",
+    equation=f"c (tau / {REFERENCE_LOAD_NM:g} N m)^3",
+    shape=(),
+    linear=(torque_parameter("cubic_nm", f"deviation at {REFERENCE_LOAD_NM:g} N m, c"),),
+    locked_to="load",
+    parity="odd in load, even in speed",
+    channel="sensor",
+    look_alikes=("saturation", "arm-sag", "gain-error", "piecewise-stiffness"),
+    experiment="static weights on five levels or more of both signs, up to the rated torque",
+    source="first odd term of a sensor's curve after its gain; EURAMET cg-14 fits a cubic",
+    columns=no_shape(_cubic),
+    harmonic=False,
+    applicable=loaded,
+)
+BACKLASH = Cause(
+    name="backlash",
+    equation="-s clip(tau, -b, b), s = 1 where nothing is transmitted inside the play",
+    shape=(Parameter("play_nm", "N m", 0.005, 500.0, "half of the play, as a torque, b"),),
+    linear=(ratio_parameter("share", "share of the torque lost inside the play, s"),),
+    locked_to="load",
+    parity="odd in load; only near zero torque",
+    channel="mechanical",
+    look_alikes=("hysteresis", "gain-error", "coulomb-friction"),
+    experiment="a small torque sine about zero, and again about 10 N m",
+    source="dead zone: torque is passed on beyond the play only",
+    columns=_backlash,
+    harmonic=False,
+    applicable=all_of(loaded, both_signs),
+    reach=_play_reach,
+)
+SATURATION = Cause(
+    name="saturation",
+    equation="s (L tanh(y / L) - y), y the torque in the channel, s = 1",
+    shape=(Parameter("limit_nm", "N m", 0.1, 1e4, "torque that the channel never exceeds, L"),),
+    linear=(ratio_parameter("share", "1 for a channel with the limit L, s"),),
+    locked_to="load",
+    parity="odd in the whole torque, even in speed",
+    channel="sensor",
+    look_alikes=("cubic-nonlinearity", "cubic-stiffness", "gain-error"),
+    experiment="the highest torque of both signs; its code histogram",
+    source="smooth limiter; a sharp one is seen in the code histogram",
+    columns=_saturation,
+    harmonic=False,
+    applicable=loaded,
+    reach=_limit_reach,
+    whole_signal=True,
+)

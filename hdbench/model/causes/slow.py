@@ -6,15 +6,16 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from hdbench.model.causes._parts import no_shape, single, torque_parameter
+from hdbench.model.causes._needs import lasts
+from hdbench.model.causes._parts import no_column, no_shape, single, torque_parameter
 from hdbench.model.definition import Cause, Parameter
 from hdbench.model.motion import Motion
 from hdbench.records.trace import FloatArray
 
-__all__ = ["SLOW_CAUSES"]
+__all__ = ["TIME_LIMIT_S", "WARM_UP", "ZERO_DRIFT", "ZERO_RANDOM_WALK", "ZERO_STEP"]
 
 # time stamps of any record: a little over eleven days to both sides of zero
-_TIME_LIMIT_S = 1e6
+TIME_LIMIT_S = 1e6
 
 
 def _since_start(motion: Motion) -> FloatArray:
@@ -33,31 +34,24 @@ def _warm_up(motion: Motion, shape: Mapping[str, float]) -> FloatArray:
     return single(-np.expm1(-_since_start(motion) / shape["time_constant_s"]))
 
 
-def _lasts(motion: Motion) -> str | None:
-    span = float(motion.time_s[-1] - motion.time_s[0])
-    if span >= _TIME_CONSTANT.lower:
-        return None
-    return f"the record lasts {span:.3g} s; needed: {_TIME_CONSTANT.lower:g} s"
-
-
 _TIME_CONSTANT = Parameter(
     "time_constant_s", "s", 5.0, 7200.0, "time in which all but 1/e of the change is done"
 )
-_ZERO_STEP = Cause(
+ZERO_STEP = Cause(
     name="zero-step",
     equation="b H(t - t_0)",
-    shape=(Parameter("step_time_s", "s", -_TIME_LIMIT_S, _TIME_LIMIT_S, "time of the step, t_0"),),
+    shape=(Parameter("step_time_s", "s", -TIME_LIMIT_S, TIME_LIMIT_S, "time of the step, t_0"),),
     linear=(torque_parameter("step_nm", "change of the zero, b"),),
     locked_to="time",
     parity="does not depend on speed or load",
     channel="sensor",
-    look_alikes=("coulomb-friction", "warm-up"),
+    look_alikes=("coulomb-friction", "warm-up", "zero-random-walk"),
     experiment="rest before and after; repeat the reversals",
     source="change of a sensor's zero in one moment",
     columns=_step,
     harmonic=False,
 )
-_ZERO_DRIFT = Cause(
+ZERO_DRIFT = Cause(
     name="zero-drift",
     equation="b (t - t_start)",
     shape=(),
@@ -73,7 +67,7 @@ _ZERO_DRIFT = Cause(
     columns=no_shape(_drift),
     harmonic=False,
 )
-_WARM_UP = Cause(
+WARM_UP = Cause(
     name="warm-up",
     equation="b (1 - exp(-(t - t_start) / T_c))",
     shape=(_TIME_CONSTANT,),
@@ -81,12 +75,31 @@ _WARM_UP = Cause(
     locked_to="time",
     parity="does not depend on speed or load",
     channel="sensor",
-    look_alikes=("zero-drift", "creep", "zero-step"),
+    look_alikes=("zero-drift", "creep", "zero-step", "zero-random-walk"),
     experiment="rest, run, rest, with temperature recorded, for twice the warm-up time",
     source="first-order approach to thermal balance",
     columns=_warm_up,
     harmonic=False,
-    applicable=_lasts,
+    applicable=lasts(_TIME_CONSTANT.lower),
 )
 
-SLOW_CAUSES = (_ZERO_STEP, _ZERO_DRIFT, _WARM_UP)
+ZERO_RANDOM_WALK = Cause(
+    name="zero-random-walk",
+    equation="a zero that walks: standard deviation s sqrt(t) after the time t",
+    shape=(
+        Parameter(
+            "intensity_nm_per_sqrt_s", "N m/s^0.5", 1e-6, 100.0, "step of the zero in one second, s"
+        ),
+    ),
+    linear=(),
+    locked_to="time",
+    parity="does not depend on speed or load",
+    channel="sensor",
+    look_alikes=("zero-drift", "warm-up", "zero-step"),
+    experiment="rest, run, rest, repeated: a drift comes back the same, a walk does not",
+    source="Wiener process: increments of independent time are independent",
+    columns=no_column,
+    harmonic=False,
+    applicable=lasts(1.0),
+    additive=False,
+)

@@ -1,0 +1,169 @@
+"""`hdbench plan`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from hdbench.errors import UsageError
+from hdbench_cli.options import profile_option
+from hdbench_cli.output import Output
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from hdbench.diagnosis.planning import PlanReport, Proposal
+
+__all__ = ["command"]
+
+# lines of each table that fit one screen together with the rest
+_SHOWN, _SETTLED = 8, 2
+
+
+@click.command(
+    "plan",
+    epilog="Example: hdbench plan --cause ripple-harmonic --cause structural-tone --out plan.toml",
+)
+@profile_option
+@click.option(
+    "--cause",
+    "causes",
+    metavar="NAME",
+    multiple=True,
+    help="Tell this cause from the others named, or from its look-alikes; all where none is named.",
+)
+@click.option(
+    "--of",
+    "of",
+    metavar="RUN|TRACE",
+    type=click.Path(path_type=Path, exists=True),
+    help="Run at hand, else the profile's own ripple run.",
+)
+@click.option(
+    "--for",
+    "result",
+    metavar="RUN|FILE",
+    type=click.Path(path_type=Path, exists=True),
+    help="Diagnosis whose open names are to be told apart.",
+)
+@click.option(
+    "--protocol",
+    metavar="NAME",
+    help="Take this protocol instead of proposing one: full, or the name of one of its parts.",
+)
+@click.option(
+    "--duration",
+    "duration_s",
+    metavar="S",
+    type=click.FloatRange(min=0.0, min_open=True),
+    help="Longest time that the bench may sample.  [default: 180]",
+)
+@click.option("--no-loads", is_flag=True, help="Propose nothing that needs an operator.")
+@click.option(
+    "--out",
+    metavar="FILE",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="Write the proposed run as a plan file, .toml or .json.",
+)
+@click.pass_obj
+def command(
+    output: Output,
+    profile_name: str | None,
+    causes: tuple[str, ...],
+    of: Path | None,
+    result: Path | None,
+    protocol: str | None,
+    duration_s: float | None,
+    no_loads: bool,
+    out: Path | None,
+) -> None:
+    """Say which run separates which causes.
+
+    Shows what the run at hand can tell apart and what not, and proposes the run that can, ready for
+    `hdbench run-ripple --plan FILE`. Every number is computed from signatures on the motion itself.
+    """
+    from hdbench.diagnosis.planning import PlanRequest, make_report, report_dict, write_plan
+    from hdbench.records import result_header
+    from hdbench_cli.experiment import choose_profile
+    from hdbench_cli.progress import progress_bar
+
+    request = PlanRequest(causes, of, result, protocol, duration_s, loads=not no_loads)
+    profile = choose_profile(profile_name, of or result)
+    with progress_bar("plan") as told:
+        report = make_report(request, profile, told)
+    plan = report.proposal.plan
+    if out is not None:
+        if plan is None:
+            raise UsageError(
+                "no run of this bench tells these causes apart; no plan file was written",
+                where="hdbench plan --out",
+                fix=_settled(report.proposal) or "name other causes, or allow more --duration",
+            )
+        write_plan(out, plan)
+    body = report_dict(report, result_header("plan-report", profile))
+    body["plan_file"] = None if out is None else str(out)
+    body["command"] = None if out is None else f"hdbench run-ripple --plan {out}"
+    output.result(body, lambda console: _show(console, report, body))
+
+
+def _settled(proposal: Proposal) -> str:
+    """Return what settles the first pair that no run tells apart."""
+    from hdbench.diagnosis.planning import settled_by
+    from hdbench.model import catalogue
+
+    known = catalogue()
+    for pair in proposal.pairs:
+        if not pair.separated and pair.first in known and pair.second in known:
+            return settled_by(known[pair.first], known[pair.second])
+    return ""
+
+
+def _show(console: Console, report: PlanReport, body: dict[str, Any]) -> None:
+    """Draw the report on one screen."""
+
+    def line(text: str, style: str | None = None) -> None:
+        console.print(text, markup=False, style=style, highlight=False)
+
+    at_hand = body["at_hand"]
+    total = len(report.at_hand.names)
+    line(f"{report.source}", "bold")
+    line(f"  shows {len(at_hand['visible'])} of {total} causes")
+    for group in at_hand["inseparable"][:_SHOWN]:
+        line(f"  exactly alike: {', '.join(group)}")
+    shown = body["pairs"][:_SHOWN]
+    if shown:
+        line("share of the first that the second cannot imitate: at hand -> proposed", "bold")
+    for pair in shown:
+        mark = "told apart" if pair["separated"] else "NOT told apart"
+        line(
+            f"  {pair['first'] + ' / ' + pair['second']:<54}"
+            f"{_share(pair['sin2_at_hand'])} -> {_share(pair['sin2_proposed'])}  {mark}"
+        )
+    if len(body["pairs"]) > _SHOWN:
+        open_pairs = sum(not pair["separated"] for pair in body["pairs"])
+        line(f"  {len(body['pairs'])} pairs in all, {open_pairs} of them stay open")
+    for pair in _open_pairs(body)[:_SETTLED]:
+        line(f"  {pair['first']} or {pair['second']} is settled by {pair['settled_by']}")
+    if body["plan"] is None:
+        line("no run of this bench tells them apart", "bold")
+        return
+    operator = ", needs an operator" if body["needs_operator"] else ""
+    line(f"proposed run: {body['duration_s']:.0f} s{operator}", "bold")
+    for words in body["words"]:
+        line(f"  {words}")
+    line(body["command"] or "write it with --out FILE, then hdbench run-ripple --plan FILE")
+
+
+def _open_pairs(body: dict[str, Any]) -> list[dict[str, Any]]:
+    """Return pairs that stay open, each once whatever its order."""
+    found: dict[frozenset[str], dict[str, Any]] = {}
+    for pair in body["pairs"]:
+        if pair["settled_by"]:
+            found.setdefault(frozenset((pair["first"], pair["second"])), pair)
+    return list(found.values())
+
+
+def _share(value: float | None) -> str:
+    return "   -" if value is None else f"{value:4.2f}"

@@ -1,0 +1,40 @@
+"""What a plant hides from the model: for demonstrations and tests, never for an evaluation."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from hdbench.profile import Profile
+
+__all__ = ["hidden_effects"]
+
+
+def hidden_effects(profile: Profile, plant: str, seed: int) -> tuple[Mapping[str, object], ...]:
+    """Return the effects that a plant adds to the torque with this seed.
+
+    Parameters
+    ----------
+    profile : Profile
+        Bench.
+    plant : str
+        Name or file of the plant.
+    seed : int
+        Seed that chose and sized the effects, >= 0.
+
+    Returns
+    -------
+    tuple of mapping
+        ``kind`` and the numbers of each effect, with units in their names.
+
+    Raises
+    ------
+    ProfileError
+        If the plant is unknown or broken.
+    UsageError
+        If the seed is negative.
+    """
+    from hdbench.devices.emulator.bench import SimulatedBench
+    from hdbench.devices.emulator.plantfile import load_plant
+
+    effects = SimulatedBench(profile.data, load_plant(plant), seed).truth()["effects"]
+    return tuple(effects) if isinstance(effects, list) else ()

@@ -1,0 +1,1 @@
+"""Diagnosis of calibration loads: readings in, names and places out."""

@@ -1,0 +1,200 @@
+"""The names that an accepted term could also have."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from hdbench.diagnosis.loads.families import Family, best_cell
+from hdbench.diagnosis.loads.fit import LoadFit, fit_loads, score_nats
+from hdbench.diagnosis.loads.shapes import DISCRETE, HELD, columns_of
+from hdbench.diagnosis.loads.space import Space, make_space
+from hdbench.diagnosis.loads.table import LoadTable
+from hdbench.diagnosis.terms import Term
+from hdbench.records.trace import FloatArray
+
+__all__ = ["RIVAL_NATS", "Accepted", "accept", "is_outlier", "parameters_of", "space_of", "without"]
+
+# names within this many nats of the best are rivals: a Bayes factor of 20
+RIVAL_NATS = 3.0
+# ... and a name that explains this share of what the best one explains is its rival, however small
+# the noise: the difference is one of form. A loop from rest on equal steps is nearly a creep.
+_LIKE = 0.99
+_LIKE_MEMORY = 0.97
+_MEMORY = {"hysteresis", "creep"}
+# contract: names whose effect spans the same space on this record
+_SAME_SPACE = 0.01
+
+
+@dataclass(frozen=True, slots=True)
+class Accepted:
+    """An accepted term and what it could also be.
+
+    Parameters
+    ----------
+    term : Term
+        The term as fitted.
+    false_alarm : float
+        Probability of such a finding on these readings without any effect.
+    evidence_nats : float
+        Score against the fit without it.
+    group : tuple of Term
+        Terms that span the same space on these readings, the accepted one first.
+    rivals : tuple of Term
+        Other terms within 3 nats, or that explain 99 % of what the accepted one explains.
+    """
+
+    term: Term
+    false_alarm: float
+    evidence_nats: float
+    group: tuple[Term, ...]
+    rivals: tuple[Term, ...]
+
+
+def is_outlier(term: Term) -> bool:
+    """Return whether a term is a reading that stands apart and no cause with a name.
+
+    Parameters
+    ----------
+    term : Term
+        Term.
+
+    Returns
+    -------
+    bool
+    """
+    return term.cause.name == "outlier"
+
+
+def parameters_of(term: Term, less: LoadFit, more: LoadFit) -> int:
+    """Return how many parameters a score pays for a term, between fits without and with it.
+
+    Columns that the design cannot tell apart cost one parameter; shapes without a slope, such as
+    the time of a step, cost one each.
+
+    Parameters
+    ----------
+    term : Term
+        The term.
+    less, more : LoadFit
+        Fits without and with it.
+
+    Returns
+    -------
+    int
+    """
+    discrete = sum(p.name in DISCRETE for p in term.cause.shape)
+    return less.dof - more.dof + discrete
+
+
+def space_of(fit: LoadFit) -> Space:
+    """Return what a fit leaves of the readings.
+
+    Parameters
+    ----------
+    fit : LoadFit
+        Fit.
+
+    Returns
+    -------
+    Space
+    """
+    return make_space(fit.explained, fit.table.reading_v, fit.table.used)
+
+
+def same_space(space: Space, table: LoadTable, first: Term, second: Term) -> bool:
+    """Return whether two terms span the same space on these readings.
+
+    Parameters
+    ----------
+    space : Space
+        Complement of what both have in common to explain.
+    table : LoadTable
+        Readings.
+    first, second : Term
+        Terms.
+
+    Returns
+    -------
+    bool
+        True where both have as many directions and the sine squared of the largest angle between
+        them is below 0.01.
+    """
+    a, b = (space.directions(columns_of(term, table)) for term in (first, second))
+    if a.shape[1] != b.shape[1] or a.shape[1] == 0:
+        return False
+    return space.sine_squared(a, b) < _SAME_SPACE
+
+
+def without(terms: tuple[Term, ...], place: int) -> tuple[Term, ...]:
+    """Return the terms but for one.
+
+    Parameters
+    ----------
+    terms : tuple of Term
+        Terms.
+    place : int
+        Index of the one that is left out.
+
+    Returns
+    -------
+    tuple of Term
+    """
+    return terms[:place] + terms[place + 1 :]
+
+
+def _holds(family: Family, space: Space, table: LoadTable, term: Term) -> bool:
+    """Return whether a member of a family spans the same space as a term."""
+    mine = space.directions(columns_of(term, table))
+    alike = [c.directions for c in family.cells if c.directions.shape[1] == mine.shape[1] > 0]
+    return any(space.sine_squared(mine, other) < _SAME_SPACE for other in alike)
+
+
+def accept(
+    fit: LoadFit,
+    place: int,
+    base: FloatArray,
+    families: Callable[[LoadFit, Space], Sequence[Family]],
+    false_alarm: float,
+) -> Accepted:
+    """Return a term of the final fit with the names that it could also have.
+
+    Parameters
+    ----------
+    fit : LoadFit
+        Final fit.
+    place : int
+        Index of the term.
+    base : ndarray, shape (n, p)
+        Columns of the baseline.
+    families : callable
+        ``families(fit, space)`` gives the families that the residual of a fit could show.
+    false_alarm : float
+        Probability of the finding.
+
+    Returns
+    -------
+    Accepted
+    """
+    term, table = fit.terms[place], fit.table
+    less = fit_loads(table, base, without(fit.terms, place), refine=False)
+    mine = score_nats(less, fit, parameters_of(term, less, fit))
+    space = space_of(less)
+    group, rivals = [term], []
+    for family in [] if is_outlier(term) else families(less, space):
+        cell = best_cell(family, less.table, space, less.slope_v_per_nm)
+        if family.name in (term.cause.name, "outlier") or cell is None:
+            continue
+        trial = fit_loads(less.table, base, (*less.terms, cell.term))
+        other = trial.terms[-1]
+        held = any(p.name in HELD for p in other.cause.shape)
+        alike = same_space(space, table, term, other)
+        if alike or (not held and _holds(family, space, table, term)):
+            group.append(other)
+            continue
+        score = score_nats(less, trial, parameters_of(other, less, trial))
+        share = _LIKE_MEMORY if {term.cause.name, other.cause.name} == _MEMORY else _LIKE
+        like = less.rss - trial.rss >= share * (less.rss - fit.rss)
+        if mine - score <= RIVAL_NATS or like:
+            rivals.append(other)
+    return Accepted(term, false_alarm, mine, tuple(group), tuple(rivals))

@@ -1,0 +1,242 @@
+"""Accept, refit, drop, swap, look again: the loop that names causes of readings."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from hdbench.diagnosis.loads.families import Family, best_cell, family_cells
+from hdbench.diagnosis.loads.fit import LoadFit, fit_loads, score_nats
+from hdbench.diagnosis.loads.forms import outlier_cause
+from hdbench.diagnosis.loads.names import Accepted, accept, parameters_of, space_of, without
+from hdbench.diagnosis.loads.null import FamilyLook, look_at_families
+from hdbench.diagnosis.loads.space import Space
+from hdbench.diagnosis.loads.table import LoadTable
+from hdbench.diagnosis.terms import Term
+from hdbench.model import Cause
+from hdbench.records.trace import FloatArray
+
+__all__ = ["Found", "LoadSearch", "search_loads"]
+
+_MAX_CAUSES = 8
+# candidates refined at most, strongest first
+_MAX_CANDIDATES = 8
+# a swap must win by more than rounding
+_SWAP_NATS = 0.1
+_SWAP_ROUNDS = 3
+# the form of a cause is never quite that of the catalogue: what comes second must be worth more
+# than a misfit of the first is, a Bayes factor of 20 000 and this share of what is explained
+_SECOND_NATS = 10.0
+_SECOND_SHARE = 0.003
+# along the axis of one that is accepted already a misfit is larger: by another law of hysteresis (a
+# loop of Bouc and Wen from rest) the catalogue's leaves 2 % of the sum of squares
+_SAME_AXIS_SHARE = 0.03
+_AXES = (
+    ("hysteresis", "creep"),
+    ("cubic-nonlinearity", "saturation", "arm-sag", "backlash"),
+    ("zero-drift", "warm-up"),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """Result of the search.
+
+    Parameters
+    ----------
+    fit : LoadFit
+        Final joint fit; terms that were known come first.
+    space : Space
+        Final residual.
+    accepted : tuple of Accepted
+        One for each term that is not known, in order.
+    looks : tuple of FamilyLook
+        Looks at the final residual.
+    """
+
+    fit: LoadFit
+    space: Space
+    accepted: tuple[Accepted, ...]
+    looks: tuple[FamilyLook, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class _Candidate:
+    term: Term
+    fit: LoadFit
+    score_nats: float
+
+
+@dataclass(frozen=True, slots=True)
+class LoadSearch:
+    """What a search goes by.
+
+    Parameters
+    ----------
+    base : ndarray, shape (n, p)
+        Columns of the baseline.
+    causes : tuple of Cause
+        Causes that may be named.
+    alpha : float
+        False-alarm rate of the whole search.
+    rng : Generator
+        For the draws of the null.
+    """
+
+    base: FloatArray
+    causes: tuple[Cause, ...]
+    alpha: float
+    rng: np.random.Generator
+
+    def families(self, fit: LoadFit, space: Space) -> list[Family]:
+        """Return every family that the residual of a fit could show."""
+        made = (family_cells(c, fit.table, space) for c in (*self.causes, outlier_cause()))
+        return [family for family in made if family is not None]
+
+    def candidates(self, fit: LoadFit, looks: Sequence[FamilyLook]) -> list[_Candidate]:
+        """Return the strongest looks refined with all that was accepted, best score first."""
+        worth = sorted(looks, key=lambda look: look.p_value)[:_MAX_CANDIDATES]
+        done = []
+        space = space_of(fit)
+        for look in worth:
+            cell = best_cell(look.family, fit.table, space, fit.slope_v_per_nm)
+            if cell is None:
+                continue
+            trial = fit_loads(fit.table, self.base, (*fit.terms, cell.term))
+            if not _inside_domain(trial):
+                continue
+            added = parameters_of(cell.term, fit, trial)
+            done.append(_Candidate(trial.terms[-1], trial, score_nats(fit, trial, added)))
+        # among equal scores the name with fewer free shapes comes first, then the catalogue's order
+        order = [cause.name for cause in self.causes]
+        return sorted(done, key=lambda c: (-round(c.score_nats, 3), _rank(c.term, order)))
+
+
+def search_loads(table: LoadTable, search: LoadSearch, known: Sequence[Term]) -> Found:
+    """Name causes until nothing passes the false-alarm rate, or eight were named.
+
+    Parameters
+    ----------
+    table : LoadTable
+        Readings.
+    search : LoadSearch
+        Baseline, causes and false-alarm rate.
+    known : sequence of Term
+        Causes that the model already holds: fitted, not reported.
+
+    Returns
+    -------
+    Found
+    """
+    n_known = len(known)
+    fit = fit_loads(table, search.base, tuple(known))
+    chances: dict[str, float] = {}
+    while True:
+        space = space_of(fit)
+        looks = _looks(fit, space, search)
+        alarms = [look for look in looks if look.false_alarm < search.alpha]
+        if not alarms or len(fit.terms) - n_known >= _MAX_CAUSES:
+            break
+        ranked = search.candidates(fit, looks)
+        if not ranked or ranked[0].score_nats <= 0.0:
+            break
+        best = ranked[0]
+        if _misfit(best, fit, search.base):
+            break
+        chances.setdefault(best.term.cause.name, min(look.false_alarm for look in alarms))
+        fit = _dropped(best.fit, search, n_known)
+        fit = _swapped(fit, search, n_known)
+    common = max(chances.values(), default=1.0)
+    accepted = tuple(
+        accept(fit, i, search.base, search.families, chances.get(term.cause.name, common))
+        for i, term in enumerate(fit.terms)
+        if i >= n_known
+    )
+    return Found(fit, space, accepted, looks)
+
+
+def _rank(term: Term, order: Sequence[str]) -> tuple[int, int]:
+    """Return what decides between equal scores."""
+    name = term.cause.name
+    return len(term.cause.shape), order.index(name) if name in order else len(order)
+
+
+def _misfit(best: _Candidate, fit: LoadFit, base: FloatArray) -> bool:
+    """Return whether a further term is no more than a misfit of those that are accepted."""
+    if not fit.terms:
+        return False
+    drop = fit.rss - best.fit.rss
+    plain = fit_loads(fit.table, base, ())
+    small = drop < _SECOND_SHARE * (plain.rss - fit.rss)
+    axis = next((a for a in _AXES if best.term.cause.name in a), (best.term.cause.name,))
+    for place, term in enumerate(fit.terms):
+        if term.cause.name in axis and term.cause.name not in ("outlier", "zero-step"):
+            less = fit_loads(fit.table, base, without(fit.terms, place), refine=False)
+            small = small or drop < _SAME_AXIS_SHARE * (less.rss - fit.rss)
+    return small or best.score_nats < _SECOND_NATS
+
+
+def _inside_domain(fit: LoadFit) -> bool:
+    """Return whether the last term's linear parameters lie in the domain of the catalogue."""
+    parameters = fit.terms[-1].cause.linear
+    return all(p.contains(x) for p, x in zip(parameters, fit.linear[-1].tolist(), strict=True))
+
+
+def _looks(fit: LoadFit, space: Space, search: LoadSearch) -> tuple[FamilyLook, ...]:
+    # a share needs a rest to be a share of
+    if space.dof < 2:
+        return ()
+    return look_at_families(space, search.families(fit, space), search.rng)
+
+
+def _dropped(fit: LoadFit, search: LoadSearch, n_known: int) -> LoadFit:
+    """Return the fit without the terms that a later one has made needless."""
+    place = n_known
+    while place < len(fit.terms) - 1:
+        less = fit_loads(fit.table, search.base, without(fit.terms, place))
+        if score_nats(less, fit, parameters_of(fit.terms[place], less, fit)) < 0.0:
+            fit = less
+        else:
+            place += 1
+    return fit
+
+
+def _swapped(fit: LoadFit, search: LoadSearch, n_known: int) -> LoadFit:
+    """Return the fit with terms replaced by names that explain more beside all others."""
+    if len(fit.terms) - n_known < 2:
+        return fit
+    for _ in range(_SWAP_ROUNDS):
+        before = fit
+        for place in range(n_known, len(fit.terms)):
+            less = fit_loads(fit.table, search.base, without(fit.terms, place))
+            mine = score_nats(less, fit, parameters_of(fit.terms[place], less, fit))
+            best = _best_instead(less, search)
+            if best is not None and best.score_nats > mine + _SWAP_NATS:
+                fit = best.fit
+        if fit is before:
+            break
+    return fit
+
+
+def _best_instead(less: LoadFit, search: LoadSearch) -> _Candidate | None:
+    """Return the best single addition to a fit by score."""
+    space = space_of(less)
+    if space.dof < 2:
+        return None
+    found = (
+        best_cell(family, less.table, space, less.slope_v_per_nm)
+        for family in search.families(less, space)
+    )
+    tops = [cell for cell in found if cell is not None]
+    tops.sort(key=lambda cell: -space.share(cell.directions))
+    best: _Candidate | None = None
+    for cell in tops[:_MAX_CANDIDATES]:
+        trial = fit_loads(less.table, search.base, (*less.terms, cell.term))
+        score = score_nats(less, trial, parameters_of(cell.term, less, trial))
+        if not _inside_domain(trial):
+            continue
+        if best is None or score > best.score_nats:
+            best = _Candidate(trial.terms[-1], trial, score)
+    return best

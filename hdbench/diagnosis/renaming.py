@@ -1,0 +1,94 @@
+"""Drop and swap: what was accepted is gone over again beside all the rest."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from hdbench.diagnosis.jointfit import fit_jointly
+from hdbench.diagnosis.looks import look_at
+from hdbench.diagnosis.naming import score
+from hdbench.diagnosis.ranking import name_residual, rank_looks
+from hdbench.diagnosis.state import State, accepted_as
+from hdbench.diagnosis.whitened import make_space
+
+__all__ = ["drop_needless", "rename_all"]
+
+# rounds in which the names of several causes are gone over again
+_SWEEPS = 2
+# a name replaces another where its score is better by this, nats
+_BETTER = 0.5
+
+
+def drop_needless(state: State) -> None:
+    """Take out a cause that a later one has made needless.
+
+    Parameters
+    ----------
+    state : State
+        Where the search stands; changed.
+    """
+    n_known = state.n_known
+    for index in range(_evident(state), len(state.accepted) - 1):
+        place = n_known + index
+        others = state.fit.terms[:place] + state.fit.terms[place + 1 :]
+        without = fit_jointly(state.record, others, state.noise.whitener, refine=False)
+        term = state.fit.terms[place]
+        paid = len(term.cause.linear) + len(term.cause.shape)
+        if score(without.chi2 - state.fit.chi2, paid, 1.0) < 0.0:
+            del state.accepted[index]
+            state.settle(others)
+            return
+
+
+def _evident(state: State) -> int:
+    """Return how many accepted causes come first that need no test: an arm's weight.
+
+    A noise with a long memory can take the place of anything slow, whatever its size.
+    """
+    return 1 if state.record.weighty and state.accepted else 0
+
+
+def rename_all(state: State) -> None:
+    """Name each accepted cause again beside all the others, and keep the better name.
+
+    Parameters
+    ----------
+    state : State
+        Where the search stands; changed.
+    """
+    for _ in range(_SWEEPS):
+        changed = False
+        for index in range(_evident(state), len(state.accepted)):
+            changed |= _rename_one(state, state.n_known + index, index)
+        if not changed:
+            return
+
+
+def _rename_one(state: State, place: int, index: int) -> bool:
+    """Name one accepted cause again; True where its name changed."""
+    record, terms = state.record, state.fit.terms
+    others = fit_jointly(
+        record, terms[:place] + terms[place + 1 :], state.noise.whitener, refine=False
+    )
+    space = make_space(state.noise.whitener, others.explained, record.response_nm)
+    survey = state.survey
+    looks = look_at(space, record, survey, others.terms, state.grams)
+    old = state.accepted[index]
+    ranked = rank_looks(space, record, survey, looks.looks)
+    if not ranked:
+        return False
+    now = [c for c in ranked if c.term.cause.name == old.name]
+    naming = name_residual(space, record, ranked)
+    better = not now or naming.best.score_nats > now[0].score_nats + _BETTER
+    if naming.best.term.cause.name == old.name or not better:
+        first = [*now, *(c for c in ranked if c not in now)]
+        kept = name_residual(space, record, first)
+        group = (terms[place], *kept.group[1:])
+        state.accepted[index] = replace(
+            old, group=group, rivals=kept.rivals, evidence_nats=kept.best.score_nats
+        )
+        return False
+    state.accepted[index] = accepted_as(naming, old.false_alarm)
+    fresh = (*terms[:place], naming.best.term, *terms[place + 1 :])
+    state.settle(fresh)
+    return True

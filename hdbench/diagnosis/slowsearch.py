@@ -1,0 +1,153 @@
+"""Whether what is left is a noise that rises towards 0 Hz, or a cause."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from hdbench.diagnosis.curves import CURVE_PREFIX
+from hdbench.diagnosis.jointfit import JointFit, fit_jointly
+from hdbench.diagnosis.nameless import unnamed
+from hdbench.diagnosis.naming import Candidate
+from hdbench.diagnosis.ranking import RIVAL_NATS, Naming
+from hdbench.diagnosis.settle import Noise, plain_spectrum, settle, without_coarse
+from hdbench.diagnosis.slownoise import FLICKER, RANDOM_WALK, SlowNoise, slow_spectrum
+from hdbench.diagnosis.state import State, Walk
+from hdbench.diagnosis.terms import Term
+from hdbench.diagnosis.whitened import Space, make_space
+from hdbench.model import catalogue
+
+__all__ = ["accept_slow_noise", "outweighs", "slow_noise", "with_walk"]
+
+# what a slow noise pays for its power, and by how much a cause must beat it: a step or a drift
+# takes the largest part of any random walk, nats
+_SLOW_COST = 3.0
+_SLOW_BONUS = 5.0
+# a cause that explains this many times as much needs no comparison
+_FAR = 3.0
+# share of the score of a table over time from which slow noise stands in for it
+_SLOW_SHARE = 0.3
+
+
+def slow_noise(state: State, space: Space) -> SlowNoise | None:
+    """Return the most likely noise that rises towards 0 Hz.
+
+    Parameters
+    ----------
+    state : State
+        Where the search stands.
+    space : Space
+        Its residual.
+
+    Returns
+    -------
+    SlowNoise or None
+        A random walk unless flicker is plainly likelier; None where one was accepted before.
+    """
+    if state.exponent > 0.0:
+        return None
+    spectrum = slow_spectrum(space)
+    both = [spectrum.fit(exponent) for exponent in (FLICKER, RANDOM_WALK)]
+    if max(slow.gain_nats for slow in both) < _SLOW_COST:
+        return both[0]
+    left = without_coarse(state.record, state.fit, state.hidden)
+    plain = plain_spectrum(state.record, state.fit, left)
+    flicker = plain.fit(FLICKER).gain_nats - plain.fit(RANDOM_WALK).gain_nats > RIVAL_NATS
+    return both[0 if flicker else 1]
+
+
+def outweighs(state: State, slow: SlowNoise, ranked: list[Candidate]) -> bool:
+    """Return whether a slow noise explains more than the best cause and slow noise beside it.
+
+    Parameters
+    ----------
+    state : State
+        Where the search stands.
+    slow : SlowNoise
+        Noise.
+    ranked : list of Candidate
+        Candidates, best first.
+
+    Returns
+    -------
+    bool
+        Several causes that change slowly look like one slow noise until the first of them is taken
+        out.
+    """
+    if not slow.gain_nats > _SLOW_COST:
+        return False
+    if not ranked:
+        return True
+    best = ranked[0]
+    if best.score_nats > _FAR * slow.gain_nats:
+        return False
+    if best.term.cause.name == CURVE_PREFIX + "time":
+        # a table over time follows any slow noise
+        return slow.gain_nats > _SLOW_SHARE * best.score_nats
+    record, hidden, terms = state.record, state.hidden, state.fit.terms
+    alone = _nats(*settle(record, terms, state.noise, hidden, slow.exponent))
+    joint = fit_jointly(record, (*terms, best.term), state.noise.whitener)
+    fit, noise = settle(record, joint.terms, state.noise, hidden)
+    beside = make_space(noise.whitener, fit.explained, record.response_nm)
+    rest = slow_spectrum(beside).fit(slow.exponent).gain_nats - _SLOW_COST
+    paid = 0.5 * best.statistic - best.score_nats
+    return alone - _SLOW_COST + _SLOW_BONUS > _nats(fit, noise) - paid + max(rest, 0.0)
+
+
+def _nats(fit: JointFit, noise: Noise) -> float:
+    """Return the log likelihood of a fit in its noise, but for a constant.
+
+    A whitener is a triangular matrix: its determinant is a power of the kernel's first value.
+    """
+    whitener = noise.whitener
+    variance = fit.chi2 * whitener.std**2 / int(whitener.used.sum())
+    count = float(whitener.valid.sum())
+    likelihood = count * (float(np.log(whitener.kernel[0])) - 0.5 * float(np.log(variance)))
+    return likelihood - 0.5 * noise.model.order * float(np.log(count))
+
+
+def accept_slow_noise(
+    state: State, slow: SlowNoise, ranked: list[Candidate], chance: float
+) -> None:
+    """Make a slow noise part of the noise; a random walk of the zero is a cause too.
+
+    Parameters
+    ----------
+    state : State
+        Where the search stands; changed.
+    slow : SlowNoise
+        Noise.
+    ranked : list of Candidate
+        Candidates, best first.
+    chance : float
+        Probability of such a finding without any effect.
+    """
+    near = slow.gain_nats - _SLOW_COST - RIVAL_NATS
+    names = (c.term.cause.name for c in ranked if c.score_nats >= near and not unnamed(c.term))
+    state.exponent = slow.exponent
+    if slow.exponent == RANDOM_WALK:
+        state.walk = Walk(slow, chance, tuple(dict.fromkeys(names)))
+    state.settle(state.fit.terms)
+
+
+def with_walk(naming: Naming, slow: SlowNoise | None) -> Naming:
+    """Return a naming with the random walk of the zero among its rivals, where it is one.
+
+    Parameters
+    ----------
+    naming : Naming
+        Best name, group and rivals.
+    slow : SlowNoise or None
+        Most likely slow noise of the residual.
+
+    Returns
+    -------
+    Naming
+    """
+    if slow is None or slow.exponent != RANDOM_WALK:
+        return naming
+    if slow.gain_nats - _SLOW_COST < naming.best.score_nats - RIVAL_NATS:
+        return naming
+    walk = Term(catalogue()["zero-random-walk"], {})
+    return replace(naming, rivals=(*naming.rivals, walk))

@@ -1,0 +1,120 @@
+"""Causes that act through the inertia of the load or a resonance of the drive."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from hdbench.model.causes._memory import ComplexArray, linear_recursion, remembered
+from hdbench.model.causes._needs import all_of, motor_turns, speed_varies
+from hdbench.model.causes._parts import lobe_angle, no_shape, pair_parameters
+from hdbench.model.definition import Cause, Parameter
+from hdbench.model.motion import Motion
+from hdbench.records.trace import FloatArray
+
+__all__ = ["KINEMATIC_ERROR", "TORSIONAL_RESONANCE"]
+
+# harmonics of the motor angle in a harmonic drive's transmission error, each twice the last
+_HARMONICS = (1.0, 2.0, 4.0)
+# 10 rad of the output: a linear fit that says nothing may give anything below it
+_ANGLE_LIMIT_RAD = 10.0
+_RESONANCE = Parameter("resonance_hz", "Hz", 20.0, 450.0, "natural frequency, w_r / 2 pi")
+_DAMPING = Parameter("damping", "1", 0.005, 0.3, "damping ratio, zeta")
+
+
+def _kinematic(motion: Motion) -> FloatArray:
+    inertia = motion.inertia_nm_s2 * motion.gear_ratio
+    centripetal = -inertia * motion.velocity_rad_s**2
+    tangential = inertia * motion.acceleration_rad_s2
+    columns = np.empty((len(motion), 2 * len(_HARMONICS)))
+    cosine, sine = np.cos(motion.angle_rad), np.sin(motion.angle_rad)
+    for place, k in enumerate(_HARMONICS):
+        if place:
+            # each harmonic is twice the one before
+            cosine, sine = cosine * cosine - sine * sine, 2.0 * sine * cosine
+        columns[:, 2 * place] = k * k * centripetal * cosine - k * tangential * sine
+        columns[:, 2 * place + 1] = k * k * centripetal * sine + k * tangential * cosine
+    return columns
+
+
+def _has_inertia(motion: Motion) -> str | None:
+    if motion.inertia_nm_s2 > 0.0:
+        return None
+    return "the load has no inertia here; needed: load_inertia_kg_m2 of the profile, kg m^2"
+
+
+def _resonance(motion: Motion, shape: Mapping[str, float]) -> FloatArray:
+    phase = lobe_angle(motion)
+    at, starts = remembered(motion, phase)
+    time, phase, damping = motion.time_s[at], phase[at], shape["damping"]
+    pole = 2.0 * np.pi * shape["resonance_hz"] * complex(-damping, np.sqrt(1.0 - damping**2))
+    step = np.diff(time, prepend=time[:1])
+    decay = np.where(starts, 0.0, np.exp(pole * step))
+    rate = np.diff(phase, prepend=phase[:1]) / np.where(step > 0.0, step, 1.0)
+    begins = np.flatnonzero(starts)
+    # a start is the steady state of the rate that follows it
+    rate[begins] = rate[np.minimum(begins + 1, len(rate) - 1)] if len(rate) else 0.0
+    once = np.exp(1j * phase)
+    columns = np.full((len(motion), 4), np.nan)
+    for place, (wave, multiple) in enumerate(((once, 1.0), (once * once, 2.0))):
+        response = _passed(wave, multiple * rate, decay, pole)
+        columns[at, 2 * place], columns[at, 2 * place + 1] = response.real, response.imag
+    return columns
+
+
+def _passed(
+    wave: ComplexArray, rate: FloatArray, decay: ComplexArray, pole: complex
+) -> ComplexArray:
+    """Return a wave exp(i phase) after the resonance: exact for a phase linear between samples."""
+    before = np.concatenate((wave[:1], wave[:-1]))
+    upper = linear_recursion(decay, (wave - decay * before) / (1j * rate - pole))
+    decay, mirrored = decay.conj(), pole.conjugate()
+    lower = linear_recursion(decay, (wave - decay * before) / (1j * rate - mirrored))
+    return np.asarray((upper - lower) * (abs(pole) ** 2 / (pole - mirrored)))
+
+
+TORSIONAL_RESONANCE = Cause(
+    name="torsional-resonance",
+    equation="H applied to A2 cos(2 G theta_m + phase2) + A4 cos(4 G theta_m + phase4), "
+    "H = w_r^2 / (s^2 + 2 zeta w_r s + w_r^2)",
+    shape=(_RESONANCE, _DAMPING),
+    linear=(
+        *pair_parameters("the ripple of order 2 before the resonance", "_2"),
+        *pair_parameters("the ripple of order 4 before the resonance", "_4"),
+    ),
+    locked_to="motor",
+    parity="amplitude peaks, and phase turns by 180 degrees, at one rate in Hz",
+    channel="mechanical",
+    look_alikes=("kinematic-error", "structural-tone", "ripple-harmonic"),
+    experiment="a slow sweep of speed up and down, through the resonance at order 2 and order 4",
+    source="second-order resonance of load and flexspline; Tuttle 1992, MIT AITR-1365",
+    columns=_resonance,
+    harmonic=False,
+    applicable=all_of(motor_turns(1.0), speed_varies),
+)
+KINEMATIC_ERROR = Cause(
+    name="kinematic-error",
+    equation="J d^2 e / dt^2, e = sum over k = 1, 2, 4 of A_k cos(k theta_m + phase_k)",
+    shape=(),
+    linear=tuple(
+        Parameter(
+            f"{part}_{k:g}_rad",
+            "rad",
+            -_ANGLE_LIMIT_RAD,
+            _ANGLE_LIMIT_RAD,
+            f"{part} part of the output angle's error, {k:g} per motor turn",
+        )
+        for k in _HARMONICS
+        for part in ("cosine", "sine")
+    ),
+    locked_to="motor",
+    parity="even in speed: grows with speed squared",
+    channel="kinematic",
+    look_alikes=("torsional-resonance", "ripple-harmonic", "motor-unbalance"),
+    experiment="four to six constant speeds over at least 1:4; a second encoder at the output",
+    source="Ghorbel, Gandhi, Alpeter 2001, J. Mech. Des. 123:90: theta_o = theta_m / N + e",
+    columns=no_shape(_kinematic),
+    harmonic=False,
+    applicable=all_of(motor_turns(1.0), _has_inertia),
+)

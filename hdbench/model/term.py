@@ -1,0 +1,133 @@
+"""The torque of causes with numbers, and the motion without their faults."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from hdbench.errors import DataError
+from hdbench.model.cause import Cause, CauseTerm, check_term
+from hdbench.model.motion import Motion
+from hdbench.records.trace import FloatArray
+
+__all__ = ["summed_torque_nm", "term_torque_nm", "undone_faults"]
+
+
+def term_torque_nm(term: CauseTerm, motion: Motion, *, extra: Sequence[Cause] = ()) -> FloatArray:
+    """Return the torque of one cause.
+
+    Parameters
+    ----------
+    term : CauseTerm
+        A cause with numbers.
+    motion : Motion
+        Motion at every sample.
+    extra : sequence of Cause
+        Causes beside the catalogue.
+
+    Returns
+    -------
+    ndarray, shape (n_samples,)
+        N m.
+
+    Raises
+    ------
+    DataError
+        If the numbers do not fit the cause, the record lacks a channel that it needs, or the
+        columns of a user's own cause have another shape.
+    """
+    cause = check_term(term, where=f"cause {term.name!r}", extra=extra)
+    for channel in cause.channels:
+        if getattr(motion, channel) is None:
+            raise DataError(
+                f"the model's cause {cause.name} needs {channel}, which the record does not have",
+                where=f"cause {cause.name!r}",
+                fix=f"give a record with a column {channel}, or take the cause out of the model",
+            )
+    linear = np.asarray(term.linear, dtype=np.float64)
+    columns = np.asarray(cause.columns(motion, term.shape))
+    if columns.shape != (len(motion), len(linear)):
+        raise DataError(
+            f"the columns of {cause.name} have shape {columns.shape}; needed: "
+            f"{(len(motion), len(linear))}, one column for each linear parameter",
+            where=f"cause {cause.name!r}",
+            fix="mend the function `columns` of this cause",
+        )
+    return np.asarray(columns @ linear)
+
+
+def summed_torque_nm(
+    terms: Iterable[CauseTerm],
+    motion: Motion,
+    baseline_nm: Callable[[Motion], FloatArray],
+    *,
+    extra: Sequence[Cause] = (),
+) -> FloatArray:
+    """Return the torque of several causes.
+
+    Parameters
+    ----------
+    terms : iterable of CauseTerm
+        Causes with numbers.
+    motion : Motion
+        Motion at every sample.
+    baseline_nm : callable
+        Torque of the baseline on a motion, N m, shape (n_samples,).
+    extra : sequence of Cause
+        Causes beside the catalogue.
+
+    Returns
+    -------
+    ndarray, shape (n_samples,)
+        N m. What acts on the whole signal acts on the baseline and all causes that do not.
+
+    Raises
+    ------
+    DataError
+        As `term_torque_nm`.
+    """
+    torque = np.zeros(len(motion))
+    late: list[CauseTerm] = []
+    for term in terms:
+        cause = check_term(term, where=f"cause {term.name!r}", extra=extra)
+        if cause.whole_signal:
+            late.append(term)
+        else:
+            torque = torque + term_torque_nm(term, motion, extra=extra)
+    if late:
+        whole = replace(motion, simulated_nm=baseline_nm(motion) + torque)
+        torque = sum((term_torque_nm(term, whole, extra=extra) for term in late), torque)
+    return torque
+
+
+def undone_faults(
+    terms: Iterable[CauseTerm], motion: Motion, *, extra: Sequence[Cause] = ()
+) -> Motion:
+    """Return the motion that the bench had, without the faults of angle and clock.
+
+    Parameters
+    ----------
+    terms : iterable of CauseTerm
+        Causes with numbers.
+    motion : Motion
+        Motion as it was recorded.
+    extra : sequence of Cause
+        Causes beside the catalogue.
+
+    Returns
+    -------
+    Motion
+        `motion` itself where none of the causes is such a fault.
+
+    Raises
+    ------
+    DataError
+        If the numbers do not fit a cause.
+    """
+    for term in terms:
+        cause = check_term(term, where=f"cause {term.name!r}", extra=extra)
+        if cause.change_motion is not None:
+            motion = cause.change_motion(motion, term.shape)
+    return motion

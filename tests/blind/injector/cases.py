@@ -1,0 +1,177 @@
+"""The grid of cases: parts A to F, the public seeds and the fresh ones."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from .acquisition import ACQUISITION
+from .build import Case, Hidden
+from .duels import DUELS
+from .faults import FAULTS
+from .lines import LINES
+from .mechanics import MECHANICS
+from .outside import OUTSIDE
+
+__all__ = ["PARTS", "PUBLIC_SEED", "grid"]
+
+PUBLIC_SEED = 20260401
+SIGMAS = ("d3", "d5", "d7", "d10", "d20")
+TIERS = ("low", "mid", "high")
+_RECORDS = {family.name: family.records for family in (*LINES, *MECHANICS, *OUTSIDE, *ACQUISITION)}
+_DOMAIN = {family.name: family.domain for family in (*LINES, *MECHANICS)}
+_NOISES = (0.01, 0.05, 0.2)
+
+
+def _seed(base, *words):
+    """A seed of its own for every case, from the base seed."""
+    text = "/".join(map(str, words)).encode()
+    return int(np.random.default_rng([base, *text]).integers(2**40))
+
+
+def _record(name, rng):
+    """A record that excites `name`: the shorter the more often, for time's sake."""
+    allowed = _RECORDS[name]
+    kinds = ["compact", "short", "mixed", "protocol", "long"]
+    wish = str(rng.choice(kinds, p=[0.62, 0.15, 0.1, 0.1, 0.03]))
+    return wish if wish in allowed or wish == "compact" else "compact"
+
+
+def _bench(rng, coloured=0.25):
+    """Noise, its size, the converter; 12 bits only where a step is below the noise."""
+    noise = "ar" if rng.random() < coloured else "white"
+    sigma = float(rng.choice(_NOISES, p=[0.2, 0.6, 0.2]))
+    bits = 12 if sigma > 0.04 and rng.random() < 0.15 else 16
+    return {"noise": noise, "sigma_nm": sigma, "bits": bits}
+
+
+def _clean(base, scale):
+    kinds = ("compact", "short", "mixed", "constant", "protocol")
+    for k in range(round(1200 * scale)):
+        rng = np.random.default_rng([base, 1, k])
+        bench = _bench(rng, 0.0)
+        record = str(rng.choice(kinds, p=[0.66, 0.1, 0.1, 0.1, 0.04]))
+        if k % 2:
+            bench["noise"] = ("ar", "flicker")[(k // 2) % 2]
+        if k % 300 == 7:
+            record = "long"
+        yield Case(f"A-{k:04d}", "A", record, seed=_seed(base, "A", k), **bench)
+
+
+def _names():
+    return [family.name for family in (*LINES, *MECHANICS)]
+
+
+def _single(base, scale):
+    sized = [*_names(), *(fault.name for fault in ACQUISITION if fault.sigmas is not None)]
+    for k in range(round(3 * scale)):
+        for tier in SIGMAS:
+            for name in sized:
+                rng = np.random.default_rng([base, 2, k, *name.encode(), *tier.encode()])
+                record = _record(name, rng)
+                key = f"B-{name}-{tier}-{k}"
+                hidden = (Hidden(name, tier),)
+                yield Case(key, "B", record, seed=_seed(base, key), hidden=hidden, **_bench(rng))
+    # one speed tells few names apart: these show whether the answer says so
+    for name in ("ripple-harmonic", "structural-tone", "motor-unbalance", "tooth-mesh",
+                 "wave-generator-eccentricity", "bearing-defect", "mains-hum",
+                 "angular-misalignment", "zero-step", "zero-drift"):  # fmt: skip
+        for k in range(round(3 * scale)):
+            rng = np.random.default_rng([base, 3, k, *name.encode()])
+            key = f"B-{name}-d10-c{k}"
+            hidden = (Hidden(name, "d10"),)
+            yield Case(key, "B", "constant", seed=_seed(base, key), hidden=hidden, **_bench(rng))
+
+
+def _physical(base, scale):
+    for k in range(round(2 * scale)):
+        for tier in TIERS:
+            for name in [*_names(), *(fault.name for fault in ACQUISITION)]:
+                rng = np.random.default_rng([base, 4, k, *name.encode(), *tier.encode()])
+                record = _record(name, rng)
+                bench = {**_bench(rng), "bits": 16}
+                key = f"P-{name}-{tier}-{k}"
+                hidden = (Hidden(name, tier),)
+                yield Case(key, "P", record, seed=_seed(base, key), hidden=hidden, **bench)
+
+
+# pairs that no record of torque and angle tells apart are no two effects
+_SAME = (
+    {"angular-misalignment", "arm-sag"},
+    {"cubic-nonlinearity", "cubic-stiffness"},
+    {"zero-drift", "warm-up"},
+)
+
+
+def _pair(rng, same):
+    names = _names()
+    while True:
+        one, two = (str(n) for n in rng.choice(names, 2, replace=False))
+        if {one, two} in _SAME:
+            continue
+        if not same or _DOMAIN[one] == _DOMAIN[two]:
+            return one, two
+
+
+def _doubles(base, scale):
+    for tier, count in (("d10", 60), ("d15", 60), ("mid", 30)):
+        for k in range(round(count * scale)):
+            rng = np.random.default_rng([base, 5, k, *tier.encode()])
+            pair = _pair(rng, k % 5 == 0)
+            record = str(rng.choice(["compact", "short", "protocol"], p=[0.65, 0.25, 0.1]))
+            key = f"C-{tier}-{k:03d}"
+            hidden = tuple(Hidden(name, tier) for name in pair)
+            yield Case(key, "C", record, seed=_seed(base, key), hidden=hidden, **_bench(rng))
+
+
+def _outside(base, scale):
+    for k in range(round(6 * scale)):
+        for tier in ("d10", "d20"):
+            for family in OUTSIDE:
+                rng = np.random.default_rng([base, 6, k, *family.name.encode(), *tier.encode()])
+                key = f"D-{family.name}-{tier}-{k}"
+                hidden = (Hidden(family.name, tier),)
+                record = _record(family.name, rng)
+                yield Case(key, "D", record, seed=_seed(base, key), hidden=hidden, **_bench(rng))
+
+
+def _duels(base, scale):
+    for k in range(round(3 * scale)):
+        for pair, (one, two, poor, poor_size, alike) in DUELS.items():
+            for name in (one, two):
+                for record, tier in ((poor, poor_size), ("compact", "d20")):
+                    word = "poor" if record == poor else "good"
+                    key = f"E-{pair}-{name}-{word}-{k}"
+                    fixed = (alike[name],) if name in alike and word == "poor" else ()
+                    hidden = (Hidden(name, tier, fixed),)
+                    seed = _seed(base, key)
+                    yield Case(
+                        key, "E", record, seed=seed, hidden=hidden, note=f"{one}|{two}|{word}"
+                    )
+
+
+def _bad(base, scale):
+    for k in range(round(10 * scale)):
+        for fault in FAULTS:
+            rng = np.random.default_rng([base, 7, k, *fault.encode()])
+            key = f"F-{fault}-{k}"
+            record = (
+                "compact" if fault == "noisy-load-cell" else str(rng.choice(["compact", "mixed"]))
+            )
+            yield Case(key, "F", record, seed=_seed(base, key), fault=fault)
+
+
+PARTS = {
+    "A": _clean, "B": _single, "P": _physical, "C": _doubles, "D": _outside, "E": _duels,
+    "F": _bad,
+}  # fmt: skip
+
+
+def grid(base=PUBLIC_SEED, parts="ABPCDEF", scale=1.0) -> Iterator[Case]:
+    """Yield the cases of `parts`, mixed so that any beginning of the list is a fair sample.
+
+    A larger `scale` has all cases of a smaller one and more.
+    """
+    cases = [case for part in parts for case in PARTS[part](base, scale)]
+    order = np.argsort([_seed(base, "order", case.key) for case in cases])
+    for k in order:
+        yield cases[k]

@@ -1,0 +1,1 @@
+"""What the diagnosis is held against: an oracle, and simpler methods."""

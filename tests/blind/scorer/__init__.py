@@ -1,0 +1,1 @@
+"""Judges answers by the truth that was sealed before they were given."""

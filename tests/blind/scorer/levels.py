@@ -1,0 +1,97 @@
+"""What the figures are held against: pass levels, aims, and counts that chance may reach."""
+
+import math
+from dataclasses import dataclass
+
+__all__ = ["LEVELS", "Level", "interval", "most_by_chance"]
+
+
+@dataclass(frozen=True)
+class Level:
+    """A figure: its words, its pass level, its aim; `low` where small is good."""
+
+    key: str
+    words: str
+    needed: float | None
+    aim: float | None
+    low: bool = False
+    percent: bool = True
+
+    def holds(self, value, limit):
+        """Whether `value` keeps `limit` (None: nothing to keep or nothing measured)."""
+        if value is None or limit is None:
+            return None
+        return value <= limit if self.low else value >= limit
+
+
+def _by_size(key, words, needed, aims, low=False):
+    tiers = ("d3", "d5", "d7", "d10", "d20")
+    return [
+        Level(f"{key}_{tier}", f"{words}, {tier[1:]} sigma", need, aim, low)
+        for tier, need, aim in zip(tiers, needed, aims, strict=True)
+    ]
+
+
+LEVELS = (
+    Level("false_alarms_white", "false alarms, clean, white noise", 0.02, 0.01, True),
+    Level("false_names_white", "- a cause", 0.01, None, True),
+    Level("false_unexplained_white", "- an unexplained place", 0.01, None, True),
+    Level("false_alarms_coloured", "false alarms, clean, AR(0.9) and 1/f noise", 0.03, 0.01, True),
+    *_by_size("detection", "detection", (None, 0.80, 0.95, 0.99, None), (None,) * 5),
+    *_by_size("name", "name, exact to the group", (None, 0.60, 0.85, 0.93, 0.97),
+              (None, 0.65, 0.88, 0.93, 0.97)),
+    *_by_size("cover", "true group in the reported set, given detection",
+              (None, 0.95, 0.95, 0.95, 0.95), (None,) * 5),
+    Level("set_size_d5", "names in the set, 5 sigma", 2.5, None, True, False),
+    Level("set_size_d7", "names in the set, 7 sigma", 1.5, None, True, False),
+    Level("set_size_d10", "names in the set, 10 sigma", 1.3, None, True, False),
+    *_by_size("wrong_certain", "wrong name without rivals", (0.03,) * 3 + (0.01, 0.01),
+              (None, None, None, 0.01, 0.01), True),
+    Level("one_speed_cover", "one constant speed: true group in the set", 0.95, None),
+    Level("one_speed_wrong_certain", "one constant speed: wrong without rivals", 0.03, None, True),
+    Level("parameter_rms", "parameters: RMS error / bound, 10 sigma and more", 1.3, 1.2, True,
+          False),
+    Level("parameter_rms_robust", "- by the median", None, 1.2, True, False),
+    Level("parameter_coverage", "- 95 % intervals that hold the truth", 0.90, 0.95),
+    Level("gain_d10_up", "held-out gain / the oracle's, 10 sigma and more", 0.95, 0.97),
+    Level("gain_physical", "held-out gain / the oracle's, physical sizes", 0.98, 0.98),
+    Level("both_d10", "two effects, both exact, 10 sigma", 0.80, 0.85),
+    Level("both_d15", "two effects, both exact, 15 sigma", 0.88, 0.90),
+    Level("both_mid", "two effects, both exact, physical sizes", None, None),
+    Level("both_covered_d10", "two effects, both in the sets, 10 sigma", None, None),
+    Level("both_covered_d15", "two effects, both in the sets, 15 sigma", None, None),
+    Level("outside_right", "outside the catalogue: right domain or place", 0.95, None),
+    Level("outside_place", "- place within 3 bounds", 0.95, None),
+    Level("near_miss_honest", "near miss: rivals or rest told", 0.90, None),
+    Level("phantoms", "phantom causes per record, physical sizes", 0.05, 0.02, True, False),
+    Level("physical_name", "name, exact to the group, physical sizes", None, None),
+    Level("physical_cover", "true group in a set, physical sizes", None, None),
+    Level("duel_poor_set", "duels, poor record: both names and a run that separates", 0.90, None),
+    Level("duel_poor_wrong_certain", "- wrong name without rivals", None, None, True),
+    Level("duel_good_name", "duels, good record: exact", None, None),
+    Level("duel_good_covered", "- true group in the set", None, None),
+    Level("calibration_error", "calibration error of P(name)", 0.05, None, True, False),
+    Level("score", "S, the one number", None, None, False, False),
+    Level("crashes", "crashes and time-outs", 0.0, 0.0, True),
+    Level("refusals", "good records refused", 0.0, 0.0, True),
+)  # fmt: skip
+
+
+def interval(share, count):
+    """Wilson's 95 % interval of a share."""
+    z2 = 1.959964**2
+    middle = (share + z2 / (2.0 * count)) / (1.0 + z2 / count)
+    spread = share * (1.0 - share) / count + z2 / (4.0 * count**2)
+    half = 1.959964 / (1.0 + z2 / count) * math.sqrt(spread)
+    return max(0.0, middle - half), min(1.0, middle + half)
+
+
+def most_by_chance(count, rate, risk=0.002):
+    """Largest number of events at `rate` that chance exceeds with at most `risk`."""
+    below, term = 0.0, (1.0 - rate) ** count
+    for k in range(count + 1):
+        below += term
+        if 1.0 - below <= risk:
+            return k
+        term *= (count - k) / (k + 1.0) * rate / (1.0 - rate)
+    return math.inf

@@ -1,0 +1,114 @@
+"""`hdbench plan` says what a run tells apart and writes the run that does."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from hdbench.diagnosis.planning import read_plan
+from hdbench_cli.main import main
+
+
+@pytest.fixture
+def hdbench(capsys: pytest.CaptureFixture[str]):
+    def run(*words: str | Path, code: int = 0) -> tuple[str, str]:
+        """Return stdout and stderr of a command that ends with `code`."""
+        with pytest.raises(SystemExit) as end:
+            main([str(word) for word in words])
+        shown = capsys.readouterr()
+        assert end.value.code == code, shown.err
+        return shown.out, shown.err
+
+    return run
+
+
+def test_a_proposed_plan_is_written_and_passes_the_limits(tmp_path: Path, hdbench) -> None:
+    out = tmp_path / "p.toml"
+    done = hdbench(
+        "plan", "--cause", "coulomb-friction", "--cause", "zero-step", "--no-loads",
+        "--out", out, "--json",
+    )  # fmt: skip
+    body = json.loads(done[0])
+    assert body["schema"] == "hdbench/plan-report/1"
+    assert body["command"] == f"hdbench run-ripple --plan {out}"
+    assert body["needs_operator"] is False
+    assert all(pair["separated"] for pair in body["pairs"])
+    assert read_plan(out).duration_s <= 180.0
+    dry = json.loads(hdbench("run-ripple", "--plan", out, "--dry-run", "--json")[0])
+    assert dry["plan"]["motion"]["name"] == body["plan"]["name"]
+
+
+def test_inseparable_causes_get_no_plan_but_what_settles_them(tmp_path: Path, hdbench) -> None:
+    words = ("plan", "--cause", "misalignment", "--cause", "load-gravity")
+    shown = hdbench(*words)[0]
+    assert "NOT told apart" in shown
+    assert "motor_current_a" in shown
+    assert "no run of this bench" in shown
+    done = hdbench(*words, "--out", tmp_path / "p.toml", code=2)
+    assert "no plan file was written" in done[1]
+    assert not (tmp_path / "p.toml").exists()
+
+
+def test_one_screen_names_pairs_run_and_command(tmp_path: Path, hdbench) -> None:
+    out = tmp_path / "p.toml"
+    words = ("--cause", "motor-unbalance", "--cause", "wave-generator-eccentricity")
+    shown = hdbench("plan", *words, "--no-loads", "--out", out)[0]
+    assert "told apart" in shown
+    assert "proposed run:" in shown
+    assert "run-ripple --plan" in shown
+    assert len(shown.splitlines()) <= 40
+
+
+def test_a_plan_with_loads_is_refused_without_a_person(tmp_path: Path, hdbench) -> None:
+    out = tmp_path / "p.toml"
+    out.write_text(
+        'schema = "hdbench/plan/1"\n[[segments]]\nkind = "load"\ntext = "hang 2 kg"\n'
+        'torque_nm = 9.8\n[[segments]]\nkind = "rest"\nduration_s = 1.0\n'
+    )
+    words = ("run-ripple", "--plan", out, "--yes", "--no-input", "--out", tmp_path / "runs")
+    done = hdbench(*words, code=2)
+    assert "needs an operator" in done[1]
+    assert "hang 2 kg" in done[1]
+    assert not (tmp_path / "runs").exists()
+
+
+def test_wrong_input_is_told_in_words(tmp_path: Path, hdbench) -> None:
+    assert "nearest is" in hdbench("plan", "--cause", "ripple", code=4)[1]
+    assert "needed: full" in hdbench("plan", "--cause", "coulomb-friction", "--protocol", "x",
+                                     code=2)[1]  # fmt: skip
+    bad = tmp_path / "p.toml"
+    bad.write_text('schema = "hdbench/plan/1"\n[[segments]]\nkind = "rest"\n')
+    done = hdbench("run-ripple", "--plan", bad, "--dry-run", code=4)
+    assert "segments[0].duration_s" in done[1]
+    fast = tmp_path / "f.toml"
+    fast.write_text(
+        'schema = "hdbench/plan/1"\n[[segments]]\nkind = "ramp"\nspeed_rad_s = 900\n'
+        'duration_s = 9\n[[segments]]\nkind = "ramp"\nspeed_rad_s = 0\nduration_s = 9\n'
+    )
+    done = hdbench("run-ripple", "--plan", fast, "--dry-run", code=2)
+    assert "motor speed 900 rad/s is above 400" in done[1]
+
+
+def test_what_a_diagnosis_leaves_open_is_planned_with_its_noise(tmp_path: Path, hdbench) -> None:
+    cause = {
+        "name": "structural-tone",
+        "group": ["structural-tone", "ripple-harmonic"],
+        "rivals": [],
+        "parameters": {"frequency_hz": {"value": 74.5}, "order": {"value": 3.0}},
+    }
+    noise = {"innovation_std": 0.02, "coefficients": [0.5]}
+    result = {"schema": "hdbench/diagnosis/1", "causes": [cause], "settings": {"noise": noise}}
+    file = tmp_path / "result.json"
+    file.write_text(json.dumps(result))
+    body = json.loads(hdbench("plan", "--for", file, "--no-loads", "--json")[0])
+    assert {pair["first"] for pair in body["pairs"]} == {"structural-tone", "ripple-harmonic"}
+    assert all(pair["separated"] for pair in body["pairs"])
+    for broken in ({"innovation_std": 0.0, "coefficients": []}, {"coefficients": [1.0]}, 3):
+        result["settings"] = {"noise": broken}
+        file.write_text(json.dumps(result))
+        assert "settings.noise" in hdbench("plan", "--for", file, code=4)[1]
+    result |= {"causes": [{**cause, "group": ["structural-tone"]}], "settings": {}}
+    file.write_text(json.dumps(result))
+    assert "nothing is open" in hdbench("plan", "--for", file, code=2)[1]

@@ -1,0 +1,94 @@
+"""Maps of the residual show where it sits; the filter gains by the orders that were found."""
+
+import json
+
+import numpy as np
+import pytest
+
+from hdbench.diagnosis import diagnose_run
+from hdbench.diagnosis.maps import code_map, residual_maps
+from hdbench.diagnosis.result import Pictures
+from hdbench.profile import load_profile
+from hdbench.records import Trace, write_trace
+
+PROFILE = load_profile("cim-tr-97-06")
+
+
+def pictures(before, after, speed, n):
+    time = np.arange(n) * 1e-3
+    nothing = np.zeros(n)
+    angle = np.cumsum(speed) * 1e-3
+    return Pictures(
+        time, speed, nothing, nothing, nothing, before, after, np.zeros(n, dtype=bool), (),
+        np.gradient(speed, 1e-3), angle, angle / 100.0, nothing,
+    )  # fmt: skip
+
+
+def sweep(n):
+    return 100.0 * np.sin(2.0 * np.pi * np.arange(n) / n * 3.0)
+
+
+def test_the_mean_residual_over_speed_is_the_curve_that_was_put_in():
+    n = 60_000
+    rng = np.random.default_rng(1)
+    speed = sweep(n)
+    noise = 0.05 * rng.standard_normal(n)
+    maps = {m.domain: m for m in residual_maps(pictures(2e-3 * speed + noise, noise, speed, n))}
+    found = maps["velocity"]
+    away = (found.before_nm - 2e-3 * found.axis) / found.before_std_nm
+    # 48 means of a normal law: the largest of 48 lies above 4 with a probability of 3e-3
+    assert np.abs(away).max() < 4.0
+    assert found.samples.sum() == n
+    assert "torque" not in maps  # the load is zero throughout
+
+
+def test_noise_that_grows_with_speed_shows_in_the_variance_map():
+    n = 60_000
+    rng = np.random.default_rng(2)
+    speed = sweep(n)
+    noise = (0.01 + 1e-3 * np.abs(speed)) * rng.standard_normal(n)
+    found = {m.domain: m for m in residual_maps(pictures(noise, noise, speed, n))}["variance"]
+    expected = 0.01 + 1e-3 * found.axis
+    # bins of 1000 samples know their rms to 2.2 %; the bin's own width adds to the first ones
+    assert np.abs(found.after_nm[3:] / expected[3:] - 1.0).max() < 0.1
+
+
+def test_masked_and_lost_samples_enter_no_map():
+    n = 6_000
+    speed = sweep(n)
+    before = np.full(n, 1.0)
+    before[:100] = np.nan
+    made = pictures(before, before, speed, n)
+    made.masked[100:200] = True
+    for found in residual_maps(made):
+        assert found.samples.sum() <= n - 200
+        np.testing.assert_allclose(found.before_nm, 1.0)
+
+
+def test_a_stuck_bit_empties_half_of_the_codes():
+    codes = np.arange(4096) | 2
+    table = code_map(codes * 1e-3, 1e-3)
+    assert (table["samples"] == 0.0).sum() == 16
+    assert table["share"].sum() == pytest.approx(1.0)
+
+
+def test_an_order_that_was_found_is_taken_out_by_the_filter(tmp_path):
+    n = 20_000
+    rng = np.random.default_rng(5)
+    time = np.arange(n) * 1e-3
+    speed = 100.0 + 30.0 * np.sin(2.0 * np.pi * time / 7.0)
+    angle = 100.0 * time + 30.0 * 7.0 / (2.0 * np.pi) * (1.0 - np.cos(2.0 * np.pi * time / 7.0))
+    torque = 0.4 * np.cos(2.0 * angle) + 0.3 * np.cos(7.0 * angle + 0.4)
+    torque += 0.02 * rng.standard_normal(n)
+    columns = {"time_s": time, "motor_velocity_rad_s": speed, "motor_angle_rad": angle}
+    write_trace(tmp_path / "trace.csv", Trace({**columns, "torque_nm": torque}))
+    folder, result = diagnose_run(tmp_path / "trace.csv", PROFILE, out=tmp_path / "runs")
+    (block,) = result["filter_gain"]["blocks"]
+    assert block["order"] == pytest.approx(7.0, abs=1e-3)
+    sizes = block["amplitude_nm"]
+    # the report's own tuning passes part of a further order and takes it with its own block
+    assert sizes["after"] < 0.05 * sizes["before"]
+    written = json.loads((folder / "result.json").read_text())
+    assert written["filter_gain"] == result["filter_gain"]
+    names = {path.name for path in folder.iterdir()}
+    assert {"map_velocity.csv", "map_acceleration.csv", "map_motor_angle.csv"} <= names

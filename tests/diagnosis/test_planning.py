@@ -1,0 +1,168 @@
+"""What a motion tells apart is computed right: against closed forms, all samples, other code."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from hdbench.devices.emulator.servo import command_rad_s, servo_loop
+from hdbench.diagnosis.planning import (
+    LoadStep,
+    MotionPlan,
+    Noise,
+    Segment,
+    blocks,
+    compare,
+    effects_named,
+    full_protocol,
+    planned_motion,
+    planned_trace,
+)
+from hdbench.model import Motion, motion_from_trace
+from hdbench.profile import load_profile
+from hdbench.records.trace import Trace
+
+PROFILE = load_profile("cim-tr-97-06").data
+PERIOD_S = 0.001
+
+
+def motion_at(speeds: tuple[float, ...], each_s: float) -> Motion:
+    """Return a motion that changes from one steady speed to the next within 50 ms."""
+    n = round(each_s / PERIOD_S)
+    smooth = np.hanning(50) / np.hanning(50).sum()
+    velocity = np.concatenate([np.full(n, speed) for speed in speeds])
+    padded = np.pad(velocity, 50, mode="edge")
+    velocity = np.convolve(padded, smooth, mode="same")[50:-50]
+    time = PERIOD_S * np.arange(len(velocity))
+    angle = np.concatenate([[0.0], np.cumsum(0.5 * PERIOD_S * (velocity[1:] + velocity[:-1]))])
+    columns = {"time_s": time, "motor_velocity_rad_s": velocity, "motor_angle_rad": angle}
+    return motion_from_trace(Trace(columns, "two speeds"), PROFILE)
+
+
+def test_a_tone_imitates_a_quarter_of_an_order_at_two_speeds() -> None:
+    # a tone fits one of two equally long speeds and is orthogonal to the other, with half of its
+    # own power at each: cos^2 = (n / 4)^2 / (n / 2)^2 = 1/4. What it picks up of the other speed,
+    # and the changes of speed, are below 1 %; a sketch adds 1 %
+    found = compare(
+        motion_at((100.0, 170.0), 15.0), effects_named(("ripple-harmonic", "structural-tone")),
+        PROFILE,
+    )  # fmt: skip
+    assert found.share("ripple-harmonic", "structural-tone") == pytest.approx(0.75, abs=0.02)
+
+
+def test_eccentricity_and_unbalance_at_two_speeds_have_the_closed_form_share() -> None:
+    # amplitudes (1, 1) and (1, 9) at speeds w and 3 w, equally long:
+    # sin^2 = 1 - (1 + 9)^2 / (2 (1 + 81)) = 0.390
+    names = ("wave-generator-eccentricity", "motor-unbalance")
+    found = compare(motion_at((60.0, 180.0), 15.0), effects_named(names), PROFILE)
+    for pair in (names, names[::-1]):
+        assert found.share(*pair) == pytest.approx(1.0 - 100.0 / 164.0, abs=0.015)
+
+
+def test_the_bound_of_a_tone_is_that_of_the_literature() -> None:
+    # sigma_A = sigma sqrt(2 / n) = 2.9e-4 N m for 60 s of 0.05 N m at 1 kHz
+    found = compare(motion_at((156.0,), 60.0), effects_named(("structural-tone",)), PROFILE)
+    (entry,) = found.visibility
+    assert entry.std_nm == pytest.approx(0.05 * math.sqrt(2.0 / 60_000), rel=0.02)
+    assert entry.detectable_nm is not None
+    # 5.5 standard deviations to be found among all frequencies, and 1.28 for 90 %
+    assert entry.detectable_nm / entry.std_nm == pytest.approx(5.5 + 1.28, abs=0.6)
+
+
+def test_red_noise_hides_slow_effects_by_its_spectrum_at_zero() -> None:
+    # an AR(1) of 0.9 has 1 / (1 - 0.9) = 10 times the innovation's density (in amplitude) at 0 Hz
+    motion, effects = motion_at((50.0, -50.0), 10.0), effects_named(("zero-drift",))
+    white = compare(motion, effects, PROFILE, noise=Noise.white(0.01)).visibility[0]
+    red = compare(motion, effects, PROFILE, noise=Noise(0.01, np.array([0.9]))).visibility[0]
+    assert white.std_nm is not None
+    assert red.std_nm is not None
+    assert red.std_nm / white.std_nm == pytest.approx(10.0, rel=0.05)
+
+
+def test_a_sketch_gives_the_shares_of_all_samples() -> None:
+    plan = full_protocol(PROFILE, loads=False)
+    motion = planned_motion(plan, PROFILE)
+    names = (
+        "motor-unbalance",
+        "wave-generator-eccentricity",
+        "coulomb-friction",
+        "viscous-friction",
+        "zero-drift",
+        "angular-misalignment",
+        "inertia-error",
+    )
+    effects = effects_named(names)
+    few = compare(motion, effects, PROFILE)
+    whole = compare(motion, effects, PROFILE, n_rows=len(motion))
+    # the error that the sketch states for itself
+    assert np.nanmax(np.abs(few.sin2 - whole.sin2)) < 0.02
+
+
+def test_at_one_speed_names_look_alike_that_the_full_protocol_tells_apart() -> None:
+    names = ("ripple-harmonic", "structural-tone", "motor-unbalance", "wave-generator-eccentricity")
+    one = compare(motion_at((156.0,), 30.0), effects_named(names), PROFILE)
+    assert one.share("ripple-harmonic", "structural-tone") < 0.01
+    assert ("motor-unbalance", "wave-generator-eccentricity") in one.inseparable()
+    motion = planned_motion(full_protocol(PROFILE, loads=False), PROFILE)
+    full = compare(motion, effects_named(names), PROFILE)
+    assert full.share("ripple-harmonic", "structural-tone") > 0.9
+    assert full.share("motor-unbalance", "wave-generator-eccentricity") > 0.3
+    assert full.inseparable() == ()
+
+
+def test_gravity_and_misalignment_are_alike_on_every_motion() -> None:
+    motion = planned_motion(full_protocol(PROFILE, loads=False), PROFILE)
+    found = compare(motion, effects_named(("misalignment", "load-gravity")), PROFILE)
+    assert found.inseparable() == (("misalignment", "load-gravity"),)
+
+
+def test_what_a_motion_cannot_show_is_told_with_its_reason() -> None:
+    found = compare(
+        motion_at((156.0,), 5.0), effects_named(("gain-ripple", "coulomb-friction", "spikes")),
+        PROFILE,
+    )  # fmt: skip
+    reasons = {entry.name: entry.reason for entry in found.visibility}
+    assert "load" in reasons["gain-ripple"]
+    assert (
+        "one direction" in reasons["coulomb-friction"] or "baseline" in reasons["coulomb-friction"]
+    )
+    assert "looks of its own" in reasons["spikes"] or "looks of their own" in reasons["spikes"]
+    assert found.share("gain-ripple", "coulomb-friction") is None
+
+
+def test_a_planned_motion_is_that_of_the_emulated_servo() -> None:
+    block = next(b for b in blocks(PROFILE) if b.name == "staircase")
+    trace = planned_trace(MotionPlan("staircase", block.steps), PROFILE)
+    volts = trace["reference_v"]
+    run = servo_loop(PROFILE.servo).run(command_rad_s(PROFILE, volts), PERIOD_S, 1, (0.0, 0.0, 0.0))
+    # both solve the same servo in closed form; the acceleration limit is never reached here
+    np.testing.assert_allclose(trace["motor_velocity_rad_s"], run.velocity_rad_s[:, 0], atol=1e-9)
+    np.testing.assert_allclose(trace["motor_angle_rad"], run.angle_rad[:, 0], atol=1e-7)
+
+
+def test_a_jump_beyond_the_servo_runs_along_its_acceleration_limit() -> None:
+    plan = MotionPlan("fast", (Segment("ramp", 0.01, 300.0), Segment("hold", 1.0, 300.0)))
+    trace = planned_trace(plan, PROFILE)
+    command = command_rad_s(PROFILE, trace["reference_v"])
+    run = servo_loop(PROFILE.servo).run(command, PERIOD_S, 1, (0.0, 0.0, 0.0))
+    # the sample in which the limit is left is solved to within its own length
+    np.testing.assert_allclose(trace["motor_velocity_rad_s"], run.velocity_rad_s[:, 0], atol=0.1)
+    np.testing.assert_allclose(trace["motor_angle_rad"], run.angle_rad[:, 0], atol=0.02)
+
+
+def test_loads_stand_in_the_planned_record_and_locked_ones_do_not_move() -> None:
+    steps = (
+        LoadStep("hang 5 N m", 5.0, locked=True, position_rad=1.5),
+        Segment("rest", 1.0),
+        LoadStep("take it off", 0.0),
+        Segment("ramp", 1.0, 50.0),
+        Segment("ramp", 1.0, 0.0),
+    )
+    trace = planned_trace(MotionPlan("loads", steps), PROFILE)
+    locked = trace["load_torque_nm"] == 5.0
+    assert int(locked.sum()) == 1000
+    np.testing.assert_array_equal(trace["output_angle_rad"][locked], 1.5)
+    assert trace.time_s[1000] - trace.time_s[999] > 10.0
+    assert trace["motor_velocity_rad_s"][~locked].max() == pytest.approx(50.0, rel=0.05)

@@ -1,0 +1,144 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hdbench.model import (
+    Motion,
+    catalogue,
+    shape_bounds,
+)
+
+Make = Callable[..., Motion]
+Shape = dict[str, float]
+
+
+def steady(make: Make, **replaced: Any) -> Motion:
+    """Return 20 s at 60 rad/s: two output turns need 21 s, one is there."""
+    time = np.arange(20_000) * 1e-3
+    values: dict[str, Any] = {
+        "time_s": time,
+        "velocity_rad_s": np.full(20_000, 60.0),
+        "angle_rad": 60.0 * time,
+        "acceleration_rad_s2": np.zeros(20_000),
+        "output_angle_rad": 0.6 * time,
+        "angle_source": "velocity",
+        "load_torque_nm": None,
+    }
+    return make(20_000, **{**values, **replaced})
+
+
+def test_a_constant_speed_without_load_shows_what_it_can(make_motion: Make) -> None:
+    motion = steady(make_motion)
+    silent = {name for name, cause in catalogue().items() if cause.applicable(motion) is not None}
+    assert silent == {
+        "load-dependent-ripple", "torsional-resonance", "tooth-mesh", "gain-ripple",
+        "position-dependent-gain", "coulomb-friction", "viscous-friction", "stribeck-friction",
+        "load-dependent-friction", "presliding", "gain-error", "cubic-nonlinearity", "hysteresis",
+        "backlash", "saturation", "side-force", "direction-asymmetry", "inertia-error",
+        "time-skew", "cubic-stiffness", "piecewise-stiffness", "creep", "speed-dependent-noise",
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "words"),
+    [
+        ("load-dependent-ripple", {}, "no load_torque_nm"),
+        ("gain-ripple", {"load_torque_nm": np.zeros(20_000)}, "zero throughout"),
+        ("torsional-resonance", {}, "more than 5 %"),
+        ("kinematic-error", {"inertia_nm_s2": 0.0}, "no inertia"),
+        ("cubic-stiffness", {}, "no load_torque_nm"),
+        (
+            "cubic-stiffness",
+            {"load_torque_nm": np.ones(20_000), "time_s": np.arange(20_000) * 1.0},
+            "one sample per 1 s",
+        ),
+        ("piecewise-stiffness", {}, "no load_torque_nm"),
+        ("backlash", {"load_torque_nm": np.linspace(0, 30, 20_000)}, "needed: both signs"),
+        ("side-force", {"load_torque_nm": np.linspace(-30, 0, 20_000)}, "between -30 and 0 N m"),
+        ("hysteresis", {"load_torque_nm": np.linspace(0, 30, 20_000)}, "rises by 30 N m and falls"),
+        (
+            "position-dependent-gain",
+            {"load_torque_nm": np.ones(20_000), "output_angle_rad": np.zeros(20_000)},
+            "at 1 of 12 angles",
+        ),
+        ("presliding", {}, "keeps one direction"),
+        ("creep", {"load_torque_nm": np.ones(20_000)}, "changes by 0 N m"),
+        (
+            "creep",
+            {"load_torque_nm": np.arange(20_000) * 1e-3, "time_s": np.arange(20_000) * 1e-5},
+            "0.2 s",
+        ),
+        ("time-skew", {}, "torque is constant"),
+        ("crosstalk", {"motor_current_a": None}, "no motor_current_a"),
+        ("crosstalk", {"motor_current_a": np.full(20_000, 2.0)}, "is constant"),
+        ("angular-misalignment", {"output_angle_rad": np.linspace(0, 3, 20_000)}, "0.477 turns"),
+        ("gain-error", {"load_torque_nm": np.zeros(20_000)}, "zero throughout"),
+        ("tooth-mesh", {}, "motor_angle_rad or encoder_count"),
+        ("coulomb-friction", {}, "keeps one direction"),
+        ("viscous-friction", {}, "more than 5 %"),
+        ("inertia-error", {}, "changes faster"),
+        ("ripple-harmonic", {"angle_rad": np.linspace(0, 6, 20_000)}, "0.955 turns"),
+        ("misalignment", {"output_angle_rad": np.linspace(0, 1.5, 20_000)}, "output covers 0.239"),
+        ("mains-hum", {"time_s": np.arange(20_000) * 0.0125}, "80 samples/s"),
+        ("structural-tone", {"time_s": np.arange(20_000) * 1e-5}, "0.2 s"),
+        ("warm-up", {"time_s": np.arange(20_000) * 1e-5}, "0.2 s"),
+        (
+            "stribeck-friction",
+            {"velocity_rad_s": np.repeat([100.0, -100.0], 10_000)},
+            "0 samples move slower",
+        ),
+    ],
+)
+def test_a_record_that_cannot_show_a_cause_says_why(
+    name: str, change: dict[str, Any], words: str, make_motion: Make
+) -> None:
+    reason = catalogue()[name].applicable(steady(make_motion, **change))
+    assert reason is not None
+    assert words in reason
+
+
+def test_a_record_with_everything_shows_every_cause(make_motion: Make) -> None:
+    time = np.arange(30_000) * 1e-3
+    motion = make_motion(30_000, time_s=time, velocity_rad_s=60.0 * np.sin(time))
+    assert [name for name, c in catalogue().items() if c.applicable(motion) is not None] == []
+
+
+def test_lost_samples_do_not_count_for_what_a_record_shows(make_motion: Make) -> None:
+    velocity = np.full(20_000, 60.0)
+    velocity[7] = -60.0
+    valid = np.arange(20_000) != 7
+    friction = catalogue()["coulomb-friction"]
+    assert friction.applicable(steady(make_motion, velocity_rad_s=velocity)) is None
+    assert friction.applicable(steady(make_motion, velocity_rad_s=velocity, valid=valid))
+
+
+def test_shapes_are_searched_where_the_record_can_show_them(make_motion: Make) -> None:
+    motion = steady(make_motion, time_s=100.0 + np.arange(20_000) * 0.009)
+    bands = {n: shape_bounds(c, motion) for n, c in catalogue().items()}
+    # 9 ms period: half the sampling rate is 55.6 Hz, which leaves only the European mains
+    assert bands["mains-hum"] == {"frequency_hz": ((49.5, 50.5),)}
+    low, high = bands["structural-tone"]["frequency_hz"][0]
+    assert low == 0.5
+    # the period is a difference of times near 280 s: 1e-16 * 280 / 0.009
+    assert high == pytest.approx(1 / 0.018, rel=1e-11, abs=0)
+    assert bands["zero-step"] == {"step_time_s": ((100.0, float(motion.time_s[-1])),)}
+    assert bands["ripple-harmonic"] == {"order": ((0.1, 60.0),)}
+
+
+def test_shapes_in_torque_stay_where_the_load_reaches(make_motion: Make) -> None:
+    load = np.linspace(-10.0, 20.0, 400)
+    motion = make_motion(load_torque_nm=load, inertia_nm_s2=0.0)
+    bands = {n: shape_bounds(c, motion) for n, c in catalogue().items()}
+    assert bands["backlash"] == {"play_nm": ((0.005, 20.0),)}
+    assert bands["saturation"] == {"limit_nm": ((2.0, 200.0),)}
+    assert bands["hysteresis"] == {"yield_nm": ((0.3, 15.0),)}
+    assert bands["piecewise-stiffness"]["knee_nm"] == ((0.1, 20.0),)
+    span = float(motion.time_s[-1] - motion.time_s[0])
+    # two median samples are faster than the fastest creep there is
+    assert bands["creep"] == {"time_constant_s": ((0.5, 3.0 * span),)}
+    resting = make_motion(load_torque_nm=np.zeros(400), inertia_nm_s2=0.0)
+    assert shape_bounds(catalogue()["backlash"], resting) == {"play_nm": ()}

@@ -1,0 +1,275 @@
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from hdbench.model import Motion, catalogue
+
+Make = Callable[..., Motion]
+Array = np.ndarray
+J = 1.725e-2
+
+
+def column(name: str, motion: Motion, **shape: float) -> Array:
+    return catalogue()[name].columns(motion, shape)
+
+
+def without(motion: Motion, lost: Array) -> Motion:
+    """Return the motion with lost samples: no speed, no angle, not valid."""
+    gone = {"velocity_rad_s", "angle_rad", "acceleration_rad_s2", "output_angle_rad"}
+    parts = {f: getattr(motion, f) for f in motion.__slots__}
+    changed = {f: np.where(lost, np.nan, parts[f]) for f in gone}
+    return Motion(**{**parts, **changed, "valid": ~lost})
+
+
+def kept(motion: Motion, keep: Array) -> Motion:
+    """Return the samples `keep` alone."""
+    parts = {f: getattr(motion, f) for f in motion.__slots__}
+    cut = {f: v[keep] for f, v in parts.items() if isinstance(v, np.ndarray)}
+    return Motion(**{**parts, **cut})
+
+
+def test_presliding_is_dahls_equation(swinging: Motion) -> None:
+    t0 = float(swinging.time_s[0])
+
+    def slope(t: float, z: Array) -> Array:
+        speed = 18.0 * math.cos(9.0 * t)
+        return np.array([abs(speed) * (math.copysign(1.0, speed) - z[0]) / 0.4])
+
+    # it moves at its first sample: a long way was done before
+    begin = [math.copysign(1.0, math.cos(9.0 * t0))]
+    want = solve_ivp(
+        slope, (t0, float(swinging.time_s[-1])), begin, t_eval=swinging.time_s, max_step=1e-3,
+        rtol=1e-9,
+    ).y[0]  # fmt: skip
+    got = column("presliding", swinging, breakaway_rad=0.4)[:, 0]
+    # a reversal inside a sample of at most 2 ms shortens its way: 162 * (1e-3)^2 / 0.4 rad
+    np.testing.assert_allclose(got, want, rtol=0, atol=5e-4)
+
+
+def test_presliding_begins_at_zero_from_rest(make_motion: Make) -> None:
+    motion = make_motion(
+        3, angle_rad=np.array([0.0, 0.0, 0.5]), velocity_rad_s=np.array([0.0, 0.1, 50.0])
+    )
+    got = column("presliding", motion, breakaway_rad=0.5)[:, 0]
+    np.testing.assert_allclose(got, [0.0, 0.0, 1.0 - math.exp(-1.0)], rtol=1e-14)
+
+
+def slipping(torque: Array, largest: float, starts: Array) -> Array:
+    """Return eight elements that slip, one sample after the other, over the sum of their yields."""
+    yields = [largest * (2 * k + 1) / 16 for k in range(8)]
+    total, held, before = [], [0.0] * 8, 0.0
+    for x, start in zip(torque.tolist(), starts.tolist(), strict=True):
+        held = [
+            0.0 if start else max(-y, min(y, h + x - before))
+            for h, y in zip(held, yields, strict=True)
+        ]
+        before = x
+        total.append(sum(held) / sum(yields))
+    return np.array(total)
+
+
+@pytest.mark.parametrize("largest", [0.3, 4.0, 30.0])
+def test_hysteresis_is_elements_that_slip(largest: float, swinging: Motion) -> None:
+    starts = np.zeros(3000, dtype=bool)
+    starts[[0, 1300]] = True
+    parts = {f: getattr(swinging, f) for f in swinging.__slots__}
+    motion = Motion(**{**parts, "starts": starts})
+    want = slipping(motion.applied_nm, largest, starts)
+    got = column("hysteresis", motion, yield_nm=largest)
+    # sums of eight numbers, each a difference of torques up to 11 N m, over 4 yields of 0.3 N m
+    np.testing.assert_allclose(got[:, 0], want, rtol=0, atol=1e-13)
+    assert (got[:, 1] == motion.applied_nm).all()
+
+
+def test_a_wide_swing_of_torque_gives_the_full_width_of_the_loop(make_motion: Make) -> None:
+    torque = np.concatenate([np.linspace(0, 40, 400), np.linspace(40, -40, 800)])
+    motion = make_motion(1200, load_torque_nm=torque, inertia_nm_s2=0.0)
+    got = column("hysteresis", motion, yield_nm=2.0)[:, 0]
+    up, down = got[200], got[599]
+    assert torque[200] == pytest.approx(torque[599], abs=0.2)
+    # all elements slip: 1 upwards and -1 downwards
+    assert (up, down) == pytest.approx((1.0, -1.0), rel=1e-12)
+
+
+def test_creep_follows_the_load_by_one_time_constant(swinging: Motion) -> None:
+    load = swinging.applied_nm
+
+    def slope(t: float, c: Array) -> Array:
+        return (np.interp(t, swinging.time_s, load) - c) / 0.7
+
+    span = (float(swinging.time_s[0]), float(swinging.time_s[-1]))
+    want = solve_ivp(
+        slope, span, [0.0], t_eval=swinging.time_s, max_step=2e-3, rtol=1e-8, atol=1e-10
+    ).y[0]
+    got = column("creep", swinging, time_constant_s=0.7)[:, 0]
+    # steps of the solver do not end at the corners of the load
+    np.testing.assert_allclose(got, want, rtol=0, atol=2e-5)
+
+
+@pytest.mark.parametrize("constant", [0.7, 50.0, 7000.0])
+def test_creep_is_the_sum_over_the_past_of_the_load(constant: float, swinging: Motion) -> None:
+    time, load = swinging.time_s, swinging.applied_nm
+    want = []
+    for k in range(0, 3000, 250):
+        # 64 points per sample by the trapezoidal rule
+        fine = np.linspace(time[0], time[k], 64 * k + 1)
+        kernel = np.exp(-(time[k] - fine) / constant) / constant
+        want.append(np.trapezoid(kernel * np.interp(fine, time, load), fine))
+    got = column("creep", swinging, time_constant_s=constant)[::250, 0]
+    # a corner of the load between two points: (slope of 50 N m/s) (step of 20 us), over 0.7 s
+    np.testing.assert_allclose(got, want, rtol=1e-5, atol=2e-6)
+
+
+def sweep(make: Make, top: float) -> Motion:
+    """Return 4 s from rest to `top` rad/s and back, at 1 kHz."""
+    time = np.arange(4000) * 1e-3
+    rate = 2.0 * math.pi / 4.0
+    return make(
+        4000,
+        time_s=time,
+        angle_rad=0.5 * top * (time - np.sin(rate * time) / rate),
+        velocity_rad_s=0.5 * top * (1.0 - np.cos(rate * time)),
+        acceleration_rad_s2=0.5 * top * rate * np.sin(rate * time),
+    )
+
+
+@pytest.mark.parametrize(("gauge", "damping"), [(1.0, 0.03), (1.01, 0.3)])
+def test_a_resonance_passes_ripple_as_its_equation_of_motion(
+    gauge: float, damping: float, make_motion: Make
+) -> None:
+    motion = sweep(make_motion, 400.0)
+    parts = {f: getattr(motion, f) for f in motion.__slots__}
+    motion = Motion(**{**parts, "gauge_factor": gauge})
+    natural, rate = 2.0 * math.pi * 80.0, math.pi / 2.0
+
+    def angle(t: float) -> float:
+        return 200.0 * (t - math.sin(rate * t) / rate)
+
+    def slope(t: float, x: Array) -> Array:
+        phases = (2 * gauge * angle(t), 4 * gauge * angle(t))
+        force = np.array([f(p) for p in phases for f in (math.cos, math.sin)])
+        speed = x[4:]
+        pull = natural**2 * (force - x[:4]) - 2 * damping * natural * speed
+        return np.concatenate([speed, pull])
+
+    begin = [1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0]
+    want = solve_ivp(
+        slope, (0.0, 3.999), begin, t_eval=motion.time_s, method="DOP853", rtol=1e-7, atol=1e-8
+    ).y[:4]
+    got = column("torsional-resonance", motion, resonance_hz=80.0, damping=damping).T
+    assert np.abs(want[0]).max() > (1.6 if damping == 0.3 else 7.0)
+    # the phase bends inside a sample by 4 * 314 rad/s^2 * (1 ms)^2 / 8, which the resonance sums up
+    np.testing.assert_allclose(got, want, rtol=0, atol=1.5e-3 * np.abs(want).max())
+
+
+def twisting(motion: Motion, cubic: float, stiffness: float, load: Callable[..., Any]) -> Array:
+    """Return what gauges on a spring read, the load turning on it behind a standing motor."""
+    loss = 2 * 0.03 * math.sqrt(stiffness * J)
+
+    def spring(twist: Any, speed: Any) -> Any:
+        return stiffness * twist + cubic * twist**3 + loss * speed
+
+    def slope(t: float, x: Array) -> list[float]:
+        return [x[1], (load(t) - spring(x[0], x[1])) / J]
+
+    start = [load(0.0) / stiffness, 0.0]
+    end = float(motion.time_s[-1])
+    found = solve_ivp(
+        slope, (0.0, end), start, t_eval=motion.time_s, method="DOP853", rtol=1e-10, atol=1e-14
+    ).y
+    return np.asarray(stiffness * found[0])
+
+
+def test_a_stiffening_spring_adds_what_its_equation_of_motion_says(make_motion: Make) -> None:
+    time = np.arange(800) * 1e-3
+
+    def load(t: Any) -> Any:
+        return 6.0 * (1 - np.cos(2 * math.pi * 11.0 * t)) * np.sin(2 * math.pi * 3.0 * t)
+
+    motion = make_motion(
+        800, time_s=time, load_torque_nm=load(time), acceleration_rad_s2=np.zeros(800)
+    )
+    stiffness, s = 1.6e4, 0.02
+    got = column("cubic-stiffness", motion)
+    linear = twisting(motion, 0.0, stiffness, load)
+    # s times 10 N m more at the twist of 10 N m
+    bent = twisting(motion, s * 10.0 / (10.0 / stiffness) ** 3, stiffness, load)
+    want = (bent - linear) / s
+    assert np.abs(want).max() > 10.0
+    # to first order in s: the next one is 3 s (12 / 10)^2 of it
+    np.testing.assert_allclose(got[:, 0], want, rtol=0, atol=0.1 * np.abs(want).max())
+
+
+def test_two_knees_of_a_spring_are_torque_beyond_them(make_motion: Make) -> None:
+    time = np.arange(2000) * 1e-3
+    load = 20.0 * np.sin(2 * math.pi * 2.0 * time)
+    motion = make_motion(2000, time_s=time, load_torque_nm=load, acceleration_rad_s2=np.zeros(2000))
+    shape = {"knee_nm": 4.0}
+    got = column("piecewise-stiffness", motion, **shape)
+    # far below the resonance the gauges miss what is beyond 4 and 13.6 N m
+    for place, knee in ((0, 4.0), (1, 13.6)):
+        beyond = np.sign(load) * np.maximum(np.abs(load) - knee, 0.0)
+        # a knee rings by its change of slope, 251 N m/s at most, over 960 rad/s; what
+        # rings from the start at rest is gone to 1e-6 after half a second
+        late = slice(500, None)
+        np.testing.assert_allclose(got[late, place], -beyond[late], rtol=0, atol=0.26)
+    twice = make_motion(
+        2000, time_s=time, load_torque_nm=2.0 * load, acceleration_rad_s2=np.zeros(2000)
+    )
+    both = column("piecewise-stiffness", twice, **{**shape, "knee_nm": 8.0})
+    np.testing.assert_allclose(both, 2.0 * got, rtol=0, atol=1e-9)
+
+
+def test_a_skew_is_minus_the_slope_of_the_whole_signal(make_motion: Make) -> None:
+    time = np.arange(2000) * 1e-3
+    rate = 2 * math.pi * np.array([3.0, 40.0, 160.0])
+    signal = np.sin(np.outer(time, rate)).sum(axis=1)
+    slope = (np.cos(np.outer(time, rate)) * rate).sum(axis=1)
+    motion = make_motion(2000, time_s=time, simulated_nm=signal)
+    got = column("time-skew", motion)[:, 0]
+    # exact to sixth order: 1 % at a sixth of the sampling rate; ends have one-sided windows
+    np.testing.assert_allclose(got[3:-3], -slope[3:-3], rtol=0, atol=0.01 * rate[2])
+    slow = make_motion(2000, time_s=time, simulated_nm=None, load_torque_nm=np.sin(20.0 * time),
+                       inertia_nm_s2=0.0)  # fmt: skip
+    want = -20.0 * np.cos(20.0 * time)
+    np.testing.assert_allclose(column("time-skew", slow)[:, 0], want, rtol=0, atol=2e-6)
+
+
+REMEMBER: dict[str, dict[str, float]] = {
+    "presliding": {"breakaway_rad": 0.3},
+    "creep": {"time_constant_s": 2.0},
+    "torsional-resonance": {"resonance_hz": 120.0, "damping": 0.05},
+    "cubic-stiffness": {},
+    "piecewise-stiffness": {"knee_nm": 3.0},
+    "hysteresis": {"yield_nm": 3.0},
+}
+
+
+@pytest.mark.parametrize("name", REMEMBER)
+def test_lost_samples_are_as_if_they_had_never_been(name: str, swinging: Motion) -> None:
+    lost = np.zeros(3000, dtype=bool)
+    lost[[0, 17, 18, 19, 2999]] = True
+    lost[1000:1400] = True
+    broken = without(swinging, lost)
+    got = column(name, broken, **REMEMBER[name])
+    assert np.isnan(got[lost]).all()
+    want = column(name, kept(swinging, ~lost), **REMEMBER[name])
+    np.testing.assert_allclose(got[~lost], want, rtol=0, atol=1e-12 * np.abs(want).max())
+
+
+@pytest.mark.parametrize("name", REMEMBER)
+def test_nothing_is_carried_over_a_start(name: str, swinging: Motion) -> None:
+    starts = np.zeros(3000, dtype=bool)
+    starts[1234] = True
+    parts = {f: getattr(swinging, f) for f in swinging.__slots__}
+    got = column(name, Motion(**{**parts, "starts": starts}), **REMEMBER[name])
+    first = column(name, kept(swinging, np.arange(3000) < 1234), **REMEMBER[name])
+    second = column(name, kept(swinging, np.arange(3000) >= 1234), **REMEMBER[name])
+    want = np.vstack([first, second])
+    np.testing.assert_allclose(got, want, rtol=0, atol=1e-12 * np.abs(want).max())

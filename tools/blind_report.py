@@ -1,0 +1,112 @@
+"""Figures of a campaign: printed, and as docs/blind-benchmark.md with its picture."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+from datetime import date
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+from blind_lines import read_lines
+from blind_page import page
+from blind_picture import draw_confusion
+from blind_runner import ROOT
+from scorer.judge import judge
+from scorer.line import one_line
+from scorer.metrics import Row, figures
+from scorer.tables import by_family, by_load_family, by_outside, confusion, shuffled_rows
+from scorer.truth import open_truth
+
+__all__ = ["list_lines", "load_rows", "report"]
+
+
+def load_rows(folder: Path) -> list[Row]:
+    """Open the truths of a campaign and judge all its answers."""
+    sealed = {entry["key"]: entry for entry in read_lines(folder / "truth.jsonl")}
+    rows = []
+    for entry in read_lines(folder / "answers.jsonl"):
+        truth = open_truth(sealed[entry["key"]], entry["seal"])
+        rows.append(Row((truth, entry, judge(truth, entry))))
+    return rows
+
+
+def _rivals(folder: Path, rows: list[Row]) -> dict[str, dict[str, Any]]:
+    truths = {row.truth["key"]: row for row in rows}
+    methods: dict[str, list[Row]] = {}
+    for entry in read_lines(folder / "rivals.jsonl"):
+        if entry["key"] not in truths:
+            continue
+        truth = truths[entry["key"]].truth
+        methods.setdefault(entry["method"], []).append(Row((truth, entry, judge(truth, entry))))
+    keys = {row.truth["key"] for some in methods.values() for row in some}
+    if keys:
+        methods["hdbench diagnose"] = [row for row in rows if row.truth["key"] in keys]
+    return {name: figures(some) for name, some in methods.items()}
+
+
+def _version() -> str:
+    try:
+        return version("hdbench")
+    except PackageNotFoundError:
+        return "0.1.0"
+
+
+def _printed(numbers: dict[str, Any]) -> Iterable[str]:
+    for name, value in numbers.items():
+        if isinstance(value, tuple):
+            share, count = value
+            yield f"{name:28s} {'-' if share is None else format(share, '.3f'):>7s}  n = {count}"
+        else:
+            yield f"{name}: {json.dumps(value)}"
+
+
+def list_lines(folder: Path, parts: str) -> None:
+    """Print one line for every record of `parts` (all if empty)."""
+    for row in sorted(load_rows(folder), key=lambda row: str(row.truth["key"])):
+        if not parts or row.truth["part"] in parts:
+            print(one_line(row.truth, row.entry, row.verdict))
+
+
+def report(folder: Path, write: bool) -> None:
+    """Print the figures of the campaign in `folder`; with `write`, write page and picture."""
+    rows = load_rows(folder)
+    dynamic = [row for row in rows if row.truth["part"] != "L"]
+    loads = [row for row in rows if row.truth["part"] == "L"]
+    numbers, static = figures(dynamic), figures(_as_single(loads))
+    for line in _printed(numbers):
+        print(line)
+    if loads:
+        print("\ncalibration loads")
+        for line in _printed(static):
+            print(line)
+    if not write:
+        return
+    text = page(
+        version=_version(),
+        day=date.today().isoformat(),
+        rows=dynamic,
+        numbers=numbers,
+        families=by_family(dynamic),
+        outside=by_outside(dynamic),
+        loads=loads,
+        load_numbers=static,
+        load_families=by_load_family(loads),
+        shuffled=figures(shuffled_rows(dynamic)),
+        rivals=_rivals(folder, rows),
+    )
+    (ROOT / "docs" / "blind-benchmark.md").write_text(text)
+    image = ROOT / "docs" / "images" / "blind-confusion.png"
+    image.parent.mkdir(exist_ok=True)
+    draw_confusion(confusion(dynamic), image)
+
+
+def _as_single(rows: list[Row]) -> list[Row]:
+    """Calibration records as parts A (clean), B (by sigmas) and P (physical sizes)."""
+    out = []
+    for row in rows:
+        tier = row.tier
+        part = "A" if not tier else ("B" if tier.startswith("d") else "P")
+        out.append(Row(({**row.truth, "part": part}, row.entry, row.verdict)))
+    return out

@@ -1,0 +1,242 @@
+"""Run the diagnosis over sealed records: many processes, resumable, one line of JSON per answer.
+
+The truth of a case is committed to (`manifest.jsonl`) before any record is diagnosed, the truth of
+a record (size, group, bounds) before that record is. The diagnosis gets channels and a profile.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import resource
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterable, Iterator
+from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
+from dataclasses import dataclass
+from datetime import date
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).resolve().parent.parent
+sys.path.insert(0, str(ROOT / "tests" / "blind"))
+
+from blind_lines import end_line, read_lines  # noqa: E402
+from injector.build import Case, Hidden, build  # noqa: E402
+from injector.loadcases import build_loads  # noqa: E402
+from injector.seal import case_text, salt_of, seal, truth_text  # noqa: E402
+from rivals.oracle import oracle  # noqa: E402
+
+from hdbench.diagnosis import diagnose_loads, diagnose_trace  # noqa: E402
+from hdbench.errors import HdbenchError  # noqa: E402
+from hdbench.profile import Profile, load_profile  # noqa: E402
+from hdbench.records import LoadReading, Loads, Trace  # noqa: E402
+
+__all__ = ["Options", "answer_case", "case_of", "fresh_base", "run"]
+
+# a diagnosis that takes longer than this has failed: thirty times the time asked for
+_PATIENCE_S = 300
+_KEYS = (
+    "verdict", "causes", "minor", "unexplained", "minor_unexplained", "data_flags",
+    "minimum_detectable", "simulated", "extended", "settings",
+)  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class Options:
+    """How to run: folder of the results, processes, whether to fit the oracle, core niceness."""
+
+    out: Path
+    processes: int = 1
+    with_oracle: bool = True
+    stop_after_s: float = float("inf")
+
+
+def fresh_base(day: str | None = None) -> int:
+    """Return a base seed from the commit and the date: new every day, and for all to repeat."""
+    commit = subprocess.run(
+        ["git", "rev-parse", "HEAD"], cwd=ROOT, capture_output=True, text=True, check=False
+    ).stdout.strip()
+    words = f"{commit} {day or date.today().isoformat()}"
+    return int(hashlib.sha256(words.encode()).hexdigest()[:12], 16)
+
+
+def _profile(bits: int) -> Profile:
+    if bits == 16:
+        return load_profile("cim-tr-97-06")
+    text = (ROOT / "profiles" / "cim-tr-97-06.toml").read_text()
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "bench.toml"
+        path.write_text(text.replace("resolution_bits = 16", f"resolution_bits = {bits}"))
+        return load_profile(str(path))
+
+
+def _peak_reset() -> None:
+    try:
+        Path("/proc/self/clear_refs").write_text("5")
+    except OSError:
+        return
+
+
+def _peak_mb() -> float:
+    try:
+        for line in Path("/proc/self/status").read_text().splitlines():
+            if line.startswith("VmHWM"):
+                return int(line.split()[1]) / 1024.0
+    except OSError:
+        pass
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
+
+
+def _expire(*_: object) -> None:
+    raise TimeoutError(f"no answer within {_PATIENCE_S} s")
+
+
+def _diagnose(case: Case, made: Any, materiality: float) -> dict[str, Any]:
+    profile = _profile(case.bits)
+    seed = int(hashlib.sha256(case.key.encode()).hexdigest()[:8], 16)
+    if case.part == "L":
+        readings = tuple(LoadReading(**row) for row in made.columns["readings"])
+        result = diagnose_loads(Loads(readings, source="blind"), profile)
+    else:
+        trace = Trace(made.columns, source="blind")
+        result = diagnose_trace(trace, profile, materiality=materiality, seed=seed)
+    answer = result.to_dict({})
+    return {key: answer[key] for key in _KEYS if key in answer}
+
+
+def materiality_of(part: str) -> float:
+    """Return the line between causes and minor ones: none where sizes are in sigmas."""
+    return 0.01 if part in "PF" else 0.0
+
+
+def answer_case(case: Case, with_oracle: bool = True) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Make the record of `case`, seal its truth, diagnose it: (sealed truth, answer)."""
+    begin = time.perf_counter()
+    made = build_loads(case) if case.part == "L" else build(case)
+    truth = dict(made.truth)
+    if with_oracle and made.truth["hidden"] and case.part in "BPC":
+        truth["oracle"] = oracle(made)
+    salt, text = salt_of(case), truth_text(truth)
+    sealed = {"key": case.key, "salt": salt, "text": text, "case": case_text(case)}
+    entry: dict[str, Any] = {"key": case.key, "seal": seal(salt, text)}
+    entry["made_s"] = round(time.perf_counter() - begin, 2)
+    _peak_reset()
+    signal.signal(signal.SIGALRM, _expire)
+    signal.alarm(_PATIENCE_S)
+    begin = time.perf_counter()
+    try:
+        entry["answer"] = _diagnose(case, made, materiality_of(case.part))
+    except HdbenchError as error:
+        entry["refused"] = f"{type(error).__name__}: {error}"
+    except Exception as error:  # noqa: BLE001 - a crash is an answer too, and it is counted
+        entry["crashed"] = f"{type(error).__name__}: {error}"
+    finally:
+        signal.alarm(0)
+    entry["seconds"] = round(time.perf_counter() - begin, 3)
+    entry["peak_mb"] = round(_peak_mb(), 1)
+    return sealed, entry
+
+
+def case_of(text: str) -> Case:
+    """Return the case that was sealed as `text`."""
+    fields = json.loads(text)
+    hidden = tuple(
+        Hidden(entry["name"], entry["tier"], tuple(map(tuple, entry["fixed"])))
+        for entry in fields.pop("hidden")
+    )
+    return Case(hidden=hidden, **fields)
+
+
+def _worker_start() -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+
+
+def _commit(cases: list[Case], out: Path) -> None:
+    """Write the seals of all cases that have none yet."""
+    path = out / "manifest.jsonl"
+    known = {entry["key"]: entry["seal"] for entry in read_lines(path)}
+    with path.open("a") as file:
+        for case in cases:
+            mark = seal(salt_of(case), case_text(case))
+            if case.key not in known:
+                file.write(json.dumps({"key": case.key, "seal": mark}) + "\n")
+            elif known[case.key] != mark:
+                raise SystemExit(f"{path}: {case.key} was sealed with another truth; use --out")
+
+
+class _Brake:
+    """Says when to stop: the time is over, or the first Ctrl-C; a second one kills as usual."""
+
+    def __init__(self, seconds: float) -> None:
+        self._end = time.monotonic() + seconds
+        self._pressed = False
+        self._before = {
+            number: signal.signal(number, self._press) for number in (signal.SIGINT, signal.SIGTERM)
+        }
+
+    def _press(self, *_: object) -> None:
+        self._pressed = True
+        self.release()
+        print("finishing the records under way", file=sys.stderr, flush=True)
+
+    def release(self) -> None:
+        """Give the signals back to whoever had them."""
+        for number, handler in self._before.items():
+            signal.signal(number, handler)
+
+    def __bool__(self) -> bool:
+        return self._pressed or time.monotonic() > self._end
+
+
+def _answers(
+    todo: list[Case], options: Options, brake: _Brake
+) -> Iterator[tuple[dict[str, Any], dict[str, Any]]]:
+    """Yield truth and answer of each case as they come, until the brake is pulled."""
+    if options.processes == 1:
+        for case in todo:
+            if brake:
+                return
+            yield answer_case(case, options.with_oracle)
+        return
+    queue = iter(todo)
+    with ProcessPoolExecutor(options.processes, initializer=_worker_start) as pool:
+        first = zip(range(options.processes), queue, strict=False)
+        waiting = {pool.submit(answer_case, case, options.with_oracle) for _, case in first}
+        while waiting:
+            done, waiting = wait(waiting, timeout=1.0, return_when=FIRST_COMPLETED)
+            for future in done:
+                yield future.result()
+                case = None if brake else next(queue, None)
+                if case is not None:
+                    waiting.add(pool.submit(answer_case, case, options.with_oracle))
+
+
+def run(cases: Iterable[Case], options: Options) -> int:
+    """Diagnose all cases that have no answer yet; return how many were answered now."""
+    options.out.mkdir(parents=True, exist_ok=True)
+    chosen = list(cases)
+    _commit(chosen, options.out)
+    path = options.out / "answers.jsonl"
+    done = {entry["key"] for entry in read_lines(path)}
+    todo = [case for case in chosen if case.key not in done]
+    count, begin, brake = 0, time.monotonic(), _Brake(options.stop_after_s)
+    for file in (path, options.out / "truth.jsonl"):
+        end_line(file)
+    truths = (options.out / "truth.jsonl").open("a")
+    with truths, path.open("a") as answers:
+        for sealed, entry in _answers(todo, options, brake):
+            truths.write(json.dumps(sealed) + "\n")
+            truths.flush()
+            answers.write(json.dumps(entry) + "\n")
+            answers.flush()
+            count += 1
+            if count % 50 == 0:
+                spent = time.monotonic() - begin
+                print(f"{count}/{len(todo)} in {spent:.0f} s", file=sys.stderr, flush=True)
+    brake.release()
+    return count

@@ -1,0 +1,62 @@
+"""What the benchmark's page says about how it was made."""
+
+__all__ = ["HOW", "LIMITS", "METRICS"]
+
+HOW = """## How it is made
+
+`tests/blind/injector` is a bench of its own: servo, shaft and load are integrated at 10 kHz and
+sampled at 1 kHz behind a converter of 12 or 16 bit, a counting or an interpolated encoder and a
+tacho; zero, ripple, misalignment and servo differ from record to record. It imports nothing of
+hdbench, nor hdbench of it (a test holds both to that). Effects have forms of their own: arctangents
+for smooth signs, Bouc and Wen loops for hysteresis and presliding, algebraic knees for saturation,
+resonators and relaxation integrated in time, parameters off any grid.
+
+| record | what it holds |
+|---|---|
+| constant | 40 s at one speed |
+| mixed | 60 s: staircase both ways, sweeps, sines of the speed, rest; no load |
+| short | 60 s: as mixed, under 12 and -25 N m, locked at 20 N m at four angles, slow reversals |
+| compact | 28 s: the same with three speeds and three angles |
+| protocol | 172 s: the same with nine speeds and longer stretches |
+| long | 600 s: with a load that hangs for 170 s |
+
+Noise of 0.01, 0.05 or 0.2 N m is white, AR(0.9), or rises like 1/f below 100 Hz. Sizes in sigmas
+are set on the very record: the effect whitened by the true noise, less what the baseline and the
+effect's own shape parameters can take. Sizes of part P are physical. `--materiality 0` where sizes
+are in sigmas, the default elsewhere.
+
+The truth of every case is sealed by SHA-256 before the first diagnosis, that of a record (size,
+bound, group) before its own; only the scorer opens it, and it checks the seal. The true group are
+the names whose effect spans the same space on that record (sine squared below 0.01), from the
+injector's signatures. `make blind` runs it all; `tools/blind.py --fresh` takes seeds from commit
+and date.
+"""
+
+METRICS = """## Definitions
+
+* False alarm: a clean record with a cause or an unexplained place of any size.
+* Detection: any cause, unexplained place or flag of that fault. Exact: as many causes as effects,
+  each reported set (name, group, rivals) inside the true group, nothing unexplained beside.
+* In the set: the reported set of some cause holds the true group. Wrong without rivals: no
+  set holds it and some cause stands without rivals.
+* Gain: share of the baseline's held-out variance that the extended model explains, over the
+  same of the oracle: the true effect, its shape to first order, exact motion, the true noise.
+* Parameters: where injected and fitted forms agree; error over the record's Cramer-Rao bound.
+* Phantom: a cause whose set holds no hidden effect.
+* Outside: unexplained in the effect's domain, or a name with a free order at that order, where the
+  part that no catalogue entry imitates has 7 sigma or more. Near miss: where it has less than 4.
+* Duels: two effects that look alike, on a record that cannot separate them (right: both names
+  in one set, and a run that would) and on one that can.
+* P(name): one over the size of the set.
+* S: mean over parts B to E of 1 exact, 0.5 in a set of at most 3, 0 silent, -1 wrong without
+  rivals; less 5 times the false-alarm rate above 1 %. Naming every true group gives 1, silence 0.
+"""
+
+LIMITS = """## What it does not show
+
+`misalignment` and `load-gravity` are part of the baseline where the output turns once, and have no
+records; `side-force` is `direction-asymmetry` on these records. `quantisation`, `missed-samples`,
+`spikes` and `tacho-ripple` have physical sizes only. The bench sees the strain of the flexspline: a
+bent spring (`cubic-stiffness`, `piecewise-stiffness`) shows as a bent torque. The simpler methods
+are handed the exact motion and the injector's own columns, which favours them.
+"""
