@@ -133,10 +133,10 @@ def test_shapes_in_torque_stay_where_the_load_reaches(make_motion: Make) -> None
     load = np.linspace(-10.0, 20.0, 400)
     motion = make_motion(load_torque_nm=load, inertia_nm_s2=0.0)
     bands = {n: shape_bounds(c, motion) for n, c in catalogue().items()}
-    assert bands["backlash"] == {"play_nm": ((0.005, 20.0),)}
+    assert bands["backlash"] == {"play_nm": ((0.005, 6.0),)}
     assert bands["saturation"] == {"limit_nm": ((2.0, 200.0),)}
     assert bands["hysteresis"] == {"yield_nm": ((0.3, 15.0),)}
-    assert bands["piecewise-stiffness"]["knee_nm"] == ((0.1, 20.0),)
+    assert bands["piecewise-stiffness"]["knee_nm"] == ((1.0, 20.0),)
     span = float(motion.time_s[-1] - motion.time_s[0])
     # two median samples are faster than the fastest creep there is
     assert bands["creep"] == {"time_constant_s": ((0.5, 3.0 * span),)}

@@ -23,6 +23,8 @@ _STIFFNESS_NM_PER_RAD = 1.6e4
 _DAMPING = 0.03
 # second over first knee of the catalogue's sizes 14 to 25: 3.1 to 3.6
 _SECOND_KNEE = 3.4
+# the catalogue's first knee is at 0.05 to 0.2 of the rated torque
+_FIRST_KNEE = 0.05
 # a record sampled slower than this is a list of readings: there it is cubic-nonlinearity
 _SLOWEST_S = 0.1
 
@@ -99,8 +101,9 @@ def _sampled(motion: Motion) -> str | None:
 
 def _knee_reach(motion: Motion) -> dict[str, tuple[float, float]]:
     torque = np.abs(motion.applied_nm[motion.valid & np.isfinite(motion.applied_nm)])
-    # a knee beyond the largest torque is never reached
-    return {"knee_nm": (0.0, float(torque.max(initial=0.0)))}
+    largest = float(torque.max(initial=0.0))
+    # a knee beyond the largest torque is never reached; one near zero leaves a straight line
+    return {"knee_nm": (_FIRST_KNEE * largest, largest)}
 
 
 CUBIC_STIFFNESS = Cause(
