@@ -19,8 +19,7 @@ __all__ = ["command"]
 
 
 def _list_causes(output: Output, cause_files: tuple[Path, ...]) -> None:
-    from hdbench.diagnosis import describe_causes
-    from hdbench.model import user_causes
+    from hdbench.model import describe_causes, user_causes
 
     causes = describe_causes(user_causes(cause_files))
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hdbench_cli.numbers import probability, with_uncertainty
-from hdbench_cli.sketch import curve_from, read_columns, sparkline
+from hdbench_cli.sketch import read_columns, span_of, sparkline
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -94,7 +94,7 @@ def _comparison(console: Console, folder: Path) -> None:
     width = max(10, min(console.width, 100) - _LABEL - 22)
     width = min(width, len(measured))
     smooth = {name: _means(values, width) for name, values in everything.items()}
-    span = curve_from(smooth, *smooth)
+    span = span_of(smooth, *smooth)
     for name, values in everything.items():
         line = sparkline(smooth[name], width, span, plain=_plain(console))
         rms = _rms(values)
@@ -177,7 +177,7 @@ def _sketch(console: Console, domain: str, folder: Path) -> None:
     curves = {key: table[key] for key in ("before_nm", "after_nm")}
     if spectrum:
         curves = {key: _peaks(values, width) for key, values in curves.items()}
-    low, high = curve_from(curves, *curves)
+    low, high = span_of(curves, *curves)
     span = (0.0, high) if spectrum else (low, high)
     before, after = (sparkline(curves[key], width, span, plain=_plain(console)) for key in curves)
     first, last = table[axis][0], table[axis][-1]

@@ -100,9 +100,12 @@ def _smoothed(
     written: Trace, trace: Trace, model: FilterModel, profile: Profile
 ) -> tuple[Trace, list[dict[str, Any]]]:
     from hdbench.filter.smoothing import smooth_channels
-    from hdbench_cli.filter_more import smoothed_columns, smoothed_summary, trace_channels
+    from hdbench.session.filters import trace_channels
+    from hdbench_cli.filter_more import smoothed_columns, smoothed_summary
 
-    smoothed = smooth_channels(model, trace_channels(trace, model, profile))
+    smoothed = smooth_channels(
+        model, trace_channels(trace, profile, use_measured_angle=model.use_measured_angle)
+    )
     return smoothed_columns(written, smoothed), smoothed_summary(smoothed)
 
 

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from hdbench.filter import Channels, FilterModel
+    from hdbench.filter import FilterModel
     from hdbench.filter.comparison import Comparison
     from hdbench.filter.smoothing import SmoothedTorque
     from hdbench.profile import Profile
@@ -24,23 +23,10 @@ __all__ = [
     "show_orders",
     "smoothed_columns",
     "smoothed_summary",
-    "trace_channels",
 ]
 
 TRUTH = "torque_true_nm"
 """Column of a simulated trace with the true torque, N m."""
-
-
-def trace_channels(trace: Trace, model: FilterModel, profile: Profile) -> Channels:
-    """Return the channels that a model reads of a trace."""
-    from hdbench.filter import filter_channels
-
-    return filter_channels(
-        trace,
-        use_measured_angle=model.use_measured_angle,
-        velocity_gain_rad_s_per_v=profile.data.tacho.gain_rad_s_per_v,
-        encoder_counts_per_turn=profile.data.encoder.counts_per_turn,
-    )
 
 
 def smoothed_columns(trace: Trace, smoothed: SmoothedTorque) -> Trace:
@@ -86,10 +72,11 @@ def compare(trace: Trace, tuned: FilterModel, profile: Profile) -> Comparison:
     """Run raw, low-pass, the report's tuning, the tuned model and its smoother side by side."""
     from hdbench.filter import preset
     from hdbench.filter.comparison import compare_filters
+    from hdbench.session.filters import trace_channels
 
     settings = profile.data.filter
     return compare_filters(
-        trace_channels(trace, replace(tuned, use_measured_angle=True), profile),
+        trace_channels(trace, profile, use_measured_angle=True),
         {"report": preset("report-6", profile.data)},
         tuned,
         truth_nm=trace.columns.get(TRUTH),

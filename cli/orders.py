@@ -117,8 +117,9 @@ def command(
     from hdbench.filter.orders import order_map, order_spectrum
     from hdbench.filter.smoothing import smooth_channels
     from hdbench.records import result_header, write_trace
+    from hdbench.session.filters import trace_channels
     from hdbench_cli.experiment import choose_profile
-    from hdbench_cli.filter_more import smoothed_summary, trace_channels
+    from hdbench_cli.filter_more import smoothed_summary
     from hdbench_cli.traces import check_out, read_input
 
     profile = choose_profile(profile_name, source)
@@ -127,7 +128,7 @@ def command(
         if target is not None:
             check_out(target, source, item.file)
     model = _model(filter_name, item, profile)
-    channels = trace_channels(item.trace, model, profile)
+    channels = trace_channels(item.trace, profile, use_measured_angle=model.use_measured_angle)
     spectrum = order_spectrum(channels, channels.torque_nm, highest_order=max_order)
     found = order_map(channels, channels.torque_nm, highest_order=max_order)
     smoothed = smooth_channels(model, channels)

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-__all__ = ["curve_from", "read_columns", "sparkline"]
+__all__ = ["read_columns", "span_of", "sparkline"]
 
 _BLOCKS = " ▁▂▃▄▅▆▇█"
 _PLAIN = " .:-=+*#@"
@@ -73,7 +73,7 @@ def read_columns(path: Path) -> Mapping[str, list[float]] | None:
     return {name: [row[at] for row in cells] for at, name in enumerate(head.split(","))}
 
 
-def curve_from(columns: Mapping[str, Sequence[float]], *names: str) -> tuple[float, float]:
+def span_of(columns: Mapping[str, Sequence[float]], *names: str) -> tuple[float, float]:
     """Return lowest and highest finite value of some columns, the span of a common picture.
 
     Parameters

@@ -53,23 +53,12 @@ def tune_inputs(
     TuningResult
         The tuned model, with provenance.
     """
-    from dataclasses import replace
-
     from hdbench import __version__
-    from hdbench.filter import filter_channels, tune
+    from hdbench.session.filters import tune_traces
 
-    channels = [
-        filter_channels(
-            item.trace,
-            use_measured_angle=True,
-            velocity_gain_rad_s_per_v=profile.data.tacho.gain_rad_s_per_v,
-            encoder_counts_per_turn=profile.data.encoder.counts_per_turn,
-        )
-        for item in inputs
-    ]
     origins = {f"trace {item.file}": f"sha256 {item.identity()['sha256']}" for item in inputs}
     origins["tuned by"] = f"hdbench {__version__}, profile {profile.name} {profile.sha256}"
-    return tune(replace(base, use_measured_angle=True), channels, settings, origins=origins)
+    return tune_traces(profile, base, [item.trace for item in inputs], origins, settings)
 
 
 def _with_orders(base: FilterModel, orders: tuple[float, ...]) -> FilterModel:

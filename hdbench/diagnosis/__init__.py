@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from hdbench.diagnosis.catalogue import describe_causes
 from hdbench.diagnosis.dynamic import diagnose_trace
 from hdbench.diagnosis.preflight import DataFlag
 from hdbench.diagnosis.result import Diagnosis, NamedCause, Pictures, Spectrum, Unexplained
@@ -17,7 +16,6 @@ __all__ = [
     "Pictures",
     "Spectrum",
     "Unexplained",
-    "describe_causes",
     "diagnose_loads",
     "diagnose_run",
     "diagnose_trace",

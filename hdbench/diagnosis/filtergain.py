@@ -11,7 +11,7 @@ import numpy as np
 from hdbench.diagnosis.result import Diagnosis, NamedCause
 from hdbench.errors import DataError
 from hdbench.filter import FilterModel, OscillatorBlock, filter_trace, load_filter_model
-from hdbench.model import motion_from_trace
+from hdbench.model import Motion
 from hdbench.profile import Profile
 from hdbench.records.trace import FloatArray, Trace
 
@@ -109,13 +109,17 @@ def _place(cause: NamedCause, gear_ratio: float) -> tuple[float | None, Any]:
     return (float(value) if isinstance(value, int | float) else None), "ripple"
 
 
-def filter_gain(trace: Trace, profile: Profile, found: Diagnosis) -> FilterGain | None:
+def filter_gain(
+    trace: Trace, motion: Motion, profile: Profile, found: Diagnosis
+) -> FilterGain | None:
     """Filter a record without and with the orders that were found.
 
     Parameters
     ----------
     trace : Trace
         The record that was diagnosed, torque in N m.
+    motion : Motion
+        Its motion.
     profile : Profile
         Bench; its filter is the one that is extended.
     found : Diagnosis
@@ -135,7 +139,7 @@ def filter_gain(trace: Trace, profile: Profile, found: Diagnosis) -> FilterGain 
         left = [_filtered(trace, m, profile) for m in (base, model)]
     except DataError:
         return None
-    target = _target(trace, profile, found)
+    target = _target(motion, found)
     time = trace.time_s
     start = float(time[0]) + min(_SETTLING_S, _SETTLING_SHARE * float(time[-1] - time[0]))
     pictures = found.pictures
@@ -163,7 +167,7 @@ def _filtered(trace: Trace, model: FilterModel, profile: Profile) -> FloatArray:
     return np.asarray(block.torque_filtered_nm)
 
 
-def _target(trace: Trace, profile: Profile, found: Diagnosis) -> FloatArray:
+def _target(motion: Motion, found: Diagnosis) -> FloatArray:
     """Return what a filter should leave: the extended model without lines, N m."""
     model = found.model
     causes = tuple(
@@ -172,7 +176,7 @@ def _target(trace: Trace, profile: Profile, found: Diagnosis) -> FloatArray:
         if term.name not in (*_MOTOR_ORDERS, *_OUTPUT_ORDERS, *_RIPPLE_NAMES)
     )
     bare = replace(model, ripple=(), misalignment=(0.0, 0.0), causes=causes)
-    return bare.torque_nm(motion_from_trace(trace, profile.data))
+    return bare.torque_nm(motion)
 
 
 def _amplitude(values: FloatArray, phase: FloatArray) -> float:

@@ -15,7 +15,14 @@ from hdbench.diagnosis.planning import Proposal, plan_for_result, write_plan
 from hdbench.diagnosis.result import Diagnosis
 from hdbench.diagnosis.static import diagnose_loads
 from hdbench.errors import UsageError
-from hdbench.model import load_model, motion_from_trace, save_model, user_causes
+from hdbench.model import (
+    BenchModel,
+    Motion,
+    load_model,
+    motion_from_trace,
+    save_model,
+    user_causes,
+)
 from hdbench.profile import Profile
 from hdbench.profile.scaling import rescaled, stored_scale
 from hdbench.records import (
@@ -118,7 +125,10 @@ def diagnose_run(
     details = {"input": str(source), "input_sha256": sha256_file(file)}
     folder = RunFolder.create(out, kind="diagnosis", profile=profile, details=details)
     files = ["result.json", *_write_tables(folder.path, done, profile)]
-    proposal = _proposal(done, profile, options=chosen)
+    motion = None
+    if done.trace is not None and answer.pictures is not None:
+        motion = motion_from_trace(done.trace, profile.data)
+    proposal = _proposal(answer, profile, motion)
     if proposal is not None and proposal.plan is not None:
         write_plan(folder.path / "plan.toml", proposal.plan)
         files.append("plan.toml")
@@ -132,7 +142,7 @@ def diagnose_run(
         **answer.to_dict(header, "model.json" if extended else None),
         **details,
         "torque_scale": None if done.scale is None else done.scale.to_dict(),
-        "filter_gain": _gain(done, profile),
+        "filter_gain": _gain(done, profile, motion),
         "separating_run": _separating(proposal),
     }
     write_json(folder.result, result)
@@ -147,7 +157,7 @@ def _diagnose(
     options: DiagnosisOptions,
     progress: Callable[[str, float], None] | None,
 ) -> _Done:
-    model = load_model(options.model_file) if options.model_file else None
+    model = _given(options, profile)
     if is_loads_file(file):
         if options.baseline:
             raise UsageError(
@@ -174,10 +184,16 @@ def _diagnose(
         materiality=options.materiality,
         seed=options.seed,
         progress=progress,
-        causes=user_causes(options.cause_files),
         baseline=options.baseline,
     )
     return _Done(answer, trace, scale)
+
+
+def _given(options: DiagnosisOptions, profile: Profile) -> BenchModel | None:
+    """Return the model at hand with the user's own causes; None for the profile's as it is."""
+    model = load_model(options.model_file) if options.model_file else None
+    own = user_causes(options.cause_files)
+    return (model or BenchModel.from_profile(profile.data)).with_extra(own) if own else model
 
 
 def _write_tables(folder: Path, done: _Done, profile: Profile) -> list[str]:
@@ -195,22 +211,20 @@ def _write_tables(folder: Path, done: _Done, profile: Profile) -> list[str]:
     return files
 
 
-def _gain(done: _Done, profile: Profile) -> dict[str, Any] | None:
+def _gain(done: _Done, profile: Profile, motion: Motion | None) -> dict[str, Any] | None:
     """Return what the filter gains by the orders found; None where none was."""
-    gain = None if done.trace is None else filter_gain(done.trace, profile, done.answer)
+    if done.trace is None or motion is None:
+        return None
+    gain = filter_gain(done.trace, motion, profile, done.answer)
     return None if gain is None else gain.to_dict()
 
 
-def _proposal(done: _Done, profile: Profile, *, options: DiagnosisOptions) -> Proposal | None:
+def _proposal(answer: Diagnosis, profile: Profile, motion: Motion | None) -> Proposal | None:
     """Return the run that settles what is open; None for loads and where nothing is."""
-    if done.trace is None or done.answer.pictures is None:
+    if motion is None:
         return None
-    return plan_for_result(
-        done.answer.to_dict({}),
-        profile.data,
-        motion=motion_from_trace(done.trace, profile.data),
-        extra=user_causes(options.cause_files),
-    )
+    extra = answer.model.extra_causes
+    return plan_for_result(answer.to_dict({}), profile.data, motion=motion, extra=extra)
 
 
 def _separating(proposal: Proposal | None) -> dict[str, Any] | None:

@@ -19,7 +19,7 @@ from hdbench.records.recovery import resolve_input
 from hdbench.records.runfolder import RunFolder
 from hdbench.records.tracefile import read_trace
 from hdbench.ripple import Stretch
-from hdbench.session.filters import TUNED, choose_filter, tuned_filter
+from hdbench.session.filters import TUNED, choose_filter, tune_traces
 
 # share of the largest load below which a torque of the other sign may be the zero of a reference
 # sensor: Table 1's sensors are consistent to 2 %, hand-read zeros to about as much again
@@ -214,7 +214,8 @@ def evaluate_stored(
     model = choose_filter(profile, name, misalignment=misalignment, source=source)
     records, scale = _load(kind, file, source, profile, calibration)
     if tuned and isinstance(records, Trace):
-        model = tuned_filter(profile, model, records)
+        origins = {f"trace {records.source}": "the input itself"}
+        model = tune_traces(profile, model, [records], origins).model
     details = {"source": {"path": str(source), "sha256": sha256_file(file)}}
     folder = RunFolder.create(out, kind=kind, profile=profile, details=details)
     folder.update(calibration=scale.to_dict(), filter=model.to_dict())

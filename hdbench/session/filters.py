@@ -2,15 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from hdbench.filter import FilterModel, build_filter_model, load_filter_model
+from hdbench.filter import (
+    FilterModel,
+    build_filter_model,
+    filter_channels,
+    load_filter_model,
+)
 from hdbench.profile import Profile
 from hdbench.records.jsonfile import read_json
 from hdbench.records.trace import Trace
 
-__all__ = ["TUNED", "choose_filter", "stored_filter", "tuned_filter"]
+if TYPE_CHECKING:
+    from hdbench.filter import Channels, TuningResult, TuningSettings
+
+__all__ = ["TUNED", "choose_filter", "stored_filter", "trace_channels", "tune_traces"]
 
 # name of the filter that is tuned on the very input
 TUNED = "tuned"
@@ -55,8 +65,43 @@ def choose_filter(
     return build_filter_model(base, ripple=None, misalignment=result, calibration=None)
 
 
-def tuned_filter(profile: Profile, base: FilterModel, trace: Trace) -> FilterModel:
-    """Return a filter tuned on the trace that it will filter.
+def trace_channels(trace: Trace, profile: Profile, *, use_measured_angle: bool) -> Channels:
+    """Return the channels that a filter reads of a trace.
+
+    Parameters
+    ----------
+    trace : Trace
+        With ``torque_nm``.
+    profile : Profile
+        The bench.
+    use_measured_angle : bool
+        Whether the filter turns with a measured angle where there is one.
+
+    Returns
+    -------
+    Channels
+
+    Raises
+    ------
+    DataError
+        If a channel is missing.
+    """
+    return filter_channels(
+        trace,
+        use_measured_angle=use_measured_angle,
+        velocity_gain_rad_s_per_v=profile.data.tacho.gain_rad_s_per_v,
+        encoder_counts_per_turn=profile.data.encoder.counts_per_turn,
+    )
+
+
+def tune_traces(
+    profile: Profile,
+    base: FilterModel,
+    traces: Sequence[Trace],
+    origins: Mapping[str, str],
+    settings: TuningSettings | None = None,
+) -> TuningResult:
+    """Tune a filter on traces.
 
     Parameters
     ----------
@@ -64,30 +109,28 @@ def tuned_filter(profile: Profile, base: FilterModel, trace: Trace) -> FilterMod
         The bench.
     base : FilterModel
         Gives the orders.
-    trace : Trace
+    traces : sequence of Trace
         With ``torque_nm``.
+    origins : mapping of str to str
+        Provenance of the tuned numbers.
+    settings : TuningSettings or None
+        What is asked; the profile's where None.
 
     Returns
     -------
-    FilterModel
+    TuningResult
 
     Raises
     ------
     DataError
         If a channel is missing.
     """
-    from hdbench.filter import filter_channels, tune
+    from hdbench.filter import tune
     from hdbench.filter.tuning import settings_of
 
-    channels = filter_channels(
-        trace,
-        use_measured_angle=True,
-        velocity_gain_rad_s_per_v=profile.data.tacho.gain_rad_s_per_v,
-        encoder_counts_per_turn=profile.data.encoder.counts_per_turn,
-    )
-    origins = {f"trace {trace.source}": "the input itself"}
+    channels = [trace_channels(trace, profile, use_measured_angle=True) for trace in traces]
     measured = replace(base, use_measured_angle=True)
-    return tune(measured, [channels], settings_of(profile.data), origins=origins).model
+    return tune(measured, channels, settings or settings_of(profile.data), origins=dict(origins))
 
 
 def stored_filter(source: Path, profile: Profile) -> FilterModel | None:

@@ -2,7 +2,7 @@
 
 import math
 
-from hdbench_cli.sketch import curve_from, read_columns, sparkline
+from hdbench_cli.sketch import read_columns, span_of, sparkline
 
 
 def test_a_ramp_becomes_rising_blocks():
@@ -28,5 +28,5 @@ def test_a_table_gives_columns_and_their_span(tmp_path):
     table = read_columns(file)
     assert table["b"] == [2.0, 5.0]
     assert math.isnan(table["a"][1])
-    assert curve_from(table, "a", "b") == (1.0, 5.0)
+    assert span_of(table, "a", "b") == (1.0, 5.0)
     assert read_columns(tmp_path / "none.csv") is None

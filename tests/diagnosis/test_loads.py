@@ -9,12 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hdbench.diagnosis import DiagnosisOptions, diagnose_run
 from hdbench.diagnosis.loads.simulate import simulate_loads
 from hdbench.diagnosis.static import diagnose_loads
 from hdbench.errors import DataError
 from hdbench.model import BenchModel
 from hdbench.profile import load_profile
-from hdbench.records import Loads, read_loads
+from hdbench.records import Loads, read_loads, write_loads
 from hdbench.records.importing import ImportPlan, import_files
 from hdbench.records.mapping import ColumnMap, Constant
 
@@ -259,3 +260,23 @@ def test_hysteresis_of_real_load_cells_is_named(instrument, tmp_path):
     # of the arm the mean of both branches bends by 0.6 % of its range beside the loop
     assert names <= {"hysteresis", "cubic-nonlinearity"}
     assert len(names) == (2 if instrument == "torque_arm" else 1)
+
+
+def test_a_cause_file_reaches_calibration_loads(tmp_path):
+    # even in the load and of fourth power: nothing of the catalogue grows so
+    rng = np.random.default_rng(43)
+    p = bench.plan(rng, positions=4, directions=2, ranges=1, levels=6)
+    effect = 0.3 * (p.torque / np.abs(p.torque).max()) ** 4
+    file = tmp_path / "loads.csv"
+    write_loads(file, bench.readings(p, effect, NOISE_NM, rng))
+    own = tmp_path / "own.toml"
+    own.write_text(
+        '[[cause]]\nname = "swelling"\nkind = "polynomial"\nover = "load"\npowers = [4]\n'
+        "scale = 20.0\n",
+        encoding="utf-8",
+    )
+    options = DiagnosisOptions(cause_files=(own,))
+    _, result = diagnose_run(file, PROFILE, out=tmp_path / "runs", options=options)
+    assert [cause["name"] for cause in result["causes"]] == ["swelling"]
+    _, without = diagnose_run(file, PROFILE, out=tmp_path / "runs")
+    assert "swelling" not in {cause["name"] for cause in without["causes"]}
