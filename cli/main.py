@@ -38,6 +38,7 @@ _COMMANDS: dict[str, tuple[str, str]] = {
     "profile": ("profile", "List, show, check and make profiles."),
     "stop": ("stop", "Stop the motor of a bench now, whoever runs it."),
     "doctor": ("doctor", "Check this installation and the bench."),
+    "completion": ("completion", "Print the script that completes commands in a shell."),
     "demo": ("demo", "The whole bench in a minute, without hardware."),
 }
 

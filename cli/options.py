@@ -8,6 +8,8 @@ from typing import Any, TypeVar
 
 import click
 
+from hdbench_cli import complete
+
 __all__ = [
     "address_option",
     "bench_options",
@@ -26,6 +28,7 @@ profile_option = click.option(
     "--profile",
     "profile_name",
     metavar="NAME|PATH",
+    shell_complete=complete.profiles,
     help="Bench to use: a built-in name or a TOML file.  [default: the stored run's own, "
     "else cim-tr-97-06]",
 )
@@ -67,6 +70,7 @@ model_option = click.option(
     "--model",
     "filter_name",
     metavar="NAME|FILE",
+    shell_complete=complete.filter_models,
     help="Filter model: report-a1, report-a2, report-6, a model file, or tuned (on this input) "
     "where there is one; else that of the stored run, else the profile's.",
 )
@@ -102,6 +106,7 @@ def bench_options(function: F) -> F:
         click.option(
             "--plant",
             metavar="NAME|FILE",
+            shell_complete=complete.plants,
             default="as-modelled",
             show_default=True,
             help="What the embedded bench has beyond its model.",

@@ -12,6 +12,7 @@ from hdbench_cli.output import Output
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from hdbench.errors import HdbenchError
     from hdbench.regression import RegressionReport
 
 __all__ = ["command", "show"]
@@ -25,6 +26,9 @@ def show(console: Console, report: RegressionReport) -> None:
     from rich.text import Text
 
     for case in report.cases:
+        if case.error is not None:
+            console.print(Text.assemble(("INVALID ", "bold red"), f"{case.name}: not compared"))
+            continue
         word, style = ("pass", "green") if case.passed else ("MOVED", "bold red")
         if case.updated and case.changes:
             word, style = "updated", "yellow"
@@ -44,34 +48,60 @@ def show(console: Console, report: RegressionReport) -> None:
 
 @click.command(
     "regress",
-    epilog="Example: hdbench regress tests/stored",
+    epilog="Example: hdbench regress tests/stored --junit regress.xml",
 )
 @click.argument("folder", metavar="DIR", type=click.Path(path_type=Path, exists=True))
 @click.option("--update", is_flag=True, help="Keep what comes out now as the expected results.")
+@click.option(
+    "--junit",
+    metavar="FILE",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="Write the outcome as JUnit XML too, for the test page of a CI system.",
+)
 @click.pass_obj
-def command(output: Output, folder: Path, update: bool) -> None:
+def command(output: Output, folder: Path, update: bool, junit: Path | None) -> None:
     """Evaluate stored traces again and compare with stored results.
 
     Names every quantity that moved beyond its tolerance, and by how many tolerances; then exits 3.
+    A case that cannot be read is told with its line, the others are still compared; then exits 4.
     """
-    from hdbench.errors import LimitError
-    from hdbench.regression import compare_folder
+    from hdbench.regression import compare_folder, write_junit
 
-    report = compare_folder(folder, update=update)
+    report = compare_folder(folder, update=update, keep_going=True)
+    if junit is not None:
+        write_junit(junit, report)
     output.result(report.to_dict(), lambda console: show(console, report))
-    if report.passed:
+    error = _verdict(report, folder)
+    if error is None:
         return
+    if output.json:
+        output.note(str(error))
+        raise click.exceptions.Exit(error.exit_code)
+    raise error
+
+
+def _verdict(report: RegressionReport, folder: Path) -> HdbenchError | None:
+    """Return the error that the command ends with; None where everything passed."""
+    from hdbench.errors import DataError, LimitError
+
+    if len(report.errors) == 1:
+        return report.errors[0]
+    if report.errors:
+        return DataError(
+            f"{len(report.errors)} cases cannot be compared",
+            where=str(folder),
+            fix="mend them one by one",
+            problems=report.errors,
+        )
+    if report.passed:
+        return None
     moved = [case for case in report.cases if not case.passed]
     names = ", ".join(
         f"{case.name}: {sum(change.regression for change in case.changes)} quantities"
         for case in moved
     )
-    error = LimitError(
+    return LimitError(
         f"results moved beyond their tolerances ({names})",
         where=str(folder),
         fix="mend the code, or review the changes and keep them with --update",
     )
-    if output.json:
-        output.note(str(error))
-        raise click.exceptions.Exit(error.exit_code)
-    raise error

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from hdbench.regression.compare import compare_folder, compare_results
+from hdbench.regression.junit import write_junit
 from hdbench.regression.outcome import CaseReport, Change, RegressionReport
 from hdbench.regression.tolerance import Tolerance
 
@@ -13,4 +14,5 @@ __all__ = [
     "Tolerance",
     "compare_folder",
     "compare_results",
+    "write_junit",
 ]

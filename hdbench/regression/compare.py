@@ -18,7 +18,9 @@ from hdbench.regression.tolerance import Tolerance, tolerance_for
 __all__ = ["compare_folder", "compare_results"]
 
 
-def compare_folder(folder: Path, *, update: bool = False) -> RegressionReport:
+def compare_folder(
+    folder: Path, *, update: bool = False, keep_going: bool = False
+) -> RegressionReport:
     """Evaluate every case of a folder again and compare it with its expected result.
 
     Parameters
@@ -27,6 +29,8 @@ def compare_folder(folder: Path, *, update: bool = False) -> RegressionReport:
         Folder of cases, or one case.
     update : bool
         Write what comes out as the expected result, after comparing.
+    keep_going : bool
+        Tell of a case that cannot be compared in its report instead of raising, and go on.
 
     Returns
     -------
@@ -36,12 +40,21 @@ def compare_folder(folder: Path, *, update: bool = False) -> RegressionReport:
     Raises
     ------
     DataError
-        If there is no case, a case or its input is invalid, or it has no expected result.
+        If there is no case; unless `keep_going`, if a case or its input is invalid or it has no
+        expected result.
     StorageError
         If an expected result cannot be written.
     """
-    cases = [read_case(place) for place in find_cases(Path(folder))]
-    return RegressionReport(str(folder), tuple(_run(case, update) for case in cases))
+    places = find_cases(Path(folder))
+    cases = []
+    for place in places:
+        try:
+            cases.append(_run(read_case(place), update))
+        except DataError as error:
+            if not keep_going:
+                raise
+            cases.append(CaseReport(Path(place).name, "unknown", 0, (), False, error))
+    return RegressionReport(str(folder), tuple(cases))
 
 
 def _run(case: Case, update: bool) -> CaseReport:

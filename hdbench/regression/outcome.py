@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
+from hdbench.errors import DataError
 from hdbench.regression.flatten import Leaf
 
 __all__ = ["CaseReport", "Change", "RegressionReport"]
@@ -67,6 +68,8 @@ class CaseReport:
         What is not what it was, regressions first.
     updated : bool
         Whether the expected results were written anew.
+    error : DataError or None
+        Why the case could not be compared at all.
     """
 
     name: str
@@ -74,11 +77,12 @@ class CaseReport:
     compared: int
     changes: tuple[Change, ...]
     updated: bool
+    error: DataError | None = None
 
     @property
     def passed(self) -> bool:
-        """True where nothing moved beyond its tolerance."""
-        return not any(change.regression for change in self.changes)
+        """True where the case was compared and nothing moved beyond its tolerance."""
+        return self.error is None and not any(change.regression for change in self.changes)
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,6 +105,11 @@ class RegressionReport:
         """True where every case passed or was updated."""
         return all(case.passed or case.updated for case in self.cases)
 
+    @property
+    def errors(self) -> tuple[DataError, ...]:
+        """Why cases could not be compared, one error each."""
+        return tuple(case.error for case in self.cases if case.error is not None)
+
     def to_dict(self) -> dict[str, Any]:
         """Return the report as ``--json`` prints it (schema ``hdbench/regression/1``)."""
         from hdbench import __version__
@@ -118,6 +127,7 @@ class RegressionReport:
                     "updated": case.updated,
                     "compared": case.compared,
                     "changes": [asdict(change) for change in case.changes],
+                    "error": None if case.error is None else case.error.to_dict(),
                 }
                 for case in self.cases
             ],

@@ -3,11 +3,12 @@ from __future__ import annotations
 import json
 import shutil
 from pathlib import Path
+from xml.etree import ElementTree
 
 import pytest
 from click.testing import CliRunner
 
-from hdbench.errors import DataError, LimitError
+from hdbench.errors import DataError, HdbenchError, LimitError
 from hdbench.profile import load_profile
 from hdbench.records.tracefile import read_trace, write_trace
 from hdbench.regression import Tolerance, compare_folder, compare_results
@@ -251,3 +252,40 @@ def test_the_command_exits_3_on_a_regression(stored: Path) -> None:
     _, text, code = _run(str(stored / "calibration"), as_json=True)
     assert code == 3
     assert not json.loads(text)["passed"]
+
+
+def _junit(stored: Path, tmp_path: Path) -> tuple[int, ElementTree.Element]:
+    file = tmp_path / "regress.xml"
+    error, _, _ = _run(str(stored), "--junit", str(file))
+    assert isinstance(error, HdbenchError)
+    return error.exit_code, ElementTree.parse(file).getroot()
+
+
+def test_junit_counts_a_failure_where_a_quantity_moved_and_names_it(
+    stored: Path, tmp_path: Path
+) -> None:
+    _edit(stored / "ripple" / "expected.json", ("result", "ripple", 0, "order"), 3.0)
+    code, root = _junit(stored, tmp_path)
+    assert code == 3
+    suite = root.find("testsuite")
+    assert suite is not None
+    assert (suite.get("tests"), suite.get("failures"), suite.get("errors")) == ("4", "1", "0")
+    failed = [case for case in suite if case.find("failure") is not None]
+    assert [case.get("name") for case in failed] == ["ripple"]
+    text = failed[0].findtext("failure")
+    assert text is not None
+    assert "order" in text
+
+
+def test_an_invalid_case_is_an_error_and_the_others_are_still_compared(
+    stored: Path, tmp_path: Path
+) -> None:
+    # a terminal escape in the name of a key has no place in XML
+    (stored / "filter" / "case.json").write_text('{"schema": "hdbench/\x1b[31mcase"}')
+    code, root = _junit(stored, tmp_path)
+    assert code == 4
+    suite = root.find("testsuite")
+    assert suite is not None
+    assert (suite.get("failures"), suite.get("errors")) == ("0", "1")
+    compared = [case for case in suite if case.find("error") is None]
+    assert len(compared) == 3
