@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -184,6 +184,10 @@ def _show_plan(output: Output, request: Request, profile: Profile) -> None:
     output.result({**header, "plan": plan.to_dict(), "limits": limits}, text)
 
 
+def _silent(_what: str, _share: float) -> None:
+    """Leave the phase to the frames of the run."""
+
+
 def _motion(request: Request) -> MotionPlan | None:
     """Return the content of the plan file that was asked for."""
     if request.plan_file is None:
@@ -213,6 +217,7 @@ def _from_stored(request: Request, profile: Profile) -> tuple[Path, Mapping[str,
 
 def _measure(output: Output, request: Request, profile: Profile) -> tuple[Path, Mapping[str, Any]]:
     from hdbench.session import BenchOptions, run_experiment
+    from hdbench_cli.live import live_view
     from hdbench_cli.operator import ConsoleOperator
     from hdbench_cli.progress import progress_bar
 
@@ -240,6 +245,11 @@ def _measure(output: Output, request: Request, profile: Profile) -> tuple[Path, 
         operator=operator,
         motion=motion,
     )
-    with progress_bar(request.kind) as progress:
-        outcome = run_experiment(request.kind, profile, options, progress)
+    if request.kind == "calibration":
+        with progress_bar(request.kind) as progress:
+            outcome = run_experiment(request.kind, profile, options, progress)
+    else:
+        with live_view(request.kind, profile, request.out) as watcher:
+            watched = replace(options, watcher=watcher)
+            outcome = run_experiment(request.kind, profile, watched, _silent)
     return outcome.folder.path, outcome.evaluation.result

@@ -139,6 +139,7 @@ class Run:
             self.progress,
             recorder,
             person=not identity.simulated,
+            watcher=self.options.watcher,
         )
         self.runner.run(self.plan)
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from hdbench.devices.ports import Operator
 from hdbench.diagnosis.planning.segments import MotionPlan
 from hdbench.records.runfolder import RunFolder
 from hdbench.session.evaluation import Evaluation
+from hdbench.session.watching import Unwatched, Watcher
 
 __all__ = ["BenchOptions", "RunOutcome"]
 
@@ -39,6 +40,8 @@ class BenchOptions:
         The person at a real bench; an emulated bench brings its own simulated one.
     motion : MotionPlan or None
         Content of a plan file that is run instead of the profile's motion.
+    watcher : Watcher
+        Who looks on while samples come.
     """
 
     out: Path
@@ -51,6 +54,7 @@ class BenchOptions:
     filter_name: str | None = None
     operator: Operator | None = None
     motion: MotionPlan | None = None
+    watcher: Watcher = field(default_factory=Unwatched)
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,19 +4,20 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from typing import Any, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hdbench.devices.ports import Block
 from hdbench.diagnosis.planning.segments import LoadStep
 from hdbench.filter import FilterModel, OnlineFilter
 from hdbench.profile.schema import ProfileData
 from hdbench.records import FloatArray, Trace
-from hdbench.records.journal import JournalWriter
 
-__all__ = ["TraceRecorder"]
+__all__ = ["SampleJournal", "TraceRecorder"]
 
 _SYNC_S = 0.05  # longest time between two syncs of the journal
 _CHANNELS = (
@@ -32,6 +33,21 @@ _CHANNELS = (
 _LOAD_CHANNELS = ("output_angle_rad", "load_torque_nm", "stage")
 
 
+class SampleJournal(Protocol):
+    """Where blocks of samples are kept: `hdbench.records.journal.JournalWriter`, or nowhere."""
+
+    def append(
+        self,
+        kind: str,
+        columns: Mapping[str, NDArray[Any]],
+        extra: Mapping[str, Any] | None = None,
+        *,
+        sync: bool = True,
+    ) -> None:
+        """Write one block and, with `sync`, wait until the disk has it."""
+        ...
+
+
 @dataclass(slots=True)
 class TraceRecorder:
     """Turns blocks into rows of the trace.
@@ -44,7 +60,7 @@ class TraceRecorder:
         Torque gain, N m/V.
     model : FilterModel
         The filter that runs online.
-    journal : JournalWriter
+    journal : SampleJournal
         Where rows are synced before the block is acknowledged.
     sample_period_s : float
         Sampling period, s.
@@ -62,7 +78,7 @@ class TraceRecorder:
     profile: ProfileData
     gain_nm_per_v: float
     model: FilterModel
-    journal: JournalWriter
+    journal: SampleJournal
     sample_period_s: float
     clock: Callable[[], float] = time.monotonic
     synced_s: float = field(default=-math.inf, init=False)

@@ -2,21 +2,24 @@
 
 from __future__ import annotations
 
+import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field
 
 import numpy as np
 
 from hdbench.devices.ports import AcquisitionSettings, Bench, Block, Operator, SafeState
 from hdbench.errors import DeviceError, LimitError
+from hdbench.filter.amplitudes import block_amplitudes
 from hdbench.profile.schema import ProfileData
-from hdbench.records import LoadReading
+from hdbench.records import FloatArray, LoadReading
 from hdbench.records.journal import JournalWriter
 from hdbench.session.plans import Acquire, Hang, Lock, Place, Plan, Put, Step
 from hdbench.session.recorder import TraceRecorder
 from hdbench.session.settling import SettledReading, settled_reading
 from hdbench.session.stop import StopSignals
+from hdbench.session.watching import Frame, Unwatched, Watcher
 
 __all__ = ["Aborted", "Progress", "Runner"]
 
@@ -54,6 +57,8 @@ class Runner:
         Takes the samples of a dynamic run.
     person : bool
         True where `operator` asks a person, so that a signal interrupts the question.
+    watcher : Watcher
+        Who looks on.
     """
 
     profile: ProfileData
@@ -64,6 +69,8 @@ class Runner:
     progress: Progress
     recorder: TraceRecorder | None = None
     person: bool = False
+    watcher: Watcher = field(default_factory=Unwatched)
+    total_s: float = field(default=math.nan, init=False)
     readings: list[LoadReading] = field(default_factory=list, init=False)
     settled: list[bool] = field(default_factory=list, init=False)
     saturated_readings: int = field(default=0, init=False)
@@ -93,6 +100,8 @@ class Runner:
         -----
         `safe` holds what was read back; the caller reports an unconfirmed safe state.
         """
+        moves = [step for step in plan.steps if isinstance(step, Acquire)]
+        self.total_s = sum(step.n_samples * step.sample_period_s for step in moves)
         try:
             for number, step in enumerate(plan.steps):
                 self.stop.check()
@@ -143,8 +152,10 @@ class Runner:
 
     def _ask(self, question: Callable[[], bool], what: str) -> None:
         if self.person:
+            self.watcher.asking(now=True)
             with self.stop.interruptible():
                 answer = question()
+            self.watcher.asking(now=False)
         else:
             answer = question()
         if not answer:
@@ -231,8 +242,29 @@ class Runner:
             rows = recorder.add(block)
             self._watch_limits(block, rows["motor_velocity_rad_s"], rows["torque_nm"])
             self.progress(step.describe(), recorder.stage_rows / step.n_samples)
+            self.watcher.frame(self._frame(step, recorder, block, rows))
         self.bench.stop()
         recorder.end()
+
+    def _frame(
+        self,
+        step: Acquire,
+        recorder: TraceRecorder,
+        block: Block,
+        rows: Mapping[str, FloatArray],
+    ) -> Frame:
+        return Frame(
+            phase=step.describe(),
+            done_s=recorder.n_rows * recorder.sample_period_s,
+            total_s=self.total_s,
+            columns=rows,
+            rows=recorder.n_rows,
+            lost=recorder.lost,
+            saturated=recorder.saturated,
+            depth=block.depth,
+            retries=0,
+            amplitudes=block_amplitudes(recorder.model, recorder.online.state()),
+        )
 
     def _next_block(self) -> Block:
         deadline = time.monotonic() + _STALL_S

@@ -1,0 +1,269 @@
+"""Looking at a bench without moving it: samples come, nothing is kept but their statistics."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from hdbench.devices import open_bench
+from hdbench.devices.ports import AcquisitionSettings, Bench, Identity, SafeState
+from hdbench.errors import DeviceError, UnsafeError
+from hdbench.filter import FilterModel
+from hdbench.filter.amplitudes import block_amplitudes
+from hdbench.profile import Profile
+from hdbench.records import FloatArray, TorqueScale
+from hdbench.session.recorder import TraceRecorder
+from hdbench.session.stop import StopRequested, StopSignals
+from hdbench.session.watching import Frame, Watcher
+
+__all__ = ["ChannelStatistics", "Monitor", "Observation"]
+
+_STALL_S = 2.0  # a bench that hands out no sample for this long has stopped sampling
+_LONGEST_S = 86400.0
+_SHOWN = {
+    "torque_nm": "N m",
+    "torque_v": "V",
+    "motor_velocity_rad_s": "rad/s",
+    "tacho_v": "V",
+    "motor_angle_rad": "rad",
+    "motor_current_a": "A",
+    "reference_v": "V",
+}
+
+
+@dataclass(slots=True)
+class ChannelStatistics:
+    """Mean, scatter and ends of a channel, without keeping its samples.
+
+    Parameters
+    ----------
+    unit : str
+        Of the channel.
+
+    Notes
+    -----
+    Chan, Golub and LeVeque's update of mean and sum of squares by blocks (The American
+    Statistician 37, 242, 1983): no loss of digits over hours of samples.
+    """
+
+    unit: str
+    n: int = 0
+    mean: float = 0.0
+    squares: float = 0.0
+    low: float = math.inf
+    high: float = -math.inf
+
+    def add(self, values: FloatArray) -> None:
+        """Take in samples; NaN marks a lost one.
+
+        Parameters
+        ----------
+        values : ndarray, shape (n,)
+            In the channel's unit.
+        """
+        good = values[np.isfinite(values)]
+        if not len(good):
+            return
+        mean, count = float(np.mean(good)), len(good)
+        squares = float(np.sum((good - mean) ** 2))
+        apart = mean - self.mean
+        total = self.n + count
+        self.squares += squares + apart**2 * self.n * count / total
+        self.mean += apart * count / total
+        self.n = total
+        self.low = min(self.low, float(np.min(good)))
+        self.high = max(self.high, float(np.max(good)))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the statistics; None for what too few samples do not give."""
+        std = math.sqrt(self.squares / (self.n - 1)) if self.n > 1 else None
+        return {
+            "unit": self.unit,
+            "n": self.n,
+            "mean": self.mean if self.n else None,
+            "std": std,
+            "min": self.low if self.n else None,
+            "max": self.high if self.n else None,
+        }
+
+
+@dataclass(frozen=True, slots=True)
+class Observation:
+    """What was seen.
+
+    Parameters
+    ----------
+    device : Identity
+        Who answered.
+    seconds : float
+        Time on the bench's clock, s.
+    samples, lost, saturated : int
+        Counts.
+    channels : mapping of str to ChannelStatistics
+        By the names of the trace's columns.
+    safe : SafeState
+        What was read back at the end.
+    stopped_by : int or None
+        Signal that ended it.
+    """
+
+    device: Identity
+    seconds: float
+    samples: int
+    lost: int
+    saturated: int
+    channels: Mapping[str, ChannelStatistics]
+    safe: SafeState
+    stopped_by: int | None
+
+
+@dataclass(frozen=True, slots=True)
+class _Nowhere:
+    """A journal that keeps nothing: looking on leaves no run behind."""
+
+    def append(
+        self,
+        kind: str,
+        columns: Mapping[str, FloatArray],
+        extra: Mapping[str, Any] | None = None,
+        *,
+        sync: bool = True,
+    ) -> None:
+        """Keep nothing."""
+
+
+@dataclass(slots=True)
+class Monitor:
+    """Samples a bench with its drive disabled.
+
+    Parameters
+    ----------
+    profile : Profile
+        The bench.
+    scale : TorqueScale
+        Gain of the torque.
+    model : FilterModel
+        Filter that runs on what comes.
+    watcher : Watcher
+        Who looks on.
+    stop : StopSignals
+        Signals that end it.
+    duration_s : float or None
+        How long, s; None until a signal comes, a day at most.
+    """
+
+    profile: Profile
+    scale: TorqueScale
+    model: FilterModel
+    watcher: Watcher
+    stop: StopSignals
+    duration_s: float | None = None
+    channels: dict[str, ChannelStatistics] = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.channels = {name: ChannelStatistics(unit) for name, unit in _SHOWN.items()}
+
+    def observe(self, *, address: str | None, plant: str, seed: int) -> Observation:
+        """Look on until the time is over or a signal comes.
+
+        Parameters
+        ----------
+        address : str or None
+            Bench controller instead of the profile's.
+        plant : str
+            Plant of the embedded bench.
+        seed : int
+            Seed of the embedded bench.
+
+        Returns
+        -------
+        Observation
+
+        Raises
+        ------
+        BusyError
+            If a run holds the bench: it is not disturbed.
+        DeviceError
+            If nobody answers or no samples come.
+        UnsafeError
+            If the bench could not be confirmed safe afterwards.
+        """
+        where = address or self.profile.data.daq.address
+        with open_bench(
+            self.profile, plant=plant, seed=seed, address=address, realtime=True
+        ) as bench:
+            identity = bench.identity()
+            recorder = self._recorder()
+            signum: int | None = None
+            try:
+                self._watch(bench, recorder)
+            except StopRequested as request:
+                signum = request.signum
+            finally:
+                safe = bench.safe_state()
+                if not safe.confirmed:
+                    raise UnsafeError.unconfirmed(safe.detail, where=where)
+        period = recorder.sample_period_s
+        return Observation(
+            identity,
+            recorder.n_rows * period,
+            recorder.n_rows,
+            recorder.lost,
+            recorder.saturated,
+            self.channels,
+            safe,
+            signum,
+        )
+
+    def _recorder(self) -> TraceRecorder:
+        data = self.profile.data
+        gain = self.scale.gain_nm_per_v.value
+        return TraceRecorder(data, gain, self.model, _Nowhere(), data.daq.sample_period_s)
+
+    def _watch(self, bench: Bench, recorder: TraceRecorder) -> None:
+        period = recorder.sample_period_s
+        count = max(1, round((self.duration_s or _LONGEST_S) / period))
+        self.stop.check()
+        bench.configure(AcquisitionSettings(period, count, None))
+        recorder.begin(None)
+        bench.start()
+        heard_s = time.monotonic()
+        while recorder.stage_rows < count:
+            self.stop.check()
+            block = bench.read_block()
+            now_s = time.monotonic()
+            if block is None or not (len(block) or block.lost_before):
+                if now_s - heard_s > _STALL_S:
+                    raise DeviceError(
+                        f"no sample for {_STALL_S:g} s while the acquisition should run",
+                        where="bench controller",
+                        fix="check that the controller is sampling: hdbench doctor",
+                    )
+                time.sleep(0.002)
+                continue
+            heard_s = now_s
+            rows = recorder.add(block)
+            recorder.rows.clear()
+            for name, statistics in self.channels.items():
+                statistics.add(rows[name])
+            self.watcher.frame(self._frame(recorder, rows, block.depth))
+        bench.stop()
+
+    def _frame(self, recorder: TraceRecorder, rows: Mapping[str, FloatArray], depth: int) -> Frame:
+        return Frame(
+            phase="looking on, drive disabled",
+            done_s=recorder.n_rows * recorder.sample_period_s,
+            total_s=self.duration_s if self.duration_s is not None else math.nan,
+            columns=rows,
+            rows=recorder.n_rows,
+            lost=recorder.lost,
+            saturated=recorder.saturated,
+            depth=depth,
+            retries=0,
+            amplitudes=block_amplitudes(recorder.model, recorder.online.state()),
+        )

@@ -1,0 +1,146 @@
+"""The live view shows what the frames say, fits the screen, and never holds up a run."""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from hdbench.filter import OscillatorBlock
+from hdbench.filter.amplitudes import BlockAmplitude
+from hdbench.profile import load_profile
+from hdbench.session.watching import Frame, FrameQueue
+from hdbench_cli.live import LiveView, free_space
+from hdbench_cli.liveparts import CURVES, History
+from hdbench_cli.livepicture import picture
+
+PROFILE = load_profile("cim-tr-97-06")
+GAIN = PROFILE.data.servo.velocity_gain_rad_s_per_v
+
+
+def frame(first: int = 0, count: int = 100, *, lost: int = 0, speed: float = 100.0) -> Frame:
+    time_s = (first + np.arange(count)) / 1000.0
+    columns = {
+        "time_s": time_s,
+        "motor_velocity_rad_s": np.full(count, speed),
+        "reference_v": np.full(count, speed / GAIN),
+        "torque_nm": np.sin(200.0 * time_s),
+        "torque_filtered_online_nm": np.zeros(count),
+        "motor_current_a": np.full(count, 0.5),
+    }
+    amplitudes = (
+        BlockAmplitude(OscillatorBlock(2.0, "ripple", 1.0), 0.8, 0.1),
+        BlockAmplitude(OscillatorBlock(0.01, "misalignment", 1.0), 0.4, 0.1),
+    )
+    done = (first + count) / 1000.0
+    return Frame("run", done, 10.0, columns, first + count, lost, 0, 3, 0, amplitudes)
+
+
+def history(frames: list[Frame], seconds_each: float = 0.1) -> History:
+    now = [0.0]
+    found = History(GAIN, clock=lambda: now[0])
+    for one in frames:
+        now[0] += seconds_each
+        found.add([one])
+    return found
+
+
+def drawn(found: History, width: int) -> list[str]:
+    console = Console(width=width, record=True, file=open("/dev/null", "w"))  # noqa: SIM115
+    console.print(picture(found, PROFILE, ("ripple on bench: run", "12 GB"), width))
+    console.file.close()
+    return console.export_text().splitlines()
+
+
+def test_rate_and_time_left_follow_the_wall_clock() -> None:
+    # 100 samples of 1 ms each in 0.2 s of wall time: half pace
+    found = history([frame(100 * k) for k in range(20)], 0.2)
+    assert found.rate_hz() == pytest.approx(500.0)
+    assert found.eta_s() == pytest.approx((10.0 - 2.0) * 2.0)
+
+
+def test_before_the_second_frame_neither_is_known() -> None:
+    found = history([frame()])
+    assert math.isnan(found.rate_hz())
+    assert math.isnan(found.eta_s())
+
+
+def test_a_curve_holds_the_means_of_its_span_and_nan_before_it() -> None:
+    found = history([frame(100 * k, speed=float(k)) for k in range(10)])
+    (velocity,) = [curve for curve in CURVES if curve.label == "velocity"]
+    # 20 s in 200 parts of 0.1 s: the last ten hold one frame each
+    curve = found.curve(velocity, 200)
+    assert np.isnan(curve[:189]).all()
+    # one sample of a hundred at a joint may fall on either side of it: 0.01 of the step of 1
+    np.testing.assert_allclose(curve[-9:], np.arange(1.0, 10.0), atol=0.02)
+    command = found.curve(next(c for c in CURVES if c.label == "command"), 200)
+    np.testing.assert_allclose(command[-9:], curve[-9:])
+
+
+def test_only_the_last_seconds_are_kept() -> None:
+    found = history([frame(1000 * k, 1000) for k in range(100)])
+    assert len(found.columns["time_s"]) <= 45_000
+
+
+@pytest.mark.parametrize("width", [40, 80, 132])
+def test_the_picture_fits_the_screen_and_tells_the_numbers(width: int) -> None:
+    found = history([frame(100 * k, lost=7) for k in range(30)])
+    lines = drawn(found, width)
+    assert len(lines) <= 23
+    assert max(map(len, lines)) <= width
+    text = "\n".join(lines)
+    assert "lost 7" in text
+    assert "100.000 rad/s" in text
+    assert "order 2" in text
+    assert "output" in text
+    assert "0.800" in text
+
+
+def test_a_speed_above_its_limit_is_told_in_per_cent() -> None:
+    speed = 1.25 * PROFILE.data.limits.velocity_rad_s
+    text = "\n".join(drawn(history([frame(speed=speed)]), 80))
+    assert "125 % max" in text
+
+
+def test_what_is_lost_is_no_number_in_the_picture() -> None:
+    bad = frame()
+    bad.columns["torque_nm"][:] = math.nan
+    text = "\n".join(drawn(history([bad]), 80))
+    assert "nan" not in text.lower()
+
+
+def test_a_full_queue_drops_the_oldest_frames_and_never_waits() -> None:
+    queue = FrameQueue(size=4)
+    for k in range(10):
+        queue.put(frame(100 * k))
+    assert queue.dropped == 6
+    assert [int(f.rows) for f in queue.take()] == [700, 800, 900, 1000]
+    assert queue.take() == []
+
+
+def test_a_view_whose_screen_hangs_takes_no_time_of_the_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stuck = threading.Event()
+    view = LiveView("ripple", PROFILE, tmp_path, pretty=True)
+    monkeypatch.setattr(LiveView, "_draw", lambda _self: stuck.wait(10.0))
+    view.start()
+    view.frame(frame())
+    time.sleep(0.4)  # long enough for the thread to draw, and to hang in it
+    before = time.perf_counter()
+    for k in range(1000):
+        view.frame(frame(100 * k, 10))
+    # making and putting a thousand frames takes tens of milliseconds; one wait would take 10 s
+    assert time.perf_counter() - before < 2.0
+    assert view.queue.dropped > 0
+    stuck.set()
+    view.stop()
+
+
+def test_space_left_is_told_for_a_folder_that_is_not_there_yet(tmp_path: Path) -> None:
+    assert free_space(tmp_path / "runs" / "later").split()[1] in {"kB", "MB", "GB", "TB"}

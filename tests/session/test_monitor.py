@@ -1,0 +1,100 @@
+"""Looking on moves nothing, keeps nothing, and tells what the channels did."""
+
+from __future__ import annotations
+
+import signal
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hdbench.filter import preset
+from hdbench.profile import load_profile
+from hdbench.profile.scaling import profile_scale
+from hdbench.session.monitor import ChannelStatistics, Monitor
+from hdbench.session.stop import StopSignals
+from hdbench.session.watching import Frame, Unwatched
+
+PROFILE = load_profile("cim-tr-97-06")
+
+
+class Seen:
+    def __init__(self) -> None:
+        self.frames: list[Frame] = []
+
+    def frame(self, frame: Frame) -> None:
+        self.frames.append(frame)
+
+    def asking(self, *, now: bool) -> None:
+        raise AssertionError(now)
+
+
+def monitor(watcher: object, duration_s: float | None = None) -> Monitor:
+    return Monitor(
+        PROFILE,
+        profile_scale(PROFILE),
+        preset("report-6", PROFILE.data),
+        watcher,
+        StopSignals(),
+        duration_s,
+    )
+
+
+def test_statistics_by_blocks_are_those_of_all_samples() -> None:
+    rng = np.random.default_rng(3)
+    # far from zero, where a sum of squares would lose eight digits
+    values = 1e6 + rng.standard_normal(10_000)
+    values[17] = np.nan
+    found = ChannelStatistics("V")
+    for part in np.array_split(values, 37):
+        found.add(part)
+    told = found.to_dict()
+    assert told["n"] == 9_999
+    assert told["mean"] == pytest.approx(np.nanmean(values), rel=1e-14)
+    assert told["std"] == pytest.approx(np.nanstd(values, ddof=1), rel=1e-9)
+    assert (told["min"], told["max"]) == (np.nanmin(values), np.nanmax(values))
+
+
+def test_a_channel_without_a_sample_has_no_numbers() -> None:
+    found = ChannelStatistics("V")
+    found.add(np.full(5, np.nan))
+    assert found.to_dict() == {
+        "unit": "V",
+        "n": 0,
+        "mean": None,
+        "std": None,
+        "min": None,
+        "max": None,
+    }
+
+
+def test_the_drive_stays_disabled_and_no_run_is_left(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    seen = Seen()
+    found = monitor(seen, 0.3).observe(address=None, plant="worn", seed=1)
+    assert found.samples == 300
+    assert found.safe.confirmed
+    assert found.stopped_by is None
+    told = {name: channel.to_dict() for name, channel in found.channels.items()}
+    assert told["reference_v"]["max"] == 0.0
+    # one count of the encoder: nothing turned
+    turn = 2.0 * np.pi / PROFILE.data.encoder.counts_per_turn
+    assert told["motor_angle_rad"]["max"] - told["motor_angle_rad"]["min"] <= turn
+    assert sum(len(f.columns["time_s"]) for f in seen.frames) == 300
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_signal_ends_it_with_the_bench_safe() -> None:
+    looking = monitor(Unwatched())
+
+    class Stopper(Seen):
+        def frame(self, frame: Frame) -> None:
+            looking.stop.note(signal.SIGINT, None)
+
+    looking.watcher = Stopper()
+    found = looking.observe(address=None, plant="as-modelled", seed=0)
+    assert found.stopped_by == signal.SIGINT
+    assert found.safe.confirmed
+    assert found.samples < 2000
