@@ -1,0 +1,165 @@
+"""What is exported is what stands in the record, read back by the programs' own libraries."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hdbench.errors import DataError, UsageError
+from hdbench.profile import load_profile
+from hdbench.records.exporting import FORMATS, export_records, gather
+from hdbench.records.exporting.content import unit_of_column
+
+ARM = load_profile("cim-tr-97-06").data.arm
+
+
+@pytest.fixture
+def trace_file(tmp_path: Path) -> Path:
+    file = tmp_path / "log.csv"
+    rows = ["time_s,motor_velocity_rad_s,torque_nm,own column", "0,100.25,1.5,7", "0.001,100.5,,8"]
+    file.write_text("\n".join(rows) + "\n")
+    return file
+
+
+@pytest.fixture
+def loads_file(tmp_path: Path) -> Path:
+    file = tmp_path / "loads.csv"
+    file.write_text(
+        "experiment,position_rad,range,direction,series,torque_nm,reading_v,settled\n"
+        "e1,0.5,full,cw,up,4.9,0.7424,true\n"
+        "e1,0.5,full,cw,down,0,0.0011,false\n"
+    )
+    return file
+
+
+def test_parquet_holds_numbers_units_and_origin(trace_file: Path, tmp_path: Path) -> None:
+    parquet = pytest.importorskip("pyarrow.parquet")
+    out = export_records(gather(trace_file, ARM), tmp_path / "out", "parquet")
+    table = parquet.read_table(out)
+    assert out.name == "trace.parquet"
+    np.testing.assert_array_equal(table["motor_velocity_rad_s"].to_numpy(), [100.25, 100.5])
+    np.testing.assert_array_equal(table["torque_nm"].to_numpy(), [1.5, np.nan])
+    assert table.schema.field("torque_nm").metadata == {b"unit": b"N m"}
+    assert table.schema.metadata[b"source"].decode() == str(trace_file)
+    assert table["own column"].to_pylist() == [7.0, 8.0]
+
+
+def test_hdf5_holds_numbers_units_and_words(loads_file: Path, tmp_path: Path) -> None:
+    h5py = pytest.importorskip("h5py")
+    out = export_records(gather(loads_file, ARM), tmp_path, "hdf5")
+    with h5py.File(out) as file:
+        assert file["loads/reading_v"][:].tolist() == [0.7424, 0.0011]
+        assert file["loads/reading_v"].attrs["unit"] == "V"
+        assert [word.decode() for word in file["loads/series"][:]] == ["up", "down"]
+        assert [word.decode() for word in file["loads/settled"][:]] == ["true", "false"]
+        assert "mass_kg" not in file["loads"]
+        assert len(file.attrs["sha256"]) == 64
+
+
+def test_mat_holds_a_structure_of_columns(trace_file: Path, tmp_path: Path) -> None:
+    from scipy.io import loadmat
+
+    text = trace_file.read_text().replace("own column", "own_column")
+    trace_file.write_text(text)
+    out = export_records(gather(trace_file, ARM), tmp_path, "mat")
+    body = loadmat(out, simplify_cells=True)
+    np.testing.assert_array_equal(body["trace"]["torque_nm"], [1.5, np.nan])
+    assert body["units"]["motor_velocity_rad_s"] == "rad/s"
+    assert body["about"]["source"] == str(trace_file)
+
+
+def test_a_name_that_matlab_cannot_hold_is_told(trace_file: Path, tmp_path: Path) -> None:
+    with pytest.raises(DataError, match="own column"):
+        export_records(gather(trace_file, ARM), tmp_path / "out", "mat")
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("kind", sorted(FORMATS))
+def test_a_run_takes_its_profile_and_result_along(kind: str, tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    run.mkdir()
+    (run / "trace.csv").write_text("time_s,tacho_v,torque_nm\n0,1,1\n0.001,1,2\n")
+    manifest = {
+        "schema": "hdbench/run/1",
+        "run_id": "r1",
+        "kind": "ripple",
+        "status": "complete",
+        "files": {},
+        "profile": {"name": "p", "sha256": "0" * 64, "text": "x" * 100_000},
+    }
+    (run / "run.json").write_text(json.dumps(manifest))
+    (run / "result.json").write_text(json.dumps({"schema": "hdbench/ripple/1", "ripple": []}))
+    content = gather(run, ARM)
+    assert content.attributes["run_id"] == "r1"
+    assert len(content.attributes["profile_toml"]) == 100_000
+    assert json.loads(content.attributes["result_json"])["ripple"] == []
+    pytest.importorskip({"parquet": "pyarrow", "hdf5": "h5py", "mat": "scipy"}[kind])
+    out = export_records(content, tmp_path / "out", kind)
+    assert out.stat().st_size > 0
+
+
+def test_a_library_that_is_missing_is_named_with_its_extra(
+    trace_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import sys
+
+    monkeypatch.setitem(sys.modules, "h5py", None)
+    with pytest.raises(UsageError) as found:
+        export_records(gather(trace_file, ARM), tmp_path, "hdf5")
+    assert "hdbench[hdf5]" in found.value.fix
+
+
+def test_an_unknown_form_is_refused(trace_file: Path, tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="xlsx"):
+        export_records(gather(trace_file, ARM), tmp_path, "xlsx")
+
+
+@pytest.mark.parametrize(
+    ("name", "unit"),
+    [
+        ("time_s", "s"),
+        ("motor_velocity_rad_s", "rad/s"),
+        ("motor_acceleration_rad_s2", "rad/s^2"),
+        ("temperature_c", "degC"),
+        ("encoder_count", "1"),
+        ("stage", ""),
+    ],
+)
+def test_units_are_read_off_the_names(name: str, unit: str) -> None:
+    assert unit_of_column(name) == unit
+
+
+def test_the_command_offers_every_form_and_names_what_it_wrote(
+    trace_file: Path, tmp_path: Path
+) -> None:
+    from click.testing import CliRunner
+
+    from hdbench_cli import export
+    from hdbench_cli.output import Output
+
+    assert set(export._FORMATS) == set(FORMATS)
+    second = trace_file.with_name("other.csv")
+    second.write_text(trace_file.read_text().replace("own column", "own_column"))
+    words = [str(trace_file), str(second), "--format", "parquet", "--out", str(tmp_path / "out")]
+    done = CliRunner().invoke(export.command, words, obj=Output(json=True))
+    assert done.exit_code == 0, done.exception
+    rows = json.loads(done.stdout)["exported"]
+    assert [Path(row["file"]).relative_to(tmp_path) for row in rows] == [
+        Path("out/log/trace.parquet"),
+        Path("out/other/trace.parquet"),
+    ]
+    assert rows[0]["columns"]["torque_nm"] == "N m"
+
+
+@pytest.mark.parametrize("words", [["--out", "x"], ["--format", "mat", "--out", "x"]])
+def test_a_call_that_asks_for_nothing_is_told_what_to_ask(words: list[str]) -> None:
+    from click.testing import CliRunner
+
+    from hdbench_cli import export
+    from hdbench_cli.output import Output
+
+    done = CliRunner().invoke(export.command, words, obj=Output())
+    assert isinstance(done.exception, UsageError)
