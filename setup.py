@@ -58,17 +58,24 @@ setup(
                 for name in ("binding", "filter", "filter_run", "filter_smooth")
             ],
             depends=[
-                f"{KERNEL}/filter{name}.h"
-                for name in (
-                    "",
-                    "_dispatch",
-                    "_host",
-                    "_isa",
-                    "_lanes",
-                    "_math",
-                    "_recurse",
-                    "_shape",
-                )
+                f"{KERNEL}/binding_arrays.h",
+                *(
+                    f"{KERNEL}/filter{name}.h"
+                    for name in (
+                        "",
+                        "_dispatch",
+                        "_host",
+                        "_lanes",
+                        "_many",
+                        "_math",
+                        "_motion",
+                        "_one",
+                        "_recurse",
+                        "_rows",
+                        "_rows_recurse",
+                        "_sincos",
+                    )
+                ),
             ],
             include_dirs=[KERNEL],
             extra_compile_args=[] if sys.platform == "win32" else GCC_FLAGS,

@@ -3,127 +3,21 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
-from hdbench.errors import DataError, DoubtfulDataError
-from hdbench_cli.experiment import choose_profile
+from hdbench.errors import DoubtfulDataError
 from hdbench_cli.options import calibration_option, model_option, profile_option
 from hdbench_cli.output import Output
-
-if TYPE_CHECKING:
-    from rich.console import Console
-
-    from hdbench.estimation import DataFlag
-    from hdbench.filter import FilteredBlock, FilterModel
-    from hdbench.profile import Profile
-    from hdbench.records import Trace
-    from hdbench_cli.traces import Input
 
 __all__ = ["command"]
 
 
-def _lost(trace: Trace, profile: Profile) -> int:
-    """Return how many samples have a torque or velocity that the filter cannot use."""
-    import numpy as np
-
-    from hdbench.filter.layout import USABLE
-
-    velocity = (
-        trace["motor_velocity_rad_s"]
-        if "motor_velocity_rad_s" in trace
-        else trace["tacho_v"] * profile.data.tacho.gain_rad_s_per_v
-    )
-    usable = (np.abs(velocity) <= USABLE) & (np.abs(trace["torque_nm"]) <= USABLE)
-    return len(trace) - int(np.count_nonzero(usable))
-
-
-def _flags(trace: Trace, profile: Profile) -> list[DataFlag]:
-    """Return what makes the filtered trace doubtful: lost samples, gaps in time, saturation."""
-    from hdbench.estimation import DataFlag, data_flags
-
-    others = data_flags(trace, trace["torque_nm"], profile.data)
-    flags = [flag for flag in others if flag.name != "missing-samples"]
-    lost = _lost(trace, profile)
-    if lost:
-        words = f"{lost} of {len(trace)} samples lack torque or velocity"
-        detail = f"{words}; the filter only predicted there"
-        flags.insert(0, DataFlag("missing-samples", lost, detail))
-    return flags
-
-
-def _summary(
-    trace: Trace, block: FilteredBlock, model: FilterModel, flags: list[DataFlag]
-) -> dict[str, Any]:
-    import numpy as np
-
-    from hdbench.filter import kernel_name
-    from hdbench.filter.guard import FLAG_BITS
-
-    both = np.isfinite(trace["torque_nm"]) & np.isfinite(block.torque_filtered_nm)
-    if not both.any():
-        raise DataError(
-            "no sample has a torque", where=trace.source, fix="record the torque channel"
-        )
-
-    def rms(values: Any) -> float:
-        return float(np.sqrt(np.mean(np.square(values[both]))))
-
-    return {
-        "samples": len(trace),
-        "missing_samples": sum(f.samples for f in flags if f.name == "missing-samples"),
-        "flags": [flag.to_dict() for flag in flags],
-        "sample_flags": {
-            name: int(np.count_nonzero(block.flags & bit)) for name, bit in FLAG_BITS.items()
-        },
-        "torque_rms_nm": {
-            "measured": rms(trace["torque_nm"]),
-            "filtered": rms(block.torque_filtered_nm),
-        },
-        "kernel": kernel_name(),
-        "filter": model.to_dict(),
-    }
-
-
-def _tuned(item: Input, profile: Profile) -> FilterModel:
-    """Tune the profile's orders on this very trace."""
-    from hdbench.filter.tuning import settings_of
-    from hdbench.session.filters import choose_filter
-    from hdbench_cli.tune import tune_inputs
-
-    base = choose_filter(profile, None)
-    return tune_inputs([item], base, settings_of(profile.data), profile).model
-
-
-def _smoothed(
-    written: Trace, trace: Trace, model: FilterModel, profile: Profile
-) -> tuple[Trace, list[dict[str, Any]]]:
-    from hdbench.filter.smoothing import smooth_channels
-    from hdbench.session.filters import trace_channels
-    from hdbench_cli.filter_more import smoothed_columns, smoothed_summary
-
-    smoothed = smooth_channels(
-        model, trace_channels(trace, profile, use_measured_angle=model.use_measured_angle)
-    )
-    return smoothed_columns(written, smoothed), smoothed_summary(smoothed)
-
-
-def _compared(
-    written: Trace, item: Input, model: FilterModel, profile: Profile, plot: Path | None
-) -> tuple[Trace, dict[str, Any]]:
-    """Compare with the model at hand where it is a tuned one, else with one tuned here."""
-    from hdbench_cli.filter_more import compare, compared_columns, draw_comparison
-
-    tuned = model if model.tuning is not None else _tuned(item, profile)
-    found = compare(item.trace, tuned, profile)
-    if plot is not None:
-        draw_comparison(plot, item.trace, found)
-    return compared_columns(written, found), found.to_dict()
-
-
 @click.command("filter", epilog="Example: hdbench filter runs/RUN --model report-6 --out clean.csv")
-@click.argument("source", metavar="TRACE|RUN", type=click.Path(path_type=Path))
+@click.argument(
+    "sources", metavar="TRACE|RUN...", nargs=-1, required=True, type=click.Path(path_type=Path)
+)
 @model_option
 @profile_option
 @calibration_option
@@ -135,10 +29,10 @@ def _compared(
 )
 @click.option(
     "--out",
-    metavar="FILE.csv",
-    type=click.Path(path_type=Path, dir_okay=False),
+    metavar="FILE.csv|DIR",
+    type=click.Path(path_type=Path),
     required=True,
-    help="Trace file to write (.csv or .csv.gz).",
+    help="Trace file to write (.csv or .csv.gz); for several inputs the folder of such files.",
 )
 @click.option(
     "--smooth",
@@ -159,7 +53,7 @@ def _compared(
 @click.pass_obj
 def command(
     output: Output,
-    source: Path,
+    sources: tuple[Path, ...],
     filter_name: str | None,
     profile_name: str | None,
     calibration: Path | None,
@@ -169,80 +63,46 @@ def command(
     compare: bool,
     plot: Path | None,
 ) -> None:
-    """Take ripple and misalignment out of a stored trace.
+    """Take ripple and misalignment out of stored traces.
 
     A run is filtered by the filter that ran in it and gives the same bits, unless --model or
-    another profile says otherwise. Exits 6 where samples are missing, saturated or apart: the
-    file is written, and its torque is nan where it is missing.
+    another profile says otherwise. Of several inputs each is written to the folder --out under its
+    own name. Exits 6 where samples are missing, saturated or apart: the file is written, and its
+    torque is nan where it is missing.
     """
-    from hdbench.filter import filter_trace, filtered_columns
-    from hdbench.records import result_header, write_trace
-    from hdbench.session.filters import choose_filter
-    from hdbench_cli.traces import check_out, read_input
+    from hdbench_cli.filtering import Request, filter_input, show_filtered
+    from hdbench_cli.traces import targets
 
     if gain is not None and calibration is not None:
         raise click.UsageError("--gain and --calibration both name a gain; give one")
     if plot is not None and not compare:
         raise click.UsageError("--plot draws the comparison; ask for --compare too")
-    profile = choose_profile(profile_name, source)
-    tuned = filter_name == "tuned"
-    model = choose_filter(profile, None if tuned else filter_name, source=source)
-    item = read_input(source, profile, gain=gain, calibration=calibration, model=model)
-    check_out(out, source, item.file)
-    trace = item.trace
-    if tuned:
-        model = _tuned(item, profile)
-    block = filter_trace(
-        trace,
-        model,
-        velocity_gain_rad_s_per_v=profile.data.tacho.gain_rad_s_per_v,
-        encoder_counts_per_turn=profile.data.encoder.counts_per_turn,
+    if plot is not None and len(sources) > 1:
+        raise click.UsageError("--plot draws one input; filter them one by one")
+    request = Request(filter_name, profile_name, calibration, gain, smooth, compare, plot)
+    files = targets(out, sources)
+    bodies = [filter_input(request, *pair) for pair in zip(sources, files, strict=True)]
+    if len(bodies) == 1:
+        output.result(bodies[0], lambda console: show_filtered(console, bodies[0]))
+    else:
+        from hdbench_cli.traces import show_each, together
+
+        body = together(bodies, out)
+        output.result(body, lambda console: show_each(console, bodies, show_filtered))
+    _doubts(output, bodies)
+
+
+def _doubts(output: Output, bodies: list[dict[str, Any]]) -> None:
+    """Exit 6 where an input was doubtful, and say which."""
+    doubtful = [body for body in bodies if body["flags"]]
+    if not doubtful:
+        return
+    doubt = DoubtfulDataError(
+        "; ".join(flag["detail"] for body in doubtful for flag in body["flags"]),
+        where=", ".join(body["input"]["path"] for body in doubtful),
+        fix="look at the marked samples, then measure again",
     )
-    body = {
-        **result_header("filter", profile),
-        "input": item.identity(),
-        "out": str(out),
-        "torque_scale": item.scale.to_dict(),
-        **_summary(trace, block, model, _flags(trace, profile)),
-    }
-    written = filtered_columns(trace, block)
-    if smooth:
-        written, body["orders"] = _smoothed(written, trace, model, profile)
-    if compare:
-        written, body["comparison"] = _compared(written, item, model, profile, plot)
-    write_trace(out, written)
-    output.result(body, lambda console: _show(console, body))
-    if body["flags"]:
-        doubt = DoubtfulDataError(
-            "; ".join(flag["detail"] for flag in body["flags"]),
-            where=str(item.file),
-            fix="look at the marked samples, then measure again",
-        )
-        if output.json:
-            output.note(str(doubt))
-            raise click.exceptions.Exit(doubt.exit_code)
-        raise doubt
-
-
-def _show(console: Console, body: dict[str, Any]) -> None:
-    rms, model = body["torque_rms_nm"], body["filter"]
-    places = [
-        f"{block['frequency_hz']:g} Hz" if "frequency_hz" in block else f"{block['order']:g}"
-        for block in model["blocks"]
-    ]
-    orders = ", ".join(places)
-    for name, text in (
-        ("model", f"{model['name']}, orders {orders}, kernel {body['kernel']}"),
-        ("torque gain", body["torque_scale"]["source"]),
-        ("torque rms", f"{rms['measured']:.4f} measured, {rms['filtered']:.4f} filtered N m"),
-        ("written", f"{body['out']}, {body['samples']} samples"),
-    ):
-        console.print(f"{name:12s}{text}", markup=False, highlight=False, soft_wrap=True)
-    if "orders" in body:
-        from hdbench_cli.filter_more import show_orders
-
-        show_orders(console, body["orders"])
-    if "comparison" in body:
-        from hdbench_cli.filter_more import show_comparison
-
-        show_comparison(console, body["comparison"])
+    if output.json:
+        output.note(str(doubt))
+        raise click.exceptions.Exit(doubt.exit_code)
+    raise doubt

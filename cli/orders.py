@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -59,7 +60,9 @@ def _write_map(path: Path, found: OrderMap) -> None:
 
 
 @click.command("orders", epilog="Example: hdbench orders runs/RUN --out orders.csv")
-@click.argument("source", metavar="TRACE|RUN", type=click.Path(path_type=Path))
+@click.argument(
+    "sources", metavar="TRACE|RUN...", nargs=-1, required=True, type=click.Path(path_type=Path)
+)
 @click.option(
     "--model",
     "filter_name",
@@ -79,9 +82,10 @@ def _write_map(path: Path, found: OrderMap) -> None:
 )
 @click.option(
     "--out",
-    metavar="FILE.csv",
-    type=click.Path(path_type=Path, dir_okay=False),
-    help="Every order over time: amplitude, phase, their bands.",
+    metavar="FILE.csv|DIR",
+    type=click.Path(path_type=Path),
+    help="Every order over time: amplitude, phase, their bands; for several inputs the folder of "
+    "such files.",
 )
 @click.option(
     "--map",
@@ -99,7 +103,7 @@ def _write_map(path: Path, found: OrderMap) -> None:
 @click.pass_obj
 def command(
     output: Output,
-    source: Path,
+    sources: tuple[Path, ...],
     filter_name: str | None,
     profile_name: str | None,
     calibration: Path | None,
@@ -114,6 +118,34 @@ def command(
     The angle is the encoder's where there is one, else the integrated velocity. Amplitude and phase
     over time come from the smoother, with their bands.
     """
+    from hdbench_cli.traces import show_each, targets, together
+
+    if len(sources) > 1 and (map_file is not None or plot is not None):
+        raise click.UsageError("--map and --plot are of one input; give them one by one")
+    request = _Request(filter_name, profile_name, calibration, gain, max_order, map_file, plot)
+    files = [None] * len(sources) if out is None else targets(out, sources)
+    bodies = [_one(request, *pair) for pair in zip(sources, files, strict=True)]
+    if len(bodies) == 1:
+        output.result(bodies[0], lambda console: _show(console, bodies[0]))
+        return
+    output.result(together(bodies, out), lambda console: show_each(console, bodies, _show))
+
+
+@dataclass(frozen=True, slots=True)
+class _Request:
+    """What is asked of every input."""
+
+    filter_name: str | None
+    profile_name: str | None
+    calibration: Path | None
+    gain: float | None
+    max_order: float
+    map_file: Path | None
+    plot: Path | None
+
+
+def _one(request: _Request, source: Path, out: Path | None) -> dict[str, Any]:
+    """Return the result of one input, and write its files."""
     from hdbench.filter.orders import order_map, order_spectrum
     from hdbench.filter.smoothing import smooth_channels
     from hdbench.records import result_header, write_trace
@@ -122,17 +154,24 @@ def command(
     from hdbench_cli.filter_more import smoothed_summary
     from hdbench_cli.traces import check_out, read_input
 
-    profile = choose_profile(profile_name, source)
-    item = read_input(source, profile, gain=gain, calibration=calibration)
-    for target in (out, map_file, plot):
+    files = {"orders": out, "map": request.map_file, "plot": request.plot}
+    profile = choose_profile(request.profile_name, source)
+    item = read_input(source, profile, gain=request.gain, calibration=request.calibration)
+    for target in files.values():
         if target is not None:
             check_out(target, source, item.file)
-    model = _model(filter_name, item, profile)
+    model = _model(request.filter_name, item, profile)
     channels = trace_channels(item.trace, profile, use_measured_angle=model.use_measured_angle)
-    spectrum = order_spectrum(channels, channels.torque_nm, highest_order=max_order)
-    found = order_map(channels, channels.torque_nm, highest_order=max_order)
+    spectrum = order_spectrum(channels, channels.torque_nm, highest_order=request.max_order)
+    found = order_map(channels, channels.torque_nm, highest_order=request.max_order)
     smoothed = smooth_channels(model, channels)
-    body = {
+    if out is not None:
+        write_trace(out, _waves(channels, smoothed))
+    if request.map_file is not None:
+        _write_map(request.map_file, found)
+    if request.plot is not None:
+        _draw(request.plot, channels, spectrum, smoothed)
+    return {
         **result_header("orders", profile),
         "input": item.identity(),
         "torque_scale": item.scale.to_dict(),
@@ -144,20 +183,9 @@ def command(
             "turns": found.turns,
             "orders": len(found.order),
         },
-        "files": {
-            name: str(path)
-            for name, path in (("orders", out), ("map", map_file), ("plot", plot))
-            if path is not None
-        },
+        "files": {name: str(path) for name, path in files.items() if path is not None},
         "filter": model.to_dict(),
     }
-    if out is not None:
-        write_trace(out, _waves(channels, smoothed))
-    if map_file is not None:
-        _write_map(map_file, found)
-    if plot is not None:
-        _draw(plot, channels, spectrum, smoothed)
-    output.result(body, lambda console: _show(console, body))
 
 
 def _spectrum_body(spectrum: OrderSpectrum) -> dict[str, Any]:

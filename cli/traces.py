@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from hdbench.errors import DataError, UsageError
+from hdbench.errors import DataError, StorageError, UsageError
 
 if TYPE_CHECKING:
+    from rich.console import Console
+
     from hdbench.filter import FilterModel
     from hdbench.profile import Profile
     from hdbench.records import TorqueScale, Trace
 
-__all__ = ["Input", "check_out", "read_input"]
+__all__ = ["Input", "check_out", "read_input", "show_each", "targets", "together"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,3 +156,93 @@ def check_out(out: Path, source: Path, file: Path) -> None:
             where="--out",
             fix="name a new file outside the run",
         )
+
+
+def targets(out: Path, sources: Sequence[Path]) -> list[Path]:
+    """Return the file to write for each input.
+
+    Parameters
+    ----------
+    out : Path
+        The file for one input; for several the folder, which is made.
+    sources : sequence of Path
+        Trace files or run folders.
+
+    Returns
+    -------
+    list of Path
+        In a folder ``<name of the input>.csv``.
+
+    Raises
+    ------
+    UsageError
+        If `out` is of the wrong kind, or two inputs have one name.
+    StorageError
+        If the folder cannot be made.
+    """
+    if len(sources) == 1:
+        if out.is_dir():
+            raise UsageError(f"{out} is a folder", where="--out", fix="name a .csv file")
+        return [out]
+    if out.suffix in (".csv", ".gz") or out.is_file():
+        raise UsageError(
+            f"{out} is one file for {len(sources)} inputs; needed: a folder",
+            where="--out",
+            fix="name a folder, or give one input",
+        )
+    names = [source.resolve().name.removesuffix(".gz").removesuffix(".csv") for source in sources]
+    twice = {name for name in names if names.count(name) > 1}
+    if twice:
+        raise UsageError(
+            f"several inputs are named {', '.join(sorted(twice))}",
+            where="TRACE|RUN",
+            fix="filter them one by one, each to a file of its own",
+        )
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise StorageError(
+            f"cannot make the folder: {error.strerror}", where=str(out), fix="check path and rights"
+        ) from error
+    return [out / f"{name}.csv" for name in names]
+
+
+def together(bodies: Sequence[dict[str, Any]], out: Path | None) -> dict[str, Any]:
+    """Return the results of several inputs as one.
+
+    Parameters
+    ----------
+    bodies : sequence of dict
+        One result per input.
+    out : Path or None
+        Folder that was written.
+
+    Returns
+    -------
+    dict
+        The header of the first result, and ``results``.
+    """
+    header = {key: bodies[0][key] for key in ("schema", "hdbench_version", "profile")}
+    files = {} if out is None else {"out": str(out)}
+    return {**header, **files, "results": list(bodies)}
+
+
+def show_each(
+    console: Console,
+    bodies: Sequence[dict[str, Any]],
+    show: Callable[[Console, dict[str, Any]], None],
+) -> None:
+    """Print several results, each under the name of its input.
+
+    Parameters
+    ----------
+    console : rich.console.Console
+        Where to print.
+    bodies : sequence of dict
+        One result per input.
+    show : callable
+        Prints one.
+    """
+    for body in bodies:
+        console.print(body["input"]["path"], markup=False, highlight=False, soft_wrap=True)
+        show(console, body)

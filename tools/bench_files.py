@@ -1,11 +1,7 @@
-"""Print how long trace files and the start of the command take, beside other libraries.
-
-Usage: python tools/bench_files.py [--rows N]
-"""
+"""Time trace files and the start of the command, beside other libraries; see `tools/bench.py`."""
 
 from __future__ import annotations
 
-import argparse
 import importlib
 import subprocess
 import sys
@@ -44,13 +40,18 @@ def seconds(work: Callable[[], object], rounds: int = 3) -> float:
     return min(times)
 
 
-def files(rows: int) -> None:
+def files(rows: int) -> tuple[dict[str, float], dict[str, float]]:
     """Write and read a trace of six columns with everything that is here.
 
     Parameters
     ----------
     rows : int
         Number of samples.
+
+    Returns
+    -------
+    read, written : dict of str to float
+        Seconds by library; ours is ``hdbench``.
     """
     rng = np.random.default_rng(1)
     channels = {name: rng.normal(size=rows) for name in (*_COLUMNS, "motor_angle_rad")}
@@ -67,7 +68,6 @@ def files(rows: int) -> None:
             try:
                 library = importlib.import_module(name)
             except ImportError:
-                print(f"{name}: not here; pip install 'hdbench[bench]'")
                 continue
             frame = library.DataFrame(channels)
             write[name] = (
@@ -77,41 +77,27 @@ def files(rows: int) -> None:
             )
             read[name] = lambda m=library: m.read_csv(path)
         written = {name: seconds(work, 1) for name, work in write.items()}
-        size = path.stat().st_size / 1e6
         taken = {name: seconds(work) for name, work in read.items()}
-    print(
-        f"CSV of {rows} x 6, {size:.0f} MB: "
-        f"{'read s':>10} {'times':>7} {'write s':>10} {'times':>7}"
-    )
-    for name, value in taken.items():
-        print(
-            f"{name:>28} {value:10.3f} {value / taken['hdbench']:7.2f} {written[name]:10.3f} "
-            f"{written[name] / written['hdbench']:7.2f}"
-        )
-    best = [min(table, key=table.__getitem__) for table in (taken, written)]
-    print(f"fastest: {best[0]} reads, {best[1]} writes")
+    return taken, written
 
 
-def start() -> None:
-    """Time `hdbench --help` against a bare click command."""
+def start() -> dict[str, float]:
+    """Time `hdbench --help` against a bare click command.
+
+    Returns
+    -------
+    dict of str to float
+        Seconds by command.
+    """
     bare = "import click; click.Command('x', help='y')(['--help'])"
+    found = {}
     for name, arguments in (
         ("hdbench --help", ["-m", "hdbench_cli", "--help"]),
         ("bare click", ["-c", bare]),
         ("bare python", ["-c", "pass"]),
     ):
         command = [sys.executable, *arguments]
-        took = seconds(lambda c=command: subprocess.run(c, capture_output=True, check=True), 7)
-        print(f"{name:>28} {1e3 * took:10.0f} ms")
-
-
-def main() -> None:
-    """Time files and the command's start."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
-    parser.add_argument("--rows", type=int, default=1_000_000)
-    files(max(parser.parse_args().rows, 1))
-    start()
-
-
-if __name__ == "__main__":
-    main()
+        found[name] = seconds(
+            lambda c=command: subprocess.run(c, capture_output=True, check=True), 7
+        )
+    return found

@@ -86,7 +86,9 @@ def run(
     n = samples[0].size
     sums = np.zeros(3)
     _check_state(model, state)
-    a, b, c, d, e, f, g = (np.empty(n) for _ in range(7))
+    # two blocks, not seven arrays: the system hands out larger pages, and keeps them in the process
+    a, b, c, d = np.empty((4, n))
+    e, f, g = np.empty((3, n))
     flags = np.empty(n, dtype=np.uint8)
     work = kernel_form(form or kernel_name()).run
     bad = work(pack(model), state, samples, (a, b, c, d, e, f, g), flags, sums)

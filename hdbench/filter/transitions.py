@@ -11,9 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from hdbench.filter.layout import BLOCK, MODEL_HEADER
+from hdbench.filter.series import decay, sines, tail
 from hdbench.records import FloatArray
 
-__all__ = ["Blocks", "decay", "sines", "steps_of", "transitions"]
+__all__ = ["Blocks", "steps_of", "transitions"]
 
 _ORDER, _OMEGA, _Q_SAMPLE, _Q_RAD, _Q_S, _RATE, _VARIANCE, _PRIOR = 2, 3, 4, 5, 6, 7, 8, 9
 _RANDOM_WALK, _INTEGRATED, _ORNSTEIN, _MATERN, _RESONANCE = 1, 2, 3, 4, 5
@@ -21,24 +22,6 @@ _REDUCIBLE = 1e5  # rad: up to here quarter turns are taken off exactly
 _PHASE_LIMIT = 32.0  # rad: beyond, a phase loses its whole turns
 _PER_TURN = float.fromhex("0x1.45f306dc9c883p-3")
 _TURN_1, _TURN_2 = float.fromhex("0x1.921fb5440p2"), float.fromhex("0x1.0b4611a60p-32")
-_SINE = (
-    -1.0 / 1307674368000.0,
-    1.0 / 6227020800.0,
-    -1.0 / 39916800.0,
-    1.0 / 362880.0,
-    -1.0 / 5040.0,
-    1.0 / 120.0,
-    -1.0 / 6.0,
-)
-_COSINE = (
-    1.0 / 20922789888000.0,
-    -1.0 / 87178291200.0,
-    1.0 / 479001600.0,
-    -1.0 / 3628800.0,
-    1.0 / 40320.0,
-    -1.0 / 720.0,
-    1.0 / 24.0,
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -195,7 +178,7 @@ def _slow(row: list[float], dt: FloatArray) -> tuple[FloatArray, ...]:
         return _resonance(row, dt, e)
     b = 2.0 * a
     eb = 1.0 - decay(b)
-    third = b * b * b * (1.0 / 6.0) * _tail(b)
+    third = b * b * b * (1.0 / 6.0) * tail(b)
     with np.errstate(over="ignore", invalid="ignore"):  # values of the branch that is not taken
         f1 = np.where(b <= 0.5, eb * third, 1.0 - eb * (1.0 + b + 0.5 * b * b))
         return (
@@ -227,67 +210,3 @@ def _resonance(row: list[float], dt: FloatArray, e: FloatArray) -> tuple[FloatAr
         variance * w2 * (pull * s),
         variance * w2 * (missing + pull * (c - zs)),
     )
-
-
-def _tail(b: FloatArray) -> FloatArray:
-    """Return 6 (exp(b) - 1 - b - b^2/2) / b^3 for 0 <= b <= 1/2."""
-    b = np.minimum(b, 0.5)
-    total = np.ones_like(b)
-    for k in range(16, 3, -1):
-        total = 1.0 + b * (1.0 / k) * total
-    return total
-
-
-def decay(a: FloatArray) -> FloatArray:
-    """Return 1 - exp(-a) for a >= 0, by its series on [0, 1/4] and doublings.
-
-    Parameters
-    ----------
-    a : ndarray, shape (n,)
-        Exponents, >= 0.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        ``1 - exp(-a)``, to a few roundings.
-    """
-    small, doublings = np.minimum(a, 64.0), np.zeros(a.size, dtype=int)
-    while (small > 0.25).any():
-        doublings += small > 0.25
-        small = np.where(small > 0.25, 0.5 * small, small)
-    total = np.ones_like(small)
-    for k in range(14, 1, -1):
-        total = 1.0 - small * (1.0 / k) * total
-    missing: FloatArray = small * total
-    for done in range(int(doublings.max(initial=0))):
-        missing = np.where(done < doublings, missing * (2.0 - missing), missing)
-    return missing
-
-
-def sines(angle: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return cosine and sine by the kernel's polynomials on quarter turns.
-
-    Parameters
-    ----------
-    angle : ndarray, shape (n,)
-        Angles, rad, within 1e5.
-
-    Returns
-    -------
-    cosine, sine : ndarray, shape (n,)
-        To an absolute 3e-16.
-    """
-    k = np.rint(angle * float.fromhex("0x1.45f306dc9c883p-1"))
-    part1, part2 = float.fromhex("0x1.921fb5440p0"), float.fromhex("0x1.0b4611a60p-34")
-    r = (angle - k * part1) - k * part2
-    z = r * r
-    s, c = np.full_like(z, _SINE[0]), np.full_like(z, _COSINE[0])
-    for s_next, c_next in zip(_SINE[1:], _COSINE[1:], strict=True):
-        s, c = s * z + s_next, c * z + c_next
-    s = r + r * (z * s)
-    c = 1.0 + (z * z * c - 0.5 * z)
-    m = k - 4.0 * np.rint(k * 0.25)
-    odd = m * m * (4.0 - m * m) * (1.0 / 3.0)
-    side = m * odd
-    axis = (1.0 - odd) * (1.0 - 0.5 * m * m)
-    return axis * c - side * s, axis * s + side * c

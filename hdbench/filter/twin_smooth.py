@@ -7,8 +7,9 @@ import math
 import numpy as np
 
 from hdbench.filter.layout import USABLE
-from hdbench.filter.twin import Recursion, run, unused_state
+from hdbench.filter.twin import run, unused_state
 from hdbench.filter.twin_motion import first_bad_time, observe
+from hdbench.filter.twin_recursion import Recursion
 from hdbench.records import FloatArray
 
 __all__ = ["batch", "smooth"]

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
 from hdbench.errors import UsageError
 from hdbench.model.bench import BenchModel
 from hdbench.model.cause import check_term
-from hdbench.model.motion import motion_from_trace
+from hdbench.model.causes import CAUSE_GROUPS
+from hdbench.model.motion import Motion, motion_from_trace
 from hdbench.model.waves import reference_voltage
 from hdbench.profile.schema import ProfileData, ReferenceWave
 from hdbench.records.trace import FloatArray, Trace
@@ -52,8 +54,9 @@ def simulate_like(trace: Trace, profile: ProfileData, model: BenchModel) -> Trac
     Returns
     -------
     Trace
-        Time, motion and load columns of `trace`, and ``torque_nm``, N m: the simulated torque
-        without noise; NaN at lost samples.
+        Time, motion and load columns of `trace`; ``torque_nm``, N m: the simulated torque without
+        noise; ``torque_true_nm``, N m: what of it a filter should keep (zero, expected torque,
+        load, friction); NaN at lost samples.
 
     Raises
     ------
@@ -63,6 +66,7 @@ def simulate_like(trace: Trace, profile: ProfileData, model: BenchModel) -> Trac
     motion = motion_from_trace(trace, profile)
     columns = {name: trace[name] for name in _MOTION_COLUMNS if name in trace}
     columns["torque_nm"] = model.torque_nm(motion)
+    columns["torque_true_nm"] = _true_torque_nm(model, motion)
     return Trace(columns, f"simulation like {trace.source}", {"simulated_like": trace.source})
 
 
@@ -95,9 +99,10 @@ def simulate_run(
     Returns
     -------
     Trace
-        ``time_s``, ``reference_v``, ``motor_velocity_rad_s``, ``motor_angle_rad`` (0 at the start)
-        and ``torque_nm``; ``motor_current_a`` (of the acceleration alone) and ``temperature_c``
-        (20 degC) where a cause of the model needs them.
+        ``time_s``, ``reference_v``, ``motor_velocity_rad_s``, ``motor_angle_rad`` (0 at the
+        start), ``torque_nm`` and ``torque_true_nm`` (as `simulate_like`); ``motor_current_a`` (of
+        the acceleration alone) and ``temperature_c`` (20 degC) where a cause of the model needs
+        them.
 
     Raises
     ------
@@ -135,8 +140,21 @@ def simulate_run(
         },
         f"simulation of {profile.name}",
     )
-    torque = model.torque_nm(motion_from_trace(trace, profile))
-    return with_noise(trace.with_columns(torque_nm=torque), noise_nm, rng)
+    motion = motion_from_trace(trace, profile)
+    simulated = trace.with_columns(
+        torque_nm=model.torque_nm(motion), torque_true_nm=_true_torque_nm(model, motion)
+    )
+    return with_noise(simulated, noise_nm, rng)
+
+
+def _true_torque_nm(model: BenchModel, motion: Motion) -> FloatArray:
+    """Return zero, expected torque, load and friction: no ripple, misalignment or sensor fault."""
+    friction = {cause.name for cause in CAUSE_GROUPS["friction"]}
+    kept = tuple(term for term in model.causes if term.name in friction)
+    quiet = replace(model, ripple=(), misalignment=(0.0, 0.0), causes=kept)
+    true = model.true_motion(motion)
+    torque = quiet.baseline_torque_nm(true) + quiet.cause_torque_nm(true)
+    return np.where(true.valid, torque, np.nan)
 
 
 def _needed_channels(

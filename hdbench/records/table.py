@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from hdbench.errors import DataError
+from hdbench.records.parquetfile import PARQUET, parquet_names
 from hdbench.records.textfile import data_error
 
 __all__ = [
@@ -173,7 +174,7 @@ def read_header(path: Path) -> tuple[str, ...]:
     Parameters
     ----------
     path : Path
-        A ``.csv`` or ``.csv.gz`` file.
+        A ``.csv``, ``.csv.gz`` or ``.parquet`` file.
 
     Returns
     -------
@@ -184,6 +185,8 @@ def read_header(path: Path) -> tuple[str, ...]:
     DataError
         If the file cannot be read or its header is wrong.
     """
+    if path.suffix == PARQUET:
+        return parquet_names(path)
     opener = gzip.open if path.suffix == ".gz" else open
     try:
         with opener(path, "rb") as file:

@@ -9,6 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from hdbench.errors import DataError
+from hdbench.records.fastcsv import parse_numbers
+from hdbench.records.parquetfile import PARQUET, parquet_columns
 from hdbench.records.storage import write_atomic
 from hdbench.records.table import Table, check_header, parse_table, quoted
 from hdbench.records.textfile import IMPORT_FIX, data_error, read_text
@@ -36,7 +38,7 @@ _GROUPS = {
     "velocity": ("motor_velocity_rad_s", "tacho_v"),
     "angle": ("motor_angle_rad", "encoder_count"),
 }
-# rows converted at a time: bounds the memory that Python floats take on the way
+# rows written at a time: bounds the memory that their text takes on the way
 _CHUNK_ROWS = 50_000
 
 
@@ -46,7 +48,7 @@ def read_trace(path: Path, *, require: Sequence[str] = ("torque", "velocity")) -
     Parameters
     ----------
     path : Path
-        A ``.csv`` or ``.csv.gz`` file.
+        A ``.csv``, ``.csv.gz`` or ``.parquet`` file; of the last, rows count as lines.
     require : sequence of str
         What must be there beside ``time_s``: ``torque`` (``torque_nm`` or ``torque_v``),
         ``velocity`` (``motor_velocity_rad_s`` or ``tacho_v``), ``angle`` (``motor_angle_rad`` or
@@ -66,6 +68,8 @@ def read_trace(path: Path, *, require: Sequence[str] = ("torque", "velocity")) -
         is wrong (with line and column); if a required column is missing.
     """
     path = Path(path)
+    if path.suffix == PARQUET:
+        return _from_parquet(path, require)
     text = read_text(path, "trace")
     found = _fast(path, text)
     if found is None:
@@ -77,25 +81,19 @@ def read_trace(path: Path, *, require: Sequence[str] = ("torque", "velocity")) -
     return Trace(columns, str(path), {"text_columns": texts} if texts else {})
 
 
+def _from_parquet(path: Path, require: Sequence[str]) -> Trace:
+    columns, texts = parquet_columns(path)
+    _check_required(path, columns, texts, require)
+    _check_values(path, columns, range(1, 1 + len(next(iter(columns.values())))))
+    return Trace(columns, str(path), {"text_columns": texts} if texts else {})
+
+
 def _fast(path: Path, text: str) -> dict[str, FloatArray] | None:
     """Parse a well-formed file of numbers; None where it needs the careful way."""
     if '"' in text or "\r" in text or not text.isascii():
         return None
     head, _, body = text.partition("\n")
-    header = check_header(path, head.split(","))
-    lines = body.rstrip("\n").split("\n")
-    commas = len(header) - 1
-    if "_" in body or any(line.count(",") != commas for line in lines) or not lines[0]:
-        return None
-    values = np.empty((len(lines), len(header)))
-    try:
-        for start in range(0, len(lines), _CHUNK_ROWS):
-            cells = ",".join(lines[start : start + _CHUNK_ROWS]).split(",")
-            part = np.array(list(map(float, cells)))
-            values[start : start + _CHUNK_ROWS] = part.reshape(-1, len(header))
-    except ValueError:
-        return None
-    return {name: np.ascontiguousarray(values[:, i]) for i, name in enumerate(header)}
+    return parse_numbers(check_header(path, head.split(",")), body)
 
 
 def _number(cell: str) -> float:

@@ -108,7 +108,8 @@ def test_measured_columns_are_kept_and_the_measured_torque_is_not(bench: Profile
     )
     measured["tacho_v"][40] = np.nan
     simulated = simulate_like(measured, bench, BenchModel.from_profile(bench))
-    assert list(simulated.columns) == ["time_s", "tacho_v", "encoder_count", "torque_nm"]
+    names = ["time_s", "tacho_v", "encoder_count", "torque_nm", "torque_true_nm"]
+    assert list(simulated.columns) == names
     assert simulated["encoder_count"] is measured["encoder_count"]
     assert np.flatnonzero(np.isnan(simulated["torque_nm"])).tolist() == [40]
 
@@ -226,3 +227,26 @@ def test_a_run_of_its_own_can_show_every_cause(bench: ProfileData) -> None:
     )
     # 1e-12: rounding of a difference of velocities over 1 ms
     assert run["motor_current_a"][20] == pytest.approx(bench.servo.max_current_a, rel=1e-12, abs=0)
+
+
+def test_the_true_torque_is_what_is_left_without_ripple_misalignment_and_noise(
+    bench: ProfileData,
+) -> None:
+    model = BenchModel.from_profile(bench)
+    simulated = simulate_run(
+        bench,
+        model,
+        duration_s=2.0,
+        wave=bench.ripple.reference,
+        noise_nm=0.05,
+        rng=np.random.default_rng(0),
+    )
+    angle, n = simulated["motor_angle_rad"], bench.drive.gear_ratio
+    amplitude, phase = model.misalignment
+    waves = amplitude * np.cos(angle / n + phase) + sum(
+        a * np.cos(order * angle + p) for order, a, p in model.ripple
+    )
+    noise = simulated["torque_nm"] - simulated["torque_true_nm"] - waves
+    # white noise of 0.05 N m in 2000 samples: its rms is known to 1.6 %
+    assert np.std(noise) == pytest.approx(0.05, rel=0.1)
+    assert np.abs(np.mean(noise)) < 0.01

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hdbench.errors import DataError
-from hdbench.records import Trace, read_trace, write_trace
+from hdbench.records import Trace, fastcsv, read_trace, write_trace
 
 GOOD = "time_s,torque_nm,motor_velocity_rad_s\n0.0,1.5,10\n0.001,2.5,11\n0.002,3.5,12\n"
 
@@ -203,3 +203,46 @@ def test_a_minute_at_one_kilohertz_is_read_quickly(tmp_path, record_property):
 def test_an_unclosed_quote_is_told_on_the_line_that_opens_it(tmp_path):
     path = put(tmp_path, GOOD + '0.003,"4.5,13\n0.004,5.5,14\n0.005,6.5,15\n')
     assert refused(path).where == f"{path}:5"
+
+
+def big(tmp_path, monkeypatch, text):
+    """Read a text as if it were long enough for polars."""
+    pytest.importorskip("polars", reason="optional: pip install 'hdbench[fast]'")
+    monkeypatch.setattr(fastcsv, "_WORTH_IMPORTING", 1)
+    return put(tmp_path, text)
+
+
+def test_polars_reads_the_bits_that_python_reads(tmp_path, monkeypatch):
+    rng = np.random.default_rng(7)
+    values = rng.normal(size=(500, 2)) * 10.0 ** rng.integers(-300, 300, size=(500, 1))
+    values[3, 0] = np.nan
+    rows = [f"{k * 1e-3!r},{float(a)!r},{float(b)!r}" for k, (a, b) in enumerate(values)]
+    text = "time_s,torque_nm,tacho_v\n" + "\n".join(rows)
+    here = read_trace(put(tmp_path, text + "\n"))
+    there = read_trace(big(tmp_path, monkeypatch, text + "\n"))
+    for name in ("time_s", "torque_nm", "tacho_v"):
+        np.testing.assert_array_equal(there[name], here[name])
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "line"),
+    [
+        ("0.002,3.5,12", "0.002,3.5", 4),
+        ("0.001,2.5,11\n0.002,3.5,12", "0.001,2.5,11,1\n0.002,3.5", 3),
+        ("3.5", "x", 4),
+        ("3.5", "1_0", 4),
+        ("0.002", "0.001", 4),
+        ("0.002", "", 4),
+        ("3.5", "inf", 4),
+    ],
+)
+def test_a_long_file_that_is_wrong_names_its_line(tmp_path, monkeypatch, old, new, line):
+    path = big(tmp_path, monkeypatch, GOOD.replace(old, new))
+    assert f":{line}" in str(refused(path).where)
+
+
+def test_a_long_file_keeps_empty_cells_and_columns_of_text(tmp_path, monkeypatch):
+    path = big(tmp_path, monkeypatch, GOOD.replace("2.5", ""))
+    assert np.isnan(read_trace(path)["torque_nm"]).tolist() == [False, True, False]
+    text = "time_s,torque_nm,tacho_v,note\n0,1,2,a\n1,2,3,b\n"
+    assert read_trace(put(tmp_path, text)).metadata["text_columns"] == {"note": ("a", "b")}

@@ -8,9 +8,6 @@
 #define HDB_LANES 1
 #define HDB_CHUNK 1
 #define HDB_FORM(name) hdb_step_##name
-#define HDB_SHAPE(name) hdb_step_triangle_##name
-#define HDB_FEW HDB_SHAPE
-#define HDB_MANY HDB_SHAPE
 #include "filter_lanes.h"
 #include "filter_recurse.h"
 #include "filter_dispatch.h"

@@ -1,5 +1,5 @@
-/* Last part of the template: load and store, and one chunk with the code for its number of blocks.
- * HDB_FEW(name) and HDB_MANY(name) are the shapes for up to four blocks and for more. */
+/* Last part of the template: load and store, and one chunk.
+ * HDB_UNROLLED asks for a version for three oscillators without slow torques. */
 #ifndef HDB_IN_PLACE
 /* The parts of a state between its vector of numbers and one lane. */
 HDB_INLINE void HDB_FORM(load)(int nb, lanes *s, const hdb_real *state, int lane)
@@ -19,6 +19,7 @@ HDB_INLINE void HDB_FORM(load)(int nb, lanes *s, const hdb_real *state, int lane
     LANE(s->used, lane) = LANE(s->log_sum, lane) = LANE(s->squares, lane) = 0;
     LANE(s->product, lane) = 1;
     s->since = 0;
+    s->waiting = 1;
 #endif
 }
 
@@ -40,28 +41,25 @@ HDB_INLINE void HDB_FORM(store)(int nb, lanes *s, hdb_real *state, int lane)
 
 HDB_INLINE void HDB_FORM(filter)(const hdb_model *model, lanes *s, int n, work *k, hdb_real *record)
 {
-#define WITH(n_oscillators, n_slow, shape)                                                        \
-    HDB_FORM(turn)(n_oscillators, n_slow, model, s, n, k);                                        \
-    shape(recurse)(n_oscillators, n_slow, model, s, n, k, record)
 #ifdef HDB_N_OSCILLATORS /* fixed by the build */
-    WITH(HDB_N_OSCILLATORS, HDB_N_SLOW, HDB_FEW);
+    const int no = HDB_N_OSCILLATORS, ns = HDB_N_SLOW;
 #else
     const int no = model->n_oscillators, ns = model->n_slow;
-    if (no == 3 && ns == 0) { /* the presets, and report-6 with a slow torque */
-        WITH(3, 0, HDB_FEW);
-    } else if (no == 2 && ns == 0) {
-        WITH(2, 0, HDB_FEW);
-    } else if (no == 3 && ns == 1) {
-        WITH(3, 1, HDB_FEW);
-    } else {
-        WITH(no, ns, HDB_MANY);
+#endif
+    HDB_FORM(turn)(no, ns, model, s, n, k);
+    HDB_FORM(stir)(no, model, n, k);
+#ifdef HDB_UNROLLED /* the presets' orders */
+    if (no == 3 && ns == 0) {
+        HDB_FORM(recurse)(3, 0, model, s, n, k, record);
+        return;
     }
 #endif
-#undef WITH
+    HDB_FORM(recurse)(no, ns, model, s, n, k, record);
 }
 
 #undef number
 #undef mask
+#undef SINCOS
 #undef lanes
 #undef work
 #undef PICK

@@ -16,11 +16,24 @@
 #endif
 
 #ifdef __GNUC__
+#define HDB_COLD static __attribute__((noinline, cold))
+#define HDB_APART static __attribute__((noinline))
+#else
+#define HDB_COLD static
+#define HDB_APART static
+#endif
+
+#ifdef __GNUC__
 #define HDB_UNROLL _Pragma("GCC unroll 16") /* small counts, fixed when inlined */
 #else
 #define HDB_UNROLL
 #endif
 
+#ifdef HDB_SINGLE
+typedef uint32_t hdb_bits;
+#else
+typedef uint64_t hdb_bits;
+#endif
 #define K(value) ((hdb_real)(value)) /* a constant in the precision of the build */
 #define HDB_NAN K(NAN)
 
@@ -28,11 +41,13 @@
  * A phase beyond HDB_PHASE_LIMIT loses its whole turns: rounding stays below 4e-15 rad (2e-7). */
 #ifdef HDB_SINGLE
 #define HDB_LARGEST FLT_MAX
+#define HDB_SIGN 30 /* moves bit 1 to the sign */
 #define HDB_BIAS 0x1.8p23f /* added and taken off, it leaves the nearest integer */
 #define HDB_REDUCIBLE 200.0f /* rad: k stays below 2^7 */
 #define HDB_PHASE_LIMIT 3.2f
 #else
 #define HDB_LARGEST DBL_MAX
+#define HDB_SIGN 62
 #define HDB_BIAS 0x1.8p52
 #define HDB_REDUCIBLE 1e5 /* rad: k stays below 2^16 */
 #define HDB_PHASE_LIMIT 32.0
@@ -107,36 +122,11 @@ HDB_INLINE hdb_real hdb_tail(hdb_real b)
     return total;
 }
 
-/* Sine and cosine of one angle within HDB_PHASE_LIMIT, by the polynomials of the oscillators. */
-HDB_INLINE void hdb_sincos(hdb_real a, hdb_real *sine, hdb_real *cosine)
-{
-    const hdb_real k = (a * K(0x1.45f306dc9c883p-1) + HDB_BIAS) - HDB_BIAS;
-#ifdef HDB_SINGLE
-    const float r = ((a - k * 0x1.92p0f) - k * 0x1.fb54p-12f) - k * 0x1.10b46p-30f, z = r * r;
-    float s = z * K(1.0 / 362880.0) - K(1.0 / 5040.0), c = z * K(1.0 / 40320.0);
-#else
-    const double r = (a - k * 0x1.921fb5440p0) - k * 0x1.0b4611a60p-34, z = r * r;
-    double s = z * (-1.0 / 1307674368000.0) + 1.0 / 6227020800.0;
-    s = s * z - 1.0 / 39916800.0;
-    s = s * z + 1.0 / 362880.0;
-    s = s * z - 1.0 / 5040.0;
-    double c = z * (1.0 / 20922789888000.0) - 1.0 / 87178291200.0;
-    c = c * z + 1.0 / 479001600.0;
-    c = c * z - 1.0 / 3628800.0;
-    c = (c * z + 1.0 / 40320.0) * z;
-#endif
-    s = s * z + K(1.0 / 120.0);
-    s = s * z - K(1.0 / 6.0);
-    c = c - K(1.0 / 720.0);
-    c = c * z + K(1.0 / 24.0);
-    s = r + r * (z * s);
-    c = K(1.0) + (z * z * c - K(0.5) * z);
-    const hdb_real m = k - K(4.0) * ((k * K(0.25) + HDB_BIAS) - HDB_BIAS);
-    const hdb_real odd = m * m * (K(4.0) - m * m) * K(1.0 / 3.0);
-    const hdb_real side = m * odd, axis = (K(1.0) - odd) * (K(1.0) - K(0.5) * m * m);
-    *cosine = axis * c - side * s;
-    *sine = axis * s + side * c;
-}
+#define HDB_SINCOS hdb_sincos
+#define HDB_SINCOS_BITS hdb_sincos_bits
+#define HDB_NUMBER hdb_real
+#define HDB_WORD hdb_bits
+#include "filter_sincos.h"
 
 /* Transition and process noise of a slow torque over dt: f11 f12 f21 f22 q11 q12 q22. */
 HDB_INLINE void hdb_slow(const hdb_block *b, hdb_real dt, hdb_real f[7])

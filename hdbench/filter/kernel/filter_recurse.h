@@ -1,23 +1,98 @@
-/* The samples of one chunk, one after the other. A template on top of filter_lanes.h: define
- * HDB_SHAPE(name) before each inclusion. P_ij is the same expression in both shapes of P:
- *   HDB_ROWS  full rows as vectors of the compiler, one lane, up to HDB_ROW_STATES states;
- *   else      the lower triangle. */
+/* The samples of one chunk, one after the other, with the lower triangle of P in place. Part of
+ * the template of filter_lanes.h. */
 
-#include "filter_shape.h"
+#ifdef HDB_IN_PLACE /* a call would keep a sample's numbers out of registers */
+#define HDB_RARE HDB_INLINE
+#else
+#define HDB_RARE HDB_COLD
+#endif
+#ifdef HDB_SUMS
+#define HDB_WAITING(s) ((s)->waiting)
+#else
+#define HDB_WAITING(s) (!((s)->head[HDB_STARTED] > 0))
+#endif
+#define P(i, j) s->p[(i) > (j) ? AT(i, j) : AT(j, i)]
+
+/* z <- F z, P <- F P F' + Q of slow block b with the transition t. */
+HDB_INLINE void HDB_FORM(drift)(int nb, int b, const hdb_real *t, lanes *s)
+{
+    const int u = 2 * b, v = 2 * b + 1;
+    const number z0 = s->z[u], z1 = s->z[v], p11 = P(u, u), p12 = P(u, v), p22 = P(v, v);
+    const number t0 = t[0] * p11 + t[1] * p12, t1 = t[0] * p12 + t[1] * p22;
+    const number u0 = t[2] * p11 + t[3] * p12, u1 = t[2] * p12 + t[3] * p22;
+    s->z[u] = t[0] * z0 + t[1] * z1;
+    s->z[v] = t[2] * z0 + t[3] * z1;
+    for (int j = 0; j < 2 * nb; ++j) {
+        const number above = P(u, j), below = P(v, j);
+        P(u, j) = t[0] * above + t[1] * below;
+        P(v, j) = t[2] * above + t[3] * below;
+    }
+    P(u, u) = (t0 * t[0] + t1 * t[1]) + t[4];
+    P(u, v) = (t0 * t[2] + t1 * t[3]) + t[5];
+    P(v, v) = (u0 * t[2] + u1 * t[3]) + t[6];
+}
+
+#ifdef HDB_SINGLE
+/* Variance that the data do not bound (standstill) grows until a float's P loses its sign: beyond
+ * a limit, rows and columns of the block shrink by what the noise would add. */
+HDB_INLINE void HDB_FORM(hold)(int nb, int b, hdb_real r, hdb_real noise, lanes *s)
+{
+    const hdb_real both = P(2 * b, 2 * b) + P(2 * b + 1, 2 * b + 1);
+    if (!(both > HDB_HELD * (r + noise)))
+        return;
+    const hdb_real less = K(1.0) - noise / both;
+    for (int a = 2 * b; a < 2 * b + 2; ++a) {
+        for (int j = 0; j < 2 * nb; ++j)
+            P(a, j) *= less;
+        P(a, a) *= less;
+    }
+}
+#endif
+
+/* What the blocks of each part predict; then P has the noise of its step. */
+HDB_INLINE void HDB_FORM(predict)(int no, int nb, const hdb_model *model, work *k, int i, lanes *s)
+{
+    const number none = {0};
+    number part[3] = {none, none, none}, first = none, rest = none;
+    HDB_UNROLL
+    for (int b = 0; b < nb; ++b) {
+        number seen;
+        if (b < no) {
+            seen = s->z[2 * b] * k->cosine[b][i] + s->z[2 * b + 1] * k->sine[b][i];
+            const number noise = k->noise[b][i];
+#ifdef HDB_SINGLE
+            HDB_FORM(hold)(nb, b, model->r, noise, s);
+#endif
+            P(2 * b, 2 * b) += noise;
+            P(2 * b + 1, 2 * b + 1) += noise;
+        } else {
+            HDB_FORM(drift)(nb, b, k->f[b - no][i], s);
+            seen = s->z[2 * b];
+        }
+        part[model->block[b].part] += seen;
+        if (b == 0)
+            first = seen;
+        else
+            rest = b > 1 ? rest + seen : seen;
+    }
+    k->innovation[i] = k->residual[i] - (first + rest);
+    for (int m = 0; m < 3; ++m)
+        k->part[m][i] = part[m];
+    k->filtered[i] = k->torque[i] - (part[0] + part[1]);
+}
 
 /* Set z and P of the lanes that see their first sample; keep those that still wait at zero. */
-HDB_INLINE void HDB_SHAPE(begin)(int no, int nb, const hdb_model *model, lanes *s, work *k,
-                                 int i, filter *f)
+HDB_RARE void HDB_FORM(begin)(int no, int nb, const hdb_model *model, lanes *s, work *k, int i)
 {
+    int still = 0;
     EACH_LANE {
         if (LANE(s->head[HDB_STARTED], l) > 0)
             continue;
         const hdb_real residual = LANE(k->residual[i], l);
         const int now = model->prior_start || residual == residual;
         const hdb_real first = now && !model->prior_start ? residual : 0;
-        for (int m = 0; m < 2 * nb; ++m)
-            for (int j = 0; j < 2 * nb; ++j)
-                LANE(P(m, j), l) = 0;
+        for (int m = 0; m < AT(2 * nb, 0); ++m)
+            LANE(s->p[m], l) = 0;
         for (int m = 0; m < 3; ++m)
             LANE(k->part[m][i], l) = 0;
         LANE(k->filtered[i], l) = LANE(k->torque[i], l);
@@ -26,136 +101,154 @@ HDB_INLINE void HDB_SHAPE(begin)(int no, int nb, const hdb_model *model, lanes *
             for (int m = 0; m < 2; ++m) {
                 const hdb_real prior = model->prior_start ? model->block[b].prior[m] : 1;
                 LANE(P(2 * b + m, 2 * b + m), l) = now ? prior : 0;
-                LANE(D(2 * b + m), l) = now ? prior : 0;
             }
-            LANE(Z(2 * b), l) = b < no ? LANE(k->cosine[b][i], l) * first : 0;
-            LANE(Z(2 * b + 1), l) = b < no ? LANE(k->sine[b][i], l) * first : 0;
+            LANE(s->z[2 * b], l) = b < no ? LANE(k->cosine[b][i], l) * first : 0;
+            LANE(s->z[2 * b + 1], l) = b < no ? LANE(k->sine[b][i], l) * first : 0;
             LANE(k->innovation[i], l) -= first;
         }
         LANE(s->head[HDB_STARTED], l) = now ? 1 : 0;
+        still |= !now;
     }
+#ifdef HDB_SUMS
+    s->waiting = still;
+#else
+    (void)still;
+#endif
 }
 
-/* Flags, innovation variance, and its inverse: 0 where the sample only predicts. */
-HDB_INLINE number HDB_SHAPE(weigh)(int no, int nb, const hdb_model *model, lanes *s, work *k, int i,
-                                   const filter *f)
+/* g = P C': the diagonal with the first block, then the others; returns S = R + C g. */
+HDB_INLINE number HDB_FORM(project)(int no, int nb, hdb_real r, const work *k, int i,
+                                    const lanes *s, number *g)
 {
     const number none = {0};
-    number sum = none + model->r;
+    number variance = none + r, others = none;
     HDB_UNROLL
-    for (int b = 0; b < nb; ++b)
-        sum += b < no ? G(2 * b) * k->cosine[b][i] + G(2 * b + 1) * k->sine[b][i] : G(2 * b);
-    k->variance[i] = sum;
+    for (int j = 0; j < 2 * nb; ++j) {
+        const int at = j / 2;
+        number sum = P(j, j), rest = none;
+        if (at < no)
+            sum = sum * (j % 2 ? k->sine[at][i] : k->cosine[at][i]);
+        else if (j % 2)
+            sum = none;
+        HDB_UNROLL
+        for (int b = 0; b < nb; ++b) {
+            number more = none;
+            if (b >= no)
+                more = j == 2 * b ? none : P(2 * b, j);
+            else if (j == 2 * b)
+                more = P(j + 1, j) * k->sine[b][i];
+            else if (j == 2 * b + 1)
+                more = P(j, j - 1) * k->cosine[b][i];
+            else
+                more = P(2 * b, j) * k->cosine[b][i] + P(2 * b + 1, j) * k->sine[b][i];
+            if (b == 0)
+                sum += more;
+            else
+                rest = b > 1 ? rest + more : more;
+        }
+        g[j] = sum + rest;
+    }
+    HDB_UNROLL
+    for (int b = 0; b < nb; ++b) {
+        const number more =
+            b < no ? g[2 * b] * k->cosine[b][i] + g[2 * b + 1] * k->sine[b][i] : g[2 * b];
+        if (b == 0)
+            variance += more;
+        else
+            others = b > 1 ? others + more : more;
+    }
+    return variance + others;
+}
+
+/* Flags and 1/S: 0 where the sample only predicts. */
+HDB_INLINE number HDB_FORM(weigh)(const hdb_model *model, lanes *s, work *k, int i, number variance)
+{
+    const number none = {0};
+    k->variance[i] = variance;
     k->flag[i] = PICK(k->residual[i] == k->residual[i], none, none + HDB_MISSING);
     if (model->gate > 0) { /* counts gated samples in a row */
         EACH_LANE {
             const hdb_real e = LANE(k->innovation[i], l), run = LANE(s->head[HDB_GATED_RUN], l);
             if (LANE(k->flag[i], l) > 0)
                 continue;
-            const int beyond = e * e > model->gate * LANE(sum, l) && run < model->gate_samples;
+            const int beyond =
+                e * e > model->gate * LANE(variance, l) && run < model->gate_samples;
             LANE(k->flag[i], l) = beyond ? HDB_GATED : 0;
             LANE(s->head[HDB_GATED_RUN], l) = beyond ? run + 1 : 0;
         }
     }
-    return PICK(k->flag[i] == none, K(1.0) / sum, none);
+    return PICK(k->flag[i] == none, K(1.0) / variance, none);
 }
 
 /* Which blocks the data do not tell; no variance where a lane has not started. */
-HDB_INLINE void HDB_SHAPE(judge)(int no, const lanes *s, work *k, int i, const filter *f)
+HDB_INLINE void HDB_FORM(judge)(int no, const lanes *s, work *k, int i)
 {
     const number none = {0}, unresolved = none + HDB_UNRESOLVED;
     mask found = {0};
     HDB_UNROLL
     for (int b = 0; b < no; ++b)
-        found |= D(2 * b) + D(2 * b + 1) > HDB_RESOLVED * k->variance[i];
+        found |= P(2 * b, 2 * b) + P(2 * b + 1, 2 * b + 1) > HDB_RESOLVED * k->variance[i];
     k->flag[i] += PICK(found, unresolved, none);
     k->variance[i] = PICK(s->head[HDB_STARTED] > none, k->variance[i], none + HDB_NAN);
 }
 
-/* Inlined once per usual number of blocks, so that all loops unroll. `record` sees each prediction:
- * z, lower triangle of P, 1/S (NaN: not started, 0: only predicted), innovation. */
-HDB_INLINE void HDB_SHAPE(recurse)(int no, int ns, const hdb_model *model, lanes *s, int n, work *k,
-                                   hdb_real *record)
+#ifdef HDB_RECORDS
+/* Write a prediction: z, lower triangle of P, 1/S (NaN: not started, 0: only predicted), e. */
+HDB_INLINE hdb_real *HDB_FORM(note)(int nb, const lanes *s, number inverse, number e,
+                                    hdb_real *record)
+{
+    for (int a = 0; a < 2 * nb; ++a)
+        *record++ = s->z[a];
+    for (int a = 0; a < AT(2 * nb, 0); ++a)
+        *record++ = s->p[a];
+    *record++ = s->head[HDB_STARTED] > 0 ? inverse : HDB_NAN;
+    *record++ = e;
+    return record;
+}
+#endif
+
+/* Inlined once per usual number of blocks, so that all loops unroll. `record` is NULL, or takes
+ * each prediction. */
+HDB_INLINE void HDB_FORM(recurse)(int no, int ns, const hdb_model *model, lanes *s, int n, work *k,
+                                  hdb_real *record)
 {
     const int nb = no + ns;
     const number none = {0};
-    filter own, *const f = &own;
-#ifdef HDB_ROWS
-    HDB_SHAPE(unpack)(nb, s, f);
-#else
-    f->s = s;
-#endif
+    number g[STATES];
+    (void)record;
     for (int i = 0; i < n; ++i) {
-        HDB_SHAPE(predict)(no, nb, model, k, i, f);
-        const mask waiting = s->head[HDB_STARTED] == none;
-        if (ANY(waiting))
-            HDB_SHAPE(begin)(no, nb, model, s, k, i, f);
-        HDB_SHAPE(project)(no, nb, k, i, f);
-        const number inverse = HDB_SHAPE(weigh)(no, nb, model, s, k, i, f);
-        const number e = PICK(k->flag[i] == none, k->innovation[i], none);
+        HDB_FORM(predict)(no, nb, model, k, i, s);
+        if (HDB_WAITING(s))
+            HDB_FORM(begin)(no, nb, model, s, k, i);
+        const number variance = HDB_FORM(project)(no, nb, model->r, k, i, s, g);
+        const number inverse = HDB_FORM(weigh)(model, s, k, i, variance);
+        const number e = PICK(k->flag[i] == none, k->innovation[i], none), step = inverse * e;
 #ifdef HDB_RECORDS
-        if (record != NULL) {
-            for (int a = 0; a < 2 * nb; ++a)
-                *record++ = Z(a);
-            for (int a = 0; a < 2 * nb; ++a)
-                for (int b = 0; b <= a; ++b)
-                    *record++ = P(a, b);
-            *record++ = s->head[HDB_STARTED] > none ? inverse : HDB_NAN;
-            *record++ = e;
-        }
-#else
-        (void)record;
+        if (record != NULL)
+            record = HDB_FORM(note)(nb, s, inverse, e, record);
 #endif
-        const number step = inverse * e;
-#ifdef HDB_ROWS
-        EACH_PART {
-            f->z[m] += f->g[m] * step;
-            f->diagonal[m] -= inverse * (f->g[m] * f->g[m]);
-        }
-        HDB_UNROLL
-        for (int a = 0; a < 2 * nb; ++a)
-            EACH_PART f->p[a][m] -= inverse * (f->g[m] * G(a));
-#else
         HDB_UNROLL
         for (int a = 0; a < 2 * nb; ++a) {
-            Z(a) += G(a) * step;
+            s->z[a] += g[a] * step;
             HDB_UNROLL
             for (int b = 0; b <= a; ++b)
 #ifdef HDB_SINGLE /* one product less; the rows of the host need the symmetric one */
-                P(a, b) -= (inverse * G(a)) * G(b);
+                P(a, b) -= (inverse * g[a]) * g[b];
 #else
-                P(a, b) -= inverse * (G(a) * G(b));
+                P(a, b) -= inverse * (g[a] * g[b]);
 #endif
         }
-#endif
 #ifdef HDB_SUMS
         const mask used = k->flag[i] == none;
         s->used += PICK(used, none + 1, none);
         s->squares += e * e * inverse;
         s->product *= PICK(used, k->variance[i], none + 1);
-        if (++s->since == 8) { /* the logarithm is taken of products */
-            s->since = 0;
-            EACH_LANE {
-                if (!(LANE(s->product, l) > 1e-150 && LANE(s->product, l) < 1e150)) {
-                    LANE(s->log_sum, l) += log(LANE(s->product, l));
-                    LANE(s->product, l) = 1;
-                }
-            }
-        }
+        HDB_FORM(tally)(s);
 #endif
-        HDB_SHAPE(judge)(no, s, k, i, f);
+        HDB_FORM(judge)(no, s, k, i);
     }
-#ifdef HDB_ROWS
-    HDB_SHAPE(pack)(nb, f, s);
-#endif
 }
 
-#undef filter
-#undef part_of_row
-#undef V
-#undef PARTS
-#undef EACH_PART
-#undef D
-#undef Z
-#undef G
 #undef P
+#undef HDB_WAITING
+#undef HDB_RARE

@@ -7,13 +7,23 @@
 #define HDB_RUN_CHUNK 64 /* samples whose sines are computed together; changes speed only */
 #define HDB_BATCH_CHUNK 8
 #define HDB_LANE(value, l) (((double *)&(value))[l])
+#ifdef __GNUC__
+#ifdef __clang__ /* neighbours change places */
+#define HDB_SWAPPED(x) __builtin_shufflevector(x, x, HDB_PAIRS)
+#else
+#define HDB_SWAPPED(x) __builtin_shuffle(x, (HDB_ROWS(index)){HDB_PAIRS})
+#endif
+
+/* From 7 - i on: all bits but in place i. */
+static const int64_t HDB_BUT_ONE[15] = {-1, -1, -1, -1, -1, -1, -1, 0, -1, -1, -1, -1, -1, -1, -1};
+#endif
 
 #ifdef HDB_MULTIVERSION /* GCC on x86-64: one version per width of its vectors */
 #pragma GCC push_options
-#pragma GCC target("avx512f")
+#pragma GCC target("avx512f") /* one trace gains nothing from vectors this wide */
 #define HDB_ISA(name) hdb_avx512_##name
 #define HDB_VECTOR 8
-#include "filter_isa.h"
+#include "filter_many.h"
 #undef HDB_ISA
 #undef HDB_VECTOR
 #pragma GCC pop_options
@@ -21,19 +31,24 @@
 #pragma GCC target("avx2")
 #define HDB_ISA(name) hdb_avx2_##name
 #define HDB_VECTOR 4
-#include "filter_isa.h"
+#define HDB_PAIRS 1, 0, 3, 2
+#include "filter_one.h"
+#include "filter_many.h"
 #undef HDB_ISA
 #undef HDB_VECTOR
+#undef HDB_PAIRS
 #pragma GCC pop_options
 #endif
 
 #define HDB_ISA(name) hdb_plain_##name
 #ifdef __GNUC__
 #define HDB_VECTOR 2 /* two doubles: what every 64-bit processor has */
+#define HDB_PAIRS 1, 0
 #else
 #define HDB_VECTOR 1
 #endif
-#include "filter_isa.h"
+#include "filter_one.h"
+#include "filter_many.h"
 
 hdb_status hdb_model_read(hdb_model *model, const double *a, size_t size)
 {
@@ -75,9 +90,7 @@ hdb_status hdb_filter_run(const hdb_model *model, double *state, size_t n, const
     if (status != HDB_OK)
         return status;
 #ifdef HDB_MULTIVERSION
-    if (__builtin_cpu_supports("avx512f"))
-        hdb_avx512_run(model, state, n, in, out, sums);
-    else if (__builtin_cpu_supports("avx2"))
+    if (__builtin_cpu_supports("avx2"))
         hdb_avx2_run(model, state, n, in, out, sums);
     else
 #endif

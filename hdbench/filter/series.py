@@ -1,0 +1,103 @@
+"""Sines and exponentials by the kernel's series: the same bits on every machine."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from hdbench.records import FloatArray
+
+__all__ = ["decay", "sines", "tail"]
+
+_SINE = (
+    -1.0 / 1307674368000.0,
+    1.0 / 6227020800.0,
+    -1.0 / 39916800.0,
+    1.0 / 362880.0,
+    -1.0 / 5040.0,
+    1.0 / 120.0,
+    -1.0 / 6.0,
+)
+_COSINE = (
+    1.0 / 20922789888000.0,
+    -1.0 / 87178291200.0,
+    1.0 / 479001600.0,
+    -1.0 / 3628800.0,
+    1.0 / 40320.0,
+    -1.0 / 720.0,
+    1.0 / 24.0,
+)
+
+
+def tail(b: FloatArray) -> FloatArray:
+    """Return 6 (exp(b) - 1 - b - b^2/2) / b^3.
+
+    Parameters
+    ----------
+    b : ndarray, shape (n,)
+        Exponents, 0 to 1/2.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        To a few roundings.
+    """
+    b = np.minimum(b, 0.5)
+    total = np.ones_like(b)
+    for k in range(16, 3, -1):
+        total = 1.0 + b * (1.0 / k) * total
+    return total
+
+
+def decay(a: FloatArray) -> FloatArray:
+    """Return 1 - exp(-a) for a >= 0, by its series on [0, 1/4] and doublings.
+
+    Parameters
+    ----------
+    a : ndarray, shape (n,)
+        Exponents, >= 0.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        ``1 - exp(-a)``, to a few roundings.
+    """
+    small, doublings = np.minimum(a, 64.0), np.zeros(a.size, dtype=int)
+    while (small > 0.25).any():
+        doublings += small > 0.25
+        small = np.where(small > 0.25, 0.5 * small, small)
+    total = np.ones_like(small)
+    for k in range(14, 1, -1):
+        total = 1.0 - small * (1.0 / k) * total
+    missing: FloatArray = small * total
+    for done in range(int(doublings.max(initial=0))):
+        missing = np.where(done < doublings, missing * (2.0 - missing), missing)
+    return missing
+
+
+def sines(angle: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return cosine and sine by the kernel's polynomials on quarter turns.
+
+    Parameters
+    ----------
+    angle : ndarray, shape (n,)
+        Angles, rad, within 1e5.
+
+    Returns
+    -------
+    cosine, sine : ndarray, shape (n,)
+        To an absolute 3e-16.
+    """
+    k = np.rint(angle * float.fromhex("0x1.45f306dc9c883p-1"))
+    part1, part2 = float.fromhex("0x1.921fb5440p0"), float.fromhex("0x1.0b4611a60p-34")
+    r = (angle - k * part1) - k * part2
+    z = r * r
+    s, c = np.full_like(z, _SINE[0]), np.full_like(z, _COSINE[0])
+    for s_next, c_next in zip(_SINE[1:], _COSINE[1:], strict=True):
+        s, c = s * z + s_next, c * z + c_next
+    s = r + r * (z * s)
+    c = 1.0 + (z * z * c - 0.5 * z)
+    m = k - 4.0 * np.rint(k * 0.25)
+    odd = m * m * (4.0 - m * m) * (1.0 / 3.0)
+    side = m * odd
+    axis = (1.0 - odd) * (1.0 - 0.5 * m * m)
+    return axis * c - side * s, axis * s + side * c
