@@ -20,7 +20,9 @@ The whole benchmark, resumable (answers already there are kept) and quiet::
     tools/blind.py --rivals 150 --out build/blind   # simpler methods on 150 of its short records
 
 `--stop-after MINUTES` ends early with what there is; `--fresh` takes seeds from commit and date,
-otherwise the public ones. Needs PYTHONPATH only where hdbench is not installed.
+otherwise the public ones. The null of the diagnosis against full simulations:
+`tools/null_campaign.py --out build/blind`, whose figures the page takes up. Needs PYTHONPATH only
+where hdbench is not installed.
 """
 
 from __future__ import annotations
@@ -73,8 +75,15 @@ def _chosen(args: argparse.Namespace) -> list:  # type: ignore[type-arg]
     base = fresh_base() if args.fresh else (args.base or PUBLIC_SEED)
     tiers = {f"d{value:g}" for value in args.d} | set(args.tier)
     parts = args.part or "ABPCDEFL"
-    every = [*grid(base, parts.replace("L", ""), args.scale)]
-    every += load_cases(base) if "L" in parts else []
+    lists = [
+        list(grid(base, parts.replace("L", ""), args.scale)),
+        load_cases(base) if "L" in parts else [],
+    ]
+    # runs and calibrations side by side, so that an early end has its share of both
+    placed = [
+        ((k + 0.5) / len(some), n, c) for n, some in enumerate(lists) for k, c in enumerate(some)
+    ]
+    every = [case for _, _, case in sorted(placed, key=lambda entry: entry[:2])]
     cases = [
         case
         for case in every

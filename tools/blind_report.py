@@ -81,6 +81,10 @@ def report(folder: Path, write: bool) -> None:
         print("\ncalibration loads")
         for line in _printed(static):
             print(line)
+    shuffled = figures(shuffled_rows(dynamic))
+    print("\ntruth shuffled within each part: must fall to chance")
+    for line in _printed({key: shuffled[key] for key in ("score", "name_d10", "name_d20")}):
+        print(line)
     if not write:
         return
     text = page(
@@ -93,8 +97,9 @@ def report(folder: Path, write: bool) -> None:
         loads=loads,
         load_numbers=static,
         load_families=by_load_family(loads),
-        shuffled=figures(shuffled_rows(dynamic)),
+        shuffled=shuffled,
         rivals=_rivals(folder, rows),
+        null=read_lines(folder / "null.jsonl"),
     )
     (ROOT / "docs" / "blind-benchmark.md").write_text(text)
     image = ROOT / "docs" / "images" / "blind-confusion.png"

@@ -25,6 +25,7 @@ ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT / "tests" / "blind"))
 
 from blind_lines import end_line, read_lines  # noqa: E402
+from blind_proposal import proposal  # noqa: E402
 from injector.build import Case, Hidden, build  # noqa: E402
 from injector.loadcases import build_loads  # noqa: E402
 from injector.seal import case_text, salt_of, seal, truth_text  # noqa: E402
@@ -127,7 +128,7 @@ def answer_case(case: Case, with_oracle: bool = True) -> tuple[dict[str, Any], d
     _peak_reset()
     signal.signal(signal.SIGALRM, _expire)
     signal.alarm(_PATIENCE_S)
-    begin = time.perf_counter()
+    begin, burnt = time.perf_counter(), time.process_time()
     try:
         entry["answer"] = _diagnose(case, made, materiality_of(case.part))
     except HdbenchError as error:
@@ -137,7 +138,10 @@ def answer_case(case: Case, with_oracle: bool = True) -> tuple[dict[str, Any], d
     finally:
         signal.alarm(0)
     entry["seconds"] = round(time.perf_counter() - begin, 3)
+    entry["cpu_s"] = round(time.process_time() - burnt, 3)
     entry["peak_mb"] = round(_peak_mb(), 1)
+    if case.note.endswith("|poor") and entry.get("answer", {}).get("causes"):
+        entry["proposal"] = proposal(made, entry["answer"], _profile(case.bits).data, case.bits)
     return sealed, entry
 
 

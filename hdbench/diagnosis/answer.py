@@ -2,26 +2,29 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hdbench.diagnosis.confirm import Gain, HeldOut, gain_between, held_out_residuals
+from hdbench.diagnosis.conditions import left_out_gains
+from hdbench.diagnosis.confirm import held_out_residuals
 from hdbench.diagnosis.curves import curve_place, is_curve
+from hdbench.diagnosis.demoted import spoken_against
 from hdbench.diagnosis.extend import cause_term, extended_model
+from hdbench.diagnosis.gain import Gain, HeldOut, gain_between
 from hdbench.diagnosis.jointfit import JointFit, fit_jointly
 from hdbench.diagnosis.limits import minimum_detectable
 from hdbench.diagnosis.nameless import unnamed
+from hdbench.diagnosis.pictures import pictures_of
 from hdbench.diagnosis.preflight import Preflight
 from hdbench.diagnosis.record import Record
-from hdbench.diagnosis.result import Diagnosis, NamedCause, Pictures, Unexplained
+from hdbench.diagnosis.result import Diagnosis, NamedCause, Unexplained
 from hdbench.diagnosis.search import Found
-from hdbench.diagnosis.spectra import peak_spectrum
+from hdbench.diagnosis.share import as_given_rms, mean_square, share_of
 from hdbench.diagnosis.state import Accepted
 from hdbench.diagnosis.terms import Term
 from hdbench.diagnosis.walk import WALK, walk_cause, walk_shape
 from hdbench.model import BenchModel, CauseTerm, cause_parameters
-from hdbench.records.trace import FloatArray
 
 __all__ = ["Answer"]
 
@@ -75,7 +78,7 @@ class Answer:
         record, found = self.record, self.found
         whitener = found.noise.whitener
         baseline = fit_jointly(record, found.fit.terms[: self.n_known], whitener, refine=False)
-        variance = self._mean_square(baseline)
+        variance = mean_square(record, baseline)
         named, places, held_out = self._findings(variance)
         causes = tuple(c for c in named if c.share_of_variance >= self.materiality)
         unexplained = tuple(u for u in places if u.share_of_variance >= self.materiality)
@@ -94,7 +97,7 @@ class Answer:
             {
                 "terms": list(self.given.terms()),
                 "heldout_rms_nm": held_out[1].rms_nm,
-                "as_given_rms_nm": self._as_given_rms(),
+                "as_given_rms_nm": as_given_rms(record, self.given),
             },
             {"terms": list(extended.terms()), "heldout_rms_nm": held_out[0].rms_nm},
             extended,
@@ -106,7 +109,7 @@ class Answer:
                 "samples_used": int(record.valid.sum()),
             },
             "",
-            self._pictures(baseline, extended),
+            pictures_of(record, (self.given, extended), found, baseline),
         )
 
     def _findings(
@@ -118,16 +121,23 @@ class Answer:
         left_out = [None, -1, *range(first, first + count)]
         whitener = found.noise.whitener
         held_out = held_out_residuals(self.record, found.fit, whitener, left_out)
+        conditions = left_out_gains(self.record, found.fit, whitener, range(first, first + count))
         named = list(self.acquired)
         places: list[Unexplained] = []
         for index, accepted in enumerate(found.accepted):
-            share = self._share(first + index, variance)
+            if accepted.form:
+                continue
+            share = share_of(self.record, found, first + index, variance)
             before = held_out[2 + index]
             if unnamed(found.fit.terms[first + index]):
                 places.append(self._unnamed(first + index, accepted, share))
             elif before.chi2 > held_out[0].chi2:
                 gain = gain_between(before, held_out[0], self.record, self.rng)
-                named.append(self._named(first + index, accepted, share, gain))
+                cause = self._named(first + index, accepted, share, gain)
+                cause = replace(cause, left_out=conditions[index])
+                against = spoken_against(cause)
+                named += [] if against else [cause]
+                places += [] if against is None else [against]
         if found.walk is not None:
             named.append(walk_cause(found, found.walk, variance, held_out[0].rms_nm))
         places += [
@@ -144,32 +154,10 @@ class Answer:
         ]
         return named, places, held_out[:2]
 
-    def _mean_square(self, fit: JointFit) -> float:
-        left = (self.record.response_nm - fit.fitted_nm)[self.record.valid]
-        return float(np.mean(left**2))
-
-    def _share(self, place: int, variance: float) -> float:
-        """Return the share of variance that a term explains.
-
-        The larger of what it adds to the terms before it and of what its loss would cost: of two
-        like effects, such as dry and viscous friction, each can stand in for the other, and the
-        loss of one alone costs little however large both are.
-        """
-        terms = self.found.fit.terms
-        added = self._left_by(terms[:place]) - self._left_by(terms[: place + 1])
-        lost = self._left_by(terms[:place] + terms[place + 1 :]) - self._left_by(terms)
-        return float(np.clip(max(added, lost) / variance, 0.0, 1.0))
-
-    def _left_by(self, terms: tuple[Term, ...]) -> float:
-        """Return the mean square that baseline and terms leave, (N m)^2."""
-        whitener = self.found.noise.whitener
-        return self._mean_square(fit_jointly(self.record, terms, whitener, refine=False))
-
     def _named(self, place: int, accepted: Accepted, share: float, gain: Gain) -> NamedCause:
         term = self.found.fit.terms[place]
-        parameters = dict(
-            cause_parameters(cause_term(self.found.fit, place), extra=self.given.extra_causes)
-        )
+        fit, where = self._alone(place)
+        parameters = dict(cause_parameters(cause_term(fit, where), extra=self.given.extra_causes))
         for other in accepted.group[1:]:
             for name, value in other.shape.items():
                 unit = next(p.unit for p in other.cause.shape if p.name == name)
@@ -190,6 +178,18 @@ class Answer:
             share,
             _DOMAINS.get(term.cause.locked_to, term.cause.locked_to),
         )
+
+    def _alone(self, place: int) -> tuple[JointFit, int]:
+        """Return a fit in which a term has one shape, and its place in it."""
+        fit = self.found.fit
+        name = fit.terms[place].cause.name
+        kept = [
+            k for k, term in enumerate(fit.terms) if not (term.form and term.cause.name == name)
+        ]
+        if len(kept) == len(fit.terms):
+            return fit, place
+        terms = tuple(fit.terms[k] for k in kept)
+        return fit_jointly(self.record, terms, self.found.noise.whitener), kept.index(place)
 
     def _alternative_std(self, term: Term, name: str) -> float | None:
         """Return the uncertainty of a place carried from the other axis by the mean speed."""
@@ -225,38 +225,6 @@ class Answer:
             float(np.hypot(*fit.linear[place])),
             share,
             accepted.false_alarm,
-        )
-
-    def _as_given_rms(self) -> float:
-        simulated = self.given.torque_nm(self.record.motion)
-        left = (self.record.torque_nm - simulated)[self.record.valid]
-        return float(np.sqrt(np.mean(left**2)))
-
-    def _pictures(self, baseline: JointFit, extended: BenchModel) -> Pictures:
-        record, found = self.record, self.found
-        motion = record.motion
-
-        def unused_as_nan(values: FloatArray) -> FloatArray:
-            return np.where(record.valid, values, np.nan)
-
-        spectra = tuple(
-            peak_spectrum(scan.domain, scan.unit, found.first.scans, found.last.scans)
-            for scan in found.scans
-        )
-        return Pictures(
-            motion.time_s,
-            motion.velocity_rad_s,
-            record.torque_nm,
-            self.given.torque_nm(motion),
-            extended.torque_nm(motion),
-            unused_as_nan(record.response_nm - baseline.fitted_nm),
-            unused_as_nan(record.response_nm - found.fit.fitted_nm),
-            ~record.valid,
-            spectra,
-            motion.acceleration_rad_s2,
-            motion.angle_rad,
-            motion.output_angle_rad,
-            motion.applied_nm,
         )
 
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import gammaincc, ndtri
 
 from hdbench.diagnosis.curves import equal_bins
+from hdbench.diagnosis.left import Left
+from hdbench.diagnosis.passing import bursts, gliding_tones
 from hdbench.diagnosis.record import Record
 from hdbench.diagnosis.whitened import Space
 from hdbench.records.trace import FloatArray
@@ -28,37 +29,6 @@ _VARIANCE_BINS = 16
 _TILES_S = (1.0, 4.0, 16.0)
 _SHORTEST_TILE = 32
 _LEAST_TILES = 4
-
-
-@dataclass(frozen=True, slots=True)
-class Left:
-    """A part of the residual that has a place and no name.
-
-    Parameters
-    ----------
-    domain : str
-        Domain of the contract.
-    unit : str
-        Unit of the place.
-    location : float
-        Centre of the place.
-    extent : tuple of float
-        Its ends.
-    size_nm : float
-        Size of the effect there, N m.
-    p_value : float
-        Probability of the statistic or more without it, for this challenger alone.
-    variance_nm2 : float
-        Its part of the residual's variance, (N m)^2.
-    """
-
-    domain: str
-    unit: str
-    location: float
-    extent: tuple[float, float]
-    size_nm: float
-    p_value: float
-    variance_nm2: float
 
 
 def _variance_over(
@@ -115,7 +85,7 @@ def variance_over_speed(space: Space, record: Record, noise_nm: float) -> Left |
 
 
 def variance_over_torque(space: Space, record: Record, noise_nm: float) -> Left | None:
-    """Return where the residual's variance differs over the magnitude of the known torque.
+    """Return where the residual's variance differs over the magnitude of the torque.
 
     Parameters
     ----------
@@ -129,11 +99,14 @@ def variance_over_torque(space: Space, record: Record, noise_nm: float) -> Left 
     Returns
     -------
     Left or None
-        The bin that stands out most, N m; None without a measured load.
+        The bin that stands out most, N m: of the measured load, else of the simulated torque.
     """
-    if record.motion.load_torque_nm is None:
+    motion = record.motion
+    torque = motion.simulated_nm if motion.load_torque_nm is None else motion.applied_nm
+    if torque is None:
         return None
-    return _variance_over(space, record, noise_nm, np.abs(record.motion.applied_nm), "N m")
+    magnitude = np.abs(np.where(record.valid & np.isfinite(torque), torque, 0.0))
+    return _variance_over(space, record, noise_nm, magnitude, "N m")
 
 
 def tiles(space: Space, record: Record, noise_nm: float) -> Left | None:
@@ -230,6 +203,8 @@ CHALLENGERS: tuple[Callable[[Space, Record, float], Left | None], ...] = (
     variance_over_speed,
     variance_over_torque,
     tiles,
+    bursts,
+    gliding_tones,
     outliers,
 )
 

@@ -1,21 +1,21 @@
-"""The gain of a cause on blocks that its fit has not seen."""
+"""Predictions of blocks that a fit has not seen."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hdbench.diagnosis.families import is_line
+from hdbench.diagnosis.gain import HeldOut
 from hdbench.diagnosis.jointfit import JointFit
 from hdbench.diagnosis.record import Record
 from hdbench.diagnosis.terms import tangent_columns, term_columns
 from hdbench.diagnosis.whitened import Whitener
 from hdbench.records.trace import FloatArray
 
-__all__ = ["Gain", "HeldOut", "gain_between", "held_out_residuals"]
+__all__ = ["design_of", "held_out_residuals", "kept_columns"]
 
 _FOLDS = 5
 # contiguous blocks of each fold, spread over the record: a block of a single stretch would leave
@@ -25,65 +25,11 @@ _BLOCKS_PER_FOLD = 4
 _GAP = 30
 # a longer memory, of slow noise, leaves no samples to train on if its whole is kept away
 _MEMORY = 100
-_DRAWS = 2000
-# at least this many blocks in the bootstrap, else its interval is no interval
-_MIN_BLOCKS = 20
 _RANK = 1e-10
+# owner of columns that take no part in a prediction
+_ABSENT = -2
 # weight of plain samples beside whitened ones
 _ANCHOR = 1e-3
-
-
-@dataclass(frozen=True, slots=True)
-class HeldOut:
-    """Residual of predictions for blocks that were left out of the fit.
-
-    Parameters
-    ----------
-    residual_nm : ndarray, shape (n,)
-        Measured less predicted, N m; zero where not valid.
-    valid : ndarray of bool, shape (n,)
-        Samples that were predicted.
-    chi2 : float
-        Sum of squares of the whitened residual.
-    """
-
-    residual_nm: FloatArray
-    valid: NDArray[np.bool_]
-    chi2: float
-
-    @property
-    def rms_nm(self) -> float:
-        """Root mean square, N m."""
-        return float(np.sqrt(np.mean(self.residual_nm[self.valid] ** 2)))
-
-
-@dataclass(frozen=True, slots=True)
-class Gain:
-    """Held-out residual without and with a cause.
-
-    Parameters
-    ----------
-    heldout_rms_before_nm, heldout_rms_after_nm : float
-        Root mean square without and with it, N m.
-    explained_fraction : float
-        One less the ratio of the mean squares.
-    interval : tuple of float
-        95 % interval of `explained_fraction` by a paired block bootstrap.
-    """
-
-    heldout_rms_before_nm: float
-    heldout_rms_after_nm: float
-    explained_fraction: float
-    interval: tuple[float, float]
-
-    def to_dict(self) -> dict[str, object]:
-        """Return the gain as the contract writes it."""
-        return {
-            "heldout_rms_before_nm": self.heldout_rms_before_nm,
-            "heldout_rms_after_nm": self.heldout_rms_after_nm,
-            "explained_fraction": self.explained_fraction,
-            "interval": list(self.interval),
-        }
 
 
 def held_out_residuals(
@@ -113,8 +59,17 @@ def held_out_residuals(
     orders and frequencies fitted to the other folds; orders and frequencies by the slopes of the
     torque about the joint fit, other shapes stay at it. Samples within the noise's memory of a
     block, 30 at least, do not train.
+
+    Least squares alone would predict without bounds where a fold holds the only samples that show
+    a part of an effect. The linear parameters of a cause have a normal distribution as prior, in
+    which its whitened torque over the record is as large as the other folds show it to be, alike
+    in all directions (the g-prior with an empirical g).
+
+    References
+    ----------
+    .. [1] E. I. George, D. P. Foster, Biometrika 87 (2000) 731, doi:10.1093/biomet/87.4.731.
     """
-    design, owner = _design(record, fit)
+    design, owner = design_of(record, fit)
     response = record.response_nm
     white, right = _anchored(record, fit, whitener, design)
     samples = np.flatnonzero(record.valid)
@@ -129,7 +84,9 @@ def held_out_residuals(
                 own -= white[rows].T @ white[rows]
                 target -= white[rows].T @ right[rows]
         for row, left in enumerate(leave_out):
-            solution = _solution(own, target, _kept(owner, left, fit))
+            kept = kept_columns(owner, left, fit)
+            prior = _prior(gram, own, target, np.where(kept, owner, _ABSENT))
+            solution = _solution(own + prior, target, kept)
             for block in blocks[fold::_FOLDS]:
                 residuals[row, block] = response[block] - design[block] @ solution
     return [
@@ -154,10 +111,26 @@ def _anchored(
     return white, np.concatenate([whitener.apply(response), response * seen])
 
 
-def _design(record: Record, fit: JointFit) -> tuple[FloatArray, NDArray[np.int64]]:
-    """Return scaled columns and the index of the cause that each belongs to, -1 for the base."""
+def design_of(record: Record, fit: JointFit) -> tuple[FloatArray, NDArray[np.int64]]:
+    """Return scaled columns and the index of the cause that each belongs to, -1 for the base.
+
+    Parameters
+    ----------
+    record : Record
+        Record.
+    fit : JointFit
+        Joint fit; lines have the slopes over their places too.
+
+    Returns
+    -------
+    columns : ndarray, shape (n, k)
+    owner : ndarray of int, shape (k,)
+    """
     parts, owner = [record.base], [-1] * record.base.shape[1]
-    for index, (term, linear) in enumerate(zip(fit.terms, fit.linear, strict=True)):
+    first: dict[str, int] = {}
+    for place, (term, linear) in enumerate(zip(fit.terms, fit.linear, strict=True)):
+        index = first.setdefault(term.cause.name, place) if term.form else place
+        first.setdefault(term.cause.name, place)
         columns = term_columns(term, record)
         parts.append(columns)
         if is_line(term.cause):
@@ -168,8 +141,22 @@ def _design(record: Record, fit: JointFit) -> tuple[FloatArray, NDArray[np.int64
     return design / np.where(size > 0.0, size, 1.0), np.array(owner, dtype=np.int64)
 
 
-def _kept(owner: NDArray[np.int64], left: int | None, fit: JointFit) -> NDArray[np.bool_]:
-    """Return which columns stay."""
+def kept_columns(owner: NDArray[np.int64], left: int | None, fit: JointFit) -> NDArray[np.bool_]:
+    """Return which columns stay.
+
+    Parameters
+    ----------
+    owner : ndarray of int, shape (k,)
+        As `design_of` gives it.
+    left : int or None
+        Cause that is left out; None for none, -1 for all that the model did not hold before.
+    fit : JointFit
+        Joint fit.
+
+    Returns
+    -------
+    ndarray of bool, shape (k,)
+    """
     if left is None:
         return np.ones(len(owner), dtype=bool)
     if left >= 0:
@@ -187,6 +174,57 @@ def _solution(gram: FloatArray, target: FloatArray, kept: NDArray[np.bool_]) -> 
     return solution
 
 
+def _prior(
+    gram: FloatArray, own: FloatArray, target: FloatArray, owner: NDArray[np.int64]
+) -> FloatArray:
+    """Return the precision of the prior of every cause's parameters, from training samples alone.
+
+    Parameters
+    ----------
+    gram : ndarray, shape (k, k)
+        Whitened design of the whole record times itself.
+    own, target : ndarray, shape (k, k) and (k,)
+        The same of the training samples, and with the response.
+    owner : ndarray of int, shape (k,)
+        Cause of each column, -1 for the base, -2 for columns that do not take part.
+
+    Returns
+    -------
+    ndarray, shape (k, k)
+        Zero for the base.
+    """
+    kept = owner != _ABSENT
+    precision = np.zeros_like(gram)
+    with_all = _explained(own, target, kept)
+    for cause in np.unique(owner[owner >= 0]):
+        columns = np.flatnonzero(owner == cause)
+        count = len(columns)
+        energy = with_all - _explained(own, target, kept & (owner != cause))
+        others = np.flatnonzero(kept & (owner != cause))
+        inside = _beside(gram, columns, others)
+        trained = _beside(own, columns, others)
+        seen = float(np.trace(np.linalg.pinv(inside, rcond=_RANK, hermitian=True) @ trained))
+        # what noise alone would explain is no size of the effect
+        precision[np.ix_(columns, columns)] = seen / max(energy - count, count) * inside
+    return precision
+
+
+def _explained(gram: FloatArray, target: FloatArray, kept: NDArray[np.bool_]) -> float:
+    """Return the whitened sum of squares that columns explain."""
+    return float(target @ _solution(gram, target, kept))
+
+
+def _beside(gram: FloatArray, columns: NDArray[np.int64], others: NDArray[np.int64]) -> FloatArray:
+    """Return what is left of the Gram matrix of columns beside others."""
+    cross = gram[np.ix_(others, columns)]
+    return np.asarray(
+        gram[np.ix_(columns, columns)]
+        - cross.T
+        @ np.linalg.pinv(gram[np.ix_(others, others)], rcond=_RANK, hermitian=True)
+        @ cross
+    )
+
+
 def _surroundings(blocks: list[NDArray[np.int64]], gap: int) -> list[slice]:
     """Return the blocks with their gaps, none of which overlap."""
     out: list[slice] = []
@@ -194,45 +232,3 @@ def _surroundings(blocks: list[NDArray[np.int64]], gap: int) -> list[slice]:
         start = max(0, int(block[0]) - gap, out[-1].stop if out else 0)
         out.append(slice(start, max(start, int(block[-1]) + gap + 1)))
     return out
-
-
-def _block_sums(values: FloatArray, length: int) -> FloatArray:
-    edges = np.arange(0, len(values), length)
-    return np.asarray(np.add.reduceat(values, edges))
-
-
-def gain_between(before: HeldOut, after: HeldOut, record: Record, rng: np.random.Generator) -> Gain:
-    """Return the gain from one prediction to the other.
-
-    Parameters
-    ----------
-    before, after : HeldOut
-        Predictions without and with a cause.
-    record : Record
-        Record; an output turn is the length of a bootstrap block where 20 of them fit.
-    rng : Generator
-        For the bootstrap.
-
-    Returns
-    -------
-    Gain
-
-    References
-    ----------
-    .. [1] H. R. Kuensch, Ann. Statist. 17 (1989) 1217, doi:10.1214/aos/1176347265.
-    """
-    old = before.residual_nm[before.valid] ** 2
-    new = after.residual_nm[after.valid] ** 2
-    travelled = np.abs(np.diff(record.motion.output_angle_rad[record.valid])).sum() / (2.0 * np.pi)
-    turn = len(old) / travelled if travelled > 0.0 else np.inf
-    length = int(np.clip(turn, 1, max(1, len(old) // _MIN_BLOCKS)))
-    sums_old, sums_new = _block_sums(old, length), _block_sums(new, length)
-    pick = rng.integers(0, len(sums_old), (_DRAWS, len(sums_old)))
-    fractions = 1.0 - sums_new[pick].sum(axis=1) / sums_old[pick].sum(axis=1)
-    low, high = np.percentile(fractions, (2.5, 97.5))
-    return Gain(
-        before.rms_nm,
-        after.rms_nm,
-        float(1.0 - new.mean() / old.mean()),
-        (float(low), float(high)),
-    )

@@ -34,7 +34,11 @@ def cause_term(fit: JointFit, place: int) -> CauseTerm:
     """
     term = fit.terms[place]
     covariance = tuple(tuple(float(x) for x in row) for row in fit.covariances[place])
-    linear = tuple(float(x) for x in fit.linear[place])
+    # a later cause may push an earlier one past its domain by what the record cannot tell
+    linear = tuple(
+        float(np.clip(x, p.lower, p.upper))
+        for x, p in zip(fit.linear[place], term.cause.linear, strict=True)
+    )
     return CauseTerm(term.cause.name, dict(term.shape), linear, covariance)
 
 

@@ -7,7 +7,9 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
+from hdbench.diagnosis.normal import Normal, normal_solve
 from hdbench.diagnosis.record import Record
 from hdbench.diagnosis.terms import (
     Term,
@@ -21,12 +23,12 @@ from hdbench.records.trace import FloatArray
 
 __all__ = ["JointFit", "fit_jointly"]
 
-# directions whose share of the scaled normal matrix falls below this cannot be resolved
-_RANK = 1e-11
 _ROUNDS = 12
 _HALVINGS = 6
 # a step smaller than this many standard deviations of the parameter ends the iteration
 _SETTLED = 1e-3
+# ... and so does a gain of less than a two-hundredth of a nat: no parameter moves by a tenth of one
+_GAINED = 0.01
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,6 +52,8 @@ class JointFit:
         Columns that span the fit: base, causes, slopes over the shape parameters.
     chi2 : float
         Sum of squares of the whitened residual.
+    normal : Normal
+        Normal equations of its linear parameters.
     """
 
     terms: tuple[Term, ...]
@@ -59,17 +63,22 @@ class JointFit:
     fitted_nm: FloatArray
     explained: FloatArray
     chi2: float
+    normal: Normal
 
+    def loss(self, index: int) -> float:
+        """Return what the loss of a term would cost, its shape and those of the others held.
 
-def _normal_solve(gram: FloatArray, right: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the minimum-norm solution of a scaled normal equation and its inverse."""
-    size = np.sqrt(np.diag(gram))
-    size = np.where(size > 0.0, size, 1.0)
-    values, vectors = np.linalg.eigh(gram / np.outer(size, size))
-    good = values > _RANK * values[-1]
-    inverse = (vectors[:, good] / values[good]) @ vectors[:, good].T
-    inverse = inverse / np.outer(size, size)
-    return inverse @ right, inverse
+        Parameters
+        ----------
+        index : int
+            Index of the term.
+
+        Returns
+        -------
+        float
+            Rise of the whitened sum of squares, not below 0.
+        """
+        return max(self.normal.left_without(index) - self.chi2, 0.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,7 +89,7 @@ class _State:
     raw: FloatArray
     white: FloatArray
     solution: FloatArray
-    slices: tuple[slice, ...]
+    normal: Normal
     chi2: float
 
 
@@ -94,17 +103,36 @@ def _solve_at(
     blocks = [term_columns(term, record) for term in terms]
     raw = np.hstack([record.base, *blocks])
     white = np.hstack([white_base, *(whitener.apply(b) for b in blocks)])
-    solution, _ = _normal_solve(white.T @ white, white.T @ white_response)
+    gram, right = white.T @ white, white.T @ white_response
+    solution, _ = normal_solve(gram, right)
+    first = white_base.shape[1]
+    while (outside := _below_zero(terms, solution[first:])).any():
+        # at its bound of zero a parameter's column takes no part
+        place = first + np.flatnonzero(outside)
+        white[:, place] = 0.0
+        raw[:, place] = 0.0
+        gram[place] = 0.0
+        gram[:, place] = 0.0
+        right[place] = 0.0
+        solution, _ = normal_solve(gram, right)
+        solution[np.diag(gram) == 0.0] = 0.0
     left = white_response - white @ solution
     edges = np.cumsum([white_base.shape[1], *(b.shape[1] for b in blocks)])
     slices = tuple(slice(int(a), int(b)) for a, b in pairwise(edges))
-    return _State(terms, raw, white, solution, slices, float(left @ left))
+    normal = Normal(gram, right, float(white_response @ white_response), slices)
+    return _State(terms, raw, white, solution, normal, float(left @ left))
+
+
+def _below_zero(terms: tuple[Term, ...], linear: FloatArray) -> NDArray[np.bool_]:
+    """Return which linear parameters are negative though their domain begins at zero."""
+    lower = [parameter.lower for term in terms for parameter in term.cause.linear]
+    return np.asarray((np.array(lower) == 0.0) & (linear < 0.0), dtype=bool)
 
 
 def _tangents(state: _State, record: Record) -> FloatArray:
     parts = [
         tangent_columns(term, state.solution[s], state.raw[:, s], record)
-        for term, s in zip(state.terms, state.slices, strict=True)
+        for term, s in zip(state.terms, state.normal.slices, strict=True)
     ]
     return np.hstack([np.zeros((len(state.raw), 0)), *parts])
 
@@ -148,20 +176,22 @@ def fit_jointly(
     def solve(candidates: tuple[Term, ...]) -> _State:
         return _solve_at(candidates, record, whitener, white_base, white_response)
 
-    state = solve(tuple(terms))
+    state, settled = solve(tuple(terms)), not refine
     for turn in range(_ROUNDS):
         tangents = _tangents(state, record)
         full = np.hstack([state.white, whitener.apply(tangents)])
-        step, inverse = _normal_solve(full.T @ full, full.T @ white_response)
+        step, inverse = normal_solve(full.T @ full, full.T @ white_response)
         moves = step[state.white.shape[1] :]
         stds = np.sqrt(np.maximum(np.diag(inverse)[state.white.shape[1] :], 0.0))
-        done = not refine or not len(moves) or turn == _ROUNDS - 1
+        done = settled or not len(moves) or turn == _ROUNDS - 1
         if done or bool(np.all(np.abs(moves) <= _SETTLED * stds)):
             break
         better = _line_search(state, moves, record, solve)
         if better is None:
             break
+        gained = state.chi2 - better.chi2
         state = better
+        settled = gained < _GAINED
     return _collect(state, tangents, inverse, whitener, record)
 
 
@@ -194,7 +224,7 @@ def _collect(
     covariance = inverse * (state.chi2 / free)
     linear, covariances = [], []
     at = state.white.shape[1]
-    for term, part in zip(state.terms, state.slices, strict=True):
+    for term, part in zip(state.terms, state.normal.slices, strict=True):
         smooth = smooth_shapes(term)
         index = list(range(part.start, part.stop)) + list(range(at, at + len(smooth)))
         at += len(smooth)
@@ -212,4 +242,5 @@ def _collect(
         state.raw @ state.solution,
         np.hstack([state.raw, tangents]),
         state.chi2,
+        state.normal,
     )

@@ -6,11 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hdbench.diagnosis.families import exact_statistic, step_statistics
+from hdbench.diagnosis.exact import exact_statistic
 from hdbench.diagnosis.nameless import line_terms
 from hdbench.diagnosis.record import Record
 from hdbench.diagnosis.scan import ScanResult, scan_line
 from hdbench.diagnosis.scanplan import LineScan
+from hdbench.diagnosis.steps import step_statistics
 from hdbench.diagnosis.survey import LineLaw, Survey, comb_statistic
 from hdbench.diagnosis.terms import Term, term_columns
 from hdbench.diagnosis.whitened import Space

@@ -6,12 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hdbench.diagnosis.families import exact_statistic, refine_term
+from hdbench.diagnosis.exact import exact_statistic
+from hdbench.diagnosis.families import refine_term
 from hdbench.diagnosis.record import Record
 from hdbench.diagnosis.terms import Term, term_columns
 from hdbench.diagnosis.whitened import Space
 
-__all__ = ["Candidate", "refined_candidate", "same_space", "score", "whole_order"]
+__all__ = ["Candidate", "imitated", "refined_candidate", "same_space", "score", "whole_order"]
 
 # contract: names whose effect spans the same space on this record
 _SAME_SPACE = 0.01
@@ -121,6 +122,30 @@ def whole_order(space: Space, record: Record, candidate: Candidate, trials: floa
         if value > best.score_nats:
             best = Candidate(held, statistic, dof, value)
     return best
+
+
+def imitated(space: Space, record: Record, first: Term, second: Term) -> bool:
+    """Return whether the second term gives the torque that the first one fits.
+
+    Parameters
+    ----------
+    space : Space
+        Whitened residual.
+    record : Record
+        Record.
+    first, second : Term
+        Terms.
+
+    Returns
+    -------
+    bool
+        True where less than 0.01 of the first one's whitened torque is left beside the second.
+    """
+    columns = term_columns(first, record)
+    torque = space.project(columns @ exact_statistic(space, columns)[2])
+    other = space.project(term_columns(second, record))
+    left = torque - other @ np.linalg.lstsq(other.T @ other, other.T @ torque, rcond=_RANK)[0]
+    return bool(float(left @ left) < _SAME_SPACE * float(torque @ torque))
 
 
 def same_space(space: Space, record: Record, first: Term, second: Term) -> bool:

@@ -10,6 +10,7 @@ from hdbench.diagnosis.looks import Look
 from hdbench.diagnosis.nameless import unnamed
 from hdbench.diagnosis.naming import (
     Candidate,
+    imitated,
     refined_candidate,
     same_space,
     score,
@@ -109,7 +110,28 @@ def rank_looks(
             done.append(found)
             best, top = max(best, found.score_nats), max(top, found.statistic)
     done = [c for c in done if np.isfinite(c.score_nats)]
-    return sorted(done, key=lambda c: (-round(c.score_nats, 6), len(c.term.cause.shape)))
+    done = sorted(done, key=lambda c: (-round(c.score_nats, 6), len(c.term.cause.shape)))
+    return _simpler_first(space, record, done)
+
+
+def _simpler_first(space: Space, record: Record, ranked: list[Candidate]) -> list[Candidate]:
+    """Return candidates with a simpler name at the head where the best one hardly adds to it.
+
+    A resonance far from where the record runs is a line of constant amplitude, at other places any
+    slope of one: what a name with more free shapes gains by a like effect within 3 nats is no
+    evidence for it. Only names that explain the same head each other so; the more general one
+    stays a rival.
+    """
+    if not ranked or unnamed(ranked[0].term):
+        return ranked
+    best = ranked[0]
+    for other in ranked[1:]:
+        if best.score_nats - other.score_nats > RIVAL_NATS or unnamed(other.term):
+            continue
+        fewer = len(other.term.cause.shape) < len(best.term.cause.shape)
+        if fewer and other.dof <= best.dof and imitated(space, record, best.term, other.term):
+            return [other, *(c for c in ranked if c is not other)]
+    return ranked
 
 
 def name_residual(space: Space, record: Record, ranked: list[Candidate]) -> Naming:

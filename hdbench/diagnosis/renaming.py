@@ -4,19 +4,24 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from hdbench.diagnosis.jointfit import fit_jointly
+from hdbench.diagnosis.jointfit import JointFit, fit_jointly
 from hdbench.diagnosis.looks import look_at
 from hdbench.diagnosis.naming import score
 from hdbench.diagnosis.ranking import name_residual, rank_looks
 from hdbench.diagnosis.state import State, accepted_as
 from hdbench.diagnosis.whitened import make_space
 
-__all__ = ["drop_needless", "rename_all"]
+__all__ = ["drop_needless", "rename_all", "strengths"]
 
 # rounds in which the names of several causes are gone over again
 _SWEEPS = 2
+# more causes than these are gone over once: a round costs a search
+_FEW = 4
 # a name replaces another where its score is better by this, nats
 _BETTER = 0.5
+# beside a cause that explains a hundred times as much, a later one may be what that one's form
+# leaves: it takes no part in its name
+_PEER = 0.01
 
 
 def drop_needless(state: State) -> None:
@@ -29,12 +34,13 @@ def drop_needless(state: State) -> None:
     """
     n_known = state.n_known
     for index in range(_evident(state), len(state.accepted) - 1):
+        if _formed(state, index):
+            continue
         place = n_known + index
         others = state.fit.terms[:place] + state.fit.terms[place + 1 :]
-        without = fit_jointly(state.record, others, state.noise.whitener, refine=False)
         term = state.fit.terms[place]
         paid = len(term.cause.linear) + len(term.cause.shape)
-        if score(without.chi2 - state.fit.chi2, paid, 1.0) < 0.0:
+        if score(state.fit.loss(place), paid, 1.0) < 0.0:
             del state.accepted[index]
             state.settle(others)
             return
@@ -56,20 +62,49 @@ def rename_all(state: State) -> None:
     state : State
         Where the search stands; changed.
     """
-    for _ in range(_SWEEPS):
+    for _ in range(_SWEEPS if len(state.accepted) <= _FEW else 1):
         changed = False
         for index in range(_evident(state), len(state.accepted)):
-            changed |= _rename_one(state, state.n_known + index, index)
+            losses = strengths(state.fit)[state.n_known :]
+            peers = [
+                state.n_known + other
+                for other, loss in enumerate(losses)
+                if other != index and loss >= _PEER * losses[index]
+            ]
+            if peers and not _formed(state, index):
+                changed |= _rename_one(state, index, peers)
         if not changed:
             return
 
 
-def _rename_one(state: State, place: int, index: int) -> bool:
-    """Name one accepted cause again; True where its name changed."""
+def _formed(state: State, index: int) -> bool:
+    """Return whether a cause is so strong that its form was extended, or is such an extension."""
+    name = state.accepted[index].name
+    return any(one.form and one.name == name for one in state.accepted)
+
+
+def strengths(fit: JointFit) -> list[float]:
+    """Return what the loss of each term would cost.
+
+    Parameters
+    ----------
+    fit : JointFit
+        Joint fit.
+
+    Returns
+    -------
+    list of float
+        Rise of the whitened sum of squares, the other shapes as they are.
+    """
+    return [fit.loss(k) for k in range(len(fit.terms))]
+
+
+def _rename_one(state: State, index: int, peers: list[int]) -> bool:
+    """Name one accepted cause again beside its peers; True where its name changed."""
     record, terms = state.record, state.fit.terms
-    others = fit_jointly(
-        record, terms[:place] + terms[place + 1 :], state.noise.whitener, refine=False
-    )
+    place = state.n_known + index
+    beside = (*terms[: state.n_known], *(terms[k] for k in peers))
+    others = fit_jointly(record, beside, state.noise.whitener, refine=False)
     space = make_space(state.noise.whitener, others.explained, record.response_nm)
     survey = state.survey
     looks = look_at(space, record, survey, others.terms, state.grams)

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hdbench.diagnosis.confirm import Gain
+from hdbench.diagnosis.conditions import LeftOut
+from hdbench.diagnosis.gain import Gain
 from hdbench.diagnosis.loads.pictures import LoadPictures
 from hdbench.diagnosis.preflight import DataFlag
 from hdbench.model import BenchModel
@@ -44,6 +45,8 @@ class NamedCause:
         Part of the baseline's residual variance that it explains.
     domain : str
         Domain in which it is plainest.
+    left_out : tuple of LeftOut
+        What it gains in speeds, directions and loads from which it was not fitted.
     """
 
     name: str
@@ -56,6 +59,7 @@ class NamedCause:
     separating_experiment: str | None
     share_of_variance: float
     domain: str
+    left_out: tuple[LeftOut, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
         """Return the cause as the contract writes it."""
@@ -70,6 +74,7 @@ class NamedCause:
             "separating_experiment": self.separating_experiment,
             "share_of_variance": self.share_of_variance,
             "domain": self.domain,
+            "held_out_conditions": [one.to_dict() for one in self.left_out],
         }
 
 

@@ -8,13 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from hdbench.diagnosis.challengers import Left, challenge
+from hdbench.diagnosis.formterms import accept_form, best_form, beyond_form, formed_strength
 from hdbench.diagnosis.jointfit import JointFit, fit_jointly
-from hdbench.diagnosis.looks import SHARES, Looks, look_at
+from hdbench.diagnosis.looks import SHARES, Look, Looks, look_at
 from hdbench.diagnosis.nameless import unnamed
 from hdbench.diagnosis.naming import Candidate
 from hdbench.diagnosis.ranking import name_residual, promise, rank_looks
 from hdbench.diagnosis.record import Beyond, Record
-from hdbench.diagnosis.renaming import drop_needless, rename_all
+from hdbench.diagnosis.renaming import drop_needless, rename_all, strengths
 from hdbench.diagnosis.scanplan import LineScan
 from hdbench.diagnosis.settle import Noise
 from hdbench.diagnosis.slowsearch import accept_slow_noise, outweighs, slow_noise, with_walk
@@ -27,6 +28,12 @@ from hdbench.model import Cause
 __all__ = ["Found", "search"]
 
 _MAX_CAUSES = 8
+# no form of a cause is exact: what is a hundredth of the strongest one's amplitude may be what that
+# one leaves; the search ends after so many of such causes
+_FORM_ERROR = 1e-4
+_REMAINS = 2
+# fewer nats of slow noise than this share of what a strong cause explains are left by its form
+_SLOW_FORM = 0.02
 # a place without a name must explain more than two names by this, nats: a Bayes factor of 20
 _UNNAMED_BONUS = 3.0
 
@@ -116,7 +123,10 @@ def search(
         looks = look_at(space, state.record, state.survey, state.fit.terms, state.grams)
         state.grams = looks.grams
         first = first or looks
-        if len(state.accepted) >= _MAX_CAUSES or not _step(state, space, looks, alpha, align):
+        count = sum(not one.form for one in state.accepted)
+        if count >= _MAX_CAUSES or _only_remains(state):
+            break
+        if not _step(state, space, looks, alpha, align):
             break
     if len(state.accepted) > 1:
         progress("going over the names again", 0.92)
@@ -137,6 +147,16 @@ def search(
     )
 
 
+def _only_remains(state: State) -> bool:
+    """Return whether the last causes are no more than the form of the strongest one leaves."""
+    if len(state.accepted) <= _REMAINS:
+        return False
+    losses = strengths(state.fit)[state.n_known :]
+    if any(one.form for one in state.accepted[-_REMAINS:]):
+        return False
+    return max(losses[-_REMAINS:]) < _FORM_ERROR * max(losses)
+
+
 def _step(
     state: State,
     space: Space,
@@ -147,18 +167,26 @@ def _step(
     """Accept the best name, or a noise that rises towards 0 Hz; False where nothing passes."""
     alarms = tuple(look for look in looks.looks if look.false_alarm < alpha and look.terms)
     slow = slow_noise(state, space)
+    if slow is not None and slow.gain_nats < _SLOW_FORM * formed_strength(state):
+        slow = None
     chance = 1.0 if slow is None else min(1.0, float(np.exp(-slow.gain_nats)) / SHARES["slow"])
     if not alarms and not chance < alpha:
         return False
-    ranked = rank_looks(space, state.record, state.survey, looks.looks) if alarms else []
-    named = _with_names(state, space, looks, ranked)
+    if alarms and _took_form(state, space, looks):
+        return True
+    alarms = beyond_form(state, alarms)
+    if not alarms and not chance < alpha:
+        return False
+    seen = beyond_form(state, tuple(k for k in looks.looks if k.terms))
+    ranked = rank_looks(space, state.record, state.survey, seen) if alarms else []
+    named = _with_names(state, space, seen, ranked)
     if slow is not None and outweighs(state, slow, named or ranked):
         accept_slow_noise(state, slow, ranked, chance)
         return True
     if not ranked or not ranked[0].score_nats > 0.0:
         return False
     ranked = _named_first(state, named, ranked)
-    naming = with_walk(name_residual(space, state.record, ranked), slow)
+    naming = with_walk(state, name_residual(space, state.record, ranked), slow)
     state.accepted.append(accepted_as(naming, min(look.false_alarm for look in alarms)))
     terms = (*state.fit.terms, naming.best.term)
     state.fit = fit_jointly(state.record, terms, state.noise.whitener)
@@ -170,13 +198,23 @@ def _step(
     return True
 
 
+def _took_form(state: State, space: Space, looks: Looks) -> bool:
+    """Charge what is left to the form of a strong cause where that explains it; True if so."""
+    if not state.accepted:
+        return False
+    losses = strengths(state.fit)[state.n_known :]
+    form = best_form(state, space, losses)
+    best = max(look.statistic for look in looks.looks if look.terms)
+    return form is not None and accept_form(state, form, best)
+
+
 def _with_names(
-    state: State, space: Space, looks: Looks, ranked: list[Candidate]
+    state: State, space: Space, looks: tuple[Look, ...], ranked: list[Candidate]
 ) -> list[Candidate]:
     """Return the candidates that have names, best first."""
     if not ranked or not unnamed(ranked[0].term):
         return ranked
-    rest = tuple(k for k in looks.looks if k.terms and not all(map(unnamed, k.terms)))
+    rest = tuple(k for k in looks if not all(map(unnamed, k.terms)))
     found = rank_looks(space, state.record, state.survey, rest)
     return [c for c in found if not unnamed(c.term) and c.score_nats > 0.0]
 

@@ -6,31 +6,24 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hdbench.diagnosis.curves import equal_bins
 from hdbench.diagnosis.jointfit import JointFit, fit_jointly
 from hdbench.diagnosis.notch import without_lines
 from hdbench.diagnosis.record import Record
 from hdbench.diagnosis.scanplan import LineScan
 from hdbench.diagnosis.slownoise import SlowNoise, SlowSpectrum, slow_kernel, slow_spectrum
 from hdbench.diagnosis.terms import Term
-from hdbench.diagnosis.whitened import Whitener, make_space, make_whitener, orthonormal
+from hdbench.diagnosis.whitened import Whitener, make_space, make_whitener
 from hdbench.estimation import NoiseModel, fit_noise
 from hdbench.records.trace import FloatArray
 
 __all__ = [
     "Hidden",
     "Noise",
-    "coarse_basis",
+    "nats",
     "plain_spectrum",
     "settle",
     "without_coarse",
 ]
-
-# bins of speed, blocks of time, and twice the output orders that the noise must not swallow; fewer
-# on short records: three directions in 300 samples take a hundredth of the noise with them
-_COARSE = 16
-_COARSE_LEAST = 4
-_COARSE_SAMPLES = 300
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,41 +64,6 @@ class Hidden:
 
     coarse: FloatArray
     scans: tuple[LineScan, ...]
-
-
-def coarse_basis(record: Record) -> FloatArray:
-    """Return what slow and speed-bound effects can be made of, orthonormal.
-
-    Means over 16 bins of speed and 16 blocks of time, and output orders 1 to 8; down to a quarter
-    of these on records below 4800 samples. An autoregression that sees such effects takes them for
-    noise with a long memory and whitens them away; without some forty of many thousand directions
-    it still sees all colour that it can describe.
-
-    Parameters
-    ----------
-    record : Record
-        Record.
-
-    Returns
-    -------
-    ndarray, shape (n_samples, k)
-        Zero where not valid.
-    """
-    motion, valid = record.motion, record.valid
-    count = int(np.clip(int(valid.sum()) // _COARSE_SAMPLES, _COARSE_LEAST, _COARSE))
-    masks = equal_bins(motion.velocity_rad_s, valid, count)
-    masks += equal_bins(motion.time_s, valid, count)
-    orders = range(1, count // 2 + 1)
-    table = np.empty((len(valid), 1 + len(masks) + 2 * len(orders)), order="F")
-    table[:, 0] = 1.0
-    for place, mask in enumerate(masks, 1):
-        table[:, place] = mask
-    for place, order in enumerate(orders):
-        angle = order * np.where(valid, motion.output_angle_rad, 0.0)
-        table[:, 1 + len(masks) + 2 * place] = np.cos(angle)
-        table[:, 2 + len(masks) + 2 * place] = np.sin(angle)
-    table[~valid] = 0.0
-    return orthonormal(table)
 
 
 def _noise_of(record: Record, fit: JointFit, hidden: Hidden, exponent: float) -> Noise:
@@ -195,10 +153,46 @@ def settle(
     noise : Noise
     """
     if noise is None:
-        white = NoiseModel((np.zeros(0),), np.ones(1), int(record.valid.sum()))
-        noise = Noise(white, make_whitener(white, record.valid, record.starts))
-        fit = fit_jointly(record, terms, noise.whitener, refine=False)
+        white = _white(record)
+        fit = fit_jointly(record, terms, white.whitener, refine=False)
         noise = _noise_of(record, fit, hidden, exponent)
+    return _in_turn(record, terms, noise, hidden, exponent)
+
+
+def _white(record: Record) -> Noise:
+    """Return white noise of unit variance."""
+    model = NoiseModel((np.zeros(0),), np.ones(1), int(record.valid.sum()))
+    return Noise(model, make_whitener(model, record.valid, record.starts))
+
+
+def _in_turn(
+    record: Record, terms: tuple[Term, ...], noise: Noise, hidden: Hidden, exponent: float
+) -> tuple[JointFit, Noise]:
+    """Return the fit in a noise, the noise that it leaves, and the fit in that."""
     fit = fit_jointly(record, terms, noise.whitener)
     noise = _noise_of(record, fit, hidden, exponent)
     return fit_jointly(record, fit.terms, noise.whitener, refine=False), noise
+
+
+def nats(fit: JointFit, noise: Noise) -> float:
+    """Return the log likelihood of a fit in its noise, but for a constant.
+
+    A whitener is a triangular matrix: its determinant is a power of the kernel's first value.
+
+    Parameters
+    ----------
+    fit : JointFit
+        Fit.
+    noise : Noise
+        Noise.
+
+    Returns
+    -------
+    float
+        Less what the orders of the noise pay.
+    """
+    whitener = noise.whitener
+    variance = fit.chi2 * whitener.std**2 / int(whitener.used.sum())
+    count = float(whitener.valid.sum())
+    likelihood = count * (float(np.log(whitener.kernel[0])) - 0.5 * float(np.log(variance)))
+    return likelihood - 0.5 * noise.model.order * float(np.log(count))

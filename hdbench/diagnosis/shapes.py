@@ -18,7 +18,15 @@ from hdbench.records.trace import FloatArray
 __all__ = ["chosen_shapes", "shape_grid", "thinned_motion"]
 
 # grid points of special parameters, and of any other by how many the cause has
-_SPECIAL = {"position_rad": 32, "width_turns": 2, "resonance_hz": 10, "damping": 1}
+_SPECIAL = {
+    "position_rad": 32,
+    "width_turns": 2,
+    "resonance_hz": 10,
+    "damping": 1,
+    "delay_s": 6,
+    "sharpness": 3,
+    "knee_ratio": 3,
+}
 _POINTS = {1: 12, 2: 6, 3: 4}
 # orders at which a cause with further shapes is tried: those of the drive's two lobes
 _ORDERS = (1.0, 2.0, 4.0, 6.0)
@@ -118,7 +126,8 @@ def chosen_shapes(cause: Cause, record: Record) -> list[Term]:
     grid = shape_grid(cause, record.motion)
     if not grid:
         return []
-    if len(grid) == 1 or cause.locked_to == "motor":
+    # a shift of the whole signal has its ripple, which every n-th sample does not resolve
+    if len(grid) == 1 or cause.locked_to == "motor" or "delay_s" in grid[0]:
         return [Term(cause, shape) for shape in grid]
     step = max(1, len(record.valid) // _THIN)
     motion, seen = thinned_motion(record.motion, step), record.valid[::step]

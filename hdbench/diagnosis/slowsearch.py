@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
-
 from hdbench.diagnosis.curves import CURVE_PREFIX
-from hdbench.diagnosis.jointfit import JointFit, fit_jointly
+from hdbench.diagnosis.jointfit import fit_jointly
 from hdbench.diagnosis.nameless import unnamed
 from hdbench.diagnosis.naming import Candidate
 from hdbench.diagnosis.ranking import RIVAL_NATS, Naming
-from hdbench.diagnosis.settle import Noise, plain_spectrum, settle, without_coarse
+from hdbench.diagnosis.settle import nats, plain_spectrum, settle, without_coarse
 from hdbench.diagnosis.slownoise import FLICKER, RANDOM_WALK, SlowNoise, slow_spectrum
 from hdbench.diagnosis.state import State, Walk
 from hdbench.diagnosis.terms import Term
@@ -86,25 +84,13 @@ def outweighs(state: State, slow: SlowNoise, ranked: list[Candidate]) -> bool:
         # a table over time follows any slow noise
         return slow.gain_nats > _SLOW_SHARE * best.score_nats
     record, hidden, terms = state.record, state.hidden, state.fit.terms
-    alone = _nats(*settle(record, terms, state.noise, hidden, slow.exponent))
+    alone = nats(*settle(record, terms, state.noise, hidden, slow.exponent))
     joint = fit_jointly(record, (*terms, best.term), state.noise.whitener)
     fit, noise = settle(record, joint.terms, state.noise, hidden)
     beside = make_space(noise.whitener, fit.explained, record.response_nm)
     rest = slow_spectrum(beside).fit(slow.exponent).gain_nats - _SLOW_COST
     paid = 0.5 * best.statistic - best.score_nats
-    return alone - _SLOW_COST + _SLOW_BONUS > _nats(fit, noise) - paid + max(rest, 0.0)
-
-
-def _nats(fit: JointFit, noise: Noise) -> float:
-    """Return the log likelihood of a fit in its noise, but for a constant.
-
-    A whitener is a triangular matrix: its determinant is a power of the kernel's first value.
-    """
-    whitener = noise.whitener
-    variance = fit.chi2 * whitener.std**2 / int(whitener.used.sum())
-    count = float(whitener.valid.sum())
-    likelihood = count * (float(np.log(whitener.kernel[0])) - 0.5 * float(np.log(variance)))
-    return likelihood - 0.5 * noise.model.order * float(np.log(count))
+    return alone - _SLOW_COST + _SLOW_BONUS > nats(fit, noise) - paid + max(rest, 0.0)
 
 
 def accept_slow_noise(
@@ -131,11 +117,13 @@ def accept_slow_noise(
     state.settle(state.fit.terms)
 
 
-def with_walk(naming: Naming, slow: SlowNoise | None) -> Naming:
+def with_walk(state: State, naming: Naming, slow: SlowNoise | None) -> Naming:
     """Return a naming with the random walk of the zero among its rivals, where it is one.
 
     Parameters
     ----------
+    state : State
+        Where the search stands.
     naming : Naming
         Best name, group and rivals.
     slow : SlowNoise or None
@@ -148,6 +136,13 @@ def with_walk(naming: Naming, slow: SlowNoise | None) -> Naming:
     if slow is None or slow.exponent != RANDOM_WALK:
         return naming
     if slow.gain_nats - _SLOW_COST < naming.best.score_nats - RIVAL_NATS:
+        return naming
+    # a large effect stands in the noise that both were scored in: each in the noise that it leaves
+    terms = state.fit.terms
+    alone = settle(state.record, terms, state.noise, state.hidden, slow.exponent)
+    beside = settle(state.record, (*terms, naming.best.term), state.noise, state.hidden)
+    paid = 0.5 * naming.best.statistic - naming.best.score_nats
+    if nats(*alone) - _SLOW_COST < nats(*beside) - paid - RIVAL_NATS:
         return naming
     walk = Term(catalogue()["zero-random-walk"], {})
     return replace(naming, rivals=(*naming.rivals, walk))

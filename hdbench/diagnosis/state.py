@@ -7,12 +7,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from hdbench.diagnosis.coarse import coarse_basis
 from hdbench.diagnosis.jointfit import JointFit, fit_jointly
 from hdbench.diagnosis.looks import Grams
 from hdbench.diagnosis.ranking import Naming
 from hdbench.diagnosis.record import Beyond, Record, with_simulated
 from hdbench.diagnosis.scanplan import plan_scans
-from hdbench.diagnosis.settle import Hidden, Noise, coarse_basis, settle
+from hdbench.diagnosis.settle import Hidden, Noise, settle
 from hdbench.diagnosis.slownoise import SlowNoise
 from hdbench.diagnosis.survey import Survey, make_survey
 from hdbench.diagnosis.terms import Term, term_columns
@@ -44,6 +45,8 @@ class Accepted:
         Terms that span the same space on this record, the accepted one first.
     rivals : tuple of Term
         Other terms within 3 nats.
+    form : bool
+        True for a part of an earlier cause of the same name: it is none of its own.
     """
 
     name: str
@@ -51,6 +54,7 @@ class Accepted:
     evidence_nats: float
     group: tuple[Term, ...]
     rivals: tuple[Term, ...]
+    form: bool = False
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,12 +10,13 @@ from scipy.special import gamma, gammaincc
 
 from hdbench.diagnosis.bank import Bank, Gram, bank_gram, build_bank
 from hdbench.diagnosis.curves import curve_causes
-from hdbench.diagnosis.families import family_causes, is_line, is_step, step_statistics
+from hdbench.diagnosis.families import family_causes, is_line, is_step
 from hdbench.diagnosis.geometry import geometry
 from hdbench.diagnosis.law import Law, draw_law
 from hdbench.diagnosis.record import Record
 from hdbench.diagnosis.scan import null_scans, upcrossing_rate
 from hdbench.diagnosis.scanplan import LineScan
+from hdbench.diagnosis.steps import step_statistics
 from hdbench.diagnosis.whitened import Space, Whitener
 from hdbench.model import Cause
 from hdbench.records.trace import FloatArray

@@ -34,11 +34,14 @@ class Term:
         Shape parameters.
     known : bool
         True where the model that was handed in already held it.
+    form : bool
+        True for a part of the cause of the same name before it: the same at another shape.
     """
 
     cause: Cause
     shape: Mapping[str, float]
     known: bool = False
+    form: bool = False
 
 
 def term_columns(term: Term, record: Record) -> FloatArray:
@@ -69,7 +72,7 @@ def term_columns(term: Term, record: Record) -> FloatArray:
 
 
 def smooth_shapes(term: Term) -> tuple[str, ...]:
-    """Return the shape parameters that have a slope: a step in time has none.
+    """Return the shape parameters that have a slope: a step in time and a held form have none.
 
     Parameters
     ----------
@@ -80,6 +83,8 @@ def smooth_shapes(term: Term) -> tuple[str, ...]:
     -------
     tuple of str
     """
+    if term.form:
+        return ()
     return tuple(p.name for p in term.cause.shape if p.name != "step_time_s")
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from hdbench.diagnosis.confirm import Gain
+from hdbench.diagnosis.gain import Gain
 from hdbench.diagnosis.result import NamedCause
 from hdbench.diagnosis.search import Found
 from hdbench.diagnosis.state import Walk

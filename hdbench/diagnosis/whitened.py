@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -34,12 +34,25 @@ class Whitener:
         Samples that enter.
     used : ndarray of bool, shape (n,)
         Samples of the whitened record: valid with enough valid ones directly before them.
+
+    Notes
+    -----
+    The transform of a long kernel is formed once and kept in ``spectrum``.
     """
 
     kernel: FloatArray
     std: float
     valid: NDArray[np.bool_]
     used: NDArray[np.bool_]
+    spectrum: NDArray[np.complex128] | None = field(init=False, repr=False, default=None)
+
+    def __post_init__(self) -> None:
+        """Transform a long kernel once."""
+        if len(self.kernel) > _DIRECT:
+            from scipy.fft import rfft
+
+            size = _padded(len(self.valid), len(self.kernel))
+            object.__setattr__(self, "spectrum", rfft(self.kernel, size))
 
     def apply(self, columns: Any) -> Any:
         """Return A applied to columns of shape (n,) or (n, k); zero where not used.
@@ -71,10 +84,13 @@ class Whitener:
             for j in range(table.shape[1]):
                 out[:, j] = np.convolve(table[:, j], kernel)[: len(table)]
             return out
-        from scipy.fft import irfft, next_fast_len, rfft
+        from scipy.fft import irfft, rfft
 
-        size = next_fast_len(len(table) + len(kernel), real=True)
-        response = rfft(kernel, size)
+        size = _padded(len(table), len(kernel))
+        response = self.spectrum
+        if response is None or len(table) != len(self.valid):
+            response = rfft(self.kernel, size)
+        response = response.astype(np.result_type(table.dtype, np.complex64))
         for j in range(table.shape[1]):
             out[:, j] = irfft(rfft(table[:, j], size) * response, size)[: len(table)]
         return out
@@ -94,6 +110,13 @@ class Whitener:
         real = np.interp(folded, axis, response.real)
         imaginary = np.interp(folded, axis, response.imag)
         return np.asarray((real + 1j * imaginary) / self.std, dtype=np.complex128)
+
+
+def _padded(samples: int, kernel: int) -> int:
+    """Return a length at which a circular convolution is a linear one."""
+    from scipy.fft import next_fast_len
+
+    return int(next_fast_len(samples + kernel, real=True))
 
 
 def make_whitener(

@@ -31,6 +31,8 @@ class Parameter:
         What it is.
     bands : tuple of (float, float)
         Parts of the domain that are allowed, where it is not one piece; empty for all of it.
+    default : float or None
+        What a model file that does not give it means; None where every file has to give it.
     """
 
     name: str
@@ -39,6 +41,7 @@ class Parameter:
     upper: float
     description: str
     bands: tuple[tuple[float, float], ...] = ()
+    default: float | None = None
 
     def contains(self, value: float) -> bool:
         """Return whether `value` is in the domain; NaN never is.

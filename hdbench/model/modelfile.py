@@ -179,7 +179,7 @@ def _term(node: JsonNode, extra: Sequence[Cause]) -> CauseTerm:
     parameters = node.node("parameters")
     values = {name: parameters.node(name).number("value") for name in parameters.value}
     where = f"{node.file}: key {node.key}parameters"
-    values = _with_pairs(cause, values, where)
+    values = {**_defaults(cause), **_with_pairs(cause, values, where)}
     needed = {parameter.name for parameter in (*cause.shape, *cause.linear)}
     for name in sorted(needed ^ set(values)):
         pool = sorted(set(values) if name in needed else needed)
@@ -199,6 +199,11 @@ def _term(node: JsonNode, extra: Sequence[Cause]) -> CauseTerm:
     )
     check_term(term, where=where, extra=extra)
     return term
+
+
+def _defaults(cause: Cause) -> dict[str, float]:
+    """Return the parameters that a file may leave out."""
+    return {p.name: p.default for p in (*cause.shape, *cause.linear) if p.default is not None}
 
 
 def _with_pairs(cause: Cause, values: dict[str, float], where: str) -> dict[str, float]:

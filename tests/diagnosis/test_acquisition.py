@@ -93,6 +93,9 @@ def test_a_row_that_repeats_the_one_before_while_the_shaft_turns_is_a_missed_sam
         held[name][700:703] = held[name][699]
     assert np.flatnonzero(repeated_rows(Trace(held))).tolist() == [700, 701, 702]
     assert not repeated_rows(Trace(columns)).any()
+    # a load that goes on changing was measured anew
+    loaded = {**held, "load_torque_nm": np.arange(len(held["time_s"])) * 1e-3}
+    assert not repeated_rows(Trace(loaded)).any()
     flags = inspect_trace(Trace(held), PROFILE.data).flags
     assert [(f.name, f.samples) for f in flags] == [("missed-samples", 3)]
 

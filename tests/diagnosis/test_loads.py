@@ -280,3 +280,18 @@ def test_a_cause_file_reaches_calibration_loads(tmp_path):
     assert [cause["name"] for cause in result["causes"]] == ["swelling"]
     _, without = diagnose_run(file, PROFILE, out=tmp_path / "runs")
     assert "swelling" not in {cause["name"] for cause in without["causes"]}
+
+
+def test_preloads_and_shunt_readings_are_not_diagnosed():
+    _, loads = hidden("hysteresis", 30.0, 2)
+    first = loads.readings[0]
+    extra = (
+        replace(first, experiment="before", torque_nm=40.0, reading_v=9.0),
+        replace(first, torque_nm=0.0, reading_v=6.06),
+    )
+    kinds = ("preload", "shunt", *[""] * len(loads))
+    more = Loads((*extra, *loads.readings), extra_columns={"kind": kinds})
+    plain, found = diagnose_loads(loads, PROFILE), diagnose_loads(more, PROFILE)
+    assert found.verdict == plain.verdict
+    assert [cause.name for cause in found.causes] == [cause.name for cause in plain.causes]
+    assert found.unexplained == plain.unexplained

@@ -6,9 +6,9 @@ from scipy.special import gammaincc
 from scipy.stats import chi2
 
 from hdbench.diagnosis import diagnose_trace
-from hdbench.diagnosis.families import step_statistics
 from hdbench.diagnosis.law import FamilyLaw
 from hdbench.diagnosis.slownoise import RANDOM_WALK, SlowNoise, SlowSpectrum, slow_kernel
+from hdbench.diagnosis.steps import step_statistics
 from hdbench.diagnosis.survey import LineLaw
 from hdbench.diagnosis.whitened import Whitener, make_space
 from hdbench.profile import load_profile

@@ -183,7 +183,7 @@ def test_what_acts_on_the_whole_signal_sees_baseline_load_and_causes(
     motion = make_motion()
     base = BenchModel.from_profile(bench)
     hum = CauseTerm("mains-hum", {"frequency_hz": 50.0}, (0.3, 0.4))
-    limited = CauseTerm("saturation", {"limit_nm": 20.0}, (1.0,))
+    limited = CauseTerm("saturation", {"limit_nm": 20.0, "sharpness": 1.0}, (1.0,))
     # in either order
     for model in (
         base.with_cause(limited).with_cause(hum),

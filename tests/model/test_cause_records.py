@@ -58,15 +58,11 @@ def test_a_constant_speed_without_load_shows_what_it_can(make_motion: Make) -> N
         ),
         ("piecewise-stiffness", {}, "no load_torque_nm"),
         ("backlash", {"load_torque_nm": np.linspace(0, 30, 20_000)}, "needed: both signs"),
-        ("side-force", {"load_torque_nm": np.linspace(-30, 0, 20_000)}, "between -30 and 0 N m"),
+        ("side-force", {}, "no load_torque_nm"),
         ("hysteresis", {"load_torque_nm": np.linspace(0, 30, 20_000)}, "rises by 30 N m and falls"),
-        (
-            "position-dependent-gain",
-            {"load_torque_nm": np.ones(20_000), "output_angle_rad": np.zeros(20_000)},
-            "at 1 of 12 angles",
-        ),
+        ("position-dependent-gain", {}, "no load_torque_nm"),
         ("presliding", {}, "keeps one direction"),
-        ("creep", {"load_torque_nm": np.ones(20_000)}, "changes by 0 N m"),
+        ("creep", {}, "no load_torque_nm"),
         (
             "creep",
             {"load_torque_nm": np.arange(20_000) * 1e-3, "time_s": np.arange(20_000) * 1e-5},
@@ -133,10 +129,10 @@ def test_shapes_in_torque_stay_where_the_load_reaches(make_motion: Make) -> None
     load = np.linspace(-10.0, 20.0, 400)
     motion = make_motion(load_torque_nm=load, inertia_nm_s2=0.0)
     bands = {n: shape_bounds(c, motion) for n, c in catalogue().items()}
-    assert bands["backlash"] == {"play_nm": ((0.005, 6.0),)}
-    assert bands["saturation"] == {"limit_nm": ((2.0, 200.0),)}
+    assert bands["backlash"] == {"play_nm": ((0.0001, 6.0),)}
+    assert bands["saturation"] == {"limit_nm": ((10.0, 1200.0),), "sharpness": ((1.0, 8.0),)}
     assert bands["hysteresis"] == {"yield_nm": ((0.3, 15.0),)}
-    assert bands["piecewise-stiffness"]["knee_nm"] == ((1.0, 20.0),)
+    assert bands["piecewise-stiffness"]["knee_nm"] == ((2.0, 20.0),)
     span = float(motion.time_s[-1] - motion.time_s[0])
     # two median samples are faster than the fastest creep there is
     assert bands["creep"] == {"time_constant_s": ((0.5, 3.0 * span),)}

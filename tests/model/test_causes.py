@@ -102,7 +102,10 @@ BY_HAND: dict[str, tuple[Shape, Callable[..., list[float]]]] = {
     "gain-error": ({}, lambda tau, **_: [tau]),
     "cubic-nonlinearity": ({}, lambda tau, **_: [tau * tau * tau / 1000]),
     "backlash": ({"play_nm": 4.0}, lambda tau, **_: [-max(-4.0, min(4.0, tau))]),
-    "saturation": ({"limit_nm": 25.0}, lambda tau, **_: [25 * math.tanh(tau / 25) - tau]),
+    "saturation": (
+        {"limit_nm": 25.0, "sharpness": 3.0},
+        lambda tau, **_: [math.copysign(25 * math.tanh(abs(tau / 25) ** 3) ** (1 / 3), tau) - tau],
+    ),
     "arm-sag": ({}, lambda o, tau, **_: wave(2 * o, tau * tau / 100)),
     "side-force": ({}, lambda tau, **_: [abs(tau) / 10]),
     "direction-asymmetry": ({}, lambda tau, **_: [abs(tau)]),

@@ -201,9 +201,12 @@ def _stuck_bit(present: FloatArray, step: float) -> float:
         size = 1 << bit
         if float(codes[-1]) < _COARSE_SPAN * 2 * size:
             break
-        for phase in range(2 * size):
-            blocks = np.unique((codes + phase) >> bit)
-            if len(blocks) >= _LEVELS and len(np.unique(blocks & 1)) == 1:
+        residues = np.unique(codes % (2 * size))
+        gaps = np.diff(residues, append=residues[0] + 2 * size)
+        widest = int(np.argmax(gaps))
+        # the codes that occur lie within one half of each pair of blocks: more than a half is free
+        if gaps[widest] > size:
+            first = residues[(widest + 1) % len(residues)]
+            if len(np.unique((codes - first) >> bit)) >= _LEVELS:
                 weight = step * size
-                break
     return weight

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hdbench.diagnosis.confirm import Gain
+from hdbench.diagnosis.gain import Gain
 from hdbench.diagnosis.record import Record
 from hdbench.records.trace import FloatArray
 

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.special import log_ndtr
 
 from hdbench.diagnosis.acquisition.flags import DataFlag
-from hdbench.diagnosis.confirm import Gain
+from hdbench.diagnosis.gain import Gain
 from hdbench.diagnosis.result import NamedCause
 from hdbench.model import CauseTerm
 

@@ -19,7 +19,15 @@ _JITTER_SIGMA = 8.0
 _AROUND = 5
 _MISSING = 0.5
 # channels that tell whether a row is the one before: what the bench measured at that moment
-_MEASURED = ("torque_nm", "torque_v", "motor_velocity_rad_s", "tacho_v", "encoder_count")
+_MEASURED = (
+    "torque_nm",
+    "torque_v",
+    "motor_velocity_rad_s",
+    "tacho_v",
+    "encoder_count",
+    "load_torque_nm",
+    "motor_current_a",
+)
 _ANGLES = ("encoder_count", "motor_angle_rad")
 # an angle that moves by less than this many of its smallest steps may well read the same twice
 _MOVES = 5.0

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from hdbench.diagnosis.loads.fit import LoadFit
-from hdbench.diagnosis.loads.forms import form_of, whole_linear
+from hdbench.diagnosis.loads.forms import form_of, whole_linear, whole_shape
 from hdbench.diagnosis.loads.names import is_outlier
 from hdbench.model import BenchModel, CauseTerm, cause_named
 
@@ -39,7 +39,8 @@ def load_cause_term(fit: LoadFit, place: int, given: BenchModel) -> CauseTerm:
         float(np.clip(x, p.lower, p.upper)) for x, p in zip(linear, whole.linear, strict=True)
     )
     covariance = tuple(tuple(float(x) for x in row) for row in matrix)
-    return CauseTerm(term.cause.name, dict(term.shape), values, covariance)
+    shape = whole_shape(whole, term.cause, term.shape)
+    return CauseTerm(term.cause.name, shape, values, covariance)
 
 
 def forms_of(fit: LoadFit) -> dict[str, str]:

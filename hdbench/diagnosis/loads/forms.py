@@ -8,15 +8,17 @@ from dataclasses import replace
 import numpy as np
 
 from hdbench.model import Cause, Motion, Parameter
+from hdbench.model.definition import unbounded
 from hdbench.model.statics import preloaded_motion
 from hdbench.records.trace import FloatArray
 
-__all__ = ["form_of", "in_form", "load_causes", "outlier_cause", "whole_linear"]
+__all__ = ["form_of", "in_form", "load_causes", "outlier_cause", "whole_linear", "whole_shape"]
 
 # what hysteresis after a preload is marked by
 _PRELOADED = "after a preload"
-# power of the limiter: 1 is tanh itself, 6 is within 2 % of a hard stop
-_SHARPNESS = {"with a knee": 2.0, "with a sharp knee": 6.0}
+# readings at a few levels do not give a sharpness of their own: the limiter is tanh itself, has a
+# knee, or is within 2 % of a hard stop
+_SHARPNESS = {"": 1.0, "with a knee": 2.0, "with a sharp knee": 6.0}
 # names that static readings can show; what moves, sounds or turns the motor is not among them
 _NAMES = (
     "cubic-nonlinearity",
@@ -63,15 +65,15 @@ def _parts(cause: Cause) -> tuple[Cause, ...]:
     """Return the forms in which a cause is looked for.
 
     A gain of two harmonics: each of them alone, and both. A sagging arm: without and with its
-    tilt under no load. Hysteresis: from rest, and after a preload. Saturation: soft and sharp. Any
-    other cause: as it is.
+    tilt under no load. Hysteresis: from rest, and after a preload. Saturation: of three
+    sharpnesses. Any other cause: as it is.
     """
     if cause.name == "hysteresis":
         # its second column is a gain, which readings have of their own
         loop = _part(cause, 0, 1)
         return (loop, _after_preload(loop))
     if cause.name == "saturation":
-        return (cause, *(_sharp(cause, form) for form in _SHARPNESS))
+        return tuple(_sharp(cause, form) for form in _SHARPNESS)
     if cause.name == "position-dependent-gain":
         return (_part(cause, 0, 2), _part(cause, 2, 4), cause)
     if cause.name == "arm-sag":
@@ -112,17 +114,37 @@ def in_form(cause: Cause, form: str) -> Cause:
 
 
 def _sharp(cause: Cause, form: str) -> Cause:
-    """Return a saturation whose limit is sharper: L tanh(|y / L|^p)^(1 / p) sgn y."""
+    """Return a saturation whose sharpness is given."""
     power = _SHARPNESS[form]
 
     def columns(motion: Motion, shape: Mapping[str, float]) -> FloatArray:
-        limit = shape["limit_nm"]
-        torque = motion.applied_nm if motion.simulated_nm is None else motion.simulated_nm
-        size = np.abs(torque) / limit
-        held = limit * np.tanh(size**power) ** (1.0 / power)
-        return np.asarray(np.sign(torque) * held - torque)[:, None]
+        return cause.columns(motion, {**shape, "sharpness": power})
 
-    return replace(cause, columns=columns, locked_to=f"load, {form}")
+    shape = tuple(p for p in cause.shape if p.name != "sharpness")
+    locked = f"load, {form}" if form else "load"
+    # the limit is held where its share is 1: it may be as far as any trace of it is seen
+    return replace(cause, columns=columns, shape=shape, locked_to=locked, reach=unbounded)
+
+
+def whole_shape(cause: Cause, part: Cause, shape: Mapping[str, float]) -> dict[str, float]:
+    """Return the shape of a cause that was fitted in a form that holds some of it.
+
+    Parameters
+    ----------
+    cause : Cause
+        Cause of the catalogue.
+    part : Cause
+        The cause as it was fitted.
+    shape : mapping of str to float
+        Its shape.
+
+    Returns
+    -------
+    dict
+        All shape parameters of `cause`.
+    """
+    held = {"sharpness": _SHARPNESS.get(form_of(part), 1.0)}
+    return {p.name: shape.get(p.name, held.get(p.name, p.lower)) for p in cause.shape}
 
 
 def _after_preload(cause: Cause) -> Cause:

@@ -16,8 +16,9 @@ from hdbench.records.trace import FloatArray
 
 __all__ = ["LoadTable", "base_columns", "load_table"]
 
-# positions closer than this are one position: far below a tooth, above the rounding of a file
-_POSITION_RAD = 1e-4
+# positions closer than this are one position: a sixth of a tooth of 200, above what an encoder at
+# the output or a mark made by hand repeats
+_POSITION_RAD = 5e-3
 
 IntArray = NDArray[np.int64]
 
@@ -119,7 +120,7 @@ def load_table(loads: Loads, profile: ProfileData) -> LoadTable:
     return LoadTable(
         motion=motion,
         reading_v=volts,
-        used=np.isfinite(volts),
+        used=np.isfinite(volts) & _evaluated(loads),
         experiment=experiment_numbers(loads),
         names=tuple(dict.fromkeys(r.experiment for r in readings)),
         place=place,
@@ -129,6 +130,14 @@ def load_table(loads: Loads, profile: ProfileData) -> LoadTable:
         time_measured=reading_times(loads)[1],
         mean_std_v=np.array([_mean_std(r) for r in readings], dtype=np.float64),
     )
+
+
+def _evaluated(loads: Loads) -> NDArray[np.bool_]:
+    """Return which rows are readings: preloads and shunt readings are none."""
+    kinds = loads.extra_columns.get("kind")
+    if kinds is None:
+        return np.ones(len(loads), dtype=bool)
+    return np.array([kind.strip() in ("", "reading") for kind in kinds], dtype=bool)
 
 
 def _mean_std(reading: LoadReading) -> float:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hdbench.diagnosis.confirm import Gain
+from hdbench.diagnosis.gain import Gain
 from hdbench.diagnosis.loads.fit import LoadFit, fit_loads
 from hdbench.diagnosis.loads.heldout import (
     Folds,

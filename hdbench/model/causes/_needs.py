@@ -143,36 +143,6 @@ def torque_turns(motion: Motion) -> str | None:
     )
 
 
-def load_changes(motion: Motion) -> str | None:
-    """Return why nothing can follow the load here, or None."""
-    torque = motion.applied_nm[motion.valid & np.isfinite(motion.applied_nm)]
-    span = float(np.ptp(torque)) if len(torque) else 0.0
-    # a tenth of the torque: what follows a smaller change is a tenth of what the load itself shows
-    if span > 0.0 and span >= 0.1 * float(np.abs(torque).max()):
-        return None
-    return (
-        f"the torque changes by {span:.3g} N m; needed: a tenth of it, that is load put on or off"
-    )
-
-
-def loaded_positions(needed: int) -> Applicable:
-    """Return the condition that the output stands or passes at `needed` angles under load."""
-
-    def check(motion: Motion) -> str | None:
-        torque = np.where(motion.valid, np.abs(motion.applied_nm), np.nan)
-        largest = _largest(motion.applied_nm, motion)
-        # a tenth of the largest torque: below it a share of the torque is not seen
-        angle = motion.output_angle_rad[torque > 0.1 * largest]
-        # twelve places per turn, the first one centred on the first angle
-        places = np.round((angle - angle[0]) * (6.0 / np.pi)) % 12.0 if len(angle) else angle
-        found = len(np.unique(places))
-        if found >= needed:
-            return None
-        return f"the output is loaded at {found} of 12 angles round a turn; needed: {needed}"
-
-    return check
-
-
 def speed_varies(motion: Motion) -> str | None:
     """Return why what follows the speed cannot be told from the zero, or None."""
     velocity = motion.velocity_rad_s[motion.valid]

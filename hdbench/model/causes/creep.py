@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from hdbench.model.causes._memory import linear_recursion, remembered, spread_out
-from hdbench.model.causes._needs import all_of, lasts, load_changes, loaded
+from hdbench.model.causes._needs import all_of, lasts, loaded
 from hdbench.model.causes._parts import ratio_parameter, single
 from hdbench.model.definition import Cause, Parameter
 from hdbench.model.motion import Motion
@@ -60,6 +60,6 @@ CREEP = Cause(
     source="OIML R 60 (creep and its return); one viscoelastic element",
     columns=_creep,
     harmonic=False,
-    applicable=all_of(loaded, load_changes, lasts(1.0)),
+    applicable=all_of(loaded, lasts(1.0)),
     reach=_reach,
 )

@@ -8,6 +8,7 @@ import numpy as np
 
 from hdbench.model.causes._needs import all_of, both_signs, known_torque, loaded
 from hdbench.model.causes._parts import (
+    RATIO_LIMIT,
     REFERENCE_LOAD_NM,
     no_shape,
     ratio_parameter,
@@ -19,6 +20,10 @@ from hdbench.model.motion import Motion
 from hdbench.records.trace import FloatArray
 
 __all__ = ["BACKLASH", "CUBIC_NONLINEARITY", "GAIN_ERROR", "SATURATION", "whole_signal"]
+
+
+# a limiter of this sharpness is within 1.7 % of a hard stop at the limit itself
+_SHARPEST = 8.0
 
 
 def whole_signal(motion: Motion) -> FloatArray:
@@ -52,8 +57,12 @@ def _backlash(motion: Motion, shape: Mapping[str, float]) -> FloatArray:
 
 
 def _saturation(motion: Motion, shape: Mapping[str, float]) -> FloatArray:
-    limit, torque = shape["limit_nm"], whole_signal(motion)
-    return single(limit * np.tanh(torque / limit) - torque)
+    limit, power, torque = shape["limit_nm"], shape["sharpness"], whole_signal(motion)
+    size = np.abs(torque) / limit
+    # far above a sharp limit the power is infinite, and its hyperbolic tangent 1
+    with np.errstate(over="ignore"):
+        held = limit * np.tanh(size**power) ** (1.0 / power)
+    return single(np.copysign(held, torque) - torque)
 
 
 def _largest(torque: FloatArray, motion: Motion) -> float:
@@ -72,9 +81,9 @@ def _play_reach(motion: Motion) -> dict[str, tuple[float, float]]:
 
 def _limit_reach(motion: Motion) -> dict[str, tuple[float, float]]:
     largest = _largest(whole_signal(motion), motion)
-    # a limit ten times the largest torque takes 0.3 % of it, by then a pure cube; one of a tenth
-    # leaves a square wave
-    return {"limit_nm": (0.1 * largest, 10.0 * largest)}
+    # a limit sixty times the largest torque takes a ten-thousandth of it; one of less than half of
+    # it leaves a square wave, and what it takes is a share of the torque: a gain
+    return {"limit_nm": (0.5 * largest, 60.0 * largest)}
 
 
 GAIN_ERROR = Cause(
@@ -110,7 +119,7 @@ CUBIC_NONLINEARITY = Cause(
 BACKLASH = Cause(
     name="backlash",
     equation="-s clip(tau, -b, b), s = 1 where nothing is transmitted inside the play",
-    shape=(Parameter("play_nm", "N m", 0.005, 500.0, "half of the play, as a torque, b"),),
+    shape=(Parameter("play_nm", "N m", 1e-4, 500.0, "half of the play, as a torque, b"),),
     linear=(ratio_parameter("share", "share of the torque lost inside the play, s"),),
     locked_to="load",
     parity="odd in load; only near zero torque",
@@ -125,15 +134,26 @@ BACKLASH = Cause(
 )
 SATURATION = Cause(
     name="saturation",
-    equation="s (L tanh(y / L) - y), y the torque in the channel, s = 1",
-    shape=(Parameter("limit_nm", "N m", 0.1, 1e4, "torque that the channel never exceeds, L"),),
-    linear=(ratio_parameter("share", "1 for a channel with the limit L, s"),),
+    equation="s (L tanh(abs(y / L)^p)^(1/p) sgn y - y), y the torque in the channel, s = 1",
+    shape=(
+        Parameter("limit_nm", "N m", 0.1, 1e4, "torque that the channel never exceeds, L"),
+        Parameter(
+            "sharpness",
+            "1",
+            1.0,
+            _SHARPEST,
+            "1 for a limit that sets in slowly, 8 for a hard knee, p",
+            default=1.0,
+        ),
+    ),
+    # a channel that gives more than its torque has no limit
+    linear=(Parameter("share", "1", 0.0, RATIO_LIMIT, "1 for a channel with the limit L, s"),),
     locked_to="load",
     parity="odd in the whole torque, even in speed",
     channel="sensor",
-    look_alikes=("cubic-nonlinearity", "cubic-stiffness", "gain-error"),
+    look_alikes=("cubic-nonlinearity", "cubic-stiffness", "piecewise-stiffness"),
     experiment="the highest torque of both signs; its code histogram",
-    source="smooth limiter; a sharp one is seen in the code histogram",
+    source="smooth limiter of free sharpness; a hard one is seen in the code histogram too",
     columns=_saturation,
     harmonic=False,
     applicable=loaded,

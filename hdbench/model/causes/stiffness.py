@@ -9,7 +9,12 @@ from numpy.typing import NDArray
 
 from hdbench.model.causes._memory import linear_recursion, remembered, spread_out
 from hdbench.model.causes._needs import all_of, loaded
-from hdbench.model.causes._parts import REFERENCE_LOAD_NM, no_shape, ratio_parameter
+from hdbench.model.causes._parts import (
+    RATIO_LIMIT,
+    REFERENCE_LOAD_NM,
+    no_shape,
+    ratio_parameter,
+)
 from hdbench.model.definition import Cause, Parameter
 from hdbench.model.motion import Motion
 from hdbench.records.trace import FloatArray
@@ -21,10 +26,13 @@ __all__ = ["CUBIC_STIFFNESS", "PIECEWISE_STIFFNESS"]
 _STIFFNESS_NM_PER_RAD = 1.6e4
 # quality factors of 10 to 25 are common on such drives: the middle
 _DAMPING = 0.03
-# second over first knee of the catalogue's sizes 14 to 25: 3.1 to 3.6
+# second over first knee of the catalogue's sizes 14 to 25: 3.1 to 3.6 ...
 _SECOND_KNEE = 3.4
-# the catalogue's first knee is at 0.05 to 0.2 of the rated torque
-_FIRST_KNEE = 0.05
+# ... and of any spring whose two knees can be told apart
+_KNEE_RATIOS = (1.4, 5.0)
+# the catalogue's first knee is at 0.16 to 0.26 of the rated torque; torques up to 1.6 times the
+# rated one
+_FIRST_KNEE = 0.1
 # a record sampled slower than this is a list of readings: there it is cubic-nonlinearity
 _SLOWEST_S = 0.1
 
@@ -86,7 +94,7 @@ def _beyond(knee: float) -> Law:
 
 def _piecewise(motion: Motion, shape: Mapping[str, float]) -> FloatArray:
     knee = shape["knee_nm"]
-    return _columns(motion, (_beyond(knee), _beyond(_SECOND_KNEE * knee)))
+    return _columns(motion, (_beyond(knee), _beyond(shape["knee_ratio"] * knee)))
 
 
 def _sampled(motion: Motion) -> str | None:
@@ -131,12 +139,20 @@ CUBIC_STIFFNESS = Cause(
 PIECEWISE_STIFFNESS = Cause(
     name="piecewise-stiffness",
     equation="y = K_1 phi = tau - d_1 dz(tau, T_1) - d_2 dz(tau, T_2) behind the load's resonance, "
-    "dz(tau, T) = tau - clip(tau, -T, T), T_2 = 3.4 T_1",
+    "dz(tau, T) = tau - clip(tau, -T, T)",
     shape=(
         Parameter("knee_nm", "N m", 0.1, 500.0, "torque at the first change of stiffness, T_1"),
+        Parameter(
+            "knee_ratio",
+            "1",
+            *_KNEE_RATIOS,
+            "torque at the second change over that at the first, T_2 / T_1",
+            default=_SECOND_KNEE,
+        ),
     ),
     linear=(
-        ratio_parameter("first_change", "1 - K_1 / K_2, d_1"),
+        # a flexspline whose teeth engage becomes stiffer, never softer
+        Parameter("first_change", "1", 0.0, RATIO_LIMIT, "1 - K_1 / K_2, d_1"),
         ratio_parameter("second_change", "K_1 / K_2 - K_1 / K_3, d_2"),
     ),
     locked_to="load",

@@ -39,8 +39,8 @@ class Path:
 
     @property
     def loaded(self):
-        """Whether a load is applied."""
-        return bool(np.ptp(self.load) > 0.0)
+        """Whether a load is applied, be it one and the same throughout."""
+        return bool(np.any(self.load))
 
 
 def _lag(signal, rate):
@@ -58,9 +58,11 @@ def travel(pieces, rng, second_encoder=False):
     rate = 2.0 * np.pi * rng.uniform(14.0, 22.0)
     speed = _lag(_lag(command.speed, rate), 1.6 * rate)
     load = _lag(_lag(command.load, 40.0), 60.0)
-    # no shaft turns evenly: some 0.04 rad/s about 2 Hz while it moves
+    # no shaft turns evenly: some 0.04 rad/s about 2 Hz while it moves; it comes and goes within
+    # 30 ms, for no servo changes its acceleration from one sample to the next
+    moving = _lag(_lag(np.minimum(np.abs(command.speed), 1.0), 70.0), 70.0)
     shake = _lag(_lag(rng.standard_normal(len(speed)), 15.0), 15.0)
-    speed = speed + 0.04 / shake.std() * shake * np.minimum(np.abs(speed), 1.0)
+    speed = speed + 0.04 / shake.std() * shake * moving
     # locked at the output, the motor turns by the twist
     twist = np.where(command.locked, RATIO / STIFFNESS * load, 0.0)
     speed = speed + np.gradient(twist, FINE_S)

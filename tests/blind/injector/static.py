@@ -45,9 +45,12 @@ def _draw_pieces(rng, scene):
 
 
 def _soft(scene, shape):
-    """A soft limit L = 1 / size by an algebraic knee: gentle (power 2) or sharp (power 4)."""
-    tau, power = scene.tau, shape["power"]
-    return tau / (1.0 + np.abs(tau * shape["size"]) ** power) ** (1.0 / power) - tau
+    """A soft limit L = 1 / size by an algebraic knee: gentle (power 2) or sharp (power 4).
+
+    It is the channel that has a limit: all of its torque, zero and ripple too.
+    """
+    whole, power = scene.clean, shape["power"]
+    return whole / (1.0 + np.abs(whole * shape["size"]) ** power) ** (1.0 / power) - whole
 
 
 def _draw_soft(rng, scene):

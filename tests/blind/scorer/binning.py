@@ -2,7 +2,7 @@
 
 from collections import defaultdict
 
-__all__ = ["calibration_error", "share"]
+__all__ = ["brier", "calibration_error", "share"]
 
 
 def share(flags):
@@ -11,16 +11,27 @@ def share(flags):
     return (sum(flags) / len(flags) if flags else None), len(flags)
 
 
-def calibration_error(rows):
-    """Expected calibration error of the first name: it is in the true group with P = 1 / set."""
-    bins = defaultdict(list)
+def _stated(rows):
+    """(probability stated for the first name, whether it is in the true group) of each answer."""
     for row in rows:
         if row.verdict.probability is None:
             continue
         effect = row.truth["hidden"][0]
         same = {name for name, value in effect["alike"].items() if value < 0.01}
-        right = row.verdict.named[0] in same
-        bins[min(9, int(10.0 * row.verdict.probability))].append((row.verdict.probability, right))
+        yield row.verdict.probability, row.verdict.named[0] in same
+
+
+def brier(rows):
+    """Mean square of stated probability less what came true; a uniform guess over 40 has 0.975."""
+    pairs = list(_stated(rows))
+    return (sum((p - right) ** 2 for p, right in pairs) / len(pairs) if pairs else None), len(pairs)
+
+
+def calibration_error(rows):
+    """Expected calibration error of the first name: it is in the true group with P = 1 / set."""
+    bins = defaultdict(list)
+    for stated, right in _stated(rows):
+        bins[min(9, int(10.0 * stated))].append((stated, right))
     count = sum(map(len, bins.values()))
     if not count:
         return None, 0

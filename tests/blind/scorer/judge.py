@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from .parameters import deviations
 from .places import located
 
-__all__ = ["GROUP", "Verdict", "judge", "names_of"]
+__all__ = ["FAULT_NAMES", "GROUP", "Verdict", "judge", "names_of"]
 
 # sine squared below which names span the same space (contract, section 5) ...
 GROUP = 0.01
@@ -20,6 +20,16 @@ _FLAGS = {
     "tacho-ripple": {"tacho-ripple"},
     "speed-dependent-noise": {"speed-dependent-noise"},
     "saturation": {"saturation"},
+}
+# bad data: names, of causes or flags, that tell the fault; none for what is no fault
+FAULT_NAMES = {
+    "gaps": {"missed-samples"},
+    "clipping": {"saturation"},
+    "slip": {"encoder-slip"},
+    "wrong-units": {"wrong-channel", "torque-scale", "wrong-unit"},
+    "swapped-channel": {"wrong-channel", "swapped-channel"},
+    "stuck": {"stuck-value"},
+    "noisy-load-cell": set(),
 }
 
 
@@ -44,6 +54,7 @@ class Verdict:
     deviations: tuple = field(default=())
     probability: float | None = None
     gain: tuple | None = None
+    fault_told: bool = False
 
 
 def names_of(cause):
@@ -72,6 +83,13 @@ def _flagged(answer, entry):
     """Flags that name the fault: they are causes too."""
     known = _FLAGS.get(entry["name"], set())
     return any(flag["name"] in known for flag in answer.get("data_flags", ()))
+
+
+def _tells_fault(told, answer):
+    """Whether causes, minor ones or flags hold one of the names in `told`."""
+    named = [*answer["causes"], *answer.get("minor", ())]
+    flags = {flag["name"] for flag in answer.get("data_flags", ())}
+    return bool(told & flags) or any(names_of(cause) & told for cause in named)
 
 
 def _match(causes, hidden, fits):
@@ -108,7 +126,10 @@ def judge(truth, entry):
     exact = _match(causes, hidden, _is_exact)
     found = {k for k in range(len(hidden)) if k in matched or flagged[k]}
     right = {k for k in range(len(hidden)) if k in exact or flagged[k]}
-    strays = [c for k, c in enumerate(causes) if k not in matched.values()]
+    told = FAULT_NAMES.get(truth["fault"], set())
+    strays = [
+        c for k, c in enumerate(causes) if k not in matched.values() and not names_of(c) & told
+    ]
     alarm = bool(causes or left or any(flagged))
     sizes = [_set_size(causes[k]) for k in matched.values()]
     certain = any(not cause.get("rivals") for cause in strays)
@@ -132,6 +153,7 @@ def judge(truth, entry):
         deviations=deviations(truth, matched, causes),
         probability=_probability(first or (causes[0] if causes else None)),
         gain=_gain(truth, answer),
+        fault_told=_tells_fault(told, answer),
     )
 
 

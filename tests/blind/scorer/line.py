@@ -33,7 +33,8 @@ def one_line(truth, entry, verdict):
             ("EXACT", verdict.exact),
             ("covered", verdict.covered and not verdict.exact),
             ("WRONG-CERTAIN", verdict.wrong_certain),
-            ("alarm", verdict.alarm and not truth["hidden"]),
+            ("alarm", verdict.alarm and not truth["hidden"] and not truth["fault"]),
+            ("TOLD", verdict.fault_told),
             ("missed", bool(truth["hidden"]) and not verdict.alarm),
         )
         if is_set

@@ -4,9 +4,13 @@ import math
 import statistics
 from collections import defaultdict
 
-from .binning import calibration_error, share
+from .binning import brier, calibration_error, share
+from .judge import FAULT_NAMES, names_of
 
-__all__ = ["Row", "figures", "mark"]
+__all__ = ["SEPARATED", "Row", "figures", "mark"]
+
+# Q(d sin gamma / 2) = 1 %: distance of two effects, sigmas, at which a wrong name has 1 %
+SEPARATED = 4.65
 
 
 class Row(tuple):
@@ -35,6 +39,9 @@ def _clean(rows, part="A"):
         out[f"false_alarms_{name}"] = share(row.verdict.alarm for row in some)
         out[f"false_names_{name}"] = share(bool(row.verdict.named) for row in some)
         out[f"false_unexplained_{name}"] = share(row.verdict.unexplained > 0 for row in some)
+        out[f"false_flags_{name}"] = share(
+            bool((row.entry.get("answer") or {}).get("data_flags")) for row in some
+        )
     return out
 
 
@@ -114,10 +121,14 @@ def _outside(rows):
     return {
         "outside_right": share(_honest(row) for row in far),
         "outside_place": share(error <= 3.0 for error in places),
-        "near_miss_honest": share(
-            not row.verdict.wrong_certain or row.verdict.unexplained > 0 for row in near
-        ),
+        "near_miss_honest": share(_limits_told(row) for row in near),
     }
+
+
+def _limits_told(row):
+    """A name with rivals or an unexplained rest beside it; silence is no answer."""
+    verdict = row.verdict
+    return verdict.unexplained > 0 or (bool(verdict.named) and not verdict.wrong_certain)
 
 
 def _duels(rows):
@@ -125,6 +136,7 @@ def _duels(rows):
     good = [row for row in rows if row.truth["note"].endswith("good")]
     return {
         "duel_poor_set": share(_says_both(row) for row in poor),
+        "duel_poor_both": share(_both_named(row) for row in poor),
         "duel_poor_covered": share(row.verdict.covered for row in poor),
         "duel_poor_wrong_certain": share(row.verdict.wrong_certain for row in poor),
         "duel_good_name": share(row.verdict.exact for row in good),
@@ -133,29 +145,31 @@ def _duels(rows):
 
 
 def _says_both(row):
-    """Both names of the pair stand in one set, with a run that separates them.
+    """Both names of the pair stand in one set, and the run that was proposed separates them.
 
-    Nothing to see at all is right where the record leaves nothing of the effect.
+    The runner has simulated that run with the injector's own bench: the two effects, each of the
+    size that was hidden, must be so far apart on it that a wrong name has 1 % (4.65 sigmas).
     """
+    if not _both_named(row):
+        return False
+    return (row.entry.get("proposal") or {}).get("sigmas", 0.0) >= SEPARATED
+
+
+def _both_named(row):
+    """Both names of the pair stand in one set."""
     pair = set(row.truth["note"].split("|")[:2])
-    for cause in row.entry.get("answer", {}).get("causes", ()):
-        names = {cause["name"], *cause.get("group", ()), *cause.get("rivals", ())}
-        if pair <= names:
-            return bool(cause.get("separating_experiment"))
-    return False
+    causes = (row.entry.get("answer") or {}).get("causes", ())
+    return any(pair <= names_of(cause) for cause in causes)
 
 
 def mark(row):
     """Marks of one record for the one number: 1, 0.5, 0 or -1."""
-    verdict, effects = row.verdict, row.truth["hidden"]
+    verdict = row.verdict
     if verdict.wrong_certain:
         return -1.0
     if verdict.exact or (row.truth["part"] == "D" and _honest(row)):
         return 1.0
-    if verdict.covered and verdict.set_size <= 3.0:
-        return 0.5
-    small = all(effect["d"] is not None and effect["d"] < 5.0 for effect in effects)
-    return 0.0 if small or not verdict.alarm else (0.5 if verdict.covered else 0.0)
+    return 0.5 if verdict.covered and verdict.set_size <= 3.0 else 0.0
 
 
 def _score(rows):
@@ -170,11 +184,26 @@ def _score(rows):
 def _machine(rows):
     out = {}
     for record in ("compact", "short", "mixed", "constant", "protocol", "long", "loads"):
-        spent = [row.entry["seconds"] for row in rows if row.truth["record"] == record]
+        spent = [_cpu(row) for row in rows if row.truth["record"] == record]
         memory = [row.entry["peak_mb"] for row in rows if row.truth["record"] == record]
         if spent:
             out[record] = (statistics.median(spent), max(spent), max(memory), len(spent))
     return out
+
+
+def _cpu(row):
+    """Seconds of one core; wall time where an old campaign kept nothing else."""
+    return row.entry.get("cpu_s", row.entry["seconds"])
+
+
+def _time(rows):
+    """Slowest of the records of 172 s, and the most memory of any up to that length."""
+    whole = [_cpu(row) for row in rows if row.truth["record"] == "protocol"]
+    memory = [row.entry["peak_mb"] for row in rows if row.truth["record"] != "long"]
+    return {
+        "slowest_172_s": (max(whole) if whole else None, len(whole)),
+        "most_memory_gb": (max(memory) / 1024.0 if memory else None, len(memory)),
+    }
 
 
 def _faults(rows):
@@ -190,7 +219,8 @@ def _faults(rows):
                 or bool(row.verdict.named)
                 for row in some
             ),
-            "wrong_names": (sum(len(row.verdict.named) for row in some) / len(some), len(some)),
+            "own_name": share(row.verdict.fault_told for row in some),
+            "wrong_names": (sum(row.verdict.phantoms for row in some) / len(some), len(some)),
             "no_answer": share("crashed" in row.entry for row in some),
         }
         for fault, some in sorted(by.items())
@@ -215,9 +245,16 @@ def figures(rows):
         "physical_cover": share(row.verdict.covered for row in physical),
         **_duels(_part(rows, "E")),
         "calibration_error": calibration_error(asked),
+        "brier": brier(asked),
         "score": _score(rows),
         "crashes": share("crashed" in row.entry for row in rows),
         "refusals": share("refused" in row.entry for row in rows if row.truth["part"] != "F"),
+        "fault_told": share(
+            row.verdict.fault_told
+            for row in _part(rows, "F")
+            if FAULT_NAMES.get(row.truth["fault"])
+        ),
+        **_time(rows),
         "faults": _faults(_part(rows, "F")),
         "machine": _machine(rows),
     }
