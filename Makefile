@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test check venv dev coverage-campaign blind bench firmware-check clean
+.PHONY: demo test check venv dev coverage-campaign blind bench faults faults-all firmware-check docs clean
 
 demo: $(VENV)/.installed
 	$(BIN)/hdbench demo
@@ -38,6 +38,14 @@ blind: $(VENV)/.dev
 	$(BIN)/python tools/blind.py --rivals 150 --processes $$(nproc) --out build/blind
 	$(BIN)/python tools/blind.py --report build/blind --write
 
+# Break what can be broken: a twentieth of the campaign, and the whole with its table written.
+faults: $(VENV)/.dev
+	OMP_NUM_THREADS=1 $(BIN)/python tools/faults.py --share 0.05
+
+faults-all: $(VENV)/.dev
+	OMP_NUM_THREADS=1 $(BIN)/python tools/faults.py --share 1 --write docs/reliability.md
+	OMP_NUM_THREADS=1 $(BIN)/python tools/fault_soak.py --hours 8
+
 # The exported filter on this machine and on an emulated Cortex-M4F; says what is missing.
 firmware-check: $(VENV)/.installed
 	@for tool in cc arm-none-eabi-gcc qemu-system-arm; do \
@@ -50,9 +58,13 @@ firmware-check: $(VENV)/.installed
 	else echo "not run on a Cortex-M4F: tools are missing"; fi
 
 bench: $(VENV)/.dev
-	$(BIN)/python tools/bench_filter.py
-	$(BIN)/python tools/bench_files.py
+	$(BIN)/python tools/bench.py
 	$(BIN)/python tools/bench_plant.py
+
+# The documentation as a site in build/site; the reference pages are made from the code first.
+docs: $(VENV)/.dev
+	$(BIN)/python tools/docs_reference.py --write
+	$(BIN)/zensical build --strict
 
 clean:
 	rm -rf $(VENV) build dist *.egg-info

@@ -3,34 +3,28 @@
 from __future__ import annotations
 
 import platform
-import shutil
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from hdbench.errors import HdbenchError, LimitError
-from hdbench_cli.options import address_option, profile_option
+from hdbench.errors import HdbenchError, LimitError, Stopped, UsageError
+from hdbench_cli.options import address_option, out_option, profile_option
 from hdbench_cli.output import Output
 
 if TYPE_CHECKING:
     from rich.console import Console
 
     from hdbench.profile import Profile
+    from hdbench.session.checkup import Finding
+    from hdbench.session.proving import WatchdogProof
 
 __all__ = ["command", "version_facts"]
 
-_MIB = 2.0**20
-_NEEDED_MIB = 200.0  # ten runs of ten minutes at 1 kHz are about that
-
-
-@dataclass(frozen=True, slots=True)
-class _Line:
-    name: str
-    ok: bool
-    found: str
-    fix: str = ""
+_PROOF_FIX = "let nothing move here until the device's watchdog stops the motor"
+# lines that are well, and say what could still be done
+_HINTS = ("filter kernel", "watchdog", "calibration", "clock")
 
 
 def version_facts() -> dict[str, str]:
@@ -55,76 +49,116 @@ def version_facts() -> dict[str, str]:
     }
 
 
-def _environment() -> list[_Line]:
-    from hdbench.filter import kernel_name, kernel_reason
-
-    free_mib = shutil.disk_usage(Path.cwd()).free / _MIB
-    compiled = kernel_name() == "c"
-    return [
-        _Line("python", True, platform.python_version()),
-        _Line(
-            "filter kernel",
-            True,
-            f"{kernel_name()}: {kernel_reason()}",
-            "" if compiled else "for speed install a C compiler, then install hdbench again",
-        ),
-        _Line(
-            "disk",
-            free_mib > _NEEDED_MIB,
-            f"{free_mib:.0f} MiB free in {Path.cwd()}",
-            f"free at least {_NEEDED_MIB:.0f} MiB",
-        ),
-    ]
-
-
-def _bench(profile: Profile, address: str | None) -> list[_Line]:
-    from hdbench.devices import open_bench
-
-    where = address or profile.data.daq.address
-    try:
-        with open_bench(profile.data, address=address) as bench:
-            identity = bench.identity()
-            safe = bench.safe_state()
-    except HdbenchError as error:
-        return [_Line("bench", False, f"{error.where}: {error.what}", error.fix)]
-    who = f"{identity.vendor} {identity.model} {identity.firmware} at {where}"
-    return [
-        _Line("bench", True, who + (" (simulated)" if identity.simulated else "")),
-        _Line("safe state", safe.confirmed, safe.detail, "press the emergency stop and look"),
-    ]
-
-
 @click.command("doctor", epilog="Example: hdbench doctor --profile my-bench.toml --json")
 @profile_option
 @address_option
+@out_option
+@click.option(
+    "--prove-watchdog",
+    "prove",
+    is_flag=True,
+    help="MOVES THE MOTOR: creep, go silent, and see the device stop it.",
+)
+@click.option("--yes", is_flag=True, help="Confirm motion without a question.")
+@click.option("--no-input", is_flag=True, help="Never ask; fail where an answer is needed.")
 @click.pass_obj
-def command(output: Output, profile_name: str | None, address: str | None) -> None:
-    """Check this installation, the profile and the bench; each line with its fix.
+def command(
+    output: Output,
+    profile_name: str | None,
+    address: str | None,
+    out: Path,
+    *,
+    prove: bool,
+    yes: bool,
+    no_input: bool,
+) -> None:
+    """Check this computer, the profile and the bench; each line with its fix.
 
-    Exits 3 when a line fails. The motor does not move.
+    Exits 3 when a line fails. Without --prove-watchdog the motor does not move. With it the motor
+    turns at 2 % of its speed limit; then this computer falls silent, and the device itself has to
+    stop it. Do that once per bench. This is no safety function: a bench needs a hard-wired
+    emergency stop.
     """
-    from hdbench.profile import load_profile
+    from datetime import UTC, datetime
 
-    lines = _environment()
+    from hdbench.profile import load_profile
+    from hdbench.session.checkup import (
+        Finding,
+        check_bench,
+        check_calibration,
+        check_computer,
+        check_ports,
+    )
+
+    findings = check_computer(out)
+    proof = None
     try:
         profile = load_profile(profile_name or "cim-tr-97-06")
     except HdbenchError as error:
-        lines.append(_Line("profile", False, error.what, error.fix))
+        findings.append(Finding("profile", False, error.what, error.fix))
     else:
-        lines.append(_Line("profile", True, f"{profile.data.name} {profile.sha256[:12]}"))
-        lines.extend(_bench(profile, address))
-    ok = all(line.ok for line in lines)
+        findings.append(Finding("profile", True, f"{profile.data.name} {profile.sha256[:12]}"))
+        findings.append(check_calibration(profile, out, datetime.now(UTC)))
+        findings += check_ports(profile, address)
+        findings += check_bench(profile, address)
+        if prove:
+            proof = _proof(output, profile, address, yes=yes, no_input=no_input)
+            found = Finding("watchdog", proof.proven, proof.detail, _PROOF_FIX)
+            findings = [*(line for line in findings if line.name != "watchdog"), found]
+    _tell(output, findings, proof)
+
+
+def _proof(
+    output: Output, profile: Profile, address: str | None, *, yes: bool, no_input: bool
+) -> WatchdogProof:
+    """Ask, then prove."""
+    from hdbench.session.proving import creep_rad_s, prove_watchdog
+    from hdbench.session.stop import StopRequested, listen
+
+    where = address or profile.data.daq.address
+    speed = creep_rad_s(profile.data)
+    if not yes:
+        if no_input:
+            raise UsageError(
+                "--prove-watchdog moves the motor and needs a confirmation",
+                where="--no-input",
+                fix="add --yes when the bench is clear",
+            )
+        output.note(f"The motor of {where} will turn at {speed:.3g} rad/s for some seconds.")
+        click.confirm("Is the bench clear, and the emergency stop at hand?", abort=True, err=True)
+    with listen() as stop:
+        try:
+            return prove_watchdog(profile, stop, address=address)
+        except StopRequested as request:
+            raise Stopped(
+                f"stopped by {request}; motor reference zero confirmed",
+                where=where,
+                fix="prove the watchdog again",
+                exit_code=128 + request.signum,
+            ) from request
+
+
+def _tell(output: Output, findings: list[Finding], proof: WatchdogProof | None) -> None:
+    ok = all(line.ok for line in findings)
 
     def text(console: Console) -> None:
-        for line in lines:
+        for line in findings:
             mark = "[green]ok  [/]" if line.ok else "[bold red]FAIL[/]"
             console.print(mark, end=" ")
-            console.print(f"{line.name:14s} {line.found}", markup=False)
-            if (line.fix and not line.ok) or (line.fix and line.name == "filter kernel"):
-                console.print(f"       fix: {line.fix}", markup=False)
+            console.print(f"{line.name:14s} {line.found}", markup=False, soft_wrap=True)
+            if line.fix and not line.ok:
+                console.print(f"       fix: {line.fix}", markup=False, soft_wrap=True)
+            elif line.fix and line.name in _HINTS:
+                console.print(f"       hint: {line.fix}", markup=False, soft_wrap=True)
 
-    facts = version_facts()
-    body = {"schema": "hdbench/doctor/1", "ok": ok, "lines": [asdict(x) for x in lines], **facts}
+    body = {
+        "schema": "hdbench/doctor/1",
+        "ok": ok,
+        "lines": [asdict(line) for line in findings],
+        **version_facts(),
+    }
+    if proof is not None:
+        body["watchdog_proof"] = asdict(proof)
     output.result(body, text)
     if not ok:
         failed = LimitError("a check failed", where="doctor", fix="see the lines above")

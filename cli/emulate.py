@@ -7,13 +7,18 @@ from typing import TYPE_CHECKING
 
 import click
 
+from hdbench.errors import UsageError
 from hdbench_cli.options import profile_option, seed_option
 from hdbench_cli.output import Output
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from rich.console import Console
 
 __all__ = ["command"]
+
+_LOOPBACK = ("127.0.0.1", "localhost", "::1")
 
 
 @click.command("emulate", epilog="Example: hdbench emulate --plant worn --port 5020")
@@ -39,7 +44,24 @@ __all__ = ["command"]
     type=click.IntRange(0, 65535),
     default=0,
     show_default=True,
-    help="TCP port on 127.0.0.1; 0 takes a free one.",
+    help="TCP port; 0 takes a free one.",
+)
+@click.option(
+    "--rtu",
+    is_flag=True,
+    help="Serve Modbus RTU on a pseudo-terminal instead of a TCP port (node or modbus).",
+)
+@click.option(
+    "--listen",
+    metavar="ADDRESS",
+    default="127.0.0.1",
+    show_default=True,
+    help="Address of this computer to listen on; other than the loopback with --unprotected only.",
+)
+@click.option(
+    "--unprotected",
+    is_flag=True,
+    help="Let others on the network in: nothing on this wire asks who they are.",
 )
 @click.option(
     "--pace",
@@ -63,34 +85,41 @@ def command(
     model_file: Path | None,
     seed: int,
     port: int,
+    rtu: bool,
+    listen: str,
+    unprotected: bool,
     pace: str,
     record: Path | None,
 ) -> None:
-    """Serve the emulated bench over Modbus TCP until Ctrl-C or SIGTERM.
+    """Serve the emulated bench on its own wire until Ctrl-C or SIGTERM.
 
-    Prints the address that --address of the other commands takes. The port is open to this machine
-    only: Modbus has no authentication.
+    Which device is emulated stands in the profile. Prints the address that --address of the other
+    commands takes. It is open to this machine only: Modbus has no authentication.
     """
     from hdbench import __version__
-    from hdbench.devices.emulator.serve import EmulatorSettings, emulate_bench
+    from hdbench.devices.emulator.kinds import emulator_of
+    from hdbench.devices.emulator.serve import EmulatorSettings
     from hdbench.profile import load_profile
 
+    _check_listen(listen, unprotected=unprotected)
     profile = load_profile(profile_name or "cim-tr-97-06")
 
-    def ready(host: str, bound: int) -> None:
-        address = f"tcp://{host}:{bound}"
+    def ready(found: Mapping[str, object]) -> None:
+        address = str(found["address"])
 
         def show(console: Console) -> None:
-            console.print(address, highlight=False, markup=False)
+            parts = [found[name] for name in ("inputs", "outputs") if name in found]
+            each = [str(part["address"]) for part in parts if isinstance(part, dict)]
+            for line in each or [address]:
+                console.print(line, highlight=False, markup=False)
 
         output.result(
             {
                 "schema": "hdbench/emulator/1",
                 "hdbench_version": __version__,
                 "profile": {"name": profile.name, "sha256": profile.sha256},
-                "address": address,
-                "host": host,
-                "port": bound,
+                **found,
+                **_host_and_port(address),
                 "plant": plant,
                 "seed": seed,
                 "pace": pace,
@@ -100,6 +129,29 @@ def command(
         output.note("serving until Ctrl-C")
 
     settings = EmulatorSettings(
-        port=port, pace="fast" if pace == "fast" else "realtime", record=record
+        host=listen,
+        port=port,
+        pace="fast" if pace == "fast" else "realtime",
+        record=record,
+        rtu=rtu,
     )
-    emulate_bench(profile.data, plant, seed, settings, ready=ready, model_file=model_file)
+    emulate = emulator_of(profile.data.daq.driver)
+    emulate(profile.data, plant, seed, settings, ready=ready, model_file=model_file)
+
+
+def _check_listen(listen: str, *, unprotected: bool) -> None:
+    """Refuse to open the wire to a network by accident."""
+    if listen in _LOOPBACK or unprotected:
+        return
+    raise UsageError(
+        f"{listen} is not the loopback: everybody on that network could move the bench",
+        where="--listen",
+        fix="leave it out, or add --unprotected if that is what you want",
+    )
+
+
+def _host_and_port(address: str) -> dict[str, object]:
+    """Return host and port of a TCP address; nothing for another."""
+    scheme, _, rest = address.partition("://")
+    host, _, port = rest.rpartition(":")
+    return {"host": host, "port": int(port)} if scheme == "tcp" and port.isdecimal() else {}

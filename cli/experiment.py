@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
-from hdbench.errors import DoubtfulDataError, LimitError, UsageError
+from hdbench.errors import UsageError
+from hdbench_cli.next_step import after_run
 from hdbench_cli.output import Output
+from hdbench_cli.present import Shown, present
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -16,8 +18,9 @@ if TYPE_CHECKING:
     from hdbench.diagnosis.planning import MotionPlan
     from hdbench.profile import Profile
     from hdbench.ripple import Stretch
+    from hdbench.session.calibrating.plan import Preset
 
-__all__ = ["Request", "choose_profile", "doubts_of", "run_command"]
+__all__ = ["Request", "choose_profile", "run_command"]
 
 _DEFAULT_PROFILE = "cim-tr-97-06"
 
@@ -39,11 +42,16 @@ class Request:
     check: bool = False
     realtime: bool = False
     no_report: bool = False
+    form: str = "csv"
     calibration: Path | None = None
+    allow_expired: bool = False
     misalignment: Path | None = None
     filter_name: str | None = None
     stretch: Stretch | None = None
     plan_file: Path | None = None
+    preset: Preset | None = None
+    who: Literal["auto", "person", "simulated"] = "auto"
+    mistakes: str = ""
 
 
 def choose_profile(name: str | None, source: Path | None) -> Profile:
@@ -70,23 +78,6 @@ def choose_profile(name: str | None, source: Path | None) -> Profile:
         if isinstance(stored, dict) and isinstance(stored.get("text"), str):
             return parse_profile(stored["text"], f"{source / 'run.json'}: profile")
     return load_profile(name or _DEFAULT_PROFILE)
-
-
-def doubts_of(result: Mapping[str, Any]) -> list[str]:
-    """Return every reason to doubt a result: what the run saw and what its data show.
-
-    Parameters
-    ----------
-    result : mapping
-        A result with `doubts` of the run and `flags` of the data.
-
-    Returns
-    -------
-    list of str
-        Reasons in words; empty where there is none.
-    """
-    flags = [str(flag["detail"]) for flag in result.get("flags", ())]
-    return [*map(str, result.get("doubts", ())), *flags]
 
 
 def run_command(
@@ -122,6 +113,10 @@ def run_command(
             where="--plan",
             fix="leave out --from to measure, or --plan to evaluate again",
         )
+    if request.form == "parquet":
+        from hdbench.records.parquetfile import require_parquet
+
+        require_parquet("--format parquet")
     if request.dry_run:
         _show_plan(output, request, profile)
         return
@@ -129,55 +124,43 @@ def run_command(
         folder, result = _from_stored(request, profile)
     else:
         folder, result = _measure(output, request, profile)
-    doubts = doubts_of(result)
-    if not request.no_report:
-        from hdbench.report import write_report
+    if request.form == "parquet":
+        _keep_parquet(folder, profile)
 
-        write_report([folder], folder / "report.html", profile=profile)
+    def then(folder: Path, result: Mapping[str, Any]) -> str:
+        name, gain = request.profile_name, request.calibration
+        return after_run(request.kind, folder, result, profile_name=name, calibration=gain)
 
-    def text(console: Console) -> None:
-        show(console, result)
-        console.print(f"\nrun     {folder}", highlight=False)
-        if not request.no_report:
-            console.print(f"report  {folder / 'report.html'}", highlight=False)
-
-    output.result({**result, "run_folder": str(folder)}, text)
-    reason = failed(result) if request.check else None
-    if reason:
-        _after(output, LimitError(reason, where=str(folder), fix="see report.html of this run"))
-    if doubts:
-        _after(
-            output,
-            DoubtfulDataError(
-                "finished, but the data are doubtful: " + "; ".join(doubts),
-                where=str(folder),
-                fix="look at the marked samples, then measure again",
-            ),
-        )
+    present(output, request, profile, (folder, result), Shown(show, failed, then))
 
 
-def _after(output: Output, error: LimitError | DoubtfulDataError) -> None:
-    """End with the error's code; with ``--json`` the one object is out already."""
-    if output.json:
-        import click
+def _keep_parquet(folder: Path, profile: Profile) -> None:
+    """Write the run's data as Parquet beside the CSV file, listed among the run's files."""
+    from hdbench.records import RunFolder
+    from hdbench.records.exporting import export_records, gather
 
-        output.note(str(error))
-        raise click.exceptions.Exit(error.exit_code)
-    raise error
+    made = export_records(gather(folder, profile.data.arm), folder, "parquet")
+    RunFolder.open(folder).add_files([made])
 
 
 def _show_plan(output: Output, request: Request, profile: Profile) -> None:
     from hdbench.records import result_header
     from hdbench.session import make_plan
+    from hdbench_cli.attendance import handling_words
 
-    plan = make_plan(request.kind, profile, _motion(request))
-    limits = profile.data.limits.model_dump()
+    plan = make_plan(request.kind, profile, _motion(request), preset=request.preset)
+    age = _calibration_age(request, profile)
+    limits = profile.data.limits.model_dump(exclude_none=True)
 
     def text(console: Console) -> None:
         console.print(f"{plan.kind} on {profile.data.name}: {plan.duration_s:.0f} s of bench time")
-        for number, step in enumerate(plan.steps, start=1):
-            console.print(f"  {number:3d}  {step.describe()}", markup=False)
+        if plan.preset is not None:
+            console.print(handling_words(plan))
+        for line in plan.lines():
+            console.print(f"  {line}", markup=False)
         console.print("limits  " + ", ".join(f"{k} {v:g}" for k, v in limits.items()))
+        if age:
+            console.print(f"gain    {age}", markup=False, highlight=False, soft_wrap=True)
         console.print("nothing has moved")
 
     header = result_header("plan", profile)
@@ -186,6 +169,24 @@ def _show_plan(output: Output, request: Request, profile: Profile) -> None:
 
 def _silent(_what: str, _share: float) -> None:
     """Leave the phase to the frames of the run."""
+
+
+def _calibration_age(request: Request, profile: Profile) -> str:
+    """Say how old the calibration is that a run would use; an expired one is refused."""
+    if request.calibration is None:
+        return ""
+    from hdbench.profile.scaling import read_calibration
+    from hdbench.profile.validity import checked_age
+    from hdbench.records.manifest import utc_now
+
+    scale = checked_age(
+        read_calibration(request.calibration),
+        request.calibration,
+        profile,
+        now=utc_now(),
+        allow_expired=request.allow_expired,
+    )
+    return f"{scale.source}: {scale.age_words}"
 
 
 def _motion(request: Request) -> MotionPlan | None:
@@ -216,14 +217,13 @@ def _from_stored(request: Request, profile: Profile) -> tuple[Path, Mapping[str,
 
 
 def _measure(output: Output, request: Request, profile: Profile) -> tuple[Path, Mapping[str, Any]]:
+    from hdbench.devices.emulator.mistakes import parse_mistakes
     from hdbench.session import BenchOptions, run_experiment
+    from hdbench_cli.attendance import attendance
     from hdbench_cli.live import live_view
     from hdbench_cli.operator import ConsoleOperator
-    from hdbench_cli.progress import progress_bar
 
     person = request.yes or not request.no_input
-    if request.no_input and request.kind == "calibration":
-        person = False
     operator = ConsoleOperator(motion_confirmed=request.yes) if person else None
     motion = _motion(request)
     if motion is not None and motion.needs_operator and request.no_input:
@@ -240,14 +240,18 @@ def _measure(output: Output, request: Request, profile: Profile) -> tuple[Path, 
         address=request.address,
         realtime=request.realtime,
         calibration=request.calibration,
+        allow_expired=request.allow_expired,
         misalignment=request.misalignment,
         filter_name=request.filter_name,
         operator=operator,
         motion=motion,
+        preset=request.preset,
+        mistakes=parse_mistakes(request.mistakes),
     )
     if request.kind == "calibration":
-        with progress_bar(request.kind) as progress:
-            outcome = run_experiment(request.kind, profile, options, progress)
+        with attendance(output, request.who, profile, request) as (talk, rehearse, progress):
+            asked = replace(options, talk=talk, rehearse=rehearse)
+            outcome = run_experiment(request.kind, profile, asked, progress)
     else:
         with live_view(request.kind, profile, request.out) as watcher:
             watched = replace(options, watcher=watcher)

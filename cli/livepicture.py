@@ -118,7 +118,7 @@ def _curve(history: History, curve: Curve, profile: Profile, room: int) -> Text:
     if limit is not None and math.isfinite(largest):
         share = largest / limit
         style = "bold red" if share > 1.0 else "yellow" if share > _NEAR else "green"
-        text.append(f" {100.0 * share:4.0f} % max", style=style)
+        text.append(f" {100.0 * share:4.0f} % limit", style=style)
     return text
 
 

@@ -8,6 +8,7 @@ import signal
 import sys
 import traceback
 from collections.abc import Sequence
+from contextlib import suppress
 from types import FrameType
 from typing import Any, NoReturn
 
@@ -34,11 +35,12 @@ _COMMANDS: dict[str, tuple[str, str]] = {
     "report": ("report", "Write runs as one offline HTML file with CSV and JSON."),
     "regress": ("regress", "Re-evaluate stored traces and compare with stored results."),
     "import": ("import_", "Bring in traces and loads from other programs."),
-    "runs": ("runs", "List, show and verify run folders."),
-    "gauge": ("gauge", "Placement film for the strain gauges; what misplacement does."),
+    "runs": ("runs", "List, show, verify, resume and compare runs."),
+    "gauge": ("gauge", "Film that places the strain gauges; what misplacing does."),
     "profile": ("profile", "List, show, check and make profiles."),
     "stop": ("stop", "Stop the motor of a bench now, whoever runs it."),
     "monitor": ("monitor", "Look at a bench live; nothing moves and nothing is kept."),
+    "devices": ("devices", "Serial ports of this computer, and who is on them."),
     "doctor": ("doctor", "Check this installation and the bench."),
     "completion": ("completion", "Print the script that completes commands in a shell."),
     "demo": ("demo", "The whole bench in a minute, without hardware."),
@@ -165,18 +167,19 @@ def _end_by_signal(signum: int, _frame: FrameType | None) -> NoReturn:
 
 
 def _fail(output: Output, error: HdbenchError) -> int:
-    output.error(error)
+    # a terminal that was closed hears nothing; the exit code still tells
+    with suppress(OSError):
+        output.error(error)
     return error.exit_code
 
 
 def _usage(error: click.ClickException, output: Output) -> int:
-    if not output.json:
-        error.show()
-        return error.exit_code
     command = getattr(getattr(error, "ctx", None), "command_path", "hdbench")
-    wrapped = UsageError(
-        error.format_message(), where=command, fix=f"run '{command} --help' and correct the call"
-    )
+    message = error.format_message()
+    fix = f"run '{command} --help' and correct the call"
+    if message.endswith("does not exist."):
+        fix = "check the path; 'hdbench runs list' names the runs that are stored here"
+    wrapped = UsageError(message, where=command, fix=fix)
     wrapped.exit_code = error.exit_code
     return _fail(output, wrapped)
 
@@ -237,7 +240,12 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
             signal.signal(getattr(signal, name), _end_by_signal)
     words = sys.argv[1:] if arguments is None else list(arguments)
     output = Output(json="--json" in words)
-    sys.exit(_run(words, output))
+    try:
+        code = _run(words, output)
+    except KeyboardInterrupt:  # one more Ctrl-C while the first one's end was being told
+        code = 130
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the exit code is decided
+    sys.exit(code)
 
 
 if __name__ == "__main__":

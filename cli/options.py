@@ -12,6 +12,7 @@ from hdbench_cli import complete
 
 __all__ = [
     "address_option",
+    "allow_expired_option",
     "bench_options",
     "calibration_option",
     "from_option",
@@ -66,6 +67,11 @@ calibration_option = click.option(
     type=click.Path(path_type=Path, exists=True),
     help="Calibration whose gain scales the torque; else the profile's gain.",
 )
+allow_expired_option = click.option(
+    "--allow-expired",
+    is_flag=True,
+    help="Use that calibration even where it is older than the profile's validity_days.",
+)
 model_option = click.option(
     "--model",
     "filter_name",
@@ -118,6 +124,14 @@ def bench_options(function: F) -> F:
         click.option("--check", is_flag=True, help="Exit 3 unless the result passes."),
         click.option("--realtime", is_flag=True, help="Let the embedded bench keep real time."),
         click.option("--no-report", is_flag=True, help="Leave out report.html."),
+        click.option(
+            "--format",
+            "form",
+            type=click.Choice(["csv", "parquet"]),
+            default="csv",
+            show_default=True,
+            help="parquet keeps the data as Parquet too, beside the CSV file.",
+        ),
     )
     for option in reversed(options):
         function = option(function)

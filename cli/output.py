@@ -60,7 +60,9 @@ class Output:
 
         console = self.console(stderr=True)
         for problem in error.problems or (error,):
-            text = Text.assemble(("error ", "bold red"), f"{problem.where}: {problem.what}\n")
+            # a run that was stopped on purpose has not failed
+            word = ("stopped ", "yellow") if problem.kind == "stopped" else ("error ", "bold red")
+            text = Text.assemble(word, f"{problem.where}: {problem.what}\n")
             text.append("  fix: ", style="dim")
             text.append(problem.fix)
             console.print(text, soft_wrap=True)

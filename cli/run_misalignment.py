@@ -8,9 +8,16 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from hdbench_cli.experiment import Request, doubts_of, run_command
-from hdbench_cli.options import bench_options, calibration_option, model_option, plan_option
+from hdbench_cli.experiment import Request, run_command
+from hdbench_cli.options import (
+    allow_expired_option,
+    bench_options,
+    calibration_option,
+    model_option,
+    plan_option,
+)
 from hdbench_cli.output import Output
+from hdbench_cli.present import doubts_of
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -44,6 +51,7 @@ def failed(result: Mapping[str, Any]) -> str | None:
 )
 @bench_options
 @calibration_option
+@allow_expired_option
 @model_option
 @plan_option
 @click.pass_obj

@@ -9,7 +9,13 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from hdbench_cli.experiment import Request, run_command
-from hdbench_cli.options import bench_options, calibration_option, model_option, plan_option
+from hdbench_cli.options import (
+    allow_expired_option,
+    bench_options,
+    calibration_option,
+    model_option,
+    plan_option,
+)
 from hdbench_cli.output import Output
 from hdbench_cli.run_misalignment import failed
 
@@ -54,6 +60,7 @@ def show(console: Console, result: Mapping[str, Any]) -> None:
 )
 @bench_options
 @calibration_option
+@allow_expired_option
 @click.option(
     "--misalignment",
     metavar="RUN|FILE",

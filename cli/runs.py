@@ -1,4 +1,4 @@
-"""`hdbench runs`: list, show and verify run folders."""
+"""`hdbench runs`: list, show, verify and resume run folders."""
 
 from __future__ import annotations
 
@@ -8,7 +8,10 @@ from typing import TYPE_CHECKING, Any
 import click
 from click.core import ParameterSource
 
+from hdbench_cli.calibrate import mistakes_option
+from hdbench_cli.options import address_option
 from hdbench_cli.output import Output
+from hdbench_cli.runs_compare import compare
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -20,7 +23,7 @@ __all__ = ["command"]
 
 @click.group(name="runs")
 def command() -> None:
-    """List, show and verify run folders.
+    """List, show, verify and resume run folders.
 
     Example: hdbench runs verify runs/*
     """
@@ -118,3 +121,38 @@ def verify(output: Output, runs: tuple[Path, ...], recover: bool) -> int:
         lambda console: _draw_checks(console, reports),
     )
     return 0 if ok else 4
+
+
+@command.command("resume")
+@click.argument("run", metavar="RUN", type=click.Path(path_type=Path))
+@address_option
+@click.option("--yes", is_flag=True, help="Confirm motion without a question.")
+@click.option("--no-input", is_flag=True, help="Never ask; fail where an answer is needed.")
+@click.option("--check", is_flag=True, help="Exit 3 unless the result passes.")
+@click.option("--realtime", is_flag=True, default=None, help="Let the embedded bench keep time.")
+@click.option("--no-report", is_flag=True, help="Leave out report.html.")
+@click.option(
+    "--operator",
+    "who",
+    type=click.Choice(["auto", "person", "simulated"]),
+    default="auto",
+    show_default=True,
+    help="Who answers at a calibration, as for hdbench calibrate.",
+)
+@mistakes_option
+@click.pass_obj
+def resume(output: Output, /, run: Path, **options: Any) -> None:
+    """Go on with a run that was stopped, killed, or lost its bench, in the same folder.
+
+    A calibration goes on at the weight where it stopped; what was accepted is not asked again. A
+    run with motion keeps every acquisition that came to its end; one that was broken off is taken
+    again from standstill, its first samples kept beside it.
+
+    Example: hdbench runs resume runs/20261121T101500Z-calibration-3f9a1c
+    """
+    from hdbench_cli.resume import Resume, resume_command
+
+    resume_command(output, Resume(run=run, **options))
+
+
+command.add_command(compare)

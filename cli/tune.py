@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from hdbench.errors import UsageError
+from hdbench_cli.next_step import after_tune
+from hdbench_cli.next_step import line as next_line
 from hdbench_cli.options import calibration_option, profile_option
 from hdbench_cli.output import Output
 
@@ -216,6 +218,7 @@ def show(console: Console, body: dict[str, Any]) -> None:
         f"{white['largest_autocorrelation']:+.3f}; {body['outliers']} outliers left out",
         *(f"note: {note}" for note in body["notes"]),
         f"written: {body['out']}",
+        next_line(after_tune(Path(body["out"]))),
     ]
     for line in lines:
         console.print(line, markup=False, highlight=False, soft_wrap=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -14,10 +15,16 @@ from hdbench.records.loads import LoadReading
 from hdbench.records.quantity import Quantity
 from hdbench.records.trace import FloatArray
 
-__all__ = ["ExperimentLine", "fit_experiment"]
+__all__ = ["POSITION_RAD", "ExperimentLine", "fit_experiment"]
+
+# positions closer than this are one position: a sixth of a tooth of 200, above what an encoder at
+# the output or a mark made by hand repeats
+POSITION_RAD = 5e-3
 
 # chance that one experiment without a bad reading shows a doubtful one
 _DOUBT_LEVEL = 0.05
+# squares of larger numbers leave the range of a double; no torque or voltage comes near
+_LARGEST = 1e100
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,9 +147,10 @@ def fit_experiment(
 def _fit_line(name: str, volts: FloatArray, torque: FloatArray, source: str) -> LinearFit:
     """Return the regression of torque on volts and one, or say why there is none."""
     where = f"{source}: experiment {name}"
-    if not (np.isfinite(volts).all() and np.isfinite(torque).all()):
+    if not (np.all(np.abs(volts) < _LARGEST) and np.all(np.abs(torque) < _LARGEST)):
         raise DataError(
-            f"experiment {name} holds a reading or torque that is not finite",
+            f"experiment {name} holds a reading or torque that is not finite, or not below "
+            f"{_LARGEST:g}",
             where=where,
             fix="remove or repeat that reading",
         )
@@ -167,8 +175,14 @@ def _fit_line(name: str, volts: FloatArray, torque: FloatArray, source: str) -> 
 def _check_one_experiment(
     name: str, readings: Sequence[tuple[int, LoadReading]], source: str
 ) -> None:
+    first = readings[0][1].position_rad
     for key in ("position_rad", "direction", "range"):
         values = sorted({str(getattr(r, key)) for _, r in readings})
+        if key == "position_rad" and all(
+            abs(math.remainder(r.position_rad - first, 2.0 * math.pi)) < POSITION_RAD
+            for _, r in readings
+        ):
+            continue
         if len(values) > 1:
             raise DataError(
                 f"experiment {name} holds {len(values)} values of {key}: {', '.join(values)}; "

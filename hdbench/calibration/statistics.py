@@ -6,27 +6,61 @@ import math
 
 import numpy as np
 
-from hdbench.calibration.lines import ExperimentLine
+from hdbench.calibration.gains.plainmean import plain_mean
+from hdbench.calibration.lines import POSITION_RAD, ExperimentLine
 from hdbench.records.quantity import Quantity
 
-__all__ = ["consistency_interval", "mean_gain", "shared_dof"]
+__all__ = [
+    "by_position",
+    "consistency_interval",
+    "mean_gain",
+    "position_numbers",
+    "shared_dof",
+    "vangel_interval",
+]
 
-# positions closer than this are one position: far below a tooth, above the rounding of a file
-_POSITION_RAD = 1e-4
+_UNBALANCED, _REPEATED, _RESIDUAL = "positions-unbalanced", "repetitions", "residual"
 
 
-def _by_position(lines: tuple[ExperimentLine, ...]) -> list[list[ExperimentLine]]:
-    """Group experiments by flexspline position; a full turn is the same position."""
+def by_position(lines: tuple[ExperimentLine, ...]) -> list[list[ExperimentLine]]:
+    """Group experiments by flexspline position; a full turn is the same position.
+
+    Parameters
+    ----------
+    lines : tuple of ExperimentLine
+        Experiments.
+
+    Returns
+    -------
+    list of list of ExperimentLine
+        One list for each position, in the order of first appearance.
+    """
     groups: list[list[ExperimentLine]] = []
     for line in lines:
         for group in groups:
             apart = math.remainder(line.position_rad - group[0].position_rad, 2.0 * math.pi)
-            if abs(apart) < _POSITION_RAD:
+            if abs(apart) < POSITION_RAD:
                 group.append(line)
                 break
         else:
             groups.append([line])
     return groups
+
+
+def position_numbers(lines: tuple[ExperimentLine, ...]) -> tuple[int, ...]:
+    """Return the number of the position of each experiment, from 0.
+
+    Parameters
+    ----------
+    lines : tuple of ExperimentLine
+        Experiments.
+
+    Returns
+    -------
+    tuple of int
+    """
+    number = {line.id: k for k, group in enumerate(by_position(lines)) for line in group}
+    return tuple(number[line.id] for line in lines)
 
 
 def mean_gain(lines: tuple[ExperimentLine, ...]) -> tuple[Quantity, str, str]:
@@ -42,7 +76,8 @@ def mean_gain(lines: tuple[ExperimentLine, ...]) -> tuple[Quantity, str, str]:
     gain : Quantity
         Plain mean of the gains, N m/V.
     basis : str
-        ``positions``, ``positions-unbalanced`` or ``residual``.
+        ``positions``, ``positions-unbalanced``; with a single position ``repetitions`` or
+        ``residual``.
     reason : str
         One line that says what the uncertainty rests on.
 
@@ -53,10 +88,10 @@ def mean_gain(lines: tuple[ExperimentLine, ...]) -> tuple[Quantity, str, str]:
     position share its effect and are not independent: with P positions and as many experiments
     of each direction and range at each, ``std = s / sqrt(P)``, s the standard deviation of the
     P position means, with P - 1 dof; position effect, differences of direction between
-    positions and reading noise are all in s. Unbalanced: ``std = s sqrt(sum (n_i / n)^2)``, an
-    approximation, because then the fixed effects do not cancel in s. With a single position the
-    spread between positions is unknown: the pooled residual of the lines gives the uncertainty
-    at this position alone, which is marked.
+    positions and reading noise are all in s. Positions that hold different experiments: see
+    `plain_mean`. With a single position the spread between positions is unknown: the scatter of
+    repeated experiments, or else the pooled residual of the lines, gives the uncertainty at this
+    position alone, which is marked.
 
     References
     ----------
@@ -64,32 +99,43 @@ def mean_gain(lines: tuple[ExperimentLine, ...]) -> tuple[Quantity, str, str]:
     """
     gains = np.array([line.gain_nm_per_v.value for line in lines])
     value = float(gains.mean())
-    groups = _by_position(lines)
+    groups = by_position(lines)
     if len(groups) < 2:
-        variances = [line.gain_nm_per_v.std**2 for line in lines]
-        dof = math.fsum(line.gain_nm_per_v.dof or 0.0 for line in lines)
-        reason = (
-            "one flexspline position: the uncertainty comes from the residuals of the lines and "
-            "leaves out the spread between positions"
-        )
-        return (
-            Quantity(value, math.sqrt(math.fsum(variances)) / len(lines), dof),
-            "residual",
-            reason,
-        )
+        return _one_position(lines, value)
     means = [math.fsum(x.gain_nm_per_v.value for x in group) / len(group) for group in groups]
     spread = float(np.std(means, ddof=1))
-    share = math.sqrt(math.fsum((len(group) / len(lines)) ** 2 for group in groups))
     cells = [sorted((x.direction, x.range) for x in group) for group in groups]
-    balanced = all(cell == cells[0] for cell in cells)
-    basis = "positions" if balanced else "positions-unbalanced"
+    if all(cell == cells[0] for cell in cells):
+        reason = f"spread of {len(groups)} position means"
+        std = spread / math.sqrt(len(groups))
+        return Quantity(value, std, float(len(groups) - 1)), "positions", reason
     reason = (
-        f"spread of {len(groups)} position means"
-        if balanced
-        else f"spread of {len(groups)} position means that do not hold the same directions and "
-        "ranges: differences between these are in the spread"
+        f"spread of {len(groups)} positions that do not hold the same experiments: what differs "
+        "between these is in the uncertainty"
     )
-    return Quantity(value, spread * share, float(len(groups) - 1)), basis, reason
+    fixed = [(line.direction, line.range) for line in lines]
+    return plain_mean(gains.tolist(), position_numbers(lines), fixed), _UNBALANCED, reason
+
+
+def _one_position(lines: tuple[ExperimentLine, ...], value: float) -> tuple[Quantity, str, str]:
+    """Return the mean gain at a single position: by repeated experiments, else by residuals."""
+    cells: dict[tuple[str, str], list[float]] = {}
+    for line in lines:
+        cells.setdefault((line.direction, line.range), []).append(line.gain_nm_per_v.value)
+    n = len(lines)
+    free = n - len(cells)
+    without = "leaves out the spread between positions"
+    if free > 0:
+        squares = math.fsum(float(np.var(gains)) * len(gains) for gains in cells.values())
+        reason = f"one flexspline position: the spread of repeated experiments; {without}"
+        return Quantity(value, math.sqrt(squares / free / n), float(free)), _REPEATED, reason
+    variances = [line.gain_nm_per_v.std**2 for line in lines]
+    dof = math.fsum(line.gain_nm_per_v.dof or 0.0 for line in lines)
+    reason = (
+        "one flexspline position: the uncertainty comes from the residuals of the lines and "
+        f"{without}"
+    )
+    return Quantity(value, math.sqrt(math.fsum(variances)) / n, dof), _RESIDUAL, reason
 
 
 def shared_dof(lines: tuple[ExperimentLine, ...]) -> float:
@@ -114,7 +160,7 @@ def shared_dof(lines: tuple[ExperimentLine, ...]) -> float:
     ----------
     .. [1] F. E. Satterthwaite, Biometrics Bull. 2 (1946) 110, doi:10.2307/3002019.
     """
-    groups = _by_position(lines)
+    groups = by_position(lines)
     gains = [np.array([x.gain_nm_per_v.value for x in group]) for group in groups]
     total = float(np.concatenate(gains).mean())
     between = math.fsum(len(g) * (float(g.mean()) - total) ** 2 for g in gains)
@@ -128,6 +174,38 @@ def shared_dof(lines: tuple[ExperimentLine, ...]) -> float:
 
 
 def consistency_interval(
+    consistency: float, dof: float, confidence: float = 0.95
+) -> tuple[float, float]:
+    """Return the interval of a relative standard deviation by chi-square.
+
+    Parameters
+    ----------
+    consistency : float
+        Standard deviation over mean, at least 0.
+    dof : float
+        Degrees of freedom of that standard deviation, above 0.
+    confidence : float
+        Coverage probability, in (0, 1).
+
+    Returns
+    -------
+    tuple of float
+        Lower and upper end.
+
+    Notes
+    -----
+    ``C sqrt(dof / chi2(1 - tail, dof))`` to ``C sqrt(dof / chi2(tail, dof))``: the mean counts as
+    known, which changes the ends by shares of C^2.
+    """
+    from scipy.special import chdtri
+
+    tail = (1.0 - confidence) / 2.0
+    # chdtri takes the probability above the quantile
+    high, low = float(chdtri(dof, tail)), float(chdtri(dof, 1.0 - tail))
+    return consistency * math.sqrt(dof / high), consistency * math.sqrt(dof / low)
+
+
+def vangel_interval(
     consistency: float, dof: float, confidence: float = 0.95
 ) -> tuple[float, float | None]:
     """Return the interval of a coefficient of variation of normal values.

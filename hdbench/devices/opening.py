@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from hdbench.devices.lock import exclusive
+from hdbench.devices.lock import exclusive, release
 from hdbench.devices.ports import Bench, SafeState
-from hdbench.errors import UsageError
+from hdbench.errors import HdbenchError, UsageError
+from hdbench.profile.acquiring import Acquisition, CompositeAcquisition
 from hdbench.profile.loader import Profile
 from hdbench.profile.schema import ProfileData
 
 if TYPE_CHECKING:
     from hdbench.devices.emulator.machine import Pace
-    from hdbench.devices.node.driver import NodeBench
+    from hdbench.devices.hosted import HostedBench
 
-__all__ = ["open_bench", "parse_address", "stop_bench"]
+__all__ = ["addresses_of", "open_bench", "stop_bench"]
 
 EMBEDDED = "embedded"
 # the emulator shares the processor with its host: both wait for the scheduler, no motor does. So
@@ -36,6 +38,7 @@ def open_bench(
     realtime: bool = False,
     model_file: Path | None = None,
     record: Path | None = None,
+    guard_log: Path | None = None,
 ) -> Iterator[Bench]:
     """Open the bench of `profile` for one session.
 
@@ -48,13 +51,15 @@ def open_bench(
     seed : int
         Seed of the embedded bench.
     address : str, optional
-        ``embedded`` or ``tcp://HOST:PORT``; default: that of the profile.
+        ``embedded``, or where the device is; default: that of the profile.
     realtime : bool
         Whether the embedded bench samples by the wall clock instead of as fast as it is read.
     model_file : Path, optional
         Extended model that the embedded bench follows in place of the profile's.
     record : Path, optional
         File for the embedded node's changes of state.
+    guard_log : Path, optional
+        File in which the guard process notes that it had to stop the motor.
 
     Yields
     ------
@@ -72,28 +77,39 @@ def open_bench(
     UsageError
         If the address has another form, or seed or plant are out of their domain.
     """
+    from hdbench.devices.guard import Guard, GuardedBench, guard_silence_s, order_of
+
     data = _data(profile)
     where = address or data.daq.address
     with ExitStack() as stack:
+        watchdog_s, speed = data.daq.watchdog_s, 1.0
+        keep: list[int] = []
         if where == EMBEDDED:
             from hdbench.devices.emulator.process import running_emulator
 
             pace: Pace = "realtime" if realtime else "fast"
-            host, port = stack.enter_context(
+            found = stack.enter_context(
                 running_emulator(
                     data, plant=plant, seed=seed, pace=pace, model_file=model_file, record=record
                 )
             )
-            deadline_s = max(data.daq.deadline_s, _EMBEDDED_DEADLINE_S)
-            watchdog_s = max(data.daq.watchdog_s, _EMBEDDED_WATCHDOG_S)
+            speed = float(found.get("speed", 1.0))
+            # an orphaned emulator lives until its guard has seen the motor stand
+            keep = [int(found["lifeline"])] if "lifeline" in found else []
+            data = _at(data, found, deadline_s=max(data.daq.deadline_s, _EMBEDDED_DEADLINE_S))
+            watchdog_s = max(watchdog_s, _EMBEDDED_WATCHDOG_S)
         else:
-            stack.enter_context(exclusive(where))
-            host, port = parse_address(where)
-            deadline_s, watchdog_s = data.daq.deadline_s, data.daq.watchdog_s
-        bench = _node(host, port, deadline_s=deadline_s, watchdog_s=watchdog_s)
-        stack.callback(bench.close)
-        bench.take_session()
-        yield bench
+            for name in addresses_of(data.daq, where):
+                stack.enter_context(exclusive(name))
+            data = _at(data, {"address": where})
+        bench = _hosted(data, watchdog_s, speed)
+        silence_s = guard_silence_s(watchdog_s, data.daq.deadline_s)
+        guarded = GuardedBench(
+            bench, lambda: Guard(order_of(data), silence_s, log=guard_log, keep=keep)
+        )
+        stack.callback(guarded.close)
+        bench.claim()
+        yield guarded
 
 
 def stop_bench(profile: Profile | ProfileData, *, address: str | None = None) -> SafeState:
@@ -104,7 +120,7 @@ def stop_bench(profile: Profile | ProfileData, *, address: str | None = None) ->
     profile : Profile or ProfileData
         The bench.
     address : str, optional
-        ``tcp://HOST:PORT``; default: that of the profile.
+        Where the device is; default: that of the profile.
 
     Returns
     -------
@@ -124,53 +140,76 @@ def stop_bench(profile: Profile | ProfileData, *, address: str | None = None) ->
         raise UsageError(
             "the embedded bench runs only inside the command that uses it",
             where="address embedded",
-            fix="stop that command, or name the address tcp://HOST:PORT of a node",
+            fix="stop that command, or name the address of a device",
         )
-    host, port = parse_address(where)
-    bench = _node(host, port, deadline_s=data.daq.deadline_s, watchdog_s=data.daq.watchdog_s)
+    for name in addresses_of(data.daq, where):
+        # a serial line has one master: the run that has it is asked to stop first
+        if name.startswith(("rtu:", "serial:")):
+            release(name)
+    there = _at(data, {"address": where})
     try:
-        # a device that is no node is never written to
+        return _made_safe(there)
+    except HdbenchError as error:
+        table = there.daq
+        if not isinstance(table, CompositeAcquisition):
+            raise
+        # whatever is the matter with the inputs, the part that drives the motor is stopped
+        safe = _made_safe(there.model_copy(update={"daq": table.outputs}))
+        return replace(safe, confirmed=False, detail=f"{safe.detail}; but {error.what}")
+
+
+def _made_safe(data: ProfileData) -> SafeState:
+    bench = _hosted(data, data.daq.watchdog_s)
+    try:
+        # a device that is not the one meant is never written to
         bench.identity()
         return bench.safe_state()
     finally:
         bench.close()
 
 
-def parse_address(address: str) -> tuple[str, int]:
-    """Return host and port of ``tcp://HOST:PORT``.
+def addresses_of(table: Acquisition, address: str) -> tuple[str, ...]:
+    """Return every address that a device at `address` takes, in their shortest form.
 
     Parameters
     ----------
+    table : Acquisition
+        ``[daq]`` of the profile.
     address : str
-        Address of a node.
+        Its address, or the one given in its place.
 
     Returns
     -------
-    tuple of str and int
-
-    Raises
-    ------
-    UsageError
-        If `address` has another form or the port is out of range.
+    tuple of str
+        One for a single device; for a composite those of its parts.
     """
-    scheme, _, rest = address.partition("://")
-    host, _, port = rest.rpartition(":")
-    if scheme != "tcp" or not host or not port.isdecimal() or not 0 < int(port) < 65536:
-        raise UsageError(
-            f"{address!r} is no address of a bench; needed: embedded or tcp://HOST:PORT",
-            where="address",
-            fix="for example tcp://127.0.0.1:5020",
-        )
-    return host, int(port)
+    parts: tuple[str, ...] = (address,)
+    if isinstance(table, CompositeAcquisition):
+        parts = (table.inputs.address, table.outputs.address)
+    return tuple(part.partition("?")[0] for part in parts)
+
+
+def _at(data: ProfileData, found: Mapping[str, object], **changes: object) -> ProfileData:
+    """Return the profile with keys of ``[daq]`` as they are found, parts of a composite too."""
+    table = data.daq
+    update: dict[str, object] = {**changes, **found}
+    for part in ("inputs", "outputs"):
+        below = update.get(part)
+        if isinstance(below, Mapping):
+            update[part] = getattr(table, part).model_copy(update={**changes, **below})
+    if isinstance(table, CompositeAcquisition):
+        update["address"] = "parts"
+    update = {key: value for key, value in update.items() if key in type(table).model_fields}
+    return data.model_copy(update={"daq": table.model_copy(update=update)})
 
 
 def _data(profile: Profile | ProfileData) -> ProfileData:
     return profile.data if isinstance(profile, Profile) else profile
 
 
-def _node(host: str, port: int, *, deadline_s: float, watchdog_s: float) -> NodeBench:
-    from hdbench.devices.node.driver import NodeBench
-    from hdbench.devices.node.wire import NodeWire
+def _hosted(data: ProfileData, watchdog_s: float, speed: float = 1.0) -> HostedBench:
+    from hdbench.devices.hosted import HostedBench, host_settings
+    from hdbench.devices.registry import open_daq
 
-    wire = NodeWire(host, port, deadline_s=deadline_s)
-    return NodeBench(wire, watchdog_s=watchdog_s)
+    settings = host_settings(data, watchdog_s=watchdog_s)
+    return HostedBench(open_daq(data, data.daq), settings, speed=speed)

@@ -77,6 +77,12 @@ class Block:
         Whether the node has zeroed the motor for want of a host.
     depth : int
         Samples still waiting in the node; at least 1 while losses at the end are untold.
+    time_s : ndarray, shape (n,), or None
+        Time of every sample since the start, s, where the host asked for each of them (a polled
+        device); None where the device samples on its own clock, every period.
+    absent : tuple of str
+        ``encoder``, ``current``, ``reference``, ``tacho``, ``torque``: what is not measured on this
+        bench. Its values are NaN throughout, an encoder's counts 0.
     """
 
     first_index: int
@@ -90,6 +96,8 @@ class Block:
     running: bool
     watchdog_tripped: bool
     depth: int
+    time_s: FloatArray | None = None
+    absent: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         return len(self.torque_v)

@@ -141,9 +141,22 @@ def _motion(data: object) -> Iterator[Conflict]:
     )
 
 
+def _place(data: object) -> Iterator[Conflict]:
+    arm = _get(data, "arm")
+    if not isinstance(arm, Mapping) or "gravity_m_s2" in arm:
+        return
+    if not {"latitude_deg", "altitude_m"} <= set(arm):
+        yield Conflict(
+            ("arm", "gravity_m_s2"),
+            "is missing; needed: local gravity in m/s^2, or latitude_deg and altitude_m",
+            "give gravity_m_s2, or where the bench stands",
+        )
+
+
 def _loads(data: object) -> Iterator[Conflict]:
     length = _number(data, "arm", "length_m")
-    gravity = _number(data, "arm", "gravity_m_s2")
+    # without a stated gravity the standard one tells within 0.5 % whether a limit is passed
+    gravity = _number(data, "arm", "gravity_m_s2", default=9.80665)
     limit = _number(data, "limits", "torque_nm")
     for name in ("full_masses_kg", "low_masses_kg"):
         masses = _numbers(_get(data, "calibration", name))
@@ -208,11 +221,16 @@ def profile_problems(data: object) -> list[Conflict]:
     -------
     list of Conflict
     """
+    # it needs the class above
+    from hdbench.profile.acquiring_checks import acquiring_problems
+
     reference: Any = _get(data, "ripple", "reference")
     return [
         *wave_problems(reference, ("ripple", "reference")),
         *_motion(data),
+        *_place(data),
         *_loads(data),
         *_repeats(data),
         *_deadline(data),
+        *acquiring_problems(data),
     ]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import hashlib
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib import resources
@@ -25,6 +26,7 @@ __all__ = [
     "list_profiles",
     "load_profile",
     "parse_profile",
+    "profile_from_json",
     "read_toml",
 ]
 
@@ -142,6 +144,31 @@ def _tuples(value: Any) -> Any:
     if isinstance(value, list):
         return tuple(_tuples(item) for item in value)
     return value
+
+
+def profile_from_json(text: str) -> ProfileData:
+    """Return the profile that another process has written as JSON.
+
+    Parameters
+    ----------
+    text : str
+        What ``ProfileData.model_dump_json`` gave.
+
+    Returns
+    -------
+    ProfileData
+
+    Raises
+    ------
+    pydantic.ValidationError
+        If it is none.
+
+    Notes
+    -----
+    JSON has lists where a profile has tuples, and a table that fills in keys before it is checked
+    (a composite) is then checked strictly.
+    """
+    return ProfileData.model_validate(_tuples(json.loads(text)))
 
 
 def parse_profile(text: str, path: str) -> Profile:

@@ -11,6 +11,7 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 from hdbench.errors import ProfileError
+from hdbench.profile.acquiring import driver_table
 from hdbench.profile.toml_map import Key
 
 __all__ = ["key_text", "known_keys", "problem", "schema_problem"]
@@ -91,6 +92,9 @@ def _model_at(model: type[BaseModel] | None, key: Key) -> type[BaseModel] | None
     for part in key:
         if model is None or isinstance(part, int):
             continue
+        if driver_table(part) is not None:
+            model = driver_table(part)
+            continue
         field = model.model_fields.get(part)
         model = None if field is None else _model_in(field.annotation)
     return model
@@ -132,6 +136,7 @@ def _nearest(root: type[BaseModel], key: Key) -> str:
     name = str(key[-1])
     model = _model_at(root, key[:-1])
     siblings = list(model.model_fields) if model is not None else []
+    key = tuple(part for part in key if driver_table(part) is None)
     near = difflib.get_close_matches(name, siblings, n=1, cutoff=0.6)
     if near:
         return f"did you mean {key_text((*key[:-1], near[0]))!r}?"
@@ -193,10 +198,12 @@ def schema_problem(
     -------
     ProfileError
     """
-    key: Key = tuple(error["loc"])
+    tagged: Key = tuple(error["loc"])
+    # the table of a driver stands in the location, but not in the file
+    key = tuple(part for part in tagged if driver_table(part) is None)
     if error["type"] == "extra_forbidden":
-        return problem(path, lines, key, "unknown", _nearest(root, key))
-    field = _field_at(root, key)
+        return problem(path, lines, key, "unknown", _nearest(root, tagged))
+    field = _field_at(root, tagged)
     meaning = (field.description if field is not None else None) or "see 'hdbench profile schema'"
     if error["type"] == "missing":
         line = f"add '{key[-1]} = ...' to {key_text(key[:-1])}" if key else "fill the profile"

@@ -55,6 +55,12 @@ def read_calibration(path: Path) -> TorqueScale:
         If the file is no calibration result.
     """
     file = path / "result.json" if path.is_dir() else path
+    if not file.is_file():
+        raise DataError(
+            "no calibration here; needed: the run folder of a calibration, or its result.json",
+            where=str(path),
+            fix="name one that `hdbench runs list` shows, or make one with `hdbench calibrate`",
+        )
     result = read_json(file, "hdbench/calibration/1")
     gain = _quantity(result.get("gain_nm_per_v"), file)
     name = path.name if path.is_dir() else file.name
@@ -106,6 +112,10 @@ def stored_scale(calibration: Any, where: Path) -> TorqueScale | None:
         _quantity(calibration["gain_nm_per_v"], where / "run.json"),
         str(calibration.get("source", "run.json")),
         calibration.get("sha256"),
+        calibration.get("calibrated_utc"),
+        calibration.get("age_days"),
+        calibration.get("expired") is True,
+        str(calibration.get("age_words", "")),
     )
 
 

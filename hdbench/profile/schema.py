@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Annotated, Literal, TypeVar
+from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, PositiveFloat, PositiveInt, model_validator
+from pydantic import Field, PositiveFloat, PositiveInt, model_validator
 
-from hdbench.profile.checks import Conflict, profile_problems, wave_problems
+from hdbench.profile.acquiring import Acquisition, AnyAcquisition
+from hdbench.profile.calibrating import Arm, CalibrationPlan, Identity, Standards
+from hdbench.profile.checks import profile_problems, wave_problems
+from hdbench.profile.tables import NonNegative, Table, refuse
 
 __all__ = [
     "Acquisition",
@@ -17,6 +19,7 @@ __all__ = [
     "Encoder",
     "FilterSettings",
     "HarmonicParameters",
+    "Identity",
     "Limits",
     "MisalignmentParameters",
     "MisalignmentPlan",
@@ -26,11 +29,10 @@ __all__ = [
     "RipplePlan",
     "Sensor",
     "Servo",
+    "Standards",
     "Tacho",
 ]
 
-_T = TypeVar("_T", bound=BaseModel)
-NonNegative = Annotated[float, Field(ge=0.0)]
 Name = Annotated[
     str,
     Field(
@@ -40,19 +42,7 @@ Name = Annotated[
 ]
 
 
-class _Table(BaseModel):
-    """A profile table: unknown keys, NaN and infinities are errors; values never change."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, strict=True)
-
-
-def _refuse(table: _T, conflicts: Sequence[Conflict]) -> _T:
-    if conflicts:
-        raise ValueError("; ".join(f"{conflict.key[-1]} {conflict.what}" for conflict in conflicts))
-    return table
-
-
-class Drive(_Table):
+class Drive(Table):
     """The harmonic drive and the load on it."""
 
     gear_ratio: Annotated[
@@ -73,7 +63,7 @@ class Drive(_Table):
     ] = "standing"
 
 
-class Sensor(_Table):
+class Sensor(Table):
     """Strain-gauge bridge on the flexspline and its amplifier."""
 
     gain_nm_per_v: Annotated[PositiveFloat, Field(description="torque per amplified volt, N m/V")]
@@ -93,14 +83,14 @@ class Sensor(_Table):
     ] = 0.05
 
 
-class Tacho(_Table):
+class Tacho(Table):
     """Tachogenerator on the motor."""
 
     gain_rad_s_per_v: Annotated[PositiveFloat, Field(description="motor speed per volt, rad/s/V")]
     noise_v: Annotated[NonNegative, Field(description="white noise, V per sample")] = 0.001
 
 
-class Encoder(_Table):
+class Encoder(Table):
     """Incremental encoder on the motor."""
 
     counts_per_turn: Annotated[
@@ -108,7 +98,7 @@ class Encoder(_Table):
     ]
 
 
-class Servo(_Table):
+class Servo(Table):
     """Motor with its servo amplifier: a velocity loop with limits."""
 
     velocity_gain_rad_s_per_v: Annotated[
@@ -124,32 +114,7 @@ class Servo(_Table):
     ]
 
 
-class Acquisition(_Table):
-    """The DAQ: how it is reached and how it samples."""
-
-    driver: Annotated[Literal["node"], Field(description="driver that speaks to the DAQ")] = "node"
-    address: Annotated[
-        str,
-        Field(
-            pattern=r"^(embedded|tcp://[A-Za-z0-9.-]+:[0-9]{1,5})$",
-            description="`embedded` (simulated bench) or tcp://HOST:PORT",
-        ),
-    ] = "embedded"
-    sample_period_s: Annotated[
-        PositiveFloat, Field(ge=1e-4, le=1.0, description="sampling period, s")
-    ]
-    range_v: Annotated[PositiveFloat, Field(description="input range +-, V")] = 10.0
-    resolution_bits: Annotated[int, Field(ge=8, le=16, description="ADC resolution, bit")] = 16
-    watchdog_s: Annotated[
-        PositiveFloat,
-        Field(le=2.0, description="host silence after which the node zeroes the motor, s"),
-    ] = 0.5
-    deadline_s: Annotated[
-        PositiveFloat, Field(le=2.0, description="longest wait for one reply, s")
-    ] = 0.25
-
-
-class Limits(_Table):
+class Limits(Table):
     """What a plan may ask of this bench; checked before anything moves."""
 
     velocity_rad_s: Annotated[PositiveFloat, Field(description="motor speed, rad/s")]
@@ -157,56 +122,13 @@ class Limits(_Table):
     torque_nm: Annotated[PositiveFloat, Field(description="output torque, N m")]
     current_a: Annotated[PositiveFloat, Field(description="motor current, A")]
     duration_s: Annotated[PositiveFloat, Field(description="longest single run, s")]
+    travel_rad: Annotated[
+        PositiveFloat | None,
+        Field(description="motor angle from where a run began, either way, rad; none: endless"),
+    ] = None
 
 
-class Arm(_Table):
-    """Arm and weights of the calibration."""
-
-    length_m: Annotated[PositiveFloat, Field(description="axis to hanging point, m")]
-    gravity_m_s2: Annotated[
-        PositiveFloat, Field(ge=9.7, le=9.9, description="local gravity, m/s^2")
-    ]
-
-
-class CalibrationPlan(_Table):
-    """Which loads, where, and when a reading counts as settled."""
-
-    positions: Annotated[
-        PositiveInt,
-        Field(ge=1, le=64, description="flexspline positions, equally spaced over a turn"),
-    ]
-    directions: Annotated[
-        tuple[Literal["cw", "ccw"], ...], Field(min_length=1, description="loading directions")
-    ]
-    ranges: Annotated[
-        tuple[Literal["low", "full"], ...], Field(min_length=1, description="load ranges")
-    ]
-    full_masses_kg: Annotated[
-        tuple[NonNegative, ...], Field(min_length=3, description="masses of the full range, kg")
-    ]
-    low_masses_kg: Annotated[
-        tuple[NonNegative, ...], Field(min_length=3, description="masses of the low range, kg")
-    ]
-    sample_period_s: Annotated[
-        PositiveFloat, Field(ge=1e-3, le=1.0, description="sampling period of readings, s")
-    ] = 0.01
-    average_s: Annotated[PositiveFloat, Field(description="time averaged for a reading, s")] = 1.0
-    settle_timeout_s: Annotated[
-        PositiveFloat, Field(description="longest wait for a reading to settle, s")
-    ] = 30.0
-    settle_band_nm: Annotated[
-        PositiveFloat,
-        Field(description="two adjacent windows must agree within this (plus noise), N m"),
-    ] = 0.02
-    max_consistency: Annotated[
-        PositiveFloat, Field(description="accepted when consistency is at most this")
-    ] = 0.05
-    max_lock_motion_rad: Annotated[
-        PositiveFloat, Field(description="motor angle change that means the lock slipped, rad")
-    ] = 0.02
-
-
-class ReferenceWave(_Table):
+class ReferenceWave(Table):
     """Reference generator of the free-motion run, in volts of motor reference."""
 
     wave: Annotated[
@@ -239,10 +161,10 @@ class ReferenceWave(_Table):
 
     @model_validator(mode="after")
     def _consistent(self) -> ReferenceWave:
-        return _refuse(self, list(wave_problems(self.model_dump())))
+        return refuse(self, list(wave_problems(self.model_dump())))
 
 
-class MisalignmentPlan(_Table):
+class MisalignmentPlan(Table):
     """Constant-velocity run over whole output turns, both directions."""
 
     velocity_rad_s: Annotated[PositiveFloat, Field(description="motor speed, rad/s")]
@@ -252,7 +174,7 @@ class MisalignmentPlan(_Table):
     settle_s: Annotated[NonNegative, Field(description="time after the start left out, s")] = 0.5
 
 
-class RipplePlan(_Table):
+class RipplePlan(Table):
     """Free-motion run."""
 
     reference: ReferenceWave
@@ -263,7 +185,7 @@ class RipplePlan(_Table):
     ] = 0.02
 
 
-class FilterSettings(_Table):
+class FilterSettings(Table):
     """The shared filter module on this bench."""
 
     model: Annotated[
@@ -287,7 +209,7 @@ class FilterSettings(_Table):
     ] = 2
 
 
-class HarmonicParameters(_Table):
+class HarmonicParameters(Table):
     """One ripple component: amplitude cos(order * motor angle + phase)."""
 
     order: Annotated[PositiveFloat, Field(description="cycles per motor turn")]
@@ -295,14 +217,14 @@ class HarmonicParameters(_Table):
     phase_rad: Annotated[float, Field(description="phase, rad")] = 0.0
 
 
-class MisalignmentParameters(_Table):
+class MisalignmentParameters(Table):
     """Misalignment torque: amplitude cos(output angle + phase)."""
 
     amplitude_nm: Annotated[NonNegative, Field(description="amplitude, N m")]
     phase_rad: Annotated[float, Field(description="phase, rad")] = 0.0
 
 
-class ModelParameters(_Table):
+class ModelParameters(Table):
     """Parameters of the bench model, that is of the simulation."""
 
     zero_nm: Annotated[float, Field(description="zero offset, N m")] = 0.0
@@ -312,7 +234,7 @@ class ModelParameters(_Table):
     misalignment: MisalignmentParameters
 
 
-class ProfileData(_Table):
+class ProfileData(Table):
     """One bench: drive, sensor, DAQ, limits, experiments, filter, model."""
 
     name: Name
@@ -322,9 +244,13 @@ class ProfileData(_Table):
     tacho: Tacho
     encoder: Encoder
     servo: Servo
-    daq: Acquisition
+    daq: Annotated[
+        AnyAcquisition, Field(description="the DAQ; which keys it has depends on `driver`")
+    ]
     limits: Limits
     arm: Arm
+    standards: Standards = Standards()
+    identity: Identity = Identity()
     calibration: CalibrationPlan
     misalignment: MisalignmentPlan
     ripple: RipplePlan
@@ -333,4 +259,4 @@ class ProfileData(_Table):
 
     @model_validator(mode="after")
     def _consistent(self) -> ProfileData:
-        return _refuse(self, profile_problems(self.model_dump()))
+        return refuse(self, profile_problems(self.model_dump()))

@@ -62,7 +62,7 @@ def _table(model: BaseModel, name: str, header: str) -> Iterator[str]:
             below.append((key, value))
             continue
         yield from _comment(field)
-        yield f"{key} = {_value(value)}"
+        yield f"# {key} =" if value is None else f"{key} = {_value(value)}"
     for key, value in below:
         path = f"{name}.{key}" if name else key
         if isinstance(value, BaseModel):

@@ -9,8 +9,10 @@ from decimal import Decimal, InvalidOperation
 from pathlib import Path
 
 from hdbench.errors import DataError
+from hdbench.records.loggers import Logger, LoggerLayout, find_layout
 from hdbench.records.table import csv_lines
 from hdbench.records.textfile import data_error, read_text
+from hdbench.records.units import bare_name, stated_unit
 
 __all__ = ["ForeignFormat", "ForeignTable", "read_foreign"]
 
@@ -32,11 +34,14 @@ class ForeignFormat:
         Whether the first row names the columns.
     skip : int
         Lines before the header (or the data) that are passed over.
+    logger : str or None
+        Data logger that wrote the file, or ``auto``: the table is then looked for behind `skip`.
     """
 
     delimiter: str | None = None
     header: bool = True
     skip: int = 0
+    logger: Logger | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,6 +62,12 @@ class ForeignTable:
         Line of the file for each row.
     decimal_comma : bool
         Whether numbers are written with a decimal comma.
+    units : tuple of str
+        Unit of each column as the file states it, empty text where it states none.
+    preamble : tuple of str
+        What a logger wrote before the header.
+    logged : bool
+        Whether the table was found as a logger's.
     """
 
     path: Path
@@ -65,14 +76,32 @@ class ForeignTable:
     rows: list[list[str]]
     lines: list[int]
     decimal_comma: bool
+    units: tuple[str, ...] = ()
+    preamble: tuple[str, ...] = ()
+    logged: bool = False
 
     def column(self, name: str) -> int | None:
-        """Return the position of a column by name or by number from 1; None if there is none."""
+        """Return the position of a column by name or by number from 1; None if there is none.
+
+        The unit in brackets behind a name may be left out where that leaves no doubt.
+        """
         if name in self.header:
             return self.header.index(name)
+        bare = [i for i, full in enumerate(self.header) if bare_name(full) == name]
+        if len(bare) == 1:
+            return bare[0]
         if name.isascii() and name.isdigit() and 1 <= int(name[:6]) <= self.width:
             return int(name) - 1
         return None
+
+    def is_numeric(self, column: int) -> bool:
+        """Return whether the first cell of a column is a number."""
+        if not self.rows:
+            return False
+        try:
+            return self.decimal(0, column) is not None
+        except DataError:
+            return False
 
     def decimal(self, row: int, column: int) -> Decimal | None:
         """Return one cell as an exact decimal number.
@@ -193,20 +222,41 @@ def read_foreign(path: Path, layout: ForeignFormat) -> ForeignTable:
     text = read_text(path, "log", keep_bom=False)
     lines = text.split("\n")
     text = "\n".join(lines[layout.skip :])
+    found = None if layout.logger is None else find_layout(path, text, layout.logger)
+    skip = layout.skip + (0 if found is None else found.skip)
+    text = "\n".join(lines[skip:])
     delimiter = layout.delimiter or _find_delimiter(path, text)
+    if found is not None:
+        delimiter = found.delimiter
     numbered = [
-        (line + layout.skip, row)
+        (line + skip, row)
         for line, row in csv_lines(path, text, delimiter)
         if any(cell.strip() for cell in row)
     ]
     if len(numbered) <= layout.header:
         raise DataError("no data", where=str(path), fix="check the file, or a smaller --skip")
+    return _table(path, numbered, layout.header, delimiter, found)
+
+
+def _table(
+    path: Path,
+    numbered: list[tuple[int, list[str]]],
+    named: bool,
+    delimiter: str,
+    found: LoggerLayout | None,
+) -> ForeignTable:
     header: tuple[str, ...] = ()
     width = len(numbered[0][1])
-    if layout.header:
+    if named:
         header = _names(path, *numbered[0])
         width = len(header)
         numbered = numbered[1:]
+    units = tuple(stated_unit(name) for name in header)
+    if found is not None and found.units:
+        units = tuple([*found.units, *[""] * width][:width])
+        numbered = numbered[1:]
     rows, places = _even(path, numbered, width)
     comma = _uses_decimal_comma(rows, delimiter)
-    return ForeignTable(path, header, width, rows, places, comma)
+    told = () if found is None else found.preamble
+    logged = found is not None
+    return ForeignTable(path, header, width, rows, places, comma, units, told, logged)

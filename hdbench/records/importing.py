@@ -9,18 +9,19 @@ from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
-from hdbench.errors import UsageError
+from hdbench.errors import StorageError, UsageError
 from hdbench.records.foreign import ForeignFormat, ForeignTable, read_foreign
 from hdbench.records.importloads import loads_lines
 from hdbench.records.importtrace import joined_trace
-from hdbench.records.loadsfile import LOADS_COLUMNS, ArmLike, read_loads
+from hdbench.records.importunits import add_time, in_our_units, told_by_logger
+from hdbench.records.loadsfile import LOADS_COLUMNS, LOADS_OPTIONAL, ArmLike, read_loads
 from hdbench.records.mapping import ColumnMap, Constant
 from hdbench.records.storage import publish, staged_path, write_atomic
 from hdbench.records.tracefile import TRACE_COLUMNS, read_trace, write_trace
 
 __all__ = ["ImportPlan", "ImportReport", "import_files", "known_columns"]
 
-_COLUMNS = {"trace": TRACE_COLUMNS, "loads": LOADS_COLUMNS}
+_COLUMNS = {"trace": TRACE_COLUMNS, "loads": (*LOADS_COLUMNS, *LOADS_OPTIONAL)}
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,6 +155,24 @@ def _check(plan: ImportPlan, files: Sequence[Path], out: Path) -> None:
         raise UsageError(f"{out} is one of the inputs", where="--out", fix="name a new file")
 
 
+def _all_sources(
+    plan: ImportPlan, tables: Sequence[ForeignTable]
+) -> tuple[list[dict[str, str]], tuple[str, ...]]:
+    """Return the sources of each file's columns, and what a person should know of them."""
+    sources: list[dict[str, str]] = []
+    notes: tuple[str, ...] = ()
+    for number, table in enumerate(tables, 1):
+        found = _sources(plan, table, number)
+        logged = plan.layout.logger is not None
+        if logged and plan.kind == "trace" and plan.rate_hz is None:
+            add_time(table, found)
+        turned, told = in_our_units(table, found, turn=logged)
+        sources.append(turned)
+        comma = (f"{table.path}: decimal commas",) if table.decimal_comma else ()
+        notes += (*told_by_logger(table, found.get("time_s")), *comma, *told)
+    return sources, notes
+
+
 def import_files(
     plan: ImportPlan, files: Sequence[Path], out: Path, arm: ArmLike | None = None
 ) -> ImportReport:
@@ -186,9 +205,8 @@ def import_files(
     """
     _check(plan, files, out)
     tables = [read_foreign(Path(file), plan.layout) for file in files]
-    sources = [_sources(plan, table, i) for i, table in enumerate(tables, 1)]
+    sources, notes = _all_sources(plan, tables)
     constants = [_constants(plan, i) for i in range(1, len(tables) + 1)]
-    notes = tuple(f"{t.path}: decimal commas" for t in tables if t.decimal_comma)
     staged = staged_path(out)
     try:
         if plan.kind == "loads":
@@ -206,6 +224,9 @@ def import_files(
             if not {"motor_velocity_rad_s", "tacho_v"} & set(names):
                 notes += ("no velocity: filter, ripple, misalignment and diagnose need one",)
         publish(staged, out)
+    except StorageError as error:
+        # the file beside it is ours; a person knows the one that was to be made
+        raise StorageError(error.what, where=str(out), fix=error.fix) from error
     finally:
         staged.unlink(missing_ok=True)
     return ImportReport(out, plan.kind, rows, names, origin, lost, notes)

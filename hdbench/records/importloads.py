@@ -13,7 +13,17 @@ from hdbench.records.textfile import data_error
 
 __all__ = ["loads_lines"]
 
-_TEXT = ("experiment", "range", "direction", "series")
+_TEXT = (
+    "experiment",
+    "range",
+    "direction",
+    "series",
+    "kind",
+    "loading",
+    "flags",
+    "excluded_at_s",
+)
+_WHOLE = ("n_samples", "repeat", "mounting", "n_excluded")
 _NEEDED = ("experiment", "position_rad", "range", "direction", "series", "reading_v")
 
 
@@ -31,7 +41,8 @@ def _cell(table: ForeignTable, row: int, name: str, column: SourceColumn) -> str
             )
         return ""
     number = float(value * column.scale + column.offset)
-    return str(int(number)) if name == "n_samples" and number.is_integer() else repr(number)
+    whole = name in _WHOLE and number.is_integer()
+    return str(int(number)) if whole else repr(number)
 
 
 def _names(

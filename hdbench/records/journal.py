@@ -1,19 +1,11 @@
-"""The journal of a run: appended, synced, and never guessed at when it is torn.
-
-A block is ``magic (4 bytes) | sequence (uint32) | length (uint32) | payload | CRC-32 (uint32)``,
-little-endian; the CRC covers sequence, length and payload. The payload is
-``header length (uint32) | header (JSON) | arrays``, the arrays (float64 or int64, little-endian)
-in the order in which the header lists them.
-"""
+"""The journal of a run: appended, synced, and resumed behind its last whole block."""
 
 from __future__ import annotations
 
 import json
 import os
-import struct
 import zlib
 from collections.abc import Mapping
-from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -21,59 +13,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hdbench.errors import DataError, StorageError
-from hdbench.records.storage import file_bytes, storage_error, sync_folder
+from hdbench.errors import BusyError, StorageError
+from hdbench.records.journalreading import (
+    HEAD,
+    MAGIC,
+    WORD,
+    JournalBlock,
+    JournalContent,
+    read_journal,
+)
+from hdbench.records.storage import storage_error, sync_folder
 
 __all__ = ["JournalBlock", "JournalContent", "JournalWriter", "read_journal"]
-
-_MAGIC = b"HDJ1"
-_HEAD = struct.Struct("<4sII")
-_WORD = struct.Struct("<I")
-_DTYPES = ("<f8", "<i8")
-# one block holds at most a second or so of samples; anything larger is damage
-_LIMIT_BLOCK = 64 << 20
-_LIMIT_FILE = 4 << 30
-
-
-@dataclass(frozen=True, slots=True)
-class JournalBlock:
-    """One acknowledged entry.
-
-    Parameters
-    ----------
-    sequence : int
-        Number of the entry, from 0.
-    kind : str
-        ``samples``, ``reading`` or ``event``.
-    columns : mapping of str to ndarray, each of shape (n,)
-        Float64 or int64 channels.
-    extra : dict
-        What is known beside the columns.
-    """
-
-    sequence: int
-    kind: str
-    columns: Mapping[str, NDArray[Any]]
-    extra: dict[str, Any] = field(default_factory=dict)
-
-
-@dataclass(frozen=True, slots=True)
-class JournalContent:
-    """What a journal holds.
-
-    Parameters
-    ----------
-    blocks : tuple of JournalBlock
-        Every intact block, in order.
-    torn_bytes : int
-        Bytes of an unfinished last block, cut off.
-    problem : str or None
-        Damage in the middle: which blocks are missing; None when there is none.
-    """
-
-    blocks: tuple[JournalBlock, ...]
-    torn_bytes: int
-    problem: str | None
 
 
 def _payload(kind: str, columns: Mapping[str, NDArray[Any]], extra: Mapping[str, Any]) -> bytes:
@@ -88,39 +39,110 @@ def _payload(kind: str, columns: Mapping[str, NDArray[Any]], extra: Mapping[str,
     header = json.dumps(
         {"kind": kind, "columns": listed, "extra": dict(extra)}, allow_nan=False
     ).encode()
-    return b"".join([_WORD.pack(len(header)), header, *arrays])
+    return b"".join([WORD.pack(len(header)), header, *arrays])
 
 
 def _sync(handle: int) -> None:
     getattr(os, "fdatasync", os.fsync)(handle)
 
 
+def _lock(handle: int, path: Path) -> None:
+    """Let one process append; the lock ends with the process. Without ``flock`` nothing is held."""
+    try:
+        import fcntl
+    except ImportError:
+        return
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError as error:
+        raise BusyError(
+            "another process records this run",
+            where=str(path),
+            fix="wait until it has finished, or stop it",
+        ) from error
+    except OSError:
+        return  # a file system without locks: the process number in run.json is the only guard
+
+
 class JournalWriter:
-    """Append blocks to a new journal; a synced block is on the disk when `append` returns.
+    """Append blocks to a journal; a synced block is on the disk when `append` returns.
 
     Parameters
     ----------
     path : Path
-        File to make; it must not exist.
+        File to make; it must not exist. `JournalWriter.resume` goes on with one that does.
+    flags : int
+        How to open it.
 
     Raises
     ------
     StorageError
         If the file cannot be made.
+    BusyError
+        If another process appends to it.
     """
 
     __slots__ = ("_handle", "_path", "_sequence")
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, *, flags: int = os.O_CREAT | os.O_EXCL) -> None:
         self._path = Path(path)
         self._sequence = 0
         self._handle = -1
-        flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_APPEND | getattr(os, "O_BINARY", 0)
+        flags |= os.O_WRONLY | os.O_APPEND | getattr(os, "O_BINARY", 0)
         try:
             self._handle = os.open(self._path, flags, 0o644)
             sync_folder(self._path.parent)
+            _lock(self._handle, self._path)
+        except BusyError:
+            self._abandon()
+            raise
         except OSError as error:
             self._abandon()
+            raise storage_error(error, self._path) from error
+
+    @classmethod
+    def resume(cls, path: Path) -> tuple[JournalWriter, JournalContent]:
+        """Go on with the journal of a run that ended early.
+
+        Parameters
+        ----------
+        path : Path
+            The journal.
+
+        Returns
+        -------
+        writer : JournalWriter
+            Appends behind the last intact block; an unfinished one behind it, which was never
+            acknowledged, is cut off.
+        content : JournalContent
+            What stood there, with the bytes that were cut.
+
+        Raises
+        ------
+        BusyError
+            If another process appends to it.
+        DataError
+            If the file is not a journal.
+        StorageError
+            If it cannot be written.
+        """
+        writer = cls(path, flags=0)
+        try:
+            content = read_journal(path)
+            writer._cut(content.torn_bytes)
+        except BaseException:
+            writer._abandon()
+            raise
+        writer._sequence = content.blocks[-1].sequence + 1 if content.blocks else 0
+        return writer, content
+
+    def _cut(self, torn_bytes: int) -> None:
+        if not torn_bytes:
+            return
+        try:
+            os.ftruncate(self._handle, os.fstat(self._handle).st_size - torn_bytes)
+            os.fsync(self._handle)
+        except OSError as error:
             raise storage_error(error, self._path) from error
 
     def append(
@@ -159,9 +181,9 @@ class JournalWriter:
                 "the journal is closed", where=str(self._path), fix="start a new run"
             )
         body = _payload(kind, columns, extra or {})
-        head = _HEAD.pack(_MAGIC, self._sequence, len(body))
+        head = HEAD.pack(MAGIC, self._sequence, len(body))
         checksum = zlib.crc32(body, zlib.crc32(head[4:]))
-        rest = memoryview(b"".join([head, body, _WORD.pack(checksum)]))
+        rest = memoryview(b"".join([head, body, WORD.pack(checksum)]))
         try:
             while rest:
                 rest = rest[os.write(self._handle, rest) :]
@@ -204,88 +226,3 @@ class JournalWriter:
         trace: TracebackType | None,
     ) -> None:
         self.close()
-
-
-def _block_at(raw: bytes, start: int) -> tuple[JournalBlock, int] | None:
-    """Return the intact block at `start` and where it ends; None if there is none."""
-    if len(raw) - start < _HEAD.size + _WORD.size or raw[start : start + 4] != _MAGIC:
-        return None
-    _, sequence, length = _HEAD.unpack_from(raw, start)
-    end = start + _HEAD.size + length + _WORD.size
-    if length > _LIMIT_BLOCK or end > len(raw):
-        return None
-    (checksum,) = _WORD.unpack_from(raw, end - _WORD.size)
-    if zlib.crc32(memoryview(raw)[start + 4 : end - _WORD.size]) != checksum:
-        return None
-    content = _decode(raw[start + _HEAD.size : end - _WORD.size])
-    return None if content is None else (JournalBlock(sequence, *content), end)
-
-
-def _decode(body: bytes) -> tuple[str, dict[str, NDArray[Any]], dict[str, Any]] | None:
-    try:
-        (size,) = _WORD.unpack_from(body, 0)
-        header = json.loads(body[_WORD.size : _WORD.size + size])
-        offset = _WORD.size + size
-        columns: dict[str, NDArray[Any]] = {}
-        for name, dtype, n in header["columns"]:
-            if dtype not in _DTYPES or not (isinstance(n, int) and n >= 0):
-                return None
-            columns[str(name)] = np.frombuffer(body, dtype=dtype, count=n, offset=offset).copy()
-            offset += 8 * n
-        return str(header["kind"]), columns, dict(header["extra"])
-    except (struct.error, ValueError, KeyError, TypeError, RecursionError):
-        return None
-
-
-def _next_block(raw: bytes, start: int, budget: int) -> int | None:
-    """Return where an intact block starts at or after `start`, within `budget` bytes of CRC."""
-    place = raw.find(_MAGIC, start)
-    while place >= 0 and budget > 0:
-        if _block_at(raw, place) is not None:
-            return place
-        if len(raw) - place >= _HEAD.size:
-            budget -= min(_HEAD.unpack_from(raw, place)[2], len(raw) - place)
-        place = raw.find(_MAGIC, place + 1)
-    return None
-
-
-def read_journal(path: Path) -> JournalContent:
-    """Read every acknowledged block of a journal.
-
-    Parameters
-    ----------
-    path : Path
-        The journal.
-
-    Returns
-    -------
-    JournalContent
-        An unfinished last block is cut off and counted in ``torn_bytes``. Damage before intact
-        blocks is reported in ``problem``; the intact blocks are kept, nothing is filled in.
-
-    Raises
-    ------
-    DataError
-        If the file is missing or not a journal.
-    """
-    raw = file_bytes(Path(path), limit=_LIMIT_FILE, what="journal")
-    if raw and not _MAGIC.startswith(raw[:4]) and _next_block(raw, 0, 4 * len(raw)) is None:
-        raise DataError("not a journal", where=str(path), fix="name a run folder of hdbench")
-    blocks: list[JournalBlock] = []
-    problems: list[str] = []
-    place, expected = 0, 0
-    while place < len(raw):
-        found = _block_at(raw, place)
-        if found is None:
-            following = _next_block(raw, place + 1, 4 * len(raw))
-            if following is None:
-                break
-            problems.append(f"damaged from byte {place} to {following}")
-            place = following
-            continue
-        block, place = found
-        if block.sequence != expected:
-            problems.append(f"block {block.sequence} stands where {expected} was due")
-        expected = block.sequence + 1
-        blocks.append(block)
-    return JournalContent(tuple(blocks), len(raw) - place, "; ".join(problems) or None)

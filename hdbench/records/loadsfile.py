@@ -9,26 +9,21 @@ from typing import Protocol
 
 from hdbench.errors import DataError
 from hdbench.records.loads import LoadReading, Loads
+from hdbench.records.loadscolumns import LOADS_COLUMNS, LOADS_OPTIONAL
+from hdbench.records.loadssequence import SEQUENCE_NAME, read_sequence
 from hdbench.records.storage import write_atomic
 from hdbench.records.table import parse_table, quoted, read_header
 from hdbench.records.textfile import IMPORT_FIX, data_error, read_text
 
-__all__ = ["LOADS_COLUMNS", "ArmLike", "is_loads_file", "read_loads", "write_loads"]
+__all__ = [
+    "LOADS_COLUMNS",
+    "LOADS_OPTIONAL",
+    "ArmLike",
+    "is_loads_file",
+    "read_loads",
+    "write_loads",
+]
 
-LOADS_COLUMNS = (
-    "experiment",
-    "position_rad",
-    "range",
-    "direction",
-    "series",
-    "torque_nm",
-    "mass_kg",
-    "reading_v",
-    "reading_std_v",
-    "n_samples",
-    "time_s",
-    "temperature_c",
-)
 _NEEDED = ("experiment", "position_rad", "range", "direction", "series", "reading_v")
 _WORDS = {"range": ("low", "full"), "direction": ("cw", "ccw"), "series": ("up", "down")}
 _OPTIONAL = ("mass_kg", "reading_std_v", "n_samples", "time_s", "temperature_c")
@@ -94,7 +89,8 @@ class _Row:
         return int(value)
 
     def torque_nm(self, arm: ArmLike | None, direction: str) -> float:
-        if "torque_nm" in self.cells:
+        given = "torque_nm" in self.cells
+        if given and (self.cells["torque_nm"].strip() or not self.cells.get("mass_kg", "").strip()):
             return self.number("torque_nm")
         mass_kg = self.number("mass_kg")
         if arm is None:
@@ -139,7 +135,8 @@ def read_loads(path: Path, arm: ArmLike | None) -> Loads:
     Returns
     -------
     Loads
-        Readings in file order; columns that the contract does not name as text.
+        Readings in file order; columns that the contract does not name as text. ``sequence`` in
+        the metadata holds the course of the calibration, where ``sequence.csv`` lies beside it.
 
     Raises
     ------
@@ -149,7 +146,8 @@ def read_loads(path: Path, arm: ArmLike | None) -> Loads:
 
     Notes
     -----
-    torque = sign * mass * g * length, the sign positive for ``cw`` and negative for ``ccw``.
+    Where a row states no torque: torque = sign * mass * g * length, the sign positive for ``cw``
+    and negative for ``ccw``.
     """
     path = Path(path)
     table = parse_table(path, read_text(path, "loads file"))
@@ -167,7 +165,8 @@ def read_loads(path: Path, arm: ArmLike | None) -> Loads:
         for index, name in enumerate(table.header)
         if name not in LOADS_COLUMNS
     }
-    return Loads(readings, str(path), {}, extra)
+    course = read_sequence(path.with_name(SEQUENCE_NAME))
+    return Loads(readings, str(path), {"sequence": course} if course else {}, extra)
 
 
 def _cell(value: object) -> str:

@@ -23,6 +23,7 @@ __all__ = [
     "make_folder",
     "random_token",
     "read_manifest",
+    "this_process",
     "utc_now",
     "utc_text",
 ]
@@ -107,6 +108,18 @@ def make_folder(parent: Path, kind: str, moment: datetime, token: Callable[[], s
     raise StorageError("no free run id", where=str(parent), fix="start the run again")
 
 
+def this_process() -> dict[str, Any]:
+    """Return what tells this process from every other one.
+
+    Returns
+    -------
+    dict
+        ``pid``, ``process_mark`` and ``host``.
+    """
+    pid = os.getpid()
+    return {"pid": pid, "process_mark": process_mark(pid), "host": socket.gethostname()}
+
+
 def first_manifest(
     path: Path, kind: str, profile: ProfileIdentity, details: Mapping[str, Any], moment: datetime
 ) -> dict[str, Any]:
@@ -150,9 +163,7 @@ def first_manifest(
             "system": platform.platform(),
         },
         "files": {},
-        "pid": os.getpid(),
-        "process_mark": process_mark(os.getpid()),
-        "host": socket.gethostname(),
+        **this_process(),
         "details": dict(details),
     }
 

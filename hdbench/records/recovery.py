@@ -3,20 +3,26 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
 from hdbench.errors import DataError
+from hdbench.records.attempts import reading_entries, sample_groups, standing_blocks
+from hdbench.records.course import write_course
 from hdbench.records.journal import JournalBlock, JournalContent, read_journal
+from hdbench.records.journalsummary import summarize_journal
 from hdbench.records.loads import LoadReading, Loads
 from hdbench.records.loadsfile import write_loads
+from hdbench.records.reserve import free_reserve
 from hdbench.records.runfolder import RunFolder
+from hdbench.records.streaming import survey_samples
 from hdbench.records.trace import FloatArray, Trace
-from hdbench.records.tracefile import write_trace
 
 __all__ = [
     "acknowledged",
+    "blocks_trace",
     "data_file",
     "journal_loads",
     "journal_trace",
@@ -60,14 +66,36 @@ def journal_trace(content: JournalContent, source: str) -> Trace:
     Returns
     -------
     Trace
-        Channels in the order of the first block; NaN where a block lacks a channel.
+        Channels in the order of the first block; NaN where a block lacks a channel. Of an
+        acquisition that was repeated the last attempt counts.
 
     Raises
     ------
     DataError
         If there is no sample, or a block lacks ``time_s``.
     """
-    blocks = [block for block in content.blocks if block.kind == "samples" and _length(block)]
+    return blocks_trace(standing_blocks(sample_groups(content)), source)
+
+
+def blocks_trace(blocks: Sequence[JournalBlock], source: str) -> Trace:
+    """Put sample blocks together.
+
+    Parameters
+    ----------
+    blocks : sequence of JournalBlock
+        In order.
+    source : str
+        Where they came from.
+
+    Returns
+    -------
+    Trace
+
+    Raises
+    ------
+    DataError
+        As for `journal_trace`.
+    """
     if not blocks:
         raise DataError("no samples in the journal", where=source, fix="run the experiment again")
     if not all("time_s" in block.columns for block in blocks):
@@ -93,7 +121,8 @@ def journal_loads(content: JournalContent, source: str) -> Loads:
     Returns
     -------
     Loads
-        Keys that a `LoadReading` has not, such as ``settled``, are extra columns.
+        The readings that count. Keys that a `LoadReading` has not, such as ``settled``, are extra
+        columns.
 
     Raises
     ------
@@ -101,7 +130,8 @@ def journal_loads(content: JournalContent, source: str) -> Loads:
         If there is no reading, or one lacks a field.
     """
     known = {f.name for f in dataclasses.fields(LoadReading)}
-    entries = [block.extra for block in content.blocks if block.kind == "reading"]
+    found = reading_entries(content)
+    entries = [reading.entry for reading in found if reading.superseded is None]
     if not entries:
         raise DataError("no readings in the journal", where=source, fix="run it again")
     try:
@@ -170,15 +200,18 @@ def recover_run(folder: RunFolder) -> Path:
             where=str(folder.path),
             fix="wait for it to end",
         )
-    content = read_journal(folder.journal)
+    problem = summarize_journal(folder.journal).problem
     if _is_calibration(folder):
+        content = read_journal(folder.journal)
         target = folder.loads
         write_loads(target, journal_loads(content, str(folder.journal)))
+        write_course(folder.path, content)
     else:
         target = folder.trace
-        write_trace(target, journal_trace(content, str(folder.journal)))
+        survey_samples(folder.journal).write(target)
+    free_reserve(folder.path)
     if folder.manifest["status"] == "running":
-        damage = f"; {content.problem}" if content.problem else ""
+        damage = f"; {problem}" if problem else ""
         folder.finish("incomplete", f"killed; recovered from its journal{damage}")
     else:
         folder.add_files([target])
@@ -211,6 +244,8 @@ def resolve_input(path: Path) -> Path:
     if not path.is_dir():
         raise DataError("no such file or run", where=str(path), fix="check the path")
     folder = RunFolder.open(path)
+    if folder.is_killed and folder.journal.exists():
+        return recover_run(folder)
     first, second = (folder.trace, folder.loads)
     if _is_calibration(folder):
         first, second = second, first

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
 from datetime import datetime
 from pathlib import Path
 from typing import Any
 
+from hdbench.errors import StorageError
 from hdbench.records.jsonfile import ProfileIdentity, write_json
 from hdbench.records.manifest import (
     STATUSES,
@@ -15,6 +17,7 @@ from hdbench.records.manifest import (
     make_folder,
     random_token,
     read_manifest,
+    this_process,
     utc_now,
     utc_text,
 )
@@ -93,7 +96,14 @@ class RunFolder:
         moment = clock()
         path = make_folder(Path(parent), kind, moment, token)
         folder = cls(path, first_manifest(path, kind, profile, details, moment), clock)
-        folder.update()
+        try:
+            folder.update()
+        except StorageError:
+            # nothing is in it yet: no run is left behind that says it goes on
+            with suppress(OSError):
+                (path / "run.json").unlink(missing_ok=True)
+                path.rmdir()
+            raise
         return folder
 
     @classmethod
@@ -156,6 +166,11 @@ class RunFolder:
             return "incomplete"
         return status
 
+    @property
+    def is_killed(self) -> bool:
+        """Whether the process of the run is gone without having ended it."""
+        return str(self.manifest["status"]) == "running" and self.status() != "running"
+
     def _journal_age_s(self) -> float | None:
         try:
             return self._clock().timestamp() - self.journal.stat().st_mtime
@@ -175,8 +190,37 @@ class RunFolder:
         StorageError
             If the disk is full or failed; the old ``run.json`` is then untouched.
         """
+        write_json(self.path / "run.json", {**self.manifest, **fields})
         self.manifest.update(fields)
-        write_json(self.path / "run.json", self.manifest)
+
+    def reopen(self) -> None:
+        """Mark a run that ended early as running again, by this process.
+
+        Raises
+        ------
+        StorageError
+            If ``run.json`` cannot be written.
+
+        Notes
+        -----
+        ``sessions`` lists when and how each earlier session ended. What was written then is void:
+        the journal has it all, and `finish` writes and hashes it anew.
+        """
+        body = self.manifest
+        ended = {key: body.get(key) for key in ("started_utc", "ended_utc", "exit_reason")}
+        ended["exit_reason"] = ended["exit_reason"] or "ended without a word: killed, or no power"
+        sessions = [*body.get("sessions", [])]
+        if sessions:
+            ended["started_utc"] = body.get("resumed_utc")
+        self.update(
+            sessions=[*sessions, ended],
+            status="running",
+            resumed_utc=utc_text(self._clock()),
+            ended_utc=None,
+            exit_reason=None,
+            files={},
+            **this_process(),
+        )
 
     def finish(
         self, status: str, exit_reason: str, files: Iterable[Path | str] | None = None

@@ -21,11 +21,23 @@ class TorqueScale:
         ``calibration run <id>``, ``profile <name>`` or ``trace torque_nm column``.
     sha256 : str or None
         Hash of the calibration result, where it is a stored one.
+    calibrated_utc : str or None
+        When that calibration was made, ISO 8601; None where nothing tells it.
+    age_days : float or None
+        Its age when the run started, days.
+    expired : bool
+        True where it was older than the profile allows, and used knowingly.
+    age_words : str
+        The same for a person.
     """
 
     gain_nm_per_v: Quantity
     source: str
     sha256: str | None = None
+    calibrated_utc: str | None = None
+    age_days: float | None = None
+    expired: bool = False
+    age_words: str = ""
 
     @property
     def relative_std(self) -> float:
@@ -38,4 +50,8 @@ class TorqueScale:
             "gain_nm_per_v": self.gain_nm_per_v.to_dict(),
             "source": self.source,
             "sha256": self.sha256,
+            "calibrated_utc": self.calibrated_utc,
+            "age_days": self.age_days,
+            "expired": self.expired,
+            "age_words": self.age_words,
         }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import os
 import secrets
@@ -38,11 +39,10 @@ def storage_error(error: OSError, path: Path) -> StorageError:
     -------
     StorageError
     """
-    return StorageError(
-        f"cannot write: {error.strerror or error}",
-        where=str(path),
-        fix="free space or choose another folder with --out; what was acknowledged is kept",
-    )
+    fix = "free space or choose another folder with --out; what was acknowledged is kept"
+    if error.errno in (errno.EACCES, errno.EPERM, errno.EROFS):
+        fix = "choose a folder with --out that you may write to, or ask for the right to this one"
+    return StorageError(f"cannot write: {error.strerror or error}", where=str(path), fix=fix)
 
 
 def sync_folder(folder: Path) -> None:

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from hdbench.errors import DataError
-from hdbench.records.journal import JournalContent, read_journal
-from hdbench.records.recovery import acknowledged, data_file, recover_run
+from hdbench.records.journalsummary import JournalSummary, summarize_journal
+from hdbench.records.recovery import data_file, recover_run
 from hdbench.records.runfolder import RunFolder
 from hdbench.records.storage import sha256_file
 
@@ -34,7 +34,8 @@ class VerifyReport:
     files_checked : int
         Files whose SHA-256 was compared.
     recoverable : bool
-        True where trace or loads are missing and can be made from the journal.
+        True where trace or loads are missing, or older than the journal of a killed run, and can
+        be made from it.
     """
 
     run_id: str
@@ -128,10 +129,10 @@ def verify_run(path: Path) -> VerifyReport:
     folder = RunFolder.open(path)
     status = folder.status()
     problems = _file_problems(folder)
-    content = JournalContent((), 0, None)
+    content = JournalSummary()
     if folder.journal.exists():
         try:
-            content = read_journal(folder.journal)
+            content = summarize_journal(folder.journal)
         except DataError as error:
             problems.append(f"journal.hdj: {error.what}")
     if content.problem:
@@ -141,13 +142,13 @@ def verify_run(path: Path) -> VerifyReport:
         run_id=folder.run_id,
         status=status,
         problems=tuple(problems),
-        samples_in_journal=acknowledged(content, "samples"),
-        readings_in_journal=acknowledged(content, "reading"),
+        samples_in_journal=content.samples,
+        readings_in_journal=content.readings,
         torn_bytes=content.torn_bytes,
         files_checked=len(folder.manifest["files"]),
         recoverable=status != "running"
-        and not target.exists()
-        and acknowledged(content, block_kind) > 0,
+        and (folder.is_killed or not target.exists())
+        and content.count(block_kind) > 0,
     )
 
 

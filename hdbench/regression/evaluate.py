@@ -59,7 +59,10 @@ def _calibration(case: Case, profile: Profile) -> dict[str, Any]:
     limit = float(case.options.get("max_consistency", profile.data.calibration.max_consistency))
     loads = read_loads(case.source, profile.data.arm)
     header = result_header("calibration", profile)
-    return evaluate_calibration(loads, max_consistency=limit).to_dict(header)
+    found = evaluate_calibration(
+        loads, max_consistency=limit, bench=profile.data, monte_carlo_seed=0
+    )
+    return found.to_dict(header)
 
 
 def _dynamic(case: Case, profile: Profile, trace: Trace, scale: TorqueScale) -> dict[str, Any]:

@@ -3,12 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
+from hdbench.records import Loads
+from hdbench.report.calibrationcourse import budget_picture, sequence_picture, top_picture
+from hdbench.report.calibrationfigures import deviation_picture
+from hdbench.report.calibrationgains import gain_picture, hysteresis_picture
+from hdbench.report.calibrationreadings import course_tables
+from hdbench.report.calibrationrecord import identity_tables, step_tables
+from hdbench.report.calibrationtables import result_tables
+from hdbench.report.calibrationwords import rounded_with
 from hdbench.report.elements import KeyNumber, Picture, Table, Verdict
 from hdbench.report.figures_static import calibration_pictures, number_of
 from hdbench.report.keynumbers import key_numbers, value_of
-from hdbench.report.numbers import MINUS, short, with_std
+from hdbench.report.numbers import short, with_std
 from hdbench.report.source import Source
 
 __all__ = ["data_pictures", "numbers", "pictures", "summary", "tables", "verdict"]
@@ -34,7 +43,11 @@ def verdict(result: Mapping[str, Any]) -> Verdict:
     words = f"gain {gain} N·m/V, consistency {100 * consistency:.2f} %{against}."
     if result["accepted"]:
         return Verdict("good", f"Calibration accepted: {words}")
-    return Verdict("bad", f"Calibration not accepted: {words}")
+    broken = [
+        t["name"] for t in result.get("acceptance", {}).get("tests", []) if t["passed"] is False
+    ]
+    reason = f"; not held: {', '.join(broken)}" if broken else ""
+    return Verdict("bad", f"Calibration not accepted: {words[:-1]}{reason}.")
 
 
 def summary(result: Mapping[str, Any], source: Source) -> str:
@@ -64,6 +77,19 @@ def summary(result: Mapping[str, Any], source: Source) -> str:
         if isinstance(interval, list) and interval[1] is not None:
             text += f" (95 %: {100 * interval[0]:.2f} to {100 * interval[1]:.2f} %)"
         text += "; the bench of CIM-TR-97-06 had 6.60 N·m/V and 2 %. "
+    of_mean = result.get("uncertainty", {}).get("mean_of_positions")
+    if of_mean is not None:
+        value, expanded = rounded_with(of_mean["value"], of_mean["expanded"])
+        one = result.get("gain_basis") in ("residual", "repetitions")
+        where = (
+            "At this one flexspline position, without the spread between positions,"
+            if one
+            else "Averaged over flexspline positions"
+        )
+        text += (
+            f"{where} the gain is {value} N·m/V with an expanded "
+            f"uncertainty of {expanded} N·m/V (k = {of_mean['coverage_factor']:.2f}, 95 %). "
+        )
     worst = max((float(line["residual_rms_nm"]) for line in lines), default=None)
     if worst is not None:
         text += f"Around their lines the readings scatter by at most {1e3 * worst:.1f} mN·m rms. "
@@ -89,16 +115,21 @@ def numbers(result: Mapping[str, Any], source: Source) -> tuple[KeyNumber, ...]:
     tuple of KeyNumber
         Those that the result holds.
     """
+    one = result.get("uncertainty", {}).get("any_one_position")
+    interval = result.get("consistency_interval") or (None, None)
+    within = "" if None in interval else f", 95 %: {interval[0]:.2g} to {interval[1]:.2g}"
     rows = (
         (result["gain_nm_per_v"], "torque gain", "gain_nm_per_v", "N m/V"),
-        (result.get("consistency"), "consistency", "consistency", ""),
+        (one, "torque gain, any one position", "uncertainty.any_one_position", "N m/V"),
+        (result.get("consistency"), f"consistency{within}", "consistency", ""),
         (result.get("n_experiments"), "experiments", "n_experiments", ""),
+        (result.get("class"), "class (indicative)", "class", ""),
     )
     return key_numbers(rows, source.run_id)
 
 
 def pictures(source: Source, prefix: str, _doubts: list[str]) -> tuple[Picture, ...]:
-    """Draw readings and lines.
+    """Draw deviations from the line, readings and lines, hysteresis, gains, budget, course.
 
     Parameters
     ----------
@@ -114,13 +145,38 @@ def pictures(source: Source, prefix: str, _doubts: list[str]) -> tuple[Picture, 
     tuple of Picture
         Those for which the run holds data.
     """
-    if source.loads is None:
-        return ()
-    return calibration_pictures(source.loads, source.result.get("experiments", ()), prefix)
+    result = source.result
+    first: tuple[Picture, ...] = ()
+    if source.loads is not None:
+        used = _evaluated(source.loads, result)
+        first = calibration_pictures(used, result.get("experiments", ()), prefix)
+    more = (
+        deviation_picture(result, "full", prefix),
+        deviation_picture(result, "low", prefix),
+        hysteresis_picture(result, prefix),
+        gain_picture(result, prefix),
+        budget_picture(result, prefix),
+        sequence_picture(result, prefix),
+        top_picture(result, prefix),
+    )
+    return (*(picture for picture in more[:2] if picture), *first, *(p for p in more[2:] if p))
+
+
+def _evaluated(loads: Loads, result: Mapping[str, Any]) -> Loads:
+    """Return the readings that were evaluated, with the applied torque that was used."""
+    told = result.get("readings", ())
+    if len(told) != len(loads):
+        return loads
+    readings = tuple(
+        replace(reading, torque_nm=float(body["torque_nm"]))
+        for reading, body in zip(loads.readings, told, strict=True)
+        if body["kind"] == "reading"
+    )
+    return Loads(readings, loads.source)
 
 
 def tables(result: Mapping[str, Any]) -> tuple[Table, ...]:
-    """List the experiments.
+    """List everything that a calibration record holds.
 
     Parameters
     ----------
@@ -137,8 +193,12 @@ def tables(result: Mapping[str, Any]) -> tuple[Table, ...]:
             f"{float(line['position_rad']):.4g}",
             str(line["direction"]),
             str(line["range"]),
-            short(number_of(line["gain_nm_per_v"]), value_of(line, "gain_std_nm_per_v")),
-            f"{number_of(line['intercept_nm']):.4f}".replace("-", MINUS),
+            with_std(
+                {"value": number_of(line["gain_nm_per_v"]), "std": line.get("gain_std_nm_per_v")}
+            ),
+            with_std(
+                {"value": number_of(line["intercept_nm"]), "std": line.get("intercept_std_nm")}
+            ),
             f"{1e3 * float(line['residual_rms_nm']):.2f}",
             str(line["n"]),
         )
@@ -157,7 +217,14 @@ def tables(result: Mapping[str, Any]) -> tuple[Table, ...]:
     note = str(result.get("gain_basis_reason", ""))
     if note:
         note = f"The uncertainty of the mean gain rests on: {note}."
-    return (Table("Experiments", head, rows, note),)
+    experiments = Table("Experiments, by the report's method", head, rows, note)
+    return (
+        *identity_tables(result),
+        *result_tables(result),
+        experiments,
+        *step_tables(result),
+        *course_tables(result),
+    )
 
 
 def data_pictures(source: Source, prefix: str) -> tuple[Picture, ...]:

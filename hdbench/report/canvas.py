@@ -11,7 +11,7 @@ import matplotlib as mpl
 from matplotlib.figure import Figure
 
 from hdbench.records import FloatArray
-from hdbench.report.decimate import min_max
+from hdbench.report.zoom import prepare_zoom
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -168,7 +168,7 @@ def trend(
     line: str = "-",
     label: str | None = None,
 ) -> None:
-    """Draw a long curve with as many points as a screen can show.
+    """Draw a long curve; `draw_svg` thins it to as many points as a screen can show.
 
     Parameters
     ----------
@@ -185,8 +185,8 @@ def trend(
     label : str or None
         Entry of the legend.
     """
-    few_x, few_y = min_max(x, y)
-    axes.plot(few_x, few_y, color=COLOURS[colour], linewidth=width, linestyle=line, label=label)
+    # drawn with few points, kept whole for the reader who zooms: see `prepare_zoom`
+    axes.plot(x, y, color=COLOURS[colour], linewidth=width, linestyle=line, label=label)
 
 
 def draw_svg(figure: Figure, name: str, alt: str) -> str:
@@ -213,6 +213,7 @@ def draw_svg(figure: Figure, name: str, alt: str) -> str:
     """
     if not re.fullmatch(r"[A-Za-z0-9-]+", name):
         raise ValueError(f"name {name!r} must be letters, digits and hyphens")
+    zoom = prepare_zoom(figure)
     buffer = io.StringIO()
     with mpl.rc_context(_STYLE):
         figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
@@ -225,7 +226,8 @@ def draw_svg(figure: Figure, name: str, alt: str) -> str:
     text = re.sub(r'\bid="', f'id="{name}-', text)
     text = re.sub(r"url\(#", f"url(#{name}-", text)
     text = re.sub(r'xlink:href="#', f'xlink:href="#{name}-', text)
-    return _HEAD.sub(lambda found: _head(found[1], alt), text, count=1).strip()
+    text = _HEAD.sub(lambda found: _head(found[1], alt), text, count=1).strip()
+    return text.removesuffix("</svg>") + zoom.element(name) + "</svg>"
 
 
 def _shorter(found: re.Match[str]) -> str:

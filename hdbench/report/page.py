@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import base64
+import hashlib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -51,8 +53,11 @@ def render_page(sections: Sequence[Section], files: ReportFiles) -> str:
     environment.filters["unit"] = unit_words
     environment.filters["dof"] = _dof
     style = Markup((_TEMPLATES / "style.css").read_text(encoding="utf-8"))
+    script = (_TEMPLATES / "zoom.js").read_text(encoding="utf-8")
     return environment.get_template("report.html.j2").render(
         style=style,
+        script=Markup(script),
+        script_hash=_hash(script),
         sections=sections,
         title=_title(sections),
         overall=_overall(sections),
@@ -63,6 +68,11 @@ def render_page(sections: Sequence[Section], files: ReportFiles) -> str:
         json=files.json.name,
         version=__version__,
     )
+
+
+def _hash(script: str) -> str:
+    """Return what the page's policy names the one script that it lets run by."""
+    return base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
 
 
 def _title(sections: Sequence[Section]) -> str:

@@ -44,7 +44,7 @@ def _kind(title: str, module: Any) -> _Kind:
 
 
 _KINDS = {
-    "calibration": _kind("Calibration", calibration),
+    "calibration": _kind("Calibration record", calibration),
     "misalignment": _kind("Misalignment", misalignment),
     "ripple": _kind("Torque ripple", ripple),
     "diagnosis": _kind("Diagnosis", diagnosis),

@@ -13,6 +13,7 @@ from hdbench.errors import UsageError
 from hdbench.records.jsonfile import result_header, write_json
 from hdbench.records.storage import storage_error, write_atomic
 from hdbench.report.elements import ReportFiles, Section
+from hdbench.report.ours import refuse_foreign
 
 if TYPE_CHECKING:
     from hdbench.profile import Profile
@@ -31,7 +32,7 @@ def write_report(runs: Sequence[Path], out: Path, *, profile: Profile | None = N
         Run folders, result files, traces or loads files, in the order in which to show them.
     out : Path
         The HTML file, or a folder that gets ``report.html``. CSV and JSON are written beside it
-        under the same name.
+        under the same name; of a calibration also its record, as ``report-record.csv``.
     profile : Profile or None
         Bench for what does not carry its own profile.
 
@@ -43,7 +44,7 @@ def write_report(runs: Sequence[Path], out: Path, *, profile: Profile | None = N
     Raises
     ------
     UsageError
-        If no run is named.
+        If no run is named, or a file of one of these names is there that no report made.
     DataError
         If one of them is damaged or of no kind that a report knows.
     StorageError
@@ -57,15 +58,23 @@ def write_report(runs: Sequence[Path], out: Path, *, profile: Profile | None = N
     """
     if not runs:
         raise UsageError("no run named", where="report", fix="name at least one run folder or file")
+    from hdbench.report.calibrationcsv import record_csv
     from hdbench.report.page import render_page
     from hdbench.report.sections import make_section
     from hdbench.report.source import load_source
 
     files = _targets(Path(out))
+    refuse_foreign((files.html, files.csv, files.json))
+    sources = [load_source(Path(run), profile) for run in runs]
     sections = tuple(
-        make_section(load_source(Path(run), profile), number, files.html)
-        for number, run in enumerate(runs, start=1)
+        make_section(source, number, files.html) for number, source in enumerate(sources, start=1)
     )
+    for number, source in enumerate(sources, start=1):
+        if source.kind == "calibration" and source.result:
+            name = f"{files.html.stem}-record{'' if len(sources) == 1 else f'-{number}'}.csv"
+            record = files.html.with_name(name)
+            refuse_foreign((record,))
+            write_atomic(record, record_csv(source.result).encode("utf-8"))
     write_atomic(files.html, render_page(sections, files).encode("utf-8"))
     write_atomic(files.csv, _numbers_csv(sections).encode("utf-8"))
     write_json(files.json, _as_json(sections, profile))

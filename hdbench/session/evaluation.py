@@ -12,18 +12,17 @@ from hdbench.errors import DataError
 from hdbench.filter import FilterModel, build_filter_model
 from hdbench.profile import Profile
 from hdbench.profile.scaling import rescaled, stored_scale
+from hdbench.profile.validity import measured_utc
 from hdbench.records import Loads, TorqueScale, Trace
 from hdbench.records.jsonfile import read_json, result_header, sha256_file, write_json
 from hdbench.records.loadsfile import is_loads_file, read_loads
+from hdbench.records.parquetfile import PARQUET
 from hdbench.records.recovery import resolve_input
 from hdbench.records.runfolder import RunFolder
-from hdbench.records.tracefile import read_trace
+from hdbench.records.tracefile import read_trace, write_trace
 from hdbench.ripple import Stretch
+from hdbench.session.doubts import channel_doubts, sign_doubts
 from hdbench.session.filters import TUNED, choose_filter, tune_traces
-
-# share of the largest load below which a torque of the other sign may be the zero of a reference
-# sensor: Table 1's sensors are consistent to 2 %, hand-read zeros to about as much again
-_ZERO_SHARE = 0.05
 
 __all__ = ["Evaluation", "evaluate", "evaluate_stored", "store_evaluation"]
 
@@ -118,7 +117,10 @@ def _result(
         from hdbench.calibration import evaluate_calibration
 
         limit = profile.data.calibration.max_consistency
-        return evaluate_calibration(records, max_consistency=limit).to_dict(header)
+        found = evaluate_calibration(
+            records, max_consistency=limit, bench=profile.data, monte_carlo_seed=0
+        )
+        return found.to_dict(header)
     if kind == "misalignment":
         from hdbench.misalignment import evaluate_misalignment
 
@@ -216,12 +218,17 @@ def evaluate_stored(
     if tuned and isinstance(records, Trace):
         origins = {f"trace {records.source}": "the input itself"}
         model = tune_traces(profile, model, [records], origins).model
-    details = {"source": {"path": str(source), "sha256": sha256_file(file)}}
+    origin = {"path": str(source), "sha256": sha256_file(file)}
+    details = {"source": {**origin, "measured_utc": measured_utc(source)}}
     folder = RunFolder.create(out, kind=kind, profile=profile, details=details)
     folder.update(calibration=scale.to_dict(), filter=model.to_dict())
     suffix = ".csv.gz" if file.suffix == ".gz" else ".csv"
     stored = folder.path / (("loads" if isinstance(records, Loads) else "trace") + suffix)
-    shutil.copyfile(file, stored)
+    if file.suffix == PARQUET:
+        write_trace(stored, read_trace(file))
+    else:
+        shutil.copyfile(file, stored)
+    channels = channel_doubts(records, source, profile)
     try:
         found = evaluate(
             kind,
@@ -230,27 +237,20 @@ def evaluate_stored(
             scale,
             model,
             run=folder.run_id,
-            doubts=_sign_doubts(records),
+            doubts=[*sign_doubts(records), *channels],
             stretch=stretch,
         )
     except DataError as error:
         folder.finish("complete", f"not evaluated: {error.what}", [stored])
+        if channels:
+            raise DataError(
+                f"{'; '.join(channels)}: {error.what}",
+                where=error.where,
+                fix="bring the file in with the right columns and units: hdbench import --map",
+            ) from error
         raise
     store_evaluation(folder, found, [stored], f"evaluated from {source}")
     return folder, found
-
-
-def _sign_doubts(records: Trace | Loads) -> list[str]:
-    """Return a doubt where torques contradict their direction (cw positive, ccw negative)."""
-    if not isinstance(records, Loads):
-        return []
-    least = _ZERO_SHARE * max(abs(r.torque_nm) for r in records.readings)
-    signs = {"cw": 1.0, "ccw": -1.0}
-    wrong = [r for r in records.readings if signs[r.direction] * r.torque_nm < -least]
-    if not wrong:
-        return []
-    names = ", ".join(dict.fromkeys(r.experiment for r in wrong))
-    return [f"{len(wrong)} torques have the sign of the other direction (experiments {names})"]
 
 
 def _load(

@@ -2,38 +2,41 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
+from hdbench.diagnosis.planning.planfile import write_plan
 from hdbench.diagnosis.planning.segments import MotionPlan
 from hdbench.filter import kernel_name
 from hdbench.profile import Profile
 from hdbench.profile.scaling import profile_scale, read_calibration
+from hdbench.profile.validity import checked_age
+from hdbench.records import TorqueScale
+from hdbench.records.manifest import utc_now
+from hdbench.records.reserve import keep_reserve
 from hdbench.records.runfolder import RunFolder
+from hdbench.session.calibrating.plan import Preset, calibration_plan
+from hdbench.session.calibrating.planfile import PLAN_NAME, write_points
 from hdbench.session.filters import choose_filter
-from hdbench.session.keeping import Run
+from hdbench.session.keeping import Run, kept
 from hdbench.session.motionplans import motion_plan
 from hdbench.session.options import BenchOptions, RunOutcome
-from hdbench.session.plans import (
-    Plan,
-    calibration_plan,
-    check_plan,
-    misalignment_plan,
-    ripple_plan,
-)
+from hdbench.session.plancheck import check_plan
+from hdbench.session.plans import Plan
+from hdbench.session.profileplans import misalignment_plan, ripple_plan
 from hdbench.session.runner import Progress
 from hdbench.session.stop import listen
+from hdbench.session.task import Task
 
 __all__ = ["make_plan", "run_experiment"]
 
-_PLANS: dict[str, Callable[..., Plan]] = {
-    "calibration": calibration_plan,
-    "misalignment": misalignment_plan,
-    "ripple": ripple_plan,
-}
 
-
-def make_plan(kind: str, profile: Profile, motion: MotionPlan | None = None) -> Plan:
+def make_plan(
+    kind: str,
+    profile: Profile,
+    motion: MotionPlan | None = None,
+    *,
+    preset: Preset | None = None,
+) -> Plan:
     """Plan an experiment and hold it against the profile's limits.
 
     Parameters
@@ -44,6 +47,8 @@ def make_plan(kind: str, profile: Profile, motion: MotionPlan | None = None) -> 
         The bench.
     motion : MotionPlan or None
         Content of a plan file to run instead of the profile's motion.
+    preset : {"report", "cg14"} or None
+        Sequence of a calibration; None takes the profile's.
 
     Returns
     -------
@@ -56,8 +61,13 @@ def make_plan(kind: str, profile: Profile, motion: MotionPlan | None = None) -> 
         If a step is outside a limit.
     """
     data = profile.data
-    plan = _PLANS[kind](data) if motion is None else motion_plan(kind, motion, data)
-    check_plan(plan, profile.data)
+    if kind == "calibration":
+        plan = calibration_plan(data, preset)
+    elif motion is not None:
+        plan = motion_plan(kind, motion, data)
+    else:
+        plan = misalignment_plan(data) if kind == "misalignment" else ripple_plan(data)
+    check_plan(plan, data)
     return plan
 
 
@@ -88,25 +98,52 @@ def run_experiment(
         When a signal ended it; the safe state was confirmed, the run is kept.
     UnsafeError
         When the safe state could not be confirmed.
+    DataError
+        When the calibration named has expired; nothing has moved.
     DeviceError, StorageError, Aborted
         When the device, the disk, the operator or a limit ended it; the run is kept.
     """
-    plan = make_plan(kind, profile, options.motion)
-    scale = read_calibration(options.calibration) if options.calibration else profile_scale(profile)
+    plan = make_plan(kind, profile, options.motion, preset=options.preset)
+    scale = _scale(profile, options)
     model = choose_filter(profile, options.filter_name, misalignment=options.misalignment)
     with listen() as stop:
         folder = RunFolder.create(
             options.out, kind=kind, profile=profile, details=_details(plan, options)
         )
-        versions = {**folder.manifest["versions"], "kernel": kernel_name()}
-        folder.update(calibration=scale.to_dict(), filter=model.to_dict(), versions=versions)
-        run = Run(kind, profile, options, plan, scale, model, folder, stop, progress)
-        run.measure()
-        return run.evaluate()
+        with kept(folder):
+            keep_reserve(folder.path)
+            versions = {**folder.manifest["versions"], "kernel": kernel_name()}
+            folder.update(calibration=scale.to_dict(), filter=model.to_dict(), versions=versions)
+            _keep_plan(folder, plan)
+            run = Run(Task(kind, profile, options, plan, scale, model, folder, stop, progress))
+            run.measure()
+            return run.evaluate()
+
+
+def _scale(profile: Profile, options: BenchOptions) -> TorqueScale:
+    """Return the gain of a run; an expired calibration ends it before anything moves."""
+    if options.calibration is None:
+        return profile_scale(profile)
+    return checked_age(
+        read_calibration(options.calibration),
+        options.calibration,
+        profile,
+        now=utc_now(),
+        allow_expired=options.allow_expired,
+    )
 
 
 def _details(plan: Plan, options: BenchOptions) -> dict[str, Any]:
     return {
         "plan": plan.to_dict(),
         "simulation": {"plant": options.plant, "seed": options.seed},
+        "bench": {"address": options.address, "realtime": options.realtime},
     }
+
+
+def _keep_plan(folder: RunFolder, plan: Plan) -> None:
+    """Write what a resumed run needs to go on with: the points of a calibration, a plan file."""
+    if plan.points:
+        write_points(folder.path, plan.points, plan.preset or "report")
+    elif plan.motion is not None:
+        write_plan(folder.path / PLAN_NAME, plan.motion)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
-from hdbench.devices import SimulatedOperator, open_bench
-from hdbench.devices.ports import Bench
+from hdbench.devices import Identity, open_bench
 from hdbench.errors import (
     DataError,
     DeviceError,
@@ -16,21 +18,54 @@ from hdbench.errors import (
     UnsafeError,
     UsageError,
 )
-from hdbench.filter import FilterModel
-from hdbench.profile import Profile
-from hdbench.records import Loads, TorqueScale, Trace
 from hdbench.records.journal import JournalWriter
-from hdbench.records.loadsfile import write_loads
+from hdbench.records.reserve import check_space, free_reserve, keep_reserve
 from hdbench.records.runfolder import RunFolder
-from hdbench.records.tracefile import write_trace
+from hdbench.session.boarding import make_walker
+from hdbench.session.calibrating.planfile import PLAN_NAME
 from hdbench.session.evaluation import evaluate, store_evaluation
-from hdbench.session.options import BenchOptions, RunOutcome
-from hdbench.session.plans import Plan
-from hdbench.session.recorder import TraceRecorder
-from hdbench.session.runner import Progress, Runner
-from hdbench.session.stop import StopRequested, StopSignals
+from hdbench.session.options import RunOutcome
+from hdbench.session.stop import StopRequested
+from hdbench.session.task import Task
+from hdbench.session.walkers import Walker
 
-__all__ = ["Run"]
+__all__ = ["Run", "kept"]
+
+GUARD_LOG = "guard.jsonl"
+
+
+@contextmanager
+def kept(folder: RunFolder) -> Iterator[None]:
+    """Leave no run behind that says it still goes on, whatever ends it.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        The run.
+
+    Yields
+    ------
+    None
+        While it goes on.
+    """
+    try:
+        yield
+    finally:
+        if folder.manifest["status"] == "running":
+            free_reserve(folder.path)
+            # on a disk that has failed, it reads as incomplete once this process is gone
+            with suppress(HdbenchError, OSError):
+                _close(folder)
+
+
+def _close(folder: RunFolder) -> None:
+    try:
+        folder.finish("incomplete", "ended without being closed: see the error it ended in")
+    except StorageError:
+        # a run without a journal has recorded nothing: better none than one that says it goes on
+        if not folder.journal.exists():
+            shutil.rmtree(folder.path)
+        raise
 
 
 @dataclass(slots=True)
@@ -39,36 +74,20 @@ class Run:
 
     Parameters
     ----------
-    kind : str
-        ``calibration``, ``misalignment`` or ``ripple``.
-    profile : Profile
-        The bench.
-    options : BenchOptions
-        How to run it.
-    plan : Plan
-        A plan within the limits.
-    scale : TorqueScale
-        Gain of the torque.
-    model : FilterModel
-        Filter that runs online.
-    folder : RunFolder
-        Where everything is kept.
-    stop : StopSignals
-        Signals that end the run.
-    progress : callable
-        Told what is going on.
+    task : Task
+        What is run, how, and where it is kept.
+    journal : JournalWriter or None
+        Journal of a run that is resumed; None makes a new one.
     """
 
-    kind: str
-    profile: Profile
-    options: BenchOptions
-    plan: Plan
-    scale: TorqueScale
-    model: FilterModel
-    folder: RunFolder
-    stop: StopSignals
-    progress: Progress
-    runner: Runner | None = field(default=None, init=False)
+    task: Task
+    journal: JournalWriter | None = None
+    walker: Walker | None = field(default=None, init=False)
+
+    @property
+    def folder(self) -> RunFolder:
+        """Where everything is kept."""
+        return self.task.folder
 
     def measure(self) -> None:
         """Walk the plan; on any way out the bench is safe and the run is marked."""
@@ -76,10 +95,12 @@ class Run:
             self._measure()
         except StopRequested as request:
             raise self._stopped(request) from request
-        except (DeviceError, StorageError) as error:
+        except (DeviceError, StorageError, Stopped) as error:
             raise self._ended("incomplete", error) from error
         except HdbenchError as error:
-            raise self._ended("aborted", error) from error
+            # a run that is resumed and finds no bench or no person has lost nothing
+            waits = self.task.content is not None and self.walker is None
+            raise self._ended("incomplete" if waits else "aborted", error) from error
         except OSError as error:
             storage = StorageError(
                 str(error.strerror or error),
@@ -87,73 +108,56 @@ class Run:
                 fix="free space on the disk; what was acknowledged is in the journal",
             )
             raise self._ended("incomplete", storage) from error
-        if self.runner is None or self.runner.safe is None or not self.runner.safe.confirmed:
+        if self.walker is None or self.walker.safe is None or not self.walker.safe.confirmed:
             raise self._ended("incomplete", self._unsafe(None))
 
     def _measure(self) -> None:
-        journal = JournalWriter(self.folder.journal)
+        options = self.task.options
+        journal = self.journal or JournalWriter(self.folder.journal)
         try:
+            check_space(self.folder.path, self.task.plan.stored_bytes)
+            keep_reserve(self.folder.path)
             with open_bench(
-                self.profile.data,
-                plant=self.options.plant,
-                seed=self.options.seed,
-                address=self.options.address,
-                realtime=self.options.realtime,
+                self.task.profile.data,
+                plant=options.plant,
+                seed=options.seed,
+                address=options.address,
+                realtime=options.realtime,
+                guard_log=self.folder.path / GUARD_LOG,
             ) as bench:
-                self._walk(bench, journal)
+                identity = bench.identity()
+                self._check_same_bench(identity)
+                self.folder.update(device=asdict(identity))
+                self.walker = make_walker(self.task, bench, identity, journal)
+                self.walker.run()
         finally:
             journal.close()
 
-    def _walk(self, bench: Bench, journal: JournalWriter) -> None:
-        identity = bench.identity()
-        self.folder.update(device=asdict(identity))
-        operator = SimulatedOperator(bench) if identity.simulated else self.options.operator
-        if operator is None:
+    def _check_same_bench(self, identity: Identity) -> None:
+        """Refuse to go on with a run on another bench than it began on."""
+        began = self.folder.manifest.get("device")
+        if self.task.content is None or not isinstance(began, dict):
+            return
+        before = tuple(str(began.get(key)) for key in ("vendor", "model", "serial"))
+        now = (identity.vendor, identity.model, identity.serial)
+        if before != now:
             raise UsageError(
-                f"{identity.vendor} {identity.model} is a real bench and needs a person",
-                where=f"{self.kind} run",
-                fix="run without --no-input; motion alone can be confirmed with --yes",
+                f"{' '.join(now)} answers; the run began on {' '.join(before)}",
+                where=str(self.folder.path),
+                fix="connect that bench, or start a new run: readings of two do not mix",
             )
-        moved = [put for put in self.plan.loads if put.load.torque_nm and not put.load.locked]
-        if identity.simulated and moved:
-            raise UsageError(
-                f"{moved[0].describe()}: a simulated bench has loads only while it is locked",
-                where=f"{self.kind} run",
-                fix="make the plan with hdbench plan --no-loads, or run it on a real bench",
-            )
-        recorder = None
-        if self.plan.moves:
-            recorder = TraceRecorder(
-                self.profile.data,
-                self.scale.gain_nm_per_v.value,
-                self.model,
-                journal,
-                self.profile.data.daq.sample_period_s,
-            )
-        self.runner = Runner(
-            self.profile.data,
-            bench,
-            operator,
-            journal,
-            self.stop,
-            self.progress,
-            recorder,
-            person=not identity.simulated,
-            watcher=self.options.watcher,
-        )
-        self.runner.run(self.plan)
 
     # -- the ways out -----------------------------------------------------------------------------
 
     def _unsafe(self, cause: HdbenchError | None) -> UnsafeError:
-        safe = self.runner.safe if self.runner else None
+        safe = self.walker.safe if self.walker else None
         detail = safe.detail if safe else "no answer from the bench"
         because = f"; after: {cause.what}" if cause else ""
         return UnsafeError.unconfirmed(detail + because, where=str(self.folder.path))
 
     def _ended(self, status: str, error: HdbenchError) -> HdbenchError:
-        runner = self.runner
-        if runner is not None and not (runner.safe and runner.safe.confirmed):
+        walker = self.walker
+        if walker is not None and not (walker.safe and walker.safe.confirmed):
             error = self._unsafe(error)
         self._keep(status, error.what)
         return error
@@ -162,84 +166,59 @@ class Run:
         stopped = Stopped(
             f"stopped by {request}; motor reference zero confirmed",
             where=str(self.folder.path),
-            fix="look at what was kept: hdbench runs show " + str(self.folder.path),
+            fix=f"go on with it: hdbench runs resume {self.folder.path}",
             exit_code=128 + request.signum,
         )
         return self._ended("incomplete", stopped)
 
     def _keep(self, status: str, reason: str) -> None:
+        free_reserve(self.folder.path)
+        files: list[Path] = []
         try:
-            files = self._write_records(self._records()) if self.stop.count < 2 else []
+            if self.task.stop.count < 2:
+                files = self._files()
+        except (OSError, StorageError) as error:
+            # the journal has what was acknowledged, and the error that ended the run is told
+            reason += f"; not all files could be written: {error}"
+        try:
             self.folder.finish(status, reason, files)
         except (OSError, StorageError) as error:
-            # the run folder's own disk has failed: the journal has what was acknowledged, and the
-            # error that ended the run is the one to tell
-            self.progress(f"could not finish {self.folder.path}: {error}", 1.0)
+            self.task.progress(f"could not finish {self.folder.path}: {error}", 1.0)
 
     # -- what is kept -----------------------------------------------------------------------------
 
-    def _records(self) -> Trace | Loads | None:
-        runner = self.runner
-        if runner is None:
-            return None
-        if runner.recorder is not None:
-            trace = runner.recorder.trace(str(self.folder.trace))
-            return trace if len(trace) else None
-        if not runner.readings:
-            return None
-        marks = {"settled": tuple(str(settled).lower() for settled in runner.settled)}
-        return Loads(tuple(runner.readings), str(self.folder.loads), extra_columns=marks)
-
-    def _write_records(self, records: Trace | Loads | None) -> list[Path]:
-        if isinstance(records, Trace):
-            write_trace(self.folder.trace, records)
-            return [self.folder.trace]
-        if isinstance(records, Loads):
-            write_loads(self.folder.loads, records)
-            return [self.folder.loads]
-        return []
+    def _files(self) -> list[Path]:
+        """Write what was recorded, and return every file of the run but its journal."""
+        files = [] if self.walker is None else self.walker.files()
+        plan = self.folder.path / PLAN_NAME
+        return [*files, plan] if plan.is_file() else files
 
     def evaluate(self) -> RunOutcome:
         """Write the records, evaluate them, close the run."""
-        records = self._records()
-        files = self._write_records(records)
+        free_reserve(self.folder.path)
+        files = self._files()
+        records = None if self.walker is None else self.walker.records()
         if records is None:
             self.folder.finish("incomplete", "no data", files)
             raise DataError(
                 "the run recorded nothing", where=str(self.folder.path), fix="run again with -v"
             )
-        doubts = self._doubts()
+        doubts = () if self.walker is None else self.walker.doubts()
         try:
             found = evaluate(
-                self.kind,
+                self.task.kind,
                 records,
-                self.profile,
-                self.scale,
-                self.model,
+                self.task.profile,
+                self.task.scale,
+                self.task.model,
                 run=self.folder.run_id,
                 doubts=doubts,
             )
         except DataError as error:
             self.folder.finish("complete", f"recorded, not evaluated: {error.what}", files)
             raise
-        if self.stop.first is not None:
-            raise self._stopped(StopRequested(self.stop.first))
+        if self.task.stop.first is not None:
+            raise self._stopped(StopRequested(self.task.stop.first))
         reason = "done" if not doubts else "done; data doubtful: " + "; ".join(doubts)
         store_evaluation(self.folder, found, files, reason)
         return RunOutcome(self.folder, found, doubts)
-
-    def _doubts(self) -> tuple[str, ...]:
-        runner = self.runner
-        if runner is None:
-            return ()
-        doubts = []
-        if runner.recorder is not None and runner.recorder.lost:
-            doubts.append(f"{runner.recorder.lost} samples lost")
-        if runner.recorder is not None and runner.recorder.saturated:
-            doubts.append(f"{runner.recorder.saturated} samples saturated")
-        unsettled = runner.settled.count(False)
-        if unsettled:
-            doubts.append(f"{unsettled} readings taken before they had settled")
-        if runner.saturated_readings:
-            doubts.append(f"{runner.saturated_readings} readings saturated")
-        return tuple(doubts)

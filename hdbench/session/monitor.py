@@ -44,6 +44,14 @@ class ChannelStatistics:
     ----------
     unit : str
         Of the channel.
+    n : int
+        Samples so far.
+    mean : float
+        Mean, unit of the channel.
+    squares : float
+        Sum of squared deviations from the mean, that unit squared.
+    low, high : float
+        Smallest and largest value, unit of the channel.
 
     Notes
     -----
@@ -248,7 +256,6 @@ class Monitor:
                 continue
             heard_s = now_s
             rows = recorder.add(block)
-            recorder.rows.clear()
             for name, statistics in self.channels.items():
                 statistics.add(rows[name])
             self.watcher.frame(self._frame(recorder, rows, block.depth))

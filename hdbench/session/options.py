@@ -5,9 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from hdbench.devices.emulator.mistakes import Mistake
 from hdbench.devices.ports import Operator
 from hdbench.diagnosis.planning.segments import MotionPlan
 from hdbench.records.runfolder import RunFolder
+from hdbench.session.calibrating.conversation import Conversation
+from hdbench.session.calibrating.plan import Preset
 from hdbench.session.evaluation import Evaluation
 from hdbench.session.watching import Unwatched, Watcher
 
@@ -32,6 +35,8 @@ class BenchOptions:
         Keep real time on the embedded bench.
     calibration : Path or None
         Calibration whose gain scales the torque.
+    allow_expired : bool
+        Use that calibration even where it is older than the profile allows.
     misalignment : Path or None
         Misalignment result whose output-order block joins the online filter.
     filter_name : str or None
@@ -40,6 +45,14 @@ class BenchOptions:
         The person at a real bench; an emulated bench brings its own simulated one.
     motion : MotionPlan or None
         Content of a plan file that is run instead of the profile's motion.
+    preset : {"report", "cg14"} or None
+        Sequence of a calibration; None takes the profile's.
+    talk : Conversation or None
+        The person at a calibration; without one a simulated bench is calibrated by rule.
+    rehearse : bool
+        Ask that person at a simulated bench too, for practice.
+    mistakes : tuple of Mistake
+        What the operator of a simulated bench gets wrong.
     watcher : Watcher
         Who looks on while samples come.
     """
@@ -50,10 +63,15 @@ class BenchOptions:
     address: str | None = None
     realtime: bool = False
     calibration: Path | None = None
+    allow_expired: bool = False
     misalignment: Path | None = None
     filter_name: str | None = None
     operator: Operator | None = None
     motion: MotionPlan | None = None
+    preset: Preset | None = None
+    talk: Conversation | None = None
+    rehearse: bool = False
+    mistakes: tuple[Mistake, ...] = ()
     watcher: Watcher = field(default_factory=Unwatched)
 
 

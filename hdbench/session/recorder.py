@@ -15,7 +15,7 @@ from hdbench.devices.ports import Block
 from hdbench.diagnosis.planning.segments import LoadStep
 from hdbench.filter import FilterModel, OnlineFilter
 from hdbench.profile.schema import ProfileData
-from hdbench.records import FloatArray, Trace
+from hdbench.records import FloatArray
 
 __all__ = ["SampleJournal", "TraceRecorder"]
 
@@ -30,7 +30,12 @@ _CHANNELS = (
     "motor_current_a",
     "reference_v",
 )
-_LOAD_CHANNELS = ("output_angle_rad", "load_torque_nm", "stage")
+# columns that a bench without the channel does not have
+_COLUMNS_OF = {
+    "encoder": ("motor_angle_rad", "encoder_count"),
+    "current": ("motor_current_a",),
+    "reference": ("reference_v",),
+}
 
 
 class SampleJournal(Protocol):
@@ -73,6 +78,9 @@ class TraceRecorder:
     loses none; the disk is synced every 50 ms, which is what a power cut can cost.
 
     A lost sample becomes a row with its time and NaN elsewhere: counted, marked, never closed up.
+
+    No row is kept here: the trace is made of the journal, so that hours take no more memory than
+    seconds.
     """
 
     profile: ProfileData
@@ -83,7 +91,6 @@ class TraceRecorder:
     clock: Callable[[], float] = time.monotonic
     synced_s: float = field(default=-math.inf, init=False)
     online: OnlineFilter = field(init=False)
-    rows: list[dict[str, FloatArray]] = field(default_factory=list, init=False)
     n_rows: int = field(default=0, init=False)
     lost: int = field(default=0, init=False)
     saturated: int = field(default=0, init=False)
@@ -92,17 +99,20 @@ class TraceRecorder:
     stage_start_s: float = field(default=0.0, init=False)
     load: LoadStep | None = field(default=None, init=False)
     ended_s: float | None = field(default=None, init=False)
+    attempts: dict[int, int] = field(default_factory=dict, init=False)
 
     def __post_init__(self) -> None:
         self.online = OnlineFilter(self.model)
 
-    def begin(self, load: LoadStep | None) -> None:
+    def begin(self, load: LoadStep | None, step: int | None = None) -> None:
         """Begin an acquisition; one that follows another begins the pause after it.
 
         Parameters
         ----------
         load : LoadStep or None
             Load that is on; None where the plan has no loads.
+        step : int or None
+            Step of the plan, from 0, as the journal names it; None outside of a plan.
 
         Notes
         -----
@@ -117,10 +127,22 @@ class TraceRecorder:
             self.stage_start_s = last_s + max(pause_s, 2.0 * self.sample_period_s)
             self.stage += 1
         self.stage_rows, self.load = 0, load
+        if step is not None:
+            self.attempts[step] = self.attempts.get(step, 0) + 1
+            noted = {"event": "acquisition", "step": step, "attempt": self.attempts[step]}
+            self.journal.append("event", {}, noted)
 
-    def end(self) -> None:
-        """Note that an acquisition is over."""
+    def end(self, step: int | None = None) -> None:
+        """Note that an acquisition is over.
+
+        Parameters
+        ----------
+        step : int or None
+            As `begin` was told.
+        """
         self.ended_s = self.clock()
+        if step is not None:
+            self.journal.append("event", {}, {"event": "acquired", "step": step})
 
     def add(self, block: Block) -> dict[str, FloatArray]:
         """Scale, filter and journal one block.
@@ -140,7 +162,7 @@ class TraceRecorder:
             rows["time_s"],
             rows["motor_velocity_rad_s"],
             rows["torque_nm"],
-            rows["motor_angle_rad"],
+            rows.get("motor_angle_rad"),
         )
         rows["torque_filtered_online_nm"] = filtered.torque_filtered_nm
         now_s = self.clock()
@@ -157,7 +179,6 @@ class TraceRecorder:
             },
             sync=sync,
         )
-        self.rows.append(rows)
         self.n_rows += len(rows["time_s"])
         self.stage_rows += len(rows["time_s"])
         self.lost += block.lost_before
@@ -180,13 +201,19 @@ class TraceRecorder:
         rows["motor_current_a"][present] = block.motor_current_a
         rows["reference_v"][present] = block.reference_v
         time_s = np.arange(first, first + n, dtype=np.float64) * self.sample_period_s
+        if block.time_s is not None:
+            time_s[present] = block.time_s
+        for role in block.absent:
+            for name in _COLUMNS_OF.get(role, ()):
+                del rows[name]
         return {"time_s": self.stage_start_s + time_s, **rows, **self._under_load(rows, n)}
 
     def _under_load(self, rows: dict[str, FloatArray], n: int) -> dict[str, FloatArray]:
         """Return the columns of a plan with loads."""
         if self.load is None:
             return {}
-        output = rows["motor_angle_rad"] / self.profile.drive.gear_ratio
+        angle = rows.get("motor_angle_rad", np.full(n, math.nan))
+        output = angle / self.profile.drive.gear_ratio
         if self.load.locked:
             output = np.full(n, self.load.position_rad)
         return {
@@ -194,24 +221,3 @@ class TraceRecorder:
             "load_torque_nm": np.full(n, self.load.torque_nm),
             "stage": np.full(n, float(self.stage)),
         }
-
-    def trace(self, source: str) -> Trace:
-        """Return everything recorded so far as one trace.
-
-        Parameters
-        ----------
-        source : str
-            Name of the trace.
-
-        Returns
-        -------
-        Trace
-            All channels; empty where nothing came.
-        """
-        extra = _LOAD_CHANNELS if self.load is not None else ()
-        names = ("time_s", *_CHANNELS, *extra, "torque_filtered_online_nm")
-        columns = {
-            name: np.concatenate([rows[name] for rows in self.rows]) if self.rows else np.empty(0)
-            for name in names
-        }
-        return Trace(columns, source)

@@ -8,9 +8,17 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from types import FrameType
 
-__all__ = ["StopRequested", "StopSignals", "listen"]
+from hdbench.errors import LimitError
+
+__all__ = ["Aborted", "StopRequested", "StopSignals", "listen"]
 
 _NAMES = ("SIGINT", "SIGTERM", "SIGHUP")
+
+
+class Aborted(LimitError):  # noqa: N818 - an end that was decided, not an error
+    """The operator or a safety limit ended the run; it is not resumable."""
+
+    kind = "aborted"
 
 
 class StopRequested(Exception):  # noqa: N818 - a request, not an error

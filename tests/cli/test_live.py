@@ -104,7 +104,7 @@ def test_the_picture_fits_the_screen_and_tells_the_numbers(width: int) -> None:
 def test_a_speed_above_its_limit_is_told_in_per_cent() -> None:
     speed = 1.25 * PROFILE.data.limits.velocity_rad_s
     text = "\n".join(drawn(history([frame(speed=speed)]), 80))
-    assert "125 % max" in text
+    assert "125 % limit" in text
 
 
 def test_what_is_lost_is_no_number_in_the_picture() -> None:

@@ -107,7 +107,8 @@ def test_a_signal_in_any_phase_gives_no_traceback(
 def test_a_signal_during_a_calibration_keeps_the_readings(served: Served, tmp_path: Path) -> None:
     out = tmp_path / "runs"
     process = start(served, out, "calibrate")
-    wait_for(lambda: journal_size(out) > 700)
+    # mounting, the bridge at rest and two readings
+    wait_for(lambda: journal_size(out) > 4_000, 30.0)
     process.send_signal(signal.SIGTERM)
     _, stderr = process.communicate(timeout=15)
     assert process.returncode == 143, stderr
@@ -116,7 +117,7 @@ def test_a_signal_during_a_calibration_keeps_the_readings(served: Served, tmp_pa
     assert "loads.csv" in run["files"]  # type: ignore[operator]
 
 
-def test_kill_9_leaves_the_motor_to_the_watchdog_and_the_samples_to_verify(
+def test_kill_9_leaves_the_motor_to_the_guard_and_the_samples_to_verify(
     served: Served, tmp_path: Path
 ) -> None:
     out = tmp_path / "runs"
@@ -125,11 +126,11 @@ def test_kill_9_leaves_the_motor_to_the_watchdog_and_the_samples_to_verify(
     os.kill(process.pid, signal.SIGKILL)
     process.communicate(timeout=15)
     killed = time.monotonic()
-    wait_for(lambda: served.history()[-1]["watchdog_trips"] == 1, 5.0)
-    # the watchdog is set to 0.5 s; the rest is this machine's scheduling and the record's writing
-    assert time.monotonic() - killed < 2.0
+    wait_for(lambda: served.history()[-1]["reference_v"] == 0.0, 5.0)
+    # the guard acts at once; the rest is this machine's scheduling and the record's writing
+    assert time.monotonic() - killed < 1.0
     wait_for(lambda: served.history()[-1]["event"] == "standstill", 5.0)
-    assert served.history()[-1]["reference_v"] == 0.0
+    assert served.history()[-1]["watchdog_trips"] == 0
     (folder,) = out.iterdir()
     done = subprocess.run(
         [*RUN, "runs", "verify", str(folder), "--json"],

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import csv
+import gzip
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import click
@@ -11,7 +13,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
-from hdbench.filter import load_filter_model
+from hdbench.filter import load_filter_model, preset
 from hdbench.filter.core import kernel_form
 from hdbench.profile import load_profile
 from hdbench_cli import filter as filter_command
@@ -210,3 +212,79 @@ def test_a_speed_of_zero_has_no_response(capsys):
 def test_the_measured_file_is_never_written_over(trace, capsys):
     assert code(["orders", str(trace), "--out", str(trace)]) == 2
     assert "belongs to the measured data" in capsys.readouterr().err
+
+
+def test_several_inputs_are_filtered_into_a_folder_and_told_in_one_object(
+    trace: Path, tmp_path: Path
+) -> None:
+    other = tmp_path / "other.csv.gz"
+    other.write_bytes(gzip.compress(trace.read_bytes()))
+    out = tmp_path / "clean"
+    found = run(filter_command.command, trace, other, "--out", out)
+    assert found.exit_code == 0, found.output
+    body = json.loads(found.stdout)
+    assert [result["out"] for result in body["results"]] == [
+        str(out / "trace.csv"),
+        str(out / "other.csv"),
+    ]
+    assert (out / "trace.csv").read_bytes() == (out / "other.csv").read_bytes()
+    alone = run(filter_command.command, trace, "--out", tmp_path / "one.csv")
+    single = json.loads(alone.stdout)
+    assert {**body["results"][0], "out": ""} == {**single, "out": ""}
+    assert body["schema"] == single["schema"]
+    shown = run(filter_command.command, trace, other, "--out", out, as_json=False)
+    assert "other.csv.gz" in shown.output
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["{trace}", "{trace}", "--out", "{folder}"],  # one name twice
+        ["{trace}", "{other}", "--out", "{folder}.csv"],  # one file for two inputs
+        ["{trace}", "--out", "{here}"],  # a folder for one input
+        ["{trace}", "{other}", "--out", "{folder}", "--compare", "--plot", "p.svg"],
+    ],
+)
+def test_outputs_that_do_not_fit_several_inputs_are_refused(
+    trace: Path, tmp_path: Path, words: list[str]
+) -> None:
+    other = tmp_path / "other.csv"
+    other.write_bytes(trace.read_bytes())
+    names = {"trace": trace, "other": other, "folder": tmp_path / "clean", "here": tmp_path}
+    assert code(["filter", *(word.format(**names) for word in words)]) == 2
+    assert not (tmp_path / "clean").exists()
+
+
+def test_orders_of_several_inputs_come_as_a_list(trace: Path, tmp_path: Path) -> None:
+    other = tmp_path / "other.csv"
+    other.write_bytes(trace.read_bytes())
+    found = run(orders.command, trace, other, "--model", "report-6", "--out", tmp_path / "waves")
+    assert found.exit_code == 0, found.output
+    results = json.loads(found.stdout)["results"]
+    assert results[0]["tracked"] == results[1]["tracked"]
+    assert sorted(p.name for p in (tmp_path / "waves").iterdir()) == ["other.csv", "trace.csv"]
+
+
+def test_saturated_and_stuck_samples_make_the_filtered_trace_doubtful(
+    trace: Path, tmp_path: Path
+) -> None:
+    model, hurt = tmp_path / "m.json", tmp_path / "hurt.csv"
+    limited = replace(
+        preset("report-6", load_profile("cim-tr-97-06").data),
+        torque_limit_nm=50.0,
+        stuck_samples=20,
+    )
+    model.write_text(json.dumps(limited.to_dict()))
+    lines = trace.read_text().splitlines()
+    column = lines[0].split(",").index("torque_nm")
+    rows = [line.split(",") for line in lines]
+    for row in rows[1000:1010]:
+        row[column] = "60.0"
+    for row in rows[2000:2050]:
+        row[column] = "0.25"
+    hurt.write_text("\n".join(map(",".join, rows)) + "\n")
+    found = run(filter_command.command, hurt, "--model", model, "--out", tmp_path / "o.csv")
+    assert found.exit_code == 6, found.output
+    # a run of 50 equal samples is known as stuck from its 20th on
+    counts = {flag["name"]: flag["samples"] for flag in json.loads(found.stdout)["flags"]}
+    assert counts == {"saturation": 10, "stuck": 31}

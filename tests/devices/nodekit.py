@@ -16,11 +16,18 @@ import numpy as np
 from hdbench.devices.emulator.converter import RawSamples
 from hdbench.devices.emulator.serve import build_core
 from hdbench.devices.emulator.server import NodeServer
-from hdbench.devices.node.driver import NodeBench
+from hdbench.devices.hosted import HostedBench, host_settings
+from hdbench.devices.node.driver import NodeDaq
+from hdbench.devices.node.spans import node_probe
 from hdbench.devices.node.wire import NodeWire
+from hdbench.devices.wire import connect, parse_address
 from hdbench.profile import load_profile
 
-PROFILE = load_profile("cim-tr-97-06").data
+_REPORT = load_profile("cim-tr-97-06").data
+# an encoder so fine that its counts between two samples need more than 16 bits
+PROFILE = _REPORT.model_copy(
+    update={"encoder": _REPORT.encoder.model_copy(update={"counts_per_turn": 2_000_000})}
+)
 VELOCITY_PER_VOLT = PROFILE.servo.velocity_gain_rad_s_per_v
 
 
@@ -138,16 +145,26 @@ def driver(
     deadline_s: float = 1.0,
     watchdog_s: float = 0.5,
     clock: ManualClock | None = None,
-) -> Iterator[NodeBench]:
+) -> Iterator[HostedBench]:
     """Connect a driver; with `clock` its waits take no time."""
-    wire = NodeWire(host, port, deadline_s=deadline_s)
-    bench = NodeBench(wire, watchdog_s=watchdog_s)
-    if clock is not None:
-        bench = NodeBench(wire, watchdog_s=watchdog_s, clock=clock, sleep=clock.sleep)
+    waits = {} if clock is None else {"clock": clock, "sleep": clock.sleep}
+    daq = NodeDaq(
+        node_wire(host, port, deadline_s=deadline_s),
+        exchanges_hz=lambda _: 1e6,
+        tacho_rad_s_per_v=PROFILE.tacho.gain_rad_s_per_v,
+        **waits,
+    )
+    bench = HostedBench(daq, host_settings(PROFILE, watchdog_s=watchdog_s), **waits)
     try:
         yield bench
     finally:
         bench.close()
+
+
+def node_wire(host: str, port: int, *, deadline_s: float) -> NodeWire:
+    """Return register access to a node on TCP."""
+    link = connect(parse_address(f"tcp://{host}:{port}"), probe=node_probe)
+    return NodeWire(link, deadline_s=deadline_s)
 
 
 Handler = Callable[[socket.socket, bytes], None]
@@ -249,7 +266,7 @@ def until(condition: Callable[[], bool], timeout_s: float) -> float:
 @contextmanager
 def through(
     mangle: Callable[[int, bytes], bytes | None], *, deadline_s: float, watchdog_s: float = 2.0
-) -> Iterator[tuple[NodeBench, ServedNode, list[bytes]]]:
+) -> Iterator[tuple[HostedBench, ServedNode, list[bytes]]]:
     """Drive a node through a proxy; yields driver, node and the request frames."""
     with (
         served() as node,

@@ -12,21 +12,22 @@ from nodekit import PROFILE, ManualClock, TinyBench
 
 from hdbench.devices.emulator.answer import answer
 from hdbench.devices.emulator.serve import build_core
-from hdbench.devices.node.codec import (
-    as_float32,
+from hdbench.devices.node.blockcodec import (
+    BlockHeader,
+    block_fault,
     decode_block,
-    decode_group,
     encode_block,
-    encode_group,
     encode_scans,
+    seal_block,
 )
+from hdbench.devices.node.codec import as_float32, decode_group, encode_group
 from hdbench.devices.node.registers import (
-    BLOCK_REGISTERS,
     FIXTURE,
     MAP,
     PARAMETERS,
     Refusal,
     State,
+    block_registers,
     register,
     register_at,
 )
@@ -53,10 +54,11 @@ def test_no_two_registers_overlap_and_every_name_is_unique():
         assert register_at(entry.address + entry.size - 1) is entry
 
 
-def test_a_block_fits_one_reply():
+@pytest.mark.parametrize("width", range(1, 7))
+def test_a_block_fits_one_reply(width):
     # 253 bytes of PDU, less function code and byte count, in whole registers
-    assert BLOCK_REGISTERS <= 125
-    assert BLOCK_REGISTERS + 6 > 125, "one more scan would not fit"
+    assert block_registers(width) <= 125
+    assert block_registers(width) + width > 125, "one more scan would not fit"
 
 
 def test_the_worked_example_of_the_page_is_what_the_node_answers():
@@ -116,28 +118,64 @@ def test_a_group_is_the_same_after_a_round_trip(values):
     assert decode_group(FIXTURE, raw) == named
 
 
-@settings(max_examples=100, deadline=None)
-@given(
-    scans=st.lists(
-        st.tuples(*[st.integers(-32768, 32767)] * 4, st.integers(-(2**40), 2**40)), max_size=19
-    )
-)
-def test_a_block_is_the_same_after_a_round_trip(scans):
+WORDS = st.tuples(*[st.integers(-32768, 32767)] * 4, st.integers(-(2**40), 2**40))
+
+
+@settings(max_examples=200, deadline=None)
+@given(scans=st.lists(WORDS, max_size=18), channels=st.integers(1, 63), echo=st.integers(0, 65535))
+def test_a_block_is_the_same_after_a_round_trip(scans, channels, echo):
     codes = np.array([scan[:4] for scan in scans], dtype=np.int16).reshape(-1, 4)
     encoder = np.array([scan[4] for scan in scans], dtype=np.int64)
-    raw = encode_block(7, 2, 3, 2**32 - 1, encode_scans(codes, encoder))
-    assert len(raw) == 2 * BLOCK_REGISTERS
+    header = BlockHeader(65535, 7, 2, 3, 2**32 - 1, channels)
+    raw = seal_block(encode_block(header, encode_scans(codes, encoder)), echo)
+    assert len(raw) == 250
+    assert raw[:2] == struct.pack(">H", echo)
     block = decode_block(raw)
-    assert (block.seq, block.flags, block.depth, block.first_index) == (7, 2, 3, 2**32 - 1)
-    np.testing.assert_array_equal(block.codes, codes)
-    np.testing.assert_array_equal(block.encoder, (encoder + 2**31) % 2**32 - 2**31)
+    assert block.header == header
+    wrapped = (encoder + 2**31) % 2**32 - 2**31
+    high, low = wrapped >> 16, wrapped & 0xFFFF
+    whole = np.column_stack((codes, high, low)).astype(np.uint16).view(np.int16)
+    chosen = [bit for bit in range(6) if channels >> bit & 1]
+    np.testing.assert_array_equal(block.words, whole[:, chosen])
+    assert block.encoder == (wrapped[0] if len(scans) else 0)
 
 
-@pytest.mark.parametrize("raw", [b"", bytes(239), bytes(4) + b"\0\x14" + bytes(234)])
-def test_a_block_of_impossible_size_is_refused(raw):
-    broken = raw if len(raw) < 240 else b"\0\1\0\0\0\x14" + bytes(234)
-    with pytest.raises(ValueError, match="needed"):
-        decode_block(broken)
+@settings(max_examples=300, deadline=None)
+@given(byte=st.integers(0, 23 + 2 * 6 * 18), change=st.integers(1, 255))
+def test_a_block_with_one_wrong_byte_is_refused(byte, change):
+    """CRC-32 finds every burst of up to 32 bits (Peterson and Brown, Proc. IRE 49, 1961)."""
+    index = np.arange(18)
+    codes = np.column_stack([index * 1000 + k for k in range(4)]).astype(np.int16)
+    header = BlockHeader(1, 1, 2, 0, 0, 63)
+    raw = bytearray(seal_block(encode_block(header, encode_scans(codes, index * 70_001)), 9))
+    raw[byte] ^= change
+    assert block_fault(bytes(raw))
+    with pytest.raises(ValueError, match=r"checksum|bytes of scans"):
+        decode_block(bytes(raw))
+
+
+def test_the_checksum_is_the_crc_32_of_ieee_802_3():
+    """Check value of the catalogue: "123456789" gives 0xCBF43926; here computed bit by bit."""
+    header = BlockHeader(2, 3, 2, 0, 5, 1)
+    codes = np.array([[0x1234, 0, 0, 0]], dtype=np.int16)
+    raw = seal_block(encode_block(header, encode_scans(codes, np.zeros(1, np.int64))), 0xBEEF)
+    assert _crc32(b"123456789") == 0xCBF43926
+    assert int.from_bytes(raw[20:24], "big") == _crc32(raw[:20] + b"\x12\x34")
+
+
+def _crc32(data):
+    value = 0xFFFFFFFF
+    for byte in data:
+        value ^= byte
+        for _ in range(8):
+            value = value >> 1 ^ (0xEDB88320 if value & 1 else 0)
+    return value ^ 0xFFFFFFFF
+
+
+@pytest.mark.parametrize("raw", [b"", bytes(19), bytes(250)])
+def test_a_block_that_no_node_sent_is_refused(raw):
+    with pytest.raises(ValueError, match=r"checksum|bytes of scans"):
+        decode_block(raw)
 
 
 def test_the_parameter_block_has_the_order_of_the_reports_node():

@@ -9,6 +9,7 @@ import pytest
 from nodekit import PROFILE, ManualClock, TinyBench
 
 from hdbench.devices import open_bench
+from hdbench.devices.daq import DaqSettings
 from hdbench.devices.emulator.parameters import RefusedError
 from hdbench.devices.emulator.serve import build_core
 from hdbench.devices.node.codec import encode_group
@@ -67,12 +68,13 @@ def written(parts: list[dict], n_samples: int = 1150):
     core = build_core(ProgramBench(), PROFILE, 0, pace="fast", clock=ManualClock())
     for part in parts:
         core.write(PROGRAM[0].address, encode_group(PROGRAM, part), 1)
-    settings = AcquisitionSettings(0.001, n_samples, PROGRAM_OF_FOUR)
+    settings = DaqSettings(("torque", "encoder"), 0.001, n_samples, 0.5, PROGRAM_OF_FOUR)
     limits = {
         "min_period_ns": 1, "max_period_ns": 10**9, "max_samples": 10**9,
-        "watchdog_min_ms": 1, "watchdog_max_ms": 10**4,
+        "watchdog_min_ms": 1, "watchdog_max_ms": 10**4, "limit_velocity_rad_s": 400.0,
+        "encoder_counts_per_turn": 4000,
     }  # fmt: skip
-    values = parameter_values(settings, 500, limits)
+    values = parameter_values(settings, limits)
     assert values["wave"] == PROGRAM_WAVE
     core.write(PARAMETERS[0].address, encode_group(PARAMETERS, values), 1)
     return core

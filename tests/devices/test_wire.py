@@ -8,11 +8,11 @@ from collections.abc import Callable
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from nodekit import adu, rogue
+from nodekit import adu, node_wire, rogue
 
-from hdbench.devices.node.frames import ExceptionReply, FrameError, find_reply, registers_check
 from hdbench.devices.node.registers import FEED, IDENTITY, PARAMETERS, STATUS, register
-from hdbench.devices.node.wire import NodeWire
+from hdbench.devices.wire import ExceptionReply, FrameError, registers_check
+from hdbench.devices.wire.tcp import next_reply
 from hdbench.errors import DeviceError
 
 SERIAL = (register("serial"),)
@@ -71,7 +71,7 @@ WRONG_READ_REPLIES = {
 def test_a_wrong_reply_to_a_read_is_never_delivered_and_the_deadline_holds(fault):
     deadline_s = 0.2
     with rogue(WRONG_READ_REPLIES[fault]) as (host, port, frames):
-        wire = NodeWire(host, port, deadline_s=deadline_s)
+        wire = node_wire(host, port, deadline_s=deadline_s)
         start_s = time.monotonic()
         with pytest.raises(DeviceError) as caught:
             wire.read(SERIAL)
@@ -98,7 +98,7 @@ WRONG_WRITE_REPLIES = {
 @pytest.mark.parametrize("fault", WRONG_WRITE_REPLIES)
 def test_a_motion_write_without_its_echo_fails_and_is_sent_once(fault):
     with rogue(WRONG_WRITE_REPLIES[fault]) as (host, port, frames):
-        wire = NodeWire(host, port, deadline_s=0.2)
+        wire = node_wire(host, port, deadline_s=0.2)
         start_s = time.monotonic()
         with pytest.raises(DeviceError) as caught:
             wire.write_once(COMMAND, b"\0\1")
@@ -118,7 +118,7 @@ def test_after_a_wrong_reply_the_connection_is_not_used_again(pdu):
         connection.sendall(adu(request, pdu if len(used) == 1 else b"\6" + request[8:12]))
 
     with rogue(wrong) as (host, port, _):
-        wire = NodeWire(host, port, deadline_s=0.5)
+        wire = node_wire(host, port, deadline_s=0.5)
         with pytest.raises(DeviceError):
             wire.write_once(COMMAND, b"\0\2")
         wire.write_once(COMMAND, b"\0\2")
@@ -132,7 +132,7 @@ def test_a_first_byte_does_not_lengthen_the_wait():
         connection.sendall(request[:1])
 
     with rogue(one_byte) as (host, port, _):
-        wire = NodeWire(host, port, deadline_s=0.4)
+        wire = node_wire(host, port, deadline_s=0.4)
         start_s = time.monotonic()
         with pytest.raises(DeviceError, match="in time"):
             wire.write_once(COMMAND, b"\0\2")
@@ -143,7 +143,7 @@ def test_a_first_byte_does_not_lengthen_the_wait():
 
 def test_an_fc16_echo_with_another_count_is_refused():
     with rogue(lambda c, r: c.sendall(adu(r, b"\x10" + r[8:10] + b"\0\x63"))) as (host, port, _):
-        wire = NodeWire(host, port, deadline_s=0.2)
+        wire = node_wire(host, port, deadline_s=0.2)
         with pytest.raises(DeviceError, match="echo"):
             wire.write_once(PARAMETERS[:1], bytes(4))
         wire.close()
@@ -154,7 +154,7 @@ def test_an_fc16_echo_with_another_count_is_refused():
 )
 def test_an_exception_names_register_and_meaning_and_is_not_repeated(code, meaning):
     with rogue(lambda c, r: c.sendall(adu(r, bytes((r[7] | 0x80, code))))) as (host, port, frames):
-        wire = NodeWire(host, port, deadline_s=0.5)
+        wire = node_wire(host, port, deadline_s=0.5)
         with pytest.raises(DeviceError, match=f"exception {code} .*{meaning}") as caught:
             wire.read(SERIAL)
         wire.close()
@@ -170,7 +170,7 @@ def test_a_reply_byte_by_byte_is_put_together():
             connection.sendall(bytes((byte,)))
 
     with rogue(trickle) as (host, port, _):
-        wire = NodeWire(host, port, deadline_s=2.0)
+        wire = node_wire(host, port, deadline_s=2.0)
         assert wire.read(SERIAL) == GOOD[2:]
         wire.close()
 
@@ -181,7 +181,7 @@ def test_a_stale_reply_before_the_right_one_is_skipped():
         connection.sendall(stale + adu(request, GOOD))
 
     with rogue(twice) as (host, port, frames):
-        wire = NodeWire(host, port, deadline_s=1.0)
+        wire = node_wire(host, port, deadline_s=1.0)
         assert wire.read(SERIAL) == GOOD[2:]
         wire.close()
     assert len(frames) == 1
@@ -198,7 +198,7 @@ def test_a_late_reply_is_never_taken_for_the_next_read():
         connection.sendall(adu(request, bytes((3, 16)) + text + bytes(12)))
 
     with rogue(late_then_good) as (host, port, _):
-        wire = NodeWire(host, port, deadline_s=0.2)
+        wire = node_wire(host, port, deadline_s=0.2)
         with pytest.raises(DeviceError, match="in time"):
             wire.read(SERIAL)
         time.sleep(0.3)
@@ -214,7 +214,7 @@ def test_one_lost_reply_is_made_up_within_the_deadline():
             connection.sendall(adu(request, GOOD))
 
     with rogue(drop_first) as (host, port, _):
-        wire = NodeWire(host, port, deadline_s=0.6)
+        wire = node_wire(host, port, deadline_s=0.6)
         start_s = time.monotonic()
         assert wire.read(SERIAL) == GOOD[2:]
         assert time.monotonic() - start_s < 0.6 + SLACK_S
@@ -225,7 +225,7 @@ def test_one_lost_reply_is_made_up_within_the_deadline():
 def test_nobody_listening_is_a_device_error_at_once():
     with socket.create_server(("127.0.0.1", 0)) as listener:
         host, port = listener.getsockname()
-    wire = NodeWire(host, port, deadline_s=0.5)
+    wire = node_wire(host, port, deadline_s=0.5)
     with pytest.raises(DeviceError, match="Connection refused"):
         wire.read(SERIAL)
 
@@ -233,7 +233,7 @@ def test_nobody_listening_is_a_device_error_at_once():
 @pytest.mark.parametrize("group", [IDENTITY, STATUS, (*FEED, register("state"))])
 def test_only_registers_of_the_allow_list_can_be_written(group):
     with rogue(_silent) as (host, port, frames):
-        wire = NodeWire(host, port, deadline_s=0.2)
+        wire = node_wire(host, port, deadline_s=0.2)
         with pytest.raises(ValueError, match="not writable"):
             wire.write_once(group, bytes(2 * sum(entry.size for entry in group)))
     assert not frames
@@ -241,7 +241,7 @@ def test_only_registers_of_the_allow_list_can_be_written(group):
 
 def test_a_fault_is_reported_by_the_error_alone_and_stderr_stays_empty(capfd):
     with rogue(_hang_up) as (host, port, _):
-        wire = NodeWire(host, port, deadline_s=0.2)
+        wire = node_wire(host, port, deadline_s=0.2)
         with pytest.raises(DeviceError):
             wire.read(SERIAL)
     assert capfd.readouterr() == ("", "")
@@ -265,9 +265,10 @@ def test_any_bytes_give_a_whole_reply_of_this_transaction_or_nothing(frames, tid
         for frame in frames
     )
     try:
-        pdu = find_reply(data, tid, unit)
+        pdu, rest = next_reply(data, tid, unit)
     except FrameError:
         return
+    assert data.endswith(rest)
     if pdu is not None:
         header = struct.pack(">HHHB", tid, 0, len(pdu) + 1, unit)
         assert header + pdu in data

@@ -11,7 +11,7 @@ from fakes import FakeBench, FakeOperator
 from hdbench.errors import BusyError, DataError, DeviceError, HdbenchError, UnsafeError
 from hdbench.profile import load_profile
 from hdbench.records.jsonfile import read_json
-from hdbench.session import BenchOptions, keeping, run_experiment
+from hdbench.session import BenchOptions, boarding, keeping, run_experiment
 
 
 def run_with(
@@ -29,7 +29,7 @@ def run_with(
         yield bench
 
     monkeypatch.setattr(keeping, "open_bench", opened)
-    monkeypatch.setattr(keeping, "SimulatedOperator", FakeOperator)
+    monkeypatch.setattr(boarding, "SimulatedOperator", FakeOperator)
     run_experiment(
         "ripple", load_profile("cim-tr-97-06"), BenchOptions(out), lambda _what, _share: None
     )
@@ -57,3 +57,28 @@ def test_with_the_bench_safe_the_error_itself_is_told_and_the_samples_are_kept(
         run_with(monkeypatch, tmp_path, failure, confirms=True)
     (manifest,) = tmp_path.glob("*/run.json")
     assert "trace.csv" in read_json(manifest)["files"]
+
+
+def test_a_bug_leaves_no_run_behind_that_says_it_still_goes_on(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    def broken(bench: FakeBench, name: str) -> None:
+        if name == "read_block" and bench.calls.count(name) == 3:
+            raise RuntimeError("a bug")
+
+    bench = FakeBench(hook=broken)
+
+    @contextmanager
+    def opened(*_arguments: object, **_named: object):
+        yield bench
+
+    monkeypatch.setattr(keeping, "open_bench", opened)
+    monkeypatch.setattr(boarding, "SimulatedOperator", FakeOperator)
+    with pytest.raises(RuntimeError, match="a bug"):
+        run_experiment(
+            "ripple", load_profile("cim-tr-97-06"), BenchOptions(tmp_path), lambda _w, _s: None
+        )
+    assert bench.calls[-1] == "safe_state"
+    (manifest,) = tmp_path.glob("*/run.json")
+    assert read_json(manifest)["status"] == "incomplete"
+    assert not (manifest.parent / ".reserve").exists()

@@ -14,10 +14,12 @@ from hdbench.filter import preset
 from hdbench.model.program import ReferenceProgram, program_voltage
 from hdbench.profile import load_profile
 from hdbench.records.journal import JournalWriter
+from hdbench.records.streaming import survey_samples
 from hdbench.records.tracefile import read_trace
 from hdbench.session import BenchOptions, run_experiment
 from hdbench.session.motionplans import motion_plan
-from hdbench.session.plans import Acquire, Lock, Place, Put, check_plan
+from hdbench.session.plancheck import check_plan
+from hdbench.session.plans import Acquire, Lock, Place, Put
 from hdbench.session.recorder import TraceRecorder
 from hdbench.session.runner import Aborted, Runner
 from hdbench.session.stop import StopSignals
@@ -86,7 +88,7 @@ def test_the_trace_of_a_plan_with_loads_says_what_hung_when(tmp_path: Path) -> N
     operator = FakeOperator(bench)
     run = runner_of(tmp_path, bench, operator)
     run.run(motion_plan("ripple", LOADED, PROFILE))
-    trace = run.recorder.trace("here")
+    trace = survey_samples(tmp_path / "journal.hdj").trace("here")
     assert operator.asked == [
         "release", "motion", "hang", "motion", "lock", "position", "hang", "motion", "release",
         "hang",

@@ -3,21 +3,17 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import pytest
 
 from hdbench.errors import UsageError
 from hdbench.profile import load_profile
 from hdbench.profile.schema import ReferenceWave
-from hdbench.session.plans import (
-    Acquire,
-    Hang,
-    Plan,
-    calibration_plan,
-    check_plan,
-    misalignment_plan,
-    ripple_plan,
-)
+from hdbench.session.calibrating.plan import calibration_plan, calibration_points
+from hdbench.session.plancheck import check_plan
+from hdbench.session.plans import Acquire, Plan
+from hdbench.session.profileplans import misalignment_plan, ripple_plan
 
 PROFILE = load_profile("cim-tr-97-06").data
 
@@ -37,12 +33,12 @@ def test_the_misalignment_plan_turns_the_output_twice_in_each_direction() -> Non
 
 
 def test_a_calibration_loads_up_and_unloads_without_reading_the_top_twice() -> None:
-    plan = calibration_plan(PROFILE)
-    first = [s for s in plan.steps if isinstance(s, Hang) and s.experiment == "p1-cw-full"]
+    points = calibration_plan(PROFILE).points
+    first = [s for s in points if s.experiment == "p1-cw-full"]
     assert [s.mass_kg for s in first] == [0, 2, 4, 6, 8, 6, 4, 2, 0]
     assert [s.series for s in first] == ["up"] * 5 + ["down"] * 4
     assert first[4].torque_nm == pytest.approx(8 * 9.80650 * 0.5, rel=1e-12)
-    ccw = [s for s in plan.steps if isinstance(s, Hang) and s.direction == "ccw"]
+    ccw = [s for s in points if s.direction == "ccw"]
     assert all(s.torque_nm <= 0.0 for s in ccw)
 
 
@@ -62,6 +58,12 @@ def test_every_step_outside_a_limit_is_named_at_once() -> None:
 
 
 def test_a_limit_check_does_not_let_nan_through() -> None:
-    step = Hang("e", 0.0, "full", "cw", "up", 1.0, math.nan, "e 1")
+    step = replace(calibration_points(PROFILE)[3], torque_nm=math.nan)
     with pytest.raises(UsageError):
         check_plan(Plan("calibration", (step,), 1.0), PROFILE)
+
+
+def test_a_load_beyond_the_converter_s_range_is_refused_before_anything_is_hung() -> None:
+    sensor = PROFILE.sensor.model_copy(update={"gain_nm_per_v": 3.0})
+    with pytest.raises(UsageError, match=r"would read 13\.08 V; the range ends at 10 V"):
+        check_plan(calibration_plan(PROFILE), PROFILE.model_copy(update={"sensor": sensor}))

@@ -14,7 +14,8 @@ from hdbench.filter import preset
 from hdbench.profile import load_profile
 from hdbench.profile.schema import ReferenceWave
 from hdbench.records.journal import JournalWriter, read_journal
-from hdbench.session.plans import Acquire, Lock, Plan, calibration_plan
+from hdbench.records.streaming import survey_samples
+from hdbench.session.plans import Acquire, Lock, Plan
 from hdbench.session.recorder import TraceRecorder
 from hdbench.session.runner import Aborted, Runner
 from hdbench.session.stop import StopRequested, StopSignals
@@ -45,7 +46,7 @@ def test_a_motion_run_ends_with_the_safe_state_and_every_sample(tmp_path: Path) 
     assert bench.calls[-1] == "safe_state"
     assert run.safe is not None
     assert run.safe.confirmed
-    trace = run.recorder.trace("here")
+    trace = survey_samples(tmp_path / "journal.hdj").trace("here")
     assert len(trace) == 200
     np.testing.assert_array_equal(trace["time_s"], np.arange(200) * 0.001)
 
@@ -106,7 +107,7 @@ def test_lost_samples_become_marked_rows_and_are_counted(tmp_path: Path) -> None
     bench.lose_at = 60
     run = runner(tmp_path, bench)
     run.run(MOTION)
-    trace = run.recorder.trace("here")
+    trace = survey_samples(tmp_path / "journal.hdj").trace("here")
     assert run.recorder.lost == 5
     assert len(trace) == 200
     assert int(np.count_nonzero(np.isnan(trace["torque_v"]))) == 5
@@ -123,36 +124,19 @@ def test_speed_beyond_the_limit_aborts_and_names_the_sample(tmp_path: Path) -> N
     assert bench.calls[-1] == "safe_state"
 
 
-@pytest.mark.parametrize("refused", ["lock", "position", "hang"])
-def test_an_operator_who_declines_ends_the_calibration(tmp_path: Path, refused: str) -> None:
+@pytest.mark.parametrize("refused", ["release", "motion"])
+def test_an_operator_who_declines_ends_the_run_before_anything_moves(
+    tmp_path: Path, refused: str
+) -> None:
     bench = FakeBench()
     run = runner(tmp_path, bench, operator=FakeOperator(bench, refuse=refused))
     with pytest.raises(Aborted, match="not confirmed"):
-        run.run(calibration_plan(PROFILE))
-    assert bench.calls[-1] == "safe_state"
+        run.run(MOTION)
+    assert bench.calls == ["safe_state"]
 
 
-def test_a_calibration_records_every_planned_load_without_moving(tmp_path: Path) -> None:
+def test_an_acquisition_that_is_done_is_not_taken_again(tmp_path: Path) -> None:
     bench = FakeBench()
     run = runner(tmp_path, bench)
-    plan = calibration_plan(PROFILE)
-    run.run(plan)
-    # 4 positions x 2 directions x 2 ranges x (5 up + 4 down)
-    assert len(run.readings) == 4 * 2 * 2 * 9
-    assert not bench.moving
-    for reading in run.readings:
-        # the fake reads exactly torque / 6.6 with a 0.1 mV cosine on it; its mean over the window
-        # is below the cosine's amplitude
-        assert reading.reading_v == pytest.approx(reading.torque_nm / 6.6, abs=1e-4)
-
-
-def test_a_lock_that_slips_stops_the_calibration(tmp_path: Path) -> None:
-    def slip(bench: FakeBench, name: str) -> None:
-        if name == "start" and bench.calls.count("start") == 4:
-            bench.count += 200
-
-    bench = FakeBench(hook=slip)
-    run = runner(tmp_path, bench)
-    with pytest.raises(Aborted, match="locked wave generator moved"):
-        run.run(calibration_plan(PROFILE))
-    assert len(run.readings) == 3
+    run.run(MOTION, done={1})
+    assert bench.calls == ["safe_state"]

@@ -1,4 +1,4 @@
-"""The node emulator of one session: its order on stdin, its port on stdout, one JSON line each."""
+"""The emulator of one session: its order on stdin, its address on stdout, one JSON line each."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import json
 import os
 import signal
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -22,17 +23,22 @@ def main() -> int:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     order: dict[str, Any] = json.loads(_first_line(0))
 
-    from hdbench.devices.emulator.serve import EmulatorSettings, emulate_bench
+    from hdbench.devices.emulator.kinds import emulator_of
+    from hdbench.devices.emulator.serve import EmulatorSettings
     from hdbench.errors import HdbenchError
-    from hdbench.profile.schema import ProfileData
+    from hdbench.profile.loader import profile_from_json
 
     try:
-        emulate_bench(
-            ProfileData.model_validate_json(order["profile"]),
+        profile = profile_from_json(order["profile"])
+        settings = EmulatorSettings(
+            pace=order["pace"], record=_path(order["record"]), lifeline=0, rtu=order["rtu"]
+        )
+        emulator_of(profile.daq.driver)(
+            profile,
             order["plant"],
             order["seed"],
-            EmulatorSettings(pace=order["pace"], record=_path(order["record"]), lifeline=0),
-            ready=lambda host, port: _say({"host": host, "port": port}),
+            settings,
+            ready=_say,
             model_file=_path(order["model"]),
         )
     except HdbenchError as error:
@@ -41,8 +47,8 @@ def main() -> int:
     return 0
 
 
-def _say(message: dict[str, object]) -> None:
-    sys.stdout.write(json.dumps(message) + "\n")
+def _say(message: Mapping[str, object]) -> None:
+    sys.stdout.write(json.dumps(dict(message)) + "\n")
     sys.stdout.flush()
 
 

@@ -9,14 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hdbench.devices.emulator.clamping import Fixture
-from hdbench.devices.emulator.converter import RawSamples, to_code, to_count
+from hdbench.devices.emulator.converter import AnalogueSamples, RawSamples, to_code, to_count
 from hdbench.devices.emulator.draw import draw_effects
 from hdbench.devices.emulator.effects import start_effect
-from hdbench.devices.emulator.extended import cause_volts, with_model
-from hdbench.devices.emulator.fixture import PositionGain
-from hdbench.devices.emulator.lockedcauses import LockedCauses
+from hdbench.devices.emulator.extended import with_model
+from hdbench.devices.emulator.fixture import PositionGain, shunt_volts
+from hdbench.devices.emulator.modelcauses import ModelCauses
 from hdbench.devices.emulator.plantfile import PlantSpec
-from hdbench.devices.emulator.timeline import Timeline, reference_values_v
+from hdbench.devices.emulator.readout import read_out
+from hdbench.devices.emulator.reference import reference_values_v
+from hdbench.devices.emulator.timeline import Timeline
 from hdbench.devices.emulator.torque import AnalogueChannels
 from hdbench.devices.emulator.truth import sensor_truth, torque_truth
 from hdbench.errors import UsageError
@@ -83,7 +85,6 @@ class SimulatedBench:
         self._profile = profile if model is None else with_model(profile, model)
         self._plant = plant
         self._seed = seed
-        self._model = model
         self._effects = draw_effects(plant, self._stream(_EFFECTS))
         sensor = profile.sensor
         self._gain = PositionGain.draw(
@@ -100,8 +101,8 @@ class SimulatedBench:
         self._noise = self._stream(_ACQUISITION)
         self._timeline: Timeline | None = None
         self._driven = False
-        self._cause_v: FloatArray = np.zeros(1)
-        self._locked = None if model is None else LockedCauses(model, self._profile)
+        self._shunt_v = 0.0
+        self._causes = ModelCauses(model, self._profile)
 
     @property
     def reference_v(self) -> float:
@@ -153,18 +154,61 @@ class SimulatedBench:
                 where="simulated acquisition",
                 fix="give times above 0 s",
             )
-        if self._timeline is not None:
-            self._fixture.restart(self._timeline.now_s)
-            if self._locked is not None:
-                self._locked.restart(self._timeline.now_s)
-        self._noise = self._stream(_ACQUISITION, self._acquisitions)
-        self._acquisitions += 1
+        self._restart()
         self._driven = wave is not None
-        effects = tuple(start_effect(effect, self._noise) for effect in self._effects)
-        self._channels = AnalogueChannels.build(self._profile, self._plant.data.motor, effects)
         reference_v = reference_values_v(sample_period_s, wave, duration_s)
-        self._cause_v = self._causes(sample_period_s, reference_v)
-        self._timeline = Timeline(self._channels, sample_period_s, reference_v, self._fixture.mount)
+        mount = self._fixture.mount
+        self._causes.move(self._channels, mount, sample_period_s, reference_v)
+        self._timeline = Timeline(self._channels, sample_period_s, reference_v, mount)
+
+    def begin_host_written(
+        self,
+        *,
+        sample_period_s: float,
+        start: tuple[float, float] = (0.0, 0.0),
+        counted: bool = True,
+    ) -> Timeline:
+        """Begin a new acquisition whose reference a host writes while it runs.
+
+        Parameters
+        ----------
+        sample_period_s : float
+            Sampling period, s, above 0.
+        start : tuple of float, optional
+            Motor angle, rad, and speed, rad/s, at the start.
+        counted : bool, optional
+            False for a time in which no samples are taken: the next acquisition then has the noise
+            that it would have had without.
+
+        Returns
+        -------
+        Timeline
+            Takes the reference; its own reference is 0 until something is written.
+
+        Raises
+        ------
+        UsageError
+            If an extended model is emulated: its causes may depend on all of the motion, which a
+            reference that is still to be written does not give.
+        """
+        if self._causes.any:
+            raise UsageError(
+                "an extended model needs the whole motion beforehand; this device's reference is "
+                "written by its host as it goes",
+                where="--model",
+                fix="emulate the profile's own model, or a node",
+            )
+        self._restart(counted=counted)
+        self._driven = False
+        self._timeline = Timeline(
+            self._channels,
+            sample_period_s,
+            np.zeros(1),
+            self._fixture.mount,
+            start=start,
+            host_written=True,
+        )
+        return self._timeline
 
     def halt(self) -> None:
         """Zero the motor reference now; the drive brakes to standstill within its limits."""
@@ -174,10 +218,15 @@ class SimulatedBench:
         timeline.stop()
         braking = round(_BRAKING_S / timeline.sample_period_s)
         until = timeline.now_hold + max(1, braking)
-        self._cause_v = self._causes(timeline.sample_period_s, timeline.references(0, until))
+        self._causes.move(
+            self._channels,
+            self._fixture.mount,
+            timeline.sample_period_s,
+            timeline.references(0, until),
+        )
 
     def advance(self, n_samples: int) -> RawSamples:
-        """Return the next samples.
+        """Return the next samples as the node's converter gives them.
 
         Parameters
         ----------
@@ -187,6 +236,32 @@ class SimulatedBench:
         Returns
         -------
         RawSamples
+
+        Raises
+        ------
+        UsageError
+            As for `measure`.
+        """
+        true = self.measure(n_samples)
+        return RawSamples(
+            torque_code=self._code(true.torque_v),
+            tacho_code=self._code(true.tacho_v),
+            current_code=self._code(true.current_v),
+            reference_code=self._code(true.reference_v),
+            encoder_count=to_count(true.angle_rad, self._profile.encoder.counts_per_turn),
+        )
+
+    def measure(self, n_samples: int) -> AnalogueSamples:
+        """Return the next samples in volts, as they stand before a converter.
+
+        Parameters
+        ----------
+        n_samples : int
+            How many, at least 0.
+
+        Returns
+        -------
+        AnalogueSamples
 
         Raises
         ------
@@ -201,24 +276,12 @@ class SimulatedBench:
                 where="simulated bench",
                 fix="begin an acquisition first",
             )
-        first = timeline.served
-        true = timeline.advance(n_samples)
-        sensor, tacho = self._profile.sensor, self._profile.tacho
-        noise = self._noise.standard_normal((n_samples, 2))
-        # beyond its last value a cause stays where it is
-        stamps = np.arange(first, first + n_samples)
-        cause_v = self._cause_v[np.minimum(stamps, len(self._cause_v) - 1)]
-        if self._locked is not None:
-            cause_v = cause_v + self._locked.volts(
-                timeline.sample_period_s * stamps.astype(np.float64)
-            )
-        torque_noise_v = noise[:, 0] * (sensor.noise_nm / sensor.gain_nm_per_v)
-        return RawSamples(
-            torque_code=self._code(true.volts[0] + cause_v + torque_noise_v),
-            tacho_code=self._code(true.volts[1] + noise[:, 1] * tacho.noise_v),
-            current_code=self._code(true.volts[2]),
-            reference_code=self._code(true.reference_v),
-            encoder_count=to_count(true.angle_rad, self._profile.encoder.counts_per_turn),
+        return read_out(
+            timeline,
+            n_samples,
+            profile=self._profile,
+            noise=self._noise,
+            added_v=self._added_volts,
         )
 
     def set_fixture(
@@ -250,10 +313,24 @@ class SimulatedBench:
             mass_kg=mass_kg,
             direction=direction,
         )
-        if self._locked is not None:
-            self._locked.change(mount)
+        self._causes.change(mount)
         if self._timeline is not None:
             self._timeline.remount(mount)
+
+    def set_handling(self, *, swing_rad: float, release_s: float, shunt_ohm: float) -> None:
+        """Set how the next weight is handled, and the resistor across one arm of the bridge.
+
+        Parameters
+        ----------
+        swing_rad : float
+            Angle at which the next weight swings freely, rad, at least 0; 0 as the plant says.
+        release_s : float
+            Time after which the next weight is taken off again, s; 0 leaves it.
+        shunt_ohm : float
+            Shunt resistor, ohm; 0 none.
+        """
+        self._fixture.handle(swing_rad=swing_rad, release_s=release_s)
+        self._shunt_v = shunt_volts(self._profile, shunt_ohm)
 
     def truth(self) -> dict[str, object]:
         """Return everything that is simulated, ready for JSON.
@@ -275,19 +352,26 @@ class SimulatedBench:
             "seed": self._seed,
             **sensor_truth(self._gain, self._channels),
             **torque_truth(self._profile, self._channels.effects),
-            "causes": [] if self._model is None else [term.name for term in self._model.causes],
+            "causes": self._causes.names,
         }
 
     def _stream(self, *key: int) -> np.random.Generator:
         """Return the random stream of one purpose."""
         return np.random.default_rng([self._seed, *key])
 
-    def _causes(self, sample_period_s: float, reference_v: FloatArray) -> FloatArray:
-        """Return what an extended model adds at every sample of a run, V; 0 while locked."""
-        if self._model is None or self._fixture.mount.locked:
-            return np.zeros(1)
-        mount = self._fixture.mount
-        return cause_volts(self._model, self._channels, mount, sample_period_s, reference_v)
+    def _restart(self, *, counted: bool = True) -> None:
+        """Count time, noise and effects from a new acquisition."""
+        if self._timeline is not None:
+            self._fixture.restart(self._timeline.now_s)
+            self._causes.restart(self._timeline.now_s)
+        self._noise = self._stream(_ACQUISITION, self._acquisitions)
+        self._acquisitions += counted
+        effects = tuple(start_effect(effect, self._noise) for effect in self._effects)
+        self._channels = AnalogueChannels.build(self._profile, self._plant.data.motor, effects)
+
+    def _added_volts(self, stamps: NDArray[np.int64], time_s: FloatArray) -> FloatArray:
+        """Return what causes and a shunt add to the torque channel at samples, V."""
+        return self._causes.volts(stamps, time_s) + self._shunt_v
 
     def _code(self, volt: FloatArray) -> NDArray[np.int16]:
         """Return codes of a channel."""

@@ -8,7 +8,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from hdbench.devices.emulator.fixture import ArmLoad, Mount, PositionGain, Settling
+from hdbench.devices.emulator.fixture import (
+    FREE_SWING_S,
+    ArmLoad,
+    Mount,
+    PositionGain,
+    Settling,
+)
 from hdbench.devices.emulator.plantschema import FixtureSpec
 from hdbench.errors import UsageError
 from hdbench.profile.schema import Arm
@@ -47,6 +53,7 @@ class Fixture:
         self._stream = stream
         self._clampings = 0
         self._direction = 1
+        self._swing_rad, self._release_s = 0.0, 0.0
         still = ArmLoad(0.0, 0.0, arm.gravity_m_s2, self._settling)
         self.mount = Mount(False, 0.0, gain.mean_nm_per_v, still, 0.0)
 
@@ -59,6 +66,18 @@ class Fixture:
             Its start in the clock of the one before, s.
         """
         self.mount = replace(self.mount, since_s=self.mount.since_s - elapsed_s)
+
+    def handle(self, *, swing_rad: float, release_s: float) -> None:
+        """Set how the next weight is handled.
+
+        Parameters
+        ----------
+        swing_rad : float
+            Angle at which it swings freely, rad; 0 as the plant says.
+        release_s : float
+            Time after which it is taken off again, s; 0 leaves it.
+        """
+        self._swing_rad, self._release_s = swing_rad, release_s
 
     def change(
         self, now_s: float, *, locked: bool, position_rad: float, mass_kg: float, direction: int
@@ -105,12 +124,20 @@ class Fixture:
             direction * mass_kg * self._arm.gravity_m_s2 * self._arm.length_m if locked else 0.0
         )
         load, since_s = old.load, old.since_s
-        if not (same_place and wanted == load.after_nm):
+        if not (same_place and wanted == load.after_nm and math.isinf(load.release_s)):
             before = old.torque_now_nm(now_s) if locked else 0.0
-            load = ArmLoad(before, wanted, self._arm.gravity_m_s2, self._settling)
+            load = self._handled(before, wanted)
             since_s = now_s
+        self._swing_rad, self._release_s = 0.0, 0.0
         self.mount = Mount(locked, position_rad, gain, load, since_s)
         return self.mount
+
+    def _handled(self, before_nm: float, after_nm: float) -> ArmLoad:
+        """Return a new load, handled as was asked."""
+        settling, release_s = self._settling, self._release_s or math.inf
+        if self._swing_rad:
+            settling = replace(settling, swing_rad=self._swing_rad, swing_decay_s=FREE_SWING_S)
+        return ArmLoad(before_nm, after_nm, self._arm.gravity_m_s2, settling, release_s)
 
     def _clamp(self, locked: bool, position_rad: float) -> float:
         """Return the gain of a new clamping, N m/V."""

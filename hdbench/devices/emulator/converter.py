@@ -13,6 +13,7 @@ from hdbench.records.trace import FloatArray
 __all__ = [
     "HALF_LENGTH_SAMPLES",
     "INTEGRATION_RATE_HZ",
+    "AnalogueSamples",
     "Decimator",
     "RawSamples",
     "steps_per_sample",
@@ -34,6 +35,28 @@ HALF_LENGTH_SAMPLES = 8
 KAISER_BETA = 6.755
 
 CODE_SPAN = 32768
+
+
+@dataclass(frozen=True, slots=True)
+class AnalogueSamples:
+    """Samples as they stand before a converter, each of shape (n,).
+
+    Parameters
+    ----------
+    torque_v, tacho_v, current_v, reference_v : ndarray
+        Channels, V, noise included; the current channel has max_current_a at range_v.
+    angle_rad : ndarray
+        Wave-generator angle, rad; 0 at the start of the acquisition.
+    """
+
+    torque_v: FloatArray
+    tacho_v: FloatArray
+    current_v: FloatArray
+    reference_v: FloatArray
+    angle_rad: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.torque_v)
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable, Mapping
 
+from hdbench.devices.emulator.hands import SimulatedHands
 from hdbench.devices.emulator.machine import NodeMachine
 from hdbench.devices.emulator.parameters import DEFAULT_PARAMETERS, RefusedError, check_parameters
 from hdbench.devices.emulator.programs import ProgramStore
@@ -22,11 +23,13 @@ _GROUPS = (
     reg.LIMITS,
     reg.STATUS,
     reg.FEED,
+    reg.NONCE,
     reg.PARAMETERS,
     reg.CONTROL,
     reg.SESSION,
     reg.FIXTURE,
     reg.PROGRAM,
+    reg.HANDLING,
 )
 
 
@@ -59,16 +62,12 @@ class NodeCore:
         self._window = BlockWindow(machine)
         self._session = Session(clock)
         self._parameters = dict(DEFAULT_PARAMETERS)
-        self._fixture: dict[str, Value] = {
-            "fixture_locked": 0,
-            "fixture_direction": 1,
-            "fixture_position_rad": 0.0,
-            "fixture_mass_kg": 0.0,
-        }
+        self._hands = SimulatedHands(machine.bench)
         self._program = ProgramStore(self._limits)
         self._feed = {"ack": 0, "heartbeat": 0}
         self._command = 0
         self._refusals: dict[int, tuple[Refusal, int]] = {}
+        self._nonces: dict[int, int] = {}
 
     def read(self, address: int, count: int, connection: int) -> bytes:
         """Return the bytes of `count` registers from `address`.
@@ -97,6 +96,9 @@ class NodeCore:
         if group is reg.SESSION:
             self._session.take(int(values["session"]), connection)
             return
+        if group is reg.NONCE:
+            self._nonces[connection] = int(values["nonce"])
+            return
         if not self._always_allowed(values) and self._session.state(connection) == HELD:
             raise RefusedError(6, Refusal.SESSION_HELD, reg.register("session").address)
         if group is reg.FEED:
@@ -108,8 +110,12 @@ class NodeCore:
         elif group is reg.PROGRAM:
             self._refuse_while_running(address)
             self._program.take(values, address)
+        elif group is reg.HANDLING:
+            self._refuse_while_running(address)
+            self._hands.handle(values, address)
         else:
-            self._accept_fixture(values, address)
+            self._refuse_while_running(address)
+            self._hands.fix(values, address)
 
     def tick(self) -> None:
         """Let the wall clock act."""
@@ -119,6 +125,7 @@ class NodeCore:
     def disconnected(self, connection: int) -> None:
         """Note that a connection is gone."""
         self._refusals.pop(connection, None)
+        self._nonces.pop(connection, None)
         self._session.disconnected(connection)
 
     def note_refusal(self, refused: RefusedError, connection: int) -> None:
@@ -127,7 +134,7 @@ class NodeCore:
 
     def _image(self, group: tuple[Register, ...], connection: int) -> bytes:
         if group is reg.BLOCK:
-            return self._window.image()
+            return self._window.image(self._feed["heartbeat"])
         if group is reg.IDENTITY:
             return self._identity
         if group is reg.LIMITS:
@@ -137,6 +144,8 @@ class NodeCore:
             return encode_group(reg.STATUS, self._status(connection))
         if group is reg.FEED:
             return encode_group(reg.FEED, self._feed)
+        if group is reg.NONCE:
+            return struct.pack(">H", self._nonces.get(connection, 0))
         if group is reg.PARAMETERS:
             return encode_group(reg.PARAMETERS, self._parameters)
         if group is reg.CONTROL:
@@ -145,7 +154,9 @@ class NodeCore:
             return struct.pack(">I", 0)
         if group is reg.PROGRAM:
             return encode_group(reg.PROGRAM, self._program.last)
-        return encode_group(reg.FIXTURE, self._fixture)
+        if group is reg.HANDLING:
+            return encode_group(reg.HANDLING, self._hands.handling)
+        return encode_group(reg.FIXTURE, self._hands.fixture)
 
     def _status(self, connection: int) -> dict[str, Value]:
         machine = self.machine
@@ -168,6 +179,7 @@ class NodeCore:
             "refusal": int(refusal),
             "refused_address": refused_address,
             "session_state": self._session.state(connection),
+            "status_echo": self._nonces.get(connection, 0),
         }
 
     def _always_allowed(self, values: Mapping[str, Value]) -> bool:
@@ -209,25 +221,6 @@ class NodeCore:
         else:
             raise RefusedError(3, Refusal.VALUE, address)
         self._command = command
-
-    def _accept_fixture(self, values: Mapping[str, Value], address: int) -> None:
-        self._refuse_while_running(address)
-        wanted = {**self._fixture, **values}
-        # chained comparisons: a NaN fails them
-        if not (
-            wanted["fixture_locked"] in (0, 1)
-            and wanted["fixture_direction"] in (-1, 1)
-            and -1e3 <= float(wanted["fixture_position_rad"]) <= 1e3
-            and 0.0 <= float(wanted["fixture_mass_kg"]) <= 1e3
-        ):
-            raise RefusedError(3, Refusal.VALUE, address)
-        self._fixture = wanted
-        self.machine.bench.set_fixture(
-            locked=bool(wanted["fixture_locked"]),
-            position_rad=float(wanted["fixture_position_rad"]),
-            mass_kg=float(wanted["fixture_mass_kg"]),
-            direction=int(wanted["fixture_direction"]),
-        )
 
     def _refuse_while_running(self, address: int) -> None:
         if self.machine.state == State.RUNNING:

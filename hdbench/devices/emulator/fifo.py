@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from collections import deque
 
-from hdbench.devices.node.registers import SCAN_REGISTERS
+from hdbench.devices.node.blockcodec import SCAN_BYTES
 
 __all__ = ["ScanFifo"]
-
-_SCAN_BYTES = 2 * SCAN_REGISTERS
 
 
 class ScanFifo:
@@ -35,14 +33,14 @@ class ScanFifo:
 
     def append(self, scans: bytes) -> None:
         """Add new scans; those that do not fit are counted in `lost`."""
-        count = len(scans) // _SCAN_BYTES
+        count = len(scans) // SCAN_BYTES
         kept = min(count, self._capacity - self.depth)
         if kept:
             last = self._runs[-1] if self._runs else None
-            if last is None or last[0] + len(last[1]) // _SCAN_BYTES != self.taken:
+            if last is None or last[0] + len(last[1]) // SCAN_BYTES != self.taken:
                 last = (self.taken, bytearray())
                 self._runs.append(last)
-            last[1].extend(scans[: kept * _SCAN_BYTES])
+            last[1].extend(scans[: kept * SCAN_BYTES])
         self.depth += kept
         self.lost += count - kept
         self.taken += count
@@ -60,9 +58,9 @@ class ScanFifo:
             self.next_out = self.taken
             return self.taken, b""
         first, data = self._runs.popleft()
-        scans = bytes(data[: count * _SCAN_BYTES])
-        rest = data[count * _SCAN_BYTES :]
-        taken = len(scans) // _SCAN_BYTES
+        scans = bytes(data[: count * SCAN_BYTES])
+        rest = data[count * SCAN_BYTES :]
+        taken = len(scans) // SCAN_BYTES
         if rest:
             self._runs.appendleft((first + taken, rest))
         self.depth -= taken

@@ -3,13 +3,26 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from hdbench.profile.schema import ProfileData
 from hdbench.records.trace import FloatArray
 
-__all__ = ["GAIN_HARMONICS", "ArmLoad", "PositionGain", "Settling"]
+__all__ = [
+    "FREE_SWING_S",
+    "GAIN_HARMONICS",
+    "ArmLoad",
+    "Mount",
+    "PositionGain",
+    "Settling",
+    "shunt_volts",
+]
+
+# Time constant of a weight that nobody steadies, s: a steel weight of kilograms on a hanger of
+# 0.3 m loses little to the air, so its swing outlasts any reading.
+FREE_SWING_S = 60.0
 
 # Every one of 2, 3, 4, 6, 8, 12 and 24 divides it: at so many equally spaced positions the sum of
 # cos(h * spacing) over the harmonics 1..24 is zero, so the gains there are independent.
@@ -115,6 +128,8 @@ class ArmLoad:
         Local gravity, m/s^2.
     settling : Settling
         Transient.
+    release_s : float
+        Time after the change at which the weight is taken off again, s.
 
     Notes
     -----
@@ -129,6 +144,7 @@ class ArmLoad:
     after_nm: float
     gravity_m_s2: float
     settling: Settling
+    release_s: float = math.inf
 
     def torque_nm(self, age_s: FloatArray) -> FloatArray:
         """Return the torque at `age_s` after the change.
@@ -143,6 +159,8 @@ class ArmLoad:
         ndarray, shape of `age_s`
             Torque, N m.
         """
+        if math.isfinite(self.release_s):
+            return self._released_nm(age_s)
         if self.before_nm == self.after_nm:
             return np.full_like(age_s, self.after_nm)
         s = self.settling
@@ -157,6 +175,16 @@ class ArmLoad:
         swing = swing * np.cos(2.0 * math.sqrt(self.gravity_m_s2 / s.pendulum_m) * age)
         moved = self.after_nm * (1.0 + swing) + (self.before_nm - self.after_nm) * bounce
         return np.where(age_s < 0.0, self.before_nm, moved)
+
+    def _released_nm(self, age_s: FloatArray) -> FloatArray:
+        """Return the torque of a weight that comes off again, N m."""
+        hanging = replace(self, release_s=math.inf)
+        still = replace(self.settling, swing_rad=0.0)
+        at_nm = float(hanging.torque_nm(np.array([self.release_s]))[0])
+        off = ArmLoad(at_nm, 0.0, self.gravity_m_s2, still)
+        return np.where(
+            age_s < self.release_s, hanging.torque_nm(age_s), off.torque_nm(age_s - self.release_s)
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -188,3 +216,28 @@ class Mount:
         if not self.locked:
             return 0.0
         return float(self.load.torque_nm(np.array([now_s - self.since_s]))[0])
+
+
+def shunt_volts(profile: ProfileData, shunt_ohm: float) -> float:
+    r"""Return what a resistor across one arm of the bridge adds to the amplified reading.
+
+    Parameters
+    ----------
+    profile : ProfileData
+        Excitation, amplifier, and the resistance of an arm where a shunt is declared.
+    shunt_ohm : float
+        Resistor, ohm; 0 none.
+
+    Returns
+    -------
+    float
+        :math:`A U R / (4 R_s + 2 R)`, V: four equal arms R, one of them in parallel with
+        :math:`R_s`, no load on the output.
+    """
+    if not shunt_ohm > 0.0:
+        return 0.0
+    declared = profile.calibration.shunt
+    # 350 ohm is the usual bridge; a profile with a shunt says its own
+    arm_ohm = 350.0 if declared is None else declared.bridge_ohm
+    signal_v = profile.sensor.excitation_v * arm_ohm / (4.0 * shunt_ohm + 2.0 * arm_ohm)
+    return signal_v * profile.sensor.amplifier_gain

@@ -11,8 +11,9 @@ from hdbench.devices.emulator.converter import RawSamples
 from hdbench.devices.emulator.fifo import ScanFifo
 from hdbench.devices.emulator.parameters import reference_wave
 from hdbench.devices.emulator.ratings import FIFO_SCANS
-from hdbench.devices.node.codec import Value, encode_scans
-from hdbench.devices.node.registers import BLOCK_SCANS, Flag, State
+from hdbench.devices.node.blockcodec import encode_scans
+from hdbench.devices.node.codec import Value
+from hdbench.devices.node.registers import ALL_CHANNELS, Flag, State, block_scans
 from hdbench.model.program import ReferenceProgram
 from hdbench.profile.schema import ReferenceWave
 
@@ -25,7 +26,7 @@ Record = Callable[[Mapping[str, object]], None]
 _MAX_IDLE_SAMPLES = 1000
 # fast pace: device time produced at once, kept below the time in which a host reacts
 _FAST_CHUNK_S = 0.2
-_FAST_CHUNK_SCANS = 10 * BLOCK_SCANS
+_FAST_CHUNK_BLOCKS = 10
 # fast pace: device time that passes per look at a motor that is still turning
 _FAST_IDLE_S = 0.02
 
@@ -72,6 +73,10 @@ class PlantBench(Protocol):
         """Set lock, flexspline position and weight."""
         ...
 
+    def set_handling(self, *, swing_rad: float, release_s: float, shunt_ohm: float) -> None:
+        """Set how the next weight is handled, and the shunt resistor."""
+        ...
+
 
 class NodeMachine:
     """One node with its bench.
@@ -95,6 +100,7 @@ class NodeMachine:
         self.state = State.IDLE
         self.fifo = ScanFifo(FIFO_SCANS)
         self.starts = self.trips = self.encoder_count = 0
+        self.channels = ALL_CHANNELS
         self.device_s = self.mark_start_s = self.mark_stop_s = 0.0
         self._pace = pace
         self._clock = clock
@@ -109,6 +115,11 @@ class NodeMachine:
         """Whether an acquisition runs or the motor is not at a standstill yet."""
         return self.state == State.RUNNING or self.bench.enabled
 
+    @property
+    def block_scans(self) -> int:
+        """Scans of a full block with the channels chosen."""
+        return block_scans(self.channels.bit_count())
+
     def start(
         self, parameters: Mapping[str, Value], program: ReferenceProgram | None = None
     ) -> None:
@@ -117,6 +128,7 @@ class NodeMachine:
         self._period_s = 1e-9 * int(parameters["sample_period_ns"])
         self._n_samples = int(parameters["n_samples"])
         self._watchdog_s = 1e-3 * int(parameters["watchdog_ms"])
+        self.channels = int(parameters["channels"]) or ALL_CHANNELS
         self.fifo.clear()
         self.bench.begin(
             sample_period_s=self._period_s, wave=wave, duration_s=self._n_samples * self._period_s
@@ -166,7 +178,8 @@ class NodeMachine:
     def produce_ahead(self) -> None:
         """In the fast pace, fill the buffer by a chunk when it holds less than one."""
         if self._pace == "fast" and self.state == State.RUNNING:
-            chunk = int(np.clip(_FAST_CHUNK_S / self._period_s, BLOCK_SCANS, _FAST_CHUNK_SCANS))
+            most = _FAST_CHUNK_BLOCKS * self.block_scans
+            chunk = int(np.clip(_FAST_CHUNK_S / self._period_s, self.block_scans, most))
             if self.fifo.depth < chunk:
                 self._produce(chunk)
 
@@ -174,7 +187,8 @@ class NodeMachine:
         """Return whether a block is full, old enough, or the last one."""
         age = self.fifo.taken - self.fifo.next_out
         # 50 ms: what a person watching does not notice
-        return self.state != State.RUNNING or age >= BLOCK_SCANS or age * self._period_s >= 0.05
+        full = age >= self.block_scans
+        return self.state != State.RUNNING or full or age * self._period_s >= 0.05
 
     def flags(self) -> int:
         """Return the flags of this moment."""

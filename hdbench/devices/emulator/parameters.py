@@ -6,7 +6,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from hdbench.devices.node.codec import Value
-from hdbench.devices.node.registers import PARAMETERS, PROGRAM_WAVE, WAVES, Refusal, register
+from hdbench.devices.node.registers import (
+    ALL_CHANNELS,
+    PARAMETERS,
+    PROGRAM_WAVE,
+    WAVES,
+    Refusal,
+    register,
+)
 from hdbench.profile.schema import ReferenceWave
 
 __all__ = ["DEFAULT_PARAMETERS", "RefusedError", "check_parameters", "reference_wave"]
@@ -94,6 +101,8 @@ def check_parameters(values: Mapping[str, Value], limits: Mapping[str, Value]) -
             raise _refused(name, reason)
     if not 1 <= int(values["n_samples"]) <= int(limits["max_samples"]):
         raise _refused("n_samples", Refusal.SAMPLE_COUNT)
+    if not 0 <= int(values["channels"]) <= ALL_CHANNELS:
+        raise _refused("channels", Refusal.VALUE)
     peak_v = abs(float(values["bias_v"])) + abs(float(values["amplitude_v"]))
     if not peak_v <= float(limits["limit_reference_v"]) * (1.0 + _ROUNDING):
         raise _refused("amplitude_v", Refusal.REFERENCE_LIMIT)

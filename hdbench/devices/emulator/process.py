@@ -8,7 +8,7 @@ import select
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -35,7 +35,8 @@ def running_emulator(
     pace: Pace,
     model_file: Path | None = None,
     record: Path | None = None,
-) -> Iterator[tuple[str, int]]:
+    rtu: bool = False,
+) -> Iterator[Mapping[str, Any]]:
     """Run an emulated node in a process of its own.
 
     Parameters
@@ -52,11 +53,14 @@ def running_emulator(
         Extended model to emulate in place of the profile's.
     record : Path, optional
         File for the node's changes of state, one JSON line each.
+    rtu : bool, optional
+        Whether a node is on a serial line instead of a TCP port.
 
     Yields
     ------
-    tuple of str and int
-        Host and port.
+    mapping
+        Keys of ``[daq]`` as the emulated device has them: ``address``, and what else its driver
+        needs; and ``lifeline``, the file descriptor whose last copy closed ends the emulator.
 
     Raises
     ------
@@ -71,12 +75,13 @@ def running_emulator(
     when this process does: its standard input ends, its watchdog stops the motor, it leaves.
     """
     order = {
-        "profile": profile.model_dump_json(),
+        "profile": profile.model_dump_json(exclude_none=True),
         "plant": plant,
         "seed": seed,
         "pace": pace,
         "model": str(model_file) if model_file else None,
         "record": str(record) if record else None,
+        "rtu": rtu,
     }
     process = subprocess.Popen(
         [sys.executable, "-m", "hdbench.devices.emulator"],
@@ -88,7 +93,9 @@ def running_emulator(
     )
     try:
         message = _handshake(process, json.dumps(order).encode() + b"\n")
-        yield str(message["host"]), int(message["port"])
+        if process.stdin is not None:
+            message["lifeline"] = process.stdin.fileno()
+        yield message
     finally:
         _end(process)
 

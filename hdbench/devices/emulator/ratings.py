@@ -5,7 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from hdbench.devices.node.codec import Value
-from hdbench.devices.node.registers import BLOCK_SCANS, WORD_ORDER_TEST, Capability
+from hdbench.devices.node.registers import (
+    BLOCK_DATA_REGISTERS,
+    PROTOCOL_VERSION,
+    WORD_ORDER_TEST,
+    Capability,
+)
 from hdbench.profile.schema import ProfileData
 
 __all__ = ["FIFO_SCANS", "identity_values", "limit_values"]
@@ -32,7 +37,7 @@ def identity_values(seed: int) -> Mapping[str, Value]:
 
     return {
         "word_order": WORD_ORDER_TEST,
-        "protocol_version": 1,
+        "protocol_version": PROTOCOL_VERSION,
         "capabilities": int(Capability.SIMULATED | Capability.FIXTURE | Capability.PROGRAM),
         "vendor": "hdbench",
         "model": "emulated node",
@@ -64,7 +69,7 @@ def limit_values(profile: ProfileData) -> Mapping[str, Value]:
         "watchdog_min_ms": 20,
         "watchdog_max_ms": 2000,
         "fifo_scans": FIFO_SCANS,
-        "block_capacity": BLOCK_SCANS,
+        "block_capacity": BLOCK_DATA_REGISTERS,
         "range_v": profile.daq.range_v,
         "current_range_a": profile.servo.max_current_a,
         "converter_bits": profile.daq.resolution_bits,

@@ -16,6 +16,7 @@ from typing import IO
 from hdbench.devices.emulator.core import NodeCore
 from hdbench.devices.emulator.machine import NodeMachine, Pace, PlantBench
 from hdbench.devices.emulator.ratings import identity_values, limit_values
+from hdbench.devices.emulator.rtuserver import RtuNodeServer
 from hdbench.devices.emulator.server import NodeServer
 from hdbench.errors import DeviceError, StorageError
 from hdbench.profile.schema import ProfileData
@@ -25,6 +26,8 @@ __all__ = ["EmulatorSettings", "build_core", "emulate_bench", "serve"]
 # time in which an orphaned node must have stopped its motor: watchdog (2 s at most) and braking
 _ORPHAN_S = 3.0
 _ORPHAN_POLL_S = 0.01
+# a pseudo-terminal passes characters at once; hosts reckon with the fastest usual rate
+_QUERY = "?baud=921600"
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,6 +46,8 @@ class EmulatorSettings:
         File for one JSON line per change of state.
     lifeline : int or None
         File descriptor whose end of file ends the node, once its motor stands.
+    rtu : bool
+        Whether to serve Modbus RTU on a pseudo-terminal instead of a TCP port.
     """
 
     host: str = "127.0.0.1"
@@ -50,6 +55,7 @@ class EmulatorSettings:
     pace: Pace = "realtime"
     record: Path | None = None
     lifeline: int | None = None
+    rtu: bool = False
 
 
 def build_core(
@@ -97,7 +103,7 @@ def emulate_bench(
     seed: int,
     settings: EmulatorSettings,
     *,
-    ready: Callable[[str, int], None],
+    ready: Callable[[Mapping[str, object]], None],
     model_file: Path | None = None,
 ) -> None:
     """Build the simulated bench of `profile` and serve it as `serve` does.
@@ -113,7 +119,7 @@ def emulate_bench(
     settings : EmulatorSettings
         Where and how.
     ready : callable
-        Called once with host and port.
+        Called once with ``address``, the one that a host opens.
     model_file : Path, optional
         Extended model to emulate in place of the profile's.
 
@@ -138,7 +144,7 @@ def serve(
     profile: ProfileData,
     seed: int,
     settings: EmulatorSettings,
-    ready: Callable[[str, int], None],
+    ready: Callable[[Mapping[str, object]], None],
 ) -> None:
     """Serve `bench` until SIGTERM, Ctrl-C or the end of the lifeline.
 
@@ -153,7 +159,7 @@ def serve(
     settings : EmulatorSettings
         Where and how.
     ready : callable
-        Called once with host and port.
+        Called once with ``address``, the one that a host opens.
 
     Raises
     ------
@@ -185,9 +191,8 @@ def _recorder(path: Path | None, stack: ExitStack) -> Callable[[Mapping[str, obj
 
 
 async def _serve(
-    core: NodeCore, settings: EmulatorSettings, ready: Callable[[str, int], None]
+    core: NodeCore, settings: EmulatorSettings, ready: Callable[[Mapping[str, object]], None]
 ) -> None:
-    server = NodeServer(core)
     ended = asyncio.Event()
     loop = asyncio.get_running_loop()
     if sys.platform != "win32":
@@ -202,19 +207,31 @@ async def _serve(
             ended.set()
 
         loop.add_reader(lifeline, hung_up)
-    try:
-        host, port = await server.open(settings.host, settings.port)
-    except OSError as error:
-        raise DeviceError(
-            f"cannot listen on port {settings.port} ({error.strerror})",
-            where=f"{settings.host}:{settings.port}",
-            fix="choose another port, or 0 for a free one",
-        ) from error
-    ready(host, port)
+    server, address = await _open(core, settings)
+    ready({"address": address})
     await ended.wait()
     if settings.lifeline is not None:
         await _until_motor_stands(core)
     server.close()
+
+
+async def _open(
+    core: NodeCore, settings: EmulatorSettings
+) -> tuple[NodeServer | RtuNodeServer, str]:
+    """Open the wire and return its server and the address that a host opens."""
+    try:
+        if settings.rtu:
+            line = RtuNodeServer(core)
+            return line, f"rtu://{await line.open()}{_QUERY}"
+        server = NodeServer(core)
+        host, port = await server.open(settings.host, settings.port)
+    except OSError as error:
+        raise DeviceError(
+            f"cannot listen ({error.strerror})",
+            where="serial line" if settings.rtu else f"{settings.host}:{settings.port}",
+            fix="choose another port, or 0 for a free one",
+        ) from error
+    return server, f"tcp://{host}:{port}"
 
 
 async def _until_motor_stands(core: NodeCore) -> None:

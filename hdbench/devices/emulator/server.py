@@ -1,7 +1,7 @@
 """The emulated node on a TCP port: Modbus TCP framing on asyncio.
 
-The framing is our own and shares no code with the host's pymodbus client, so that an error in
-either shows; it also knows which connection asks, which sessions need.
+The framing shares no code with the host's, so that an error in either shows; it also knows which
+connection asks, which sessions need.
 """
 
 from __future__ import annotations

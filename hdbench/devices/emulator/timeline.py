@@ -8,14 +8,12 @@ import numpy as np
 
 from hdbench.devices.emulator.converter import HALF_LENGTH_SAMPLES, Decimator, steps_per_sample
 from hdbench.devices.emulator.fixture import Mount
+from hdbench.devices.emulator.reference import ReferenceLine
 from hdbench.devices.emulator.servo import HoldMotion, command_rad_s, servo_loop
 from hdbench.devices.emulator.torque import AnalogueChannels
-from hdbench.model.program import ReferenceProgram, program_voltage
-from hdbench.model.waves import reference_voltage
-from hdbench.profile.schema import ReferenceWave
 from hdbench.records.trace import FloatArray
 
-__all__ = ["Timeline", "TrueSamples", "reference_values_v"]
+__all__ = ["Timeline", "TrueSamples"]
 
 # Holds computed at once. Blocks of one size at fixed places give the same bits however the samples
 # are asked for: array functions may round differently at the end of an array.
@@ -54,6 +52,11 @@ class Timeline:
         Reference for every sample, V; its last value stays until `stop`. At least one value.
     mount : Mount
         Lock, arm and weight at the start.
+    start : tuple of float, optional
+        Angle, rad, and speed, rad/s, at the start; the bench has had this speed before.
+    host_written : bool, optional
+        Whether `write` changes the reference while samples are taken; nothing is then computed
+        ahead.
 
     Notes
     -----
@@ -68,20 +71,23 @@ class Timeline:
         sample_period_s: float,
         reference_v: FloatArray,
         mount: Mount,
+        *,
+        start: tuple[float, float] = (0.0, 0.0),
+        host_written: bool = False,
     ) -> None:
         self._channels = channels
         self._period_s = sample_period_s
         self._n_steps = steps_per_sample(sample_period_s)
         self._decimator = Decimator.design(self._n_steps)
         self._loop = servo_loop(channels.profile.servo)
-        self._reference_v = reference_v
-        self._stopped_at: int | None = None
+        self._reference = ReferenceLine(reference_v)
+        self._ahead = 0 if host_written else BLOCK_HOLDS
         self._mount = mount
         self._served = 0
         self._edge = 0
-        self._starts = np.zeros((2, 1))
+        self._starts = np.array(start)[:, None]
         self._starts_first = 0
-        self._volts = self._at_rest()
+        self._volts = self._before(start)
         self._ready = np.zeros((3, 0))
 
     @property
@@ -115,14 +121,19 @@ class Timeline:
         return float(self.references(self.now_hold, 1)[0])
 
     @property
+    def angle_now_rad(self) -> float:
+        """Wave-generator angle at the leading edge, rad."""
+        return self._state(self.now_hold)[0]
+
+    @property
     def velocity_now_rad_s(self) -> float:
         """Motor speed at the leading edge, rad/s."""
         return self._state(self.now_hold)[1]
 
     @property
     def stopped(self) -> bool:
-        """Whether the reference was zeroed."""
-        return self._stopped_at is not None
+        """Whether the reference was zeroed for good."""
+        return self._reference.ended
 
     def references(self, first: int, count: int) -> FloatArray:
         """Return the reference of `count` holds from `first` on.
@@ -137,18 +148,25 @@ class Timeline:
         ndarray, shape (count,)
             Motor reference, V.
         """
-        holds = np.arange(first, first + count)
-        volts = self._reference_v[np.clip(holds, 0, len(self._reference_v) - 1)]
-        volts = np.where(holds >= 0, volts, 0.0)
-        if self._stopped_at is not None:
-            volts = np.where(holds < self._stopped_at, volts, 0.0)
-        return volts
+        return self._reference.values(first, count)
 
     def stop(self) -> None:
         """Zero the reference at the leading edge."""
-        if self._stopped_at is None:
+        if not self.stopped:
             self._interrupt()
-            self._stopped_at = self.now_hold
+            self._reference.end(self.now_hold)
+
+    def write(self, hold: int, value_v: float) -> None:
+        """Put out another reference from a hold on; for a host-written reference only.
+
+        Parameters
+        ----------
+        hold : int
+            First hold of the new value; one that has begun already stands for the leading edge.
+        value_v : float
+            Motor reference, V.
+        """
+        self._reference.write(max(hold, self.now_hold), value_v)
 
     def remount(self, mount: Mount) -> None:
         """Change lock, arm or weight at the leading edge.
@@ -177,7 +195,7 @@ class Timeline:
         first, left = self._served, n_samples
         while left > 0:
             if self._ready.shape[1] == 0:
-                self._extend()
+                self._extend(left)
                 continue
             take = min(left, self._ready.shape[1])
             at = self._served - self._starts_first
@@ -187,6 +205,7 @@ class Timeline:
             self._served += take
             left -= take
         reference = self.references(first, n_samples)
+        self._reference.forget(self._served - 1)
         return TrueSamples(np.concatenate(volts, axis=1), np.concatenate(angles), reference)
 
     def _state(self, hold: int) -> tuple[float, float]:
@@ -194,11 +213,12 @@ class Timeline:
         angle, speed = self._starts[:, hold - self._starts_first]
         return float(angle), float(speed)
 
-    def _at_rest(self) -> FloatArray:
+    def _before(self, start: tuple[float, float]) -> FloatArray:
         """Return the channels of the periods before the first sample."""
-        return self._simulate(-HALF_LENGTH_SAMPLES, np.zeros(HALF_LENGTH_SAMPLES), (0.0, 0.0, 0.0))[
-            0
-        ]
+        angle, speed = start
+        angle -= speed * HALF_LENGTH_SAMPLES * self._period_s
+        command = np.full(HALF_LENGTH_SAMPLES, speed)
+        return self._simulate(-HALF_LENGTH_SAMPLES, command, (angle, speed, speed))[0]
 
     def _simulate(
         self, first: int, command: FloatArray, start: tuple[float, float, float]
@@ -212,20 +232,21 @@ class Timeline:
         time_s = first * self._period_s + steps.reshape(len(command), -1) * step_s
         return self._channels.volts(time_s, motion, self._mount), motion
 
-    def _extend(self) -> None:
+    def _extend(self, wanted: int) -> None:
         """Compute the next block of holds and filter what it completes."""
-        references = self.references(self._edge - 1, BLOCK_HOLDS + 1)
+        keep = min(self._volts.shape[1], 2 * HALF_LENGTH_SAMPLES - 1)
+        holds = self._ahead or wanted + 2 * HALF_LENGTH_SAMPLES - 1 - keep
+        references = self.references(self._edge - 1, holds + 1)
         command = command_rad_s(self._channels.profile, references)
         start = (*self._state(self._edge), float(command[0]))
         volts, motion = self._simulate(self._edge, command[1:], start)
-        keep = min(self._volts.shape[1], 2 * HALF_LENGTH_SAMPLES - 1)
         self._volts = np.concatenate((self._volts[:, -keep:], volts), axis=1)
         self._ready = self._decimator.apply(self._volts)
         starts = np.stack((motion.start_angle_rad, motion.start_velocity_rad_s))
         old = self._starts[:, self._served - self._starts_first : self._edge - self._starts_first]
         self._starts = np.concatenate((old, starts), axis=1)
         self._starts_first = self._served
-        self._edge += BLOCK_HOLDS
+        self._edge += holds
 
     def _interrupt(self) -> None:
         """Forget what was computed beyond the leading edge."""
@@ -235,32 +256,3 @@ class Timeline:
             self._ready = self._ready[:, :0]
             self._starts = self._starts[:, : self.now_hold - self._starts_first + 1]
             self._edge = self.now_hold
-
-
-def reference_values_v(
-    sample_period_s: float, wave: ReferenceWave | ReferenceProgram | None, duration_s: float
-) -> FloatArray:
-    """Return the reference at every sample of an acquisition, at least one.
-
-    Parameters
-    ----------
-    sample_period_s : float
-        Sampling period, s.
-    wave : ReferenceWave, ReferenceProgram or None
-        Reference generator; None gives 0.
-    duration_s : float
-        Length of the acquisition, s.
-
-    Returns
-    -------
-    ndarray, shape (n_samples,)
-        Motor reference, V.
-    """
-    if isinstance(wave, ReferenceProgram):
-        return program_voltage(wave, sample_period_s)
-    n_samples = max(1, round(duration_s / sample_period_s))
-    if wave is None:
-        return np.zeros(n_samples)
-    time_s = np.arange(n_samples, dtype=np.float64) * sample_period_s
-    # where rounding puts the last sample at the end, the generator still runs
-    return reference_voltage(wave, time_s, max(duration_s, n_samples * sample_period_s))

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from hdbench.devices.emulator.machine import NodeMachine
-from hdbench.devices.node.codec import encode_block
-from hdbench.devices.node.registers import BLOCK_SCANS, State
+from hdbench.devices.node.blockcodec import BlockHeader, encode_block, seal_block
+from hdbench.devices.node.registers import State
 
 __all__ = ["BlockWindow"]
 
@@ -36,27 +36,38 @@ class BlockWindow:
             self._block = None
             self.scans = 0
 
-    def image(self) -> bytes:
-        """Return the block that waits for its acknowledgement, or form the next one."""
+    def image(self, echo: int) -> bytes:
+        """Return the block that waits for its acknowledgement, or form the next one.
+
+        Parameters
+        ----------
+        echo : int
+            Heartbeat of the exchange that is answered.
+        """
         if self._block is None:
             self._block = self._next()
         if self._block is not None:
-            return self._block
+            return seal_block(self._block, echo)
+        return seal_block(encode_block(self._header(0, 0, self._machine.fifo.next_out), b""), echo)
+
+    def _header(self, seq: int, depth: int, first_index: int) -> BlockHeader:
         machine = self._machine
-        return encode_block(0, machine.flags(), 0, machine.fifo.next_out, b"")
+        return BlockHeader(
+            machine.starts, seq, machine.flags(), depth, first_index, machine.channels
+        )
 
     def _next(self) -> bytes | None:
         machine = self._machine
-        if machine.fifo.depth < BLOCK_SCANS:
+        if machine.fifo.depth < machine.block_scans:
             machine.produce_ahead()
         ended = machine.state != State.RUNNING
         lost_at_the_end = ended and machine.fifo.next_out < machine.fifo.taken
         if not (machine.block_is_due() and (machine.fifo.depth or lost_at_the_end)):
             return None
-        first_index, scans = machine.fifo.take(BLOCK_SCANS)
+        first_index, scans = machine.fifo.take(machine.block_scans)
         self._seq = self._seq % 0xFFFF + 1
         self.scans = machine.fifo.next_out - first_index
         # losses that no later scan will show count as one more to come
         untold = ended and machine.fifo.next_out < machine.fifo.taken
         depth = max(machine.fifo.depth, int(untold))
-        return encode_block(self._seq, machine.flags(), depth, first_index, scans)
+        return encode_block(self._header(self._seq, min(depth, 0xFFFF), first_index), scans)

@@ -5,55 +5,15 @@ from __future__ import annotations
 import struct
 import unicodedata
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from hdbench.devices.node.registers import (
-    BLOCK_HEADER_REGISTERS,
-    BLOCK_REGISTERS,
-    BLOCK_SCANS,
-    SCAN_REGISTERS,
-    Register,
-)
+from hdbench.devices.node.registers import Register
 
-__all__ = [
-    "RawBlock",
-    "Value",
-    "as_float32",
-    "clean_text",
-    "decode_block",
-    "decode_group",
-    "encode_block",
-    "encode_group",
-    "encode_scans",
-]
+__all__ = ["Value", "as_float32", "clean_text", "decode_group", "encode_group"]
 
 Value = int | float | str
 _FORMATS = {"u16": ">H", "i16": ">h", "u32": ">I", "i32": ">i", "f32": ">f"}
-
-
-@dataclass(frozen=True, slots=True)
-class RawBlock:
-    """One block as it stands on the wire.
-
-    Parameters
-    ----------
-    seq, flags, depth, first_index : int
-        Header fields of the register map.
-    codes : ndarray of int16, shape (n, 4)
-        Torque, tacho, current and reference codes.
-    encoder : ndarray of int32, shape (n,)
-        Encoder counts modulo 2**32.
-    """
-
-    seq: int
-    flags: int
-    depth: int
-    first_index: int
-    codes: NDArray[np.int16]
-    encoder: NDArray[np.int32]
 
 
 def as_float32(value: float) -> float:
@@ -148,76 +108,3 @@ def decode_group(group: Sequence[Register], raw: bytes) -> dict[str, Value]:
         )
         for entry in group
     }
-
-
-def encode_scans(codes: NDArray[np.int16], encoder: NDArray[np.int64]) -> bytes:
-    """Return scans as interleaved registers.
-
-    Parameters
-    ----------
-    codes : ndarray of int16, shape (n, 4)
-        Torque, tacho, current and reference codes.
-    encoder : ndarray of int64, shape (n,)
-        Encoder counts; kept modulo 2**32.
-
-    Returns
-    -------
-    bytes
-        12 bytes per scan.
-    """
-    scans = np.empty((len(codes), SCAN_REGISTERS), dtype=">u2")
-    scans[:, :4] = codes.astype(np.int16).view(np.uint16)
-    wrapped = (encoder & 0xFFFFFFFF).astype(np.uint32)
-    scans[:, 4] = wrapped >> 16
-    scans[:, 5] = wrapped & 0xFFFF
-    return scans.tobytes()
-
-
-def encode_block(seq: int, flags: int, depth: int, first_index: int, scans: bytes) -> bytes:
-    """Return the block window: header, `scans`, zero fill.
-
-    Parameters
-    ----------
-    seq, flags, depth, first_index : int
-        Header fields of the register map.
-    scans : bytes
-        Scans as `encode_scans` gives them, at most `BLOCK_SCANS`.
-
-    Returns
-    -------
-    bytes
-        Two bytes per register of the window.
-    """
-    n_scans = len(scans) // (2 * SCAN_REGISTERS)
-    header = struct.pack(">HHHHI", seq, flags, n_scans, depth, first_index)
-    return (header + scans).ljust(2 * BLOCK_REGISTERS, b"\0")
-
-
-def decode_block(raw: bytes) -> RawBlock:
-    """Return the block that stands in the bytes of the block window.
-
-    Parameters
-    ----------
-    raw : bytes
-        Two bytes per register of the window.
-
-    Returns
-    -------
-    RawBlock
-
-    Raises
-    ------
-    ValueError
-        If the length is not that of the window or the header names more scans than it can hold.
-    """
-    if len(raw) != 2 * BLOCK_REGISTERS:
-        raise ValueError(f"{len(raw)} bytes; needed: {2 * BLOCK_REGISTERS}")
-    seq, flags, n_scans, depth, first_index = struct.unpack_from(">HHHHI", raw)
-    if not n_scans <= BLOCK_SCANS:
-        raise ValueError(f"{n_scans} scans in one block; needed: at most {BLOCK_SCANS}")
-    scans = np.frombuffer(
-        raw, dtype=">u2", count=n_scans * SCAN_REGISTERS, offset=2 * BLOCK_HEADER_REGISTERS
-    ).reshape(n_scans, SCAN_REGISTERS)
-    codes = scans[:, :4].astype(np.uint16).view(np.int16)
-    encoder = ((scans[:, 4].astype(np.uint32) << 16) | scans[:, 5]).astype(np.uint32).view(np.int32)
-    return RawBlock(seq, flags, depth, first_index, codes, encoder)

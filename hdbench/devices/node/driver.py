@@ -1,53 +1,48 @@
-"""A bench controller node as the session's `Bench`."""
+"""A bench controller node as a `Daq` with a reference generator of its own."""
 
 from __future__ import annotations
 
 import secrets
-import struct
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 import numpy as np
 
+from hdbench.devices.capabilities import Capabilities, Role
+from hdbench.devices.daq import DaqSettings, Fixture, ScanBlock, WatchdogState
+from hdbench.devices.node.abilities import capabilities_of
+from hdbench.devices.node.access import NodeAccess
 from hdbench.devices.node.blocks import BlockReader
-from hdbench.devices.node.codec import Value, as_float32, decode_group, encode_group
-from hdbench.devices.node.frames import FrameError
+from hdbench.devices.node.codec import Value, decode_group
 from hdbench.devices.node.registers import (
-    BLOCK_SCANS,
-    FEED,
-    FIXTURE,
-    IDENTITY,
-    LIMITS,
     PARAMETERS,
-    PROGRAM,
-    PROTOCOL_VERSION,
-    STATUS,
-    WORD_ORDER_TEST,
-    Capability,
     Command,
-    Register,
+    Flag,
     State,
-    register,
+    block_scans,
 )
 from hdbench.devices.node.safe import reach_safe_state
-from hdbench.devices.node.settings import parameter_values, part_values
+from hdbench.devices.node.settings import parameter_values
 from hdbench.devices.node.wire import NodeWire
-from hdbench.devices.ports import AcquisitionSettings, Block, Identity, SafeState
+from hdbench.devices.ports import Identity, SafeState
+from hdbench.devices.wire import FrameError
 from hdbench.errors import DeviceError
 from hdbench.model.program import ReferenceProgram
 
-__all__ = ["NodeBench"]
+__all__ = ["NodeDaq"]
 
 
-class NodeBench:
-    """Driver of one node; implements `hdbench.devices.ports.Bench`.
+class NodeDaq:
+    """Driver of one node; implements `hdbench.devices.daq.Daq`.
 
     Parameters
     ----------
     wire : NodeWire
         Register access; owned by the driver from now on.
-    watchdog_s : float
-        Host silence after which the node zeroes the motor, s.
+    exchanges_hz : callable
+        Highest rate of block exchanges with n channels that the wire sustains, Hz.
+    tacho_rad_s_per_v : float
+        Scale of the tacho, for `snapshot`, rad/s/V.
     clock, sleep : callable, optional
         Monotonic clock in s, and waiting.
     """
@@ -56,54 +51,35 @@ class NodeBench:
         self,
         wire: NodeWire,
         *,
-        watchdog_s: float,
+        exchanges_hz: Callable[[int], float],
+        tacho_rad_s_per_v: float,
         clock: Callable[[], float] = time.monotonic,
         sleep: Callable[[float], None] = time.sleep,
     ) -> None:
+        self._node = NodeAccess(wire)
         self._wire = wire
-        self._watchdog_ms = round(1000.0 * watchdog_s)
+        self._exchanges_hz = exchanges_hz
+        self._tacho_rad_s_per_v = tacho_rad_s_per_v
         self._clock = clock
         self._sleep = sleep
-        self._identity: Identity | None = None
-        self._limits: dict[str, Value] = {}
         self._reader: BlockReader | None = None
-        self._settings: AcquisitionSettings | None = None
-        self._starts = 0
+        self._settings: DaqSettings | None = None
         self._next_poll_s = 0.0
 
     def identity(self) -> Identity:
         """Return who answers; asked once, before anything is written."""
-        if self._identity is None:
-            values = decode_group(IDENTITY, self._wire.read(IDENTITY))
-            if values["word_order"] != WORD_ORDER_TEST:
-                raise self._error(
-                    f"word order test reads 0x{values['word_order']:08X}; "
-                    f"needed: 0x{WORD_ORDER_TEST:08X}",
-                    "word_order",
-                    "this is no bench controller node, or its word order is swapped",
-                )
-            if values["protocol_version"] != PROTOCOL_VERSION:
-                raise self._error(
-                    f"map version {values['protocol_version']}; needed: {PROTOCOL_VERSION}",
-                    "protocol_version",
-                    "update the node's firmware or hdbench",
-                )
-            self._identity = Identity(
-                vendor=str(values["vendor"]),
-                model=str(values["model"]),
-                serial=str(values["serial"]),
-                firmware=str(values["firmware"]),
-                simulated=bool(int(values["capabilities"]) & Capability.SIMULATED),
-            )
-        return self._identity
+        return self._node.identity()
 
     def limits(self) -> dict[str, Value]:
         """Return the node's own limits and scales, by register name."""
-        if not self._limits:
-            self._limits = decode_group(LIMITS, self._wire.read(LIMITS))
-        return self._limits
+        return self._node.limits()
 
-    def take_session(self) -> None:
+    def capabilities(self) -> Capabilities:
+        """Return what the node can do over this wire."""
+        simulated = self.identity().simulated
+        return capabilities_of(self.limits(), self._exchanges_hz, simulated=simulated)
+
+    def claim(self) -> None:
         """Become the one host that may write.
 
         Raises
@@ -114,48 +90,37 @@ class NodeBench:
         self.identity()
         self._wire.take_session(secrets.randbelow(0xFFFFFFFF) + 1)
 
-    def configure(self, settings: AcquisitionSettings) -> None:
-        """Write the parameter block with the watchdog time, and read it back."""
+    def configure(self, settings: DaqSettings) -> float:
+        """Write the parameter block with the watchdog time, read it back, return the period, s."""
         self.identity()
-        wanted = parameter_values(settings, self._watchdog_ms, self.limits())
+        wanted = parameter_values(settings, self.limits())
         if isinstance(settings.reference, ReferenceProgram):
-            self._write_program(settings.reference)
-        self._write_and_read_back(PARAMETERS, wanted)
+            self._node.write_program(settings.reference)
+        self._node.write_and_read_back(PARAMETERS, wanted)
         self._settings = settings
         self._reader = None
-
-    def _write_program(self, program: ReferenceProgram) -> None:
-        """Write the parts of a program and read each of them back."""
-        values = decode_group(IDENTITY, self._wire.read(IDENTITY))
-        if not int(values["capabilities"]) & Capability.PROGRAM:
-            raise self._error(
-                "this node's generator has no program; needed: bit 2 of the capabilities",
-                "capabilities",
-                "update the node's firmware (docs/node-protocol.md), or run without --plan",
-            )
-        for part in part_values(program):
-            self._write_and_read_back(PROGRAM, part)
+        return 1e-9 * float(wanted["sample_period_ns"])
 
     def start(self) -> None:
         """Start sampling and, with a reference, the motion; sent once, then read back."""
         if self._settings is None:
-            raise self._error("no acquisition is configured", "command", "configure it first")
+            raise self._node.error("no acquisition is configured", "command", "configure it first")
         before = self.status()
-        reader = BlockReader(self.limits(), self._settings.n_samples, self._wire.where)
         try:
-            self._command(Command.START)
+            self._node.command(Command.START)
         except DeviceError as error:
             if not isinstance(error.__cause__, FrameError):
                 raise
             # no answer: whether it was carried out stands in the counter of starts
         after = self.status()
         if after["starts"] == before["starts"]:
-            raise self._error("the node did not start", "command", "configure it again")
-        self._starts = int(after["starts"])
-        self._reader = reader
+            raise self._node.error("the node did not start", "command", "configure it again")
+        self._reader = BlockReader(
+            self.limits(), self._settings, run=int(after["starts"]), where=self._wire.where
+        )
         self._next_poll_s = 0.0
 
-    def read_block(self) -> Block | None:
+    def read_block(self) -> ScanBlock | None:
         """Acknowledge the previous block and return the next; None when none is ready yet.
 
         Notes
@@ -165,14 +130,19 @@ class NodeBench:
         """
         reader = self._reader
         if reader is None:
-            raise self._error("no acquisition has been started", "block_seq", "start it first")
+            raise self._node.error("no acquisition has been started", "block_seq", "start it first")
         wait_s = self._next_poll_s - self._clock()
         if wait_s > 0.0:
             self._sleep(wait_s)
-        raw = self._wire.exchange(reader.window, FEED, reader.feed())
-        block = reader.take(raw)
+        asked_s = self._clock()
+        raw = self._wire.exchange(reader.ack, reader.count)
+        block = reader.take(raw, (asked_s, self._clock()))
         if reader.ended_early:
-            self._check_not_restarted()
+            raise self._node.error(
+                "the acquisition ended before its samples were taken",
+                "block_seq",
+                "something else stopped the node; run again",
+            )
         if not block:
             self._next_poll_s = self._clock() + self._poll_period_s()
         return block
@@ -180,41 +150,80 @@ class NodeBench:
     def stop(self) -> None:
         """Stop the acquisition normally; samples already taken can still be read."""
         try:
-            self._command(Command.STOP)
+            self._node.command(Command.STOP)
         except DeviceError:
             # stopping twice does no harm, starting twice would: only this command is repeated
-            self._command(Command.STOP)
+            self._node.command(Command.STOP)
         status = self.status()
         if status["state"] == State.RUNNING:
-            raise self._error("the node still runs after stop", "state", "use the emergency stop")
+            raise self._node.error(
+                "the node still runs after stop", "state", "use the emergency stop"
+            )
         if self._reader is not None:
             self._reader.stopped = True
 
-    def status(self) -> dict[str, Value]:
-        """Return the status block, by register name."""
-        return decode_group(STATUS, self._wire.read(STATUS))
+    def write_output(self, name: str, value: float) -> float:
+        """Refuse: a node makes its reference itself."""
+        raise self._node.error(
+            f"a node has no output {name!r} for the host to write",
+            "wave",
+            "give the reference to its generator",
+        )
 
-    def set_fixture(
-        self, *, locked: bool, position_rad: float, mass_kg: float, direction: int
-    ) -> None:
-        """Set lock, flexspline position and weight of a simulated bench, and read them back.
-
-        Raises
-        ------
-        DeviceError
-            If the node is no simulated bench, refuses, or reads back otherwise.
-        """
-        if not self.identity().simulated:
-            raise self._error(
-                "a real bench has no simulated fixture", "fixture_locked", "ask the operator"
+    def enable(self, *, on: bool) -> bool:
+        """Switch the drive off; on it goes by itself with a start."""
+        if on:
+            raise self._node.error(
+                "a node enables its drive by itself", "command", "start an acquisition"
             )
-        wanted: dict[str, Value] = {
-            "fixture_locked": int(locked),
-            "fixture_direction": direction,
-            "fixture_position_rad": as_float32(position_rad),
-            "fixture_mass_kg": as_float32(mass_kg),
+        self._node.make_safe()
+        return bool(int(self.status()["status_flags"]) & Flag.DRIVE_ENABLED)
+
+    def arm_watchdog(self, time_s: float) -> float:
+        """Return the watchdog's time, s; `configure` sets it and a start arms it."""
+        values = decode_group(PARAMETERS, self._wire.read(PARAMETERS))
+        found_s = 1e-3 * float(values["watchdog_ms"])
+        if not found_s <= time_s:
+            raise self._node.error(
+                f"the watchdog's time is {found_s:g} s; needed: at most {time_s:g} s",
+                "watchdog_ms",
+                "configure the acquisition again",
+            )
+        return found_s
+
+    def feed_watchdog(self) -> None:
+        """Feed it once; `read_block` does so by itself."""
+        self._wire.feed()
+
+    def watchdog(self) -> WatchdogState:
+        """Return the watchdog's state."""
+        state = self.status()["state"]
+        values = decode_group(PARAMETERS, self._wire.read(PARAMETERS))
+        armed_s = 1e-3 * float(values["watchdog_ms"])
+        return WatchdogState(state == State.RUNNING, state == State.TRIPPED, armed_s)
+
+    def clear_watchdog(self) -> None:
+        """Clear a latched trip by writing the parameter block as it stands."""
+        if self._settings is None or self.status()["state"] != State.TRIPPED:
+            return
+        self._node.write_and_read_back(PARAMETERS, parameter_values(self._settings, self.limits()))
+
+    def snapshot(self) -> Mapping[Role, float]:
+        """Return reference, V, speed as tacho volts, and encoder count of this moment."""
+        status = self.status()
+        return {
+            "reference": float(status["reference_v"]),
+            "tacho": float(status["velocity_rad_s"]) / self._tacho_rad_s_per_v,
+            "encoder": float(status["encoder_count"]),
         }
-        self._write_and_read_back(FIXTURE, wanted)
+
+    def status(self) -> dict[str, Value]:
+        """Return the status block of this moment, by register name."""
+        return self._node.status()
+
+    def fixture(self) -> Fixture | None:
+        """Return the fixture block of a simulated bench."""
+        return self._node if self.identity().simulated else None
 
     def safe_state(self) -> SafeState:
         """Make the bench safe from any state, twice if need be; never raises.
@@ -224,7 +233,7 @@ class NodeBench:
         Safe is: not running, reference zero, drive disabled and the motor slower than 0.5 rad/s in
         two readings. The motor gets 2.5 s to decelerate.
         """
-        safe = reach_safe_state(self._make_safe, self.status, self._clock, self._sleep)
+        safe = reach_safe_state(self._node.make_safe, self.status, self._clock, self._sleep)
         self._reader = None
         self._settings = None
         return safe
@@ -233,43 +242,8 @@ class NodeBench:
         """Give the session back and close the connection; never raises."""
         self._wire.close()
 
-    def _make_safe(self) -> None:
-        self._command(Command.SAFE)
-
-    def _command(self, command: Command) -> None:
-        self._wire.write_once((register("command"),), struct.pack(">H", command))
-
-    def _write_and_read_back(self, group: tuple[Register, ...], wanted: dict[str, Value]) -> None:
-        """Write `wanted` once; what counts is what then stands in the node."""
-        try:
-            self._wire.write_once(group, encode_group(group, wanted))
-        except DeviceError as error:
-            if not isinstance(error.__cause__, FrameError):
-                raise
-        found = decode_group(group, self._wire.read(group))
-        for name, value in wanted.items():
-            if found[name] != value:
-                raise self._error(
-                    f"{name} reads back as {found[name]}; written: {value}",
-                    name,
-                    "run again; if it stays, check the node's firmware",
-                )
-
-    def _check_not_restarted(self) -> None:
-        if self.status()["starts"] != self._starts:
-            raise self._error(
-                "the node was restarted during the acquisition: its samples are gone",
-                "starts",
-                "check the node's power supply, then run again",
-            )
-
     def _poll_period_s(self) -> float:
-        period_s = self._settings.sample_period_s if self._settings else 1e-3
+        settings = self._settings
+        block_s = block_scans(len(settings.roles)) * settings.sample_period_s if settings else 0.0
         # a quarter of a block keeps the delay small; 20 ms feed any watchdog often enough
-        return float(np.clip(0.25 * BLOCK_SCANS * period_s, 0.002, 0.02))
-
-    def _error(self, what: str, name: str, fix: str) -> DeviceError:
-        entry = register(name)
-        return DeviceError(
-            what, where=f"{self._wire.where}, register {name} (0x{entry.address:04X})", fix=fix
-        )
+        return float(np.clip(0.25 * block_s, 0.002, 0.02))

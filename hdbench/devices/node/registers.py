@@ -5,24 +5,30 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+from hdbench.devices.capabilities import Role
 from hdbench.devices.node.states import Capability, Command, Flag, Refusal, State
 
 __all__ = [
+    "ALL_CHANNELS",
     "BLOCK",
+    "BLOCK_DATA_REGISTERS",
     "BLOCK_HEADER_REGISTERS",
-    "BLOCK_REGISTERS",
     "BLOCK_SCANS",
+    "CHANNELS",
     "CONTROL",
+    "ENCODER_HIGH",
+    "ENCODER_LOW",
     "FEED",
     "FIXTURE",
+    "HANDLING",
     "IDENTITY",
     "LIMITS",
     "MAP",
+    "NONCE",
     "PARAMETERS",
     "PROGRAM",
     "PROGRAM_WAVE",
     "PROTOCOL_VERSION",
-    "SCAN_REGISTERS",
     "SESSION",
     "STATUS",
     "WAVES",
@@ -34,20 +40,56 @@ __all__ = [
     "Refusal",
     "Register",
     "State",
+    "block_registers",
+    "block_scans",
     "register",
     "register_at",
 ]
 
 Kind = Literal["u16", "i16", "u32", "i32", "f32", "text", "scans"]
 
-PROTOCOL_VERSION = 1
+PROTOCOL_VERSION = 2
 WORD_ORDER_TEST = 0x00112233
-BLOCK_HEADER_REGISTERS = 6
-# torque, tacho, current, reference (16 bit each) and the encoder (32 bit)
-SCAN_REGISTERS = 6
-# a reply carries at most 125 registers: (125 - 6) // 6 whole scans
-BLOCK_SCANS = 19
-BLOCK_REGISTERS = BLOCK_HEADER_REGISTERS + BLOCK_SCANS * SCAN_REGISTERS
+# words of a scan in the order of their bits in `channels`; one register each
+CHANNELS: tuple[Role, ...] = ("torque", "tacho", "current", "reference", "encoder")
+ENCODER_HIGH, ENCODER_LOW = 0x10, 0x20
+ALL_CHANNELS = 0x3F
+BLOCK_HEADER_REGISTERS = 12
+# a reply carries at most 125 registers
+BLOCK_DATA_REGISTERS = 113
+
+
+def block_scans(width: int) -> int:
+    """Return how many scans a full block holds.
+
+    Parameters
+    ----------
+    width : int
+        Registers of a scan, 1 to 6.
+
+    Returns
+    -------
+    int
+    """
+    return BLOCK_DATA_REGISTERS // width
+
+
+def block_registers(width: int) -> int:
+    """Return how many registers of the window a host reads.
+
+    Parameters
+    ----------
+    width : int
+        Registers of a scan, 1 to 6.
+
+    Returns
+    -------
+    int
+    """
+    return BLOCK_HEADER_REGISTERS + block_scans(width) * width
+
+
+BLOCK_SCANS = block_scans(ALL_CHANNELS.bit_count())
 
 # register value of each wave type; 0 keeps the drive disabled
 WAVES = ("none", "constant", "sine", "square", "triangle", "trapezoid", "chirp", "program")
@@ -83,7 +125,7 @@ class Register:
     def size(self) -> int:
         """Number of 16-bit registers."""
         if self.kind == "scans":
-            return BLOCK_SCANS * SCAN_REGISTERS
+            return BLOCK_DATA_REGISTERS
         return {"u16": 1, "i16": 1, "u32": 2, "i32": 2, "f32": 2, "text": 8}[self.kind]
 
 
@@ -103,18 +145,26 @@ def _group(
 BLOCK = _group(
     0x0000,
     "r",
+    ("block_echo", "u16", "heartbeat of the exchange that this reply answers"),
+    ("block_run", "u16", "`starts` of the acquisition, modulo 65536"),
     ("block_seq", "u16", "sequence number 1..65535, then 1 again; 0: no block is ready"),
-    ("block_flags", "u16", "bit 0 overflow, 1 running, 2 watchdog tripped, 3 drive enabled"),
-    ("block_scans", "u16", "scans in this block, 0..19"),
+    (
+        "block_flags",
+        "u16",
+        "bit 0 overflow, 1 running, 2 watchdog tripped, 3 drive enabled; bits 8-13: `channels`",
+    ),
+    ("block_scans", "u16", "scans in this block"),
     ("block_depth", "u16", "scans waiting behind this block; at least 1 while losses are untold"),
     ("block_first_index", "u32", "index of the first scan since the start; a jump counts losses"),
-    ("block_data", "scans", "19 scans of torque, tacho, current, reference i16, encoder i32"),
+    ("block_encoder", "i32", "encoder at the first scan, counts"),
+    ("block_crc", "u32", "CRC-32 of the ten registers before it and of the scans after it"),
+    ("block_data", "scans", "scans: one register for each bit of `channels`, in their order"),
 )
 IDENTITY = _group(
     0x0100,
     "r",
     ("word_order", "u32", "always 0x00112233"),
-    ("protocol_version", "u16", "version of this map, 1"),
+    ("protocol_version", "u16", "version of this map, 2"),
     ("capabilities", "u16", "bit 0 simulated bench, bit 1 fixture block present, 2 program"),
     ("vendor", "text", "vendor"),
     ("model", "text", "model"),
@@ -133,7 +183,7 @@ LIMITS = _group(
     ("watchdog_min_ms", "u16", "shortest watchdog time, ms"),
     ("watchdog_max_ms", "u16", "longest watchdog time, ms"),
     ("fifo_scans", "u16", "scans the node can hold"),
-    ("block_capacity", "u16", "scans in a full block, 19"),
+    ("block_capacity", "u16", "registers of scans in a full block, 113"),
     ("range_v", "f32", "volts at code 32768"),
     ("current_range_a", "f32", "motor amperes at code 32768"),
     ("converter_bits", "u16", "resolution of the converter, bit; codes are left-justified"),
@@ -158,6 +208,7 @@ STATUS = _group(
     ("refusal", "u16", "why this connection's last refused request was refused"),
     ("refused_address", "u16", "first register of that request"),
     ("session_state", "u16", "0 free, 1 held by this connection, 2 held by another"),
+    ("status_echo", "u16", "`nonce` as this connection last wrote it"),
 )
 FEED = _group(
     0x1000,
@@ -183,7 +234,13 @@ PARAMETERS = _group(
     ("fall", "f32", "share of the fall"),
     ("end_frequency_hz", "f32", "end frequency of a chirp, Hz"),
     ("watchdog_ms", "u16", "host silence after which the motor reference is zeroed, ms"),
+    (
+        "channels",
+        "u16",
+        "bit 0 torque, 1 tacho, 2 current, 3 reference, 4, 5 encoder, high and low word; 0: all",
+    ),
 )
+NONCE = _group(0x1008, "rw", ("nonce", "u16", "any number; comes back as `status_echo`"))
 CONTROL = _group(0x1040, "rw", ("command", "u16", "1 start, 2 stop, 3 safe"))
 SESSION = _group(
     0x1050, "rw", ("session", "u32", "token of the host that may write; 0 gives it back; reads 0")
@@ -208,7 +265,27 @@ PROGRAM = _group(
     ("part_frequency_hz", "f32", "frequency of the sine at the start, Hz"),
     ("part_end_frequency_hz", "f32", "frequency of the sine at the end, Hz"),
 )
-MAP = BLOCK + IDENTITY + LIMITS + STATUS + FEED + PARAMETERS + CONTROL + SESSION + FIXTURE + PROGRAM
+HANDLING = _group(
+    0x1080,
+    "rw",
+    ("handling_swing_rad", "f32", "simulated bench only: next weight swings freely, rad; 0 not"),
+    ("handling_release_s", "f32", "simulated bench only: next weight comes off after, s; 0 not"),
+    ("handling_shunt_ohm", "f32", "simulated bench only: resistor across the bridge, ohm; 0 none"),
+)
+MAP = (
+    BLOCK
+    + IDENTITY
+    + LIMITS
+    + STATUS
+    + FEED
+    + NONCE
+    + PARAMETERS
+    + CONTROL
+    + SESSION
+    + FIXTURE
+    + PROGRAM
+    + HANDLING
+)
 
 _BY_NAME = {entry.name: entry for entry in MAP}
 _BY_ADDRESS = {entry.address + k: entry for entry in MAP for k in range(entry.size)}

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from hdbench.devices.daq import DaqSettings
+from hdbench.devices.node.blocks import channel_bits
 from hdbench.devices.node.codec import Value, as_float32
 from hdbench.devices.node.registers import PROGRAM_WAVE, WAVES, register
-from hdbench.devices.ports import AcquisitionSettings
 from hdbench.errors import DeviceError
 from hdbench.model.program import ReferenceProgram
 from hdbench.profile.schema import ReferenceWave
@@ -14,18 +15,14 @@ from hdbench.profile.schema import ReferenceWave
 __all__ = ["parameter_values", "part_values"]
 
 
-def parameter_values(
-    settings: AcquisitionSettings, watchdog_ms: int, limits: Mapping[str, Value]
-) -> dict[str, Value]:
+def parameter_values(settings: DaqSettings, limits: Mapping[str, Value]) -> dict[str, Value]:
     """Return the values of the parameter block, by register name.
 
     Parameters
     ----------
-    settings : AcquisitionSettings
+    settings : DaqSettings
         What is to be acquired. Volts, frequencies and shares are rounded to 32-bit floats, the
-        sampling period to whole nanoseconds.
-    watchdog_ms : int
-        Watchdog time, ms.
+        sampling period to whole nanoseconds, the watchdog's time to whole milliseconds.
     limits : mapping
         The node's limits block.
 
@@ -51,7 +48,8 @@ def parameter_values(
         "rise": as_float32(wave.rise if wave else 0.0),
         "fall": as_float32(wave.fall if wave else 0.0),
         "end_frequency_hz": as_float32(wave.end_frequency_hz if wave else 0.0),
-        "watchdog_ms": watchdog_ms,
+        "watchdog_ms": round(1e3 * settings.watchdog_s),
+        "channels": channel_bits(settings.roles, settings.sample_period_s, limits),
     }
     _check(values, "sample_period_ns", limits["min_period_ns"], limits["max_period_ns"])
     _check(values, "n_samples", 1, limits["max_samples"])

@@ -1,9 +1,8 @@
-"""One strict layer around the pymodbus client: nothing wrong passes, no call outlives its deadline.
+"""Registers of a node by name: nothing wrong passes, no call outlives its deadline.
 
-pymodbus accepts replies with a wrong function code, byte count or echo, and hides repetitions.
-Here every reply is compared byte for byte with what the request allows *before* pymodbus decodes
-it, the deadline is kept on the monotonic clock, and after any fault the connection is closed, so
-that no late reply can ever be taken for a later one.
+Every reply is compared byte for byte with what the request allows, the deadline is kept on the
+monotonic clock, and after any fault the link makes sure that no late reply is taken for a later
+one. What decides - blocks and status - carries a number of the request besides.
 """
 
 from __future__ import annotations
@@ -11,21 +10,33 @@ from __future__ import annotations
 import struct
 import time
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, NoReturn
+from typing import NoReturn
 
-from hdbench.devices.node.frames import (
+from hdbench.devices.node.blocks import block_check
+from hdbench.devices.node.registers import (
+    BLOCK,
+    FEED,
+    NONCE,
+    STATUS,
+    Refusal,
+    Register,
+    register,
+    register_at,
+)
+from hdbench.devices.node.spans import span, writable
+from hdbench.devices.wire import (
     ExceptionReply,
     FrameError,
+    Link,
     ReplyCheck,
-    echo_check,
+    StaleReply,
+    exchange_registers,
+    read_registers,
     registers_check,
+    write_register,
+    write_registers,
 )
-from hdbench.devices.node.link import NodeLink
-from hdbench.devices.node.registers import Refusal, Register, register, register_at
 from hdbench.errors import BusyError, DeviceError, HdbenchError
-
-if TYPE_CHECKING:
-    from pymodbus.pdu import ModbusPDU
 
 __all__ = ["NodeWire"]
 
@@ -34,18 +45,14 @@ _ATTEMPTS = 2
 
 
 class NodeWire:
-    """Register access to one node over Modbus TCP.
+    """Register access to one node.
 
     Parameters
     ----------
-    host : str
-        Host name or address.
-    port : int
-        TCP port.
+    link : Link
+        The connection; owned by the wire from now on.
     deadline_s : float
         Longest time one call may take, s, above 0; repetitions included.
-    unit : int
-        Modbus unit identifier.
     clock : callable, optional
         Monotonic clock, s.
 
@@ -56,19 +63,17 @@ class NodeWire:
     """
 
     def __init__(
-        self,
-        host: str,
-        port: int,
-        *,
-        deadline_s: float,
-        unit: int = 1,
-        clock: Callable[[], float] = time.monotonic,
+        self, link: Link, *, deadline_s: float, clock: Callable[[], float] = time.monotonic
     ) -> None:
-        self.where = f"node {host}:{port}"
+        self.where = f"node {link.where}"
         self.repeats = 0
-        self._link = NodeLink(host, port, unit, clock)
+        self._link = link
         self._deadline_s = deadline_s
         self._clock = clock
+        self._session = 0
+        self._heartbeat = 0
+        self._nonce = 0
+        link.opened = self._present_session
 
     def read(self, group: Sequence[Register]) -> bytes:
         """Return the bytes of adjacent registers.
@@ -78,39 +83,68 @@ class NodeWire:
         DeviceError
             If no valid answer came within the deadline or the node refused.
         """
-        from pymodbus.pdu.register_message import ReadHoldingRegistersRequest
+        address, count = span(group)
+        return self._repeat(lambda: read_registers(address, count), group[0])
 
-        address, count = _span(group)
-
-        def request() -> ModbusPDU:
-            return ReadHoldingRegistersRequest(address=address, count=count, dev_id=self._link.unit)
-
-        return self._repeat(request, registers_check(3, count), group[0])[2:]
-
-    def exchange(self, group: Sequence[Register], feed: Sequence[Register], values: bytes) -> bytes:
-        """Write `values` to `feed`, then read `group`, in one transaction that may be repeated.
+    def read_status(self) -> bytes:
+        """Return the status block of this moment, tagged so that it can be no older one.
 
         Raises
         ------
         DeviceError
             As for `read`.
         """
-        from pymodbus.pdu.register_message import ReadWriteMultipleRegistersRequest
+        address, count = span(STATUS)
 
-        address, count = _span(group)
-        target, _ = _writable(feed, values)
-        words = _words(values)
+        def build() -> tuple[bytes, ReplyCheck]:
+            self._nonce = self._nonce % 0xFFFF + 1
+            nonce = struct.pack(">H", self._nonce)
+            pdu, exact = exchange_registers(address, count, NONCE[0].address, nonce)
 
-        def request() -> ModbusPDU:
-            return ReadWriteMultipleRegistersRequest(
-                read_address=address,
-                read_count=count,
-                write_address=target,
-                write_registers=words,
-                dev_id=self._link.unit,
-            )
+            def check(reply: bytes) -> None:
+                exact(reply)
+                if reply[-2:] != nonce:
+                    raise StaleReply
 
-        return self._repeat(request, registers_check(23, count), group[0])[2:]
+            return pdu, check
+
+        return self._repeat(build, STATUS[0])
+
+    def exchange(self, ack: int, count: int) -> bytes:
+        """Acknowledge a block, feed the watchdog and read the window, in one transaction.
+
+        Parameters
+        ----------
+        ack : int
+            Number of the last good block.
+        count : int
+            Registers of the window to read.
+
+        Raises
+        ------
+        DeviceError
+            As for `read`.
+        """
+        window, target = BLOCK[0].address, FEED[0].address
+
+        def build() -> tuple[bytes, ReplyCheck]:
+            self._heartbeat = self._heartbeat % 0xFFFF + 1
+            feed = struct.pack(">HH", ack, self._heartbeat)
+            pdu, _ = exchange_registers(window, count, target, feed)
+            return pdu, block_check(count, self._heartbeat)
+
+        return self._repeat(build, BLOCK[0])
+
+    def feed(self) -> None:
+        """Write a changed heartbeat, outside of the block exchange.
+
+        Raises
+        ------
+        DeviceError
+            As for `write_once`.
+        """
+        self._heartbeat = self._heartbeat % 0xFFFF + 1
+        self.write_once((register("heartbeat"),), struct.pack(">H", self._heartbeat))
 
     def write_once(self, group: Sequence[Register], values: bytes) -> None:
         """Write `values` to adjacent registers, sent exactly once.
@@ -123,26 +157,13 @@ class NodeWire:
         BusyError
             If another host holds the node.
         """
-        from pymodbus.pdu.register_message import (
-            WriteMultipleRegistersRequest,
-            WriteSingleRegisterRequest,
-        )
-
-        address, count = _writable(group, values)
-        words = _words(values)
-        unit = self._link.unit
+        address, count = writable(group, values)
         if count == 1:
-            check = echo_check(6, address, words[0])
-            request: ModbusPDU = WriteSingleRegisterRequest(
-                address=address, registers=words, dev_id=unit
-            )
+            pdu, check = write_register(address, int.from_bytes(values, "big"))
         else:
-            check = echo_check(16, address, count)
-            request = WriteMultipleRegistersRequest(
-                address=address, count=count, registers=words, dev_id=unit
-            )
+            pdu, check = write_registers(address, values)
         try:
-            self._link.transact(request, check, self._clock() + self._deadline_s)
+            self._link.transact(pdu, check, self._clock() + self._deadline_s)
         except ExceptionReply as reply:
             self._refused(reply, group[0])
         except FrameError as fault:
@@ -158,13 +179,13 @@ class NodeWire:
         DeviceError
             As for `write_once`.
         """
-        self._link.session = 0
+        self._session = 0
         self.write_once((register("session"),), struct.pack(">I", token))
-        self._link.session = token
+        self._session = token
 
     def close(self) -> None:
         """Give the session back and close the connection; never raises."""
-        if self._link.session:
+        if self._session:
             try:
                 self.take_session(0)
             except HdbenchError:
@@ -172,12 +193,27 @@ class NodeWire:
                 self._link.close()
         self._link.close()
 
-    def _repeat(self, build: Callable[[], ModbusPDU], check: ReplyCheck, first: Register) -> bytes:
+    def _present_session(self, until_s: float) -> None:
+        """Show the token on a fresh connection."""
+        if not self._session:
+            return
+        address = register("session").address
+        pdu, check = write_registers(address, struct.pack(">I", self._session))
+        try:
+            self._link.transact(pdu, check, until_s)
+        except ExceptionReply:
+            # the session is lost; without it a new connection may still read, and stop the motor
+            self._session = 0
+            self._link.close()
+            raise
+
+    def _repeat(self, build: Callable[[], tuple[bytes, ReplyCheck]], first: Register) -> bytes:
         start_s = self._clock()
         for attempt in range(1, _ATTEMPTS + 1):
             until_s = start_s + self._deadline_s * attempt / _ATTEMPTS
+            pdu, check = build()
             try:
-                return self._link.transact(build(), check, until_s)
+                return self._link.transact(pdu, check, until_s)[2:]
             except ExceptionReply as reply:
                 self._refused(reply, first)
             except FrameError as fault:
@@ -201,41 +237,27 @@ class NodeWire:
 
     def _reason(self) -> tuple[Refusal, int]:
         """Ask, once and without further consequence, why the last request was refused."""
-        from pymodbus.pdu.register_message import ReadHoldingRegistersRequest
-
-        address = register("refusal").address
-        request = ReadHoldingRegistersRequest(address=address, count=2, dev_id=self._link.unit)
+        pdu, _ = read_registers(register("refusal").address, 2)
         until_s = self._clock() + self._deadline_s / _ATTEMPTS
         try:
-            pdu = self._link.transact(request, registers_check(3, 2), until_s)
-            code, where = struct.unpack(">HH", pdu[2:])
+            reply = self._link.transact(pdu, registers_check(3, 2), until_s)
+            code, where = struct.unpack(">HH", reply[2:])
             return Refusal(code), where
         except (ExceptionReply, FrameError, ValueError):
             return Refusal.NONE, 0
 
     def _fault(self, first: Register, what: str) -> DeviceError:
+        fix = "check power and connection of the node, then run `hdbench doctor`"
+        if "Permission denied" in what:
+            fix = (
+                "join the group that owns the port (often: sudo usermod -aG dialout $USER), log in"
+            )
+            fix += " again"
+        elif "No such file" in what:
+            fix = "take a port that `hdbench devices` lists, and check the cable"
         return DeviceError(
-            f"{what} (deadline {self._deadline_s:g} s)",
-            where=self._place(first),
-            fix="check power and network of the node, then run `hdbench doctor`",
+            f"{what} (deadline {self._deadline_s:g} s)", where=self._place(first), fix=fix
         )
 
     def _place(self, entry: Register) -> str:
         return f"{self.where}, register {entry.name} (0x{entry.address:04X})"
-
-
-def _words(values: bytes) -> list[int]:
-    return list(struct.unpack(f">{len(values) // 2}H", values))
-
-
-def _span(group: Sequence[Register]) -> tuple[int, int]:
-    return group[0].address, sum(entry.size for entry in group)
-
-
-def _writable(group: Sequence[Register], values: bytes) -> tuple[int, int]:
-    """Return address and count of a write; only registers that the map calls writable pass."""
-    closed = [entry.name for entry in group if entry.access != "rw"]
-    address, count = _span(group)
-    if closed or len(values) != 2 * count:
-        raise ValueError(f"{len(values)} bytes for {count} registers; not writable: {closed}")
-    return address, count

@@ -1,0 +1,114 @@
+"""Who answers at a calibration: a person at this terminal, or a rule."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Literal, Protocol
+
+from hdbench.errors import UsageError
+from hdbench_cli.output import Output
+
+if TYPE_CHECKING:
+    from hdbench.profile import Profile
+    from hdbench.session.calibrating.conversation import Conversation
+    from hdbench.session.plans import Plan
+
+__all__ = ["Who", "attendance", "handling_words"]
+
+Who = Literal["auto", "person", "simulated"]
+
+
+class _Asked(Protocol):
+    """What a command was asked for."""
+
+    @property
+    def no_input(self) -> bool: ...
+
+    @property
+    def address(self) -> str | None: ...
+
+
+def handling_words(plan: Plan) -> str:
+    """Return how long a calibration takes with the hands of a person.
+
+    Parameters
+    ----------
+    plan : Plan
+        Of a calibration.
+
+    Returns
+    -------
+    str
+    """
+    minutes = (plan.duration_s + plan.handling_s) / 60.0
+    return (
+        f"preset {plan.preset}: {len(plan.points)} points; about {minutes:.0f} min with a person: "
+        f"{plan.duration_s / 60.0:.0f} min settling and reading, "
+        f"{plan.handling_s / 60.0:.0f} min for weights and mountings (an estimate)"
+    )
+
+
+def _silent(_what: str, _share: float) -> None:
+    """Leave the screen to the conversation."""
+
+
+@contextmanager
+def attendance(
+    output: Output, who: Who, profile: Profile, asked: _Asked
+) -> Iterator[tuple[Conversation, bool, Callable[[str, float], None]]]:
+    """Bring who answers, and where progress is told.
+
+    Parameters
+    ----------
+    output : Output
+        The command's streams.
+    who : {"auto", "person", "simulated"}
+        What ``--operator`` said; ``auto`` asks a person at a real bench, and at a simulated one
+        where standard input and stderr are a terminal.
+    profile : Profile
+        The bench.
+    asked : object
+        ``no_input`` and ``address`` of the command.
+
+    Yields
+    ------
+    talk : Conversation
+        Who answers.
+    rehearse : bool
+        Whether a person answers at a simulated bench too.
+    progress : callable
+        Takes what is going on and the share done.
+
+    Raises
+    ------
+    UsageError
+        If a person is wanted and must not be asked.
+    """
+    from hdbench.session.calibrating.conversation import Unattended
+    from hdbench_cli.progress import progress_bar
+
+    if who == "person" and asked.no_input:
+        raise UsageError(
+            "--operator person and --no-input together; needed: one",
+            where="--operator",
+            fix="leave one of them out",
+        )
+    embedded = (asked.address or profile.data.daq.address) == "embedded"
+    here = sys.stdin is not None and sys.stdin.isatty() and sys.stderr.isatty()
+    rehearse = who == "person" or (who == "auto" and here and not asked.no_input)
+    rule = asked.no_input or who == "simulated" or (embedded and not rehearse)
+    if rule:
+        with progress_bar("calibration") as progress:
+            yield Unattended(output.note), False, progress
+        return
+    from hdbench_cli.keys import Keys
+    from hdbench_cli.talk import TerminalTalk
+
+    with Keys().opened() as keys:
+        talk = TerminalTalk(keys, Output.console(stderr=True), practice=embedded)
+        try:
+            yield talk, rehearse, _silent
+        finally:
+            talk.close()

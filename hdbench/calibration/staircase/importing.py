@@ -1,0 +1,244 @@
+"""A trace of raw readings under changing weights, brought in as loads."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hdbench.calibration.staircase.loading import StaircasePlace, staircase_loads
+from hdbench.calibration.staircase.plateaus import Plateau, Staircase, find_plateaus
+from hdbench.errors import UsageError
+from hdbench.profile.calibrating import Arm
+from hdbench.records.foreign import ForeignFormat, ForeignTable, read_foreign
+from hdbench.records.loadsfile import read_loads, write_loads
+from hdbench.records.mapping import ColumnMap, Constant, find_source
+from hdbench.records.storage import publish, staged_path
+from hdbench.records.textfile import data_error
+from hdbench.records.trace import FloatArray
+
+__all__ = ["StaircasePlan", "StaircaseReport", "import_staircase"]
+
+_PLACE = ("experiment", "position_rad", "range", "direction")
+_WORDS = {"range": ("low", "full"), "direction": ("cw", "ccw")}
+
+
+@dataclass(frozen=True, slots=True)
+class StaircasePlan:
+    """What comes from where.
+
+    Parameters
+    ----------
+    maps : tuple of ColumnMap
+        ``time_s`` and ``reading_v``.
+    constants : tuple of Constant
+        ``experiment``, ``position_rad``, ``range``, ``direction``; each has a default.
+    loads : tuple of float
+        Loads in the order in which they were hung.
+    unit : str
+        ``nm``, ``kg`` or ``lb``.
+    least_s : float
+        Shortest plateau, s.
+    rate_hz : float or None
+        Sample rate where there is no time column, Hz.
+    layout : ForeignFormat
+        How the file is laid out.
+    """
+
+    maps: tuple[ColumnMap, ...]
+    constants: tuple[Constant, ...]
+    loads: tuple[float, ...]
+    unit: str = "nm"
+    least_s: float = 3.0
+    rate_hz: float | None = None
+    layout: ForeignFormat = field(default_factory=ForeignFormat)
+
+
+@dataclass(frozen=True, slots=True)
+class StaircaseReport:
+    """What was found and written; it was read back before this was made.
+
+    Parameters
+    ----------
+    out : Path
+        The new loads file.
+    stairs : Staircase
+        Plateaus and excluded samples.
+    loads : tuple of float
+        Load of each plateau, in `unit`.
+    unit : str
+        Unit of the loads.
+    n_samples : int
+        Samples of the trace.
+    """
+
+    out: Path
+    stairs: Staircase
+    loads: tuple[float, ...]
+    unit: str
+    n_samples: int
+
+    def slope(self) -> float:
+        """Return the slope of the readings on the loads, reading per unit of load."""
+        means = np.array([p.mean for p in self.stairs.plateaus])
+        offset = np.array(self.loads) - float(np.mean(self.loads))
+        square = float(offset @ offset)
+        return float(offset @ means) / square if square > 0.0 else 0.0
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the report as ``--json`` prints it."""
+        return {
+            "out": str(self.out),
+            "kind": "staircase",
+            "rows": len(self.stairs.plateaus),
+            "n_samples": self.n_samples,
+            "load_unit": self.unit,
+            "reading_per_load": self.slope(),
+            "noise_std": self.stairs.noise_std,
+            "glitches_at_s": list(self.stairs.glitches_at_s),
+            "stuck_at_s": list(self.stairs.stuck_at_s),
+            "plateaus": [
+                _plateau_dict(plateau, load)
+                for plateau, load in zip(self.stairs.plateaus, self.loads, strict=True)
+            ],
+        }
+
+
+def _plateau_dict(plateau: Plateau, load: float) -> dict[str, Any]:
+    return {
+        "load": load,
+        "start_s": plateau.start_s,
+        "end_s": plateau.end_s,
+        "mean": plateau.mean,
+        "std": plateau.std,
+        "n": plateau.n,
+        "slope_per_s": plateau.slope_per_s,
+        "autocorrelation": plateau.autocorrelation,
+        "n_excluded": len(plateau.glitches_at_s)
+        + (0 if plateau.stuck_kept else len(plateau.stuck_at_s)),
+        "stood_still": plateau.stuck_kept,
+    }
+
+
+def import_staircase(plan: StaircasePlan, file: Path, out: Path, arm: Arm) -> StaircaseReport:
+    """Find the plateaus of a trace and write them as a loads file.
+
+    Parameters
+    ----------
+    plan : StaircasePlan
+        Columns, loads, place.
+    file : Path
+        Text file of raw readings.
+    out : Path
+        ``.csv`` file to write or replace; replaced only when the new content was read back.
+    arm : Arm
+        Arm of the bench, for loads that are masses.
+
+    Returns
+    -------
+    StaircaseReport
+
+    Raises
+    ------
+    UsageError
+        If the plan does not fit the file.
+    DataError
+        If the file is damaged, or there are not as many plateaus as loads.
+    StorageError
+        If the disk is full or failed; an old file at `out` is then untouched.
+    """
+    file, out = Path(file), Path(out)
+    if out.resolve() == file.resolve():
+        raise UsageError(f"{out} is the input", where="--out", fix="name a new file")
+    place = _place(plan.constants)
+    table = read_foreign(file, plan.layout)
+    sources = {m.target: m.source for m in plan.maps}
+    time_s, reading = _time(table, sources, plan.rate_hz), _reading(table, sources)
+    stairs = find_plateaus(time_s, reading, plan.least_s)
+    loads = staircase_loads(stairs, plan.loads, plan.unit, place, arm, source=str(file))
+    staged = staged_path(out)
+    try:
+        write_loads(staged, loads)
+        read_loads(staged, arm)
+        publish(staged, out)
+    finally:
+        staged.unlink(missing_ok=True)
+    return StaircaseReport(out, stairs, plan.loads, plan.unit, len(reading))
+
+
+def _place(constants: Sequence[Constant]) -> StaircasePlace:
+    given: dict[str, Any] = {}
+    for entry in constants:
+        if entry.target not in _PLACE:
+            raise UsageError(
+                f"--set {entry.target} has no meaning for a staircase",
+                where="--set",
+                fix=f"set one of {', '.join(_PLACE)}",
+            )
+        allowed = _WORDS.get(entry.target, (entry.value,))
+        if entry.value not in allowed:
+            raise UsageError(
+                f"{entry.target} is {entry.value!r:.40}",
+                where="--set",
+                fix=f"needed: {' or '.join(allowed)}",
+            )
+        given[entry.target] = entry.value
+    if "position_rad" in given:
+        given["position_rad"] = _angle(given["position_rad"])
+    return StaircasePlace(**given)
+
+
+def _angle(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise UsageError(
+            f"position_rad is {text!r:.40}", where="--set", fix="needed: a finite angle in rad"
+        )
+    return value
+
+
+def _time(table: ForeignTable, sources: Mapping[str, str], rate_hz: float | None) -> FloatArray:
+    if rate_hz is not None:
+        return np.asarray(np.arange(len(table.rows)) / rate_hz)
+    if "time_s" not in sources:
+        raise UsageError(
+            "no time for the readings", where="--time", fix="give --time COLUMN or --rate HZ"
+        )
+    values = _column(table, sources["time_s"], "--time")
+    missing = np.flatnonzero(~np.isfinite(values))
+    back = np.flatnonzero(~(np.diff(values) > 0.0)) + 1 if not len(missing) else missing
+    if len(back):
+        line = table.lines[int(back[0])]
+        raise data_error(
+            table.path,
+            line,
+            "the time does not rise; needed: a time in every row, strictly increasing",
+            "take the row out, or use --rate",
+        )
+    return np.asarray(values - values[0])
+
+
+def _reading(table: ForeignTable, sources: Mapping[str, str]) -> FloatArray:
+    if "reading_v" not in sources:
+        raise UsageError(
+            "no readings", where="--map", fix="give --map reading_v=COLUMN, by name or number"
+        )
+    return _column(table, sources["reading_v"], "--map")
+
+
+def _column(table: ForeignTable, source: str, option: str) -> FloatArray:
+    """Return a column as numbers, NaN where a cell is empty."""
+    column = find_source(table, source, option)
+    out = np.full(len(table.rows), np.nan)
+    for row in range(len(table.rows)):
+        cell = table.decimal(row, column.index)
+        if cell is not None:
+            out[row] = float(cell * column.scale + column.offset)
+    return out

@@ -1,0 +1,229 @@
+"""Readings ordered as a calibration standard orders them: series up and down, on common steps."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from hdbench.calibration.lines import POSITION_RAD
+from hdbench.calibration.readings import TakenReading
+from hdbench.calibration.stepwise.grid import load_grid
+from hdbench.records.trace import FloatArray
+
+__all__ = ["LoadSeries", "StepGroup", "step_groups"]
+
+# torques below this share of a group's largest are its zero: a hand-read reference shows as much
+_ZERO_SHARE = 0.005
+
+_Key = tuple[str, str, str, float | None]
+
+
+@dataclass(frozen=True, slots=True)
+class LoadSeries:
+    """One loading experiment on the steps of its group.
+
+    Parameters
+    ----------
+    id : str
+        Identifier of the experiment.
+    position_rad : float
+        Flexspline position, rad.
+    position : int
+        Number of the position among those of the group, from 0.
+    mounting : int or None
+        Number of the mounting; None where the file does not tell: one per position.
+    repeat : int
+        0 for the first series in its mounting.
+    up_v, down_v : ndarray, shape (m,)
+        Deflection while loading and while unloading, V: reading less the zero before the series,
+        positive with the load; NaN where there is none.
+    zero_before_v, zero_after_v : float or None
+        Readings at no load, V.
+    zero_by_line : bool
+        Whether the zero is the intercept of the series' own line, for want of a reading.
+    """
+
+    id: str
+    position_rad: float
+    position: int
+    mounting: int | None
+    repeat: int
+    up_v: FloatArray
+    down_v: FloatArray
+    zero_before_v: float | None
+    zero_after_v: float | None
+    zero_by_line: bool
+
+
+@dataclass(frozen=True, slots=True)
+class StepGroup:
+    """Series of one direction, range, way of loading and arm.
+
+    Parameters
+    ----------
+    direction, range, loading : str
+        ``cw`` or ``ccw``; ``low`` or ``full``; ``single`` or ``couple``.
+    arm_length_m : float or None
+        Arm where the readings name one.
+    torque_nm : ndarray, shape (m,)
+        Applied torque of each step, N m, rising, above 0.
+    series : tuple of LoadSeries
+        At least one.
+    """
+
+    direction: str
+    range: str
+    loading: str
+    arm_length_m: float | None
+    torque_nm: FloatArray
+    series: tuple[LoadSeries, ...]
+
+    @property
+    def n_positions(self) -> int:
+        """Number of flexspline positions."""
+        return len({s.position for s in self.series})
+
+    def first_series(self) -> tuple[LoadSeries, ...]:
+        """Return one series of each position: the first, which no other went before."""
+        chosen: dict[int, LoadSeries] = {}
+        for series in sorted(self.series, key=lambda s: (s.position, s.repeat)):
+            chosen.setdefault(series.position, series)
+        return tuple(chosen.values())
+
+    def describe(self) -> dict[str, object]:
+        """Return what tells this group from others, as results store it."""
+        return {
+            "direction": self.direction,
+            "range": self.range,
+            "loading": self.loading,
+            "arm_length_m": self.arm_length_m,
+        }
+
+
+def step_groups(readings: Sequence[TakenReading], loading: str) -> tuple[StepGroup, ...]:
+    """Order the readings by direction, range, way of loading and arm.
+
+    Parameters
+    ----------
+    readings : sequence of TakenReading
+        Readings, with applied torques.
+    loading : str
+        ``single`` or ``couple``, where a reading does not say.
+
+    Returns
+    -------
+    tuple of StepGroup
+        Full ranges first; groups without a single load are left out.
+    """
+    groups: dict[_Key, list[TakenReading]] = {}
+    for taken in readings:
+        reading, detail = taken.reading, taken.detail
+        key = (reading.direction, reading.range, detail.loading or loading, detail.arm_length_m)
+        groups.setdefault(key, []).append(taken)
+    made = (_group(key, members) for key, members in groups.items())
+    return tuple(sorted((g for g in made if g is not None), key=lambda g: g.range != "full"))
+
+
+def _group(key: _Key, members: list[TakenReading]) -> StepGroup | None:
+    sizes = [abs(t.reading.torque_nm) for t in members]
+    largest = max(sizes)
+    if not largest > 0.0:
+        return None
+    experiments: dict[str, list[TakenReading]] = {}
+    for taken in members:
+        experiments.setdefault(taken.reading.experiment, []).append(taken)
+    grid = load_grid(experiments.values(), _ZERO_SHARE * largest)
+    places: list[float] = []
+    counts: dict[tuple[int, int | None], int] = {}
+    series = []
+    for name, own in experiments.items():
+        position = _place(own[0].reading.position_rad, places)
+        mounting = own[0].detail.mounting
+        counted = counts.get((position, mounting), 0)
+        counts[position, mounting] = counted + 1
+        told = own[0].detail.repeat
+        repeat = counted if told is None else told
+        place = (position, mounting, repeat)
+        series.append(_series(name, own, place, grid, _ZERO_SHARE * largest))
+    return StepGroup(*key, np.array(grid), tuple(series))
+
+
+def _place(position_rad: float, places: list[float]) -> int:
+    """Return the number of a position; a full turn is the same position."""
+    for number, known in enumerate(places):
+        if abs(math.remainder(position_rad - known, 2.0 * math.pi)) < POSITION_RAD:
+            return number
+    places.append(position_rad)
+    return len(places) - 1
+
+
+def _series(
+    name: str,
+    own: list[TakenReading],
+    place: tuple[int, int | None, int],
+    grid: list[float],
+    zero_nm: float,
+) -> LoadSeries:
+    torque = np.array([abs(t.reading.torque_nm) for t in own])
+    volts = np.array([t.reading.reading_v for t in own])
+    up = np.array([t.reading.series == "up" for t in own])
+    zeros = torque <= zero_nm
+    before = float(volts[zeros & up][0]) if (zeros & up).any() else None
+    after = float(volts[zeros & ~up][-1]) if (zeros & ~up).any() else None
+    slope, intercept = _line(torque, volts)
+    zero = intercept if before is None else before
+    # ccw torques give the other sign, and so does a bridge wired the other way round
+    turn = 1.0 if slope >= 0.0 else -1.0
+    branches = [
+        _branch(torque[chosen], turn * (volts[chosen] - zero), turn * slope, grid)
+        for chosen in (up & ~zeros, ~up & ~zeros)
+    ]
+    return LoadSeries(
+        name,
+        own[0].reading.position_rad,
+        *place,
+        branches[0],
+        _turned(branches[0], branches[1]),
+        before,
+        after,
+        before is None,
+    )
+
+
+def _turned(up_v: FloatArray, down_v: FloatArray) -> FloatArray:
+    """Return unloading with the largest step: the last reading of loading is its first."""
+    known = np.flatnonzero(np.isfinite(up_v))
+    lower = np.isfinite(down_v)
+    if not len(known) or not lower.any() or np.flatnonzero(lower)[-1] >= known[-1]:
+        return down_v
+    out = down_v.copy()
+    out[known[-1]] = up_v[known[-1]]
+    return out
+
+
+def _line(torque: FloatArray, volts: FloatArray) -> tuple[float, float]:
+    """Return slope and intercept of volts on torque."""
+    offset = torque - torque.mean()
+    spread = float(offset @ offset)
+    slope = float(offset @ volts) / spread if spread > 0.0 else 0.0
+    return slope, float(volts.mean()) - slope * float(torque.mean())
+
+
+def _branch(
+    torque: FloatArray, deflection: FloatArray, slope: float, grid: list[float]
+) -> FloatArray:
+    """Return the mean deflection at each step, carried to its torque along the series' line."""
+    out = np.full(len(grid), np.nan)
+    steps = np.array(grid)
+    if not len(torque):
+        return out
+    nearest = np.abs(torque[:, None] - steps[None, :]).argmin(axis=1)
+    carried = deflection + slope * (steps[nearest] - torque)
+    for k in range(len(grid)):
+        own = carried[nearest == k]
+        if len(own):
+            out[k] = own.mean()
+    return out

@@ -1,0 +1,189 @@
+"""Relative uncertainty of each step, with and without unloading, in the manner of cg-14."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from hdbench.calibration.budget import combined, expanded_uncertainty
+from hdbench.calibration.stepwise.quantities import StepQuantities
+from hdbench.records.trace import FloatArray
+
+__all__ = ["GUIDE_FACTOR", "CaseUncertainty", "case_one", "case_two"]
+
+# the guide's fixed coverage factor
+GUIDE_FACTOR = 2.0
+_RECTANGULAR, _TRIANGULAR, _RESOLUTION = math.sqrt(12.0), math.sqrt(24.0), math.sqrt(6.0)
+
+
+@dataclass(frozen=True, slots=True)
+class CaseUncertainty:
+    """Relative uncertainty of one step in one case.
+
+    Parameters
+    ----------
+    parts : dict of str to float
+        Relative standard uncertainty by source; sources without data are left out.
+    relative_std : float
+        Root sum of squares.
+    dof : float or None
+        Effective degrees of freedom; None where no part has any.
+    guide : float
+        Relative expanded uncertainty with k = 2.
+    factor, expanded : float
+        k of 95 % from the degrees of freedom; relative expanded uncertainty with it.
+    added : float
+        Known deviation of the fit that is added to both, share.
+    """
+
+    parts: dict[str, float]
+    relative_std: float
+    dof: float | None
+    guide: float
+    factor: float
+    expanded: float
+    added: float
+
+    def to_dict(self, torque_nm: float) -> dict[str, object]:
+        """Return the uncertainty as results store it."""
+        return {
+            "parts": self.parts,
+            "relative_std": self.relative_std,
+            "dof": self.dof,
+            "expanded_relative_k2": self.guide,
+            "expanded_relative_k2_with_deviation": self.guide + self.added,
+            "coverage_factor": self.factor,
+            "expanded_relative": self.expanded,
+            "expanded_relative_with_deviation": self.expanded + self.added,
+            "deviation_added": self.added,
+            "expanded_nm_k2": (self.guide + self.added) * torque_nm,
+            "expanded_nm": (self.expanded + self.added) * torque_nm,
+        }
+
+
+def case_one(
+    found: StepQuantities,
+    torque_nm: FloatArray,
+    relative_torque: FloatArray,
+    resolution_v: float | None,
+) -> list[CaseUncertainty | None]:
+    """Return the uncertainty for increasing torque and a cubic through zero.
+
+    Parameters
+    ----------
+    found : StepQuantities
+        Quantities of the group.
+    torque_nm : ndarray, shape (m,)
+        Steps, N m.
+    relative_torque : ndarray, shape (m,)
+        Relative standard uncertainty of the applied torque at each step.
+    resolution_v : float or None
+        Resolution of a reading, V.
+
+    Returns
+    -------
+    list of (CaseUncertainty or None)
+        None where there is no deflection to relate to.
+
+    Notes
+    -----
+    ``w^2 = w_KE^2 + (r/Y)^2/6 + (b'/Y)^2/12 + (b/Y)^2/n + (f0/Y_E)^2/12 + (fa/Y)^2/24``, all
+    full spans; b with n - 1 degrees of freedom.
+    """
+    fitted = _cubic_deviation(found, torque_nm)
+    out: list[CaseUncertainty | None] = []
+    for k, y in enumerate(found.mean_v):
+        if not _usable(float(y)):
+            out.append(None)
+            continue
+        parts = _common(found, k, float(y), float(relative_torque[k]), resolution_v)
+        if fitted is not None:
+            parts["fit"] = abs(float(fitted[k])) / _TRIANGULAR
+        out.append(_case(parts, int(found.n_at[k]), 0.0))
+    return out
+
+
+def case_two(
+    found: StepQuantities,
+    torque_nm: FloatArray,
+    relative_torque: FloatArray,
+    resolution_v: float | None,
+) -> list[CaseUncertainty | None] | None:
+    """Return the uncertainty for increasing and decreasing torque and a line through zero.
+
+    Parameters
+    ----------
+    found : StepQuantities
+        Quantities of the group.
+    torque_nm : ndarray, shape (m,)
+        Steps, N m.
+    relative_torque : ndarray, shape (m,)
+        Relative standard uncertainty of the applied torque at each step.
+    resolution_v : float or None
+        Resolution of a reading, V.
+
+    Returns
+    -------
+    list of (CaseUncertainty or None) or None
+        None where there is no decreasing branch, or for a step without a deflection.
+
+    Notes
+    -----
+    As `case_one` relative to Y^h, with ``(h/Y^h)^2/12`` for the fit; the deviation from the line
+    is known and systematic and is added to the expanded uncertainty: ``W' = k w + |fa|/Y^h``.
+    """
+    both, slope = found.mean_both_v, found.linear_both
+    if both is None or slope is None:
+        return None
+    out: list[CaseUncertainty | None] = []
+    for k, y in enumerate(both):
+        if not _usable(float(y)):
+            out.append(None)
+            continue
+        parts = _common(found, k, float(y), float(relative_torque[k]), resolution_v)
+        if found.reversibility_v is not None:
+            parts["reversibility"] = abs(float(found.reversibility_v[k] / y)) / _RECTANGULAR
+        added = abs(float(y) - slope * float(torque_nm[k])) / abs(float(y))
+        out.append(_case(parts, int(found.n_at[k]), added))
+    return out
+
+
+def _usable(deflection_v: float) -> bool:
+    return math.isfinite(deflection_v) and deflection_v != 0.0
+
+
+def _cubic_deviation(found: StepQuantities, torque_nm: FloatArray) -> FloatArray | None:
+    if found.cubic is None:
+        return None
+    powers = np.column_stack([torque_nm, torque_nm**2, torque_nm**3])
+    known = np.where(found.mean_v == 0.0, np.nan, found.mean_v)
+    return np.asarray((found.mean_v - powers @ found.cubic) / known)
+
+
+def _common(
+    found: StepQuantities, k: int, y: float, torque: float, resolution_v: float | None
+) -> dict[str, float]:
+    parts = {"torque": torque}
+    if resolution_v is not None:
+        parts["resolution"] = abs(resolution_v / y) / _RESOLUTION
+    if found.repeatability_v is not None:
+        parts["repeatability"] = abs(float(found.repeatability_v[k]) / y) / _RECTANGULAR
+    if found.reproducibility_v is not None and found.n_at[k] > 1:
+        spread = abs(float(found.reproducibility_v[k]) / y)
+        parts["reproducibility"] = spread / math.sqrt(int(found.n_at[k]))
+    if found.zero_v is not None:
+        parts["zero"] = abs(found.zero_v / (found.full_v or math.nan)) / _RECTANGULAR
+    return parts
+
+
+def _case(sizes: dict[str, float], n_positions: int, added: float) -> CaseUncertainty:
+    # a source without data at this step has no part in it
+    parts = {name: size for name, size in sizes.items() if math.isfinite(size)}
+    free = {"reproducibility": float(n_positions - 1)}
+    std, dof = combined([(size, free.get(name)) for name, size in parts.items()])
+    own = expanded_uncertainty(std, dof)
+    return CaseUncertainty(
+        parts, std, own.dof, GUIDE_FACTOR * std, own.coverage_factor, own.expanded, added
+    )

@@ -1,0 +1,215 @@
+"""Torque of weights on an arm: force, length, tilt, hanging point."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from hdbench.calibration.torque.air import air_density, buoyancy_factors
+from hdbench.profile.calibrating import Arm, MassStandard
+
+__all__ = ["AppliedTorque", "Conditions", "Correction", "applied_torque"]
+
+STANDARD_GRAVITY = 9.80665
+# the tilt settles by a factor T / (K L) < 1e-2 in every turn of the loop: 1e-15 after eight
+_TURNS = 20
+
+
+@dataclass(frozen=True, slots=True)
+class Conditions:
+    """What may differ from reading to reading.
+
+    Parameters
+    ----------
+    temperature_c, pressure_hpa, humidity_percent : float or None
+        Air and arm at the reading; None where not told.
+    arm_length_m : float or None
+        Another arm than the profile's, m.
+    """
+
+    temperature_c: float | None = None
+    pressure_hpa: float | None = None
+    humidity_percent: float | None = None
+    arm_length_m: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Correction:
+    """One correction of the applied torque.
+
+    Parameters
+    ----------
+    name : str
+        What is corrected.
+    relative : float
+        Its size, share of the torque; 0 where none was made.
+    made : bool
+        False where what it needs is not declared.
+    detail : str
+        With what values.
+    """
+
+    name: str
+    relative: float
+    made: bool
+    detail: str
+
+    def to_dict(self) -> dict[str, object]:
+        """Return the correction as results store it."""
+        return {
+            "name": self.name,
+            "relative": self.relative,
+            "made": self.made,
+            "detail": self.detail,
+        }
+
+
+@dataclass(frozen=True, slots=True)
+class AppliedTorque:
+    """Torque of one load, with every correction.
+
+    Parameters
+    ----------
+    torque_nm : float
+        Applied torque, N m, at least 0.
+    nominal_nm : float
+        Mass times local gravity times length, N m.
+    tilt_rad : float
+        Downward tilt of the arm under this load, rad.
+    length_m, offset_m : float
+        Length and hang-point offset used, m.
+    corrections : tuple of Correction
+        In the order in which they were made.
+    """
+
+    torque_nm: float
+    nominal_nm: float
+    tilt_rad: float
+    length_m: float
+    offset_m: float
+    corrections: tuple[Correction, ...]
+
+
+def applied_torque(
+    mass_kg: float, arm: Arm, mass: MassStandard, conditions: Conditions | None = None
+) -> AppliedTorque:
+    """Return the torque of a mass on the arm.
+
+    Parameters
+    ----------
+    mass_kg : float
+        Mass hung on the arm, as stated, kg, at least 0.
+    arm : Arm
+        The arm and where it stands.
+    mass : MassStandard
+        What is known of the weights.
+    conditions : Conditions or None
+        Temperature and air at the reading.
+
+    Returns
+    -------
+    AppliedTorque
+
+    Raises
+    ------
+    ValueError
+        If the mass is negative or not finite.
+
+    Notes
+    -----
+    ``F = m g (1 - rho0/rhoc) / (1 - rho0/rho_m) (1 - rho_a/rho_m)`` for a conventional mass;
+    ``T = F (L_t cos a - e sin a)``, ``L_t = L (1 + alpha (t - t_ref))``,
+    ``a = a0 + T/K + a_lost``, solved by fixed-point steps. The arm's own weight is a part of the
+    zero. A couple has no tilt that matters: its forces stay at right angles by the pulley.
+    """
+    if not (math.isfinite(mass_kg) and mass_kg >= 0.0):
+        raise ValueError(f"mass {mass_kg!r} kg; needed: a finite number of at least 0 kg")
+    around = conditions or Conditions()
+    length = around.arm_length_m or arm.length_m
+    nominal = mass_kg * arm.gravity_m_s2 * length
+    force, forces = _force(mass_kg, arm, mass, around)
+    stretched, thermal = _length(length, arm, around)
+    flat = force * stretched
+    tilt = _tilt(flat, stretched, arm) if mass_kg > 0.0 else arm.tilt_rad or 0.0
+    offset = arm.hang_offset_m or 0.0
+    torque = force * (stretched * math.cos(tilt) - offset * math.sin(tilt))
+    return AppliedTorque(
+        torque,
+        nominal,
+        tilt,
+        stretched,
+        offset,
+        (*forces, thermal, *_geometry(tilt, offset, stretched, arm)),
+    )
+
+
+def _force(
+    mass_kg: float, arm: Arm, mass: MassStandard, around: Conditions
+) -> tuple[float, tuple[Correction, ...]]:
+    loaded = mass_kg + (arm.tare_kg if mass_kg > 0.0 else 0.0)
+    tare = loaded / mass_kg - 1.0 if mass_kg > 0.0 else 0.0
+    air = _air(arm, around)
+    to_true, in_air = buoyancy_factors(
+        air or 0.0, mass.density_kg_m3, conventional=mass.mass_kind == "conventional"
+    )
+    if air is None:
+        # a stated mass is conventional: it weighs like its nominal value only with its buoyancy
+        to_true = in_air = 1.0
+    density = f"weights of {mass.density_kg_m3:g} kg/m^3"
+    air_words = "air density not declared" if air is None else f"air of {air:.4f} kg/m^3, {density}"
+    corrections = (
+        Correction("pan and hook", tare, True, f"{arm.tare_kg:g} kg"),
+        Correction(
+            "certified mass", mass.relative_correction, True, "certified over nominal mass, less 1"
+        ),
+        Correction("conventional mass", to_true - 1.0, air is not None, density),
+        Correction("air buoyancy", in_air - 1.0, air is not None, air_words),
+    )
+    factor = (1.0 + mass.relative_correction) * to_true * in_air
+    return loaded * arm.gravity_m_s2 * factor, corrections
+
+
+def _air(arm: Arm, around: Conditions) -> float | None:
+    known = (around.pressure_hpa, around.humidity_percent, around.temperature_c)
+    if known[0] is not None and known[1] is not None and known[2] is not None:
+        return air_density(known[0], known[1], known[2])
+    return arm.air_density_kg_m3
+
+
+def _length(length: float, arm: Arm, around: Conditions) -> tuple[float, Correction]:
+    expansion, temperature = arm.thermal_expansion_per_k, around.temperature_c
+    if expansion is None or temperature is None:
+        missing = "expansion" if expansion is None else "temperature"
+        return length, Correction("arm temperature", 0.0, False, f"{missing} not declared")
+    relative = expansion * (temperature - arm.reference_temperature_c)
+    detail = f"{temperature:.2f} deg C, length stated at {arm.reference_temperature_c:g} deg C"
+    return length * (1.0 + relative), Correction("arm temperature", relative, True, detail)
+
+
+def _tilt(flat_nm: float, length: float, arm: Arm) -> float:
+    """Return the tilt under load: where it started, wound up by the torque that it carries."""
+    rest = (arm.tilt_rad or 0.0) + arm.lost_motion_rad
+    if arm.torsional_stiffness_nm_per_rad is None:
+        return rest
+    ratio, tilt = (arm.hang_offset_m or 0.0) / length, rest
+    for _ in range(_TURNS):
+        torque = flat_nm * (math.cos(tilt) - ratio * math.sin(tilt))
+        tilt = rest + torque / arm.torsional_stiffness_nm_per_rad
+    return tilt
+
+
+def _geometry(tilt: float, offset: float, length: float, arm: Arm) -> tuple[Correction, Correction]:
+    known = arm.tilt_rad is not None or arm.torsional_stiffness_nm_per_rad is not None
+    words = f"tilt {math.degrees(tilt):.3f} deg" if known else "tilt not declared"
+    below = arm.hang_offset_m
+    hung = "offset not declared" if below is None else f"{1e3 * below:g} mm below the axis line"
+    level = math.cos(tilt)
+    return (
+        Correction("arm tilt", level - 1.0, known, words),
+        Correction(
+            "hang-point offset",
+            0.0 - offset * math.sin(tilt) / (length * level),
+            known and below is not None,
+            f"{hung}, {words}",
+        ),
+    )

@@ -1,0 +1,1 @@
+"""DATAQ instruments: ASCII commands and a binary stream on a serial port."""

@@ -1,0 +1,180 @@
+"""The serial port: a thread takes what comes, so that the device's small buffer never fills."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import re
+import select
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from hdbench.errors import BusyError, DeviceError, UsageError
+
+if TYPE_CHECKING:
+    from serial import Serial
+
+__all__ = ["Chunk", "Port", "port_path"]
+
+Chunk = tuple[bytes, float]
+"""Bytes and the host's clock when they came, s."""
+
+# the instrument's virtual port ignores the bit rate
+_BAUD = 115200
+_CHUNK = 65536
+_GRAIN_S = 0.05
+_JOIN_S = 1.0
+_FIX = "check cable and power; the instrument must be in its CDC mode, then run `hdbench doctor`"
+
+
+def port_path(address: str) -> str:
+    """Return the path of ``serial:///dev/NAME``.
+
+    Parameters
+    ----------
+    address : str
+        The address.
+
+    Returns
+    -------
+    str
+
+    Raises
+    ------
+    UsageError
+        If it has another form.
+    """
+    found = re.fullmatch(r"serial://(/[A-Za-z0-9._/-]+)", address)
+    if found is None or ".." in address:
+        raise UsageError(
+            f"{address[:80]!r} is no serial port",
+            where="address",
+            fix="for example serial:///dev/ttyACM0",
+        )
+    return found[1]
+
+
+class Port:
+    """Bytes to and from one serial port; opened when needed.
+
+    Parameters
+    ----------
+    path : str
+        The port.
+    clock : callable, optional
+        Monotonic clock, s.
+    """
+
+    def __init__(self, path: str, *, clock: Callable[[], float] = time.monotonic) -> None:
+        self.where = f"serial://{path}"
+        self._path = path
+        self._clock = clock
+        self._serial: Serial | None = None
+        self._thread: threading.Thread | None = None
+        self._changed = threading.Condition()
+        self._chunks: deque[Chunk] = deque()
+        self._ended = threading.Event()
+        self._fault = ""
+
+    def send(self, data: bytes, until_s: float) -> None:
+        """Send all bytes.
+
+        Raises
+        ------
+        DeviceError
+            If the port does not take them in time, or is gone.
+        """
+        descriptor = self._opened()
+        try:
+            while data:
+                left_s = until_s - self._clock()
+                if not left_s > 0.0 or not select.select((), (descriptor,), (), left_s)[1]:
+                    raise self._error("the port takes no characters")
+                data = data[os.write(descriptor, data) :]
+        except OSError as error:
+            raise self._error(f"the port failed ({error.strerror or error})") from error
+
+    def receive(self, until_s: float) -> list[Chunk]:
+        """Return what has come; waits until something has, or until `until_s`.
+
+        Raises
+        ------
+        DeviceError
+            If the port is gone and everything before has been returned.
+        """
+        self._opened()
+        with self._changed:
+            left_s = until_s - self._clock()
+            if not self._chunks and not self._fault and left_s > 0.0:
+                self._changed.wait(left_s)
+            chunks = list(self._chunks)
+            self._chunks.clear()
+        if not chunks and self._fault:
+            raise self._error(self._fault)
+        return chunks
+
+    def close(self) -> None:
+        """Close the port; never raises."""
+        self._ended.set()
+        thread, self._thread = self._thread, None
+        if thread is not None:
+            thread.join(_JOIN_S)
+        serial, self._serial = self._serial, None
+        if serial is not None:
+            with contextlib.suppress(OSError):
+                serial.close()
+
+    def _opened(self) -> int:
+        if self._serial is None:
+            self._serial = self._open()
+            self._fault = ""
+            self._ended.clear()
+            self._chunks.clear()
+            self._thread = threading.Thread(
+                target=self._read, args=(self._serial.fileno(),), name="dataq-port", daemon=True
+            )
+            self._thread.start()
+        return int(self._serial.fileno())
+
+    def _open(self) -> Serial:
+        import termios
+
+        from serial import Serial, SerialException
+
+        try:
+            return Serial(self._path, baudrate=_BAUD, timeout=0, exclusive=True)
+        except SerialException as error:
+            if error.errno in (errno.EAGAIN, errno.EBUSY):
+                raise BusyError(
+                    "another program has the serial port open",
+                    where=self.where,
+                    fix="wait until it has finished, or stop it",
+                ) from error
+            raise self._error(f"the port cannot be opened ({error.strerror or error})") from error
+        except (ValueError, termios.error, OSError) as error:
+            raise self._error(f"the port cannot be opened ({error})") from error
+
+    def _read(self, descriptor: int) -> None:
+        """Take what comes until the port is closed or gone."""
+        fault = ""
+        while not self._ended.is_set() and not fault:
+            try:
+                ready = select.select((descriptor,), (), (), _GRAIN_S)[0]
+                data = os.read(descriptor, _CHUNK) if ready else None
+            except (OSError, ValueError) as error:
+                data, fault = None, f"the port failed ({error})"
+            if data == b"":
+                data, fault = None, "the instrument was unplugged"
+            with self._changed:
+                if data:
+                    self._chunks.append((data, self._clock()))
+                self._fault = fault
+                if data or fault:
+                    self._changed.notify_all()
+
+    def _error(self, what: str) -> DeviceError:
+        return DeviceError(what, where=f"DATAQ {self.where}", fix=_FIX)

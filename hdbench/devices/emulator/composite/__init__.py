@@ -1,0 +1,1 @@
+"""Two emulated devices around one simulated bench."""

@@ -1,0 +1,1 @@
+"""An emulated DATAQ instrument on a pseudo-terminal."""

@@ -1,0 +1,330 @@
+"""The simulated bench as an electrical instrument: what any emulated DAQ has at its terminals.
+
+An emulated device of any make owns one `SimulatedInstrument` and nothing else of the simulation.
+It has, in volts and levels:
+
+* inputs: torque (the amplified bridge), tacho, motor current, the motor reference looped back, and
+  the counter of a quadrature encoder;
+* outputs: the motor reference, which the host writes through the device, and the enable line of
+  the drive. The drive follows the reference only while the line is on; switched off it brakes to
+  standstill within its limits, whatever stands at its reference input.
+
+Time is that of the `clock` handed in, in seconds, and passes by itself. `DeviceClock` is the
+monotonic clock, or a multiple of it for an accelerated pace; a host that is to keep up with an
+accelerated device needs the same multiple for its own reference program and nothing else (deadlines
+on the wire and watchdogs stay in real time). What is written takes effect at the next hold, that is
+within one sampling period.
+
+How a device uses it::
+
+    instrument = SimulatedInstrument(bench, counts_per_turn, clock=DeviceClock(speed=1.0))
+    instrument.write_enable(on=True)
+    instrument.write_reference(1.5)
+    instrument.begin(sample_period_s=1e-3)      # a scan clock starts
+    while streaming:
+        samples = instrument.take(max_samples)  # every sample whose time has come
+    instrument.end()
+    reading = instrument.look()                 # polled devices: the last of these is now
+
+A polled device never calls `begin`. A device with a scan clock reads single values with `look`
+only between `end` and `begin`, as real ones do. A tick every 5 ms (`catch_up`) keeps the motor
+moving and its record complete while nobody asks.
+
+Plant, model, seed and all computation are those of the emulated node (`SimulatedBench`): with the
+same seed both show the same bench, the same torque and, sample by sample, the same noise; the
+motion differs by how a host's writes fall on the holds.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+
+import numpy as np
+
+from hdbench.devices.emulator.bench import SimulatedBench
+from hdbench.devices.emulator.converter import HALF_LENGTH_SAMPLES, to_count
+from hdbench.devices.emulator.reference import ReferenceLine
+from hdbench.devices.emulator.terminals import (
+    ChannelFault,
+    DeviceClock,
+    ElectricalSamples,
+    Input,
+)
+from hdbench.records.trace import FloatArray
+
+__all__ = ["ChannelFault", "DeviceClock", "ElectricalSamples", "Input", "SimulatedInstrument"]
+
+Record = Callable[[Mapping[str, object]], None]
+
+# grain of the simulation while no scan clock runs, s
+IDLE_PERIOD_S = 1e-3
+# idle time is made up by at most this many samples at once
+_MAX_IDLE_SAMPLES = 1000
+# below this speed, rad/s, a motor with command zero stands: a quarter of a count of 1.6 mrad per s
+_STANDSTILL_RAD_S = 4e-4
+# a broken wire to a supply: beyond any input range
+_RAIL_V = 1e3
+
+
+class SimulatedInstrument:
+    """One simulated bench wired to a device.
+
+    Parameters
+    ----------
+    bench : SimulatedBench
+        Drive, load and sensor.
+    counts_per_turn : int
+        Encoder counts per motor turn after quadrature.
+    clock : callable
+        Device time, s.
+    record : callable, optional
+        Takes one mapping per change and while the motor turns: ``event``, ``monotonic_s``,
+        ``device_s``, ``reference_v``, ``enabled``, ``velocity_rad_s``, ``samples_taken``.
+    monotonic : callable, optional
+        Wall clock of the records, s.
+    """
+
+    def __init__(
+        self,
+        bench: SimulatedBench,
+        counts_per_turn: int,
+        *,
+        clock: Callable[[], float],
+        record: Record = lambda _: None,
+        monotonic: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self.reference_v = 0.0
+        self.enabled = False
+        self._bench = bench
+        self._counts_per_turn = counts_per_turn
+        self._clock = clock
+        self._record = record
+        self._monotonic = monotonic
+        self._sampling = False
+        # what the counter reads at the home mark
+        self._count_offset = 0
+        self._faults: dict[Input, tuple[ChannelFault, float]] = {}
+        self._newest: ElectricalSamples | None = None
+        self._open(IDLE_PERIOD_S, counted=False)
+
+    @property
+    def velocity_rad_s(self) -> float:
+        """True motor speed now, rad/s."""
+        return self._timeline.velocity_now_rad_s
+
+    @property
+    def moving(self) -> bool:
+        """Whether the motor turns, or is about to."""
+        return self._command_v != 0.0 or abs(self.velocity_rad_s) > _STANDSTILL_RAD_S
+
+    @property
+    def count(self) -> int:
+        """Quadrature count now; never wraps."""
+        return int(self._newest.count[-1]) if self._newest is not None else 0
+
+    @property
+    def sampling(self) -> bool:
+        """Whether a scan clock runs."""
+        return self._sampling
+
+    @property
+    def sample_period_s(self) -> float:
+        """Period of the scan clock, or of the simulation without one, s."""
+        return self._timeline.sample_period_s
+
+    def write_reference(self, value_v: float) -> None:
+        """Put `value_v` out as motor reference from the next hold on.
+
+        Parameters
+        ----------
+        value_v : float
+            V, finite.
+        """
+        self.reference_v = value_v
+        self._put_out.write(self._next_hold(), value_v)
+        self._drive("reference")
+
+    def write_enable(self, *, on: bool) -> None:
+        """Switch the drive's enable line from the next hold on.
+
+        Parameters
+        ----------
+        on : bool
+            Level of the line.
+        """
+        self.enabled = on
+        self._drive("enable" if on else "disable")
+
+    def begin(self, sample_period_s: float) -> None:
+        """Start a scan clock; its first sample is index 0, one period from now.
+
+        Parameters
+        ----------
+        sample_period_s : float
+            Sampling period, s, above 0.
+
+        Notes
+        -----
+        A bench that stands is at its home marks then, as on the emulated node: a hand has turned it
+        to motor angle 0, and the encoder has counted that. One that turns goes on turning.
+        """
+        self.catch_up()
+        start = (0.0, 0.0)
+        if self.moving:
+            start = (self._timeline.angle_now_rad, self.velocity_rad_s)
+        self._open(sample_period_s, start=start)
+        self._sampling = True
+        self._note("begin")
+
+    def end(self) -> None:
+        """Stop the scan clock; motor and time go on."""
+        self._sampling = False
+        self._note("end")
+
+    def due(self) -> int:
+        """Return how many samples of the scan clock have come and were not taken yet."""
+        return max(0, self._hold() - (HALF_LENGTH_SAMPLES - 1) - self._timeline.served)
+
+    def take(self, max_samples: int) -> ElectricalSamples:
+        """Return the samples whose time has come, oldest first.
+
+        Parameters
+        ----------
+        max_samples : int
+            Most that are wanted, at least 0; the rest stays for the next call.
+
+        Returns
+        -------
+        ElectricalSamples
+        """
+        return self._produce(min(self.due(), max_samples))
+
+    def look(self) -> ElectricalSamples:
+        """Return one reading of this moment, outside of a scan clock.
+
+        Returns
+        -------
+        ElectricalSamples
+            The newest samples; the last one is the reading.
+        """
+        self._pass_time()
+        # asked again within a sampling period, the same reading stands
+        return self._newest if self._newest is not None else self._produce(1)
+
+    def catch_up(self) -> None:
+        """Keep a motor moving while nobody asks; for a device's own tick."""
+        if not self._sampling and self.moving:
+            self._pass_time()
+
+    def set_fixture(
+        self, *, locked: bool, position_rad: float, mass_kg: float, direction: int
+    ) -> None:
+        """Lock or release the wave generator, turn the flexspline, hang a weight.
+
+        Parameters are those of `SimulatedBench.set_fixture`.
+        """
+        self._pass_time()
+        self._bench.set_fixture(
+            locked=locked, position_rad=position_rad, mass_kg=mass_kg, direction=direction
+        )
+
+    def set_handling(self, *, swing_rad: float, release_s: float, shunt_ohm: float) -> None:
+        """Set how the next weight is handled, and the bridge's shunt resistor.
+
+        Parameters are those of `SimulatedBench.set_handling`.
+        """
+        self._pass_time()
+        self._bench.set_handling(swing_rad=swing_rad, release_s=release_s, shunt_ohm=shunt_ohm)
+
+    def disturb(self, channel: Input, fault: ChannelFault | None) -> None:
+        """Break one input, or mend it.
+
+        Parameters
+        ----------
+        channel : {"torque", "tacho", "current", "reference"}
+            Which.
+        fault : {"stuck", "high", "low"} or None
+            Held at its last value, or pulled to a rail beyond every range; None mends.
+        """
+        self._faults.pop(channel, None)
+        if fault is not None:
+            last = self._newest.volts[channel][-1] if self._newest is not None else 0.0
+            held = {"stuck": float(last), "high": _RAIL_V, "low": -_RAIL_V}[fault]
+            self._faults[channel] = (fault, held)
+
+    def truth(self) -> dict[str, object]:
+        """Return everything that is simulated, as `SimulatedBench.truth`."""
+        return self._bench.truth()
+
+    @property
+    def _command_v(self) -> float:
+        return self.reference_v if self.enabled else 0.0
+
+    def _pass_time(self) -> None:
+        """Let the time pass that has passed; a bench that nobody watched skips all but the end."""
+        if self._sampling:
+            # the samples belong to the scan clock
+            return
+        due = self.due()
+        surplus = due - _MAX_IDLE_SAMPLES
+        if surplus > 0:
+            self._origin_s += surplus * self._timeline.sample_period_s
+        self._produce(min(due, _MAX_IDLE_SAMPLES))
+
+    def _hold(self) -> int:
+        """Return how many holds have ended by now."""
+        return int((self._clock() - self._origin_s) / self._timeline.sample_period_s)
+
+    def _next_hold(self) -> int:
+        """Return the first hold that a value written now can still fill."""
+        elapsed = (self._clock() - self._origin_s) / self._timeline.sample_period_s
+        # a hold that began a hundredth of itself ago is taken for one that begins now
+        return max(0, int(elapsed + 0.99))
+
+    def _open(
+        self, period_s: float, *, start: tuple[float, float] = (0.0, 0.0), counted: bool = True
+    ) -> None:
+        self._timeline = self._bench.begin_host_written(
+            sample_period_s=period_s, start=start, counted=counted
+        )
+        self._origin_s = self._clock()
+        self._put_out = ReferenceLine(np.array([self.reference_v]))
+        self._timeline.write(0, self._command_v)
+
+    def _drive(self, event: str) -> None:
+        self._timeline.write(self._next_hold(), self._command_v)
+        self._note(event)
+
+    def _produce(self, count: int) -> ElectricalSamples:
+        first = self._timeline.served
+        true = self._bench.measure(count)
+        volts: dict[Input, FloatArray] = {
+            "torque": true.torque_v,
+            "tacho": true.tacho_v,
+            "current": true.current_v,
+            "reference": self._put_out.values(first, count),
+        }
+        self._put_out.forget(self._timeline.served - 1)
+        for channel, (_, held) in self._faults.items():
+            volts[channel] = np.full(count, held)
+        angle = to_count(true.angle_rad, self._counts_per_turn)
+        samples = ElectricalSamples(first, volts, angle + self._count_offset)
+        if count:
+            self._newest = samples
+            if self.moving:
+                self._note("turning")
+        return samples
+
+    def _note(self, event: str) -> None:
+        self._record(
+            {
+                "event": event,
+                "monotonic_s": self._monotonic(),
+                "device_s": self._clock(),
+                "reference_v": self.reference_v,
+                "enabled": self.enabled,
+                "velocity_rad_s": self.velocity_rad_s,
+                "samples_taken": self._timeline.served if self._sampling else 0,
+            }
+        )

@@ -1,0 +1,80 @@
+"""How long an emulator runs, and what it writes down: the same for every device."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import signal
+import sys
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack
+from pathlib import Path
+from typing import IO
+
+from hdbench.errors import StorageError
+
+__all__ = ["ending", "open_record"]
+
+
+def open_record(path: Path | None, stack: ExitStack) -> Callable[[Mapping[str, object]], None]:
+    """Return what writes one JSON line per event.
+
+    Parameters
+    ----------
+    path : Path or None
+        File; None writes nothing.
+    stack : ExitStack
+        Closes the file.
+
+    Returns
+    -------
+    callable
+
+    Raises
+    ------
+    StorageError
+        If the file cannot be written.
+    """
+    if path is None:
+        return lambda _: None
+    try:
+        file: IO[str] = stack.enter_context(path.open("w", encoding="utf-8", buffering=1))
+    except OSError as error:
+        raise StorageError(
+            f"cannot be written ({error.strerror})", where=str(path), fix="choose another file"
+        ) from error
+
+    def record(event: Mapping[str, object]) -> None:
+        file.write(json.dumps(event, allow_nan=False) + "\n")
+
+    return record
+
+
+def ending(lifeline: int | None) -> asyncio.Event:
+    """Return what is set by SIGTERM, by Ctrl-C where there is no lifeline, or by its end.
+
+    Parameters
+    ----------
+    lifeline : int or None
+        File descriptor whose end of file ends the emulator.
+
+    Returns
+    -------
+    asyncio.Event
+        Of the running loop; from now on these signals end nothing else.
+    """
+    loop = asyncio.get_running_loop()
+    ended = asyncio.Event()
+    if sys.platform != "win32":
+        loop.add_signal_handler(signal.SIGTERM, ended.set)
+        if lifeline is None:
+            loop.add_signal_handler(signal.SIGINT, ended.set)
+    if lifeline is not None:
+        descriptor = lifeline
+
+        def hung_up() -> None:
+            loop.remove_reader(descriptor)
+            ended.set()
+
+        loop.add_reader(descriptor, hung_up)
+    return ended

@@ -1,0 +1,1 @@
+"""An emulated Modbus device with any register map, on TCP or a pseudo-terminal."""

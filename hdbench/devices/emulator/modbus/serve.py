@@ -1,0 +1,127 @@
+"""Run an emulated Modbus device: alone, or as one part of a composite."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+from hdbench.devices.emulator.instrument import SimulatedInstrument
+from hdbench.devices.emulator.modbus.device import ModbusDevice
+from hdbench.devices.emulator.modbus.servers import RtuServer, TcpServer
+from hdbench.devices.emulator.serve import EmulatorSettings
+from hdbench.devices.emulator.serving import serve_part
+from hdbench.errors import UsageError
+from hdbench.profile.acquiring import Acquisition
+from hdbench.profile.acquiring_modbus import ModbusAcquisition
+from hdbench.profile.schema import ProfileData
+
+__all__ = ["ModbusPart", "emulate_modbus", "modbus_part"]
+
+
+class ModbusPart:
+    """Implements `hdbench.devices.emulator.kinds.EmulatedPart`.
+
+    Parameters
+    ----------
+    device : ModbusDevice
+        The device.
+    rtu : bool
+        Whether it is on a serial line: its table has ``[daq.serial]``.
+    """
+
+    def __init__(self, device: ModbusDevice, *, rtu: bool) -> None:
+        self.device = device
+        self._rtu = rtu
+        self._server: TcpServer | RtuServer | None = None
+
+    async def open(self, settings: EmulatorSettings) -> Mapping[str, object]:
+        """Open the wire and return ``address``."""
+        if self._rtu or settings.rtu:
+            line = RtuServer(self.device)
+            self._server = line
+            return {"address": await line.open()}
+        server = TcpServer(self.device)
+        self._server = server
+        return {"address": await server.open(settings.host, settings.port)}
+
+    def close(self) -> None:
+        """Close the wire."""
+        if self._server is not None:
+            self._server.close()
+
+
+def modbus_part(
+    instrument: SimulatedInstrument, profile: ProfileData, table: Acquisition, seed: int
+) -> ModbusPart:
+    """Return a device with the registers of `table` and the bench of `instrument` behind them.
+
+    Parameters
+    ----------
+    instrument : SimulatedInstrument
+        The bench; another device may share it.
+    profile : ProfileData
+        Its profile.
+    table : ModbusAcquisition
+        ``[daq]``, or one part of a composite.
+    seed : int
+        Not used: such a device has no constants of its own.
+
+    Returns
+    -------
+    ModbusPart
+
+    Raises
+    ------
+    UsageError
+        If the table is another driver's.
+    """
+    if not isinstance(table, ModbusAcquisition):
+        raise UsageError(
+            f"the profile's driver is {table.driver!r}; needed: modbus",
+            where="key daq.driver",
+            fix="name a profile with a Modbus device, such as seneca-z-sg",
+        )
+    # the instrument's current channel has max_current_a at range_v
+    amperes_per_v = profile.servo.max_current_a / profile.daq.range_v
+    device = ModbusDevice(instrument, table, amperes_per_v=amperes_per_v)
+    return ModbusPart(device, rtu=table.serial is not None)
+
+
+def emulate_modbus(
+    profile: ProfileData,
+    plant: str,
+    seed: int,
+    settings: EmulatorSettings,
+    *,
+    ready: Callable[[Mapping[str, object]], None],
+    model_file: Path | None = None,
+) -> None:
+    """Serve an emulated device until SIGTERM, Ctrl-C or the end of the lifeline.
+
+    Parameters
+    ----------
+    profile : ProfileData
+        The bench; its ``[daq]`` has driver ``modbus``.
+    plant : str
+        Name or path of the plant.
+    seed : int
+        Seed of everything simulated, at least 0.
+    settings : EmulatorSettings
+        Where and how.
+    ready : callable
+        Called once with the keys of ``[daq]`` as the device has them, and with ``speed``.
+    model_file : Path, optional
+        Refused: a host-written reference does not tell the whole motion beforehand.
+
+    Raises
+    ------
+    UsageError, ProfileError, DeviceError, StorageError
+        As for `hdbench.devices.emulator.serving.serve_part`.
+
+    Notes
+    -----
+    A polled device has the host's time: it is emulated in real time, whatever the pace.
+    """
+    serve_part(
+        modbus_part, profile, plant, seed, settings, ready=ready, speed=1.0, model_file=model_file
+    )

@@ -1,0 +1,170 @@
+"""Serial ports of this computer, and known devices on them."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from hdbench.devices.node.codec import clean_text
+from hdbench.errors import BusyError, HdbenchError
+
+__all__ = ["SerialPort", "find_ports", "latency_timer_ms", "probe_port"]
+
+# rates at which a node is asked who it is, fastest first
+_RATES_BD = (921600, 115200)
+_PROBE_S = 0.3
+
+
+@dataclass(frozen=True, slots=True)
+class SerialPort:
+    """One serial port.
+
+    Parameters
+    ----------
+    path : str
+        Device file.
+    description, manufacturer, serial_number : str
+        As the USB device tells them, control characters removed; empty where it does not.
+    usb_id : str
+        Vendor and product, such as ``0403:6001``; empty without USB.
+    accessible : bool
+        Whether this user may read and write it.
+    latency_ms : int or None
+        Time for which an FTDI adapter holds back characters, ms; None where there is no such timer.
+    """
+
+    path: str
+    description: str
+    manufacturer: str
+    serial_number: str
+    usb_id: str
+    accessible: bool
+    latency_ms: int | None
+
+
+def find_ports() -> tuple[SerialPort, ...]:
+    """Return the serial ports of this computer; nothing is opened or sent.
+
+    Returns
+    -------
+    tuple of SerialPort
+        Those with a USB identity first.
+    """
+    from serial.tools.list_ports import comports
+
+    found = [
+        SerialPort(
+            path=str(port.device),
+            description=_text(port.description),
+            manufacturer=_text(port.manufacturer),
+            serial_number=_text(port.serial_number),
+            usb_id="" if port.vid is None else f"{port.vid:04x}:{port.pid or 0:04x}",
+            accessible=os.access(port.device, os.R_OK | os.W_OK),
+            latency_ms=latency_timer_ms(str(port.device)),
+        )
+        for port in comports()
+    ]
+    return tuple(sorted(found, key=lambda port: (not port.usb_id, port.path)))
+
+
+def latency_timer_ms(path: str, root: Path = Path("/sys/bus/usb-serial/devices")) -> int | None:
+    """Return for how long a USB adapter holds back characters, ms.
+
+    Parameters
+    ----------
+    path : str
+        Device file.
+    root : Path
+        Where the system shows USB serial adapters.
+
+    Returns
+    -------
+    int or None
+        None where it has no such timer. FTDI adapters start with 16 ms, which is longer than a
+        whole exchange.
+    """
+    file = root / Path(os.path.realpath(path)).name / "latency_timer"
+    try:
+        return int(file.read_text().strip())
+    except (OSError, ValueError):
+        return None
+
+
+def probe_port(port: SerialPort) -> str:
+    """Ask who is on a port, as a bench controller node and as a DATAQ are asked.
+
+    Parameters
+    ----------
+    port : SerialPort
+        The port. Something else that listens there receives a few bytes it does not know.
+
+    Returns
+    -------
+    str
+        Who answered, or why nobody is known; never raises.
+    """
+    asked: Sequence[Callable[[str], str]] = (_node, _dataq)
+    reason = "nobody that hdbench knows answers"
+    for ask in asked:
+        try:
+            who = ask(port.path)
+        except BusyError as error:
+            return error.what
+        except (HdbenchError, OSError, ValueError) as error:
+            reason = reason if isinstance(error, HdbenchError) else f"cannot be opened ({error})"
+        else:
+            if who:
+                return who
+    return reason
+
+
+def _node(path: str) -> str:
+    from hdbench.devices.node.codec import decode_group
+    from hdbench.devices.node.registers import IDENTITY, WORD_ORDER_TEST
+    from hdbench.devices.node.spans import node_probe
+    from hdbench.devices.node.wire import NodeWire
+    from hdbench.devices.wire import connect, parse_address
+
+    last: HdbenchError | None = None
+    for rate_bd in _RATES_BD:
+        link = connect(parse_address(f"rtu://{path}?baud={rate_bd}"), probe=node_probe)
+        wire = NodeWire(link, deadline_s=_PROBE_S)
+        try:
+            values = decode_group(IDENTITY, wire.read(IDENTITY))
+        except BusyError:
+            raise
+        except HdbenchError as error:
+            last = error
+            continue
+        finally:
+            wire.close()
+        if values["word_order"] == WORD_ORDER_TEST:
+            who = " ".join(str(values[key]) for key in ("vendor", "model", "serial"))
+            return f"bench controller node: {who} (rtu://{path}?baud={rate_bd})"
+    if last is not None:
+        raise last
+    return ""
+
+
+def _dataq(path: str) -> str:
+    """Ask ``info 1``: a DATAQ echoes the words and adds its model."""
+    import time
+
+    from serial import Serial
+
+    with Serial(path, 115200, timeout=0.05, exclusive=True) as line:
+        line.reset_input_buffer()
+        line.write(b"info 1\r")
+        until_s, reply = time.monotonic() + _PROBE_S, b""
+        while time.monotonic() < until_s and len(reply) < 64:
+            reply += line.read(64)
+    said = clean_text(reply.replace(b"\r", b" "))
+    return f"DATAQ: {said.removeprefix('info 1').strip()}" if said.startswith("info 1 ") else ""
+
+
+def _text(value: object) -> str:
+    """Return a text that a device told without control characters."""
+    text = "" if value is None else str(value)
+    return "" if text == "n/a" else "".join(char for char in text if char.isprintable())[:80]

@@ -1,0 +1,10 @@
+"""The guard: a small process of its own that stops the motor when the session cannot."""
+
+from __future__ import annotations
+
+from hdbench.devices.guard.bench import GuardedBench
+from hdbench.devices.guard.launch import Guard, guard_silence_s
+from hdbench.devices.guard.order import GuardOrder
+from hdbench.devices.guard.orders import order_of
+
+__all__ = ["Guard", "GuardOrder", "GuardedBench", "guard_silence_s", "order_of"]

@@ -1,0 +1,112 @@
+"""A bench whose motor never turns without its guard."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+
+from hdbench.devices.capabilities import Capabilities
+from hdbench.devices.guard.launch import Guard
+from hdbench.devices.hosted import Alignment, HostedBench
+from hdbench.devices.ports import AcquisitionSettings, Block, Identity, SafeState
+from hdbench.errors import DeviceError
+
+__all__ = ["GuardedBench"]
+
+
+# the guard needs socket pairs as standard input and signals that can be ignored
+_HAS_GUARD = os.name == "posix"
+
+
+class GuardedBench:
+    """Implements `hdbench.devices.ports.Bench`; the guard lives from motion to safe state.
+
+    Parameters
+    ----------
+    bench : HostedBench
+        The bench; owned from now on.
+    start_guard : callable
+        Starts a guard, once, when the first motion is configured.
+    """
+
+    def __init__(self, bench: HostedBench, start_guard: Callable[[], Guard]) -> None:
+        self.bench = bench
+        self.guard: Guard | None = None
+        self.start_guard = start_guard
+        self._moves = False
+
+    def identity(self) -> Identity:
+        """Return who answers."""
+        return self.bench.identity()
+
+    def capabilities(self) -> Capabilities:
+        """Return what the device can do."""
+        return self.bench.capabilities()
+
+    def alignment(self) -> Alignment | None:
+        """Return how well written references are placed beside the samples."""
+        return self.bench.alignment()
+
+    def configure(self, settings: AcquisitionSettings) -> None:
+        """Configure the bench; before the first motion the guard is started."""
+        self.bench.configure(settings)
+        self._moves = settings.reference is not None
+        if self._moves and self.guard is None and _HAS_GUARD:
+            self.guard = self.start_guard()
+
+    def start(self) -> None:
+        """Start sampling and, with a reference, the motion under the guard's eyes."""
+        guard = self.guard if self._moves else None
+        if guard is not None:
+            guard.watch("patiently")
+        self.bench.start()
+        if guard is not None:
+            guard.watch("closely")
+
+    def read_block(self) -> Block | None:
+        """Return the next block; every call that comes back is a sign of life."""
+        block = self.bench.read_block()
+        if self.guard is not None:
+            self.guard.beat()
+        return block
+
+    def stop(self) -> None:
+        """Stop normally."""
+        if self.guard is not None and self._moves:
+            self.guard.watch("patiently")
+        self.bench.stop()
+        if self.guard is not None and self._moves:
+            self.guard.watch("end-only")
+
+    def safe_state(self) -> SafeState:
+        """Make the bench safe; the guard goes once that is confirmed. Never raises."""
+        if self.guard is not None:
+            try:
+                self.guard.watch("patiently")
+            except DeviceError:
+                # what it has to say was said, or will be, elsewhere; the motor comes first
+                self._moves = False
+        safe = self.bench.safe_state()
+        if safe.confirmed and self.guard is not None:
+            self.guard.end()
+            self.guard = None
+        return safe
+
+    def set_fixture(
+        self, *, locked: bool, position_rad: float, mass_kg: float, direction: int
+    ) -> None:
+        """Set lock, flexspline position, rad, and weight, kg, of a simulated bench."""
+        self.bench.set_fixture(
+            locked=locked, position_rad=position_rad, mass_kg=mass_kg, direction=direction
+        )
+
+    def set_handling(self, *, swing_rad: float, release_s: float, shunt_ohm: float) -> None:
+        """Set how the next weight of a simulated bench is handled, and its shunt resistor."""
+        self.bench.set_handling(swing_rad=swing_rad, release_s=release_s, shunt_ohm=shunt_ohm)
+
+    def close(self) -> None:
+        """Close the connection; a guard that is still there stops the motor. Never raises."""
+        self.bench.close()
+        if self.guard is not None:
+            self.guard.abandon()
+            self.guard = None

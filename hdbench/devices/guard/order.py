@@ -1,0 +1,211 @@
+"""What the guard sends to stop a motor, and what must be read back: plain data."""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from hdbench.devices.wire import Address
+from hdbench.profile.acquiring_table import TlsFiles
+
+__all__ = ["Check", "GuardOrder", "Look", "Target", "target_at"]
+
+# how long the guard goes on trying after the session's end, s
+_TRY_S = 60.0
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """One value in a reply that must lie between two others.
+
+    Parameters
+    ----------
+    name : str
+        What it is, with its unit, for messages.
+    at : int
+        Offset in the reply's PDU, byte.
+    form : str
+        As `struct` takes it, such as ``>f``.
+    low, high : float
+        Both allowed.
+    mask : int
+        Bits that count, of an integer; 0 for all.
+    order : tuple of int
+        Which byte of the reply is the most significant, the next, and so on; empty: as they come.
+    """
+
+    name: str
+    at: int
+    form: str
+    low: float
+    high: float
+    mask: int = 0
+    order: tuple[int, ...] = ()
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return it as the guard reads it.
+
+        Raises
+        ------
+        ValueError
+            If the form is none of `struct`.
+        """
+        try:
+            struct.calcsize(self.form)
+        except struct.error as error:
+            raise ValueError(f"form {self.form!r}: {error}") from error
+        body = asdict(self)
+        body["as"] = body.pop("form")
+        return body
+
+
+@dataclass(frozen=True, slots=True)
+class Look:
+    """One read of the device.
+
+    Parameters
+    ----------
+    pdu : bytes
+        Function code and data.
+    checks : tuple of Check
+        What its reply must hold.
+    """
+
+    pdu: bytes
+    checks: tuple[Check, ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return it as the guard reads it."""
+        return {"pdu": self.pdu.hex(), "checks": [check.to_dict() for check in self.checks]}
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """One device.
+
+    Parameters
+    ----------
+    place : mapping
+        Wire and address, as `target_at` gives them.
+    acts : tuple of bytes
+        Requests that stop the motor; each may be sent again and again.
+    looks : tuple of Look
+        Reads that prove it.
+    identity : bytes
+        Read that tells the device from another one.
+    finals : tuple of bytes
+        Requests that disable the drive once the motor stands, or has had 1 s to brake.
+    final_looks : tuple of Look
+        Reads that prove that.
+    brake_s : float
+        Time that the drive gets in any case before it is disabled, s.
+    """
+
+    place: dict[str, Any]
+    acts: tuple[bytes, ...]
+    looks: tuple[Look, ...]
+    identity: bytes
+    finals: tuple[bytes, ...] = ()
+    final_looks: tuple[Look, ...] = ()
+    brake_s: float = 0.0
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return it as the guard reads it."""
+        return {
+            **self.place,
+            "acts": [act.hex() for act in self.acts],
+            "looks": [look.to_dict() for look in self.looks],
+            "finals": [act.hex() for act in self.finals],
+            "final_looks": [look.to_dict() for look in self.final_looks],
+            "identity": self.identity.hex(),
+            "brake_s": self.brake_s,
+        }
+
+
+@dataclass(frozen=True, slots=True)
+class GuardOrder:
+    """What the guard is to do.
+
+    Parameters
+    ----------
+    targets : tuple of Target
+        Devices to make safe; empty where the driver itself has to do it.
+    command : tuple of str
+        Command that makes the bench safe through its driver, in place of `targets`.
+    stdin : str
+        What that command reads.
+    """
+
+    targets: tuple[Target, ...] = ()
+    command: tuple[str, ...] = ()
+    stdin: str = ""
+
+    def to_dict(self, silence_s: float, log: Path | None) -> dict[str, Any]:
+        """Return it as the guard reads it.
+
+        Parameters
+        ----------
+        silence_s : float
+            Longest time between two signs of life while the motor may turn, s.
+        log : Path or None
+            File that what the guard did is added to.
+
+        Returns
+        -------
+        dict
+        """
+        return {
+            "targets": [target.to_dict() for target in self.targets],
+            "command": list(self.command),
+            "stdin": self.stdin,
+            "silence_s": silence_s,
+            "try_s": _TRY_S,
+            "log": str(log.absolute()) if log else None,
+        }
+
+
+def target_at(address: Address, unit: int, tls: TlsFiles | None = None) -> dict[str, Any]:
+    """Return where a device is, as the guard reads it.
+
+    Parameters
+    ----------
+    address : Address
+        TCP, TLS or serial line.
+    unit : int
+        Modbus unit identifier.
+    tls : TlsFiles or None
+        Certificates of a TLS address.
+
+    Returns
+    -------
+    dict
+    """
+    if address.scheme == "rtu":
+        line = address.serial
+        return {
+            "wire": "rtu",
+            "path": address.path,
+            "unit": unit,
+            "baud_bd": line.baud_bd,
+            "parity": line.parity,
+            "stop_bits": line.stop_bits,
+            # a frame that was on its way when the session ended is over after this time
+            "silence_s": max(line.silence_s, 5e-3),
+        }
+    files = None
+    if address.scheme == "tls" and tls is not None:
+        files = {
+            "certificate": str(Path(tls.certificate).absolute()),
+            "key": str(Path(tls.key).absolute()),
+            "authority": str(Path(tls.authority).absolute()),
+            "server_name": tls.server_name or address.host,
+        }
+    return {
+        "wire": "tcp",
+        "host": address.host,
+        "port": address.port,
+        "unit": unit,
+        "tls": files,
+    }

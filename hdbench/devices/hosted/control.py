@@ -1,0 +1,161 @@
+"""The control thread: paces the motor reference, checks, and only then feeds the watchdog."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+
+from hdbench.devices.daq import Daq
+from hdbench.devices.hosted.reference import HostReference, ReferenceLog
+from hdbench.errors import DeviceError, HdbenchError
+
+__all__ = ["ControlThread"]
+
+# a session that has not asked for samples for this long hangs: the motor must not go on
+_ABSENT_S = 0.5
+# the watchdog is fed at most every third of its time, so that one late turn does not trip it
+_FEEDS_PER_TIME = 4.0
+# a turn that comes this many updates late is no control any more
+_LATE_UPDATES = 20.0
+_LATE_S = 0.2
+_JOIN_S = 1.0
+
+
+class ControlThread:
+    """Puts a reference out until it is stopped.
+
+    Parameters
+    ----------
+    daq : Daq
+        The device; its output ``reference`` and its watchdog.
+    reference : HostReference
+        What is to be put out.
+    log : ReferenceLog
+        Takes what was put out.
+    update_s, watchdog_s : float
+        Time between two values, and the watchdog's, s.
+    clock : callable
+        Monotonic clock, s.
+    speed : float
+        Device seconds per second of `clock`; other than 1 for an accelerated emulator only.
+
+    Notes
+    -----
+    Every turn, in this order: the session still takes samples; no limit was crossed; the thread
+    itself is on time; the value is written and read back; the watchdog is fed. What fails puts
+    0 V out, ends the thread without feeding the watchdog, and is raised at the next `check`.
+    """
+
+    def __init__(
+        self,
+        daq: Daq,
+        reference: HostReference,
+        log: ReferenceLog,
+        *,
+        update_s: float,
+        watchdog_s: float,
+        clock: Callable[[], float] = time.monotonic,
+        speed: float = 1.0,
+    ) -> None:
+        self._daq = daq
+        self._reference = reference
+        self._log = log
+        self._update_s = update_s
+        self._feed_s = watchdog_s / _FEEDS_PER_TIME
+        self._clock = clock
+        self._speed = speed
+        self._halted = threading.Event()
+        self._fault: HdbenchError | None = None
+        self._crossed = ""
+        self._thread = threading.Thread(target=self._run, name="hdbench-control", daemon=True)
+        self._start_s = self._seen_s = self._fed_s = self._written_s = clock()
+        self._last_v = 0.0
+        self.worst_late_s = 0.0
+
+    def start(self, start_s: float) -> None:
+        """Begin; time 0 of the reference is `start_s` on the clock."""
+        self._start_s = self._seen_s = self._written_s = self._fed_s = start_s
+        self._thread.start()
+
+    def seen(self) -> None:
+        """Note that the session has taken samples and found them good."""
+        self._seen_s = self._clock()
+
+    def crossed(self, what: str) -> None:
+        """Note that a limit was crossed: the motor is stopped at the next turn."""
+        self._crossed = what
+
+    def check(self) -> None:
+        """Raise what has ended the thread, if anything has.
+
+        Raises
+        ------
+        DeviceError
+            The fault.
+        """
+        if self._fault is not None:
+            raise self._fault
+
+    def halt(self) -> None:
+        """End the thread; what stands at the output is the caller's business. Never raises."""
+        self._halted.set()
+        if self._thread.is_alive():
+            self._thread.join(_JOIN_S)
+
+    def _run(self) -> None:
+        due_s = self._start_s
+        try:
+            while not self._halted.wait(max(0.0, due_s - self._clock())):
+                self._turn(due_s)
+                due_s = max(due_s + self._update_s, self._clock())
+        except HdbenchError as error:
+            self._fault = error
+            self._zero()
+
+    def _turn(self, due_s: float) -> None:
+        now_s = self._clock()
+        self._check_session(now_s, now_s - due_s)
+        device_s = self._speed * (now_s - self._start_s)
+        since_s = self._speed * (now_s - self._written_s)
+        value_v = self._reference.value_v(device_s, self._last_v, since_s)
+        if value_v != self._last_v:
+            self._write(value_v)
+        self._written_s = now_s
+        if now_s - self._fed_s >= self._feed_s:
+            self._daq.feed_watchdog()
+            self._fed_s = now_s
+
+    def _check_session(self, now_s: float, late_s: float) -> None:
+        self.worst_late_s = max(self.worst_late_s, late_s)
+        if self._crossed:
+            raise _fault(self._crossed, "find out why before raising the limit in the profile")
+        if not now_s - self._seen_s <= _ABSENT_S:
+            raise _fault(
+                f"nobody has taken samples for {now_s - self._seen_s:.2f} s; allowed {_ABSENT_S} s",
+                "look for what holds this computer up, then run again",
+            )
+        allowed_s = max(_LATE_S, _LATE_UPDATES * self._update_s)
+        if not late_s <= allowed_s:
+            raise _fault(
+                f"a value of the motor reference came {late_s:.2f} s late; allowed {allowed_s:g} s",
+                "free this computer of other work, then run again",
+            )
+
+    def _write(self, value_v: float) -> None:
+        before_s = self._clock()
+        found_v = self._daq.write_output("reference", value_v)
+        self._log.add(before_s, self._clock(), found_v)
+        self._last_v = value_v
+
+    def _zero(self) -> None:
+        try:
+            self._write(0.0)
+        except HdbenchError as error:
+            # the watchdog, no longer fed, does it
+            self._log.worst_write_s = max(self._log.worst_write_s, 0.0)
+            self._fault = self._fault or error
+
+
+def _fault(what: str, fix: str) -> DeviceError:
+    return DeviceError(what, where="motor reference", fix=fix)

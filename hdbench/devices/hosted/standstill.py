@@ -1,0 +1,121 @@
+"""Whether the motor stands, by what the device measures."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+
+from hdbench.devices.daq import Daq
+from hdbench.devices.hosted.settings import HostSettings
+from hdbench.devices.ports import SafeState
+from hdbench.errors import HdbenchError
+
+__all__ = ["confirm_safe", "wait_for_standstill"]
+
+# standing still: eight standard deviations of a tacho with 1 mV noise at 56 rad/s per volt
+STANDSTILL_RAD_S = 0.5
+# longest time for the motor to come to rest, and between two looks at it
+_TIMEOUT_S = 2.5
+_POLL_S = 0.02
+_CALM = 2
+
+
+class _Speed:
+    """Motor speed from tacho, else from two readings of the encoder."""
+
+    def __init__(self, daq: Daq, settings: HostSettings, clock: Callable[[], float]) -> None:
+        self._daq = daq
+        self._settings = settings
+        self._clock = clock
+        self._last: tuple[float, float] | None = None
+
+    def __call__(self) -> float | None:
+        reading = self._daq.snapshot()
+        if "tacho" in reading:
+            return reading["tacho"] * self._settings.tacho_rad_s_per_v
+        if "encoder" not in reading:
+            return None
+        now = (self._clock(), reading["encoder"])
+        last, self._last = self._last, now
+        if last is None or not now[0] > last[0]:
+            return math.inf
+        turn = 2.0 * math.pi / self._settings.counts_per_turn
+        return (now[1] - last[1]) * turn / (now[0] - last[0])
+
+
+def wait_for_standstill(
+    daq: Daq,
+    settings: HostSettings,
+    clock: Callable[[], float],
+    sleep: Callable[[float], None],
+) -> tuple[float | None, str]:
+    """Wait until two readings in a row find the motor standing.
+
+    Parameters
+    ----------
+    daq : Daq
+        The device.
+    settings : HostSettings
+        Scales.
+    clock, sleep : callable
+        Monotonic clock in s, and waiting.
+
+    Returns
+    -------
+    tuple of float or None, and str
+        Speed last read, rad/s, None when none could be read; why it is not known to stand, empty
+        when it stands.
+    """
+    speed = _Speed(daq, settings, clock)
+    until_s = clock() + _TIMEOUT_S
+    found: float | None = None
+    why, calm = "no answer from the device", 0
+    while calm < _CALM and clock() < until_s:
+        try:
+            found = speed()
+        except HdbenchError as error:
+            found, why, calm = None, error.what, 0
+        else:
+            if found is None:
+                return None, "the device measures no motor speed"
+            stands = abs(found) < STANDSTILL_RAD_S
+            calm = calm + 1 if stands else 0
+            why = "" if stands else f"the motor turns at {found:.4g} rad/s"
+        if calm < _CALM:
+            sleep(_POLL_S)
+    known = found if found is not None and math.isfinite(found) else None
+    return known, "" if calm == _CALM else why or "the motor's speed was read once only"
+
+
+def confirm_safe(
+    safe: SafeState,
+    daq: Daq,
+    settings: HostSettings,
+    clock: Callable[[], float],
+    sleep: Callable[[float], None],
+) -> SafeState:
+    """Return `safe` with the motor's standstill, where the device has not looked itself.
+
+    Parameters
+    ----------
+    safe : SafeState
+        What the device read back of its outputs.
+    daq : Daq
+        The device.
+    settings : HostSettings
+        Scales.
+    clock, sleep : callable
+        Monotonic clock in s, and waiting.
+
+    Returns
+    -------
+    SafeState
+        Confirmed only where the motor was seen standing.
+    """
+    if not safe.confirmed or safe.velocity_rad_s is not None:
+        return safe
+    speed, why = wait_for_standstill(daq, settings, clock, sleep)
+    stands = safe.detail if "standing" in safe.detail else f"{safe.detail}, motor standing"
+    detail = why or stands
+    return replace(safe, confirmed=not why, velocity_rad_s=speed, detail=detail)

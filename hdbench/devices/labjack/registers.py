@@ -1,0 +1,385 @@
+"""The registers that the driver uses, by the names of LabJack's own list, and nothing else.
+
+Addresses, types and access are those of ``ljm_constants.json`` (LabJack Corporation, version
+2025.12.18.A). All values are big-endian with the most significant word first.
+"""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass
+from typing import Literal
+
+__all__ = [
+    "AUTO_TARGET",
+    "BUFFER_SIZE",
+    "CORE",
+    "DEVICE_NAME",
+    "DIO_STATE",
+    "FIO_EIO_STATE",
+    "FLASH_POINTER",
+    "FLASH_READ",
+    "IDENTITY",
+    "LAST_ERROR",
+    "SESSION",
+    "STREAM_AUTORECOVER_DISABLE",
+    "STREAM_CAPTURE_16",
+    "STREAM_DATATYPE",
+    "STREAM_ENABLE",
+    "STREAM_SETUP",
+    "STREAM_TARGET",
+    "STRICT_CLEAR",
+    "TEST",
+    "WATCHDOG",
+    "Kind",
+    "Register",
+    "analog_input",
+    "analog_range",
+    "dac",
+    "digital_line",
+    "ef_count",
+    "ef_enable",
+    "ef_index",
+    "fixture",
+    "flash_words",
+    "handling",
+    "negative_channel",
+    "scan_list",
+    "tick_dac",
+    "user_name",
+]
+
+Kind = Literal["u16", "u32", "i32", "f32"]
+_FORMATS: dict[Kind, str] = {"u16": ">H", "u32": ">I", "i32": ">i", "f32": ">f"}
+
+
+@dataclass(frozen=True, slots=True)
+class Register:
+    """One value of the device's flat map.
+
+    Parameters
+    ----------
+    name : str
+        LabJack's name.
+    address : int
+        Address of its first 16-bit register, 0-based.
+    kind : {"u16", "u32", "i32", "f32"}
+        Type.
+    writable : bool
+        Whether the driver ever writes it.
+    flash : bool
+        Whether the device keeps it in flash: written only where it differs.
+    """
+
+    name: str
+    address: int
+    kind: Kind
+    writable: bool = False
+    flash: bool = False
+
+    @property
+    def size(self) -> int:
+        """Number of 16-bit registers."""
+        return 1 if self.kind == "u16" else 2
+
+    def encode(self, value: float) -> bytes:
+        """Return the bytes of `value`.
+
+        Raises
+        ------
+        ValueError
+            If it does not fit the type.
+        """
+        try:
+            if self.kind == "f32":
+                return struct.pack(">f", value)
+            return struct.pack(_FORMATS[self.kind], int(value))
+        except (struct.error, OverflowError) as error:
+            raise ValueError(f"{value!r} does not fit {self.name} ({self.kind})") from error
+
+    def decode(self, raw: bytes) -> float | int:
+        """Return the value of `raw`, exactly `size` registers."""
+        value: float | int = struct.unpack(_FORMATS[self.kind], raw)[0]
+        return value
+
+    def describe(self) -> str:
+        """Return name and address as messages show them."""
+        return f"{self.name} ({self.address})"
+
+
+def _rw(name: str, address: int, kind: Kind = "u32", *, flash: bool = False) -> Register:
+    return Register(name, address, kind, writable=True, flash=flash)
+
+
+TEST = Register("TEST", 55100, "u32")
+IDENTITY = (
+    Register("PRODUCT_ID", 60000, "f32"),
+    Register("HARDWARE_VERSION", 60002, "f32"),
+    Register("FIRMWARE_VERSION", 60004, "f32"),
+    Register("SERIAL_NUMBER", 60028, "u32"),
+)
+DEVICE_NAME = 60500
+DEVICE_NAME_REGISTERS = 25
+LAST_ERROR = (
+    Register("LAST_ERR_DETAIL", 55000, "u16"),
+    Register("LAST_ERR_FRAME", 55002, "u16"),
+    Register("LAST_ERR_TRANSACTION_ID", 55003, "u16"),
+)
+CORE = Register("CORE_TIMER", 61520, "u32")
+
+STREAM_SETUP = (
+    _rw("STREAM_SCANRATE_HZ", 4002, "f32"),
+    _rw("STREAM_NUM_ADDRESSES", 4004),
+    _rw("STREAM_SAMPLES_PER_PACKET", 4006),
+    _rw("STREAM_SETTLING_US", 4008, "f32"),
+    _rw("STREAM_RESOLUTION_INDEX", 4010),
+    _rw("STREAM_BUFFER_SIZE_BYTES", 4012),
+)
+AUTO_TARGET = _rw("STREAM_AUTO_TARGET", 4016)
+STREAM_DATATYPE = _rw("STREAM_DATATYPE", 4018)
+STREAM_TARGET = (AUTO_TARGET, STREAM_DATATYPE, _rw("STREAM_NUM_SCANS", 4020))
+STREAM_AUTORECOVER_DISABLE = _rw("STREAM_AUTORECOVER_DISABLE", 4028)
+STREAM_ENABLE = _rw("STREAM_ENABLE", 4990)
+STREAM_CAPTURE_16 = 4899
+FIO_EIO_STATE = 2580
+DIO_STATE = Register("DIO_STATE", 2800, "u32")
+FLASH_POINTER = _rw("INTERNAL_FLASH_READ_POINTER", 61810)
+FLASH_READ = 61812
+BUFFER_SIZE = 32768
+
+_SETTINGS: tuple[tuple[str, int, Kind], ...] = (
+    ("ENABLE", 61600, "u32"),
+    ("ADVANCED", 61602, "u32"),
+    ("TIMEOUT_S", 61604, "u32"),
+    ("STARTUP_DELAY_S", 61606, "u32"),
+    ("STRICT_ENABLE", 61610, "u32"),
+    ("STRICT_KEY", 61612, "u32"),
+    ("RESET_ENABLE", 61620, "u32"),
+    ("DIO_ENABLE", 61630, "u32"),
+    ("DIO_STATE", 61632, "u32"),
+    ("DIO_DIRECTION", 61634, "u32"),
+    ("DIO_INHIBIT", 61636, "u32"),
+    ("DAC0_ENABLE", 61640, "u32"),
+    ("DAC0", 61642, "f32"),
+    ("DAC1_ENABLE", 61650, "u32"),
+    ("DAC1", 61652, "f32"),
+)
+WATCHDOG = tuple(
+    _rw(f"WATCHDOG_{name}_DEFAULT", address, kind, flash=True) for name, address, kind in _SETTINGS
+)
+STRICT_CLEAR = _rw("WATCHDOG_STRICT_CLEAR", 61614)
+
+# memory that the device leaves to its host: which host holds the bench, and its sign of life
+SESSION = (_rw("USER_RAM0_U32", 46100), _rw("USER_RAM1_U32", 46102))
+
+
+def fixture() -> tuple[Register, ...]:
+    """Return the memory in which the emulator takes lock, direction, position and weight.
+
+    Returns
+    -------
+    tuple of Register
+        Lock, direction, position in rad, and weight in kg.
+    """
+    return tuple(_rw(f"USER_RAM{n}_F32", 46000 + 2 * n, "f32") for n in range(4))
+
+
+def handling() -> tuple[Register, ...]:
+    """Return the memory in which the emulator takes swing, time of release, and shunt.
+
+    Returns
+    -------
+    tuple of Register
+        Swing in rad, time of release in s, and shunt in ohm.
+    """
+    return tuple(_rw(f"USER_RAM{n}_F32", 46000 + 2 * n, "f32") for n in range(4, 7))
+
+
+def analog_input(number: int) -> Register:
+    """Return AINn.
+
+    Parameters
+    ----------
+    number : int
+        n of AINn.
+
+    Returns
+    -------
+    Register
+        AINn, V.
+    """
+    return Register(f"AIN{number}", 2 * number, "f32")
+
+
+def analog_range(number: int) -> Register:
+    """Return AINn_RANGE.
+
+    Parameters
+    ----------
+    number : int
+        n of AINn.
+
+    Returns
+    -------
+    Register
+        AINn_RANGE, V.
+    """
+    return _rw(f"AIN{number}_RANGE", 40000 + 2 * number, "f32")
+
+
+def negative_channel(number: int) -> Register:
+    """Return AINn_NEGATIVE_CH.
+
+    Parameters
+    ----------
+    number : int
+        n of AINn.
+
+    Returns
+    -------
+    Register
+        AINn_NEGATIVE_CH; 199 is single-ended.
+    """
+    return _rw(f"AIN{number}_NEGATIVE_CH", 41000 + number, "u16")
+
+
+def dac(number: int) -> Register:
+    """Return DACn.
+
+    Parameters
+    ----------
+    number : int
+        0 or 1.
+
+    Returns
+    -------
+    Register
+        DACn, V.
+    """
+    return _rw(f"DAC{number}", 1000 + 2 * number, "f32")
+
+
+def tick_dac(number: int) -> Register:
+    """Return TDACn.
+
+    Parameters
+    ----------
+    number : int
+        Line of the LJTick-DAC's output: even for its A, odd for its B.
+
+    Returns
+    -------
+    Register
+        TDACn, V; it cannot be read.
+    """
+    return _rw(f"TDAC{number}", 30000 + 2 * number, "f32")
+
+
+def digital_line(number: int) -> Register:
+    """Return DIOn.
+
+    Parameters
+    ----------
+    number : int
+        0 to 22.
+
+    Returns
+    -------
+    Register
+        DIOn; a write makes it an output, a read gives the level at the terminal.
+    """
+    return _rw(f"DIO{number}", 2000 + number, "u16")
+
+
+def ef_enable(number: int) -> Register:
+    """Return DIOn_EF_ENABLE.
+
+    Parameters
+    ----------
+    number : int
+        Line.
+
+    Returns
+    -------
+    Register
+        DIOn_EF_ENABLE.
+    """
+    return _rw(f"DIO{number}_EF_ENABLE", 44000 + 2 * number)
+
+
+def ef_index(number: int) -> Register:
+    """Return DIOn_EF_INDEX.
+
+    Parameters
+    ----------
+    number : int
+        Line.
+
+    Returns
+    -------
+    Register
+        DIOn_EF_INDEX; 10 is quadrature.
+    """
+    return _rw(f"DIO{number}_EF_INDEX", 44100 + 2 * number)
+
+
+def ef_count(number: int) -> Register:
+    """Return DIOn_EF_READ_A.
+
+    Parameters
+    ----------
+    number : int
+        Line.
+
+    Returns
+    -------
+    Register
+        DIOn_EF_READ_A: the count of a quadrature pair, two's complement.
+    """
+    return Register(f"DIO{number}_EF_READ_A", 3000 + 2 * number, "i32")
+
+
+def scan_list(position: int) -> Register:
+    """Return STREAM_SCANLIST_ADDRESSi.
+
+    Parameters
+    ----------
+    position : int
+        0 to 127.
+
+    Returns
+    -------
+    Register
+        STREAM_SCANLIST_ADDRESSi.
+    """
+    return _rw(f"STREAM_SCANLIST_ADDRESS{position}", 4100 + 2 * position)
+
+
+def flash_words(count: int) -> tuple[Register, ...]:
+    """Return floats of the flash.
+
+    Parameters
+    ----------
+    count : int
+        How many.
+
+    Returns
+    -------
+    tuple of Register
+        32-bit floats from the flash pointer on.
+    """
+    return tuple(Register("INTERNAL_FLASH_READ", FLASH_READ + 2 * n, "f32") for n in range(count))
+
+
+def user_name() -> tuple[Register, ...]:
+    """Return the registers of DEVICE_NAME_DEFAULT, two characters each.
+
+    Returns
+    -------
+    tuple of Register
+        Two characters each.
+    """
+    return tuple(
+        Register("DEVICE_NAME_DEFAULT", DEVICE_NAME + n, "u16")
+        for n in range(DEVICE_NAME_REGISTERS)
+    )

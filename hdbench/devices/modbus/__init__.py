@@ -1,0 +1,1 @@
+"""Any polled Modbus device, described by its registers in the profile."""

@@ -1,0 +1,255 @@
+"""Transactions with one device: one at a time, each with its deadline."""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from collections.abc import Callable, Sequence
+from typing import NoReturn
+
+from hdbench.devices.modbus.layout import Block, Place, plan_blocks, values_of
+from hdbench.devices.modbus.values import encode
+from hdbench.devices.wire import (
+    ExceptionReply,
+    FrameError,
+    Link,
+    Probe,
+    ReplyCheck,
+    write_bit,
+    write_register,
+    write_registers,
+)
+from hdbench.errors import DeviceError, HdbenchError, ProfileError
+
+__all__ = ["QUIET_S", "TRY", "Access"]
+
+# a lost reply to a read is asked for once more, each try within half of the deadline
+_ATTEMPTS = 2
+# exceptions that mean the profile is wrong, and those that mean "later"
+_WRONG_PROFILE = (1, 2, 3)
+_LATER = (5, 6)
+# a device that is busy is asked again after this time, s
+_BUSY_S = 0.02
+# on a line without transaction numbers a reply may come late. A try ends after this share of the
+# deadline, no read is sent for as long again, so that one lost frame costs no call; and for this
+# long after a fault every read is proven by a probe, s
+TRY, _LATE = 0.35, 0.35
+_DOUBT_S = 2.0
+# how long the link wants the line quiet then, s
+QUIET_S = 0.05
+
+
+class Access:
+    """Reads and writes values; every call keeps its deadline, from any thread.
+
+    Parameters
+    ----------
+    link : Link
+        Connection; owned from now on.
+    deadline_s : float
+        Longest time of one transaction, s, the wait for another thread's included.
+    probe : callable, optional
+        Of a line without transaction numbers: the who-are-you read that follows every read for 2 s
+        after a fault. Replies come in the order of their requests: had a late one been taken for
+        this read's, the read's own would now come in the place of the probe's.
+    numbered : bool, optional
+        False for a line without transaction numbers: a read is then not sent while the reply to an
+        earlier request may still come, up to 0.35 deadlines after the end of that try.
+    min_gap_s : float
+        Rest of the device between two requests, s.
+    max_registers, bridge : int
+        Most registers of one read, and how many that nobody asked for may be read along.
+    clock, sleep : callable, optional
+        Monotonic clock in s, and waiting.
+    """
+
+    def __init__(
+        self,
+        link: Link,
+        *,
+        deadline_s: float,
+        probe: Probe | None = None,
+        numbered: bool = True,
+        min_gap_s: float = 0.0,
+        max_registers: int = 125,
+        bridge: int = 0,
+        clock: Callable[[], float] = time.monotonic,
+        sleep: Callable[[float], None] = time.sleep,
+    ) -> None:
+        self.where = f"Modbus {link.where}"
+        self.repeats = 0
+        self._link = link
+        self._deadline_s = deadline_s
+        self._min_gap_s = min_gap_s
+        self._max_registers = max_registers
+        self._bridge = bridge
+        self._clock = clock
+        self._sleep = sleep
+        self._lock = threading.Lock()
+        self._rested_s = 0.0
+        self._probe = probe
+        self._probes = 0
+        self._numbered = numbered
+        self._doubtful_until_s = self._late_until_s = -math.inf
+
+    def blocks(self, places: Sequence[Place]) -> tuple[Block, ...]:
+        """Return the reads that hold `places`."""
+        return plan_blocks(places, most=self._max_registers, bridge=self._bridge)
+
+    def read(self, places: Sequence[Place]) -> list[float | int]:
+        """Return the values of places, read in as few requests as may be.
+
+        Raises
+        ------
+        DeviceError
+            If no valid answer came in time, or the device failed.
+        ProfileError
+            If the device has no such register.
+        """
+        replies = {
+            block: self.transact(*block.request(), block.name, attempts=_ATTEMPTS)[2:]
+            for block in self.blocks(places)
+        }
+        return values_of(places, replies)
+
+    def write(self, place: Place, value: float, function: int | None = None) -> None:
+        """Write one value, sent exactly once.
+
+        Raises
+        ------
+        DeviceError
+            If no valid answer came in time; it may or may not have been written then, and the
+            error's cause is a `FrameError`.
+        ProfileError
+            If the device has no such register, or the value does not fit its type.
+        """
+        self.transact(*self._write_request(place, value, function), place.name, attempts=1)
+
+    def close(self) -> None:
+        """Close the connection; never raises."""
+        self._link.close()
+
+    def transact(self, pdu: bytes, check: ReplyCheck, name: str, *, attempts: int) -> bytes:
+        """Send one request, again where nothing valid came, and return the PDU of its reply.
+
+        Parameters
+        ----------
+        pdu : bytes
+            Function code and data.
+        check : callable
+            What the reply must be.
+        name : str
+            Register, for messages.
+        attempts : int
+            1 for a write, 2 for a read.
+
+        Returns
+        -------
+        bytes
+        """
+        start_s = self._clock()
+        if not self._lock.acquire(timeout=self._deadline_s):
+            raise self._fault(name, "another transaction did not end")
+        try:
+            fault = FrameError("no time left")
+            for attempt in range(1, attempts + 1):
+                until_s = self._until(start_s, attempt, attempts)
+                if not self._clock() < until_s:
+                    break
+                try:
+                    reply = self._patiently(pdu, check, name, until_s)
+                    if attempts > 1:
+                        self._make_sure(name, until_s)
+                except FrameError as found:
+                    self.repeats += attempt < attempts
+                    self._note_fault(until_s)
+                    fault = found
+                else:
+                    return reply
+            times = f", {attempts} times" if attempts > 1 else ""
+            raise self._fault(name, f"{fault}{times}") from fault
+        finally:
+            self._lock.release()
+
+    def _until(self, start_s: float, attempt: int, attempts: int) -> float:
+        """Return the end of one try; before a read, late replies to earlier ones are waited for."""
+        ends_s = start_s + self._deadline_s
+        if self._numbered or attempts == 1:
+            return start_s + self._deadline_s * attempt / attempts
+        wait_s = min(self._late_until_s, ends_s) - self._clock()
+        if wait_s > 0.0:
+            self._sleep(wait_s)
+        return ends_s if attempt == attempts else self._clock() + TRY * self._deadline_s
+
+    def _note_fault(self, until_s: float) -> None:
+        now_s = self._clock()
+        self._doubtful_until_s = now_s + _DOUBT_S
+        if not now_s < until_s:
+            # no reply at all: it may be late
+            self._late_until_s = now_s + _LATE * self._deadline_s
+
+    def _make_sure(self, name: str, until_s: float) -> None:
+        """Let a probe follow a read, where a late reply may still be on its way."""
+        if self._probe is None or not self._clock() < self._doubtful_until_s:
+            return
+        self._probes += 1
+        try:
+            self._patiently(*self._probe(self._probes), name, until_s)
+        except HdbenchError as refused:
+            # a device that does not let the probe's registers be read cannot prove it
+            raise FrameError(f"the check of the reply was refused: {refused.what}") from refused
+
+    def _patiently(self, pdu: bytes, check: ReplyCheck, name: str, until_s: float) -> bytes:
+        """Send the request; a device that says it is busy is asked again until the deadline."""
+        while True:
+            rest_s = self._rested_s + self._min_gap_s - self._clock()
+            if rest_s > 0.0:
+                if not self._clock() + rest_s < until_s:
+                    raise FrameError("no time left after the rest that the device needs")
+                self._sleep(rest_s)
+            try:
+                return self._link.transact(pdu, check, until_s)
+            except ExceptionReply as reply:
+                if reply.code not in _LATER:
+                    self._refused(reply, name)
+                if not self._clock() + _BUSY_S < until_s:
+                    raise FrameError(str(reply)) from reply
+            finally:
+                self._rested_s = self._clock()
+            self._sleep(_BUSY_S)
+
+    def _write_request(
+        self, place: Place, value: float, function: int | None
+    ) -> tuple[bytes, ReplyCheck]:
+        if place.is_bit:
+            return write_bit(place.start, on=bool(value))
+        try:
+            raw = encode(value, place.kind, place.order)
+        except ValueError as error:
+            raise ProfileError(
+                str(error),
+                where=f"{self.where}, {place.name}",
+                fix="correct type or scale of this register in the profile",
+            ) from error
+        if function == 6 or (function is None and place.size == 1):
+            return write_register(place.start, int.from_bytes(raw, "big"))
+        return write_registers(place.start, raw)
+
+    def _refused(self, reply: ExceptionReply, name: str) -> NoReturn:
+        kind: type[HdbenchError] = ProfileError if reply.code in _WRONG_PROFILE else DeviceError
+        fix = (
+            "compare table, address, type and daq.numbering with the device's manual"
+            if kind is ProfileError
+            else "switch the device off and on, then look at its own display"
+        )
+        raise kind(
+            f"the device refused with {reply}", where=f"{self.where}, {name}", fix=fix
+        ) from reply
+
+    def _fault(self, name: str, what: str) -> DeviceError:
+        return DeviceError(
+            f"{what} (deadline {self._deadline_s:g} s)",
+            where=f"{self.where}, {name}",
+            fix="check power, wiring, unit and bit rate of the device, then run `hdbench doctor`",
+        )

@@ -1,0 +1,103 @@
+"""Open the Modbus device that a profile describes."""
+
+from __future__ import annotations
+
+from hdbench.devices.modbus.abilities import exchange_s, max_rates_hz, reads_of
+from hdbench.devices.modbus.access import QUIET_S, TRY, Access
+from hdbench.devices.modbus.driver import ModbusDaq
+from hdbench.devices.modbus.probe import make_probe
+from hdbench.devices.wire import connect, parse_address
+from hdbench.devices.wire.address import serial_settings
+from hdbench.errors import ProfileError, UsageError
+from hdbench.profile.acquiring import Acquisition
+from hdbench.profile.acquiring_modbus import ModbusAcquisition
+from hdbench.profile.schema import ProfileData
+
+__all__ = ["modbus_rate_hz", "open_modbus"]
+
+
+def open_modbus(profile: ProfileData, table: Acquisition) -> ModbusDaq:
+    """Open the device; nothing is connected or written yet.
+
+    Parameters
+    ----------
+    profile : ProfileData
+        The bench.
+    table : ModbusAcquisition
+        ``[daq]``, or one part of a composite, with the address of a device.
+
+    Returns
+    -------
+    ModbusDaq
+
+    Raises
+    ------
+    UsageError
+        If the table or its address is another driver's.
+    ProfileError
+        If the deadline is too short for a serial line to recover from one lost frame.
+    """
+    found = _own(table)
+    given = None if found.serial is None else serial_settings(found.serial)
+    address = parse_address(found.address, given, default_port=502)
+    if address.scheme == "rtu":
+        _check_deadline(found)
+    probe = make_probe(found)
+    link = connect(address, unit=found.unit, probe=probe, tls=found.tls)
+    access = Access(
+        link,
+        deadline_s=found.deadline_s,
+        probe=probe if address.scheme == "rtu" else None,
+        numbered=address.scheme != "rtu",
+        min_gap_s=found.min_gap_s,
+        max_registers=found.max_read_registers,
+        bridge=found.bridge_registers,
+    )
+    return ModbusDaq(access, found)
+
+
+def modbus_rate_hz(table: Acquisition) -> float:
+    """Return the highest rate of the profile's channels, Hz.
+
+    Parameters
+    ----------
+    table : ModbusAcquisition
+        ``[daq]``.
+
+    Returns
+    -------
+    float
+        As the profile describes device and wire, embedded or not: the emulator is as slow.
+
+    Raises
+    ------
+    ValueError
+        If it has no channels.
+    """
+    rates = max_rates_hz(_own(table))
+    if not rates:
+        raise ValueError("no channels")
+    return rates[-1]
+
+
+def _check_deadline(table: ModbusAcquisition) -> None:
+    """Refuse a deadline whose tries are too short: a quiet line, a probe, a read, a probe."""
+    longest = max((block.reply_bytes for block in reads_of(table)), default=2)
+    needed_s = (QUIET_S + 3.0 * exchange_s(table, longest)) / TRY
+    if not table.deadline_s >= needed_s:
+        raise ProfileError(
+            f"{table.deadline_s:g} s; on this serial line a lost frame is got over within "
+            f"{needed_s:.2g} s",
+            where="key daq.deadline_s",
+            fix=f"set it to {needed_s:.2g} s or more",
+        )
+
+
+def _own(table: Acquisition) -> ModbusAcquisition:
+    if not isinstance(table, ModbusAcquisition):
+        raise UsageError(
+            f"the table of driver {table.driver!r} is none of modbus",
+            where="key daq.driver",
+            fix='set driver = "modbus"',
+        )
+    return table

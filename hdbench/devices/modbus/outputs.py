@@ -1,0 +1,125 @@
+"""The motor reference and the drive's enable line, every write read back."""
+
+from __future__ import annotations
+
+from hdbench.devices.modbus.access import Access
+from hdbench.devices.modbus.layout import Place, place_of
+from hdbench.devices.modbus.values import range_of
+from hdbench.devices.wire import FrameError
+from hdbench.errors import DeviceError, UsageError
+from hdbench.profile.acquiring_modbus import ModbusAcquisition, ModbusOutput
+
+__all__ = ["Outputs", "output_range_v", "output_step_v"]
+
+
+def output_range_v(output: ModbusOutput) -> tuple[float, float]:
+    """Return the range that may be written: that of the register within the profile's limit.
+
+    Parameters
+    ----------
+    output : ModbusOutput
+        ``[daq.output]``.
+
+    Returns
+    -------
+    tuple of float
+        Ends, V.
+    """
+    ends = sorted(output.offset + output.scale * end for end in range_of(output.type))
+    return max(ends[0], -output.limit_v), min(ends[1], output.limit_v)
+
+
+def output_step_v(output: ModbusOutput) -> float:
+    """Return the smallest change that the register shows, V; 0 for a float.
+
+    Parameters
+    ----------
+    output : ModbusOutput
+        ``[daq.output]``.
+
+    Returns
+    -------
+    float
+    """
+    return 0.0 if output.type.startswith("f") else abs(output.scale)
+
+
+class Outputs:
+    """Writes the outputs that the profile lists, and nothing else.
+
+    Parameters
+    ----------
+    access : Access
+        The device.
+    table : ModbusAcquisition
+        ``[daq]``.
+    output : ModbusOutput
+        ``[daq.output]``.
+    """
+
+    def __init__(self, access: Access, table: ModbusAcquisition, output: ModbusOutput) -> None:
+        self._access = access
+        self._output = output
+        self._place = place_of(table, output)
+        self._back: Place = (
+            self._place if output.read_back is None else place_of(table, output.read_back)
+        )
+        self._enable = None if output.enable is None else place_of(table, output.enable)
+
+    def write(self, value: float) -> float:
+        """Write the reference once and return what is read back, V.
+
+        Raises
+        ------
+        UsageError
+            If the value is outside of the range; it is never clipped.
+        DeviceError
+            If it reads back as another one.
+        """
+        low, high = output_range_v(self._output)
+        # written so that NaN fails
+        if not low <= value <= high:
+            raise UsageError(
+                f"reference {value!r} V; needed: {low:g} to {high:g} V",
+                where=f"{self._access.where}, {self._place.name}",
+                fix="ask for less, or raise daq.output.limit_v if the drive allows it",
+            )
+        raw = (value - self._output.offset) / self._output.scale
+        self._once(self._place, raw, self._output.function)
+        found = self.read_back()
+        # half a step is rounding, a 32-bit float keeps 6e-8 of its value
+        if not abs(found - value) <= output_step_v(self._output) + 1e-6 * abs(value):
+            raise DeviceError(
+                f"the reference reads back as {found:.6g} V; written: {value:.6g} V",
+                where=f"{self._access.where}, {self._back.name}",
+                fix="use the emergency stop if the motor turns, then check scale and read_back of "
+                "daq.output",
+            )
+        return found
+
+    def read_back(self) -> float:
+        """Return the reference that stands at the output, V."""
+        return float(self._output.offset + self._output.scale * self._access.read([self._back])[0])
+
+    def enable(self, *, on: bool) -> bool:
+        """Write the enable line once and return what it reads back; False without a line."""
+        spec, place = self._output.enable, self._enable
+        if spec is None or place is None:
+            return False
+        self._once(place, spec.on if on else spec.off, None)
+        return self.enabled()
+
+    def enabled(self) -> bool:
+        """Return whether the enable line reads as on; False without a line."""
+        spec, place = self._output.enable, self._enable
+        if spec is None or place is None:
+            return False
+        return bool(self._access.read([place])[0] != spec.off)
+
+    def _once(self, place: Place, value: float, function: int | None) -> None:
+        """Write once; without a valid answer, what became of it shows when it is read back."""
+        try:
+            self._access.write(place, value, function)
+        except DeviceError as error:
+            if not isinstance(error.__cause__, FrameError):
+                raise

@@ -1,0 +1,166 @@
+"""A node's registers with their meaning: who it is, what it allows, what reads back."""
+
+from __future__ import annotations
+
+import struct
+
+from hdbench.devices.node.codec import Value, as_float32, decode_group, encode_group
+from hdbench.devices.node.registers import (
+    FIXTURE,
+    HANDLING,
+    IDENTITY,
+    LIMITS,
+    PROGRAM,
+    PROTOCOL_VERSION,
+    STATUS,
+    WORD_ORDER_TEST,
+    Capability,
+    Command,
+    Register,
+    register,
+)
+from hdbench.devices.node.settings import part_values
+from hdbench.devices.node.wire import NodeWire
+from hdbench.devices.ports import Identity
+from hdbench.devices.wire import FrameError
+from hdbench.errors import DeviceError
+from hdbench.model.program import ReferenceProgram
+
+__all__ = ["NodeAccess"]
+
+
+class NodeAccess:
+    """Everything of a node but its acquisition; also the fixture of a simulated one.
+
+    Parameters
+    ----------
+    wire : NodeWire
+        Register access; owned from now on.
+    """
+
+    def __init__(self, wire: NodeWire) -> None:
+        self.wire = wire
+        self._identity: Identity | None = None
+        self._has_program = False
+        self._limits: dict[str, Value] = {}
+
+    def identity(self) -> Identity:
+        """Return who answers; asked once, before anything is written."""
+        if self._identity is None:
+            values = decode_group(IDENTITY, self.wire.read(IDENTITY))
+            if values["word_order"] != WORD_ORDER_TEST:
+                raise self.error(
+                    f"word order test reads 0x{values['word_order']:08X}; "
+                    f"needed: 0x{WORD_ORDER_TEST:08X}",
+                    "word_order",
+                    "this is no bench controller node, or its word order is swapped",
+                )
+            if values["protocol_version"] != PROTOCOL_VERSION:
+                raise self.error(
+                    f"map version {values['protocol_version']}; needed: {PROTOCOL_VERSION}",
+                    "protocol_version",
+                    "update the node's firmware or hdbench",
+                )
+            self._has_program = bool(int(values["capabilities"]) & Capability.PROGRAM)
+            self._identity = Identity(
+                vendor=str(values["vendor"]),
+                model=str(values["model"]),
+                serial=str(values["serial"]),
+                firmware=str(values["firmware"]),
+                simulated=bool(int(values["capabilities"]) & Capability.SIMULATED),
+            )
+        return self._identity
+
+    def limits(self) -> dict[str, Value]:
+        """Return the node's own limits and scales, by register name."""
+        if not self._limits:
+            self._limits = decode_group(LIMITS, self.wire.read(LIMITS))
+        return self._limits
+
+    def status(self) -> dict[str, Value]:
+        """Return the status block of this moment, by register name."""
+        return decode_group(STATUS, self.wire.read_status())
+
+    def command(self, command: Command) -> None:
+        """Write a command, once."""
+        self.wire.write_once((register("command"),), struct.pack(">H", command))
+
+    def make_safe(self) -> None:
+        """Order the safe state of a device that is known to be a node."""
+        self.identity()
+        self.command(Command.SAFE)
+
+    def set_fixture(
+        self, *, locked: bool, position_rad: float, mass_kg: float, direction: int
+    ) -> None:
+        """Set lock, flexspline position and weight of a simulated bench, and read them back.
+
+        Raises
+        ------
+        DeviceError
+            If the node is no simulated bench, refuses, or reads back otherwise.
+        """
+        if not self.identity().simulated:
+            raise self.error(
+                "a real bench has no simulated fixture", "fixture_locked", "ask the operator"
+            )
+        wanted: dict[str, Value] = {
+            "fixture_locked": int(locked),
+            "fixture_direction": direction,
+            "fixture_position_rad": as_float32(position_rad),
+            "fixture_mass_kg": as_float32(mass_kg),
+        }
+        self.write_and_read_back(FIXTURE, wanted)
+
+    def set_handling(self, *, swing_rad: float, release_s: float, shunt_ohm: float) -> None:
+        """Set how the next weight of a simulated bench is handled, and its shunt resistor.
+
+        Raises
+        ------
+        DeviceError
+            If the node is no simulated bench, refuses, or reads back otherwise.
+        """
+        if not self.identity().simulated:
+            raise self.error(
+                "a real bench has no simulated fixture", "handling_swing_rad", "ask the operator"
+            )
+        wanted: dict[str, Value] = {
+            "handling_swing_rad": as_float32(swing_rad),
+            "handling_release_s": as_float32(release_s),
+            "handling_shunt_ohm": as_float32(shunt_ohm),
+        }
+        self.write_and_read_back(HANDLING, wanted)
+
+    def write_program(self, program: ReferenceProgram) -> None:
+        """Write the parts of a program and read each of them back."""
+        if not self._has_program:
+            raise self.error(
+                "this node's generator has no program; needed: bit 2 of the capabilities",
+                "capabilities",
+                "update the node's firmware (docs/node-protocol.md), or run without --plan",
+            )
+        for part in part_values(program):
+            self.write_and_read_back(PROGRAM, part)
+
+    def write_and_read_back(self, group: tuple[Register, ...], wanted: dict[str, Value]) -> None:
+        """Write `wanted` once; what counts is what then stands in the node."""
+        try:
+            self.wire.write_once(group, encode_group(group, wanted))
+        except DeviceError as error:
+            if not isinstance(error.__cause__, FrameError):
+                raise
+        found = decode_group(group, self.wire.read(group))
+        for name, value in wanted.items():
+            if found[name] != value:
+                raise self.error(
+                    f"{name} reads back as {found[name]}; written: {value}",
+                    name,
+                    "run again; if it stays, check the node's firmware",
+                )
+
+    def error(self, what: str, name: str, fix: str) -> DeviceError:
+        """Return an error that names a register."""
+        entry = register(name)
+        return DeviceError(
+            what, where=f"{self.wire.where}, register {name} (0x{entry.address:04X})", fix=fix
+        )

@@ -1,0 +1,46 @@
+"""One strict Modbus client for all drivers: TCP, TLS and serial lines."""
+
+from __future__ import annotations
+
+from hdbench.devices.wire.address import Address, parse_address
+from hdbench.devices.wire.checks import (
+    EXCEPTIONS,
+    ExceptionReply,
+    FrameError,
+    ReplyCheck,
+    StaleReply,
+    bits_check,
+    echo_check,
+    registers_check,
+)
+from hdbench.devices.wire.link import Link, Probe, connect
+from hdbench.devices.wire.requests import (
+    exchange_registers,
+    read_bits,
+    read_registers,
+    write_bit,
+    write_register,
+    write_registers,
+)
+
+__all__ = [
+    "EXCEPTIONS",
+    "Address",
+    "ExceptionReply",
+    "FrameError",
+    "Link",
+    "Probe",
+    "ReplyCheck",
+    "StaleReply",
+    "bits_check",
+    "connect",
+    "echo_check",
+    "exchange_registers",
+    "parse_address",
+    "read_bits",
+    "read_registers",
+    "registers_check",
+    "write_bit",
+    "write_register",
+    "write_registers",
+]

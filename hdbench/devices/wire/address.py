@@ -1,0 +1,188 @@
+"""Where a device is: ``tcp://``, ``tls://``, ``rtu://``."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import Literal
+from urllib.parse import parse_qsl
+
+from hdbench.errors import UsageError
+from hdbench.profile.acquiring_table import SerialLine
+
+__all__ = ["Address", "SerialSettings", "parse_address", "serial_settings"]
+
+_PARITIES = {"none": "N", "even": "E", "odd": "O", "n": "N", "e": "E", "o": "O"}
+_FIX = "for example tcp://192.168.0.7:502, tls://bench-7:802 or rtu:///dev/ttyUSB0?baud=115200"
+# 1.75 ms, which the specification advises above 19200 bit/s, is for hosts that cannot time less
+_GAP_CHARACTERS = 3.5
+
+
+@dataclass(frozen=True, slots=True)
+class SerialSettings:
+    """A serial line with Modbus RTU.
+
+    Parameters
+    ----------
+    baud_bd : int
+        Bit rate, bit/s.
+    parity : {"N", "E", "O"}
+        Parity.
+    stop_bits : int
+        1 or 2.
+    gap_s : float or None
+        Silence between frames, s; None for 3.5 characters.
+    """
+
+    baud_bd: int = 115200
+    parity: str = "E"
+    stop_bits: int = 1
+    gap_s: float | None = None
+
+    @property
+    def character_s(self) -> float:
+        """Time of one character on the wire, s: start, eight data, parity, stop bits."""
+        bits = 1 + 8 + (self.parity != "N") + self.stop_bits
+        return bits / self.baud_bd
+
+    @property
+    def silence_s(self) -> float:
+        """Silence between frames, s."""
+        return _GAP_CHARACTERS * self.character_s if self.gap_s is None else self.gap_s
+
+    def exchange_s(self, sent: int, received: int) -> float:
+        """Return the shortest time of one exchange, s: characters and the silence around them.
+
+        Parameters
+        ----------
+        sent, received : int
+            Characters of request and reply, address and checksum included.
+
+        Returns
+        -------
+        float
+        """
+        return (sent + received) * self.character_s + 2.0 * self.silence_s
+
+
+@dataclass(frozen=True, slots=True)
+class Address:
+    """A parsed address.
+
+    Parameters
+    ----------
+    scheme : {"tcp", "tls", "rtu"}
+        What is spoken.
+    host : str
+        Host name or address; empty for a serial line.
+    port : int
+        TCP port; 0 for a serial line.
+    path : str
+        Serial port; empty for a network.
+    serial : SerialSettings
+        Settings of a serial line.
+    """
+
+    scheme: Literal["tcp", "tls", "rtu"]
+    host: str = ""
+    port: int = 0
+    path: str = ""
+    serial: SerialSettings = SerialSettings()
+
+    def __str__(self) -> str:
+        """Return the address in its shortest form."""
+        if self.scheme == "rtu":
+            return f"rtu://{self.path}"
+        return f"{self.scheme}://{self.host}:{self.port}"
+
+
+def serial_settings(line: SerialLine) -> SerialSettings:
+    """Return the settings that ``[daq.serial]`` of a profile gives.
+
+    Parameters
+    ----------
+    line : SerialLine
+        The table.
+
+    Returns
+    -------
+    SerialSettings
+    """
+    return SerialSettings(line.baud_bd, _PARITIES[line.parity], line.stop_bits, line.gap_s)
+
+
+def parse_address(
+    address: str, serial: SerialSettings | None = None, *, default_port: int | None = None
+) -> Address:
+    """Return the parts of an address.
+
+    Parameters
+    ----------
+    address : str
+        ``tcp://HOST:PORT``, ``tls://HOST:PORT`` or ``rtu:///dev/NAME[?KEY=VALUE&...]`` with the
+        keys ``baud``, ``parity`` (``none``, ``even``, ``odd``), ``stop`` and ``gap_us``.
+    serial : SerialSettings, optional
+        What holds where the address does not say.
+    default_port : int, optional
+        Port where the address names none; left out, it must name one.
+
+    Returns
+    -------
+    Address
+
+    Raises
+    ------
+    UsageError
+        If `address` has another form or a value is out of range.
+    """
+    scheme, _, rest = address.partition("://")
+    if scheme == "rtu":
+        return _serial(address, rest, serial or SerialSettings())
+    if scheme not in ("tcp", "tls"):
+        raise _bad(address, "needed: tcp://HOST:PORT, tls://HOST:PORT or rtu:///dev/NAME")
+    host, colon, port = rest.rpartition(":")
+    if not colon and default_port is not None:
+        host, port = rest, str(default_port)
+    if not re.fullmatch(r"[A-Za-z0-9.-]+", host):
+        raise _bad(address, "needed: tcp://HOST:PORT with a host name or an IPv4 address")
+    if not port.isdecimal() or not port.isascii() or not 0 < int(port[:6]) < 65536:
+        raise _bad(address, "needed: tcp://HOST:PORT with a port from 1 to 65535")
+    return Address("tls" if scheme == "tls" else "tcp", host, int(port))
+
+
+def _serial(address: str, rest: str, given: SerialSettings) -> Address:
+    path, _, query = rest.partition("?")
+    if not re.fullmatch(r"/[A-Za-z0-9._/-]+", path) or ".." in path:
+        raise _bad(address, "needed: the path of a serial port after rtu://")
+    values: dict[str, str] = dict(parse_qsl(query, keep_blank_values=True))
+    unknown = sorted(set(values) - {"baud", "parity", "stop", "gap_us"})
+    if unknown:
+        raise _bad(address, f"{unknown[0]!r} is no key; known: baud, parity, stop, gap_us")
+    parity = values.get("parity", "").lower()
+    if parity and parity not in _PARITIES:
+        raise _bad(address, f"parity {parity!r}; needed: none, even or odd")
+    gap_us = _whole(address, values, "gap_us", (0, 1_000_000))
+    settings = SerialSettings(
+        _whole(address, values, "baud", (1200, 4_000_000)) or given.baud_bd,
+        _PARITIES[parity] if parity else given.parity,
+        _whole(address, values, "stop", (1, 2)) or given.stop_bits,
+        given.gap_s if gap_us is None else gap_us / 1e6,
+    )
+    return Address("rtu", path=path, serial=settings)
+
+
+def _whole(address: str, values: dict[str, str], key: str, ends: tuple[int, int]) -> int | None:
+    text = values.get(key)
+    if text is None:
+        return None
+    low, high = ends
+    # seven digits hold every range above
+    if not re.fullmatch(r"[0-9]{1,7}", text) or not low <= int(text) <= high:
+        raise _bad(address, f"{key} {text[:20]!r}; needed: a whole number from {low} to {high}")
+    return int(text)
+
+
+def _bad(address: str, what: str) -> UsageError:
+    return UsageError(
+        f"{address[:80]!r} is no address of a device; {what}", where="address", fix=_FIX
+    )

@@ -1,0 +1,250 @@
+"""Modbus RTU on a serial line or a pseudo-terminal."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import select
+import time
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from hdbench.devices.wire.address import Address
+from hdbench.devices.wire.checks import ExceptionReply, FrameError, ReplyCheck, StaleReply
+from hdbench.devices.wire.crc import crc16
+from hdbench.errors import BusyError
+
+if TYPE_CHECKING:
+    from serial import Serial
+
+__all__ = ["RtuLink", "reply_size"]
+
+# a line without a character for this long carries no frame of anybody
+_QUIET_S = 0.05
+# frame lengths: replies with a byte count of their own, and those of a fixed length
+_COUNTED = frozenset((1, 2, 3, 4, 23))
+_ECHOED = frozenset((5, 6, 15, 16))
+_ECHO_SIZE = 8
+_EXCEPTION_SIZE = 5
+_CHUNK = 4096
+_SHORT_S = 1e-4
+
+
+def reply_size(data: bytes) -> int | None:
+    """Return the length of the frame that begins with `data`; None while it cannot be told.
+
+    Parameters
+    ----------
+    data : bytes
+        What has come so far.
+
+    Returns
+    -------
+    int or None
+        Characters from unit identifier to checksum.
+
+    Raises
+    ------
+    FrameError
+        If no reply of a known function begins so.
+    """
+    if len(data) < 2:
+        return None
+    function = data[1]
+    if function & 0x80:
+        return _EXCEPTION_SIZE
+    if function in _ECHOED:
+        return _ECHO_SIZE
+    if function not in _COUNTED:
+        raise FrameError(f"function code {function} was never asked for")
+    return None if len(data) < 3 else 5 + data[2]
+
+
+class RtuLink:
+    """Implements `hdbench.devices.wire.link.Link` on a serial port.
+
+    Parameters
+    ----------
+    address : Address
+        Port and its settings.
+    unit : int
+        Modbus unit identifier.
+    probe : callable or None
+        The who-are-you read that proves, after a fault, that request and reply belong together.
+    clock : callable
+        Monotonic clock, s.
+
+    Notes
+    -----
+    The line has no transaction numbers: a reply that comes late looks like the answer to the next
+    request. So after any fault the line must have been quiet for 50 ms, what came is thrown away,
+    and the probe's reply - of a length that nothing else has - must come before anything else.
+    """
+
+    def __init__(
+        self,
+        address: Address,
+        unit: int,
+        probe: Callable[[int], tuple[bytes, ReplyCheck]] | None = None,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self.where = str(address)
+        self.opened: Callable[[float], None] | None = None
+        self._address = address
+        self._unit = bytes((unit,))
+        self._probe = probe
+        self._clock = clock
+        self._port: Serial | None = None
+        self._received = b""
+        self._doubtful = False
+        self._probes = 0
+        self._silent_from_s = 0.0
+
+    def transact(self, pdu: bytes, check: ReplyCheck, until_s: float) -> bytes:
+        """Send one request once and return the PDU of its reply."""
+        try:
+            descriptor = self._connected(until_s)
+            if self._doubtful:
+                self._make_sure(descriptor, until_s)
+            return self._once(descriptor, pdu, check, until_s)
+        except ExceptionReply:
+            raise
+        except FrameError:
+            self._doubtful = True
+            raise
+        except OSError as error:
+            self.close()
+            raise FrameError(f"the serial port failed ({error.strerror or error})") from error
+
+    def close(self) -> None:
+        """Close the port; never raises."""
+        port, self._port = self._port, None
+        self._received = b""
+        if port is not None:
+            with contextlib.suppress(OSError):
+                port.close()
+
+    def _once(self, descriptor: int, pdu: bytes, check: ReplyCheck, until_s: float) -> bytes:
+        frame = self._unit + pdu
+        self._send(descriptor, frame + crc16(frame), until_s)
+        while True:
+            reply = self._reply(descriptor, until_s)
+            try:
+                check(reply)
+            except StaleReply:
+                continue
+            return reply
+
+    def _send(self, descriptor: int, frame: bytes, until_s: float) -> None:
+        """Send `frame` after the silence between frames; what came before it is thrown away."""
+        self._be_silent(descriptor, until_s)
+        while frame:
+            left_s = until_s - self._clock()
+            if not left_s > 0.0 or not select.select((), (descriptor,), (), left_s)[1]:
+                raise FrameError("the serial port takes no characters")
+            frame = frame[os.write(descriptor, frame) :]
+
+    def _be_silent(self, descriptor: int, until_s: float) -> None:
+        """Wait for the silence between frames; characters that come begin it anew."""
+        self._received = b""
+        silence_s = self._address.serial.silence_s
+        while (wait_s := self._silent_from_s + silence_s - self._clock()) > 0.0 or (
+            self._readable(descriptor, 0.0)
+        ):
+            # a sleep this short lasts three times as long as asked for
+            if self._readable(descriptor, wait_s - _SHORT_S):
+                self._take(descriptor)
+                self._silent_from_s = self._clock()
+                if not self._silent_from_s < until_s:
+                    raise FrameError("the line is never silent")
+
+    def _reply(self, descriptor: int, until_s: float) -> bytes:
+        """Return function code and data of the next frame."""
+        data = self._received
+        while True:
+            size = reply_size(data)
+            if size is not None and len(data) >= size:
+                break
+            if not self._readable(descriptor, until_s - self._clock()):
+                raise FrameError("no valid reply in time")
+            data += self._take(descriptor)
+        self._silent_from_s = self._clock()
+        frame, self._received = data[:size], data[size:]
+        if crc16(frame[:-2]) != frame[-2:]:
+            raise FrameError("the checksum of the reply is wrong")
+        if frame[:1] != self._unit:
+            raise FrameError(f"unit {frame[0]} answers; needed: {self._unit[0]}")
+        return frame[1:-2]
+
+    def _make_sure(self, descriptor: int, until_s: float) -> None:
+        """Wait for a quiet line, drop what came, and let the device say who it is."""
+        while True:
+            while self._clock() < until_s and self._readable(
+                descriptor, min(_QUIET_S, until_s - self._clock())
+            ):
+                self._take(descriptor)
+            if not self._clock() < until_s:
+                raise FrameError("the line did not become quiet in time")
+            if self._probe is None:
+                break
+            self._probes += 1
+            pdu, check = self._probe(self._probes)
+            try:
+                self._once(descriptor, pdu, check, until_s)
+            except ExceptionReply:
+                break
+            except FrameError:
+                # an older reply: quiet again, and a probe with another length
+                continue
+            break
+        self._doubtful = False
+
+    def _readable(self, descriptor: int, wait_s: float) -> bool:
+        return bool(select.select((descriptor,), (), (), max(0.0, wait_s))[0])
+
+    def _take(self, descriptor: int) -> bytes:
+        data = os.read(descriptor, _CHUNK)
+        if not data:
+            raise OSError(0, "it was unplugged")
+        return data
+
+    def _connected(self, until_s: float) -> int:
+        if self._port is None:
+            self._port = _open(self._address)
+            self._received = b""
+            # a program before this one may have left a question open
+            self._doubtful = True
+            if self.opened is not None:
+                self.opened(until_s)
+        return int(self._port.fileno())
+
+
+def _open(address: Address) -> Serial:
+    """Open the port for this process alone; what it says before the first request is not read."""
+    import termios
+
+    from serial import PARITY_NONE, Serial, SerialException
+
+    settings = address.serial
+    # a pseudo-terminal has no parity, and says so only when it is opened again
+    pseudo = os.path.realpath(address.path).startswith("/dev/pts/")
+    try:
+        return Serial(
+            address.path,
+            baudrate=settings.baud_bd,
+            parity=PARITY_NONE if pseudo else settings.parity,
+            stopbits=settings.stop_bits,
+            timeout=0,
+            exclusive=True,
+        )
+    except (ValueError, termios.error) as error:
+        raise FrameError(f"the port does not take these settings ({error})") from error
+    except SerialException as error:
+        if error.errno in (errno.EAGAIN, errno.EBUSY):
+            raise BusyError(
+                "another program has the serial port open",
+                where=str(address),
+                fix="wait until it has finished, or stop it",
+            ) from error
+        raise

@@ -1,0 +1,225 @@
+"""Where the rosettes sit on the flexspline's diaphragm, and which gauge is in which bridge arm."""
+
+from __future__ import annotations
+
+import cmath
+import math
+from dataclasses import dataclass
+
+from hdbench.errors import UsageError
+
+__all__ = [
+    "LAYOUTS",
+    "GridGeometry",
+    "Layout",
+    "Rosette",
+    "cancellation",
+    "layout_named",
+    "usual_places",
+]
+
+# share of the flexspline's diameter that its boss takes where nobody gave it; ours, from drawings
+# of cup-type flexsplines: every one is to be measured
+_BOSS_SHARE = 0.44
+
+
+@dataclass(frozen=True, slots=True)
+class Rosette:
+    """One pad with two grids at right angles, both at 45 degrees to the radius.
+
+    Parameters
+    ----------
+    number : int
+        1, 2, ...; its gauges are R(2 number - 1) and R(2 number).
+    angle_deg : float
+        Angle on the diaphragm, degrees, counter-clockwise from the index mark.
+    reverse : bool
+        False: the odd gauge sits nearer to the axis. True: the even one does.
+    """
+
+    number: int
+    angle_deg: float
+    reverse: bool
+
+    @property
+    def gauges(self) -> tuple[int, int]:
+        """Numbers of the odd and the even gauge."""
+        return 2 * self.number - 1, 2 * self.number
+
+
+@dataclass(frozen=True, slots=True)
+class Layout:
+    """Rosettes of one bridge.
+
+    Parameters
+    ----------
+    name : str
+        Name on the command line.
+    words : str
+        One line for a person.
+    rosettes : tuple of Rosette
+        An even number of them. The first, third, ... stand in series in arms 1 (odd gauges) and 2
+        (even gauges), the second, fourth, ... in arms 3 and 4.
+    """
+
+    name: str
+    words: str
+    rosettes: tuple[Rosette, ...]
+
+    @property
+    def angles_rad(self) -> tuple[float, ...]:
+        """Angles of the rosettes, rad."""
+        return tuple(math.radians(rosette.angle_deg) for rosette in self.rosettes)
+
+
+def _layout(name: str, words: str, angles: tuple[float, ...], reverse: tuple[bool, ...]) -> Layout:
+    placed = zip(angles, reverse, strict=True)
+    return Layout(name, words, tuple(Rosette(i, a, r) for i, (a, r) in enumerate(placed, start=1)))
+
+
+# figure 2 of CIM-TR-97-06: four rosettes at right angles, R5 and R6 "in the reverse position" of
+# R1 and R2; equations 1 to 4 need the first two only
+LAYOUTS = {
+    layout.name: layout
+    for layout in (
+        _layout(
+            "four",
+            "four rosettes 90 degrees apart, the third and fourth reversed (the report's figure 2)",
+            (0.0, 90.0, 180.0, 270.0),
+            (False, False, True, True),
+        ),
+        _layout(
+            "two",
+            "two rosettes 90 degrees apart (the report's equations 1 to 4)",
+            (0.0, 90.0),
+            (False, False),
+        ),
+        _layout(
+            "spread",
+            "four rosettes 45 degrees apart: cancels orders 2 and 4",
+            (0.0, 45.0, 90.0, 135.0),
+            (False, True, False, True),
+        ),
+    )
+}
+
+
+def layout_named(name: str) -> Layout:
+    """Return the layout of a name.
+
+    Parameters
+    ----------
+    name : str
+        ``four``, ``two`` or ``spread``.
+
+    Returns
+    -------
+    Layout
+
+    Raises
+    ------
+    UsageError
+        If there is none of this name.
+    """
+    if name not in LAYOUTS:
+        raise UsageError(
+            f"layout {name!r:.40}; needed: one of {', '.join(LAYOUTS)}",
+            where="gauge layout",
+            fix="name one of them",
+        )
+    return LAYOUTS[name]
+
+
+@dataclass(frozen=True, slots=True)
+class GridGeometry:
+    """Where the two grids of a rosette are.
+
+    Parameters
+    ----------
+    radius_mm : float
+        Distance of the rosette's centre from the axis, mm, above 0.
+    spacing_mm : float
+        Distance between the centres of its two grids along the radius, mm, at least 0 and less
+        than twice the radius.
+    """
+
+    radius_mm: float
+    spacing_mm: float
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.radius_mm < math.inf:
+            raise UsageError(
+                f"radius {self.radius_mm!r} mm; needed: a finite length above 0 mm",
+                where="--radius",
+                fix="give the distance from the axis to the centre of a rosette",
+            )
+        if not 0.0 <= self.spacing_mm < 2.0 * self.radius_mm:
+            raise UsageError(
+                f"grid spacing {self.spacing_mm!r} mm at a radius of {self.radius_mm:g} mm; needed:"
+                " at least 0 mm, and an inner grid outside the axis",
+                where="--grid-spacing",
+                fix="take it from the data sheet of the rosette",
+            )
+
+
+def cancellation(layout: Layout, order: float) -> float:
+    r"""Return the share of an order of the wave strain that the bridge still sees.
+
+    Parameters
+    ----------
+    layout : Layout
+        The rosettes.
+    order : float
+        Cycles per turn of the wave generator against the flexspline.
+
+    Returns
+    -------
+    float
+        0: the rosettes cancel it. 1: all of them see it at one phase, it stays in full.
+
+    Notes
+    -----
+    :math:`|\frac{1}{n} \sum_i e^{-j m \theta_i}|`: rosette i at :math:`\theta_i` sees the wave
+    :math:`\Psi_m \sin m (\beta - \theta_i)`, and the bridge averages. At right angles order 2 is
+    turned by 180 degrees from one rosette to the next, order 4 by 360.
+
+    Examples
+    --------
+    >>> two = layout_named("two")
+    >>> round(cancellation(two, 2), 12), round(cancellation(two, 4), 12)
+    (0.0, 1.0)
+    """
+    phasors = [cmath.exp(-1j * order * angle) for angle in layout.angles_rad]
+    return abs(sum(phasors)) / len(phasors)
+
+
+def usual_places(diameter_mm: float, boss_mm: float | None = None) -> tuple[float, float]:
+    """Return where rosettes go on a diaphragm of which nobody gave the boss.
+
+    Parameters
+    ----------
+    diameter_mm : float
+        Flexspline diameter, mm.
+    boss_mm : float or None
+        Diameter of its boss, mm; None takes 0.44 of the diameter, in half millimetres.
+
+    Returns
+    -------
+    boss_mm : float
+        Diameter of the boss, mm.
+    radius_mm : float
+        Midway between boss and rim, mm.
+
+    Raises
+    ------
+    UsageError
+        If the diameter is not a finite length above 0.
+    """
+    if not 0.0 < diameter_mm < math.inf:
+        raise UsageError(
+            f"diameter {diameter_mm!r} mm; needed: a finite length above 0 mm",
+            where="--diameter",
+            fix="give the flexspline's diameter",
+        )
+    boss = round(2.0 * _BOSS_SHARE * diameter_mm) / 2.0 if boss_mm is None else boss_mm
+    return boss, 0.25 * (diameter_mm + boss)

@@ -1,0 +1,189 @@
+"""The strain under a grid: torsion, the wave generator's ellipse, assembly."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from hdbench.errors import UsageError
+from hdbench.gauges.layout import GridGeometry, Layout
+from hdbench.records.trace import FloatArray
+
+__all__ = ["PlacementErrors", "StrainField", "Wave", "grid_strain"]
+
+
+@dataclass(frozen=True, slots=True)
+class Wave:
+    r"""What the wave generator's ellipse does to the diaphragm at one order.
+
+    Parameters
+    ----------
+    order : float
+        Cycles per turn of the wave generator against the flexspline.
+    pair_strain : float
+        :math:`\Psi_m`, strain amplitude of the difference of a rosette's two grids (equation 2).
+    """
+
+    order: float
+    pair_strain: float
+
+
+@dataclass(frozen=True, slots=True)
+class StrainField:
+    """Surface strain of the diaphragm about the mean radius of the rosettes.
+
+    Parameters
+    ----------
+    torsion_per_nm : float
+        Strain of one grid at 45 degrees at the mean radius for 1 N m, 1/(N m), above 0.
+    waves : tuple of Wave
+        Orders of the wave generator's strain.
+    normal_share : float
+        Amplitude of radial less tangential wave strain, and of their sum, over that of the shear,
+        at least 0.
+    assembly_strain : float
+        Steady radial strain from assembly at the mean radius; its tangential strain is 0.
+    radial_growth : float
+        Exponent with which wave and assembly strain grow with the radius, at least 0.
+    """
+
+    torsion_per_nm: float
+    waves: tuple[Wave, ...]
+    normal_share: float = 1.0
+    assembly_strain: float = 0.0
+    radial_growth: float = 1.0
+
+    def __post_init__(self) -> None:
+        sizes = [abs(wave.pair_strain) for wave in self.waves] + [abs(self.assembly_strain)]
+        # 1 %: ten times the range in which a foil gauge is linear, and past yield of any flexspline
+        if not all(size < 0.01 for size in sizes):
+            raise UsageError(
+                f"a strain of {max(sizes):g}; needed: below 0.01 (10000 microstrain)",
+                where="wave or assembly strain",
+                fix="give it as a number such as 200e-6",
+            )
+        shares = (self.normal_share, self.radial_growth)
+        if not (0.0 < self.torsion_per_nm < math.inf and all(0.0 <= x < math.inf for x in shares)):
+            raise UsageError(
+                f"torsion {self.torsion_per_nm!r} per N m, normal share {self.normal_share!r}, "
+                f"radial growth {self.radial_growth!r}; needed: above 0, and at least 0",
+                where="strain field",
+                fix="correct the number that is out of its domain",
+            )
+
+
+@dataclass(frozen=True, slots=True)
+class PlacementErrors:
+    """How far each rosette is from its place.
+
+    Parameters
+    ----------
+    radial_mm : ndarray, shape (draws, rosettes)
+        Outwards, mm.
+    circumferential_rad : ndarray, shape (draws, rosettes)
+        Along the circumference, angle on the diaphragm, rad, counter-clockwise.
+    angular_rad : ndarray, shape (draws, rosettes)
+        Turned about its own centre, rad, counter-clockwise.
+    """
+
+    radial_mm: FloatArray
+    circumferential_rad: FloatArray
+    angular_rad: FloatArray
+
+    def __post_init__(self) -> None:
+        shapes = {self.radial_mm.shape, self.circumferential_rad.shape, self.angular_rad.shape}
+        if len(shapes) != 1 or self.radial_mm.ndim != 2:
+            raise ValueError(f"shapes {shapes}; needed: one shape (draws, rosettes)")
+
+    @classmethod
+    def none(cls, draws: int, rosettes: int) -> PlacementErrors:
+        """Return rosettes that are all in place.
+
+        Parameters
+        ----------
+        draws, rosettes : int
+            Shape.
+
+        Returns
+        -------
+        PlacementErrors
+        """
+        zero = np.zeros((draws, rosettes))
+        return cls(zero, zero, zero)
+
+
+def grid_strain(
+    field: StrainField,
+    layout: Layout,
+    geometry: GridGeometry,
+    errors: PlacementErrors,
+    *,
+    torque_nm: float,
+    wave_angle_rad: FloatArray,
+) -> FloatArray:
+    r"""Return the strain along every grid.
+
+    Parameters
+    ----------
+    field : StrainField
+        The strain of the diaphragm.
+    layout : Layout
+        Where the rosettes should be.
+    geometry : GridGeometry
+        Where their grids are.
+    errors : PlacementErrors
+        How far the rosettes are off.
+    torque_nm : float
+        Torque, N m.
+    wave_angle_rad : ndarray, shape (angles,)
+        Angle beta of the wave generator's major axis against the flexspline, rad.
+
+    Returns
+    -------
+    ndarray, shape (draws, angles, rosettes, 2)
+        Strain of the odd and of the even grid, small-strain theory.
+
+    Notes
+    -----
+    A grid whose centre is at radius r and angle :math:`\varphi`, at :math:`\alpha` to the radius,
+    has :math:`\varepsilon = \varepsilon_m + \varepsilon_d \cos 2\alpha + \frac{\gamma}{2} \sin
+    2\alpha` (plane strain transformation). Torsion of an annulus gives :math:`\gamma / 2 =
+    \varepsilon_t T (r_0/r)^2`; the wave :math:`\gamma / 2 = \frac{1}{2} \Psi_m (r/r_0)^q \sin
+    m(\beta - \varphi)`, so that two grids at :math:`\pm 45` degrees differ by :math:`2
+    \varepsilon_t T + \Psi_m \sin m \beta`: equation 2 of CIM-TR-97-06. Its normal strains
+    :math:`\varepsilon_m, \varepsilon_d` have the amplitude :math:`\frac{1}{2} \Psi_m` times
+    `normal_share` and go with the cosine, as those of an ovalised ring do.
+    """
+    radius, angle, direction = _grid_places(layout, geometry, errors)
+    growth = (radius / geometry.radius_mm) ** field.radial_growth
+    steady = 0.5 * field.assembly_strain * growth[:, None]
+    shear = np.broadcast_to(
+        (field.torsion_per_nm * torque_nm * (geometry.radius_mm / radius) ** 2)[:, None],
+        (len(radius), len(wave_angle_rad), *radius.shape[1:]),
+    )
+    normal = np.broadcast_to(steady, shear.shape)
+    for wave in field.waves:
+        phase = wave.order * (wave_angle_rad[None, :, None, None] - angle[:, None])
+        size = 0.5 * wave.pair_strain * growth[:, None]
+        shear = shear + size * np.sin(phase)
+        normal = normal + field.normal_share * size * np.cos(phase)
+    cosine, sine = np.cos(2.0 * direction)[:, None], np.sin(2.0 * direction)[:, None]
+    return np.asarray(normal * (1.0 + cosine) + shear * sine)
+
+
+def _grid_places(
+    layout: Layout, geometry: GridGeometry, errors: PlacementErrors
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return radius (mm), angle and direction against the radius (rad) of every grid."""
+    # the odd grid is the inner one unless the rosette is reversed
+    inner = np.array([[1.0, -1.0] if r.reverse else [-1.0, 1.0] for r in layout.rosettes])
+    turn = errors.angular_rad[..., None]
+    along = 0.5 * geometry.spacing_mm * inner * np.cos(turn)
+    across = 0.5 * geometry.spacing_mm * inner * np.sin(turn)
+    outwards = geometry.radius_mm + errors.radial_mm[..., None] + along
+    beside = np.arctan2(across, outwards)
+    centre = np.array(layout.angles_rad)[:, None] + errors.circumferential_rad[..., None]
+    nominal = np.array([math.pi / 4.0, -math.pi / 4.0])
+    return np.hypot(outwards, across), centre + beside, nominal + turn - beside

@@ -1,0 +1,264 @@
+"""The profile's tables of the static calibration: arm, standards, sequence, limits, identity."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, PositiveFloat, PositiveInt
+
+from hdbench.profile.gravity import GravityFormula, local_gravity
+from hdbench.profile.standards import (
+    Identity,
+    InstrumentStandard,
+    LengthStandard,
+    MassStandard,
+    Standards,
+    TorqueStandard,
+)
+from hdbench.profile.tables import NonNegative, Positive, Table
+
+__all__ = [
+    "AcceptanceLimits",
+    "Arm",
+    "CalibrationPlan",
+    "Identity",
+    "InstrumentStandard",
+    "LengthStandard",
+    "MassStandard",
+    "ShuntCheck",
+    "Standards",
+    "StepSequence",
+    "TorqueStandard",
+]
+
+_Angle = Annotated[float, Field(ge=-0.5, le=0.5)]
+# plain number of a place that is not stated: refused by the rules between keys
+_NOWHERE = math.nan
+
+
+def _gravity_there(data: dict[str, Any]) -> float:
+    """Return gravity by latitude and height; NaN where they are not stated."""
+    latitude, altitude = data.get("latitude_deg"), data.get("altitude_m")
+    if latitude is None or altitude is None:
+        return _NOWHERE
+    return local_gravity(latitude, altitude, data.get("gravity_formula", "wgs84"))
+
+
+class Arm(Table):
+    """Arm and weights of the calibration."""
+
+    length_m: Annotated[PositiveFloat, Field(description="axis to hanging point, m")]
+    latitude_deg: Annotated[
+        float | None,
+        Field(ge=-90.0, le=90.0, description="latitude, deg; for gravity where none is given"),
+    ] = None
+    altitude_m: Annotated[
+        float | None,
+        Field(ge=-500.0, le=9000.0, description="height, m; for gravity where none is given"),
+    ] = None
+    gravity_formula: Annotated[
+        GravityFormula, Field(description="formula for gravity from latitude and height")
+    ] = "wgs84"
+    gravity_m_s2: Annotated[
+        float,
+        Field(
+            ge=9.7,
+            le=9.9,
+            default_factory=_gravity_there,
+            description="local gravity, m/s^2; else latitude_deg and altitude_m are needed",
+        ),
+    ]
+    gravity_half_width_m_s2: Annotated[
+        NonNegative | None,
+        Field(
+            description="limits +- of a given gravity, m/s^2; from latitude and height it is 50 ppm"
+        ),
+    ] = None
+    thermal_expansion_per_k: Annotated[
+        float | None, Field(ge=0.0, le=1e-4, description="expansion of the arm's length, 1/K")
+    ] = None
+    reference_temperature_c: Annotated[
+        float, Field(ge=-20.0, le=60.0, description="temperature at which length_m holds, deg C")
+    ] = 20.0
+    temperature_half_width_k: Annotated[
+        NonNegative | None, Field(description="limits +- of the arm's temperature, K")
+    ] = None
+    tilt_rad: Annotated[
+        _Angle | None,
+        Field(description="downward tilt of the arm without weights, rad"),
+    ] = None
+    tilt_half_width_rad: Annotated[
+        NonNegative | None, Field(description="limits +- of the tilt, rad")
+    ] = None
+    torsional_stiffness_nm_per_rad: Annotated[
+        Positive | None,
+        Field(description="stiffness between arm and ground, N m/rad; the arm sinks by it"),
+    ] = None
+    lost_motion_rad: Annotated[
+        NonNegative, Field(le=0.1, description="soft wind-up of the gear at first load, rad")
+    ] = 0.0
+    hang_offset_m: Annotated[
+        float | None,
+        Field(ge=-1.0, le=1.0, description="hanging point below the line through the axis, m"),
+    ] = None
+    hang_offset_half_width_m: Annotated[
+        NonNegative | None, Field(description="limits +- of the hanging point's offset, m")
+    ] = None
+    cant_half_width_rad: Annotated[
+        NonNegative | None,
+        Field(le=0.2, description="the arm's plane off the vertical by at most this, rad"),
+    ] = None
+    tare_kg: Annotated[
+        NonNegative, Field(description="pan and hook that come on with the first weight, kg")
+    ] = 0.0
+    side_force_distance_m: Annotated[
+        Positive | None, Field(description="plane of the arm to plane of the gauges, m")
+    ] = None
+    air_density_kg_m3: Annotated[
+        float | None, Field(ge=0.0, le=2.0, description="air density, kg/m^3; 1.20 is usual")
+    ] = None
+    air_density_half_width_kg_m3: Annotated[
+        NonNegative, Field(description="limits +- of the air density, kg/m^3")
+    ] = 0.10
+    loading: Annotated[
+        Literal["single", "couple"],
+        Field(description="one weight on one arm, or a couple without side force"),
+    ] = "single"
+
+    @property
+    def gravity_source(self) -> Literal["given", "wgs84", "welmec"]:
+        """Where the local gravity comes from."""
+        return "given" if "gravity_m_s2" in self.model_fields_set else self.gravity_formula
+
+
+class StepSequence(Table):
+    """Sequence of the preset ``cg14``, in the manner of EURAMET cg-14."""
+
+    positions: Annotated[
+        PositiveInt, Field(ge=1, le=64, description="positions, equally spaced over a turn")
+    ] = 3
+    masses_kg: Annotated[
+        tuple[NonNegative, ...],
+        Field(description="weights, kg; empty: 0, 20, 40, 60, 80, 100 % of the largest full one"),
+    ] = ()
+    repeat_series: Annotated[
+        int,
+        Field(ge=0, le=10, description="further up and down at the first position, not remounted"),
+    ] = 1
+    preloads_first: Annotated[
+        int,
+        Field(ge=0, le=10, description="loadings to the largest weight before the first series"),
+    ] = 3
+    preloads_remounted: Annotated[
+        int, Field(ge=0, le=10, description="the same after each new position or direction")
+    ] = 1
+    preload_s: Annotated[NonNegative, Field(description="time under each preload, s")] = 30.0
+    read_after_s: Annotated[
+        NonNegative, Field(description="earliest reading after a change of load, s")
+    ] = 30.0
+
+
+class AcceptanceLimits(Table):
+    """Limits of `accepted` beside the consistency; a limit that is absent is not tested."""
+
+    decision_rule: Annotated[
+        Literal["simple", "guarded"],
+        Field(
+            description="simple: the value is within its limit; guarded: so is the upper end of "
+            "its 95 % interval, where it has one"
+        ),
+    ] = "simple"
+    max_expanded_uncertainty: Annotated[
+        Positive | None,
+        Field(description="expanded uncertainty of the mean gain, 95 %, share of the gain"),
+    ] = None
+    max_class: Annotated[
+        Positive | None, Field(description="worst indicative class, such as 2")
+    ] = None
+    max_zero_return: Annotated[
+        Positive | None, Field(description="zero before less after a series, share of largest")
+    ] = None
+    max_hysteresis: Annotated[
+        Positive | None, Field(description="down less up at one torque, share of largest")
+    ] = None
+    max_lack_of_fit: Annotated[
+        Positive | None, Field(description="deviation from the line, share of largest")
+    ] = None
+    max_direction_asymmetry: Annotated[
+        Positive | None, Field(description="gain cw less ccw, share of their mean")
+    ] = None
+
+
+class ShuntCheck(Table):
+    """Resistor across one arm of the bridge: checks amplifier, excitation and wiring."""
+
+    resistor_ohm: Annotated[PositiveFloat, Field(description="shunt resistor, ohm")]
+    bridge_ohm: Annotated[PositiveFloat, Field(description="resistance of each arm, ohm")] = 350.0
+    expected_v: Annotated[
+        float | None,
+        Field(description="reading with less without shunt at the last calibration, V"),
+    ] = None
+    tolerance: Annotated[
+        Positive, Field(lt=1.0, description="accepted change of the shunt reading, share of it")
+    ] = 0.001
+
+
+class CalibrationPlan(Table):
+    """Which loads, where, and when a reading counts as settled."""
+
+    preset: Annotated[
+        Literal["report", "cg14"],
+        Field(description="report: the report's experiments; cg14: in the manner of EURAMET cg-14"),
+    ] = "report"
+    positions: Annotated[
+        PositiveInt,
+        Field(ge=1, le=64, description="flexspline positions, equally spaced over a turn"),
+    ]
+    directions: Annotated[
+        tuple[Literal["cw", "ccw"], ...], Field(min_length=1, description="loading directions")
+    ]
+    ranges: Annotated[
+        tuple[Literal["low", "full"], ...], Field(min_length=1, description="load ranges")
+    ]
+    full_masses_kg: Annotated[
+        tuple[NonNegative, ...], Field(min_length=3, description="masses of the full range, kg")
+    ]
+    low_masses_kg: Annotated[
+        tuple[NonNegative, ...], Field(min_length=3, description="masses of the low range, kg")
+    ]
+    sample_period_s: Annotated[
+        PositiveFloat, Field(ge=1e-3, le=1.0, description="sampling period of readings, s")
+    ] = 0.01
+    average_s: Annotated[PositiveFloat, Field(description="time averaged for a reading, s")] = 1.0
+    settle_timeout_s: Annotated[
+        PositiveFloat, Field(description="longest wait for a reading to settle, s")
+    ] = 30.0
+    settle_band_nm: Annotated[
+        PositiveFloat,
+        Field(description="two adjacent windows must agree within this (plus noise), N m"),
+    ] = 0.02
+    max_consistency: Annotated[
+        PositiveFloat, Field(description="accepted when consistency is at most this")
+    ] = 0.05
+    max_lock_motion_rad: Annotated[
+        PositiveFloat, Field(description="motor angle change that means the lock slipped, rad")
+    ] = 0.02
+    gross_error_fraction: Annotated[
+        Positive,
+        Field(
+            lt=0.5,
+            description="a reading off the expected torque by more than this share of the smallest "
+            "load step is asked about",
+        ),
+    ] = 0.3
+    validity_days: Annotated[
+        Positive, Field(description="age from which a run refuses this calibration, days")
+    ] = 365.0
+    cg14: Annotated[StepSequence, Field(description="sequence of the preset cg14")] = StepSequence()
+    limits: Annotated[AcceptanceLimits, Field(description="further limits of acceptance")] = (
+        AcceptanceLimits()
+    )
+    shunt: Annotated[ShuntCheck | None, Field(description="shunt check, if the bridge has one")] = (
+        None
+    )

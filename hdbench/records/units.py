@@ -1,0 +1,143 @@
+"""Units that headers of foreign logs state, and what turns them into those of our columns."""
+
+from __future__ import annotations
+
+import re
+from decimal import Decimal
+
+__all__ = ["bare_name", "stated_unit", "target_unit", "unit_scale"]
+
+_BRACKETS = re.compile(r"(?P<name>.*?)\s*[(\[](?P<unit>[^()\[\]]{1,16})[)\]]\s*")
+# longest first: `_rad_s` ends in `_s` too
+_SUFFIXES = (
+    ("_rad_s", "rad/s"),
+    ("_rad", "rad"),
+    ("_nm", "N m"),
+    ("_v", "V"),
+    ("_a", "A"),
+    ("_c", "degC"),
+    ("_kg", "kg"),
+    ("_s", "s"),
+)
+# pi/30, pi/180 and 2 pi to 28 digits; pound and foot-pound by their international definitions
+_PER_RPM = Decimal("0.1047197551196597746154214461")
+_PER_DEGREE = Decimal("0.01745329251994329576923690769")
+_PER_TURN = Decimal("6.283185307179586476925286767")
+_POUND_KG = Decimal("0.45359237")
+_FOOT_POUND_NM = Decimal("1.3558179483314004")
+_SCALES: dict[str, dict[str, Decimal]] = {
+    "s": {
+        **dict.fromkeys(("s", "sec", "second", "seconds"), Decimal(1)),
+        **dict.fromkeys(("ms", "msec", "milliseconds"), Decimal("0.001")),
+        **dict.fromkeys(("us", "µs", "μs"), Decimal("0.000001")),
+        "min": Decimal(60),
+    },
+    "rad/s": {
+        **dict.fromkeys(("rad/s", "rad/sec"), Decimal(1)),
+        **dict.fromkeys(("rpm", "1/min", "min-1", "r/min", "u/min"), _PER_RPM),
+        **dict.fromkeys(("deg/s", "°/s"), _PER_DEGREE),
+        **dict.fromkeys(("rev/s", "1/s"), _PER_TURN),
+    },
+    "rad": {
+        "rad": Decimal(1),
+        "mrad": Decimal("0.001"),
+        **dict.fromkeys(("deg", "°", "degrees"), _PER_DEGREE),
+        **dict.fromkeys(("rev", "turns"), _PER_TURN),
+    },
+    "N m": {
+        "nm": Decimal(1),
+        "mnm": Decimal("0.001"),
+        "knm": Decimal(1000),
+        "ncm": Decimal("0.01"),
+        **dict.fromkeys(("ftlb", "ftlbf", "lbft", "lbfft"), _FOOT_POUND_NM),
+        **dict.fromkeys(("inlb", "inlbf", "lbin", "lbfin"), _FOOT_POUND_NM / 12),
+    },
+    "V": {
+        **dict.fromkeys(("v", "volt", "volts"), Decimal(1)),
+        **dict.fromkeys(("mv", "millivolt", "millivolts"), Decimal("0.001")),
+        **dict.fromkeys(("uv", "µv", "μv"), Decimal("0.000001")),
+    },
+    "A": {
+        **dict.fromkeys(("a", "amp", "amps"), Decimal(1)),
+        "ma": Decimal("0.001"),
+    },
+    "degC": dict.fromkeys(("c", "°c", "degc", "deg c"), Decimal(1)),
+    "kg": {"kg": Decimal(1), "g": Decimal("0.001"), "lb": _POUND_KG, "lbs": _POUND_KG},
+}
+
+
+def _spelled(unit: str, wanted: str) -> str:
+    word = unit.strip().lower()
+    # N m, N-m, N*m and Nm are one unit
+    return re.sub(r"[\s*·.\-_]", "", word) if wanted == "N m" else word
+
+
+def stated_unit(header: str) -> str:
+    """Return the unit in brackets at the end of a column name; empty where there is none.
+
+    Parameters
+    ----------
+    header : str
+        Such as ``AIN0 (mV)`` or ``speed [rpm]``.
+
+    Returns
+    -------
+    str
+        As it is written.
+    """
+    match = _BRACKETS.fullmatch(header)
+    return match["unit"].strip() if match else ""
+
+
+def bare_name(header: str) -> str:
+    """Return a column name without the unit in brackets behind it.
+
+    Parameters
+    ----------
+    header : str
+        As for `stated_unit`.
+
+    Returns
+    -------
+    str
+    """
+    match = _BRACKETS.fullmatch(header)
+    return match["name"].strip() if match else header
+
+
+def target_unit(column: str) -> str:
+    """Return the unit of one of our columns by the end of its name; empty where it has none.
+
+    Parameters
+    ----------
+    column : str
+        Such as ``torque_nm``.
+
+    Returns
+    -------
+    str
+    """
+    return next((unit for end, unit in _SUFFIXES if column.endswith(end)), "")
+
+
+def unit_scale(unit: str, wanted: str) -> Decimal | None:
+    """Return the factor between two units.
+
+    Parameters
+    ----------
+    unit : str
+        What a header states.
+    wanted : str
+        Unit of our column, as of `target_unit`.
+
+    Returns
+    -------
+    Decimal or None
+        Value in `wanted` of one `unit`; NaN where `unit` is known and measures another quantity;
+        None where `unit` is not known.
+    """
+    scale = _SCALES.get(wanted, {}).get(_spelled(unit, wanted))
+    if scale is not None:
+        return scale
+    known = any(_spelled(unit, other) in scales for other, scales in _SCALES.items())
+    return Decimal("NaN") if known else None

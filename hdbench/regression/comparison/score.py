@@ -1,0 +1,203 @@
+"""A difference against its uncertainty, with what both results have in common."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from hdbench.estimation.harmonics import combine
+from hdbench.records import FloatArray, Quantity
+from hdbench.regression.comparison.item import Compared
+
+__all__ = ["Part", "compared", "coverage", "own_part", "region", "score_vector"]
+
+# Student's t is the normal distribution to four digits of k from here on
+_MANY_DOF = 1e6
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """A part of the uncertainty that both results have from one source.
+
+    Parameters
+    ----------
+    in_a, in_b : float
+        What one standard deviation of the source does to each, with sign, unit of the quantity.
+    dof : float or None
+        Degrees of freedom of the source; None where known.
+    """
+
+    in_a: float
+    in_b: float
+    dof: float | None = None
+
+
+def coverage(confidence: float, dof: float | None) -> float:
+    """Return k of a two-sided interval.
+
+    Parameters
+    ----------
+    confidence : float
+        In (0, 1).
+    dof : float or None
+        Degrees of freedom; None: normal distribution.
+
+    Returns
+    -------
+    float
+    """
+    from scipy.special import ndtri, stdtrit
+
+    p = 0.5 + confidence / 2.0
+    return float(ndtri(p)) if dof is None or dof > _MANY_DOF else float(stdtrit(dof, p))
+
+
+def compared(
+    named: tuple[str, str, str],
+    a: Quantity,
+    b: Quantity,
+    *,
+    common: Sequence[Part] = (),
+    confidence: float,
+    decides: bool = False,
+    note: str = "",
+) -> Compared:
+    r"""Hold one quantity of two results against each other.
+
+    Parameters
+    ----------
+    named : tuple of str
+        Key, label and unit.
+    a, b : Quantity
+        The two.
+    common : sequence of Part
+        Sources that act on both alike; they are parts of the uncertainties of `a` and `b`.
+    confidence : float
+        Confidence of the interval that the difference is held against, in (0, 1).
+    decides : bool
+        Whether the verdict rests on it.
+    note : str
+        What to know beside it.
+
+    Returns
+    -------
+    Compared
+
+    Notes
+    -----
+    :math:`u_d^2 = u_a'^2 + u_b'^2 + \sum_i (s_{b,i} - s_{a,i})^2`, u' what is left of each without
+    its common parts :math:`s_i`; the same as :math:`u_a^2 + u_b^2 - 2 r u_a u_b` with :math:`r =
+    \sum_i s_{a,i} s_{b,i} / u_a u_b`. Score: :math:`|b - a| / (k u_d)`, as the E_n of comparisons
+    between laboratories (ISO 13528), with k of the degrees of freedom (`combine`) in place of 2.
+    """
+    parts = [
+        own_part(a, [(part.in_a, part.dof) for part in common]),
+        own_part(b, [(part.in_b, part.dof) for part in common]),
+    ]
+    parts += [(abs(part.in_b - part.in_a), part.dof) for part in common]
+    std, dof = combine(*parts)
+    difference = Quantity(b.value - a.value, std, dof)
+    k = coverage(confidence, dof)
+    score = None
+    if std > 0.0:
+        score = abs(difference.value) / (k * std)
+    elif difference.value == 0.0:
+        score = 0.0
+    product = a.std * b.std
+    shared = math.fsum(part.in_a * part.in_b for part in common)
+    correlation = max(-1.0, min(1.0, shared / product)) if product > 0.0 else 0.0
+    return Compared(*named, a, b, difference, k, score, correlation, decides, note)
+
+
+def own_part(
+    whole: Quantity, common: Sequence[tuple[float, float | None]]
+) -> tuple[float, float | None]:
+    """Return what is left of an uncertainty without parts of it.
+
+    Parameters
+    ----------
+    whole : Quantity
+        With the uncertainty of everything.
+    common : sequence of (float, float or None)
+        Standard uncertainty and degrees of freedom of the parts to take off.
+
+    Returns
+    -------
+    std : float
+        What is left, at least 0.
+    dof : float or None
+        Its degrees of freedom, from those of the whole and of the parts: `combine` read backwards;
+        those of the whole where that has no solution.
+    """
+    std = math.sqrt(max(0.0, whole.std**2 - math.fsum(part**2 for part, _ in common)))
+    if whole.dof is None or not (common and std > 0.0):
+        return std, whole.dof
+    from scipy.special import stdtridf
+
+    taken = math.fsum((coverage(0.95, dof) * part) ** 2 for part, dof in common)
+    square = (coverage(0.95, whole.dof) * whole.std) ** 2 - taken
+    factor = math.sqrt(square) / std if square > 0.0 else math.inf
+    # two sigma factors bound what can be: the normal one, and that of one degree of freedom
+    if factor <= coverage(0.95, None) * (1.0 + 1e-6):
+        return std, None
+    return std, float(stdtridf(0.975, factor)) if factor <= coverage(0.95, 1.0) else whole.dof
+
+
+def region(size: int, confidence: float, dof: float | None) -> float:
+    """Return the quantile that ``d C^-1 d`` of a vector is held against.
+
+    Parameters
+    ----------
+    size : int
+        How many numbers may move, at least 1.
+    confidence : float
+        In (0, 1).
+    dof : float or None
+        Degrees of freedom of the covariance; None where known.
+
+    Returns
+    -------
+    float
+        Chi-squared with `size`, or `size` times F(size, dof).
+    """
+    from scipy.special import chdtri, fdtri
+
+    if dof is None or dof > _MANY_DOF:
+        return float(chdtri(size, 1.0 - confidence))
+    return size * float(fdtri(size, dof, confidence))
+
+
+def score_vector(
+    difference: FloatArray, covariance: FloatArray, confidence: float, dof: float | None
+) -> float | None:
+    """Return how far a vector difference is out of its confidence region.
+
+    Parameters
+    ----------
+    difference : ndarray, shape (n,)
+        Differences.
+    covariance : ndarray, shape (n, n)
+        Their covariance.
+    confidence : float
+        Confidence of the region, in (0, 1).
+    dof : float or None
+        Degrees of freedom of the covariance; None where known.
+
+    Returns
+    -------
+    float or None
+        Square root of ``d C^-1 d`` over its quantile: chi-squared with n, or n times F(n, dof);
+        above 1 outside. None where the covariance is singular.
+    """
+    n = len(difference)
+    try:
+        statistic = float(difference @ np.linalg.solve(covariance, difference))
+    except np.linalg.LinAlgError:
+        return None
+    quantile = region(n, confidence, dof)
+    if not (statistic >= 0.0 and quantile > 0.0):
+        return None
+    return math.sqrt(statistic / quantile)

@@ -1,0 +1,139 @@
+"""Bring a task, an open bench and the person beside it together."""
+
+from __future__ import annotations
+
+from datetime import datetime
+
+from hdbench.devices import SimulatedOperator
+from hdbench.devices.emulator.mistakes import Mistakes
+from hdbench.devices.ports import Bench, Identity
+from hdbench.errors import UsageError
+from hdbench.records.journal import JournalWriter
+from hdbench.records.manifest import utc_now
+from hdbench.session.calibrating.conversation import Conversation, Unattended
+from hdbench.session.calibrating.guard import Guard
+from hdbench.session.calibrating.mounting import Mounting
+from hdbench.session.calibrating.state import CalibrationLog, CalibrationState
+from hdbench.session.calibrating.walk import CalibrationWalk
+from hdbench.session.recorder import TraceRecorder
+from hdbench.session.runner import Runner
+from hdbench.session.task import Task
+from hdbench.session.walkers import LoadsWalk, MotionWalk, Walker
+
+__all__ = ["make_walker"]
+
+
+def make_walker(task: Task, bench: Bench, identity: Identity, journal: JournalWriter) -> Walker:
+    """Return what walks a task.
+
+    Parameters
+    ----------
+    task : Task
+        The run.
+    bench : Bench
+        Open.
+    identity : Identity
+        Who answered.
+    journal : JournalWriter
+        Of this run.
+
+    Returns
+    -------
+    Walker
+
+    Raises
+    ------
+    UsageError
+        If a real bench has no person beside it, or a simulated one cannot take a load.
+    """
+    if task.kind == "calibration":
+        return _loads_walk(task, bench, identity, journal)
+    return _motion_walk(task, bench, identity, journal)
+
+
+def _needs_person(task: Task, identity: Identity) -> UsageError:
+    return UsageError(
+        f"{identity.vendor} {identity.model} is a real bench and needs a person",
+        where=f"{task.kind} run",
+        fix="run without --no-input; motion alone can be confirmed with --yes",
+    )
+
+
+def _motion_walk(
+    task: Task, bench: Bench, identity: Identity, journal: JournalWriter
+) -> MotionWalk:
+    operator = SimulatedOperator(bench) if identity.simulated else task.options.operator
+    if operator is None:
+        raise _needs_person(task, identity)
+    moved = [put for put in task.plan.loads if put.load.torque_nm and not put.load.locked]
+    if identity.simulated and moved:
+        raise UsageError(
+            f"{moved[0].describe()}: a simulated bench has loads only while it is locked",
+            where=f"{task.kind} run",
+            fix="make the plan with hdbench plan --no-loads, or run it on a real bench",
+        )
+    data = task.profile.data
+    gain = task.scale.gain_nm_per_v.value
+    recorder = TraceRecorder(data, gain, task.model, journal, data.daq.sample_period_s)
+    runner = Runner(
+        data,
+        bench,
+        operator,
+        journal,
+        task.stop,
+        task.progress,
+        recorder,
+        person=not identity.simulated,
+        watcher=task.options.watcher,
+    )
+    return MotionWalk(runner, task.plan, task.folder, task.content)
+
+
+def _loads_walk(task: Task, bench: Bench, identity: Identity, journal: JournalWriter) -> LoadsWalk:
+    options, data = task.options, task.profile.data
+    talk = _talk(task, identity)
+    if not (talk.attended or identity.simulated):
+        raise _needs_person(task, identity)
+    log = CalibrationLog(journal, CalibrationState(task.plan.points))
+    if task.content is not None:
+        log.replay(task.content)
+    hands = _hands(task, bench) if identity.simulated else None
+    # samples tell the time of a bench that does not keep real time
+    started = datetime.fromisoformat(str(task.folder.manifest["started_utc"]))
+    timed = not identity.simulated or options.realtime
+    walk = CalibrationWalk(
+        data,
+        bench,
+        log,
+        talk,
+        Mounting(data, log, hands),
+        task.stop,
+        task.progress,
+        str(task.folder.path),
+        clock=(lambda: (utc_now() - started).total_seconds()) if timed else None,
+    )
+    return LoadsWalk(walk, task.folder)
+
+
+def _talk(task: Task, identity: Identity) -> Conversation:
+    """Return who answers: the person, or a rule at a simulated bench that nobody rehearses on."""
+    talk = task.options.talk
+    if talk is None:
+        return Unattended(lambda line: task.progress(line, 0.0))
+    if talk.attended and identity.simulated and not task.options.rehearse:
+        return Unattended(lambda line: talk.tell(line, remarkable=True))
+    return talk
+
+
+def _hands(task: Task, bench: Bench) -> SimulatedOperator:
+    """Return the operator of a simulated bench, with the mistakes that were asked for."""
+    options, plan = task.options, task.profile.data.calibration
+    weights_kg = Guard.of(task.plan.points, task.profile.data).weights_kg
+    mistakes = Mistakes(options.mistakes, weights_kg, options.seed)
+    address = options.address or task.profile.data.daq.address
+    return SimulatedOperator(
+        bench,
+        mistakes,
+        shunt_ohm=0.0 if plan.shunt is None else plan.shunt.resistor_ohm,
+        fresh=address == "embedded",
+    )

@@ -1,0 +1,3 @@
+"""A calibration for a person at the bench: planned, asked for, guarded, journaled, resumed."""
+
+from __future__ import annotations

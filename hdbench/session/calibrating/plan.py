@@ -1,0 +1,236 @@
+"""The sequence of a calibration: positions, directions, ranges, preloads, series."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from itertools import pairwise
+from typing import Literal
+
+from hdbench.profile.calibrating import CalibrationPlan
+from hdbench.profile.schema import ProfileData
+from hdbench.session.calibrating.points import Point, Role
+from hdbench.session.plans import Lock, Place, Plan, Step
+
+__all__ = [
+    "HANDLING_S",
+    "MOUNTING_S",
+    "Preset",
+    "calibration_plan",
+    "calibration_points",
+    "expected_duration_s",
+    "sequence_plan",
+]
+
+Preset = Literal["report", "cg14"]
+
+# Estimates for the printed duration only, from the weights' size: taking one or two pieces of up to
+# 5 kg off a shelf, hanging and steadying them; unlocking, turning the flexspline, locking again.
+HANDLING_S = 20.0
+MOUNTING_S = 180.0
+
+# share of the largest load that each step of cg14 has where the profile names no masses
+_SHARES = (0.0, 0.2, 0.4, 0.6, 0.8, 1.0)
+
+
+def calibration_plan(profile: ProfileData, preset: Preset | None = None) -> Plan:
+    """Plan a calibration: what is asked for, in order, and how long it takes.
+
+    Parameters
+    ----------
+    profile : ProfileData
+        The bench.
+    preset : {"report", "cg14"} or None
+        Sequence; None takes the profile's.
+
+    Returns
+    -------
+    Plan
+        The points of `calibration_points` with the steps between them.
+    """
+    chosen = preset or profile.calibration.preset
+    return sequence_plan(calibration_points(profile, chosen), profile, chosen)
+
+
+def sequence_plan(points: Sequence[Point], profile: ProfileData, preset: str | None = None) -> Plan:
+    """Return the plan of a sequence: its points with the steps between them.
+
+    Parameters
+    ----------
+    points : sequence of Point
+        The sequence.
+    profile : ProfileData
+        The bench.
+    preset : str or None
+        Its name.
+
+    Returns
+    -------
+    Plan
+    """
+    steps: list[Step] = [Lock(locked=True)]
+    position_rad: float | None = None
+    for point in points:
+        if point.position_rad != position_rad:
+            position_rad = point.position_rad
+            steps.append(Place(position_rad, point.position_index, point.position_count))
+        steps.append(point)
+    bench_s, person_s = expected_duration_s(points, profile)
+    return Plan("calibration", tuple(steps), bench_s, preset=preset, handling_s=person_s)
+
+
+def calibration_points(profile: ProfileData, preset: Preset | None = None) -> tuple[Point, ...]:
+    """Return every point of a calibration, in order.
+
+    Parameters
+    ----------
+    profile : ProfileData
+        The bench.
+    preset : {"report", "cg14"} or None
+        Sequence; None takes the profile's.
+
+    Returns
+    -------
+    tuple of Point
+        ``report``: positions x directions x ranges, each loaded and unloaded once, as in
+        CIM-TR-97-06, section 3. ``cg14``: the sequence in the manner of EURAMET cg-14: one
+        direction after the other; preloads after each mounting; at the first position the series
+        is repeated without remounting. Every series begins and ends without weight; its heaviest
+        load is read once. Before the first weight the bridge's zero and range are checked, and the
+        shunt where the profile has one.
+    """
+    plan = profile.calibration
+    cg14 = (preset or plan.preset) == "cg14"
+    positions = plan.cg14.positions if cg14 else plan.positions
+    sequence = list(_checks(plan, positions))
+    sequence += _cg14(profile, plan) if cg14 else _report(profile, plan)
+    return tuple(replace(point, number=number) for number, point in enumerate(sequence, start=1))
+
+
+def expected_duration_s(points: Sequence[Point], profile: ProfileData) -> tuple[float, float]:
+    """Return how long a calibration takes.
+
+    Parameters
+    ----------
+    points : sequence of Point
+        What is still to do.
+    profile : ProfileData
+        The bench.
+
+    Returns
+    -------
+    bench_s : float
+        Settling and reading where every weight settles at once, s.
+    person_s : float
+        Estimate for the hands: `HANDLING_S` per change of load, `MOUNTING_S` per mounting.
+    """
+    average_s = profile.calibration.average_s
+    bench_s = sum(max(2.0 * average_s, point.read_after_s) for point in points)
+    mountings = len(dict.fromkeys(point.mounting for point in points))
+    return bench_s, HANDLING_S * len(points) + MOUNTING_S * mountings
+
+
+def _checks(plan: CalibrationPlan, positions: int) -> Iterator[Point]:
+    first = Point(
+        number=0,
+        role="zero-check",
+        experiment="zero-check",
+        position_rad=0.0,
+        range="full",
+        direction=plan.directions[0],
+        series="up",
+        mass_kg=0.0,
+        torque_nm=0.0,
+        step_nm=0.0,
+        read_after_s=0.0,
+        label="bridge at rest",
+        position_count=positions,
+    )
+    yield first
+    if plan.shunt is not None:
+        yield replace(first, role="shunt", experiment="shunt", label="shunt check")
+
+
+def _report(profile: ProfileData, plan: CalibrationPlan) -> Iterator[Point]:
+    for index in range(plan.positions):
+        for direction in plan.directions:
+            for load_range in plan.ranges:
+                masses = plan.low_masses_kg if load_range == "low" else plan.full_masses_kg
+                place = _Place(profile, index, plan.positions, direction, load_range)
+                yield from place.series(f"p{index + 1}-{direction}-{load_range}", masses)
+
+
+def _cg14(profile: ProfileData, plan: CalibrationPlan) -> Iterator[Point]:
+    steps = plan.cg14
+    top = max(plan.full_masses_kg)
+    masses = steps.masses_kg or tuple(share * top for share in _SHARES)
+    first = True
+    for direction in plan.directions:
+        for index in range(steps.positions):
+            place = _Place(profile, index, steps.positions, direction, "full", steps.read_after_s)
+            name = f"p{index + 1}-{direction}-full"
+            preloads = steps.preloads_first if first else steps.preloads_remounted
+            first = False
+            yield from place.preloads(name, max(masses), preloads, steps.preload_s)
+            yield from place.series(name, masses)
+            for repeat in range(steps.repeat_series if index == 0 else 0):
+                again = place.series(f"{name}-r{repeat + 2}", masses)
+                yield from (replace(point, repeat=repeat + 1) for point in again)
+
+
+class _Place:
+    """Points at one position, in one direction, over one range."""
+
+    def __init__(
+        self,
+        profile: ProfileData,
+        index: int,
+        count: int,
+        direction: str,
+        load_range: str,
+        read_after_s: float = 0.0,
+    ) -> None:
+        self._lever_nm_per_kg = profile.arm.gravity_m_s2 * profile.arm.length_m
+        self._lever_nm_per_kg *= 1.0 if direction == "cw" else -1.0
+        self._tare_kg = profile.arm.tare_kg
+        self._index, self._count = index, count
+        self._direction, self._range = direction, load_range
+        self._read_after_s = read_after_s
+
+    def series(self, name: str, masses: Sequence[float]) -> Iterator[Point]:
+        """Yield one loading and unloading that begins and ends without weight."""
+        up = sorted({0.0, *masses})
+        loads = [("up", mass) for mass in up] + [("down", mass) for mass in reversed(up[:-1])]
+        step_kg = min(b - a for a, b in pairwise(up))
+        for number, (series, mass) in enumerate(loads, start=1):
+            label = f"{name} {number} of {len(loads)} ({series})"
+            yield self._point("reading", name, series, mass, step_kg, label)
+
+    def preloads(self, name: str, mass: float, count: int, hold_s: float) -> Iterator[Point]:
+        """Yield loadings to the heaviest mass and back."""
+        for number in range(1, count + 1):
+            for series, load in (("up", mass), ("down", 0.0)):
+                label = f"{name} preload {number} of {count}" + ("" if load else ", released")
+                point = self._point("preload", name, series, load, mass, label)
+                yield replace(point, read_after_s=hold_s)
+
+    def _point(
+        self, role: Role, name: str, series: str, mass: float, step_kg: float, label: str
+    ) -> Point:
+        return Point(
+            number=0,
+            role=role,
+            experiment=name,
+            position_rad=2.0 * math.pi * self._index / self._count,
+            range=self._range,
+            direction=self._direction,
+            series=series,
+            mass_kg=mass,
+            torque_nm=self._lever_nm_per_kg * (mass + (self._tare_kg if mass else 0.0)),
+            step_nm=abs(self._lever_nm_per_kg) * step_kg,
+            read_after_s=self._read_after_s,
+            label=label,
+            position_index=self._index + 1,
+            position_count=self._count,
+        )

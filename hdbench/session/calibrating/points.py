@@ -1,0 +1,122 @@
+"""What a calibration asks for at the bench, one point after the other."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, fields
+from typing import Any, Literal
+
+from hdbench.errors import DataError
+
+__all__ = ["PREPARATIONS", "Point", "Role", "point_from_dict"]
+
+Role = Literal["zero-check", "shunt", "preload", "reading"]
+PREPARATIONS = ("zero-check", "shunt", "preload")
+"""Roles whose readings prepare the calibration and are no part of its loads."""
+
+
+@dataclass(frozen=True, slots=True)
+class Point:
+    """One load to put on, to wait for and to read.
+
+    Parameters
+    ----------
+    number : int
+        Place in the sequence, from 1: how the journal names the point.
+    role : str
+        ``zero-check`` (bridge at rest before the first weight), ``shunt``, ``preload`` or
+        ``reading``.
+    experiment : str
+        Identifier of the loading experiment.
+    position_rad : float
+        Flexspline position, rad.
+    range, direction, series : str
+        As in the loads file.
+    mass_kg : float
+        Mass on the arm, kg.
+    torque_nm : float
+        Torque expected of it, N m; cw positive.
+    step_nm : float
+        Smallest step between two loads of its series, N m.
+    read_after_s : float
+        Earliest reading after the change of load, s.
+    label : str
+        The point in words.
+    position_index, position_count : int
+        Number of the position, from 1, and how many there are.
+    repeat : int
+        0 for the first series in a mounting, 1, 2, ... for further ones without touching it.
+    """
+
+    number: int
+    role: Role
+    experiment: str
+    position_rad: float
+    range: str
+    direction: str
+    series: str
+    mass_kg: float
+    torque_nm: float
+    step_nm: float
+    read_after_s: float
+    label: str
+    position_index: int = 1
+    position_count: int = 1
+    repeat: int = 0
+
+    @property
+    def mounting(self) -> tuple[float, str]:
+        """Position and direction: what stays untouched from one point to the next."""
+        return self.position_rad, self.direction
+
+    def describe(self) -> str:
+        """Return the point in words."""
+        if self.role == "zero-check":
+            return f"{self.label}: no weight, bridge zero and range"
+        if self.role == "shunt":
+            return f"{self.label}: shunt resistor on, no weight"
+        return (
+            f"{self.label}: {self.mass_kg:g} kg {self.direction}, expect {self.torque_nm:+.3f} N m"
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the point as the plan file keeps it."""
+        return asdict(self)
+
+
+def point_from_dict(body: object, where: str) -> Point:
+    """Return a point of a plan file.
+
+    Parameters
+    ----------
+    body : object
+        What the file holds.
+    where : str
+        Place, for messages.
+
+    Returns
+    -------
+    Point
+
+    Raises
+    ------
+    DataError
+        If a key is missing or of another type.
+    """
+    needed = {"float": (int, float), "int": (int,), "str": (str,), "Role": (str,)}
+    if isinstance(body, dict):
+        wrong = [
+            field.name
+            for field in fields(Point)
+            if not isinstance(body.get(field.name), needed[str(field.type)])
+            or isinstance(body.get(field.name), bool)
+        ]
+        if not wrong:
+            return Point(**{field.name: body[field.name] for field in fields(Point)})
+        what = f"{', '.join(wrong)} missing or of another type"
+    else:
+        what = "no table"
+    raise DataError(
+        f"a point of the plan is damaged: {what}",
+        where=where,
+        fix="restore the file from a copy, or start the calibration anew",
+    )

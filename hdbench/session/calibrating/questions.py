@@ -1,0 +1,212 @@
+"""The questions and lines of a calibration in words."""
+
+from __future__ import annotations
+
+import math
+
+from hdbench.session.calibrating.conversation import Answer, Question
+from hdbench.session.calibrating.guard import Expectation
+from hdbench.session.calibrating.points import Point
+from hdbench.session.calibrating.settle import SettledReading
+from hdbench.session.calibrating.state import CalibrationState
+
+__all__ = [
+    "accepted_line",
+    "hang_question",
+    "last_question",
+    "left_line",
+    "lock_question",
+    "place_question",
+    "still_question",
+    "wrong_question",
+]
+
+_ALL = (Answer.ACCEPT, Answer.REPEAT, Answer.BACK, Answer.SKIP, Answer.QUIT)
+
+
+def lock_question() -> Question:
+    """Ask for the locked wave generator.
+
+    Returns
+    -------
+    Question
+    """
+    return Question(
+        "lock",
+        "Lock the wave generator with the locking shaft and mount the arm.",
+        (Answer.ACCEPT, Answer.QUIT),
+    )
+
+
+def place_question(point: Point) -> Question:
+    """Ask for the flexspline position of a point.
+
+    Parameters
+    ----------
+    point : Point
+        Where to go.
+
+    Returns
+    -------
+    Question
+    """
+    degrees = math.degrees(point.position_rad)
+    return Question(
+        "place",
+        f"Weights off. Bring the flexspline to position {point.position_index} of "
+        f"{point.position_count}: {degrees:.1f} degrees, and lock again.",
+        (Answer.ACCEPT, Answer.QUIT),
+    )
+
+
+def hang_question(point: Point, expectation: Expectation, count: int) -> Question:
+    """Ask for a weight.
+
+    Parameters
+    ----------
+    point : Point
+        What is to hang.
+    expectation : Expectation
+        What it should read.
+    count : int
+        Points of the sequence.
+
+    Returns
+    -------
+    Question
+    """
+    if point.role == "shunt":
+        what = "Switch the shunt resistor on."
+    elif point.mass_kg == 0.0:
+        what = f"Take all weights off ({point.direction} side)."
+    else:
+        what = f"Hang {point.mass_kg:g} kg on the {point.direction} side."
+    expected = ""
+    if point.role in ("reading", "preload"):
+        volts = expectation.volts(point.torque_nm)
+        expected = f" Expect {point.torque_nm:+.3f} N m, {volts:+.3f} V."
+    return Question(
+        "hang", f"{point.label}: {what}{expected}", _ALL, progress=f"{point.number} of {count}"
+    )
+
+
+def still_question(point: Point, waited_s: float, spread_nm: float, count: int) -> Question:
+    """Ask what to do with a reading that does not settle.
+
+    Parameters
+    ----------
+    point : Point
+        What hangs.
+    waited_s : float
+        Time waited, s.
+    spread_nm : float
+        Largest less smallest torque of the last window, N m.
+    count : int
+        Points of the sequence.
+
+    Returns
+    -------
+    Question
+    """
+    return Question(
+        "time-out",
+        f"{point.label}: not steady after {waited_s:.0f} s (the reading moves by "
+        f"{spread_nm:.3f} N m). Take its average as it is, marked?",
+        _ALL,
+        progress=f"{point.number} of {count}",
+    )
+
+
+def wrong_question(point: Point, problem: str, count: int) -> Question:
+    """Ask what to do with a reading that does not fit its weight.
+
+    Parameters
+    ----------
+    point : Point
+        What should hang.
+    problem : str
+        What does not fit, in words.
+    count : int
+        Points of the sequence.
+
+    Returns
+    -------
+    Question
+    """
+    wanted = "no weight" if point.mass_kg == 0.0 else f"{point.mass_kg:g} kg"
+    wanted = "the shunt resistor on" if point.role == "shunt" else wanted
+    return Question(
+        "gross-error",
+        f"{problem} Asked for: {wanted}, {point.direction} side.",
+        _ALL,
+        default=Answer.REPEAT,
+        progress=f"{point.number} of {count}",
+    )
+
+
+def last_question(taken: int, skipped: int) -> Question:
+    """Ask whether everything is done.
+
+    Parameters
+    ----------
+    taken, skipped : int
+        Readings and points.
+
+    Returns
+    -------
+    Question
+    """
+    left = f", {skipped} skipped" if skipped else ""
+    return Question(
+        "last",
+        f"{taken} readings taken{left}. Finish the calibration?",
+        (Answer.ACCEPT, Answer.REPEAT, Answer.BACK, Answer.QUIT),
+    )
+
+
+def left_line(state: CalibrationState) -> str:
+    """Say how an earlier session left the bench.
+
+    Parameters
+    ----------
+    state : CalibrationState
+        What its journal says.
+
+    Returns
+    -------
+    str
+    """
+    hangs = "no weight" if state.hanging is None else state.points[state.hanging - 1].describe()
+    return (
+        f"goes on after {len(state.standing)} readings. The bench was left locked, flexspline at "
+        f"{math.degrees(state.position_rad or 0.0):.1f} degrees; last on the arm: {hangs}. "
+        "Make it so again if it is not."
+    )
+
+
+def accepted_line(
+    point: Point, reading: SettledReading, expectation: Expectation, flags: list[str]
+) -> str:
+    """Say what was accepted.
+
+    Parameters
+    ----------
+    point : Point
+        What was asked for.
+    reading : SettledReading
+        What was read.
+    expectation : Expectation
+        Turns volts into torque.
+    flags : list of str
+        Words that mark it.
+
+    Returns
+    -------
+    str
+    """
+    swing = f", {reading.swing.period_s:.2f} s swing averaged" if reading.swing else ""
+    marked = f", marked {'; '.join(flags)}" if flags else ""
+    return (
+        f"accepted {point.label}: {reading.mean_v:+.4f} V, "
+        f"{expectation.torque_nm(reading.mean_v):+.3f} N m{swing}{marked}"
+    )

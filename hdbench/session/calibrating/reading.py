@@ -1,0 +1,134 @@
+"""One reading of the bridge under a weight: acquired, watched, judged."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from hdbench.devices.ports import AcquisitionSettings, Bench, Block
+from hdbench.profile.schema import ProfileData
+from hdbench.session.calibrating.conversation import Answer
+from hdbench.session.calibrating.rule import SettleRule
+from hdbench.session.calibrating.settle import (
+    Judgement,
+    SettledReading,
+    average_now,
+    judge,
+)
+from hdbench.session.stop import Aborted, StopSignals
+from hdbench.session.waiting import next_block
+
+__all__ = ["BridgeReader", "Taken"]
+
+
+@dataclass(frozen=True, slots=True)
+class Taken:
+    """What came of one wait for a reading.
+
+    Parameters
+    ----------
+    wanted : Answer or None
+        What the person asked for meanwhile; None where the wait came to its own end.
+    reading : SettledReading
+        The average; not settled where the time was up or a key ended the wait.
+    spread_v : float
+        Largest less smallest value of the last window, V.
+    saturated : bool
+        Whether a sample of the average sits at the end of the converter's range.
+    waited_s : float
+        Time waited, s.
+    """
+
+    wanted: Answer | None
+    reading: SettledReading
+    spread_v: float
+    saturated: bool
+    waited_s: float
+
+
+@dataclass(slots=True)
+class BridgeReader:
+    """Acquires with the drive disabled and ends as soon as the reading has settled.
+
+    Parameters
+    ----------
+    profile : ProfileData
+        Encoder and the motion that a lock may allow.
+    bench : Bench
+        The bench.
+    stop : StopSignals
+        Signals that end the run.
+    """
+
+    profile: ProfileData
+    bench: Bench
+    stop: StopSignals
+    sampled_s: float = field(default=0.0, init=False)
+    _lock_count: int | None = field(default=None, init=False)
+
+    def remount(self) -> None:
+        """Forget where the locked encoder stood."""
+        self._lock_count = None
+
+    def take(self, rule: SettleRule, watch: Callable[[Judgement, float], Answer | None]) -> Taken:
+        """Acquire until the reading has settled, the time is up, or a person wants otherwise.
+
+        Parameters
+        ----------
+        rule : SettleRule
+            What settled means.
+        watch : callable
+            Told the judgement and the time waited, s, after each block; returns what is wanted.
+
+        Returns
+        -------
+        Taken
+
+        Raises
+        ------
+        StopRequested
+            When a signal came.
+        DeviceError
+            When the device failed.
+        Aborted
+            When the locked wave generator moved.
+        """
+        self.bench.configure(AcquisitionSettings(rule.period_s, rule.limit, None))
+        self.bench.start()
+        samples, saturated = np.empty(0), np.empty(0, dtype=bool)
+        wanted, judged = None, None
+        while wanted is None and len(samples) < rule.limit:
+            block = next_block(self.bench, self.stop)
+            self._watch_lock(block)
+            samples = np.concatenate([samples, block.torque_v])
+            saturated = np.concatenate([saturated, block.saturated])
+            self.sampled_s += (len(block) + block.lost_before) * rule.period_s
+            if len(samples) < 4:
+                continue
+            judged = judge(samples, rule)
+            if judged.reading is not None:
+                break
+            wanted = watch(judged, len(samples) * rule.period_s)
+        self.bench.stop()
+        settled = judged.reading if judged is not None else None
+        reading = settled or average_now(samples, rule)
+        spread_v = float(np.ptp(samples[-rule.window :]))
+        in_average = bool(saturated[-reading.n_samples :].any())
+        return Taken(wanted, reading, spread_v, in_average, len(samples) * rule.period_s)
+
+    def _watch_lock(self, block: Block) -> None:
+        if len(block) == 0:
+            return
+        if self._lock_count is None:
+            self._lock_count = int(block.encoder_count[0])
+        turn = 2.0 * np.pi / self.profile.encoder.counts_per_turn
+        moved = float(np.max(np.abs(block.encoder_count - self._lock_count))) * turn
+        limit = self.profile.calibration.max_lock_motion_rad
+        if not moved <= limit:
+            raise Aborted(
+                f"the locked wave generator moved {moved:.4f} rad; allowed {limit:g} rad",
+                where="encoder",
+                fix="take the weight off, tighten the lock and start again",
+            )

@@ -1,0 +1,224 @@
+"""Where a calibration stands: everything its journal says, one event after the other."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from hdbench.records.journal import JournalContent, JournalWriter
+from hdbench.session.calibrating.points import PREPARATIONS, Point
+
+__all__ = ["CalibrationLog", "CalibrationState"]
+
+
+@dataclass(slots=True)
+class CalibrationState:
+    """What is done, what is next, and what is mounted.
+
+    Parameters
+    ----------
+    points : sequence of Point
+        The sequence.
+
+    Notes
+    -----
+    A running calibration and one that is resumed go through the same `apply`: what the journal
+    does not say, neither of them knows.
+    """
+
+    points: Sequence[Point]
+    standing: dict[int, Mapping[str, Any]] = field(default_factory=dict, init=False)
+    prepared: dict[int, Mapping[str, Any]] = field(default_factory=dict, init=False)
+    skipped: set[int] = field(default_factory=set, init=False)
+    attempts: dict[int, int] = field(default_factory=dict, init=False)
+    hanging: int | None = field(default=None, init=False)
+    locked: bool = field(default=False, init=False)
+    position_rad: float | None = field(default=None, init=False)
+    mountings: int = field(default=0, init=False)
+    direction: str | None = field(default=None, init=False)
+    acquisitions: int = field(default=0, init=False)
+    time_s: float = field(default=0.0, init=False)
+    fixtures: list[dict[str, float]] = field(default_factory=list, init=False)
+
+    def apply(self, kind: str, body: Mapping[str, Any]) -> None:
+        """Take one journal block in.
+
+        Parameters
+        ----------
+        kind : str
+            Kind of the block.
+        body : mapping
+            What it holds.
+        """
+        self.acquisitions = max(self.acquisitions, int(body.get("acquisitions", 0)))
+        self.time_s = max(self.time_s, float(body.get("time_s", 0.0)))
+        number = int(body.get("point", 0))
+        if kind == "reading":
+            self.standing[number] = body
+            self.skipped.discard(number)
+            return
+        match body.get("event"):
+            case "locked":
+                self.locked, self.hanging = bool(body["locked"]), None
+            case "placed":
+                self.position_rad, self.hanging = float(body["position_rad"]), None
+                self.mountings, self.direction = self.mountings + 1, None
+            case "hung":
+                self.mountings += self.direction not in (None, body["direction"])
+                self.hanging, self.direction = number, str(body["direction"])
+                self.attempts[number] = self.attempts.get(number, 0) + 1
+            case "opened":
+                self.hanging = None
+            case "prepared":
+                self.prepared[number] = body
+            case "reopened":
+                self.standing.pop(number, None)
+                self.skipped.discard(number)
+                if body.get("why") == "back":
+                    self.hanging = None
+            case "skipped":
+                self.skipped.add(number)
+            case "fixture":
+                self.fixtures.append(dict(body["fixture"]))
+            case _:
+                pass
+
+    # -- what is next ----------------------------------------------------------------------------
+
+    def is_done(self, point: Point) -> bool:
+        """Return whether a point needs nothing more."""
+        done = self.prepared if point.role in PREPARATIONS else self.standing
+        return point.number in done or point.number in self.skipped
+
+    def pending(self) -> list[Point]:
+        """Return what is still to do, in order."""
+        return [point for point in self.points if not self.is_done(point)]
+
+    def before(self, point: Point | None) -> Point | None:
+        """Return the reading before a point that can be taken again.
+
+        Parameters
+        ----------
+        point : Point or None
+            Where the sequence stands; None at its end.
+
+        Returns
+        -------
+        Point or None
+            None where the mounting has changed since, or nothing was read in it.
+        """
+        limit = len(self.points) + 1 if point is None else point.number
+        earlier = [p for p in self.points if p.number < limit and p.role == "reading"]
+        if not earlier or (point is not None and earlier[-1].mounting != point.mounting):
+            return None
+        return earlier[-1]
+
+    def hangs(self, point: Point) -> bool:
+        """Return whether the weight of a point hangs already: its own, or the same before it."""
+        if self.hanging is None:
+            return False
+        now = self._point(self.hanging)
+        same = (now.mounting, now.mass_kg, now.role == "shunt")
+        return same == (point.mounting, point.mass_kg, point.role == "shunt")
+
+    # -- what is expected ------------------------------------------------------------------------
+
+    def zero_v(self, point: Point) -> float | None:
+        """Return the last reading without weight in the mounting of `point` before it, V."""
+        return self._zero_v(point.mounting, point.number)
+
+    def _zero_v(self, mounting: tuple[float, str], limit: int) -> float | None:
+        zeros = [
+            number
+            for number in self.standing
+            if number < limit
+            and self._point(number).mass_kg == 0.0
+            and self._point(number).mounting == mounting
+        ]
+        return float(self.standing[max(zeros)]["reading_v"]) if zeros else None
+
+    def rest_v(self) -> float | None:
+        """Return the bridge at rest before the first weight, V; None where it was not read."""
+        for number, body in self.prepared.items():
+            if self._point(number).role == "zero-check" and "reading_v" in body:
+                return float(body["reading_v"])
+        return None
+
+    def deflections(self) -> list[tuple[float, float]]:
+        """Return torque (N m, not 0) and reading less its zero (V) of accepted readings."""
+        found = []
+        for number, body in self.standing.items():
+            point = self._point(number)
+            zero = self._zero_v(point.mounting, number)
+            if point.mass_kg and zero is not None:
+                found.append((point.torque_nm, float(body["reading_v"]) - zero))
+        return found
+
+    def _point(self, number: int) -> Point:
+        return self.points[number - 1]
+
+
+class CalibrationLog:
+    """Writes to the journal, then into the state: never the other way round.
+
+    Parameters
+    ----------
+    journal : JournalWriter
+        Synced before `note` returns.
+    state : CalibrationState
+        Where the calibration stands.
+    """
+
+    def __init__(self, journal: JournalWriter, state: CalibrationState) -> None:
+        self._journal = journal
+        self.state = state
+
+    def note(self, event: str, body: Mapping[str, Any] | None = None) -> None:
+        """Note an event.
+
+        Parameters
+        ----------
+        event : str
+            Name of the event.
+        body : mapping, optional
+            What belongs to it.
+
+        Raises
+        ------
+        StorageError
+            If the disk is full or failed.
+        """
+        self._append("event", {"event": event, **(body or {})})
+
+    def reading(self, body: Mapping[str, Any]) -> None:
+        """Note an accepted reading.
+
+        Parameters
+        ----------
+        body : mapping
+            Fields of a `LoadReading`, ``point`` and what else is known.
+
+        Raises
+        ------
+        StorageError
+            If the disk is full or failed.
+        """
+        self._append("reading", body)
+
+    def replay(self, content: JournalContent) -> None:
+        """Take in what the journal holds already.
+
+        Parameters
+        ----------
+        content : JournalContent
+            Blocks in order.
+        """
+        known = range(1, len(self.state.points) + 1)
+        for block in content.blocks:
+            if block.extra.get("point", 1) in known:
+                self.state.apply(block.kind, block.extra)
+
+    def _append(self, kind: str, body: Mapping[str, Any]) -> None:
+        self._journal.append(kind, {}, body)
+        self.state.apply(kind, body)

@@ -1,0 +1,206 @@
+"""Go on with a run that ended early: in the same folder, after what its journal holds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from hdbench.devices.emulator.mistakes import Mistake
+from hdbench.devices.ports import Operator
+from hdbench.diagnosis.planning.planfile import read_plan
+from hdbench.errors import BusyError, UsageError
+from hdbench.filter import FilterModel
+from hdbench.profile import Profile
+from hdbench.profile.scaling import profile_scale, stored_scale
+from hdbench.records.journal import JournalContent, JournalWriter
+from hdbench.records.manifest import utc_now, utc_text
+from hdbench.records.runfolder import RunFolder
+from hdbench.session.calibrating.conversation import Conversation
+from hdbench.session.calibrating.plan import sequence_plan
+from hdbench.session.calibrating.planfile import PLAN_NAME, read_points
+from hdbench.session.experiments import make_plan
+from hdbench.session.filters import choose_filter
+from hdbench.session.keeping import Run, kept
+from hdbench.session.options import BenchOptions, RunOutcome
+from hdbench.session.plancheck import check_plan
+from hdbench.session.plans import Plan
+from hdbench.session.runner import Progress
+from hdbench.session.stop import StopSignals, listen
+from hdbench.session.stored import stored_address, stored_profile, stored_table
+from hdbench.session.task import Task
+from hdbench.session.watching import Unwatched, Watcher
+
+__all__ = ["ResumeOptions", "resume_run"]
+
+
+@dataclass(frozen=True, slots=True)
+class ResumeOptions:
+    """How a run is to go on; everything else stands in its folder.
+
+    Parameters
+    ----------
+    address : str or None
+        Bench controller instead of the run's own.
+    realtime : bool or None
+        Keep real time on the embedded bench; None does as the run did.
+    operator : Operator or None
+        The person at a run with motion.
+    talk : Conversation or None
+        The person at a calibration.
+    rehearse : bool
+        Ask that person at a simulated bench too, for practice.
+    mistakes : tuple of Mistake
+        What the operator of a simulated bench gets wrong from here on.
+    watcher : Watcher
+        Who looks on while samples come.
+    """
+
+    address: str | None = None
+    realtime: bool | None = None
+    operator: Operator | None = None
+    talk: Conversation | None = None
+    rehearse: bool = False
+    mistakes: tuple[Mistake, ...] = ()
+    watcher: Watcher = field(default_factory=Unwatched)
+
+
+def resume_run(path: Path, options: ResumeOptions, progress: Progress) -> RunOutcome:
+    """Go on with a run that was stopped, killed, or lost its bench.
+
+    Parameters
+    ----------
+    path : Path
+        Its folder.
+    options : ResumeOptions
+        What may differ from the first session.
+    progress : callable
+        Told what is going on.
+
+    Returns
+    -------
+    RunOutcome
+        The complete run, in the same folder.
+
+    Raises
+    ------
+    UsageError
+        If the run is complete or was aborted.
+    BusyError
+        If a process still records it.
+    DataError
+        If its folder is damaged.
+    Stopped, UnsafeError, DeviceError, StorageError, Aborted
+        As for `run_experiment`.
+
+    Notes
+    -----
+    A calibration goes on at the first point without a reading that counts. A run with motion keeps
+    the acquisitions that came to their end; one that was broken off is acquired again from
+    standstill, because speed, angle and load of the moment it broke off do not come back, and its
+    samples are kept beside the others, marked.
+    """
+    folder = RunFolder.open(path)
+    _check_status(folder)
+    profile = stored_profile(folder)
+    plan = _stored_plan(folder, profile)
+    with listen() as stop:
+        journal, content = _open_journal(folder)
+        try:
+            # another process may have gone on with the run since it was opened
+            folder = RunFolder.open(path)
+            _check_status(folder)
+            folder.reopen()
+            _note_session(journal, content, folder)
+            task = _task(folder, profile, plan, options, content, stop, progress)
+        except BaseException:
+            journal.close()
+            raise
+        with kept(folder):
+            run = Run(task, journal)
+            run.measure()
+            return run.evaluate()
+
+
+def _check_status(folder: RunFolder) -> None:
+    status = folder.status()
+    if status == "running":
+        raise BusyError(
+            f"the run still goes on (process {folder.manifest.get('pid')})",
+            where=str(folder.path),
+            fix="wait for it to end, or stop it",
+        )
+    if status != "incomplete":
+        raise UsageError(
+            f"the run is {status}: {folder.manifest.get('exit_reason')}",
+            where=str(folder.path),
+            fix="start a new run; only incomplete runs can be resumed",
+        )
+
+
+def _open_journal(folder: RunFolder) -> tuple[JournalWriter, JournalContent]:
+    if folder.journal.exists():
+        return JournalWriter.resume(folder.journal)
+    return JournalWriter(folder.journal), JournalContent((), 0, None)
+
+
+def _note_session(journal: JournalWriter, content: JournalContent, folder: RunFolder) -> None:
+    noted: dict[str, Any] = {
+        "event": "resumed",
+        "session": len(folder.manifest["sessions"]) + 1,
+        "utc": utc_text(utc_now()),
+        "cut_bytes": content.torn_bytes,
+        "damage": content.problem,
+    }
+    journal.append("event", {}, noted)
+
+
+def _stored_plan(folder: RunFolder, profile: Profile) -> Plan:
+    kind = str(folder.manifest["kind"])
+    if kind == "calibration":
+        plan = sequence_plan(read_points(folder.path), profile.data)
+        check_plan(plan, profile.data)
+        return plan
+    if kind not in ("misalignment", "ripple"):
+        raise UsageError(
+            f"a {kind} run measures nothing",
+            where=str(folder.path),
+            fix="only calibration, misalignment and ripple runs can be resumed",
+        )
+    file = folder.path / PLAN_NAME
+    return make_plan(kind, profile, read_plan(file) if file.is_file() else None)
+
+
+def _task(
+    folder: RunFolder,
+    profile: Profile,
+    plan: Plan,
+    options: ResumeOptions,
+    content: JournalContent,
+    stop: StopSignals,
+    progress: Progress,
+) -> Task:
+    manifest = folder.manifest
+    scale = stored_scale(manifest.get("calibration"), folder.path) or profile_scale(profile)
+    ran = manifest.get("filter")
+    if isinstance(ran, dict):
+        model = FilterModel.from_dict(ran, source=f"{folder.path / 'run.json'}: filter")
+    else:
+        model = choose_filter(profile, None)
+    bench = stored_table(manifest, "bench")
+    simulation = stored_table(manifest, "simulation")
+    realtime = bool(bench.get("realtime")) if options.realtime is None else options.realtime
+    asked = BenchOptions(
+        out=folder.path.parent,
+        plant=str(simulation.get("plant", "as-modelled")),
+        seed=int(simulation.get("seed", 0)),
+        address=options.address or stored_address(folder),
+        realtime=realtime,
+        operator=options.operator,
+        motion=plan.motion,
+        talk=options.talk,
+        rehearse=options.rehearse,
+        mistakes=options.mistakes,
+        watcher=options.watcher,
+    )
+    return Task(plan.kind, profile, asked, plan, scale, model, folder, stop, progress, content)

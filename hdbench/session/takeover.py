@@ -1,0 +1,50 @@
+"""A recorder that goes on with what an earlier session of its run has recorded."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from hdbench.records.attempts import SampleGroup
+from hdbench.session.recorder import TraceRecorder
+
+__all__ = ["take_over"]
+
+
+def take_over(recorder: TraceRecorder, groups: Sequence[SampleGroup]) -> None:
+    """Take over what an earlier session of this run has recorded.
+
+    Parameters
+    ----------
+    recorder : TraceRecorder
+        Fresh.
+    groups : sequence of SampleGroup
+        The journal; complete acquisitions go through the online filter again, so that what it says
+        of the next one depends on the stored samples alone. The others are only counted.
+    """
+    for group in groups:
+        if group.step is not None:
+            attempts = recorder.attempts.get(group.step, 0)
+            recorder.attempts[group.step] = max(attempts, group.attempt)
+        if group.complete and not group.superseded:
+            _take_over(recorder, group)
+
+
+def _take_over(recorder: TraceRecorder, group: SampleGroup) -> None:
+    recorder.stage += bool(recorder.n_rows)
+    first_row, last_s = recorder.n_rows, 0.0
+    for block in group.blocks:
+        rows = {name: values.astype(np.float64) for name, values in block.columns.items()}
+        recorder.online.process(
+            rows["time_s"],
+            rows["motor_velocity_rad_s"],
+            rows["torque_nm"],
+            rows.get("motor_angle_rad"),
+        )
+        last_s = float(rows["time_s"][-1])
+        recorder.n_rows += len(rows["time_s"])
+        recorder.lost += int(block.extra.get("lost", 0))
+        recorder.saturated += int(block.extra.get("saturated", 0))
+    recorder.stage_rows = recorder.n_rows - first_row
+    recorder.stage_start_s = last_s - (recorder.stage_rows - 1) * recorder.sample_period_s

@@ -1,0 +1,280 @@
+"""Gains of experiments: positions, directions, ranges, outliers, against published examples."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy import stats
+
+from hdbench.calibration.budget import combined, expanded_uncertainty
+from hdbench.calibration.gains import (
+    DirectionEntry,
+    consensus,
+    direction_effects,
+    extreme_values,
+    gain_outliers,
+    grubbs_limit,
+    mixed_fit,
+    one_way,
+    paired_difference,
+)
+
+# eight gains with mean 6.60 and consistency 2.0 %, four positions, clockwise and anticlockwise
+EIGHT = [[6.43, 6.46], [6.50, 6.56], [6.63, 6.69], [6.75, 6.78]]
+FLAT = [gain for pair in EIGHT for gain in pair]
+# USP 29, chapter <1010>, table 1: three replicates in each of five runs
+USP = [
+    [100.70, 101.05, 101.15],
+    [99.46, 99.37, 99.59],
+    [99.96, 100.17, 101.01],
+    [101.80, 102.16, 102.44],
+    [101.91, 102.00, 101.67],
+]
+WAYS = [("cw",), ("ccw",)] * 4
+PLACES = [0, 0, 1, 1, 2, 2, 3, 3]
+
+
+def test_analysis_of_variance_of_the_eight_gains_is_that_printed() -> None:
+    found = one_way(EIGHT)
+    assert found is not None
+    assert found.between == pytest.approx(0.0398333, abs=5e-8)
+    assert found.within == pytest.approx(0.001125, abs=5e-7)
+    assert found.ratio == pytest.approx(35.41, abs=5e-3)
+    assert found.probability == pytest.approx(0.0024, abs=5e-5)
+    assert found.repeatability == pytest.approx(0.03354, abs=5e-6)
+    assert found.between_std == pytest.approx(0.13912, abs=5e-6)
+    assert found.reproducibility == pytest.approx(0.14311, abs=5e-6)
+    assert found.intraclass == pytest.approx(0.945, abs=5e-4)
+    assert found.mean_std == pytest.approx(0.070563, abs=5e-7)
+    # printed in percent of 6.60: 0.508, 2.108, 2.168
+    sizes = [found.repeatability, found.between_std, found.reproducibility]
+    np.testing.assert_allclose(np.array(sizes) / 0.066, [0.508, 2.108, 2.168], atol=5e-4)
+
+
+def test_expanded_uncertainties_of_the_eight_gains_are_those_printed() -> None:
+    found = one_way(EIGHT)
+    assert found is not None
+    mean = expanded_uncertainty(found.mean_std, 3.0)
+    assert mean.expanded == pytest.approx(0.22456, abs=5e-6)
+    assert 100.0 * mean.expanded / 6.6 == pytest.approx(3.402, abs=5e-4)
+    naive = expanded_uncertainty(float(np.std(FLAT, ddof=1)) / math.sqrt(8.0), 7.0)
+    assert naive.expanded == pytest.approx(0.11127, abs=5e-6)
+    assert 100.0 * naive.expanded / 6.6 == pytest.approx(1.686, abs=5e-4)
+    std, dof = found.any_one
+    assert std == pytest.approx(math.hypot(found.mean_std, found.reproducibility), rel=1e-12)
+    assert 3.0 < dof < 4.0
+
+
+def test_directions_of_the_eight_gains_differ_as_printed() -> None:
+    entries = [(place, way[0], gain) for place, way, gain in zip(PLACES, WAYS, FLAT, strict=True)]
+    found = paired_difference(entries, "cw", "ccw")
+    assert found is not None
+    assert (found.mean_first, found.mean_second) == pytest.approx((6.5775, 6.6225), abs=1e-12)
+    assert abs(found.difference.value) == pytest.approx(0.045, abs=1e-12)
+    assert 100.0 * abs(found.relative) == pytest.approx(0.682, abs=5e-4)
+    assert abs(found.statistic) == pytest.approx(5.196, abs=5e-4)
+    assert found.probability == pytest.approx(0.0138, abs=5e-5)
+    theirs = stats.ttest_rel([p[0] for p in EIGHT], [p[1] for p in EIGHT])
+    assert found.probability == pytest.approx(theirs.pvalue, rel=1e-9)
+
+
+def test_gains_with_their_own_uncertainties_have_the_printed_birge_ratio() -> None:
+    found = consensus(FLAT, [0.0105] * 8)
+    assert found is not None
+    assert found.chi_square == pytest.approx(1124.7, abs=0.05)
+    assert found.birge_ratio == pytest.approx(12.68, abs=5e-3)
+    assert found.between_std == pytest.approx(0.13268, abs=5e-6)
+
+
+def test_paule_mandel_solves_its_equation_for_unequal_uncertainties() -> None:
+    rng = np.random.default_rng(3)
+    own = rng.uniform(0.01, 0.3, 9)
+    gains = 6.6 + rng.normal(0.0, 0.2, 9)
+    found = consensus(list(gains), list(own))
+    assert found is not None
+    weights = 1.0 / (own**2 + found.between_std**2)
+    assert float((weights * (gains - found.mean.value) ** 2).sum()) == pytest.approx(8.0, rel=1e-9)
+
+
+def test_variance_components_of_the_pharmacopeia_are_reproduced() -> None:
+    found = one_way(USP)
+    assert found is not None
+    assert found.between == pytest.approx(3.550, abs=5e-4)
+    assert found.within == pytest.approx(0.1018, abs=5e-5)
+    assert found.ratio == pytest.approx(34.886, abs=5e-3)
+    assert found.between_std**2 == pytest.approx(1.1494, abs=5e-5)
+    assert found.reproducibility**2 == pytest.approx(1.2512, abs=5e-5)
+    theirs = stats.f_oneway(*USP)
+    assert (found.ratio, found.probability) == pytest.approx(
+        (theirs.statistic, theirs.pvalue), rel=1e-9
+    )
+
+
+@pytest.mark.parametrize("dropped", [(), (7,), (0, 5), (0,)])
+@pytest.mark.parametrize("effects", [False, True])
+def test_the_mixed_model_agrees_with_statsmodels(dropped, effects: bool) -> None:
+    from statsmodels.regression.mixed_linear_model import MixedLM
+
+    keep = [i for i in range(8) if i not in dropped]
+    gains = [FLAT[i] for i in keep]
+    places, ways = [PLACES[i] for i in keep], [WAYS[i] if effects else () for i in keep]
+    found = mixed_fit(gains, places, ways)
+    assert found is not None
+    columns = [np.ones(len(keep))]
+    if effects:
+        columns.append(np.array([1.0 if w == ("ccw",) else -1.0 for w in ways]))
+    theirs = MixedLM(np.array(gains), np.column_stack(columns), groups=np.array(places))
+    fit = theirs.fit(reml=True)
+    # theirs is found by iteration, which leaves 1e-3 in the standard deviations
+    assert found.gain.value == pytest.approx(float(fit.fe_params[0]), rel=1e-6)
+    assert found.gain.std == pytest.approx(float(fit.bse_fe[0]), rel=2e-3)
+    assert found.between_std == pytest.approx(math.sqrt(float(fit.cov_re[0, 0])), rel=2e-3)
+    assert found.repeatability == pytest.approx(math.sqrt(float(fit.scale)), rel=2e-3)
+
+
+def test_the_balanced_mixed_model_is_the_analysis_of_variance() -> None:
+    found, anova = mixed_fit(FLAT, PLACES, [()] * 8), one_way(EIGHT)
+    assert found is not None
+    assert anova is not None
+    assert found.between_std == pytest.approx(anova.between_std, rel=1e-6)
+    assert found.gain.std == pytest.approx(anova.mean_std, rel=1e-6)
+    assert found.gain.dof == pytest.approx(3.0, rel=1e-6)
+
+
+def test_a_mixed_model_without_data_for_its_effects_is_refused() -> None:
+    assert mixed_fit([1.0, 2.0, 3.0], [0, 0, 0], [()] * 3) is None
+    assert mixed_fit([1.0, 2.0], [0, 1], [("cw",), ("ccw",)]) is None
+
+
+@pytest.mark.parametrize(
+    ("n", "limit"),
+    [(3, 1.154), (4, 1.481), (6, 1.887), (8, 2.127), (12, 2.412), (16, 2.586), (24, 2.802)],
+)
+def test_grubbs_limits_are_those_of_the_table(n: int, limit: float) -> None:
+    # 1.48125 and 2.58565 print as 1.481 and 2.586: half a unit and rounding
+    assert grubbs_limit(n) == pytest.approx(limit, abs=5.1e-4)
+
+
+def test_outliers_of_rosners_published_example_are_found() -> None:
+    # NIST/SEMATECH e-Handbook, section 1.3.5.17.3: 54 values, three outliers at the 5 % level
+    values = [
+        -0.25, 0.68, 0.94, 1.15, 1.20, 1.26, 1.26, 1.34, 1.38, 1.43, 1.49, 1.49, 1.55, 1.56,
+        1.58, 1.65, 1.69, 1.70, 1.76, 1.77, 1.81, 1.91, 1.94, 1.96, 1.99, 2.06, 2.09, 2.10,
+        2.14, 2.15, 2.23, 2.24, 2.26, 2.35, 2.37, 2.40, 2.47, 2.54, 2.62, 2.64, 2.90, 2.92,
+        2.92, 2.93, 3.21, 3.26, 3.30, 3.59, 3.68, 4.30, 4.64, 5.34, 5.42, 6.01,
+    ]  # fmt: skip
+    found = extreme_values(values)
+    assert [values[o.index] for o in found] == [6.01, 5.42, 5.34]
+    # statistics and critical values as printed there
+    np.testing.assert_allclose([o.statistic for o in found], [3.118, 2.942, 3.179], atol=1e-3)
+    np.testing.assert_allclose([o.limit for o in found], [3.158, 3.151, 3.143], atol=2e-3)
+
+
+def test_two_outliers_that_hide_each_other_are_both_found() -> None:
+    values = [6.60, 6.61, 6.59, 6.60, 6.62, 6.58, 6.60, 6.61, 6.59, 9.0, 9.1]
+    # one at a time, the second widens the spread until the first is within its limit
+    z = np.abs(np.array(values) - np.mean(values)) / np.std(values, ddof=1)
+    assert float(z.max()) < grubbs_limit(len(values))
+    assert sorted(o.index for o in extreme_values(values)) == [9, 10]
+
+
+def test_gains_are_searched_among_those_of_their_own_position() -> None:
+    numbers = [0, 0, 1, 1, 2, 2]
+    # two gains of one position far from the others: no single one of them is an outlier
+    assert gain_outliers([6.53, 6.53, 6.51, 6.50, 6.72, 6.72], numbers) == ()
+    rng = np.random.default_rng(5)
+    many = [6.5 + 0.01 * rng.normal() for _ in range(9)]
+    found = gain_outliers([*many, 7.5], list(range(10)))
+    assert [(o.kind, o.places) for o in found] == [("gain", (9,))]
+    pairs = [g + d for g in [*many, 7.5] for d in (-0.001, 0.001)]
+    found = gain_outliers(pairs, [k // 2 for k in range(20)])
+    assert [(o.kind, o.places) for o in found] == [("position", (18, 19))]
+    inside = gain_outliers([6.50, 6.51, 6.505, 6.507, 6.9, 6.60, 6.61], [0, 0, 0, 0, 0, 1, 1])
+    assert [(o.kind, o.places) for o in inside] == [("gain", (4,))]
+
+
+def test_sound_gains_seldom_show_an_outlier() -> None:
+    rng = np.random.default_rng(8)
+    n = 400
+    named = sum(bool(extreme_values(list(rng.normal(size=8)))) for _ in range(n))
+    # at most one in twenty for the first step, a little more for two; false alarm 1e-3 at 8 %
+    assert named <= stats.binom.ppf(0.999, n, 0.08)
+
+
+def entries(levers: list[float], side: float, true: float, noise: float = 0.0, seed: int = 0):
+    rng = np.random.default_rng(seed)
+    out = []
+    for place in range(4):
+        base = 0.15 * (1.0 + 0.01 * rng.normal())
+        for lever in levers:
+            for way, sign in (("cw", 1.0), ("ccw", -1.0)):
+                value = base + sign * (0.15 * true + side * lever) + noise * rng.normal()
+                out.append(DirectionEntry(place, way, value, lever))
+    return out
+
+
+def test_side_force_and_direction_asymmetry_are_one_group_for_one_arm() -> None:
+    found = direction_effects(entries([2.0], 1e-4, 2e-3))
+    assert not found.separated
+    assert found.group == ("side-force", "direction-asymmetry")
+    assert found.crosstalk_v_per_n is None
+
+
+@pytest.mark.parametrize("levers", [[2.0, 0.0], [2.0, 4.0]])
+def test_a_couple_or_a_second_arm_tells_them_apart(levers: list[float]) -> None:
+    found = direction_effects(entries(levers, 1e-4, 2e-3, noise=1e-6))
+    assert found.separated
+    assert found.group == ()
+    # ten standard uncertainties of this noise are below these tolerances
+    assert found.crosstalk_v_per_n.value == pytest.approx(1e-4, abs=1e-5)
+    assert found.asymmetry.value == pytest.approx(2e-3, abs=2e-4)
+    low, high = found.crosstalk_v_per_n.interval(0.999)
+    assert low < 1e-4 < high
+
+
+def test_a_second_arm_in_one_direction_alone_does_not_tell_them_apart() -> None:
+    rows = [
+        e for e in entries([2.0, 4.0], 1e-4, 2e-3) if e.lever_per_m == 2.0 or e.direction == "cw"
+    ]
+    assert not direction_effects(rows).separated
+    only = [e for e in rows if e.direction == "cw"]
+    assert "one direction only" in direction_effects(only).reason
+
+
+@settings(max_examples=40)
+@given(
+    gains=st.lists(st.lists(st.floats(5.0, 8.0), min_size=2, max_size=3), min_size=2, max_size=5),
+    scale=st.sampled_from([0.5, 2.0, 4.0]),
+)
+def test_sums_of_squares_add_up_and_scale(gains: list[list[float]], scale: float) -> None:
+    found = one_way(gains)
+    assert found is not None
+    flat = np.concatenate([np.array(g) for g in gains])
+    total = float(((flat - flat.mean()) ** 2).sum())
+    p, n = len(gains), len(flat)
+    parts = found.between * (p - 1) + found.within * (n - p)
+    # rounding of sums of at most fifteen squares
+    assert parts == pytest.approx(total, rel=1e-9, abs=1e-12)
+    scaled = one_way([[scale * x for x in g] for g in gains])
+    assert scaled is not None
+    assert scaled.mean_std == pytest.approx(scale * found.mean_std, rel=1e-12, abs=1e-15)
+
+
+def test_effective_degrees_of_freedom_are_satterthwaites() -> None:
+    # printed example: position 0.070563 with 3 dof beside three known sources
+    parts = [
+        (0.070563, 3.0),
+        (6.6 * 0.013e-2, None),
+        (6.6 * 0.19e-2 / math.sqrt(3.0), None),
+        (6.6 * 0.05e-2 / math.sqrt(3.0), None),
+    ]
+    std, dof = combined(parts)
+    found = expanded_uncertainty(std, dof)
+    assert std == pytest.approx(0.0709644, abs=5e-7)
+    assert dof == pytest.approx(3.0688, abs=5e-5)
+    assert found.coverage_factor == pytest.approx(3.1425, abs=5e-5)
+    assert found.expanded == pytest.approx(0.22300, abs=5e-6)

@@ -1,0 +1,221 @@
+"""Plateaus of raw readings: found without being told, glitches and stuck samples left out."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hdbench.calibration import evaluate_calibration
+from hdbench.calibration.staircase import StaircasePlan, find_plateaus, import_staircase
+from hdbench.calibration.staircase.glitches import find_glitches, find_stuck
+from hdbench.errors import DataError, UsageError
+from hdbench.profile import load_profile
+from hdbench.records.foreign import ForeignFormat
+from hdbench.records.loadsfile import read_loads
+from hdbench.records.mapping import ColumnMap, Constant
+
+DATA = os.environ.get("HDBENCH_DATA")
+needs_data = pytest.mark.skipif(DATA is None, reason="HDBENCH_DATA is not set")
+LB = (0.0, 10.0, 20.0, 30.0, 40.0, 30.0, 20.0, 10.0, 0.0)
+# samples of the two loaded cells that are near -8.38e6 counts, rows from 0
+GLITCHES = {11: [73, 440, 731, 1052], 12: [8, 94, 338, 1041]}
+
+
+def cell_file() -> Path:
+    return Path(str(DATA)) / "swing_loadcell_cal" / "LoadCellCalibrationData.txt"
+
+
+def cell_plan(column: int, loads: tuple[float, ...] = LB, **more: object) -> StaircasePlan:
+    maps = (ColumnMap("time_s", "1*0.001"), ColumnMap("reading_v", str(column)))
+    return StaircasePlan(maps, (), loads, "lb", layout=ForeignFormat(",", False), **more)
+
+
+def arm():
+    return load_profile("cim-tr-97-06").data.arm
+
+
+@needs_data
+@pytest.mark.parametrize(("column", "counts_per_lb"), [(11, 997.0), (12, 1004.0)])
+def test_a_load_cell_under_dead_weights_has_nine_plateaus(
+    tmp_path: Path, column: int, counts_per_lb: float
+) -> None:
+    out = tmp_path / "loads.csv"
+    report = import_staircase(cell_plan(column), cell_file(), out, arm())
+    body = json.loads(json.dumps(report.to_dict(), allow_nan=False))
+    assert len(body["plateaus"]) == 9
+    assert body["reading_per_load"] == pytest.approx(counts_per_lb, abs=0.5)
+    # the four glitches, found where the raw file has them
+    raw = np.loadtxt(cell_file(), delimiter=",")
+    times = (raw[:, 0] - raw[0, 0]) / 1000.0
+    np.testing.assert_allclose(body["glitches_at_s"], times[GLITCHES[column]], atol=1e-9)
+    # no average holds one: -8e6 counts in some hundred samples would move it by 60000
+    assert all(5000.0 < p["mean"] < 60000.0 and p["std"] < 200.0 for p in body["plateaus"])
+
+
+@needs_data
+def test_the_load_cell_goes_through_the_whole_evaluation(tmp_path: Path) -> None:
+    out = tmp_path / "loads.csv"
+    import_staircase(cell_plan(11), cell_file(), out, arm())
+    loads = read_loads(out, arm())
+    bench = load_profile("cim-tr-97-06").data
+    body = evaluate_calibration(loads, max_consistency=0.05, bench=bench).to_dict({})
+    json.dumps(body, allow_nan=False)
+    assert body["course"]["n_excluded_samples"] == 4
+    assert len(body["course"]["excluded_at_s"]) == 4
+    assert "marked-glitches" in [note["name"] for note in body["notes"]]
+    assert sum(r["flags"] == ["glitches"] for r in body["readings"]) == 4
+    # sensitivity in counts per pound force on the arm
+    pound = 0.45359237 * bench.arm.gravity_m_s2 * bench.arm.length_m
+    assert pound / body["gain_nm_per_v"]["value"] == pytest.approx(997.0, abs=0.5)
+    assert len(body["steps"]) == 4
+    assert body["steps"][0]["reversibility_v"] is not None
+
+
+@needs_data
+def test_loads_that_do_not_match_list_the_plateaus_that_were_found(tmp_path: Path) -> None:
+    out = tmp_path / "loads.csv"
+    with pytest.raises(DataError, match="found 9 plateaus for 3 loads") as caught:
+        import_staircase(cell_plan(11, (0.0, 10.0, 20.0)), cell_file(), out, arm())
+    assert "--loads" in caught.value.fix
+    assert not out.exists()
+
+
+def staircase(
+    levels: list[float], noise: float, rng: np.random.Generator, hold: int = 80
+) -> tuple[np.ndarray, list[float]]:
+    """Return samples at 10 Hz: levels joined by ramps of fifteen samples."""
+    parts = [np.full(hold, levels[0])]
+    for before, after in itertools.pairwise(levels):
+        parts += [np.linspace(before, after, 15), np.full(hold, after)]
+    x = np.concatenate(parts)
+    return x + noise * rng.normal(size=len(x)), levels
+
+
+@settings(max_examples=30, deadline=None)
+@given(
+    n=st.integers(1, 12),
+    scale=st.sampled_from([1e-4, 1.0, 1e5]),
+    offset=st.sampled_from([0.0, -3.0, 200.0]),
+    seed=st.integers(0, 10_000),
+)
+def test_any_staircase_is_found_with_its_levels(
+    n: int, scale: float, offset: float, seed: int
+) -> None:
+    rng = np.random.default_rng(seed)
+    levels = [offset + float(k) for k in np.cumsum(rng.choice([-1.0, 1.0, 2.0], size=n))]
+    x, truth = staircase(levels, 0.02, rng)
+    found = find_plateaus(np.arange(len(x)) / 10.0, scale * x)
+    assert len(found.plateaus) == n
+    # six standard deviations of a mean of fifty samples of noise 0.02
+    np.testing.assert_allclose(
+        [p.mean / scale for p in found.plateaus], truth, rtol=0.0, atol=6 * 0.02 / 50**0.5
+    )
+
+
+def test_glitches_anywhere_are_left_out_of_every_average() -> None:
+    rng = np.random.default_rng(1)
+    x, levels = staircase([0.0, 1.0, 2.0, 1.0, 0.0], 0.01, rng)
+    bad = rng.choice(np.arange(5, len(x) - 5), size=12, replace=False)
+    spoilt = x.copy()
+    spoilt[bad] += rng.choice([-50.0, 30.0], size=12)
+    found = find_plateaus(np.arange(len(x)) / 10.0, spoilt)
+    np.testing.assert_allclose(np.array(found.glitches_at_s) * 10.0, np.sort(bad), atol=1e-9)
+    np.testing.assert_allclose([p.mean for p in found.plateaus], levels, atol=0.01)
+
+
+def test_pairs_and_ends_of_a_record_may_be_glitches_and_steps_are_none() -> None:
+    rng = np.random.default_rng(2)
+    x, _ = staircase([0.0, 5.0, 0.0], 0.01, rng, hold=60)
+    assert not find_glitches(x).any()
+    x[0] = x[40] = x[41] = 100.0
+    assert list(np.flatnonzero(find_glitches(x))) == [0, 40, 41]
+
+
+def test_a_converter_that_stood_still_is_found_and_left_out() -> None:
+    rng = np.random.default_rng(3)
+    x, _ = staircase([0.0, 1.0, 0.0], 0.01, rng, hold=150)
+    x[200:260] = x[200]
+    stuck = find_stuck(x)
+    assert (stuck.sum(), stuck[200], stuck[259]) == (59, False, True)
+    found = find_plateaus(np.arange(len(x)) / 10.0, x)
+    assert len(found.stuck_at_s) == 59
+    assert len(found.plateaus) == 3
+    # a display that usually repeats is not stuck
+    assert not find_stuck(np.repeat(rng.normal(size=10), 50)).any()
+
+
+def test_a_zero_that_does_not_flicker_is_kept_and_marked() -> None:
+    rng = np.random.default_rng(7)
+    x, levels = staircase([0.0, 1.0, 2.0, 1.0], 0.01, rng, hold=100)
+    x[:100] = 0.0
+    found = find_plateaus(np.arange(len(x)) / 10.0, x)
+    np.testing.assert_allclose([p.mean for p in found.plateaus], levels, atol=0.01)
+    assert len(found.plateaus[0].stuck_at_s) > 60
+
+
+def test_missing_samples_are_no_glitches_and_no_readings() -> None:
+    rng = np.random.default_rng(4)
+    x, levels = staircase([0.0, 1.0, 0.0], 0.01, rng)
+    x[::7] = np.nan
+    found = find_plateaus(np.arange(len(x)) / 10.0, x)
+    assert found.glitches_at_s == ()
+    np.testing.assert_allclose([p.mean for p in found.plateaus], levels, atol=0.01)
+
+
+@pytest.mark.parametrize(
+    ("x", "n"), [([], 0), ([1.0] * 5, 0), ([np.nan] * 100, 0), ([3.0] * 100, 1)]
+)
+def test_short_empty_and_constant_records_are_taken(x: list[float], n: int) -> None:
+    found = find_plateaus(np.arange(len(x)) / 10.0, np.array(x))
+    assert len(found.plateaus) == n
+
+
+def test_an_impossible_shortest_plateau_is_refused() -> None:
+    with pytest.raises(ValueError, match="least"):
+        find_plateaus(np.arange(3.0), np.arange(3.0), float("nan"))
+
+
+def written(tmp_path: Path, text: str) -> Path:
+    file = tmp_path / "raw.csv"
+    file.write_text(text, encoding="utf-8")
+    return file
+
+
+@pytest.mark.parametrize(
+    ("constants", "maps", "error", "text"),
+    [
+        ((Constant("series", "up"),), ("t", "v"), UsageError, "no meaning for a staircase"),
+        ((Constant("direction", "left"),), ("t", "v"), UsageError, "direction is 'left'"),
+        ((Constant("position_rad", "nan"),), ("t", "v"), UsageError, "position_rad"),
+        ((), (None, "v"), UsageError, "no time"),
+        ((), ("t", None), UsageError, "no readings"),
+        ((), ("v", "v"), DataError, "time does not rise"),
+        ((), ("t", "v"), DataError, "found 0 plateaus for 9 loads"),
+    ],
+)
+def test_a_staircase_that_cannot_be_brought_in_says_why(
+    tmp_path: Path, constants, maps, error, text: str
+) -> None:
+    file = written(tmp_path, "t,v\n" + "".join(f"{k},{k % 3}\n" for k in range(9)))
+    names = zip(("time_s", "reading_v"), maps, strict=True)
+    plan = StaircasePlan(
+        tuple(ColumnMap(name, source) for name, source in names if source), constants, LB
+    )
+    with pytest.raises(error, match=text) as caught:
+        import_staircase(plan, file, tmp_path / "out.csv", arm())
+    assert caught.value.fix
+    assert not (tmp_path / "out.csv").exists()
+
+
+def test_the_input_is_never_overwritten(tmp_path: Path) -> None:
+    file = written(tmp_path, "t,v\n0,1\n1,2\n")
+    plan = StaircasePlan((ColumnMap("time_s", "t"), ColumnMap("reading_v", "v")), (), LB)
+    with pytest.raises(UsageError, match="is the input"):
+        import_staircase(plan, file, file, arm())

@@ -1,0 +1,300 @@
+"""Step by step in the manner of EURAMET cg-14: a published example to its last printed digit."""
+
+from __future__ import annotations
+
+import importlib.util
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hdbench.calibration import evaluate_calibration
+from hdbench.calibration.readings import taken_readings
+from hdbench.calibration.stepwise import CLASSES, class_limit, evaluate_group, step_groups
+from hdbench.calibration.stepwise.classes import classify
+from hdbench.calibration.torque.applied import TorqueAccount
+from hdbench.records import LoadReading, Loads
+
+_FILE = Path(__file__).with_name("worked_example.py")
+_SPEC = importlib.util.spec_from_file_location("calibration_worked_example", _FILE)
+assert _SPEC is not None
+assert _SPEC.loader is not None
+_WORKED = importlib.util.module_from_spec(_SPEC)
+_SPEC.loader.exec_module(_WORKED)
+SERIES, worked_loads = _WORKED.SERIES, _WORKED.worked_loads
+
+# relative standard uncertainty of the applied torque in the example: 0.013 %
+ACCOUNT = TorqueAccount("given", None, (), 9.81, "given", ((40.0, 0.013e-2),))
+
+
+def evaluated(loads: Loads, resolution_v: float | None = 0.001):
+    (group,) = step_groups(taken_readings(loads), "single")
+    return evaluate_group(group, ACCOUNT, resolution_v)
+
+
+@pytest.fixture(scope="module")
+def example():
+    return evaluated(worked_loads())
+
+
+def column(example, *keys):
+    out = []
+    for step in example.steps():
+        value = step
+        for key in keys:
+            value = value[key]
+        out.append(value)
+    return out
+
+
+# every row of the published table, with half a unit of its last printed digit
+TABLE = [
+    (("deflection_v",), 1.0, 5e-7, [1.208000, 2.417000, 3.627667, 4.841000, 6.055667]),
+    (("repeatability_v",), 1.0, 5e-7, [0.006, 0.003, 0.007, 0.006, 0.005]),
+    (("repeatability_relative",), 100.0, 5e-5, [0.4967, 0.1241, 0.1930, 0.1239, 0.0826]),
+    (("reproducibility_v",), 1.0, 5e-7, [0.011533, 0.020075, 0.030567, 0.038588, 0.049642]),
+    (("reproducibility_relative",), 100.0, 5e-5, [0.9547, 0.8306, 0.8426, 0.7971, 0.8198]),
+    (("range_relative",), 100.0, 5e-4, [1.904, 1.655, 1.682, 1.591, 1.635]),
+    (("reversibility_v",), 1.0, 5e-6, [0.02050, 0.02825, 0.02725, 0.01825, 0.0]),
+    (("reversibility_relative",), 100.0, 5e-5, [1.6970, 1.1688, 0.7512, 0.3770, 0.0]),
+    (("deviation_linear_relative",), 100.0, 5e-5, [-0.1917, -0.1502, -0.0904, -0.0054, 0.0676]),
+    (("deviation_cubic_relative",), 100.0, 5e-5, [0.0140, -0.0018, -0.0069, 0.0056, -0.0014]),
+    (("deflection_up_down_v",), 1.0, 5e-7, [1.218333, 2.431167, 3.641333, 4.850167, 6.055667]),
+    (("deviation_up_down_relative",), 100.0, 5e-5, [0.4845, 0.2594, 0.1110, 0.0092, -0.1071]),
+    (("increasing", "expanded_relative_k2"), 100.0, 5e-5, [1.1420, 0.9634, 0.9807, 0.9245, 0.9490]),
+    (
+        ("increasing_decreasing", "expanded_relative_k2"),
+        100.0,
+        5e-5,
+        [1.4919, 1.1694, 1.0683, 0.9480, 0.9490],
+    ),
+    (
+        ("increasing_decreasing", "expanded_relative_k2_with_deviation"),
+        100.0,
+        5e-5,
+        [1.9765, 1.4288, 1.1793, 0.9572, 1.0561],
+    ),
+    (
+        ("increasing_decreasing", "expanded_nm_k2"),
+        1.0,
+        5e-5,
+        [0.1581, 0.2286, 0.2830, 0.3063, 0.4224],
+    ),
+]
+PARTS = {
+    "resolution": [0.0338, 0.0169, 0.0113, 0.0084, 0.0067],
+    "repeatability": [0.1434, 0.0358, 0.0557, 0.0358, 0.0238],
+    "reproducibility": [0.5512, 0.4795, 0.4865, 0.4602, 0.4733],
+    "zero": [0.0191] * 5,
+    "fit": [0.0029, 0.0004, 0.0014, 0.0012, 0.0003],
+}
+
+
+@pytest.mark.parametrize(("keys", "scale", "digit", "printed"), TABLE)
+def test_every_printed_figure_of_the_worked_example_is_reproduced(
+    example, keys, scale, digit, printed
+) -> None:
+    # a hair above half a unit: two printed figures end in an exact five
+    np.testing.assert_allclose(
+        scale * np.array(column(example, *keys)), printed, rtol=0.0, atol=1.01 * digit
+    )
+
+
+@pytest.mark.parametrize("name", PARTS)
+def test_every_part_of_the_uncertainty_of_loading_is_reproduced(example, name: str) -> None:
+    found = 100.0 * np.array(column(example, "increasing", "parts", name))
+    np.testing.assert_allclose(found, PARTS[name], rtol=0.0, atol=5.05e-5)
+
+
+def test_the_part_of_reversibility_is_reproduced(example) -> None:
+    found = column(example, "increasing_decreasing", "parts", "reversibility")
+    printed = [0.4857, 0.3354, 0.2160, 0.1086, 0.0]
+    np.testing.assert_allclose(100.0 * np.array(found), printed, rtol=0.0, atol=5.05e-5)
+
+
+def test_lines_zero_and_sensitivities_of_the_worked_example_are_reproduced(example) -> None:
+    group = example.summary()
+    assert group["zero_v"] == pytest.approx(0.004, abs=1e-12)
+    assert 100.0 * group["zero_relative"] == pytest.approx(0.0661, abs=5e-5)
+    assert group["sensitivity_v_per_nm"] == pytest.approx(0.1513917, abs=5e-8)
+    assert group["gain_nm_per_v"] == pytest.approx(6.60538, abs=5e-6)
+    assert group["linear_v_per_nm"] == pytest.approx(0.15128939, abs=5e-9)
+    assert group["gain_up_nm_per_v"] == pytest.approx(6.60985, abs=5e-6)
+    assert group["linear_up_down_v_per_nm"] == pytest.approx(0.15155379, abs=5e-9)
+    assert group["gain_up_down_nm_per_v"] == pytest.approx(6.59832, abs=5e-6)
+    assert group["cubic_v"][0] == pytest.approx(0.150904, abs=5e-7)
+
+
+def test_the_coverage_factor_of_three_positions_is_far_from_two(example) -> None:
+    dof = column(example, "increasing", "dof")
+    factors = column(example, "increasing", "coverage_factor")
+    # printed: nu_eff 2.3 to 2.0, k 3.8 to 4.3; W at 40 N m is 2.02 %, not 0.95 %
+    assert (max(dof), min(dof)) == pytest.approx((2.3, 2.0), abs=0.05)
+    assert (min(factors), max(factors)) == pytest.approx((3.8, 4.3), abs=0.05)
+    assert 100 * column(example, "increasing", "expanded_relative")[-1] == pytest.approx(
+        2.02, abs=5e-3
+    )
+
+
+def test_classes_of_the_worked_example_are_those_printed(example) -> None:
+    second = {c.name: c.allowed for c in example.class_two.criteria}
+    assert second["repeatability"] == second["reproducibility"] == second["fit"] == 1.0
+    assert (second["zero"], second["reversibility"]) == (0.5, 2.0)
+    assert example.class_two.value == 2.0
+    assert "set by reversibility" in example.class_two.reason
+    first = {c.name: c.allowed for c in example.class_one.criteria}
+    assert first["fit"] == 0.05
+    assert example.class_one.value == 1.0
+
+
+def test_lines_by_the_reports_method_are_those_printed() -> None:
+    result = evaluate_calibration(worked_loads(), max_consistency=0.05)
+    gains = [line.gain_nm_per_v.value for line in result.experiments]
+    # printed for volts on torque, each reading once; the regression of torque on volts and the
+    # second reading of the top step change them by less than 1e-4 of their value
+    np.testing.assert_allclose(gains, [6.60198, 6.59794, 6.66381, 6.55814], rtol=2e-4)
+
+
+@pytest.mark.parametrize(
+    ("criterion", "limits"),
+    [
+        ("repeatability", [0.025, 0.05, 0.10, 0.25, 0.50, 1.0, 2.5]),
+        ("reproducibility", [0.05, 0.10, 0.20, 0.50, 1.0, 2.0, 5.0]),
+        ("zero", [0.0125, 0.025, 0.050, 0.125, 0.25, 0.50, 1.25]),
+        ("fit", [0.025, 0.05, 0.10, 0.25, 0.50, 1.0, 2.5]),
+        ("reversibility", [0.063, 0.125, 0.25, 0.63, 1.25, 2.5, 6.25]),
+        ("torque", [0.010, 0.020, 0.040, 0.10, 0.20, 0.40, 1.0]),
+    ],
+)
+def test_class_limits_are_those_of_the_published_table(criterion: str, limits: list[float]) -> None:
+    found = [100.0 * class_limit(criterion, grade) for grade in CLASSES]
+    np.testing.assert_allclose(found, limits, rtol=1e-12)
+
+
+def test_a_value_on_a_limit_is_within_it_and_a_worse_one_is_in_no_class() -> None:
+    on = classify({"reproducibility": 0.02}, ("reproducibility",))
+    assert on.value == 2.0
+    assert classify({"reproducibility": 0.0501}, ("reproducibility",)).value is None
+    assert classify({"reproducibility": None}, ("reproducibility",)).value is None
+    assert classify({"reproducibility": math.nan}, ("reproducibility",)).value is None
+
+
+def swapped(loads: Loads) -> Loads:
+    other = {"cw": "ccw", "ccw": "cw"}
+    return Loads(
+        tuple(
+            replace(
+                r,
+                direction=other[r.direction],
+                torque_nm=-r.torque_nm,
+                reading_v=-r.reading_v,
+            )
+            for r in loads.readings
+        )
+    )
+
+
+def test_scaling_the_volts_keeps_every_relative_figure_and_class() -> None:
+    one = worked_loads()
+    two = Loads(tuple(replace(r, reading_v=2.0 * r.reading_v) for r in one.readings))
+    a, b = evaluated(one), evaluated(two, 0.002)
+    # a power of two is exact but for the last rounding of sums
+    for keys, *_ in TABLE:
+        scale = 2.0 if keys[-1].endswith("_v") else 1.0
+        np.testing.assert_allclose(column(b, *keys), scale * np.array(column(a, *keys)), atol=1e-12)
+    assert (a.class_one.value, a.class_two.value) == (b.class_one.value, b.class_two.value)
+
+
+def test_the_other_direction_gives_the_same_steps() -> None:
+    a, b = evaluated(worked_loads()), evaluated(swapped(worked_loads()))
+    for keys, *_ in TABLE:
+        np.testing.assert_allclose(column(b, *keys), column(a, *keys), atol=1e-12)
+    assert evaluated(worked_loads("ccw")).summary()["gain_nm_per_v"] == pytest.approx(
+        a.summary()["gain_nm_per_v"]
+    )
+
+
+def test_the_order_of_the_series_keeps_the_mean_and_the_reproducibility() -> None:
+    loads = worked_loads()
+    order = [r for name in ("4", "1", "2", "3") for r in loads.readings if r.experiment == name]
+    a, b = evaluated(loads), evaluated(Loads(tuple(order)))
+    for key in ("deflection_v", "reproducibility_v", "repeatability_v", "reversibility_v"):
+        np.testing.assert_allclose(column(b, key), column(a, key), atol=1e-12)
+
+
+def test_equal_series_have_neither_repeatability_nor_reproducibility_errors() -> None:
+    one = [r for r in worked_loads().readings if r.experiment == "1"]
+    places = {"1": 0.0, "2": 0.0, "3": 2.0, "4": 4.0}
+    same = [
+        replace(r, experiment=name, position_rad=place)
+        for name, place in places.items()
+        for r in one
+    ]
+    found = evaluated(Loads(tuple(same)))
+    assert max(column(found, "repeatability_v")) == 0.0
+    # the mean of three equal numbers may be off by its last bit
+    assert max(column(found, "reproducibility_v")) < 1e-12
+
+
+def test_the_uncertainty_of_the_torque_is_not_divided_by_the_number_of_positions() -> None:
+    wide = TorqueAccount("given", None, (), 9.81, "given", ((40.0, 0.05),))
+    for names in (("1", "3"), ("1", "3", "4")):
+        rows = tuple(r for r in worked_loads().readings if r.experiment in names)
+        (group,) = step_groups(taken_readings(Loads(rows)), "single")
+        found = evaluate_group(group, wide, None)
+        assert column(found, "increasing", "parts", "torque") == [0.05] * 5
+        assert min(column(found, "increasing", "relative_std")) >= 0.05
+
+
+def test_a_repeated_series_is_told_by_its_column_and_by_its_place() -> None:
+    loads = worked_loads()
+    told = tuple("1" if r.experiment == "2" else "0" for r in loads.readings)
+    a = evaluated(loads)
+    b = evaluated(Loads(loads.readings, extra_columns={"repeat": told}))
+    np.testing.assert_array_equal(column(a, "repeatability_v"), column(b, "repeatability_v"))
+    apart = tuple(str(i) for i, r in enumerate(loads.readings) if r is not None)
+    mounted = Loads(loads.readings, extra_columns={"mounting": apart})
+    # every series in a mounting of its own: nothing was repeated
+    assert column(evaluated(mounted), "repeatability_v") == [None] * 5
+
+
+def test_the_last_reading_of_loading_is_the_first_of_unloading() -> None:
+    loads = worked_loads()
+    once = [r for r in loads.readings if not (r.series == "down" and r.torque_nm == 40.0)]
+    a, b = evaluated(loads), evaluated(Loads(tuple(once)))
+    for keys, *_ in TABLE:
+        np.testing.assert_allclose(column(b, *keys), column(a, *keys), atol=1e-12)
+    assert b.class_two.value == 2.0
+
+
+def test_one_series_without_zero_is_evaluated_and_says_what_it_lacks() -> None:
+    rows = tuple(
+        LoadReading("a", 0.0, "full", "cw", "up", t, 0.15 * t + 0.01) for t in (8.0, 16.0, 24.0)
+    )
+    body = evaluate_calibration(Loads(rows), max_consistency=0.05).to_dict({})
+    assert body["class"] is None
+    assert "no data for reproducibility" in body["class_reason"]
+    assert body["groups"][0]["zero_by_line"] == ["a"]
+    # the line's own intercept stands for the zero: deflection is 0.15 V per N m
+    np.testing.assert_allclose([s["deflection_v"] for s in body["steps"]], [1.2, 2.4, 3.6])
+    assert body["steps"][0]["increasing_decreasing"] is None
+
+
+def test_a_preload_is_kept_and_not_evaluated() -> None:
+    loads = worked_loads()
+    preload = replace(loads.readings[5], reading_v=9.9)
+    with_it = Loads(
+        (preload, *loads.readings),
+        extra_columns={"kind": ("preload", *([""] * len(loads.readings)))},
+    )
+    a, b = (evaluate_calibration(x, max_consistency=0.05) for x in (loads, with_it))
+    assert b.gain_nm_per_v == a.gain_nm_per_v
+    assert b.to_dict({})["course"]["n_preloads"] == 1
+
+
+def test_the_volts_of_the_example_are_read_to_a_millivolt() -> None:
+    assert all(round(v, 3) == v for _, volts in SERIES.values() for v in volts)
+    result = evaluate_calibration(worked_loads(), max_consistency=0.05)
+    assert result.metrology.groups[0].resolution_v == pytest.approx(0.001)

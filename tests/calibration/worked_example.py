@@ -1,0 +1,37 @@
+"""A published synthetic calibration: four series in three positions, 40 N m, readings to 1 mV."""
+
+from __future__ import annotations
+
+import math
+
+from hdbench.records import LoadReading, Loads
+
+TORQUES = (0.0, 8.0, 16.0, 24.0, 32.0, 40.0, 32.0, 24.0, 16.0, 8.0, 0.0)
+SERIES = {
+    "1": (0.0, (0.013, 1.220, 2.432, 3.643, 4.857, 6.073, 4.876, 3.671, 2.460, 1.241, 0.016)),
+    "2": (0.0, (0.014, 1.227, 2.436, 3.651, 4.864, 6.079, 4.882, 3.678, 2.464, 1.247, 0.018)),
+    "3": (120.0, (0.011, 1.208, 2.407, 3.607, 4.812, 6.015, 4.830, 3.634, 2.436, 1.228, 0.015)),
+    "4": (240.0, (0.011, 1.231, 2.447, 3.668, 4.889, 6.114, 4.907, 3.695, 2.475, 1.252, 0.015)),
+}
+
+
+def worked_loads(direction: str = "cw") -> Loads:
+    """Return the readings; the reading at 40 N m ends loading and begins unloading."""
+    sign = 1.0 if direction == "cw" else -1.0
+    readings = []
+    for name, (degrees, volts) in SERIES.items():
+        for place, (torque, reading) in enumerate(zip(TORQUES, volts, strict=True)):
+            branches = ("up", "down") if place == 5 else ("up",) if place < 5 else ("down",)
+            readings += [
+                LoadReading(
+                    name,
+                    math.radians(degrees),
+                    "full",
+                    direction,
+                    branch,
+                    sign * torque,
+                    sign * reading,
+                )
+                for branch in branches
+            ]
+    return Loads(tuple(readings))

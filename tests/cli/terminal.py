@@ -1,0 +1,93 @@
+"""A person at a pseudo-terminal: reads what is shown, presses keys."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import pty
+import re
+import select
+import signal
+import struct
+import subprocess
+import sys
+import termios
+import time
+from collections.abc import Sequence
+
+RUN = [sys.executable, "-m", "hdbench_cli"]
+_CONTROL = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]|\r")
+
+
+class Person:
+    """One command on a terminal of 80 x 24."""
+
+    def __init__(self, arguments: Sequence[str], *, term: str = "xterm") -> None:
+        self.master, slave = pty.openpty()
+        self.resize(24, 80)
+        self.process = subprocess.Popen(
+            [*RUN, *arguments],
+            stdin=slave,
+            stdout=slave,
+            stderr=slave,
+            env={**os.environ, "TERM": term},
+            start_new_session=True,
+            preexec_fn=lambda: fcntl.ioctl(0, termios.TIOCSCTTY, 0),
+        )
+        os.close(slave)
+        self.raw = ""
+        self.seen = 0
+
+    @property
+    def text(self) -> str:
+        """Everything shown, without control sequences."""
+        return _CONTROL.sub("", self.raw)
+
+    def resize(self, rows: int, columns: int) -> None:
+        fcntl.ioctl(self.master, termios.TIOCSWINSZ, struct.pack("HHHH", rows, columns, 0, 0))
+
+    def wait_for(self, pattern: str, seconds: float = 60.0) -> None:
+        """Wait until `pattern` is shown, and after it a prompt."""
+        until = time.monotonic() + seconds
+        while True:
+            found = re.compile(pattern, re.DOTALL).search(self.text, self.seen)
+            if found:
+                self.seen = found.end()
+                return
+            shown = self.text[self.seen :][-600:]
+            assert time.monotonic() < until, f"waited for {pattern!r}, saw {shown!r}"
+            if not self._read(0.2):
+                assert re.compile(pattern, re.DOTALL).search(self.text, self.seen), (
+                    f"ended; waited for {pattern!r}, saw {shown!r}"
+                )
+
+    def answer(self, pattern: str, keys: str) -> None:
+        """Wait for a question and press keys."""
+        self.wait_for(pattern + r".*?\n  > ")
+        self.press(keys)
+
+    def press(self, keys: str) -> None:
+        os.write(self.master, keys.encode())
+
+    def kill(self) -> None:
+        os.kill(self.process.pid, signal.SIGKILL)
+        self.end()
+
+    def end(self, seconds: float = 60.0) -> int:
+        """Wait for the end of the command and return its exit code."""
+        until = time.monotonic() + seconds
+        while self._read(0.1):
+            assert time.monotonic() < until, f"does not end: {self.text[-600:]!r}"
+        os.close(self.master)
+        return self.process.wait(10)
+
+    def _read(self, seconds: float) -> bool:
+        """Take what is shown; False once the terminal is closed."""
+        if select.select([self.master], [], [], seconds)[0]:
+            try:
+                raw = os.read(self.master, 65536)
+            except OSError:
+                return False
+            self.raw += raw.decode(errors="replace")
+            return bool(raw)
+        return self.process.poll() is None

@@ -1,0 +1,189 @@
+"""A person calibrates on a terminal: keys, mistakes, quitting, kills, resuming."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from hdbench.profile import load_profile
+from hdbench.records import resolve_input, verify_run
+from hdbench.session.calibrating.conversation import LiveReading
+from hdbench_cli.liveline import live_line
+
+sys.path.insert(0, str(Path(__file__).parent))
+from terminal import RUN, Person
+
+
+@pytest.fixture
+def bench(tmp_path: Path) -> str:
+    """Return a bench with one position, one side and three weights: six points."""
+    text = load_profile("cim-tr-97-06").text
+    for old, new in (
+        ("positions = 4 ", "positions = 1 "),
+        ('directions = ["cw", "ccw"]', 'directions = ["cw"]'),
+        ('ranges = ["low", "full"]', 'ranges = ["low"]'),
+        ("low_masses_kg = [0.0, 0.5, 1.0, 1.5, 2.0]", "low_masses_kg = [0.0, 0.5, 1.0]"),
+    ):
+        assert old in text
+        text = text.replace(old, new)
+    path = tmp_path / "bench.toml"
+    path.write_text(text)
+    return str(path)
+
+
+@pytest.fixture
+def out(tmp_path: Path) -> Path:
+    return tmp_path / "runs"
+
+
+def calibrate(bench: str, out: Path, **named) -> Person:
+    arguments = ["calibrate", "--profile", bench, "--out", str(out), "--no-report"]
+    return Person(arguments, **named)
+
+
+def resume(out: Path, **named) -> Person:
+    (path,) = out.iterdir()
+    return Person(["runs", "resume", str(path), "--no-report"], **named)
+
+
+def set_up(person: Person) -> None:
+    person.answer("Lock the wave generator", "\n")
+    person.answer("position 1 of 1", "\n")
+    person.answer(r"\[1 of 6\] bridge at rest", "\n")
+
+
+def loads(out: Path) -> list[str]:
+    (path,) = out.glob("*/loads.csv")
+    rows = [line.split(",") for line in path.read_text().splitlines()]
+    return [row[rows[0].index("mass_kg")] for row in rows[1:]]
+
+
+def test_wrong_weight_repeat_back_quit_resume_kill_resume_finish(bench: str, out: Path) -> None:
+    person = calibrate(bench, out)
+    set_up(person)
+    person.answer(r"\[3 of 6\].*Hang 0.5 kg", "1\n")
+    person.answer(r"expected \+2.45 N m, read \+4.9\d N m: did you hang 1 kg\?", "\n")
+    person.wait_for(r"\[4 of 6\].*Hang 1 kg.*\n  > ")
+    second = resume(out)
+    assert second.end() == 9
+    assert "still goes on" in second.text
+    person.press("r")
+    person.wait_for("its reading is kept, marked repeat")
+    person.answer(r"\[4 of 6\].*Hang 1 kg", "b")
+    person.answer(r"\[3 of 6\].*Hang 0.5 kg", "\n")
+    person.answer(r"\[4 of 6\].*Hang 1 kg", "q")
+    assert person.end() == 130
+    assert "hdbench runs resume" in person.text
+    person = resume(out)
+    person.wait_for("goes on after 2 readings")
+    person.answer(r"\[4 of 6\].*Hang 1 kg", "\n")
+    person.wait_for(r"\[5 of 6\].*\n  > ")
+    person.kill()
+    (path,) = out.iterdir()
+    assert verify_run(path).recoverable
+    resolve_input(path)  # loads.csv of the first session would lack the last reading
+    assert loads(out) == ["0.0", "0.5", "1.0"]
+    person = resume(out)
+    person.answer(r"\[5 of 6\].*Hang 0.5 kg", "\n")
+    person.answer(r"\[6 of 6\].*Take all weights off", "\n")
+    person.answer("5 readings taken. Finish", "\n")
+    assert person.end() == 0
+    assert loads(out) == ["0.0", "0.5", "1.0", "0.5", "0.0"]
+    report = verify_run(path)
+    assert report.ok
+    # five that count, one repeated, one gone back over; the rejected one is an event
+    assert report.readings_in_journal == 7
+    course = (path / "sequence.csv").read_text()
+    assert [course.count(f",{word},") for word in ("repeat", "back", "rejected")] == [1, 1, 1]
+    asked = json.loads((path / "run.json").read_text())
+    assert [s["exit_reason"].split(":")[0] for s in asked["sessions"]] == [
+        "saved",
+        "killed; recovered from its journal",
+    ]
+
+
+def test_a_plain_terminal_gets_plain_lines_and_wrong_keys_harm_nothing(
+    bench: str, out: Path
+) -> None:
+    person = calibrate(bench, out, term="dumb")
+    person.answer("Lock the wave generator", "xb\x1b[A\t7")
+    person.wait_for("no such answer here.*Enter: locked; q: save and quit")
+    person.resize(10, 40)
+    person.press("\n")
+    person.answer("position", "\n")
+    person.answer("bridge at", "1.2.3\n")
+    person.wait_for("no such answer here")
+    person.press("9\x7f\x7f\n")
+    person.answer(r"\[3 of", "\x04")
+    assert person.end() == 130
+    assert "\x1b" not in person.raw
+
+
+def test_ctrl_c_at_a_prompt_keeps_the_run_however_often(bench: str, out: Path) -> None:
+    person = calibrate(bench, out)
+    set_up(person)
+    person.wait_for(r"\[3 of 6\].*\n  > ")
+    person.press(5 * "\x03")
+    assert person.end() == 130
+    assert "Traceback" not in person.text
+    (path,) = out.iterdir()
+    assert verify_run(path).status == "incomplete"
+    assert verify_run(path).readings_in_journal == 1
+
+
+def test_a_terminal_that_is_closed_keeps_the_run(bench: str, out: Path) -> None:
+    person = calibrate(bench, out)
+    set_up(person)
+    person.wait_for(r"\[3 of 6\].*\n  > ")
+    os.close(person.master)
+    assert person.process.wait(30) in (5, 129)
+    (path,) = out.iterdir()
+    assert verify_run(path).status == "incomplete"
+
+
+def piped(bench: str, out: Path, answers: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [*RUN, "calibrate", "--profile", bench, "--out", str(out), "--no-report",
+         "--operator", "person", "--json"],
+        input=answers,
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )  # fmt: skip
+
+
+def test_the_end_of_piped_answers_keeps_the_run(bench: str, out: Path) -> None:
+    done = piped(bench, out, "\n\n\n\n")
+    assert done.returncode == 5, done.stderr
+    assert "the answers have ended" in json.loads(done.stdout)["error"]["what"]
+    (path,) = out.iterdir()
+    assert verify_run(path).readings_in_journal == 2
+
+
+def test_the_live_line_fits_a_small_terminal() -> None:
+    live = LiveReading(
+        "p4-ccw-full", -9.8765, -1234.5, 9.8765, -65.432, 0.5, 31.0, 29.0, 60.0, None
+    )
+    line = live_line(live)
+    assert len("  " + line) <= 80
+    assert "[#####.....]" in line
+    assert "-9.8765 V -65.432 N m" in line
+
+
+def test_a_mistake_that_nobody_knows_is_refused_before_anything_is_made(out: Path) -> None:
+    done = subprocess.run(
+        [*RUN, "calibrate", "--no-input", "--out", str(out), "--operator-mistakes", "fall@3"],
+        capture_output=True,
+        text=True,
+        timeout=30,
+        check=False,
+    )
+    assert done.returncode == 2, done.stderr
+    assert "is no mistake" in done.stderr
+    assert not out.exists()

@@ -1,0 +1,83 @@
+"""`hdbench gauge` draws the film and tells what a misplaced rosette does."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+from pathlib import Path
+
+import pytest
+
+from hdbench_cli.main import main
+
+
+@pytest.fixture
+def hdbench(capsys: pytest.CaptureFixture[str]):
+    def run(*words: str | Path, code: int = 0) -> tuple[str, str]:
+        """Return stdout and stderr of a command that ends with `code`."""
+        with pytest.raises(SystemExit) as end:
+            main([str(word) for word in words])
+        shown = capsys.readouterr()
+        assert end.value.code == code, shown.err
+        return shown.out, shown.err
+
+    return run
+
+
+def test_the_film_of_the_report_has_its_46_mm(tmp_path: Path, hdbench) -> None:
+    out = tmp_path / "sub" / "film.pdf"
+    body = json.loads(hdbench("gauge", "film", "--out", out, "--json")[0])
+    assert body["schema"] == "hdbench/gauge-film/1"
+    sizes = {d["name"]: d["found_mm"] for d in body["dimensions"]["svg"]}
+    assert sizes["flexspline ring, diameter"] == pytest.approx(46.0, abs=0.01)
+    assert body["largest_error_mm"] < 0.01
+    assert Path(body["files"]["pdf"]).read_bytes().startswith(b"%PDF")
+    assert Path(body["files"]["svg"]).read_bytes().startswith(b"<?xml")
+
+
+def test_an_unmeasured_boss_is_told(tmp_path: Path, hdbench) -> None:
+    _, told = hdbench("gauge", "film", "--out", tmp_path / "f.pdf")
+    assert "boss not given" in told
+    _, silent = hdbench("gauge", "film", "--boss", "21", "--out", tmp_path / "f.pdf")
+    assert "boss" not in silent
+
+
+def test_sizes_that_do_not_fit_exit_2_and_write_nothing(tmp_path: Path, hdbench) -> None:
+    out = tmp_path / "f.pdf"
+    _, told = hdbench("gauge", "film", "--diameter", "nan", "--out", out, code=2)
+    assert "--diameter" in told
+    hdbench("gauge", "film", "--pad-length", "20", "--out", out, code=2)
+    assert not out.exists()
+
+
+def test_one_degree_is_told_in_newton_metres(tmp_path: Path, hdbench) -> None:
+    table = tmp_path / "errors.csv"
+    shown = hdbench(
+        "gauge", "errors", "--circumferential", "1", "--draws", "500", "--csv", table, "--json"
+    )
+    body = json.loads(shown[0])
+    assert body["schema"] == "hdbench/gauge-errors/1"
+    row = next(r for r in body["one_off"] if r["kind"] == "circumferential")
+    # 13.2 N m: 200 microstrain of a pair over 15.15 microstrain per N m
+    assert row["closed_form_2_nm"] == pytest.approx(6.6 * math.sin(math.radians(1.0)), rel=1e-9)
+    # grids 3.6 mm apart add normal strain in quadrature: 0.6 %
+    assert row["effects"]["ripple_2_nm"] == pytest.approx(row["closed_form_2_nm"], rel=0.01)
+    left = {w["order"]: w["left_by_layout"] for w in body["uncancelled_nm"]}
+    assert left[2.0] < 1e-12
+    assert left[4.0] == pytest.approx(1.0)
+    assert "1 degree circumferential" in body["sentence"]
+    with table.open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    found = [r for r in rows if r["case"] == "one-off" and r["kind"] == "circumferential"]
+    assert float(
+        next(r for r in found if r["quantity"] == "ripple_2_nm")["value"]
+    ) == pytest.approx(row["effects"]["ripple_2_nm"], rel=1e-12)
+
+
+def test_the_table_says_why_order_4_stays(hdbench) -> None:
+    shown, _ = hdbench("gauge", "errors", "--draws", "100")
+    assert "order 2: 13.2 N m uncancelled" in shown
+    assert "they cancel" in shown
+    assert "100 % of it stays" in shown
+    assert "--layout spread" in shown

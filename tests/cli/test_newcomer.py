@@ -1,0 +1,344 @@
+"""What a newcomer does wrong is told with what, where, one act that mends it, and the exit code."""
+
+from __future__ import annotations
+
+import json
+import os
+import resource
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import click
+import numpy as np
+import pytest
+
+from hdbench_cli import main as main_module
+from hdbench_cli.next_step import after_import, after_run, after_tune
+from hdbench_cli.output import Output
+
+NAMES = ("time_s", "motor_velocity_rad_s", "torque_nm")
+
+
+@dataclass(frozen=True)
+class Told:
+    """How a command ended, and what it said."""
+
+    code: int
+    kind: str
+    what: str
+    where: str
+    fix: str
+    problems: tuple[dict[str, str], ...] = ()
+
+
+Ask = Callable[..., Told]
+
+
+@pytest.fixture
+def ask(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Ask:
+    """Call a command with --json in this process; what it prints must be one object."""
+    monkeypatch.setenv("NO_COLOR", "1")
+
+    def call(*words: object) -> Told:
+        capsys.readouterr()
+        arguments = [*map(str, words), "--json"]
+        code = main_module._run(arguments, Output(json=True))
+        printed = capsys.readouterr()
+        assert "Traceback" not in printed.err
+        body = json.loads(printed.out)
+        error = body.get("error", {"kind": "", "what": printed.err, "where": "", "fix": ""})
+        assert error.get("exit_code", code) == code
+        problems = tuple(error.get("problems", ()))
+        return Told(code, error["kind"], error["what"], error["where"], error["fix"], problems)
+
+    return call
+
+
+def columns(n: int = 6000) -> dict[str, np.ndarray]:
+    """Return a trace in closed form: speed to and fro, ripple of orders 2 and 4, some noise."""
+    time = np.arange(n) / 500.0
+    angular = 2.0 * np.pi / 4.0
+    velocity = 100.0 * np.sin(angular * time)
+    angle = 100.0 / angular * (1.0 - np.cos(angular * time))
+    # load inertia over gear ratio times motor acceleration
+    inertia = 0.01725 / 100.0 * 100.0 * angular * np.cos(angular * time)
+    ripple = 0.4 * np.cos(2.0 * angle + 0.6) + 0.2 * np.cos(4.0 * angle - 1.1)
+    noise = np.random.default_rng(7).normal(0.0, 0.02, n)
+    return dict(zip(NAMES, (time, velocity, ripple + inertia + noise), strict=True))
+
+
+def write(file: Path, data: dict[str, np.ndarray], *, sep: str = ",", mark: str = "") -> Path:
+    rows = zip(*(map(repr, values.tolist()) for values in data.values()), strict=True)
+    text = "\n".join([sep.join(data), *(sep.join(row) for row in rows)]) + "\n"
+    comma = sep == ";"
+    file.write_text(mark + (text.replace(".", ",") if comma else text), encoding="utf-8")
+    return file
+
+
+def test_a_wrong_port(ask: Ask) -> None:
+    told = ask("run-ripple", "--yes", "--address", "tcp://127.0.0.1:1")
+    assert (told.code, told.kind) == (5, "device")
+    assert "tcp://127.0.0.1:1" in told.where
+    assert "doctor" in told.fix
+
+
+def test_an_address_without_its_scheme(ask: Ask) -> None:
+    told = ask("monitor", "--address", "/dev/ttyUSB0", "--duration", "1")
+    assert told.code == 2
+    assert "rtu:///dev/ttyUSB0" in told.fix
+
+
+def test_a_serial_port_that_is_not_there(ask: Ask) -> None:
+    told = ask("monitor", "--address", "rtu:///dev/ttyNONE", "--duration", "1")
+    assert told.code == 5
+    assert "hdbench devices" in told.fix
+
+
+def without_rights() -> list[str]:
+    """Return what runs a command without the right of root to open anything."""
+    if os.geteuid() != 0:
+        return []
+    tool = shutil.which("setpriv")
+    if tool is None:
+        pytest.skip("root opens every file, and setpriv is not installed")
+    lost = "-dac_override,-dac_read_search"
+    return [tool, f"--bounding-set={lost}", f"--inh-caps={lost}"]
+
+
+def run(folder: Path, *words: object, before: tuple[str, ...] = (), **limits: int) -> Told:
+    def limit() -> None:
+        if limits:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (limits["file"], limits["file"]))
+
+    command = [*before, sys.executable, "-m", "hdbench_cli", *map(str, words), "--json"]
+    done = subprocess.run(
+        command, cwd=folder, capture_output=True, text=True, check=False, preexec_fn=limit
+    )
+    assert "Traceback" not in done.stderr
+    error = json.loads(done.stdout)["error"]
+    return Told(done.returncode, error["kind"], error["what"], error["where"], error["fix"])
+
+
+def test_no_right_to_write(tmp_path: Path) -> None:
+    trace = write(tmp_path / "trace.csv", columns(600))
+    closed = tmp_path / "closed"
+    closed.mkdir(mode=0o555)
+    words = ("filter", trace, "--model", "report-6", "--out", closed / "out.csv")
+    told = run(tmp_path, *words, before=tuple(without_rights()))
+    assert (told.code, told.kind) == (7, "storage")
+    assert "Permission denied" in told.what
+    assert str(closed) in told.where
+    assert "write to" in told.fix
+
+
+def test_a_disk_that_takes_no_more(tmp_path: Path) -> None:
+    trace = write(tmp_path / "trace.csv", columns(600))
+    words = ("filter", trace, "--model", "report-6", "--out", tmp_path / "out.csv")
+    told = run(tmp_path, *words, file=4096)
+    assert (told.code, told.kind) == (7, "storage")
+    assert str(tmp_path / "out.csv") in told.where
+    assert not (tmp_path / "out.csv").exists()
+
+
+def test_swapped_columns_are_doubted(ask: Ask, tmp_path: Path) -> None:
+    data = columns()
+    velocity, torque = data["motor_velocity_rad_s"], data["torque_nm"]
+    swapped = {**data, "motor_velocity_rad_s": torque, "torque_nm": velocity}
+    file = write(tmp_path / "swapped.csv", swapped)
+    told = ask("run-ripple", "--from", file, "--no-report", "--out", tmp_path / "runs")
+    assert told.code == 4
+    assert "each other's place" in told.what
+    assert "--map" in told.fix
+
+
+@pytest.mark.parametrize(
+    ("column", "factor", "word"),
+    [("motor_velocity_rad_s", 30.0 / np.pi, "rad/s"), ("torque_nm", 1000.0, "mN m")],
+)
+def test_a_wrong_unit_is_doubted(
+    ask: Ask, tmp_path: Path, column: str, factor: float, word: str
+) -> None:
+    data = columns()
+    file = write(tmp_path / "unit.csv", {**data, column: factor * data[column]})
+    told = ask("run-ripple", "--from", file, "--no-report", "--out", tmp_path / "runs")
+    assert told.code == 6
+    assert word in told.what
+
+
+def test_the_same_trace_in_its_own_units_is_not_doubted(ask: Ask, tmp_path: Path) -> None:
+    file = write(tmp_path / "right.csv", columns())
+    told = ask("run-ripple", "--from", file, "--no-report", "--out", tmp_path / "runs")
+    assert told.code == 0
+
+
+def test_a_calibration_that_is_not_there(ask: Ask, tmp_path: Path) -> None:
+    told = ask("run-ripple", "--yes", "--calibration", tmp_path / "gone")
+    assert told.code == 2
+    assert "runs list" in told.fix
+    (tmp_path / "empty").mkdir()
+    told = ask("run-ripple", "--yes", "--calibration", tmp_path / "empty")
+    assert told.code == 4
+    assert "hdbench calibrate" in told.fix
+
+
+def test_a_slip_in_a_key_is_told_with_its_line(ask: Ask, tmp_path: Path) -> None:
+    file = tmp_path / "bench.toml"
+    ask("profile", "new", "bench", "--out", file)
+    text = file.read_text().replace("gear_ratio", "gear_ratoi", 1)
+    file.write_text(text)
+    line = 1 + text[: text.index("gear_ratoi")].count("\n")
+    for words in (("profile", "check", file), ("run-ripple", "--dry-run", "--profile", file)):
+        told = ask(*words)
+        assert told.code == 4
+        (slip,) = [p for p in told.problems if "gear_ratoi" in p["what"]]
+        assert slip["where"] == f"{file}:{line}"
+        assert "gear_ratio'" in slip["fix"]
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "meant"),
+    [
+        (("run-riple",), 2, "run-ripple"),
+        (("runs", "lst"), 2, "list"),
+        (("run-ripple", "--dryrun"), 2, "--dry-run"),
+        (("run-ripple", "--dry-run", "--profile", "cim-tr-97-6"), 4, "cim-tr-97-06"),
+        (("run-ripple", "--yes", "--plant", "wron"), 4, "worn"),
+        (("response", "--model", "report6", "--velocity", "50"), 4, "report-6"),
+        (("plan", "--cause", "misalignmnt", "--no-loads"), 4, "misalignment"),
+    ],
+)
+def test_the_name_that_was_meant_is_told(
+    ask: Ask, words: tuple[str, ...], code: int, meant: str
+) -> None:
+    told = ask(*words)
+    assert told.code == code
+    assert f"'{meant}'" in told.what + told.fix or f"`{meant}`" in told.fix
+
+
+def test_decimal_commas_and_a_spreadsheets_mark_lead_to_the_import(
+    ask: Ask, tmp_path: Path
+) -> None:
+    data = columns(600)
+    for name, mark in (("comma.csv", ""), ("sheet.csv", "\ufeff")):
+        file = write(tmp_path / name, data, sep=";", mark=mark)
+        told = ask("filter", file, "--model", "report-6", "--out", tmp_path / "x.csv")
+        assert told.code == 4
+        assert told.where == f"{file}:1"
+        assert "hdbench import" in told.fix
+        out = tmp_path / f"clean-{name}"
+        assert ask("import", "--kind", "trace", file, "--out", out).code == 0
+        assert out.read_text().splitlines()[0] == ",".join(NAMES)
+
+
+def test_a_run_that_was_moved_is_whole_and_one_that_lost_a_file_is_not(
+    ask: Ask, tmp_path: Path
+) -> None:
+    file = write(tmp_path / "trace.csv", columns())
+    ask("run-ripple", "--from", file, "--no-report", "--out", tmp_path / "runs")
+    (made,) = (tmp_path / "runs").iterdir()
+    moved = tmp_path / "elsewhere" / "renamed"
+    shutil.move(made, moved)
+    assert ask("runs", "verify", moved).code == 0
+    (moved / "run.json").unlink()
+    told = ask("run-ripple", "--from", moved, "--no-report", "--out", tmp_path / "runs")
+    assert told.code == 4
+    assert "run.json" in told.what
+    assert "runs list" in told.fix
+
+
+def leaves(group: click.Group, path: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
+    context = click.Context(group)
+    for name in group.list_commands(context):
+        command = group.get_command(context, name)
+        if isinstance(command, click.Group):
+            yield from leaves(command, (*path, name))
+        else:
+            yield (*path, name)
+
+
+def command_of(path: tuple[str, ...]) -> click.Command:
+    found: click.Command | None = main_module.cli
+    for name in path:
+        assert isinstance(found, click.Group)
+        found = found.get_command(click.Context(found), name)
+    assert found is not None
+    return found
+
+
+COMMANDS = list(leaves(main_module.cli))
+
+
+@pytest.mark.parametrize("path", COMMANDS, ids=" ".join)
+def test_an_unknown_option_is_one_json_object_with_a_fix(ask: Ask, path: tuple[str, ...]) -> None:
+    told = ask(*path, "--no-such-option")
+    assert (told.code, told.kind) == (2, "usage")
+    assert told.where == " ".join(("hdbench", *path))
+    assert "--help" in told.fix
+
+
+TAKING_FILES = [
+    path
+    for path in COMMANDS
+    # `runs verify` tells of every folder that it was given, in its result
+    if path != ("runs", "verify")
+    and any(
+        isinstance(p, click.Argument) and any(w in (p.metavar or "") for w in ("RUN", "FILE"))
+        for p in command_of(path).params
+    )
+]
+
+
+@pytest.mark.parametrize("path", TAKING_FILES, ids=" ".join)
+def test_a_missing_file_is_one_json_object_with_a_fix(
+    ask: Ask, path: tuple[str, ...], tmp_path: Path
+) -> None:
+    needed = []
+    for param in command_of(path).params:
+        if isinstance(param, click.Option) and param.required:
+            kinds = getattr(param.type, "choices", None)
+            needed += [param.opts[0], kinds[0] if kinds else str(tmp_path / "out.csv")]
+    told = ask(*path, *needed, tmp_path / "missing")
+    assert told.code in (2, 4)
+    assert told.fix
+    assert "missing" in told.what + told.where
+
+
+@pytest.mark.parametrize("path", COMMANDS, ids=" ".join)
+def test_every_command_and_option_has_help(path: tuple[str, ...]) -> None:
+    command = command_of(path)
+    assert command.help
+    silent = [p.name for p in command.params if isinstance(p, click.Option) and not p.help]
+    assert silent == []
+
+
+def test_the_next_command_follows_the_work() -> None:
+    folder = Path("runs/a b")
+    assert after_run("calibration", folder, {"accepted": True}) == (
+        "hdbench run-misalignment --calibration 'runs/a b'"
+    )
+    assert after_run("calibration", folder, {"accepted": False}).startswith("hdbench diagnose")
+    follow = after_run(
+        "misalignment", folder, {}, profile_name="mine.toml", calibration=Path("runs/c")
+    )
+    assert follow == (
+        "hdbench run-ripple --misalignment 'runs/a b' --calibration runs/c --profile mine.toml"
+    )
+    assert after_run("ripple", folder, {}) == "hdbench diagnose 'runs/a b'"
+    assert after_import("loads", Path("l.csv"), ()) == "hdbench calibrate --from l.csv"
+    assert after_import("trace", Path("t.csv"), ("torque_v",)) == ""
+    assert "--model t.json" in after_tune(Path("t.json"))
+
+
+def test_a_finished_run_ends_with_the_next_command(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("NO_COLOR", "1")
+    file = write(tmp_path / "trace.csv", columns())
+    words = ["run-ripple", "--from", str(file), "--no-report", "--out", str(tmp_path / "runs")]
+    assert main_module._run(words, Output()) == 0
+    last = capsys.readouterr().out.rstrip().splitlines()[-1]
+    assert last.startswith("next    hdbench diagnose ")

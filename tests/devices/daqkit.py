@@ -1,0 +1,154 @@
+"""A DAQ without a wire, on a clock that goes when told."""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from hdbench.devices.capabilities import Capabilities, InputInfo, OutputInfo, WatchdogInfo
+from hdbench.devices.daq import ScanBlock, WatchdogState
+from hdbench.devices.hosted import HostSettings
+from hdbench.devices.ports import Identity, SafeState
+from hdbench.errors import DeviceError
+
+TACHO = 50.0
+ROLES = ("torque", "tacho", "encoder")
+ABLE = Capabilities(
+    inputs=(
+        InputInfo("torque", -10.0, 10.0, bits=16),
+        InputInfo("tacho", -10.0, 10.0, bits=16),
+        InputInfo("current", -10.0, 10.0, bits=16),
+        InputInfo("reference", -10.0, 10.0, bits=16),
+        InputInfo("encoder", 0.0, 65535.0, bits=16, wrap=2**16),
+    ),
+    max_rates_hz=(10_000.0, 5_000.0, 2_500.0, 2_000.0, 1_500.0),
+    min_rate_hz=1.0,
+    outputs=(OutputInfo("reference", -10.0, 10.0, 0.001, 0.001),),
+    generator=False,
+    enable=True,
+    buffered=True,
+    buffer_scans=4096,
+    watchdog=WatchdogInfo(0.1, 5.0, 0.1, "write", ("reference", "enable"), latches=True),
+    simulated=True,
+)
+SETTINGS = HostSettings(
+    roles=ROLES,
+    watchdog_s=1.0,
+    update_s=0.01,
+    slew_v_per_s=1000.0,
+    limit_v=8.0,
+    velocity_rad_s=400.0,
+    torque_nm=60.0,
+    current_a=10.0,
+    tacho_rad_s_per_v=TACHO,
+    gain_nm_per_v=6.6,
+    counts_per_turn=4000,
+)
+
+
+@dataclass
+class Clock:
+    """Goes by itself by a little at every look, and when somebody sleeps."""
+
+    now_s: float = 100.0
+    step_s: float = 0.0
+
+    def __call__(self) -> float:
+        self.now_s += self.step_s
+        return self.now_s
+
+    def sleep(self, seconds: float) -> None:
+        self.now_s += max(0.0, seconds)
+
+
+@dataclass
+class FakeDaq:
+    """Keeps what is done to it; the motor follows its reference at once."""
+
+    able: Capabilities = ABLE
+    clock: Clock = field(default_factory=Clock)
+    reference_v: float = 0.0
+    enabled: bool = False
+    tripped: bool = False
+    calls: list = field(default_factory=list)
+    blocks: list = field(default_factory=list)
+    written: list = field(default_factory=list)
+    fed_s: list = field(default_factory=list)
+    period_s: float | None = None
+    stuck_speed_v: float | None = None
+    refuse: str = ""
+    simulated: bool = True
+    settings: object = None
+
+    def capabilities(self):
+        return self.able
+
+    def identity(self):
+        return Identity("fake", "daq", "1", "0", self.simulated)
+
+    def claim(self):
+        self.calls.append("claim")
+
+    def configure(self, settings):
+        self.calls.append("configure")
+        self.settings = settings
+        return settings.sample_period_s if self.period_s is None else self.period_s
+
+    def start(self):
+        self.calls.append("start")
+
+    def read_block(self):
+        return self.blocks.pop(0) if self.blocks else None
+
+    def stop(self):
+        self.calls.append("stop")
+
+    def write_output(self, name, value):
+        if self.refuse:
+            raise DeviceError(self.refuse, where="fake", fix="mend it")
+        assert name == "reference"
+        self.reference_v = value
+        self.written.append((self.clock.now_s, value))
+        return value
+
+    def enable(self, *, on):
+        self.calls.append("enable" if on else "disable")
+        self.enabled = on
+        return on
+
+    def arm_watchdog(self, time_s):
+        self.calls.append("arm")
+        return time_s
+
+    def feed_watchdog(self):
+        self.fed_s.append(self.clock.now_s)
+
+    def watchdog(self):
+        return WatchdogState(True, self.tripped, 1.0)
+
+    def clear_watchdog(self):
+        self.calls.append("clear")
+
+    def snapshot(self):
+        volts = self.stuck_speed_v
+        return {"tacho": self.reference_v if volts is None else volts}
+
+    def safe_state(self):
+        self.calls.append("safe")
+        if self.refuse:
+            return SafeState(False, None, None, self.refuse)
+        self.reference_v, self.enabled = 0.0, False
+        return SafeState(True, 0.0, None, "outputs zero")
+
+    def fixture(self):
+        return None
+
+    def close(self):
+        self.calls.append("close")
+
+
+def block(first, values, *, lost=0, read_s=(0.0, 0.0), saturated=None, roles=ROLES, **changes):
+    """Return a block of values, one row per scan."""
+    rows = np.array(values, dtype=float).reshape(-1, len(roles))
+    flags = np.zeros(rows.shape, dtype=bool) if saturated is None else np.array(saturated)
+    made = ScanBlock(first, lost, rows, flags, True, False, 0, read_s)
+    return replace(made, **changes)

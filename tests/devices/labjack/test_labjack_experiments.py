@@ -1,0 +1,66 @@
+"""All three experiments on the emulated T7: the same bench as the node's, by their results."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from hdbench.profile import load_profile
+from hdbench.profile.schema import ReferenceWave
+from hdbench.session import BenchOptions, run_experiment
+
+WAVE = ReferenceWave(
+    wave="trapezoid", amplitude_v=2.773, frequency_hz=0.125, duty=0.8, rise=0.1, fall=0.1
+)
+
+
+def shortened(name: str):
+    """Return a profile whose experiments take a few seconds."""
+    profile = load_profile(name)
+    data = profile.data
+    calibration = {
+        "positions": 1,
+        "ranges": ("full",),
+        "full_masses_kg": (0.0, 4.0, 8.0),
+        "average_s": 0.5,
+    }
+    shorter = data.model_copy(
+        update={
+            "calibration": data.calibration.model_copy(update=calibration),
+            "misalignment": data.misalignment.model_copy(update={"velocity_rad_s": 250.0}),
+            "ripple": data.ripple.model_copy(update={"duration_s": 8.0, "reference": WAVE}),
+        }
+    )
+    return replace(profile, data=shorter)
+
+
+def measured(kind: str, name: str, out: Path) -> dict:
+    """Return the result of an experiment as it is kept."""
+    options = BenchOptions(out=out, seed=21)
+    outcome = run_experiment(kind, shortened(name), options, lambda *_: None)
+    assert outcome.doubts == ()
+    return dict(outcome.evaluation.result)
+
+
+def agree(one: dict, other: dict) -> None:
+    """Compare two numbers with uncertainties, five of their common standard deviations."""
+    common = (one["std"] ** 2 + other["std"] ** 2) ** 0.5
+    assert abs(one["value"] - other["value"]) < 5.0 * common
+
+
+@pytest.mark.parametrize("kind", ["calibration", "misalignment", "ripple"])
+def test_an_experiment_runs_unchanged_and_agrees_with_the_nodes(kind, tmp_path):
+    t7 = measured(kind, "labjack-t7", tmp_path / "t7")
+    node = measured(kind, "cim-tr-97-06", tmp_path / "node")
+    if kind == "calibration":
+        agree(t7["gain_nm_per_v"], node["gain_nm_per_v"])
+        assert t7["n_experiments"] == node["n_experiments"]
+    elif kind == "misalignment":
+        agree(t7["amplitude_nm"], node["amplitude_nm"])
+        agree(t7["phase_rad"], node["phase_rad"])
+    else:
+        orders = [[part["order"] for part in result["ripple"]] for result in (t7, node)]
+        assert orders[0] == orders[1]
+        for one, other in zip(t7["ripple"], node["ripple"], strict=True):
+            agree(one["amplitude_nm"], other["amplitude_nm"])
+            agree(one["phase_rad"], other["phase_rad"])

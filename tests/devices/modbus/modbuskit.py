@@ -1,0 +1,123 @@
+"""An emulated Modbus device in a thread of this process, and a driver that talks to it."""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Any
+
+from hdbench.devices.daq import DaqSettings, ScanBlock
+from hdbench.devices.emulator.bench import SimulatedBench
+from hdbench.devices.emulator.instrument import DeviceClock, SimulatedInstrument
+from hdbench.devices.emulator.modbus.device import ModbusDevice
+from hdbench.devices.emulator.modbus.servers import RtuServer, TcpServer
+from hdbench.devices.emulator.plantfile import load_plant
+from hdbench.devices.modbus.driver import ModbusDaq
+from hdbench.devices.modbus.opening import open_modbus
+from hdbench.profile import load_profile
+from hdbench.profile.acquiring_modbus import ModbusAcquisition
+
+BENCH = load_profile("cim-tr-97-06").data
+COUPLER = load_profile("di-2108-ek9000").data.daq.outputs
+TORQUE = {"role": "torque", "address": 10, "type": "f32"}
+
+
+def table(**keys: Any) -> ModbusAcquisition:
+    """Return a table without a wait for replies."""
+    base = {"driver": "modbus", "sample_period_s": 0.02, "reply_s": 0.0, "channels": (TORQUE,)}
+    return ModbusAcquisition.model_validate({**base, **keys})
+
+
+@dataclass
+class Served:
+    """An emulated device in a thread."""
+
+    device: ModbusDevice
+    instrument: SimulatedInstrument
+    address: str
+    loop: asyncio.AbstractEventLoop
+    requests: list[bytes] = field(default_factory=list)
+
+    @property
+    def written(self) -> list[bytes]:
+        """Requests that write."""
+        return [pdu for pdu in self.requests if pdu[0] in (5, 6, 15, 16)]
+
+    def call(self, act: Callable[[], Any]) -> Any:
+        """Run `act` in the device's thread."""
+
+        async def run() -> Any:
+            return act()
+
+        return asyncio.run_coroutine_threadsafe(run(), self.loop).result(5)
+
+
+@contextmanager
+def served(what: ModbusAcquisition, *, rtu: bool = False, seed: int = 3) -> Iterator[Served]:
+    """Serve a device; every request it hears is kept."""
+    instrument = SimulatedInstrument(
+        SimulatedBench(BENCH, load_plant("as-modelled"), seed),
+        BENCH.encoder.counts_per_turn,
+        clock=DeviceClock(1.0, time.monotonic()),
+    )
+    device = ModbusDevice(instrument, what, amperes_per_v=1.0)
+    server = RtuServer(device) if rtu else TcpServer(device)
+    loop = asyncio.new_event_loop()
+    thread = threading.Thread(target=loop.run_forever, daemon=True)
+    thread.start()
+    opening = server.open() if isinstance(server, RtuServer) else server.open("127.0.0.1", 0)
+    address = asyncio.run_coroutine_threadsafe(opening, loop).result(5)
+    found = Served(device, instrument, address, loop)
+    answer = device.answer
+
+    def kept(pdu: bytes) -> bytes | None:
+        found.requests.append(pdu)
+        return answer(pdu)
+
+    device.answer = kept
+    try:
+        yield found
+    finally:
+
+        async def shut() -> None:
+            server.close()
+            # one turn of the loop closes what is open
+            await asyncio.sleep(0.01)
+
+        asyncio.run_coroutine_threadsafe(shut(), loop).result(5)
+        loop.call_soon_threadsafe(loop.stop)
+        thread.join(5)
+        loop.close()
+
+
+@contextmanager
+def driver(what: ModbusAcquisition, address: str, **changes: Any) -> Iterator[ModbusDaq]:
+    """Open a driver at an address."""
+    daq = open_modbus(BENCH, what.model_copy(update={"address": address, **changes}))
+    try:
+        yield daq
+    finally:
+        daq.close()
+
+
+def settings(n_samples: int, period_s: float = 0.02, roles: tuple[str, ...] = ("torque",)) -> Any:
+    """Return an acquisition."""
+    return DaqSettings(roles, period_s, n_samples, 1.0)
+
+
+def read_all(daq: ModbusDaq, *, timeout_s: float = 5.0) -> list[ScanBlock]:
+    """Read until the last block."""
+    blocks: list[ScanBlock] = []
+    until_s = time.monotonic() + timeout_s
+    while time.monotonic() < until_s:
+        block = daq.read_block()
+        if block is None:
+            continue
+        blocks.append(block)
+        if not block.running and block.depth == 0:
+            return blocks
+    raise AssertionError(f"not finished within {timeout_s} s")

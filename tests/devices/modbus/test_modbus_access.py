@@ -1,0 +1,128 @@
+"""Deadlines of a transaction, on a clock that goes when told."""
+
+import struct
+
+import pytest
+
+from hdbench.devices.modbus.access import Access
+from hdbench.devices.modbus.layout import Place
+from hdbench.devices.wire import ExceptionReply, FrameError
+from hdbench.errors import DeviceError, ProfileError
+
+PLACE = Place("holding", 7, "u16", "ABCD", "holding 7")
+DEADLINE_S = 0.2
+
+
+class Line:
+    """A wire and its clock: `script` says what becomes of each request, then it is silent."""
+
+    where = "tcp://nobody:502"
+    opened = None
+
+    def __init__(self, *script):
+        self.now_s = 50.0
+        self.sent_s = []
+        self.script = list(script)
+
+    def transact(self, pdu, check, until_s):
+        self.sent_s.append(self.now_s)
+        act = self.script.pop(0) if self.script else "silent"
+        if act == "silent":
+            self.now_s = max(self.now_s, until_s)
+            raise FrameError("no valid reply in time")
+        self.now_s += 0.001
+        if isinstance(act, int):
+            raise ExceptionReply(act)
+        if act == "broken":
+            raise FrameError("the checksum of the reply is wrong")
+        return bytes((pdu[0], 2)) + struct.pack(">H", 4242)
+
+    def close(self):
+        pass
+
+    def sleep(self, seconds):
+        self.now_s += max(0.0, seconds)
+
+    def access(self, **keys):
+        return Access(
+            self, deadline_s=DEADLINE_S, clock=lambda: self.now_s, sleep=self.sleep, **keys
+        )
+
+
+@pytest.mark.parametrize("numbered", [True, False])
+@pytest.mark.parametrize(
+    "script",
+    [(), ("broken",), (6,) * 50, (6, 6, 6), ("broken", 6), (5, "broken")],
+)
+def test_a_call_that_fails_ends_at_its_deadline(numbered, script):
+    line = Line(*script)
+    access = line.access(numbered=numbered)
+    for _ in range(3):
+        start_s = line.now_s
+        with pytest.raises(DeviceError, match=r"deadline 0\.2 s"):
+            access.read([PLACE])
+        assert line.now_s - start_s <= DEADLINE_S * (1 + 1e-9)
+
+
+@pytest.mark.parametrize("numbered", [True, False])
+def test_a_read_is_asked_for_again_once_and_a_write_never(numbered):
+    line = Line("broken", "good")
+    assert line.access(numbered=numbered).read([PLACE]) == [4242]
+    assert len(line.sent_s) == 2
+    line = Line("silent", "good")
+    with pytest.raises(DeviceError):
+        line.access(numbered=numbered).write(PLACE, 1.0)
+    assert len(line.sent_s) == 1
+
+
+def test_on_a_serial_line_nothing_is_read_while_a_late_reply_may_come():
+    line = Line("silent", "good", "good")
+    access = line.access(numbered=False)
+    assert access.read([PLACE]) == [4242]
+    # a try of 0.35 deadlines, and as much again
+    assert line.sent_s[1] - line.sent_s[0] == pytest.approx(0.7 * DEADLINE_S)
+    line.script = ["good"]
+    before_s = line.now_s
+    access.read([PLACE])
+    assert line.sent_s[-1] == before_s
+
+
+def test_after_a_fault_a_probe_follows_every_read_for_two_seconds():
+    line = Line("broken", "good", "good", "good", "good")
+    probes = []
+
+    def probe(number):
+        probes.append(number)
+        return b"\x03\x00\x00\x00\x03", lambda pdu: None
+
+    access = line.access(numbered=False, probe=probe)
+    access.read([PLACE])
+    access.read([PLACE])
+    assert probes == [1, 2]
+    line.now_s += 2.1
+    line.script = ["good"]
+    access.read([PLACE])
+    assert probes == [1, 2]
+
+
+def test_a_busy_device_is_asked_again_and_a_missing_register_is_not():
+    line = Line(6, 5, "good")
+    assert line.access().read([PLACE]) == [4242]
+    assert len(line.sent_s) == 3
+    for code in (1, 2, 3):
+        line = Line(code)
+        with pytest.raises(ProfileError, match=f"exception {code}"):
+            line.access().read([PLACE])
+        assert len(line.sent_s) == 1
+    line = Line(4)
+    with pytest.raises(DeviceError, match="device failure"):
+        line.access().read([PLACE])
+    assert len(line.sent_s) == 1
+
+
+def test_a_device_gets_its_rest_between_two_requests():
+    line = Line("good", "good")
+    access = line.access(min_gap_s=0.05)
+    access.read([PLACE])
+    access.read([PLACE])
+    assert line.sent_s[1] - line.sent_s[0] == pytest.approx(0.051)

@@ -1,0 +1,286 @@
+"""The driver on an emulated device: who answers, what is written, what is read, what stops."""
+
+import time
+
+import numpy as np
+import pytest
+from modbuskit import COUPLER, TORQUE, driver, read_all, served, settings, table
+from pymodbus.client import ModbusTcpClient
+
+from hdbench.devices.emulator.faultlines import faulty_serial, faulty_tcp
+from hdbench.devices.emulator.faults import Mangler, RtuFraming, TcpFraming
+from hdbench.devices.wire.crc import crc16
+from hdbench.errors import DeviceError, ProfileError, UsageError
+
+KNOWN = {"address": 1, "type": "u16", "equals": 4660}
+OUTPUT = {"address": 50, "type": "i16", "scale": 0.001, "limit_v": 5.0}
+COUPLER_FAST = COUPLER.model_copy(update={"reply_s": 0.0})
+
+
+def lock(found, mass_kg=2.0):
+    found.call(
+        lambda: found.instrument.set_fixture(
+            locked=True, position_rad=0.0, mass_kg=mass_kg, direction=1
+        )
+    )
+
+
+@pytest.mark.parametrize("rtu", [False, True])
+@pytest.mark.parametrize("order", ["ABCD", "CDAB", "BADC", "DCBA"])
+def test_a_float_is_read_in_every_order_on_both_wires(rtu, order):
+    made = table(channels=({**TORQUE, "order": order},))
+    with served(made, rtu=rtu) as found, driver(made, found.address) as daq:
+        true = found.call(lambda: float(found.instrument.look().volts["torque"][-1]))
+        # the same reading stands for a millisecond; noise is 8 mV, eight of its deviations
+        assert daq.snapshot()["torque"] == pytest.approx(true, abs=0.08)
+
+
+def test_another_client_reads_what_the_map_says():
+    made = table(channels=({**TORQUE, "type": "i16", "scale": 0.0005},), identify=(KNOWN,))
+    with served(made) as found:
+        host, port = found.address.removeprefix("tcp://").split(":")
+        client = ModbusTcpClient(host, port=int(port))
+        assert client.connect()
+        assert client.read_holding_registers(1, count=1).registers == [4660]
+        word = client.read_holding_registers(10, count=1).registers[0]
+        true = found.call(lambda: float(found.instrument.look().volts["torque"][-1]))
+        assert (word - 65536 * (word > 32767)) * 0.0005 == pytest.approx(true, abs=0.08)
+        assert client.read_holding_registers(11, count=1).exception_code == 2
+        client.close()
+
+
+def test_another_device_is_told_and_never_written_to():
+    made = table(identify=(KNOWN,), output=OUTPUT, init=({"address": 70, "value": 5.0},))
+    other = made.model_copy(
+        update={"identify": (made.identify[0].model_copy(update={"equals": 7}),)}
+    )
+    with served(made) as found, driver(other, found.address) as daq:
+        with pytest.raises(DeviceError, match="reads 4660; needed: 7"):
+            daq.configure(settings(3))
+        assert found.written == []
+
+
+def test_swapped_words_are_named():
+    made = table(identify=({"address": 1, "type": "f32", "equals": 1.5},))
+    with served(made) as found, driver(made, found.address) as daq:
+        found.device.memory.swap_words = True
+        with pytest.raises(DeviceError, match="words swapped: order CDAB"):
+            daq.identity()
+
+
+def test_a_register_that_the_device_does_not_have_is_the_profile_s_fault():
+    with (
+        served(table()) as found,
+        driver(table(channels=({**TORQUE, "address": 99},)), found.address) as daq,
+    ):
+        with pytest.raises(ProfileError, match="illegal data address") as caught:
+            daq.snapshot()
+        assert "holding 99" in caught.value.where
+
+
+def test_settings_are_written_only_where_they_differ():
+    made = table(identify=(KNOWN,), init=({"address": 70, "type": "u16", "value": 82.0},))
+    with served(made) as found, driver(made, found.address) as daq:
+        daq.configure(settings(3))
+        daq.configure(settings(3))
+        assert [pdu.hex() for pdu in found.written] == ["0600460052"]
+
+
+def test_a_reading_comes_every_period_with_its_time():
+    with served(table()) as found, driver(table(), found.address) as daq:
+        daq.configure(settings(12))
+        start_s = time.monotonic()
+        daq.start()
+        blocks = read_all(daq)
+    assert [b.first_index for b in blocks] == sorted({b.first_index for b in blocks})
+    assert sum(len(b) + b.lost_before for b in blocks) == 12
+    for block in blocks:
+        if len(block):
+            due_s = start_s + 0.02 * block.first_index
+            # half of a period, by which an index is chosen, and the time of the call before
+            assert abs(block.time_s[0] - due_s) < 0.015
+            assert block.read_s[0] < block.time_s[0] < block.read_s[1]
+
+
+def test_a_device_that_is_silent_loses_samples_that_are_counted():
+    with served(table()) as found, driver(table(), found.address, deadline_s=0.4) as daq:
+        daq.configure(settings(30))
+        daq.start()
+        blocks = [daq.read_block()]
+        pause_s = time.monotonic() + 0.1
+        found.call(lambda: setattr(found.device, "_silent_until_s", pause_s))
+        blocks += read_all(daq)
+    given = [b for b in blocks if b is not None]
+    assert sum(len(b) + b.lost_before for b in given) == 30
+    assert sum(b.lost_before for b in given) >= 4
+    index = 0
+    for block in given:
+        assert block.first_index == index + block.lost_before
+        index = block.first_index + len(block)
+
+
+@pytest.mark.parametrize(
+    ("extra", "value"),
+    [({"invalid": (32767.0,)}, 32767.0), ({"status": {"address": 20, "mask": 6, "good": 2}}, 4.0)],
+)
+def test_a_reading_that_the_device_calls_invalid_is_lost_not_delivered(extra, value):
+    made = table(channels=({**TORQUE, "type": "i16", "scale": 0.001, **extra},))
+    with served(made) as found, driver(made, found.address) as daq:
+        cells = found.device.memory._cells
+        cell = cells[("holding", 20 if "status" in extra else 10)]
+        good, cell.on_read = cell.on_read, lambda: value
+        daq.configure(settings(8))
+        daq.start()
+        for _ in range(40):
+            assert daq.read_block() is None
+            if len(found.requests) > 5:
+                break
+        cell.on_read = good
+        blocks = read_all(daq)
+    assert sum(len(b) + b.lost_before for b in blocks) == 8
+    assert sum(b.lost_before for b in blocks) >= 3
+    assert all(abs(b.values).max() < 32.0 for b in blocks if len(b))
+
+
+def test_a_sign_in_another_register_is_taken_along():
+    sign = {"address": 20, "bit": 7}
+    channel = {**TORQUE, "type": "u32", "scale": 1e-4, "sign": sign, "low": -10.0, "high": 10.0}
+    made = table(channels=(channel,))
+    with served(made) as found, driver(made, found.address) as daq:
+        found.device.memory._cells[("holding", 10)].on_read = lambda: 12345.0
+        found.device.memory._cells[("holding", 20)].on_read = lambda: 128.0
+        assert daq.snapshot()["torque"] == pytest.approx(-1.2345)
+        found.device.memory._cells[("holding", 20)].on_read = lambda: 1.0
+        assert daq.snapshot()["torque"] == pytest.approx(1.2345)
+
+
+def test_an_output_is_written_within_its_limits_and_read_back():
+    made = table(identify=(KNOWN,), output=OUTPUT)
+    with served(made) as found, driver(made, found.address) as daq:
+        assert daq.write_output("reference", 1.2344) == pytest.approx(1.234)
+        assert found.instrument.reference_v == pytest.approx(1.234)
+        assert found.written[-1].hex() == "06003204d2"
+        before = len(found.written)
+        for value in (5.1, -5.1, float("nan")):
+            with pytest.raises(UsageError, match="needed: -5 to 5 V"):
+                daq.write_output("reference", value)
+        assert len(found.written) == before
+
+
+def test_a_write_whose_echo_is_wrong_counts_by_what_stands_there():
+    made = table(identify=(KNOWN,), output=OUTPUT)
+    with served(made) as found:
+        host, port = found.address.removeprefix("tcp://").split(":")
+        mangler = Mangler("echo", TcpFraming(), seed=1)
+        with (
+            faulty_tcp(host, int(port), mangler) as (near, near_port),
+            driver(made, f"tcp://{near}:{near_port}", deadline_s=0.3) as daq,
+        ):
+            assert daq.write_output("reference", 2.0) == pytest.approx(2.0)
+            assert mangler.changed == 1
+            # sent once all the same
+            assert len(found.written) == 1
+            found.device.memory._cells[("holding", 50)].on_read = lambda: 700.0
+            with pytest.raises(DeviceError, match=r"reads back as 0\.7 V; written: 1 V"):
+                daq.write_output("reference", 1.0)
+
+
+def test_the_watchdog_stops_the_motor_when_nobody_feeds_it():
+    with served(COUPLER_FAST) as found, driver(COUPLER_FAST, found.address) as daq:
+        daq.configure(settings(1, roles=()))
+        assert daq.arm_watchdog(0.2) == pytest.approx(0.2)
+        daq.write_output("reference", 1.0)
+        assert daq.enable(on=True)
+        for _ in range(6):
+            time.sleep(0.05)
+            daq.feed_watchdog()
+        assert not daq.watchdog().tripped
+        assert found.instrument.reference_v == pytest.approx(1.0, abs=1e-3)
+        until_s = time.monotonic() + 1.0
+        while not daq.watchdog().tripped and time.monotonic() < until_s:
+            time.sleep(0.01)
+        # reading its state fed nothing
+        assert daq.watchdog().tripped
+        assert (found.instrument.reference_v, found.instrument.enabled) == (0.0, False)
+        with pytest.raises(DeviceError, match="device failure"):
+            daq.write_output("reference", 0.5)
+        assert daq.safe_state().confirmed
+        daq.arm_watchdog(0.2)
+        assert daq.enable(on=True)
+
+
+def test_the_safe_state_is_reached_from_motion():
+    with served(COUPLER_FAST) as found, driver(COUPLER_FAST, found.address) as daq:
+        daq.configure(settings(1, roles=()))
+        daq.arm_watchdog(1.0)
+        daq.write_output("reference", 1.0)
+        daq.enable(on=True)
+        start_s = time.monotonic()
+        safe = daq.safe_state()
+        assert time.monotonic() - start_s < 0.5
+        assert (safe.confirmed, safe.reference_v) == (True, 0.0)
+        assert (found.instrument.reference_v, found.instrument.enabled) == (0.0, False)
+
+
+def test_the_safe_state_is_not_confirmed_when_nobody_answers():
+    with served(COUPLER_FAST) as found, driver(COUPLER_FAST, found.address, deadline_s=0.1) as daq:
+        daq.configure(settings(1, roles=()))
+        found.call(lambda: setattr(found.device, "_silent_until_s", time.monotonic() + 60.0))
+        safe = daq.safe_state()
+        assert not safe.confirmed
+        assert "no valid reply" in safe.detail
+
+
+def test_a_late_reply_on_a_serial_line_is_never_another_reading():
+    """The device counts its requests; a reply that comes in the next one's time is 1 too low."""
+    made = table(
+        channels=({**TORQUE, "type": "u32"}, {"role": "tacho", "address": 12, "type": "u32"}),
+        identify=({"address": 14, "type": "u16", "equals": 4660},),
+    )
+    with served(made, rtu=True) as found:
+        cell = found.device.memory._cells[("holding", 10)]
+        cell.on_read = lambda: float(len(found.requests))
+        mangler = Mangler("late", RtuFraming(crc16), share=0.0, seed=2, late_s=0.065)
+        path = found.address.removeprefix("rtu://")
+        wrong = good = 0
+        with (
+            faulty_serial(path, mangler) as near,
+            driver(made, f"rtu://{near}", deadline_s=0.2) as daq,
+        ):
+            daq.identity()
+            mangler.share = 0.4
+            for _ in range(25):
+                before = len(found.requests)
+                try:
+                    value = daq.snapshot()["torque"]
+                except DeviceError:
+                    continue
+                good += 1
+                wrong += not value > before
+        assert mangler.changed >= 3
+        assert (good > 5, wrong) == (True, 0)
+
+
+def test_a_deadline_too_short_for_a_serial_line_is_refused():
+    """At 9600 bit/s 8E1 a 32-bit float takes 27.5 ms: 50 ms and three of them in 0.35 of it."""
+    made = table()
+    with (
+        pytest.raises(ProfileError, match=r"0\.2 s; on this serial line .* within 0\.38 s"),
+        driver(made, "rtu:///dev/none?baud=9600", deadline_s=0.2),
+    ):
+        pass
+
+
+def test_the_fixture_reads_back_and_hangs_the_weight():
+    with served(table()) as found, driver(table(), found.address) as daq:
+        fixture = daq.fixture()
+        fixture.set_fixture(locked=True, position_rad=0.0, mass_kg=4.0, direction=1)
+        until_s = time.monotonic() + 5.0
+        readings = []
+        while time.monotonic() < until_s and len(readings) < 60:
+            time.sleep(0.02)
+            readings.append(daq.snapshot()["torque"])
+        # 4 kg on 0.5 m are 19.6 N m; the gain lies within 10 % of 6.6 N m/V, the zero within 0.5 V
+        assert np.mean(readings[-20:]) == pytest.approx(19.6 / 6.6, rel=0.1, abs=0.5)
+        with pytest.raises(ProfileError, match="illegal data value"):
+            fixture.set_fixture(locked=True, position_rad=0.0, mass_kg=-1.0, direction=1)

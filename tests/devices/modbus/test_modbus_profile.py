@@ -1,0 +1,124 @@
+"""What a profile may say about a Modbus device, and the benches that come with hdbench."""
+
+import pytest
+
+from hdbench.devices import open_bench
+from hdbench.devices.pace import check_pace
+from hdbench.devices.ports import AcquisitionSettings
+from hdbench.errors import ProfileError, UsageError
+from hdbench.profile import load_profile
+from hdbench.profile.loader import parse_profile
+from hdbench.profile.schema import ReferenceWave
+
+TEXT = load_profile("cim-tr-97-06").text
+BEFORE, REST = TEXT.split("[daq]\n", 1)
+AFTER = "\n[limits]\n" + REST.split("[limits]\n", 1)[1]
+COMMON = 'driver = "modbus"\nsample_period_s = 0.1\n'
+CHANNEL = '[[daq.channels]]\nrole = "torque"\naddress = 40001\n'
+KNOWN = "[[daq.identify]]\naddress = 40100\nequals = 7\n"
+OUTPUT = "[daq.output]\naddress = 40011\nlimit_v = 5.0\n"
+WATCHDOG = """[daq.output.watchdog]
+unit_s = 0.001
+min_s = 0.1
+max_s = 60.0
+fed_by = "write"
+drops = ["reference"]
+time = { address = 44385 }
+tripped = { address = 44129, equals = 0 }
+"""
+MODICON = 'numbering = "modicon"\n'
+
+
+def problems(daq):
+    with pytest.raises(ProfileError) as caught:
+        parse_profile(f"{BEFORE}[daq]\n{daq}{AFTER}", "bench.toml")
+    found = caught.value.problems or (caught.value,)
+    return " | ".join(error.what for error in found)
+
+
+@pytest.mark.parametrize(
+    ("daq", "words"),
+    [
+        (COMMON + CHANNEL + 'order = "ACBD"\n', "'ABCD', 'CDAB', 'BADC' or 'DCBA'"),
+        (
+            COMMON + MODICON + CHANNEL.replace("40001", "30001"),
+            "40001 to 49999 or 400001 to 465536",
+        ),
+        (COMMON + CHANNEL.replace("40001", "70000"), "0 to 65535"),
+        (COMMON + MODICON + CHANNEL + OUTPUT, "that nothing identifies"),
+        (COMMON + MODICON + CHANNEL + KNOWN.replace("equals = 7\n", ""), "what it must read"),
+        (COMMON + MODICON + CHANNEL + KNOWN + OUTPUT + WATCHDOG, "whose writing moves nothing"),
+        (
+            COMMON
+            + MODICON
+            + CHANNEL
+            + KNOWN
+            + OUTPUT
+            + WATCHDOG.replace('["reference"]', '["enable"]'),
+            "no [daq.output.enable]",
+        ),
+        (COMMON + "max_read_registers = 1\n" + CHANNEL + 'type = "f32"\n', "takes 2 registers"),
+        (COMMON + MODICON + KNOWN + OUTPUT + 'type = "f32"\nfunction = 6\n', "writes one register"),
+        (COMMON + CHANNEL.replace("torque", "encoder") + "scale = 0.5\n", "polled in counts"),
+        (COMMON + CHANNEL + "wrap_bits = 16\n", "for an encoder only"),
+        (COMMON + CHANNEL + "scale = 0.0\n", "units per step|is 0"),
+    ],
+)
+def test_a_profile_that_cannot_work_is_refused_with_the_key(daq, words):
+    said = problems(daq)
+    assert any(word in said for word in words.split("|")), said
+
+
+@pytest.mark.parametrize("name", ["seneca-z-sg", "laumas-tlb4", "adam-6024", "di-2108-ek9000"])
+def test_a_ready_profile_says_what_it_was_tried_on(name):
+    assert load_profile(name).data.daq.verified == "emulator"
+
+
+@pytest.mark.parametrize("name", ["seneca-z-sg", "laumas-tlb4", "adam-6024"])
+def test_a_ready_bench_measures_a_weight(name):
+    profile = load_profile(name)
+    with open_bench(profile, seed=4) as bench:
+        bench.set_fixture(locked=True, position_rad=0.0, mass_kg=0.0, direction=1)
+        readings = {}
+        for mass_kg in (0.0, 4.0):
+            bench.set_fixture(locked=True, position_rad=0.0, mass_kg=mass_kg, direction=1)
+            bench.configure(AcquisitionSettings(0.1, 8, None))
+            bench.start()
+            volts = []
+            while len(volts) < 8:
+                block = bench.read_block()
+                volts += [] if block is None else [*block.torque_v, *([0.0] * block.lost_before)]
+            bench.stop()
+            readings[mass_kg] = sum(volts[-4:]) / 4
+        assert bench.safe_state().confirmed
+    # 4 kg on 0.5 m at 6.6 N m/V; the weight may still swing, and a position has its own gain
+    assert readings[4.0] - readings[0.0] == pytest.approx(4 * 0.5 * 9.8065 / 6.6, rel=0.2)
+
+
+@pytest.mark.parametrize("name", ["seneca-z-sg", "laumas-tlb4", "adam-6024"])
+def test_a_plan_that_is_too_fast_is_refused_before_anything_is_opened(name):
+    with pytest.raises(UsageError, match="asks for 1000 samples/s"):
+        check_pace(load_profile(name).data, 1e-3, "the ripple run")
+    check_pace(load_profile(name).data, 0.2, "a calibration")
+
+
+def test_a_composite_moves_the_motor_and_stops_it():
+    profile = load_profile("di-2108-ek9000")
+    wave = ReferenceWave(wave="constant", amplitude_v=1.0)
+    with open_bench(profile, seed=4) as bench:
+        bench.configure(AcquisitionSettings(1e-3, 1500, wave))
+        bench.start()
+        taken, speed, counts = 0, [], []
+        while taken < 1500:
+            block = bench.read_block()
+            if block is not None:
+                taken += len(block)
+                speed += list(block.tacho_v * profile.data.tacho.gain_rad_s_per_v)
+                counts += list(block.encoder_count)
+        bench.stop()
+        safe = bench.safe_state()
+    assert max(speed) == pytest.approx(56.3, rel=0.05)
+    assert counts[-1] - counts[0] == pytest.approx(
+        sum(speed) * 1e-3 * profile.data.encoder.counts_per_turn / 6.283185, abs=40
+    )
+    assert (safe.confirmed, safe.reference_v) == (True, 0.0)

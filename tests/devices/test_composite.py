@@ -1,0 +1,193 @@
+"""Two devices as one: who samples, who drives, who guards."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from daqkit import ABLE, ROLES, SETTINGS, Clock, FakeDaq, block
+
+from hdbench.devices import AcquisitionSettings, open_bench
+from hdbench.devices.composite import CompositeDaq
+from hdbench.devices.daq import DaqSettings
+from hdbench.devices.hosted import HostedBench
+from hdbench.errors import DeviceError
+from hdbench.profile import load_profile
+from hdbench.profile.loader import parse_profile
+from hdbench.profile.schema import ReferenceWave
+
+WAVE = ReferenceWave(wave="constant", amplitude_v=2.0)
+INPUTS = replace(ABLE, outputs=(), watchdog=None, enable=False)
+OUTPUTS = replace(ABLE, inputs=(), max_rates_hz=(), buffered=False, buffer_scans=0)
+
+
+def pair(inputs=INPUTS, outputs=OUTPUTS):
+    clock = Clock()
+    one, other = FakeDaq(inputs, clock), FakeDaq(outputs, clock)
+    return one, other, CompositeDaq(one, other, clock=clock)
+
+
+def test_inputs_come_from_the_one_and_outputs_and_watchdog_from_the_other():
+    _, _, both = pair()
+    able = both.capabilities()
+    assert able.inputs == ABLE.inputs
+    assert able.max_rates_hz == ABLE.max_rates_hz
+    assert able.outputs == ABLE.outputs
+    assert able.watchdog == ABLE.watchdog
+    assert able.guarded
+
+
+def test_no_motion_without_a_watchdog_on_the_device_that_drives():
+    """A watchdog of the device that samples guards nothing."""
+    one, other, both = pair(ABLE, replace(OUTPUTS, watchdog=None))
+    bench = HostedBench(both, SETTINGS, clock=one.clock, sleep=one.clock.sleep)
+    with pytest.raises(DeviceError, match="no watchdog of the device that drives"):
+        bench.configure(AcquisitionSettings(1e-3, 1000, WAVE))
+    assert one.calls == other.calls == other.written == []
+    bench.configure(AcquisitionSettings(1e-3, 1000, None))
+
+
+def test_a_device_with_a_generator_cannot_be_the_outputs_of_another():
+    _, _, both = pair(outputs=replace(OUTPUTS, generator=True))
+    with pytest.raises(DeviceError, match="sample clock of its own") as caught:
+        both.capabilities()
+    assert caught.value.where == "key daq.outputs.driver"
+
+
+def test_a_real_and_an_emulated_device_are_not_mixed():
+    one, other, both = pair()
+    other.simulated = False
+    with pytest.raises(DeviceError, match=r"simulated.*real"):
+        both.claim()
+    assert one.calls == other.calls == []
+
+
+def test_everything_that_moves_goes_to_the_outputs():
+    one, other, both = pair()
+    both.claim()
+    both.configure(DaqSettings(ROLES, 1e-3, 100, 1.0))
+    both.arm_watchdog(1.0)
+    both.write_output("reference", 1.0)
+    both.enable(on=True)
+    both.feed_watchdog()
+    both.start()
+    both.stop()
+    both.clear_watchdog()
+    assert one.calls == ["claim", "configure", "start", "stop"]
+    assert one.written == one.fed_s == []
+    assert other.calls == ["claim", "configure", "arm", "enable", "clear"]
+    assert other.reference_v == 1.0
+    assert (one.settings.roles, other.settings.roles) == (ROLES, ())
+
+
+def test_a_trip_of_the_outputs_shows_in_the_next_block():
+    one, other, both = pair()
+    one.blocks = [block(0, [[0, 0, 0]]), block(1, [[0, 0, 0]]), block(2, [[0, 0, 0]])]
+    assert not both.read_block().watchdog_tripped
+    other.tripped = True
+    # looked at every 0.1 s
+    assert not both.read_block().watchdog_tripped
+    one.clock.now_s += 0.11
+    assert both.read_block().watchdog_tripped
+
+
+def test_the_outputs_are_made_safe_first_and_decide():
+    one, other, both = pair()
+    other.reference_v = 3.0
+    assert both.safe_state().confirmed
+    assert other.reference_v == 0.0
+    one.refuse = "inputs silent"
+    safe = both.safe_state()
+    assert safe.confirmed
+    assert "inputs silent" in safe.detail
+    other.refuse = "outputs silent"
+    assert not both.safe_state().confirmed
+
+
+PARTS = """[daq]
+driver = "composite"
+sample_period_s = 0.001
+watchdog_s = 1.0
+channels = ["torque", "tacho"]
+
+[daq.inputs]
+driver = "node"
+address = "tcp://127.0.0.1:5020"
+
+[daq.outputs]
+driver = "node"
+address = "tcp://127.0.0.1:5021"
+"""
+
+
+def _profile(daq):
+    text = load_profile("cim-tr-97-06").text
+    before, rest = text.split("[daq]\n", 1)
+    return parse_profile(
+        before + daq + "\n[limits]\n" + rest.split("[limits]\n", 1)[1], "bench.toml"
+    )
+
+
+def test_a_profile_describes_both_parts_with_one_period():
+    table = _profile(PARTS).data.daq
+    assert table.inputs.address == "tcp://127.0.0.1:5020"
+    assert table.outputs.sample_period_s == table.sample_period_s == 0.001
+
+
+EMBEDDED = """[daq]
+driver = "composite"
+address = "embedded"
+sample_period_s = 0.001
+watchdog_s = 1.0
+channels = ["torque", "tacho", "encoder"]
+
+[daq.inputs]
+driver = "labjack-t"
+channels = [
+    { role = "torque", input = "AIN0" },
+    { role = "tacho", input = "AIN1" },
+    { role = "encoder", input = "quadrature" },
+]
+
+[daq.outputs]
+driver = "labjack-t"
+channels = [{ role = "torque", input = "AIN0" }]
+
+[daq.outputs.output]
+output = "TDAC2"
+limit_v = 8.0
+update_s = 0.005
+enable_line = 4
+"""
+
+
+def test_two_emulated_devices_are_one_bench():
+    """The tacho follows the reference beside it by the lag of the servo, 1 / (2 pi 15 Hz)."""
+    wave = ReferenceWave(wave="sine", amplitude_v=1.0, frequency_hz=1.0)
+    with open_bench(_profile(EMBEDDED), seed=1) as bench:
+        assert bench.identity().model == "T7 + T7"
+        bench.configure(AcquisitionSettings(1e-3, 2500, wave))
+        bench.start()
+        blocks, got = [], 0
+        while got < 2500:
+            block = bench.read_block()
+            if block is not None:
+                blocks.append(block)
+                got = block.first_index + len(block)
+        aligned = bench.alignment()
+        bench.stop()
+        assert bench.safe_state().confirmed
+    assert sum(block.lost_before for block in blocks) == 0
+    time_s = 1e-3 * np.arange(500, 2500)
+    tones = np.column_stack([np.sin(2 * np.pi * time_s), np.cos(2 * np.pi * time_s)])
+    fits = {
+        name: np.linalg.lstsq(
+            tones, np.concatenate([getattr(b, name) for b in blocks])[500:2500], rcond=None
+        )[0]
+        for name in ("reference_v", "tacho_v")
+    }
+    phase = {name: np.arctan2(fit[1], fit[0]) / (2 * np.pi) for name, fit in fits.items()}
+    assert np.hypot(*fits["reference_v"]) == pytest.approx(1.0, abs=0.05)
+    lag_s = phase["reference_v"] - phase["tacho_v"]
+    # the emulator is four times as fast as its clock says: so is the doubt of the alignment
+    assert lag_s == pytest.approx(1 / (2 * np.pi * 15.0), abs=0.005 + 4 * aligned.samples_s)
+    assert 0.0 < aligned.standard_uncertainty_s < 0.1

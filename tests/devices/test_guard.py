@@ -1,0 +1,309 @@
+"""The guard stops the motor when the session dies, freezes or leaves without a word."""
+
+import ast
+import json
+import os
+import signal
+import struct
+import subprocess
+import sys
+import time
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+from nodekit import PROFILE, TinyBench, driver, served, until
+
+from hdbench.devices.emulator.process import running_emulator
+from hdbench.devices.guard import Guard, GuardedBench, guard_silence_s, order_of
+from hdbench.devices.guard import launch as launching
+from hdbench.devices.guard.process import RtuWire, WireError, crc16, make_safe, wrong
+from hdbench.devices.ports import AcquisitionSettings
+from hdbench.errors import DeviceError
+from hdbench.profile import load_profile
+from hdbench.profile.acquiring import PluginAcquisition
+from hdbench.profile.schema import ReferenceWave
+
+SCRIPT = Path(launching.__file__).with_name("process.py")
+WAVE = ReferenceWave(wave="constant", amplitude_v=1.0)
+
+
+def profile_at(address):
+    return PROFILE.model_copy(update={"daq": PROFILE.daq.model_copy(update={"address": address})})
+
+
+@contextmanager
+def guarded(node, tmp_path, silence_s=0.3):
+    data = profile_at(f"tcp://{node.host}:{node.port}")
+    log = tmp_path / "guard.jsonl"
+    with driver(node.host, node.port, watchdog_s=2.0) as bench:
+        bench.claim()
+        found = GuardedBench(bench, lambda: Guard(order_of(data), silence_s, log=log))
+        try:
+            yield found
+        finally:
+            found.safe_state()
+            found.close()
+
+
+def turn(bench, blocks=5):
+    bench.configure(AcquisitionSettings(1e-3, 1_000_000, WAVE))
+    bench.start()
+    taken = 0
+    while taken < blocks:
+        taken += bench.read_block() is not None
+
+
+def read_until(bench, until_s):
+    while time.monotonic() < until_s:
+        bench.read_block()
+
+
+def motor(node):
+    return node.core.machine.bench.reference_v
+
+
+def test_a_session_that_says_nothing_has_its_motor_stopped_and_is_told(tmp_path):
+    with served(TinyBench(), pace="realtime") as node, guarded(node, tmp_path) as bench:
+        turn(bench)
+        assert motor(node) == pytest.approx(1.0)
+        start_s = time.monotonic()
+        until(lambda: motor(node) == 0.0, 2.0)
+        # the silence it was given, its own round trip, the scheduler; the watchdog has 2 s
+        assert 0.2 < time.monotonic() - start_s < 1.5
+        assert node.core.machine.trips == 0
+        log = tmp_path / "guard.jsonl"
+        until(lambda: log.exists() and log.read_text().endswith("\n"), 2.0)
+        with pytest.raises(DeviceError, match="no sign of life"):
+            read_until(bench, start_s + 5.0)
+    event = json.loads(log.read_text())
+    assert event["confirmed"] is True
+    assert event["problem"] is None
+
+
+def test_a_session_that_gives_signs_of_life_is_left_alone(tmp_path):
+    with served(TinyBench(), pace="realtime") as node, guarded(node, tmp_path) as bench:
+        turn(bench)
+        until_s = time.monotonic() + 1.0
+        while time.monotonic() < until_s:
+            bench.read_block()
+        assert motor(node) == pytest.approx(1.0)
+        pid = bench.guard.pid
+        assert bench.safe_state().confirmed
+        assert bench.guard is None
+    assert not Path(f"/proc/{pid}").exists()
+    assert not (tmp_path / "guard.jsonl").exists()
+
+
+def test_a_bench_that_is_closed_without_the_safe_state_is_made_safe(tmp_path):
+    with served(TinyBench(), pace="realtime") as node:
+        data = profile_at(f"tcp://{node.host}:{node.port}")
+        with driver(node.host, node.port, watchdog_s=2.0) as inner:
+            inner.claim()
+            bench = GuardedBench(inner, lambda: Guard(order_of(data), 1.0))
+            turn(bench)
+            bench.close()
+            assert motor(node) == 0.0
+            assert node.core.machine.trips == 0
+
+
+def test_a_session_whose_guard_dies_is_told_at_its_next_block(tmp_path):
+    with served(TinyBench(), pace="realtime") as node, guarded(node, tmp_path) as bench:
+        turn(bench)
+        os.kill(bench.guard.pid, signal.SIGKILL)
+        start_s = time.monotonic()
+        with pytest.raises(DeviceError, match="guard process"):
+            read_until(bench, start_s + 3.0)
+        assert time.monotonic() - start_s < 0.5
+
+
+def test_what_ends_a_session_does_not_end_the_guard(tmp_path):
+    with served(TinyBench(), pace="realtime") as node, guarded(node, tmp_path, 2.0) as bench:
+        turn(bench)
+        for signum in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+            os.kill(bench.guard.pid, signum)
+        time.sleep(0.2)
+        bench.guard.watch("closely")
+        assert os.getsid(bench.guard.pid) != os.getsid(0)
+
+
+def test_motion_without_a_second_connection_is_refused(tmp_path):
+    with served(TinyBench()) as node, driver(node.host, node.port) as inner:
+        inner.claim()
+        nowhere = order_of(profile_at("tcp://127.0.0.1:1"))
+        bench = GuardedBench(inner, lambda: Guard(nowhere, 1.0))
+        with pytest.raises(DeviceError, match="does not reach the device"):
+            bench.configure(AcquisitionSettings(1e-3, 1000, WAVE))
+        assert motor(node) == 0.0
+        bench.close()
+
+
+def test_an_acquisition_without_motion_has_no_guard(tmp_path):
+    with served(TinyBench()) as node, guarded(node, tmp_path) as bench:
+        bench.configure(AcquisitionSettings(1e-3, 1000, None))
+        bench.start()
+        assert bench.guard is None
+
+
+HOST = """
+import os, sys
+from hdbench.devices import AcquisitionSettings, open_bench
+from hdbench.profile import load_profile
+from hdbench.profile.acquiring import PluginAcquisition
+from hdbench.profile.schema import ReferenceWave
+
+wave = ReferenceWave(wave="constant", amplitude_v=1.0)
+with open_bench(load_profile("cim-tr-97-06"), address=sys.argv[1]) as bench:
+    bench.configure(AcquisitionSettings(2e-3, 1_000_000, wave))
+    bench.start()
+    seen = 0
+    while True:
+        block = bench.read_block()
+        seen += len(block) if block else 0
+        if seen > 300:
+            print("moving", flush=True)
+            seen = -10**9
+"""
+
+
+@pytest.mark.parametrize("signum", [signal.SIGKILL, signal.SIGSTOP])
+def test_on_a_serial_line_the_guard_takes_over_from_a_dead_or_frozen_session(tmp_path, signum):
+    record = tmp_path / "motor.jsonl"
+    data = load_profile("cim-tr-97-06").data
+    with running_emulator(
+        data, plant="as-modelled", seed=0, pace="realtime", record=record, rtu=True
+    ) as found:
+        process = subprocess.Popen(
+            [sys.executable, "-c", HOST, found["address"]],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
+        )
+        try:
+            assert process.stdout.readline() == b"moving\n"
+            process.send_signal(signum)
+            gone_s = time.monotonic()
+            until(
+                lambda: json.loads(record.read_text().splitlines()[-1])["reference_v"] == 0.0, 3.0
+            )
+        finally:
+            process.kill()
+            process.wait()
+            process.stdout.close()
+    events = [json.loads(line) for line in record.read_text().splitlines()]
+    zero = next(e for e in events if e["event"] in ("stopped", "tripped"))
+    # silence of 0.45 s at most, a quiet line, the scheduler
+    assert zero["monotonic_s"] - gone_s < 1.0
+    if signum == signal.SIGKILL:
+        assert zero["event"] == "stopped", "the guard was there before the watchdog"
+
+
+def test_a_serial_line_that_is_gone_does_not_hold_the_guard_up():
+    near, far = os.openpty()
+    target = {
+        "path": os.ttyname(far), "unit": 1, "silence_s": 0.005, "baud_bd": 115200, "parity": "N",
+        "stop_bits": 1,
+    }  # fmt: skip
+    wire = RtuWire(target)
+    try:
+        start_s = time.monotonic()
+        with pytest.raises(WireError, match="no valid reply"):
+            wire.transact(b"\x03\0\0\0\1")
+        os.close(near)
+        os.close(far)
+        with pytest.raises((WireError, OSError)):
+            wire.transact(b"\x03\0\0\0\1")
+        # a quarter of a second each, and the scheduler
+        assert time.monotonic() - start_s < 2.0
+    finally:
+        wire.close()
+
+
+def test_the_guard_imports_the_standard_library_alone():
+    tree = ast.parse(SCRIPT.read_text())
+    names = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            names |= {alias.name.partition(".")[0] for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            names.add(str(node.module).partition(".")[0])
+    assert names <= sys.stdlib_module_names
+
+
+@pytest.mark.parametrize(
+    ("raw", "check", "safe"),
+    [
+        (struct.pack(">f", 0.2), {"as": ">f", "low": -0.5, "high": 0.5}, True),
+        (struct.pack(">f", -0.6), {"as": ">f", "low": -0.5, "high": 0.5}, False),
+        (struct.pack(">f", float("nan")), {"as": ">f", "low": -0.5, "high": 0.5}, False),
+        (struct.pack(">H", 0b1010), {"as": ">H", "low": 0, "high": 0, "mask": 0b0101}, True),
+        (struct.pack(">H", 0b1010), {"as": ">H", "low": 0, "high": 0, "mask": 0b1000}, False),
+        # 1.5 with the low word first
+        (struct.pack(">f", 1.5)[2:] + struct.pack(">f", 1.5)[:2],
+         {"as": ">f", "low": 1.5, "high": 1.5, "order": [2, 3, 0, 1]}, True),
+        (b"\0\0", {"as": ">f", "low": -1.0, "high": 1.0}, False),
+    ],
+)  # fmt: skip
+def test_what_is_read_back_is_judged_by_its_value(raw, check, safe):
+    full = {"name": "value", "at": 2, "mask": 0, "order": [], **check}
+    assert (wrong(b"\x03\x04" + raw, full) == "") is safe
+
+
+def test_the_guard_s_checksum_is_that_of_the_modbus_specification():
+    # "MODBUS over serial line" V1.02, appendix B: 02 07 gives 41 12 on the wire
+    assert crc16(bytes([0x02, 0x07])) == bytes([0x41, 0x12])
+
+
+@pytest.mark.parametrize(
+    ("watchdog_s", "deadline_s", "silence_s"),
+    [(0.5, 0.25, 0.45), (2.0, 0.25, 0.5), (2.0, 1.5, 1.8), (5.0, 0.1, 0.5)],
+)
+def test_the_silence_is_shorter_than_the_watchdog_and_longer_than_a_call(
+    watchdog_s, deadline_s, silence_s
+):
+    assert guard_silence_s(watchdog_s, deadline_s) == pytest.approx(silence_s)
+
+
+@pytest.mark.parametrize("name", ["cim-tr-97-06", "labjack-t7", "di-2108-ek9000"])
+def test_every_bench_that_moves_has_bytes_for_its_guard(name):
+    data = load_profile(name).data
+    table = data.daq
+    update = {"address": "tcp://127.0.0.1:502"}
+    if hasattr(table, "outputs"):
+        update = {"outputs": table.outputs.model_copy(update=update)}
+    data = data.model_copy(update={"daq": table.model_copy(update=update)})
+    order = order_of(data)
+    assert order.command == ()
+    (target,) = order.targets
+    assert target.acts
+    assert target.looks
+
+
+def test_a_driver_without_known_bytes_is_made_safe_through_itself(tmp_path):
+    plugin = PluginAcquisition(driver="acme", sample_period_s=1e-3)
+    order = order_of(PROFILE.model_copy(update={"daq": plugin}))
+    assert order.targets == ()
+    assert order.command
+    with served(TinyBench(), pace="realtime") as node, guarded(node, tmp_path) as bench:
+        turn(bench)
+        told = profile_at(f"tcp://{node.host}:{node.port}").model_dump_json(exclude_none=True)
+        done = subprocess.run(
+            order.command,
+            input=told,
+            capture_output=True,
+            text=True,
+            timeout=30,
+            env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
+            check=False,
+        )
+        assert done.returncode == 0, done.stdout + done.stderr
+        assert motor(node) == 0.0
+
+
+def test_a_device_that_is_not_the_one_from_before_is_never_written_to(tmp_path):
+    with served(TinyBench(), pace="realtime") as node, guarded(node, tmp_path) as bench:
+        turn(bench)
+        (target,) = order_of(profile_at(f"tcp://{node.host}:{node.port}")).targets
+        told = {**target.to_dict(), "known": "03" + "00" * 20}
+        assert "another device" in make_safe(told)
+        assert motor(node) == pytest.approx(1.0)

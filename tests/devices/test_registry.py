@@ -1,0 +1,114 @@
+"""Drivers by name, those of other packages too; a broken one is told, not fatal."""
+
+import sys
+from importlib.metadata import EntryPoint, EntryPoints
+
+import pytest
+
+from hdbench.devices import registry
+from hdbench.devices.registry import GROUP, drivers, open_daq
+from hdbench.devices.wire import parse_address
+from hdbench.errors import UsageError
+from hdbench.profile import load_profile
+from hdbench.profile.acquiring import PluginAcquisition
+
+PROFILE = load_profile("cim-tr-97-06").data
+
+
+def _table(driver, **options):
+    return PluginAcquisition(driver=driver, sample_period_s=0.01, options=options)
+
+
+@pytest.fixture
+def plugins(tmp_path, monkeypatch):
+    """Install entry points: one good, one broken, one that takes a built-in name."""
+    (tmp_path / "acme_daq.py").write_text(
+        "def open_acme(profile, table):\n    return ('acme', profile.name, table.options)\n"
+        "number = 3\n"
+    )
+    (tmp_path / "broken_daq.py").write_text("import no_such_module_anywhere\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    points = EntryPoints(
+        (
+            EntryPoint("acme", "acme_daq:open_acme", GROUP),
+            EntryPoint("broken", "broken_daq:open_it", GROUP),
+            EntryPoint("number", "acme_daq:number", GROUP),
+            EntryPoint("node", "acme_daq:open_acme", GROUP),
+        )
+    )
+    monkeypatch.setattr(registry, "entry_points", lambda **words: points.select(**words))
+    yield
+    for name in ("acme_daq", "broken_daq"):
+        sys.modules.pop(name, None)
+
+
+def test_a_driver_of_another_package_is_opened_with_its_own_keys(plugins):
+    found = open_daq(PROFILE, _table("acme", gain=4, line="A"))
+    assert found == ("acme", "cim-tr-97-06", {"gain": 4, "line": "A"})
+
+
+def test_a_broken_driver_is_named_with_its_reason_and_stops_nothing_else(plugins):
+    found = {info.name: info for info in drivers() if info.origin != "hdbench"}
+    assert found["acme"].problem == ""
+    assert "no_such_module_anywhere" in found["broken"].problem
+    assert "no function" in found["number"].problem
+    with pytest.raises(UsageError, match="no_such_module_anywhere") as caught:
+        open_daq(PROFILE, _table("broken"))
+    assert (caught.value.where, bool(caught.value.fix)) == ("key daq.driver", True)
+
+
+def test_no_plugin_takes_the_name_of_a_built_in_driver(plugins):
+    assert [info.problem for info in drivers() if info.name == "node"] == ["", "its name is taken"]
+    assert (
+        type(open_daq(PROFILE, PROFILE.daq.model_copy(update={"address": "tcp://h:1"}))).__name__
+        == "NodeDaq"
+    )
+
+
+def test_an_unknown_driver_is_told_with_the_nearest_name(plugins):
+    with pytest.raises(UsageError, match="no driver 'acne'") as caught:
+        open_daq(PROFILE, _table("acne"))
+    assert caught.value.fix == "did you mean 'acme'?"
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("tcp://h", "HOST:PORT"),
+        ("tcp://h:0", "port"),
+        ("tcp://h:99999", "port"),
+        ("tcp://h:1e3", "port"),
+        ("tcp://a b:1", "host name"),
+        ("tls://:802", "host name"),
+        ("rtu://", "serial port"),
+        ("rtu:///dev/../etc/passwd", "serial port"),
+        ("rtu:///dev/ttyUSB0?baud=0", "1200 to 4000000"),
+        ("rtu:///dev/ttyUSB0?baud=fast", "whole number"),
+        ("rtu:///dev/ttyUSB0?parity=mark", "none, even or odd"),
+        ("rtu:///dev/ttyUSB0?stop=3", "1 to 2"),
+        ("rtu:///dev/ttyUSB0?speed=9600", "'speed' is no key"),
+        ("serial:///dev/ttyUSB0", "rtu://"),
+        ("embedded", "rtu://"),
+        ("\x1b[31m", "rtu://"),
+    ],
+)
+def test_an_address_of_another_form_is_refused(text, words):
+    with pytest.raises(UsageError, match=words) as caught:
+        parse_address(text)
+    assert "\x1b" not in str(caught.value)
+
+
+def test_a_serial_address_has_its_settings():
+    found = parse_address("rtu:///dev/ttyUSB0?baud=921600&parity=none&stop=2&gap_us=1750")
+    assert (found.path, str(found)) == ("/dev/ttyUSB0", "rtu:///dev/ttyUSB0")
+    line = found.serial
+    assert (line.baud_bd, line.parity, line.stop_bits, line.gap_s) == (921600, "N", 2, 1.75e-3)
+    # start, eight data, two stop bits; with parity and one stop bit the same eleven
+    assert line.character_s == pytest.approx(11 / 921600)
+
+
+def test_the_wire_limit_is_that_of_the_characters_and_silences():
+    """FC3 of 125 registers at 115200 bit/s, 11 bits a character, 2 x 3.5: 25.78 ms by hand."""
+    line = parse_address("rtu:///dev/x?baud=115200").serial
+    by_hand = ((8 + 255) + 7) * 11 / 115200
+    assert line.exchange_s(8, 255) == pytest.approx(by_hand) == pytest.approx(25.78e-3, abs=5e-6)

@@ -1,0 +1,400 @@
+"""The node on a serial line: the same samples, nothing stale, and the wire's pace."""
+
+import importlib.util
+import os
+import subprocess
+import sys
+import threading
+import time
+import tty
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pymodbus.client import ModbusSerialClient
+
+from hdbench.devices import stop_bench
+from hdbench.devices.daq import DaqSettings
+from hdbench.devices.emulator.paced import paced_line
+from hdbench.devices.emulator.rtuserver import request_size
+from hdbench.devices.lock import holder
+from hdbench.devices.node.opening import open_node
+from hdbench.devices.wire import (
+    FrameError,
+    StaleReply,
+    connect,
+    parse_address,
+    read_registers,
+    registers_check,
+)
+from hdbench.devices.wire.address import SerialSettings
+from hdbench.devices.wire.crc import crc16
+from hdbench.devices.wire.rtu import RtuLink, reply_size
+from hdbench.errors import BusyError, DeviceError
+
+pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="needs pseudo-terminals")
+
+# what two cores shared with other work may add to a wait, s
+SLACK_S = 0.15
+
+
+def _tool(name):
+    path = Path(__file__).parents[2] / "tools" / f"{name}.py"
+    spec = importlib.util.spec_from_file_location(f"tool_{name}", path)
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+faults = _tool("reply_faults")
+
+
+def _open(address, **changes):
+    table = faults.PROFILE.daq.model_copy(update={"address": address, "deadline_s": 1.0, **changes})
+    return open_node(faults.PROFILE, table)
+
+
+def _all(daq, n_samples):
+    blocks, got = [], 0
+    until_s = time.monotonic() + 20.0
+    while got < n_samples and time.monotonic() < until_s:
+        block = daq.read_block()
+        if block is not None:
+            blocks.append(block)
+            got = block.first_index + len(block)
+    return blocks
+
+
+def test_the_checksum_is_that_of_the_specification():
+    """Appendix B of the serial line guide V1.02: 02 07 has the CRC 0x1241, low byte first."""
+    assert crc16(b"\x02\x07") == b"\x41\x12"
+
+
+@pytest.mark.parametrize("wire", ["tcp", "rtu"])
+def test_every_sample_arrives_once_on_either_wire(wire):
+    with faults.served(wire) as address:
+        daq = _open(address)
+        daq.claim()
+        daq.configure(DaqSettings(faults.ROLES, 1e-3, 20_000, 2.0))
+        daq.start()
+        blocks = _all(daq, 20_000)
+        daq.close()
+    assert sum(map(len, blocks)) == 20_000
+    assert sum(faults.wrong_samples(block) for block in blocks) == 0
+    assert sum(block.lost_before for block in blocks) == 0
+
+
+@pytest.mark.parametrize(
+    "roles", [("torque",), ("encoder", "torque", "tacho"), ("tacho", "current")]
+)
+def test_channels_come_in_the_order_asked_for(roles):
+    with faults.served("rtu") as address:
+        daq = _open(address)
+        daq.configure(DaqSettings(roles, 1e-3, 500, 2.0))
+        daq.start()
+        blocks = _all(daq, 500)
+        daq.close()
+    values = np.concatenate([block.values for block in blocks])
+    expected = dict(zip(faults.ROLES, faults.codes_of(np.arange(500)), strict=True))
+    scale = {"encoder": 1.0, "current": faults.PROFILE.servo.max_current_a / 32768}
+    for column, role in enumerate(roles):
+        volts = scale.get(role, faults.PROFILE.daq.range_v / 32768)
+        np.testing.assert_array_equal(values[:, column], expected[role] * volts)
+
+
+def test_another_modbus_client_reads_the_node():
+    with faults.served("rtu") as address:
+        port = address.removeprefix("rtu://")
+        client = ModbusSerialClient(port, baudrate=115200, timeout=2, retries=0)
+        assert client.connect()
+        reply = client.read_holding_registers(0x0100, count=3)
+        assert reply.registers == [0x0011, 0x2233, 2]
+        refused = client.write_register(0x0100, 1)
+        assert (refused.isError(), refused.exception_code) == (True, 2)
+        client.close()
+
+
+def test_a_second_host_finds_the_line_taken():
+    with faults.served("rtu") as address:
+        first, second = _open(address), _open(address)
+        first.identity()
+        with pytest.raises(BusyError, match="serial port"):
+            second.identity()
+        first.close()
+        assert second.identity().simulated
+        second.close()
+
+
+def test_stop_works_without_a_run():
+    profile = faults.PROFILE
+    with faults.served("rtu") as address:
+        safe = stop_bench(profile, address=address)
+    assert safe.confirmed
+
+
+HOST = """
+import sys
+from hdbench.devices import AcquisitionSettings, open_bench
+from hdbench.profile import load_profile
+from hdbench.profile.schema import ReferenceWave
+
+with open_bench(load_profile("cim-tr-97-06"), address=sys.argv[1]) as bench:
+    wave = ReferenceWave(wave="constant", amplitude_v=2.0)
+    bench.configure(AcquisitionSettings(1e-3, 1_000_000, wave))
+    bench.start()
+    while True:
+        if bench.read_block():
+            print("moving", flush=True)
+"""
+
+
+def test_stop_ends_the_run_that_has_the_line_and_then_confirms():
+    """A serial line has one master: the run is asked first, the line is free then."""
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
+    with faults.served("rtu") as address:
+        host = subprocess.Popen(
+            [sys.executable, "-c", HOST, f"{address}?baud=921600"],
+            stdout=subprocess.PIPE,
+            env=environment,
+        )
+        try:
+            assert host.stdout.readline() == b"moving\n"
+            assert holder(address) == host.pid
+            assert stop_bench(faults.PROFILE, address=address).confirmed
+            assert host.wait(5) != 0
+        finally:
+            host.kill()
+            host.communicate()
+        assert holder(address) is None
+
+
+def test_an_unplugged_port_is_a_device_error_with_a_fix():
+    daq = _open("rtu:///dev/no-such-port")
+    with pytest.raises(DeviceError, match="serial port failed") as caught:
+        daq.identity()
+    assert caught.value.fix
+
+
+@pytest.mark.parametrize("wire", ["tcp", "rtu"])
+@pytest.mark.parametrize("kind", ["wrong", "stale", "duplicate", "reordered", "mutated"])
+def test_no_wrong_sample_comes_through(wire, kind):
+    outcome = faults.campaign(wire, kind, 12)
+    assert outcome.faults >= 12
+    assert outcome.delivered > 0
+    assert (outcome.wrong, outcome.lost) == (0, 0)
+    # deadlines of 0.06 s and 0.4 s: 10 %, and what the scheduler may add
+    slack = SLACK_S / (0.4 if wire == "rtu" else 0.06)
+    assert outcome.worst_over_deadline < 1.1 + slack
+
+
+# -- the link by itself ---------------------------------------------------------------------------
+
+
+class _Slave:
+    """A terminal whose other end answers as a function says."""
+
+    def __init__(self, answer):
+        self._master, self._slave = os.openpty()
+        tty.setraw(self._slave)
+        self.path = os.ttyname(self._slave)
+        self.requests = []
+        self._answer = answer
+        self._ended = False
+        self._thread = threading.Thread(target=self._serve, daemon=True)
+        self._thread.start()
+
+    def _serve(self):
+        waiting = b""
+        while not self._ended:
+            try:
+                request = os.read(self._master, 512)
+            except OSError:
+                return
+            waiting += request
+            # every request here is a read: eight characters
+            if len(waiting) >= 8 and not self._ended:
+                self.requests.append(waiting)
+                self._answer(waiting, lambda data: os.write(self._master, data))
+                waiting = b""
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self._ended = True
+        os.write(self._slave, b"end")
+        self._thread.join(5)
+        os.close(self._master)
+        os.close(self._slave)
+
+
+def _reply(request, *, fill):
+    """Answer a read with registers of one value."""
+    count = int.from_bytes(request[4:6], "big")
+    body = request[:2] + bytes((2 * count,)) + bytes((0, fill)) * count
+    return body + crc16(body)
+
+
+def _probe(number):
+    return read_registers(0x0100, 3 + 2 * (number % 5))
+
+
+def _link(path, probe=_probe):
+    return RtuLink(parse_address(f"rtu://{path}?baud=115200"), 1, probe)
+
+
+def test_a_late_reply_is_never_taken_for_the_next_read():
+    """Same function, same count, good checksum: only the quiet line and the probe tell."""
+    fills = iter(range(1, 100))
+
+    def answer(request, write):
+        fill = next(fills)
+        reply = _reply(request, fill=fill)
+        # probe, then the first question: its answer comes after its deadline
+        if len(slave.requests) == 2:
+            threading.Timer(0.2, write, (reply,)).start()
+        else:
+            write(reply)
+
+    with _Slave(answer) as slave:
+        link = _link(slave.path)
+        pdu, check = read_registers(7, 2)
+        with pytest.raises(FrameError, match="in time"):
+            link.transact(pdu, check, time.monotonic() + 0.12)
+        reply = link.transact(pdu, check, time.monotonic() + 1.0)
+        link.close()
+    # the answer to the last request of all
+    assert reply[2:] == bytes((0, len(slave.requests))) * 2
+
+
+def test_bytes_that_stand_on_the_line_before_a_request_are_thrown_away():
+    def answer(request, write):
+        write(_reply(request, fill=3) + b"left over")
+
+    with _Slave(answer) as slave:
+        link = _link(slave.path, None)
+        for _ in range(3):
+            pdu, check = read_registers(7, 2)
+            assert link.transact(pdu, check, time.monotonic() + 1.0)[2:] == b"\0\3\0\3"
+        link.close()
+
+
+def test_a_reply_to_another_question_is_waited_past():
+    def answer(request, write):
+        write(_reply(request, fill=1))
+        write(_reply(request, fill=2))
+
+    def check(pdu):
+        registers_check(3, 2)(pdu)
+        if pdu[-1] == 1:
+            raise StaleReply
+
+    with _Slave(answer) as slave:
+        link = _link(slave.path, None)
+        pdu, _ = read_registers(7, 2)
+        assert link.transact(pdu, check, time.monotonic() + 1.0)[-1] == 2
+        link.close()
+
+
+@pytest.mark.parametrize(
+    "spoil",
+    [
+        lambda r: r[:-1] + bytes((r[-1] ^ 1,)),
+        lambda r: r[:-3],
+        lambda r: b"\x02" + r[1:],
+        lambda r: bytes((9,)) + r,
+        lambda r: r[:1] + b"\x63" + r[2:],
+        lambda r: b"",
+    ],
+    ids=["checksum", "truncated", "unit", "garbage before", "function", "silence"],
+)
+def test_a_wrong_reply_ends_in_time_and_is_never_delivered(spoil):
+    with _Slave(lambda request, write: write(spoil(_reply(request, fill=1)))) as slave:
+        link = _link(slave.path, None)
+        pdu, check = read_registers(7, 2)
+        start_s = time.monotonic()
+        with pytest.raises(FrameError):
+            link.transact(pdu, check, start_s + 0.2)
+        assert time.monotonic() - start_s < 0.22 + SLACK_S
+        link.close()
+
+
+def test_a_line_that_is_never_quiet_holds_no_call_beyond_its_deadline():
+    ended = threading.Event()
+
+    def babble(request, write):
+        while not ended.wait(0.002):
+            write(b"\x55" * 8)
+
+    with _Slave(babble) as slave:
+        link = _link(slave.path)
+        # something to begin with: the other end babbles after its first request
+        other = os.open(slave.path, os.O_RDWR | os.O_NOCTTY)
+        os.write(other, b"12345678")
+        os.close(other)
+        time.sleep(0.05)
+        pdu, check = read_registers(7, 2)
+        for _ in range(2):
+            start_s = time.monotonic()
+            with pytest.raises(FrameError, match=r"quiet|silent|never asked"):
+                link.transact(pdu, check, start_s + 0.2)
+            assert time.monotonic() - start_s < 0.22 + SLACK_S
+        ended.set()
+        link.close()
+
+
+def test_the_silence_between_frames_is_kept():
+    settings_ = SerialSettings(baud_bd=9600)
+    # 11 bits a character: start, eight, parity, stop
+    assert settings_.silence_s == pytest.approx(3.5 * 11 / 9600)
+    with _Slave(lambda request, write: write(_reply(request, fill=1))) as slave:
+        link = RtuLink(parse_address(f"rtu://{slave.path}?baud=9600&gap_us=30000"), 1)
+        pdu, check = read_registers(7, 1)
+        link.transact(pdu, check, time.monotonic() + 1.0)
+        start_s = time.monotonic()
+        for _ in range(4):
+            link.transact(pdu, check, time.monotonic() + 1.0)
+        link.close()
+    assert time.monotonic() - start_s >= 4 * 0.03
+
+
+@given(data=st.binary(max_size=300))
+@settings(max_examples=300, deadline=None)
+def test_any_bytes_have_a_length_or_are_no_reply(data):
+    try:
+        size = reply_size(data)
+    except FrameError:
+        assert len(data) >= 2
+        return
+    assert size is None or 5 <= size <= 260
+    asked = request_size(data)
+    assert asked is None or asked == 0 or 8 <= asked <= 268
+
+
+# -- the wire's pace ------------------------------------------------------------------------------
+
+
+def test_the_paced_line_takes_the_time_of_its_characters_and_silences():
+    line = SerialSettings(baud_bd=19200)
+    sent, received = 8, 5 + 2 * 50
+    with (
+        _Slave(lambda request, write: write(_reply(request, fill=1))) as slave,
+        paced_line(slave.path, line) as path,
+    ):
+        # the slave's own terminal is the device's side; it answers at once
+        link = connect(parse_address(f"rtu://{path}", line))
+        pdu, check = read_registers(7, 50)
+        link.transact(pdu, check, time.monotonic() + 2.0)
+        took_s = []
+        for _ in range(4):
+            start_s = time.monotonic()
+            link.transact(pdu, check, time.monotonic() + 2.0)
+            took_s.append(time.monotonic() - start_s)
+        link.close()
+    # one silence is between two exchanges, where the last one's ended before the clock was read
+    shortest_s = line.exchange_s(sent, received) - line.silence_s
+    assert min(took_s) >= 0.98 * shortest_s
+    assert min(took_s) < shortest_s + line.silence_s + 0.03

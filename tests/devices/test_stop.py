@@ -1,0 +1,61 @@
+"""Anybody can stop any bench, with or without a run on it."""
+
+import time
+from contextlib import ExitStack
+
+import pytest
+
+from hdbench.devices import AcquisitionSettings, open_bench, opening, stop_bench
+from hdbench.devices.emulator.process import running_emulator
+from hdbench.errors import UsageError
+from hdbench.profile import load_profile
+from hdbench.profile.schema import ReferenceWave
+
+WAVE = ReferenceWave(wave="constant", amplitude_v=1.0)
+
+
+@pytest.mark.parametrize("name", ["cim-tr-97-06", "labjack-t7", "di-2108-ek9000"])
+def test_a_bench_that_nobody_runs_is_stopped_and_confirmed(name):
+    data = load_profile(name).data
+    with running_emulator(data, plant="as-modelled", seed=0, pace="realtime") as found:
+        safe = stop_bench(opening._at(data, found))
+    assert safe.confirmed, safe.detail
+    assert abs(safe.velocity_rad_s) < 0.5
+
+
+def test_inputs_that_do_not_answer_do_not_keep_the_outputs_from_being_stopped(tmp_path):
+    data = load_profile("di-2108-ek9000").data
+    with running_emulator(data, plant="as-modelled", seed=0, pace="realtime") as found:
+        there = opening._at(data, found)
+        gone = there.daq.inputs.model_copy(update={"address": f"serial://{tmp_path}/gone"})
+        there = there.model_copy(update={"daq": there.daq.model_copy(update={"inputs": gone})})
+        safe = stop_bench(there)
+    assert safe.reference_v == pytest.approx(0.0, abs=0.01)
+    assert not safe.confirmed, "nobody has seen the motor stand"
+
+
+def test_a_labjack_that_another_session_drives_is_stopped(tmp_path):
+    data = load_profile("labjack-t7").data
+    with ExitStack() as stack:
+        found = stack.enter_context(
+            running_emulator(data, plant="as-modelled", seed=0, pace="realtime")
+        )
+        there = opening._at(data, found)
+        bench = stack.enter_context(open_bench(there))
+        bench.configure(AcquisitionSettings(2e-3, 100_000, WAVE))
+        bench.start()
+        taken = 0
+        until_s = time.monotonic() + 10.0
+        while taken < 200 and time.monotonic() < until_s:
+            block = bench.read_block()
+            taken += len(block) if block else 0
+        bench.bench.fall_silent()
+        safe = stop_bench(there)
+        bench.safe_state()
+    assert taken >= 200
+    assert safe.confirmed, safe.detail
+
+
+def test_the_embedded_bench_has_nobody_else_to_stop_it():
+    with pytest.raises(UsageError, match="inside the command"):
+        stop_bench(load_profile("cim-tr-97-06"), address="embedded")

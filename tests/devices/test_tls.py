@@ -1,0 +1,207 @@
+"""Modbus inside TLS: both sides show a certificate, and nothing passes without."""
+
+import shutil
+import socket
+import ssl
+import struct
+import subprocess
+import threading
+import time
+
+import pytest
+
+from hdbench.devices.wire import FrameError, connect, parse_address, read_registers
+from hdbench.errors import UsageError
+from hdbench.profile.acquiring_table import TlsFiles
+
+pytestmark = pytest.mark.skipif(shutil.which("openssl") is None, reason="makes certificates")
+
+
+def _openssl(folder, *words):
+    subprocess.run(["openssl", *words], cwd=folder, check=True, capture_output=True)
+
+
+def _authority(folder, name):
+    _openssl(
+        folder, "req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:P-256", "-nodes",
+        "-keyout", f"{name}.key", "-out", f"{name}.pem", "-subj", f"/CN={name}", "-days", "2",
+    )  # fmt: skip
+
+
+def _certificate(folder, name, authority, host):
+    _openssl(
+        folder, "req", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:P-256", "-nodes",
+        "-keyout", f"{name}.key", "-out", f"{name}.csr", "-subj", f"/CN={name}",
+    )  # fmt: skip
+    (folder / f"{name}.ext").write_text(f"subjectAltName={host}\n")
+    _openssl(
+        folder, "x509", "-req", "-in", f"{name}.csr", "-CA", f"{authority}.pem",
+        "-CAkey", f"{authority}.key", "-CAcreateserial", "-out", f"{name}.pem", "-days", "2",
+        "-extfile", f"{name}.ext",
+    )  # fmt: skip
+    (folder / f"{name}.key").chmod(0o600)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("certificates")
+    for authority in ("ours", "stranger"):
+        _authority(folder, authority)
+    _certificate(folder, "node", "ours", "IP:127.0.0.1,DNS:bench-7")
+    _certificate(folder, "elsewhere", "ours", "DNS:bench-8")
+    _certificate(folder, "host", "ours", "DNS:host")
+    _certificate(folder, "intruder", "stranger", "DNS:host")
+    return folder
+
+
+class _Node:
+    """Answers one read per connection inside TLS; asks for the host's certificate."""
+
+    def __init__(self, folder, certificate="node"):
+        context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+        context.load_cert_chain(folder / f"{certificate}.pem", folder / f"{certificate}.key")
+        context.load_verify_locations(folder / "ours.pem")
+        context.verify_mode = ssl.CERT_REQUIRED
+        self._context = context
+        self._listener = socket.create_server(("127.0.0.1", 0))
+        self.port = self._listener.getsockname()[1]
+        self.requests = []
+        self._thread = threading.Thread(target=self._serve, daemon=True)
+        self._thread.start()
+
+    def _serve(self):
+        while True:
+            try:
+                connection, _ = self._listener.accept()
+            except OSError:
+                return
+            try:
+                with connection, self._context.wrap_socket(connection, server_side=True) as secure:
+                    while request := secure.recv(260):
+                        self.requests.append(request)
+                        pdu = bytes((3, 4, 0, 17, 34, 51))
+                        head = struct.pack(">HHB", 0, len(pdu) + 1, 1)
+                        secure.sendall(request[:2] + head + pdu)
+            except OSError:
+                continue
+
+    def close(self):
+        self._listener.shutdown(socket.SHUT_RDWR)
+        self._listener.close()
+        self._thread.join(5)
+
+
+def _files(folder, *, host="host", authority="ours", server_name=None):
+    return TlsFiles(
+        certificate=str(folder / f"{host}.pem"),
+        key=str(folder / f"{host}.key"),
+        authority=str(folder / f"{authority}.pem"),
+        server_name=server_name,
+    )
+
+
+def _read(port, files, deadline_s=2.0):
+    link = connect(parse_address(f"tls://127.0.0.1:{port}"), tls=files)
+    pdu, check = read_registers(0x0100, 2)
+    try:
+        return link.transact(pdu, check, time.monotonic() + deadline_s)
+    finally:
+        link.close()
+
+
+@pytest.mark.parametrize("server_name", [None, "bench-7"])
+def test_a_read_passes_where_both_certificates_are_signed(folder, server_name):
+    node = _Node(folder)
+    try:
+        assert _read(node.port, _files(folder, server_name=server_name))[2:] == b"\x00\x11\x22\x33"
+    finally:
+        node.close()
+    assert len(node.requests) == 1
+
+
+@pytest.mark.parametrize(
+    ("certificate", "files"),
+    [
+        ("node", {"authority": "stranger"}),
+        ("elsewhere", {}),
+        ("node", {"server_name": "bench-8"}),
+        ("node", {"host": "intruder"}),
+    ],
+    ids=["unknown authority", "another host's certificate", "another name", "stranger as host"],
+)
+def test_nothing_is_asked_of_a_device_that_cannot_be_trusted(folder, certificate, files):
+    node = _Node(folder, certificate)
+    try:
+        with pytest.raises(FrameError, match=r"no secure connection|closed|no connection|reset"):
+            _read(node.port, _files(folder, **files))
+    finally:
+        node.close()
+    assert not node.requests
+
+
+def test_a_plain_modbus_server_is_no_secure_one():
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        port = listener.getsockname()[1]
+        thread = threading.Thread(target=lambda: _hang_up(listener), daemon=True)
+        thread.start()
+        start_s = time.monotonic()
+        with pytest.raises(FrameError):
+            _read_plain(port)
+        assert time.monotonic() - start_s < 1.0
+        thread.join(5)
+
+
+def _hang_up(listener):
+    connection, _ = listener.accept()
+    with connection:
+        connection.recv(512)
+        connection.sendall(b"\0\1\0\0\0\3\1\x83\1")
+
+
+def _read_plain(port):
+    """Connect with the system's own certificates: the server has none to show."""
+    context = ssl.create_default_context()
+    from hdbench.devices.wire.tcp import TcpLink
+
+    link = TcpLink(
+        parse_address(f"tls://127.0.0.1:{port}"),
+        1,
+        secure=lambda connection: context.wrap_socket(connection, server_hostname="127.0.0.1"),
+    )
+    pdu, check = read_registers(0, 1)
+    try:
+        link.transact(pdu, check, time.monotonic() + 0.5)
+    finally:
+        link.close()
+
+
+def test_a_silent_server_does_not_hold_the_handshake_beyond_the_deadline(folder):
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        start_s = time.monotonic()
+        with pytest.raises(FrameError):
+            _read(listener.getsockname()[1], _files(folder), deadline_s=0.2)
+        # 10 %, and what the scheduler may add
+        assert time.monotonic() - start_s < 0.22 + 0.15
+
+
+def test_without_certificates_there_is_no_secure_address():
+    with pytest.raises(UsageError, match="certificates"):
+        connect(parse_address("tls://127.0.0.1:802"))
+
+
+def test_a_key_that_others_may_read_is_refused(folder, tmp_path):
+    key = tmp_path / "open.key"
+    key.write_bytes((folder / "host.key").read_bytes())
+    key.chmod(0o644)
+    files = _files(folder).model_copy(update={"key": str(key)})
+    with pytest.raises(UsageError, match="0644") as caught:
+        connect(parse_address("tls://127.0.0.1:802"), tls=files)
+    assert caught.value.fix == f"chmod 600 {key}"
+
+
+@pytest.mark.parametrize("name", ["certificate", "authority", "key"])
+def test_a_missing_file_is_named_by_its_key(folder, name):
+    files = _files(folder).model_copy(update={name: str(folder / "none.pem")})
+    with pytest.raises(UsageError) as caught:
+        connect(parse_address("tls://127.0.0.1:802"), tls=files)
+    assert caught.value.where == f"key daq.tls.{name}"

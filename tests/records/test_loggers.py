@@ -1,0 +1,185 @@
+"""Files of LabJack and DATAQ loggers come in as they are: table found, time, units, commas."""
+
+from __future__ import annotations
+
+import math
+from datetime import UTC, datetime
+from decimal import Decimal
+from pathlib import Path
+
+import pytest
+
+from hdbench.errors import DataError, UsageError
+from hdbench.records import read_trace
+from hdbench.records.foreign import ForeignFormat
+from hdbench.records.importing import ImportPlan, ImportReport, import_files
+from hdbench.records.loggers import EPOCH_1904_S, Logger, find_layout, is_time_name
+from hdbench.records.mapping import ColumnMap
+from hdbench.records.units import bare_name, stated_unit, target_unit, unit_scale
+
+# date, time, a line of five words per channel, names, numbers: LJStreamUD's layout
+STREAM = (
+    "12/9/2013\r\n7:28:06 PM\r\n"
+    "CH0:\tAIN0\tRange\t10\ty=a\r\nCH1:\tAIN1\tRange\t10\ty=b*2\r\n\r\n"
+    "Time\tv0\tv1\ty0\ty1\r\n"
+    "0.000\t0.125\t1.5\t0.125\t3.0\r\n0.001\t0.250\t1.6\t0.250\t3.2\r\n"
+    "0.002\t0.375\t1.7\t0.375\t3.4\r\n"
+)
+WINDAQ = (
+    '"bridge.wdq"\n"11/21/2026 10:15:00"\n\n'
+    '"Relative Time","Torque","Tacho"\n"sec","mV","Volt"\n'
+    "0.000,125.0,1.5\n0.010,250.0,1.6\n0.020,,1.7\n"
+)
+
+
+def brought(tmp_path: Path, text: str, logger: Logger, *maps: tuple[str, str]) -> ImportReport:
+    source = tmp_path / "log.dat"
+    source.write_bytes(text.encode())
+    plan = ImportPlan(
+        "trace", tuple(ColumnMap(*m) for m in maps), layout=ForeignFormat(logger=logger)
+    )
+    return import_files(plan, [source], tmp_path / "trace.csv")
+
+
+BOTH = (("torque_v", "v0"), ("tacho_v", "v1"))
+
+
+@pytest.mark.parametrize("logger", ["auto", "labjack"])
+def test_a_labjack_stream_file_is_found_behind_its_channel_lines(
+    tmp_path: Path, logger: Logger
+) -> None:
+    report = brought(tmp_path, STREAM, logger, *BOTH)
+    trace = read_trace(report.out)
+    assert trace["time_s"].tolist() == [0.0, 0.001, 0.002]
+    assert trace["torque_v"].tolist() == [0.125, 0.25, 0.375]
+    assert trace["tacho_v"].tolist() == [1.5, 1.6, 1.7]
+    # which input is v0 stands only there
+    assert any("AIN0" in note for note in report.notes)
+
+
+def test_a_labjack_log_counts_from_1904_and_the_trace_from_its_start(tmp_path: Path) -> None:
+    text = "Time\tv0\tv1\n3469490886.250000\t0.1\t1.0\n3469490886.500000\t0.2\t1.1\n"
+    report = brought(tmp_path, text, "labjack", *BOTH)
+    assert read_trace(report.out)["time_s"].tolist() == [0.0, 0.25]
+    # 2013-12-10T03:28:06Z is 1386646086 s since 1970, and 1904 lies 2082844800 s before that
+    assert report.time_origin_s == 3469490886.25
+    assert datetime(1904, 1, 1, tzinfo=UTC).timestamp() == -EPOCH_1904_S
+    assert any("2013-12-10T03:28:06Z" in note for note in report.notes)
+
+
+@pytest.mark.parametrize("logger", ["auto", "dataq"])
+def test_a_windaq_export_with_a_line_of_units_is_brought_in_in_volts(
+    tmp_path: Path, logger: Logger
+) -> None:
+    report = brought(tmp_path, WINDAQ, logger, ("torque_v", "Torque"), ("tacho_v", "Tacho"))
+    trace = read_trace(report.out)
+    assert trace["time_s"].tolist() == [0.0, 0.01, 0.02]
+    assert trace["torque_v"][:2].tolist() == [0.125, 0.25]
+    assert math.isnan(trace["torque_v"][2])
+    assert report.lost == 1
+    assert any("mV" in note and "0.001" in note for note in report.notes)
+
+
+def test_commas_as_decimals_semicolons_a_byte_order_mark_and_bracketed_units(
+    tmp_path: Path,
+) -> None:
+    text = (
+        "\ufeffAufnahme;21.11.2026\r\nTime (ms);Drehmoment [mV];Drehzahl [rpm]\r\n"
+        "0,0;125,0;300,0\r\n0,5;250,0;600,0\r\n"
+    )
+    maps = (("torque_v", "Drehmoment"), ("motor_velocity_rad_s", "Drehzahl [rpm]"))
+    trace = read_trace(brought(tmp_path, text, "auto", *maps).out)
+    assert trace["time_s"].tolist() == [0.0, 0.0005]
+    assert trace["torque_v"].tolist() == [0.125, 0.25]
+    # 300 turns a minute are five a second
+    assert trace["motor_velocity_rad_s"] == pytest.approx([10 * math.pi, 20 * math.pi], rel=1e-15)
+
+
+def test_a_scale_given_by_hand_goes_before_the_stated_unit(tmp_path: Path) -> None:
+    maps = (("torque_v", "Torque*2"), ("tacho_v", "Tacho"))
+    assert read_trace(brought(tmp_path, WINDAQ, "dataq", *maps).out)["torque_v"][0] == 250.0
+
+
+def test_a_stated_unit_of_another_quantity_is_refused_with_its_column(tmp_path: Path) -> None:
+    text = "Time (s),speed (rpm)\n0,1\n1,2\n"
+    with pytest.raises(UsageError) as caught:
+        brought(tmp_path, text, "auto", ("torque_v", "speed"))
+    assert "rpm" in caught.value.what
+    assert "V" in caught.value.what
+
+
+def test_without_a_logger_a_stated_unit_is_not_taken_for_ours(tmp_path: Path) -> None:
+    source = tmp_path / "log.csv"
+    source.write_text("t,speed (rpm),torque_nm\n0,300,1\n1,300,2\n")
+    maps = (ColumnMap("time_s", "t"), ColumnMap("motor_velocity_rad_s", "speed (rpm)"))
+    with pytest.raises(UsageError) as caught:
+        import_files(ImportPlan("trace", maps), [source], tmp_path / "out.csv")
+    told = caught.value.fix.partition("*")[2].partition(";")[0]
+    scaled = (maps[0], ColumnMap("motor_velocity_rad_s", f"speed (rpm)*{told}"))
+    report = import_files(ImportPlan("trace", scaled), [source], tmp_path / "out.csv")
+    assert read_trace(report.out)["motor_velocity_rad_s"][0] == pytest.approx(10 * math.pi)
+
+
+def test_a_file_without_a_named_time_says_how_to_go_on(tmp_path: Path) -> None:
+    with pytest.raises(DataError) as caught:
+        brought(tmp_path, "1.0,2.0\n1.1,2.1\n", "dataq", ("torque_v", "1"))
+    assert "--no-header" in caught.value.fix
+
+
+def test_a_time_of_day_is_no_time_in_seconds(tmp_path: Path) -> None:
+    text = "Date,Time,Torque\n11/21/2026,10:15:00.0,1.0\n11/21/2026,10:15:00.1,1.1\n"
+    with pytest.raises(UsageError) as caught:
+        brought(tmp_path, text, "dataq", ("torque_v", "Torque"))
+    assert "--rate" in caught.value.fix
+
+
+@pytest.mark.parametrize("name", ["Time", "time_s", "Relative Time", "Timestamp", "Time (ms)"])
+def test_names_of_a_time(name: str) -> None:
+    assert is_time_name(name)
+
+
+def test_names_that_are_no_time() -> None:
+    assert not any(is_time_name(name) for name in ("timing", "v0", "runtime", ""))
+
+
+def test_layout_keeps_what_stands_before_the_table() -> None:
+    layout = find_layout(Path("x"), STREAM.replace("\r", ""), "labjack")
+    assert (layout.delimiter, layout.skip, layout.units) == ("\t", 5, ())
+    assert layout.preamble[0] == "12/9/2013"
+
+
+@pytest.mark.parametrize(
+    ("unit", "wanted", "scale"),
+    [
+        ("mV", "V", "0.001"),
+        ("ms", "s", "0.001"),
+        ("N·m", "N m", "1"),
+        ("N-m", "N m", "1"),
+        ("Ncm", "N m", "0.01"),
+        ("lb", "kg", "0.45359237"),
+    ],
+)
+def test_scales_of_units(unit: str, wanted: str, scale: str) -> None:
+    assert unit_scale(unit, wanted) == Decimal(scale)
+
+
+def test_angles_and_speeds_against_pi() -> None:
+    degree, rpm = unit_scale("deg", "rad"), unit_scale("rpm", "rad/s")
+    assert degree is not None
+    assert rpm is not None
+    assert float(degree) == math.radians(1.0)
+    assert float(rpm) == pytest.approx(math.pi / 30.0, rel=1e-15)
+
+
+def test_unknown_units_are_not_judged() -> None:
+    assert unit_scale("counts", "V") is None
+    known = unit_scale("rpm", "V")
+    assert known is not None
+    assert known.is_nan()
+
+
+def test_names_units_and_columns() -> None:
+    assert (bare_name("AIN0 (mV)"), stated_unit("AIN0 (mV)")) == ("AIN0", "mV")
+    assert (bare_name("AIN0"), stated_unit("AIN0")) == ("AIN0", "")
+    found = [target_unit(n) for n in ("motor_velocity_rad_s", "time_s", "torque_nm", "range")]
+    assert found == ["rad/s", "s", "N m", ""]

@@ -1,0 +1,147 @@
+"""A headless Chromium for tests: opens a page, plays the mouse, and tells what it complained of."""
+
+from __future__ import annotations
+
+import base64
+import itertools
+import json
+import re
+import shutil
+import subprocess
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+PROGRAMS = ("chromium", "chromium-browser", "google-chrome")
+
+
+def browser_program() -> str | None:
+    """Return the browser of this machine, or None."""
+    return next((found for name in PROGRAMS if (found := shutil.which(name))), None)
+
+
+class Tab:
+    """One page over the browser's debugging protocol."""
+
+    def __init__(self, socket: Any) -> None:
+        self._socket = socket
+        self._ids = itertools.count(1)
+        self.complaints: list[str] = []
+        self.requests: list[str] = []
+        for domain in ("Page", "Runtime", "Log", "Network"):
+            self.call(f"{domain}.enable")
+
+    def call(self, method: str, **parameters: Any) -> dict[str, Any]:
+        number = next(self._ids)
+        self._socket.send(json.dumps({"id": number, "method": method, "params": parameters}))
+        while True:
+            message = json.loads(self._socket.recv())
+            if message.get("id") == number:
+                assert "error" not in message, message
+                return dict(message["result"])
+            self._note(message)
+
+    def _note(self, message: dict[str, Any]) -> None:
+        body = message.get("params", {})
+        if message.get("method") == "Log.entryAdded":
+            self.complaints.append(str(body["entry"]["text"]))
+        elif message.get("method") == "Runtime.exceptionThrown":
+            self.complaints.append(json.dumps(body["exceptionDetails"]))
+        elif message.get("method") == "Runtime.consoleAPICalled":
+            self.complaints.append(json.dumps(body.get("args")))
+        elif message.get("method") == "Network.requestWillBeSent":
+            self.requests.append(str(body["request"]["url"]))
+
+    def open(self, page: Path, width: int = 1200, height: int = 900, scheme: str = "light") -> None:
+        self.call(
+            "Emulation.setDeviceMetricsOverride",
+            width=width,
+            height=height,
+            deviceScaleFactor=1,
+            mobile=False,
+        )
+        self.call(
+            "Emulation.setEmulatedMedia",
+            features=[{"name": "prefers-color-scheme", "value": scheme}],
+        )
+        self.call("Page.navigate", url=page.resolve().as_uri())
+        deadline = time.monotonic() + 30.0
+        while self.run("document.readyState") != "complete":
+            assert time.monotonic() < deadline, "the page did not load"
+            time.sleep(0.05)
+
+    def run(self, script: str) -> Any:
+        found = self.call("Runtime.evaluate", expression=script, returnByValue=True)
+        assert "exceptionDetails" not in found, found
+        return found["result"].get("value")
+
+    def mouse(self, kind: str, x: float, y: float, *, held: bool = False) -> None:
+        button = "left" if held or kind != "mouseMoved" else "none"
+        self.call(
+            "Input.dispatchMouseEvent",
+            type=kind,
+            x=x,
+            y=y,
+            button=button,
+            buttons=1 if held else 0,
+            clickCount=0 if kind == "mouseMoved" else 1,
+        )
+
+    def drag(self, start: tuple[float, float], end: tuple[float, float]) -> None:
+        self.mouse("mouseMoved", *start)
+        self.mouse("mousePressed", *start, held=True)
+        for share in (0.25, 0.5, 0.75, 1.0):
+            x, y = (a + share * (b - a) for a, b in zip(start, end, strict=True))
+            self.mouse("mouseMoved", x, y, held=True)
+        self.mouse("mouseReleased", *end)
+
+    def picture(self, file: Path) -> None:
+        file.write_bytes(base64.b64decode(self.call("Page.captureScreenshot")["data"]))
+
+
+@contextmanager
+def browser() -> Iterator[Tab]:
+    """Start a browser and hand out its one page."""
+    import websocket
+
+    program = browser_program()
+    assert program is not None
+    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as home:
+        command = [
+            program,
+            "--headless",
+            "--no-sandbox",
+            "--disable-gpu",
+            "--no-first-run",
+            "--disable-background-networking",
+            "--disable-component-update",
+            "--remote-debugging-port=0",
+            "--remote-allow-origins=*",
+            f"--user-data-dir={home}",
+            "about:blank",
+        ]
+        with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+            try:
+                assert process.stderr is not None
+                found = None
+                while found is None:
+                    line = process.stderr.readline()
+                    assert line, "the browser ended before it listened"
+                    found = re.search(r"DevTools listening on ws://([^/]+)/", line)
+                socket = websocket.create_connection(_page_address(found[1]), timeout=60)
+                yield Tab(socket)
+                socket.close()
+            finally:
+                process.terminate()
+                process.stderr.close() if process.stderr else None
+
+
+def _page_address(host: str) -> str:
+    import urllib.request
+
+    with urllib.request.urlopen(f"http://{host}/json", timeout=30) as answer:
+        pages = json.load(answer)
+    return str(next(p["webSocketDebuggerUrl"] for p in pages if p["type"] == "page"))

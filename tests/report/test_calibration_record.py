@@ -1,0 +1,162 @@
+"""The calibration record as a page and as a table."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hdbench.calibration import evaluate_calibration
+from hdbench.profile import load_profile, parse_profile
+from hdbench.records import LoadReading, Loads
+from hdbench.records.jsonfile import result_header, write_json
+from hdbench.report import write_report
+from hdbench.report.calibration import pictures
+from hdbench.report.calibrationwords import rounded_with
+from hdbench.report.source import Source
+
+DECLARED = """
+[standards.mass]
+certificate = "<b>M-1</b>"
+accuracy_class = "M1"
+
+[standards.length]
+half_width_m = 0.0001
+"""
+
+
+def readings() -> Loads:
+    rng = np.random.default_rng(9)
+    arm = load_profile("cim-tr-97-06").data.arm
+    rows = []
+    for place in range(3):
+        gain = 6.6 * (1.0 + 0.01 * rng.normal())
+        for way, sign in (("cw", 1.0), ("ccw", -1.0)):
+            for series, order in (("up", (0, 2, 4, 6, 8)), ("down", (8, 6, 4, 2, 0))):
+                for mass in order:
+                    torque = sign * mass * arm.gravity_m_s2 * arm.length_m
+                    reading = torque / gain + 1e-4 * rng.normal()
+                    rows.append(
+                        LoadReading(
+                            f"{place}{way}", 2.0 * math.pi * place / 3.0, "full", way, series,
+                            torque, reading, mass_kg=float(mass), reading_std_v=1e-3, n_samples=100,
+                            time_s=60.0 * len(rows), temperature_c=21.0,
+                        )
+                    )  # fmt: skip
+    return Loads(tuple(rows))
+
+
+@pytest.fixture(scope="module")
+def record(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, str]:
+    """Return the page and the record's table."""
+    folder = tmp_path_factory.mktemp("record")
+    profile = parse_profile(load_profile("cim-tr-97-06").text + DECLARED, "p")
+    result = evaluate_calibration(
+        readings(), max_consistency=0.05, bench=profile.data, monte_carlo_seed=0
+    )
+    write_json(folder / "result.json", result.to_dict(result_header("calibration", profile)))
+    files = write_report([folder / "result.json"], folder / "page.html", profile=profile)
+    return files.html.read_text(encoding="utf-8"), (folder / "page-record.csv").read_text()
+
+
+def test_the_record_is_titled_and_unaccredited(record) -> None:
+    page, _ = record
+    assert "<h1>Calibration record</h1>" in page
+    assert "Unaccredited; traceability as declared by the operator." in page
+    assert "accredited laboratory" not in page.lower()
+    assert "certificate of calibration" not in page.lower()
+
+
+@pytest.mark.parametrize(
+    "title",
+    [
+        "What was calibrated", "Standards", "Gain and its uncertainty", "Consistency and spread",
+        "Equation both ways", "Indicative class, in the manner of EURAMET cg-14", "Acceptance",
+        "Uncertainty budget of the gain", "Applied torque, correction by correction",
+        "Experiments, by the report&#39;s method",
+        "Evaluation step by step: clockwise, full range",
+        "Evaluation step by step: anticlockwise, full range", "Environment", "Warnings",
+        "Readings", "Signatures", "Deviation from the line, full range", "Hysteresis and zero",
+        "Gain of each experiment", "Budget", "Course of the calibration",
+    ],
+)  # fmt: skip
+def test_the_record_holds_every_table_and_figure(record, title: str) -> None:
+    page, _ = record
+    assert f'<p class="figtitle">{title}</p>' in page
+
+
+def test_what_is_blank_is_shown_as_not_declared_and_text_is_escaped(record) -> None:
+    page, _ = record
+    assert "&lt;b&gt;M-1&lt;/b&gt;" in page
+    assert "<b>M-1</b>" not in page
+    cell = re.search(r"<td>instrument</td>\s*<td>([^<]*)</td><td>([^<]*)</td>", page)
+    assert cell is not None
+    assert set(cell.groups()) == {"not declared"}
+
+
+def test_the_uncertainty_is_stated_with_its_factor(record) -> None:
+    page, _ = record
+    stated = re.search(
+        r"multiplied by k = (\d\.\d\d) \(from (\S+) effective degrees of freedom\)", page
+    )
+    assert stated is not None
+    # three positions: two degrees of freedom and a little more for what is known
+    assert 4.0 < float(stated[1]) < 4.31
+    assert "coverage probability is about 95 %" in page
+    assert "Decision rule: simple acceptance" in page
+    assert "Monte Carlo with 1000000 trials (seed 0)" in page
+
+
+def test_loading_is_filled_and_unloading_open(record) -> None:
+    page, _ = record
+    start = page.index("Deviation from the line, full range")
+    figure = page[start : page.index("</figure>", start)]
+    assert "Filled: loading. Open: unloading." in figure
+    assert "fill: var(--paper)" in figure
+    assert "fill: var(--filtered)" in figure
+
+
+def test_the_table_holds_one_number_in_a_row(record) -> None:
+    _, text = record
+    rows = list(csv.DictReader(io.StringIO(text)))
+    parts = {row["part"] for row in rows}
+    assert {"gain", "experiment", "step", "budget", "correction", "reading", "class"} <= parts
+    deflections = [r for r in rows if r["name"] == "deflection_v" and r["group"] == "cw full"]
+    assert len(deflections) == 4
+    assert all(float(r["value"]) > 0.0 and r["unit"] == "V" for r in deflections)
+    undeclared = [r for r in rows if r["part"] == "budget" and r["value"] == "not declared"]
+    assert "local gravity" in {r["name"] for r in undeclared}
+
+
+@pytest.mark.parametrize(
+    ("value", "expanded", "shown"),
+    [
+        (6.59832, 0.0489, ("6.598", "0.049")),
+        (6.6, 0.224563, ("6.60", "0.22")),
+        (123456.7, 1234.0, ("123500", "1200")),
+        (6.6, 0.0, ("6.6", "\N{EN DASH}")),
+    ],
+)
+def test_a_result_is_rounded_to_the_second_digit_of_its_uncertainty(
+    value: float, expanded: float, shown: tuple[str, str]
+) -> None:
+    assert rounded_with(value, expanded) == shown
+
+
+def test_preloads_and_shunt_readings_are_not_drawn_as_readings() -> None:
+    loads = readings()
+    shunt = replace(loads.readings[0], torque_nm=0.0, mass_kg=0.0, reading_v=9.9)
+    kinds = (*["reading"] * len(loads), "shunt")
+    more = Loads((*loads.readings, shunt), extra_columns={"kind": kinds})
+    bench = load_profile("cim-tr-97-06").data
+    result = evaluate_calibration(more, max_consistency=0.05, bench=bench).to_dict({})
+    path = Path("loads.csv")
+    source = Source(path, "calibration", "r", {}, result, None, more, None, ())
+    (drawn,) = (p for p in pictures(source, "x", []) if "after figure" in p.title)
+    assert drawn.caption.startswith(f"{len(loads)} readings of 6 ")

@@ -1,0 +1,144 @@
+"""A calibration without a wire: a scripted person, hands that set the fake bench, a journal."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+from fakes import FakeBench
+
+from hdbench.profile import load_profile
+from hdbench.records.journal import JournalWriter, read_journal
+from hdbench.session.calibrating.conversation import Answer, Question, Reply, Unattended
+from hdbench.session.calibrating.mounting import Mounting
+from hdbench.session.calibrating.plan import calibration_points
+from hdbench.session.calibrating.state import CalibrationLog, CalibrationState
+from hdbench.session.calibrating.walk import CalibrationWalk
+from hdbench.session.stop import StopSignals
+
+_SHORT = {
+    "positions": 1,
+    "directions": ("cw",),
+    "ranges": ("low",),
+    "low_masses_kg": (0.0, 0.5, 1.0),
+}
+_DATA = load_profile("cim-tr-97-06").data
+PROFILE = _DATA.model_copy(update={"calibration": _DATA.calibration.model_copy(update=_SHORT)})
+LEVER = PROFILE.arm.gravity_m_s2 * PROFILE.arm.length_m
+GAIN = PROFILE.sensor.gain_nm_per_v
+
+
+class BenchHands:
+    """Hangs weights on the fake bench; `wrong` maps a point to the mass hung at first."""
+
+    def __init__(self, bench: FakeBench, wrong: dict[int, float] | None = None) -> None:
+        self.bench = bench
+        self.wrong = wrong or {}
+        self.changes: list[dict[str, float]] = []
+        self.restored: list[dict[str, float]] = []
+        self.shunts: list[bool] = []
+
+    def mount(self, *, locked: bool, position_rad: float) -> None:
+        self._set(0.0)
+
+    def put(self, mass_kg: float, *, direction: str, number: int, attempt: int) -> None:
+        hung = self.wrong.get(number, mass_kg) if attempt == 1 else mass_kg
+        self._set((1.0 if direction == "cw" else -1.0) * hung)
+
+    def shunt(self, *, closed: bool) -> bool:
+        self.shunts.append(closed)
+        self.bench.level_v = 1.0 if closed else 0.0
+        return True
+
+    def history(self) -> list[dict[str, float]]:
+        return self.changes
+
+    def restore(self, history: list[dict[str, float]], acquisitions: int) -> None:
+        self.restored = list(history)
+        self.changes = list(history)
+        if history:
+            self.bench.level_v = history[-1]["level_v"]
+
+    def _set(self, mass_kg: float) -> None:
+        self.bench.level_v = mass_kg * LEVER / GAIN
+        self.changes.append({"level_v": self.bench.level_v})
+
+
+class Scripted:
+    """Answers from a list; Enter when it is used up. Keeps every question and line."""
+
+    attended = True
+
+    def __init__(self, answers: Iterable[tuple[str, Answer | Reply]] = ()) -> None:
+        self.answers = list(answers)
+        self.questions: list[Question] = []
+        self.told: list[str] = []
+        self.keys: dict[int, Answer] = {}
+        self.looks = 0
+
+    def ask(self, question: Question) -> Reply:
+        self.questions.append(question)
+        assert len(self.questions) < 100, "asked for ever"
+        for index, (pattern, answer) in enumerate(self.answers):
+            if pattern in question.text:
+                del self.answers[index]
+                return answer if isinstance(answer, Reply) else Reply(answer)
+        return Reply(question.default)
+
+    def watch(self, live) -> Answer | None:
+        self.looks += 1
+        return self.keys.pop(self.looks, None)
+
+    def tell(self, line: str, *, remarkable: bool = False) -> None:
+        self.told.append(line)
+
+    def asked(self, topic: str) -> list[str]:
+        return [question.text for question in self.questions if question.topic == topic]
+
+
+def make_walk(
+    folder: Path,
+    *,
+    talk=None,
+    bench: FakeBench | None = None,
+    hands: BenchHands | None = None,
+    stop: StopSignals | None = None,
+    profile=PROFILE,
+    points=None,
+) -> CalibrationWalk:
+    """Return a walk over the journal in `folder`, resumed where there is one."""
+    bench = bench or FakeBench()
+    path = folder / "journal.hdj"
+    state = CalibrationState(points or calibration_points(profile))
+    if path.exists():
+        journal, content = JournalWriter.resume(path)
+        log = CalibrationLog(journal, state)
+        log.replay(content)
+    else:
+        journal = JournalWriter(path)
+        log = CalibrationLog(journal, state)
+    hands = hands or BenchHands(bench)
+    return CalibrationWalk(
+        profile,
+        bench,
+        log,
+        talk or Unattended(),
+        Mounting(profile, log, hands),
+        stop or StopSignals(),
+        lambda _what, _share: None,
+        str(folder),
+    )
+
+
+def blocks(folder: Path) -> list[tuple[str, dict]]:
+    return [(b.kind, b.extra) for b in read_journal(folder / "journal.hdj").blocks]
+
+
+def walked(folder: Path, **changes) -> CalibrationWalk:
+    """Walk to the end, whatever that is, and close the journal as the end of a process would."""
+    walk = make_walk(folder, **changes)
+    try:
+        walk.run()
+    finally:
+        walk.log._journal.close()
+    return walk

@@ -1,0 +1,183 @@
+"""A run that ended early goes on in its folder: same bench, same gains, nothing measured twice."""
+
+from __future__ import annotations
+
+import os
+import signal
+from pathlib import Path
+
+import numpy as np
+import pytest
+from calibrationkit import Scripted
+
+from hdbench.diagnosis.planning import LoadStep, MotionPlan, Segment
+from hdbench.errors import BusyError, DataError, HdbenchError, Stopped, UsageError
+from hdbench.filter import FilterModel, filter_trace
+from hdbench.profile import Profile, load_profile, parse_profile
+from hdbench.records import RunFolder, read_loads, read_trace, verify_run
+from hdbench.session import BenchOptions, run_experiment
+from hdbench.session.calibrating.conversation import Answer
+from hdbench.session.resuming import ResumeOptions, resume_run
+
+
+def quiet(_what: str, _share: float) -> None:
+    """Say nothing."""
+
+
+@pytest.fixture(scope="module")
+def bench() -> Profile:
+    """Return the report's bench with one position, both sides, and short motion."""
+    text = load_profile("cim-tr-97-06").text
+    for old, new in (
+        ("positions = 4 ", "positions = 1 "),
+        ('ranges = ["low", "full"]', 'ranges = ["full"]'),
+        ("full_masses_kg = [0.0, 2.0, 4.0, 6.0, 8.0]", "full_masses_kg = [0.0, 4.0, 8.0]"),
+        ("frequency_hz = 0.0625 ", "frequency_hz = 0.25 "),
+        ("duration_s = 32.0", "duration_s = 4.0"),
+    ):
+        assert old in text
+        text = text.replace(old, new)
+    return parse_profile(text, "test bench")
+
+
+@pytest.fixture(scope="module")
+def plant(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """Return a plant whose clampings differ by 3 %: a clamping that is counted wrong shows."""
+    path = tmp_path_factory.mktemp("plant") / "loose.toml"
+    path.write_text('name = "loose"\n\n[fixture]\nrepeatability = 0.03\n')
+    return str(path)
+
+
+class QuitsOnce(Scripted):
+    """Saves and quits at the question with a pattern in it."""
+
+    def __init__(self, pattern: str) -> None:
+        super().__init__([(pattern, Answer.QUIT)])
+
+
+def test_a_calibration_goes_on_with_the_same_bench_and_the_same_clampings(
+    bench: Profile, plant: str, tmp_path: Path
+) -> None:
+    options = BenchOptions(out=tmp_path / "a", plant=plant, seed=3)
+    whole = run_experiment("calibration", bench, options, quiet)
+    talk = QuitsOnce("p1-ccw-full 3 of 5")
+    broken = BenchOptions(out=tmp_path / "b", plant=plant, seed=3, talk=talk, rehearse=True)
+    with pytest.raises(Stopped) as stopped:
+        run_experiment("calibration", bench, broken, quiet)
+    assert stopped.value.exit_code == 130
+    (path,) = (tmp_path / "b").iterdir()
+    assert RunFolder.open(path).status() == "incomplete"
+    assert verify_run(path).ok
+    # a bench that does not answer costs the run nothing
+    with pytest.raises(HdbenchError):
+        resume_run(path, ResumeOptions(address="tcp://127.0.0.1:9"), quiet)
+    assert RunFolder.open(path).status() == "incomplete"
+    resumed = resume_run(path, ResumeOptions(), quiet)
+    assert resumed.folder.path == path
+    assert len(resumed.folder.manifest["sessions"]) == 2
+    assert RunFolder.open(path).status() == "complete"
+    assert verify_run(path).ok
+    once, twice = (read_loads(run.folder.loads, bench.data.arm) for run in (whole, resumed))
+    assert [r.experiment for r in once.readings] == [r.experiment for r in twice.readings]
+    # same clampings and the same noise; what is left is how the last weight's bounce began, which
+    # decays to 1e-3 of 20 N m within the second before the average: 0.2 mV of it
+    for a, b in zip(once.readings, twice.readings, strict=True):
+        assert a.reading_v == pytest.approx(b.reading_v, abs=2e-4)
+    gains = [line["gain_nm_per_v"] for line in resumed.evaluation.result["experiments"]]
+    assert np.ptp(gains) > 0.05  # the clampings of this plant do differ
+
+
+def test_motion_that_was_broken_off_is_taken_again_and_its_samples_are_kept(
+    bench: Profile, tmp_path: Path
+) -> None:
+    looks = []
+
+    def stop_soon(_what: str, _share: float) -> None:
+        looks.append(1)
+        if len(looks) == 40:
+            os.kill(os.getpid(), signal.SIGINT)
+
+    with pytest.raises(Stopped):
+        run_experiment("ripple", bench, BenchOptions(out=tmp_path, seed=4), stop_soon)
+    (path,) = tmp_path.iterdir()
+    first = verify_run(path).samples_in_journal
+    assert 0 < first < 4000
+    outcome = resume_run(path, ResumeOptions(), quiet)
+    trace = read_trace(outcome.folder.trace)
+    assert len(trace) == 4000
+    broken_off = read_trace(path / "trace-broken-off-1.csv")
+    assert len(broken_off) == first
+    stored = FilterModel.from_dict(outcome.folder.manifest["filter"], source="run.json")
+    again = filter_trace(trace, stored, velocity_gain_rad_s_per_v=bench.data.tacho.gain_rad_s_per_v)
+    np.testing.assert_array_equal(again.torque_filtered_nm, trace["torque_filtered_online_nm"])
+    assert verify_run(path).ok
+
+
+def finished(out: Path, bench: Profile, status: str) -> Path:
+    folder = RunFolder.create(out, kind="calibration", profile=bench, details={})
+    if status != "running":
+        folder.finish(status, "for a test", [])
+    return folder.path
+
+
+@pytest.mark.parametrize(
+    ("status", "kind"),
+    [("complete", UsageError), ("aborted", UsageError), ("running", BusyError),
+     ("incomplete", DataError)],
+)  # fmt: skip
+def test_what_cannot_be_resumed_is_refused_and_left_as_it_is(
+    bench: Profile, tmp_path: Path, status: str, kind: type
+) -> None:
+    path = finished(tmp_path, bench, status)
+    before = (path / "run.json").read_bytes()
+    with pytest.raises(kind):
+        resume_run(path, ResumeOptions(), quiet)
+    assert (path / "run.json").read_bytes() == before
+
+
+def test_a_run_does_not_go_on_on_another_bench(bench: Profile, tmp_path: Path) -> None:
+    folder = RunFolder.create(tmp_path, kind="ripple", profile=bench, details={})
+    other = {"vendor": "hdbench", "model": "emulated node", "serial": "sim-77"}
+    folder.update(device=other)
+    folder.finish("incomplete", "for a test", [])
+    with pytest.raises(UsageError, match="the run began on hdbench emulated node sim-77"):
+        resume_run(folder.path, ResumeOptions(), quiet)
+    assert RunFolder.open(folder.path).status() == "incomplete"
+
+
+def test_of_a_plan_with_loads_only_the_acquisition_that_was_broken_off_is_taken_again(
+    bench: Profile, tmp_path: Path
+) -> None:
+    motion = MotionPlan(
+        "two stages",
+        (
+            LoadStep("no load", 0.0),
+            Segment("ramp", 0.3, 60.0),
+            Segment("hold", 0.4, 60.0),
+            Segment("ramp", 0.3, 0.0),
+            LoadStep("lock, 4 kg cw", 19.6, locked=True, position_rad=0.5),
+            Segment("rest", 1.0),
+        ),
+    )
+    looks = []
+
+    def stop_late(what: str, _share: float) -> None:
+        looks.append("no reference" in what)
+        if sum(looks) == 15:
+            os.kill(os.getpid(), signal.SIGINT)
+
+    with pytest.raises(Stopped):
+        run_experiment("ripple", bench, BenchOptions(tmp_path, motion=motion, seed=2), stop_late)
+    (path,) = tmp_path.iterdir()
+    first = read_trace(path / "trace.csv")
+    assert 1000 < len(first) < 2000
+    resume_run(path, ResumeOptions(), quiet)
+    trace = read_trace(path / "trace.csv")
+    assert [int(np.sum(trace["stage"] == stage)) for stage in (0, 1)] == [1000, 1000]
+    np.testing.assert_array_equal(trace["torque_v"][:1000], first["torque_v"][:1000])
+    assert np.all(np.diff(trace["time_s"]) > 0.0)
+    model = FilterModel.from_dict(RunFolder.open(path).manifest["filter"], source="run.json")
+    gain = bench.data.tacho.gain_rad_s_per_v
+    again = filter_trace(trace, model, velocity_gain_rad_s_per_v=gain)
+    np.testing.assert_array_equal(again.torque_filtered_nm, trace["torque_filtered_online_nm"])
+    assert len(read_trace(path / "trace-broken-off-1.csv")) == len(first) - 1000

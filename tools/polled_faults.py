@@ -1,0 +1,300 @@
+"""Wrong, stale, duplicate, reordered and mutated replies between the driver and a polled device.
+
+Usage: python tools/polled_faults.py [--faults 10000] [--wire tcp|rtu] [--kind KIND]
+
+The device answers every request with a number of its own and a second one that belongs to it, so
+that every reading tells whether it was made for this very request. Writes go to an output that is
+read back. A line per wire and kind: replies changed, readings delivered and wrong ones among them,
+writes confirmed and wrong ones among them, calls that failed, the worst time of a call over its
+deadline. What a wire cannot tell stands in docs/modbus-devices.md: these kinds are listed, and do
+not count as failures: a changed bit inside TCP (no checksum of its own), and an earlier reply of
+the same length in the place of the right one on RTU (no number), a copy of one among them.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import json
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import asdict, dataclass
+
+from hdbench.devices.emulator.faultlines import faulty_serial, faulty_tcp
+from hdbench.devices.emulator.faults import FaultKind, Mangler, RtuFraming, TcpFraming
+from hdbench.devices.emulator.modbus.memory import Cell, Memory
+from hdbench.devices.emulator.modbus.servers import RtuServer, TcpServer
+from hdbench.devices.modbus.access import Access
+from hdbench.devices.modbus.layout import Place, place_of
+from hdbench.devices.modbus.outputs import Outputs
+from hdbench.devices.modbus.probe import make_probe
+from hdbench.devices.wire import connect, parse_address
+from hdbench.devices.wire.crc import crc16
+from hdbench.errors import DeviceError, ProfileError
+from hdbench.profile.acquiring_modbus import ModbusAcquisition
+
+__all__ = ["KINDS", "Outcome", "campaign"]
+
+WRONG: tuple[FaultKind, ...] = (
+    "function", "count", "unit", "exception", "truncate", "garbage", "transaction", "protocol",
+)  # fmt: skip
+KINDS: dict[str, tuple[FaultKind, ...]] = {
+    "wrong": WRONG,
+    "echo": ("echo",),
+    "late": ("late",),
+    "stale": ("stale",),
+    "duplicate": ("duplicate",),
+    "reordered": ("reorder",),
+    "mutated": ("mutate",),
+    "dropped": ("drop",),
+}
+# nothing on these wires tells these from right replies; a copy only where it comes so late that the
+# next request has been sent
+UNTOLD = {("tcp", "mutated"), ("rtu", "stale"), ("rtu", "duplicate")}
+# on a serial line every fault costs a wait for late replies: fewer of them, so that calls succeed
+SHARES = {"tcp": 0.3, "rtu": 0.1}
+HOPELESS = 50
+# of a late reply, in deadlines: on a serial line within what the driver waits for late ones
+LATE = {"tcp": 1.2, "rtu": 0.34}
+DEADLINES_S = {"tcp": 0.06, "rtu": 0.4}
+TABLE = ModbusAcquisition.model_validate(
+    {
+        "driver": "modbus",
+        "sample_period_s": 0.1,
+        "channels": (
+            {"role": "torque", "address": 100, "type": "u32"},
+            {"role": "tacho", "address": 102, "type": "u32"},
+        ),
+        "identify": ({"address": 104, "type": "u16", "equals": 4660},),
+        "output": {"address": 200, "type": "i16", "scale": 0.001, "limit_v": 10.0},
+    }
+)
+MODULUS = 2**32
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What became of one campaign.
+
+    Parameters
+    ----------
+    wire, kind : str
+        ``tcp`` or ``rtu``, and the fault.
+    faults : int
+        Replies changed.
+    readings, wrong_readings : int
+        Readings delivered, and those that were not made for their request.
+    writes, wrong_writes : int
+        Writes confirmed, and those after which another value stood in the register.
+    failed_calls : int
+        Calls that ended with an error.
+    calls_over : int
+        Calls that took more than 1.1 deadlines.
+    worst_over_deadline : float
+        Longest call over its deadline, 1.
+    """
+
+    wire: str
+    kind: str
+    faults: int
+    readings: int
+    wrong_readings: int
+    writes: int
+    wrong_writes: int
+    failed_calls: int
+    calls_over: int
+    worst_over_deadline: float
+
+
+class CountingDevice:
+    """Answers each request with its number, and with a second number that belongs to it."""
+
+    reply_s = 0.0
+    unit = 1
+
+    def __init__(self) -> None:
+        self.count = 0
+        self.memory = Memory()
+        torque, tacho = (place_of(TABLE, channel) for channel in TABLE.channels)
+        self._cell(torque, lambda: float(self.count))
+        self._cell(tacho, lambda: float(partner(self.count)))
+        self.memory.add(Cell(place_of(TABLE, TABLE.identify[0]), 4660.0, writable=False))
+        if TABLE.output is None:
+            raise ValueError("the table has no output")
+        self.output = self.memory.add(Cell(place_of(TABLE, TABLE.output)))
+
+    def answer(self, pdu: bytes) -> bytes:
+        """Answer one request."""
+        self.count += 1
+        return self.memory.answer(pdu)
+
+    def tick(self) -> None:
+        """Nothing happens by itself."""
+
+    def _cell(self, place: Place, read) -> None:
+        self.memory.add(Cell(place, on_read=read, writable=False))
+
+
+def partner(number: int) -> int:
+    """Return the number that belongs to a reading's."""
+    return number * 2654435761 % MODULUS
+
+
+@contextmanager
+def served(wire: str, device: CountingDevice) -> Iterator[str]:
+    """Serve a device in a thread; yields its address."""
+    loop = asyncio.new_event_loop()
+    server = RtuServer(device) if wire == "rtu" else TcpServer(device)  # type: ignore[arg-type]
+    thread = threading.Thread(target=loop.run_forever, daemon=True)
+    thread.start()
+    opening = server.open() if isinstance(server, RtuServer) else server.open("127.0.0.1", 0)
+
+    async def shut() -> None:
+        server.close()
+        # one turn of the loop closes what is open
+        await asyncio.sleep(0.01)
+
+    try:
+        yield asyncio.run_coroutine_threadsafe(opening, loop).result(5)
+    finally:
+        asyncio.run_coroutine_threadsafe(shut(), loop).result(5)
+        loop.call_soon_threadsafe(loop.stop)
+        thread.join(5)
+        loop.close()
+
+
+@contextmanager
+def behind(address: str, mangler: Mangler) -> Iterator[str]:
+    """Put faults before a device; yields the address for the host."""
+    scheme, _, rest = address.partition("://")
+    if scheme == "rtu":
+        with faulty_serial(rest, mangler) as path:
+            yield f"rtu://{path}"
+        return
+    host, _, port = rest.rpartition(":")
+    with faulty_tcp(host, int(port), mangler) as (near, near_port):
+        yield f"tcp://{near}:{near_port}"
+
+
+def campaign(
+    wire: str, kind: str, faults: int, *, deadline_s: float | None = None, seed: int = 0
+) -> Outcome:
+    """Make faults of one kind until there were enough, and check every answer of the driver.
+
+    Parameters
+    ----------
+    wire : str
+        ``tcp`` or ``rtu``.
+    kind : str
+        A key of `KINDS`.
+    faults : int
+        Replies to change.
+    deadline_s : float, optional
+        Of one call; default 0.06 s on TCP, 0.4 s on RTU, where a fault costs a quiet line.
+    seed : int
+        Of the choice.
+
+    Returns
+    -------
+    Outcome
+    """
+    names = [
+        name for name in KINDS[kind] if wire == "tcp" or name not in ("transaction", "protocol")
+    ]
+    limit_s = deadline_s or DEADLINES_S[wire]
+    parts = [_part(wire, name, faults // len(names) or 1, limit_s, seed) for name in names]
+    sums = [sum(part[n] for part in parts) for n in range(7)]
+    return Outcome(wire, kind, *sums, round(max(part[7] for part in parts), 3))  # type: ignore[arg-type]
+
+
+def _open(access: Access, places: list[Place]) -> None:
+    """Read once, so that what follows is not the cost of opening; a busy machine may need more."""
+    for attempt in range(5):
+        try:
+            access.read(places)
+        except DeviceError:
+            if attempt == 4:
+                raise
+        else:
+            return
+
+
+def _part(
+    wire: str, kind: FaultKind, faults: int, deadline_s: float, seed: int
+) -> tuple[int, int, int, int, int, int, int, float]:
+    framing = RtuFraming(crc16) if wire == "rtu" else TcpFraming()
+    mangler = Mangler(kind, framing, share=0.0, seed=seed, late_s=LATE[wire] * deadline_s)
+    device = CountingDevice()
+    places = [place_of(TABLE, channel) for channel in TABLE.channels]
+    readings = wrong = writes = wrong_writes = failed = hopeless = calls = over = 0
+    worst_s = 0.0
+    with ExitStack() as stack:
+        address = stack.enter_context(behind(stack.enter_context(served(wire, device)), mangler))
+        probe = make_probe(TABLE)
+        link = connect(parse_address(address), unit=1, probe=probe)
+        serial = wire == "rtu"
+        access = Access(
+            link, deadline_s=deadline_s, probe=probe if serial else None, numbered=not serial
+        )
+        stack.callback(access.close)
+        if TABLE.output is None:
+            raise ValueError("the table has no output")
+        outputs = Outputs(access, TABLE, TABLE.output)
+        _open(access, places)
+        mangler.share = SHARES[wire]
+        while mangler.changed < faults and hopeless < HOPELESS:
+            calls += 1
+            start_s, before = time.monotonic(), device.count
+            try:
+                if calls % 4 == 0 or kind == "echo":
+                    value = (calls % 2001 - 1000) * 0.001
+                    # a write and its read-back: each has its deadline
+                    allowed = 2.0
+                    outputs.write(value)
+                    writes += 1
+                    wrong_writes += round(value * 1000) != device.output.value
+                else:
+                    allowed = 1.0
+                    number, second = access.read(places)
+                    readings += 1
+                    wrong += not (number > before and second == partner(int(number)))
+                hopeless = 0
+            except (DeviceError, ProfileError):
+                failed, hopeless = failed + 1, hopeless + 1
+            took_s = (time.monotonic() - start_s) / allowed
+            over += took_s > 1.1 * deadline_s
+            worst_s = max(worst_s, took_s)
+        mangler.share = 0.0
+    ratio = worst_s / deadline_s
+    return mangler.changed, readings, wrong, writes, wrong_writes, failed, over, ratio
+
+
+def main() -> int:
+    """Run what is asked for.
+
+    Returns
+    -------
+    int
+        0 where nothing wrong came through but what the wire cannot tell.
+    """
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--faults", type=int, default=10_000)
+    parser.add_argument("--wire", choices=["tcp", "rtu"])
+    parser.add_argument("--kind", choices=[*KINDS])
+    asked = parser.parse_args()
+    bad = 0
+    for wire in ("tcp", "rtu") if asked.wire is None else (asked.wire,):
+        for kind in KINDS if asked.kind is None else (asked.kind,):
+            outcome = campaign(wire, kind, asked.faults)
+            print(json.dumps(asdict(outcome)), flush=True)
+            if (wire, kind) not in UNTOLD:
+                bad += outcome.wrong_readings + outcome.wrong_writes
+            bad += outcome.faults < asked.faults // 2
+    return 1 if bad else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
