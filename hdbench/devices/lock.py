@@ -97,6 +97,8 @@ def release(address: str, *, timeout_s: float = _RELEASE_S) -> None:
         return
     try:
         os.kill(pid, signal.SIGTERM)
+        # one that was stopped (SIGSTOP, a debugger) would hear of it only when it goes on
+        os.kill(pid, signal.SIGCONT)
     except OSError as error:
         raise BusyError(
             f"process {pid} holds the line and cannot be stopped ({error.strerror})",

@@ -197,3 +197,13 @@ def test_stop_stops_the_motor_of_another_run(served: Served, tmp_path: Path) -> 
     running.communicate(timeout=20)
     assert running.returncode != 0
     assert manifest(out)["status"] == "incomplete"
+
+
+def test_ctrl_c_before_a_command_listens_leaves_no_traceback():
+    code = "import hdbench_cli; raise KeyboardInterrupt"
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=False, timeout=30
+    )
+    assert done.stderr == "stopped\n"
+    # an uncaught interrupt ends the process by its own signal: a shell says 130
+    assert done.returncode == -signal.SIGINT
