@@ -14,16 +14,14 @@ the same length in the place of the right one on RTU (no number), a copy of one 
 from __future__ import annotations
 
 import argparse
-import asyncio
 import json
 import sys
-import threading
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass
+from pathlib import Path
 
-from hdbench.devices.emulator.faultlines import faulty_serial, faulty_tcp
 from hdbench.devices.emulator.faults import FaultKind, Mangler, RtuFraming, TcpFraming
 from hdbench.devices.emulator.modbus.memory import Cell, Memory
 from hdbench.devices.emulator.modbus.servers import RtuServer, TcpServer
@@ -35,6 +33,10 @@ from hdbench.devices.wire import connect, parse_address
 from hdbench.devices.wire.crc import crc16
 from hdbench.errors import DeviceError, ProfileError
 from hdbench.profile.acquiring_modbus import ModbusAcquisition
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+from spoilt_line import behind, in_thread
 
 __all__ = ["KINDS", "Outcome", "campaign"]
 
@@ -146,37 +148,10 @@ def partner(number: int) -> int:
 @contextmanager
 def served(wire: str, device: CountingDevice) -> Iterator[str]:
     """Serve a device in a thread; yields its address."""
-    loop = asyncio.new_event_loop()
     server = RtuServer(device) if wire == "rtu" else TcpServer(device)  # type: ignore[arg-type]
-    thread = threading.Thread(target=loop.run_forever, daemon=True)
-    thread.start()
     opening = server.open() if isinstance(server, RtuServer) else server.open("127.0.0.1", 0)
-
-    async def shut() -> None:
-        server.close()
-        # one turn of the loop closes what is open
-        await asyncio.sleep(0.01)
-
-    try:
-        yield asyncio.run_coroutine_threadsafe(opening, loop).result(5)
-    finally:
-        asyncio.run_coroutine_threadsafe(shut(), loop).result(5)
-        loop.call_soon_threadsafe(loop.stop)
-        thread.join(5)
-        loop.close()
-
-
-@contextmanager
-def behind(address: str, mangler: Mangler) -> Iterator[str]:
-    """Put faults before a device; yields the address for the host."""
-    scheme, _, rest = address.partition("://")
-    if scheme == "rtu":
-        with faulty_serial(rest, mangler) as path:
-            yield f"rtu://{path}"
-        return
-    host, _, port = rest.rpartition(":")
-    with faulty_tcp(host, int(port), mangler) as (near, near_port):
-        yield f"tcp://{near}:{near_port}"
+    with in_thread(server, opening) as address:
+        yield address
 
 
 def campaign(

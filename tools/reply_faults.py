@@ -10,21 +10,19 @@ time of a call over its deadline.
 from __future__ import annotations
 
 import argparse
-import asyncio
 import json
 import signal
 import sys
-import threading
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass
+from pathlib import Path
 
 import numpy as np
 
 from hdbench.devices.daq import DaqSettings, ScanBlock
 from hdbench.devices.emulator.converter import RawSamples
-from hdbench.devices.emulator.faultlines import faulty_serial, faulty_tcp
 from hdbench.devices.emulator.faults import FaultKind, Mangler, RtuFraming, TcpFraming
 from hdbench.devices.emulator.rtuserver import RtuNodeServer
 from hdbench.devices.emulator.serve import build_core
@@ -34,6 +32,10 @@ from hdbench.devices.node.opening import open_node
 from hdbench.devices.wire.crc import crc16
 from hdbench.errors import DeviceError
 from hdbench.profile import load_profile
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+from spoilt_line import behind, in_thread
 
 __all__ = ["KINDS", "Outcome", "campaign"]
 
@@ -134,38 +136,10 @@ def wrong_samples(block: ScanBlock) -> int:
 def served(wire: str) -> Iterator[str]:
     """Serve a counting node in a thread; yields its address."""
     core = build_core(CountingBench(), PROFILE, 0, pace="fast")
-    loop = asyncio.new_event_loop()
     server = RtuNodeServer(core) if wire == "rtu" else NodeServer(core)
-    thread = threading.Thread(target=loop.run_forever, daemon=True)
-    thread.start()
     opening = server.open() if isinstance(server, RtuNodeServer) else server.open("127.0.0.1", 0)
-    found = asyncio.run_coroutine_threadsafe(opening, loop).result(5)
-
-    async def shut() -> None:
-        server.close()
-        # one turn of the loop closes what is open
-        await asyncio.sleep(0.01)
-
-    try:
+    with in_thread(server, opening) as found:
         yield f"rtu://{found}" if wire == "rtu" else f"tcp://{found[0]}:{found[1]}"
-    finally:
-        asyncio.run_coroutine_threadsafe(shut(), loop).result(5)
-        loop.call_soon_threadsafe(loop.stop)
-        thread.join(5)
-        loop.close()
-
-
-@contextmanager
-def behind(address: str, mangler: Mangler) -> Iterator[str]:
-    """Put faults before a node; yields the address for the host."""
-    scheme, _, rest = address.partition("://")
-    if scheme == "rtu":
-        with faulty_serial(rest, mangler) as path:
-            yield f"rtu://{path}"
-        return
-    host, _, port = rest.rpartition(":")
-    with faulty_tcp(host, int(port), mangler) as (near, near_port):
-        yield f"tcp://{near}:{near_port}"
 
 
 def campaign(

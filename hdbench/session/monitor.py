@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -12,18 +11,18 @@ import numpy as np
 
 from hdbench.devices import open_bench
 from hdbench.devices.ports import AcquisitionSettings, Bench, Identity, SafeState
-from hdbench.errors import DeviceError, UnsafeError
+from hdbench.errors import UnsafeError
 from hdbench.filter import FilterModel
 from hdbench.filter.amplitudes import block_amplitudes
 from hdbench.profile import Profile
 from hdbench.records import FloatArray, TorqueScale
 from hdbench.session.recorder import TraceRecorder
 from hdbench.session.stop import StopRequested, StopSignals
+from hdbench.session.waiting import next_block
 from hdbench.session.watching import Frame, Watcher
 
 __all__ = ["ChannelStatistics", "Monitor", "Observation"]
 
-_STALL_S = 2.0  # a bench that hands out no sample for this long has stopped sampling
 _LONGEST_S = 86400.0
 _SHOWN = {
     "torque_nm": "N m",
@@ -197,7 +196,7 @@ class Monitor:
         BusyError
             If a run holds the bench: it is not disturbed.
         DeviceError
-            If nobody answers or no samples come.
+            If nobody answers, no samples come, or the watchdog has tripped.
         UnsafeError
             If the bench could not be confirmed safe afterwards.
         """
@@ -240,21 +239,8 @@ class Monitor:
         bench.configure(AcquisitionSettings(period, count, None))
         recorder.begin(None)
         bench.start()
-        heard_s = time.monotonic()
         while recorder.stage_rows < count:
-            self.stop.check()
-            block = bench.read_block()
-            now_s = time.monotonic()
-            if block is None or not (len(block) or block.lost_before):
-                if now_s - heard_s > _STALL_S:
-                    raise DeviceError(
-                        f"no sample for {_STALL_S:g} s while the acquisition should run",
-                        where="bench controller",
-                        fix="check that the controller is sampling: hdbench doctor",
-                    )
-                time.sleep(0.002)
-                continue
-            heard_s = now_s
+            block = next_block(bench, self.stop)
             rows = recorder.add(block)
             for name, statistics in self.channels.items():
                 statistics.add(rows[name])

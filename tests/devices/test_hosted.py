@@ -243,8 +243,8 @@ def test_the_watchdog_is_fed_in_time_while_the_session_takes_samples():
 
 def test_a_session_that_hangs_stops_the_motor_and_starves_the_watchdog():
     daq = FakeDaq(clock=RealClock())
-    control, _ = running(daq)
     start_s = time.monotonic()
+    control, _ = running(daq)
     until(lambda: daq.written and daq.written[-1][1] == 0.0)
     took_s = time.monotonic() - start_s
     fed = len(daq.fed_s)

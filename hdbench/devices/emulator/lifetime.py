@@ -6,6 +6,7 @@ import asyncio
 import json
 import signal
 import sys
+import time
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from pathlib import Path
@@ -13,7 +14,9 @@ from typing import IO
 
 from hdbench.errors import StorageError
 
-__all__ = ["ending", "open_record"]
+__all__ = ["ending", "open_record", "until_motor_stands"]
+
+_POLL_S = 0.01
 
 
 def open_record(path: Path | None, stack: ExitStack) -> Callable[[Mapping[str, object]], None]:
@@ -78,3 +81,18 @@ def ending(lifeline: int | None) -> asyncio.Event:
 
         loop.add_reader(descriptor, hung_up)
     return ended
+
+
+async def until_motor_stands(moving: Callable[[], bool], longest_s: float) -> None:
+    """Give the watchdog its time: an orphaned device still has to stop its motor.
+
+    Parameters
+    ----------
+    moving : callable
+        Whether the motor moves.
+    longest_s : float
+        Time in which the device must have stopped it, s.
+    """
+    until_s = time.monotonic() + longest_s
+    while moving() and time.monotonic() < until_s:
+        await asyncio.sleep(_POLL_S)

@@ -3,29 +3,25 @@
 from __future__ import annotations
 
 import asyncio
-import json
-import signal
-import sys
 import time
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO
 
 from hdbench.devices.emulator.core import NodeCore
+from hdbench.devices.emulator.lifetime import ending, open_record, until_motor_stands
 from hdbench.devices.emulator.machine import NodeMachine, Pace, PlantBench
 from hdbench.devices.emulator.ratings import identity_values, limit_values
 from hdbench.devices.emulator.rtuserver import RtuNodeServer
 from hdbench.devices.emulator.server import NodeServer
-from hdbench.errors import DeviceError, StorageError
+from hdbench.errors import DeviceError
 from hdbench.profile.schema import ProfileData
 
 __all__ = ["EmulatorSettings", "build_core", "emulate_bench", "serve"]
 
 # time in which an orphaned node must have stopped its motor: watchdog (2 s at most) and braking
 _ORPHAN_S = 3.0
-_ORPHAN_POLL_S = 0.01
 # a pseudo-terminal passes characters at once; hosts reckon with the fastest usual rate
 _QUERY = "?baud=921600"
 
@@ -169,49 +165,20 @@ def serve(
         If the record file cannot be written.
     """
     with ExitStack() as stack:
-        record = _recorder(settings.record, stack)
+        record = open_record(settings.record, stack)
         core = build_core(bench, profile, seed, pace=settings.pace, record=record)
         asyncio.run(_serve(core, settings, ready))
-
-
-def _recorder(path: Path | None, stack: ExitStack) -> Callable[[Mapping[str, object]], None]:
-    if path is None:
-        return lambda _: None
-    try:
-        file: IO[str] = stack.enter_context(path.open("w", encoding="utf-8", buffering=1))
-    except OSError as error:
-        raise StorageError(
-            f"cannot be written ({error.strerror})", where=str(path), fix="choose another file"
-        ) from error
-
-    def record(event: Mapping[str, object]) -> None:
-        file.write(json.dumps(event, allow_nan=False) + "\n")
-
-    return record
 
 
 async def _serve(
     core: NodeCore, settings: EmulatorSettings, ready: Callable[[Mapping[str, object]], None]
 ) -> None:
-    ended = asyncio.Event()
-    loop = asyncio.get_running_loop()
-    if sys.platform != "win32":
-        loop.add_signal_handler(signal.SIGTERM, ended.set)
-        if settings.lifeline is None:
-            loop.add_signal_handler(signal.SIGINT, ended.set)
-    if settings.lifeline is not None:
-        lifeline = settings.lifeline
-
-        def hung_up() -> None:
-            loop.remove_reader(lifeline)
-            ended.set()
-
-        loop.add_reader(lifeline, hung_up)
+    ended = ending(settings.lifeline)
     server, address = await _open(core, settings)
     ready({"address": address})
     await ended.wait()
     if settings.lifeline is not None:
-        await _until_motor_stands(core)
+        await until_motor_stands(lambda: core.machine.busy, _ORPHAN_S)
     server.close()
 
 
@@ -232,10 +199,3 @@ async def _open(
             fix="choose another port, or 0 for a free one",
         ) from error
     return server, f"tcp://{host}:{port}"
-
-
-async def _until_motor_stands(core: NodeCore) -> None:
-    """Give the watchdog its time: an orphaned node still has to stop its motor."""
-    until_s = time.monotonic() + _ORPHAN_S
-    while core.machine.busy and time.monotonic() < until_s:
-        await asyncio.sleep(_ORPHAN_POLL_S)

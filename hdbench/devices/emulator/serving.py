@@ -11,7 +11,7 @@ from pathlib import Path
 from hdbench.devices.emulator.bench import SimulatedBench
 from hdbench.devices.emulator.instrument import DeviceClock, SimulatedInstrument
 from hdbench.devices.emulator.kinds import EmulatedPart, MakePart
-from hdbench.devices.emulator.lifetime import ending, open_record
+from hdbench.devices.emulator.lifetime import ending, open_record, until_motor_stands
 from hdbench.devices.emulator.plantfile import load_plant
 from hdbench.devices.emulator.serve import EmulatorSettings
 from hdbench.errors import DeviceError, UsageError
@@ -21,7 +21,6 @@ __all__ = ["serve_part"]
 
 # time in which a device that has lost its host must have stopped the motor: watchdog and braking
 _ORPHAN_S = 7.0
-_ORPHAN_POLL_S = 0.01
 
 
 def serve_part(
@@ -101,7 +100,5 @@ async def _serve(
     ready(found)
     await ended.wait()
     if settings.lifeline is not None:
-        until_s = time.monotonic() + _ORPHAN_S
-        while instrument.moving and time.monotonic() < until_s:
-            await asyncio.sleep(_ORPHAN_POLL_S)
+        await until_motor_stands(lambda: instrument.moving, _ORPHAN_S)
     part.close()

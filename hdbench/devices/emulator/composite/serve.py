@@ -11,7 +11,7 @@ from pathlib import Path
 from hdbench.devices.emulator.bench import SimulatedBench
 from hdbench.devices.emulator.instrument import DeviceClock, SimulatedInstrument
 from hdbench.devices.emulator.kinds import EmulatedPart, part_of
-from hdbench.devices.emulator.lifetime import ending, open_record
+from hdbench.devices.emulator.lifetime import ending, open_record, until_motor_stands
 from hdbench.devices.emulator.plantfile import load_plant
 from hdbench.devices.emulator.serve import EmulatorSettings
 from hdbench.errors import DeviceError, UsageError
@@ -24,7 +24,6 @@ __all__ = ["emulate_composite"]
 _FAST_SPEED = 4.0
 # time in which devices that have lost their host must have stopped the motor
 _ORPHAN_S = 7.0
-_ORPHAN_POLL_S = 0.01
 
 
 def emulate_composite(
@@ -108,8 +107,6 @@ async def _serve(
     opened(found)
     await ended.wait()
     if settings.lifeline is not None:
-        until_s = time.monotonic() + _ORPHAN_S
-        while instrument.moving and time.monotonic() < until_s:
-            await asyncio.sleep(_ORPHAN_POLL_S)
+        await until_motor_stands(lambda: instrument.moving, _ORPHAN_S)
     for part in parts.values():
         part.close()

@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-import asyncio
-import time
 from collections.abc import Callable, Mapping
-from contextlib import ExitStack
 from pathlib import Path
 
-from hdbench.devices.emulator.bench import SimulatedBench
-from hdbench.devices.emulator.instrument import DeviceClock, SimulatedInstrument
+from hdbench.devices.emulator.instrument import SimulatedInstrument
 from hdbench.devices.emulator.labjack.device import LabJackDevice
 from hdbench.devices.emulator.labjack.server import STREAM_OFFSET, LabJackServer
 from hdbench.devices.emulator.labjack.wiring import Wiring
-from hdbench.devices.emulator.lifetime import ending, open_record
-from hdbench.devices.emulator.plantfile import load_plant
 from hdbench.devices.emulator.serve import EmulatorSettings
+from hdbench.devices.emulator.serving import serve_part
 from hdbench.errors import DeviceError, UsageError
 from hdbench.profile.acquiring import Acquisition
 from hdbench.profile.acquiring_labjack import LabJackAcquisition
@@ -26,9 +21,6 @@ __all__ = ["FAST_SPEED", "LabJackPart", "emulate_labjack", "labjack_part"]
 # fast pace: device seconds per second. The host writes the reference every few milliseconds of
 # device time; at this speed that is a millisecond of real time, what two cores still keep.
 FAST_SPEED = 5.0
-# time in which a device that has lost its host must have stopped the motor: its watchdog, braking
-_ORPHAN_S = 7.0
-_ORPHAN_POLL_S = 0.01
 
 
 class LabJackPart:
@@ -45,7 +37,15 @@ class LabJackPart:
 
     async def open(self, settings: EmulatorSettings) -> Mapping[str, object]:
         """Listen on a pair of ports; return ``address`` and ``stream_port``."""
-        host, port = await self.server.open(settings.host, settings.port)
+        try:
+            host, port = await self.server.open(settings.host, settings.port)
+        except OSError as error:
+            raise DeviceError(
+                f"cannot listen on ports {settings.port} and {settings.port + STREAM_OFFSET} "
+                f"({error.strerror or error})",
+                where=f"{settings.host}:{settings.port}",
+                fix="choose another port, or 0 for a free pair",
+            ) from error
         return {"address": f"tcp://{host}:{port}", "stream_port": port + STREAM_OFFSET}
 
     def close(self) -> None:
@@ -146,67 +146,14 @@ def emulate_labjack(
     StorageError
         If the record file cannot be written.
     """
-    if model_file is not None:
-        raise UsageError(
-            "an extended model needs the whole motion beforehand; this device's reference is "
-            "written by its host as it goes",
-            where="--model",
-            fix="emulate the profile's own model, or a node",
-        )
-    if model_file is not None:
-        raise UsageError(
-            "an extended model needs the whole motion beforehand; this device's reference is "
-            "written by its host as it goes",
-            where="--model",
-            fix="emulate the profile's own model, or the node",
-        )
     speed = FAST_SPEED if settings.pace == "fast" else 1.0
-
-    def opened(host: str, port: int) -> None:
-        ready(
-            {
-                "address": f"tcp://{host}:{port}",
-                "stream_port": port + STREAM_OFFSET,
-                "speed": speed,
-            }
-        )
-
-    with ExitStack() as stack:
-        instrument = SimulatedInstrument(
-            SimulatedBench(profile, load_plant(plant), seed),
-            profile.encoder.counts_per_turn,
-            clock=DeviceClock(speed, time.monotonic()),
-            record=open_record(settings.record, stack),
-        )
-        part = labjack_part(instrument, profile, profile.daq, seed)
-        asyncio.run(_serve(part, instrument, settings, lambda at: ready({**at, "speed": speed})))
-
-
-async def _serve(
-    part: LabJackPart,
-    instrument: SimulatedInstrument,
-    settings: EmulatorSettings,
-    ready: Callable[[Mapping[str, object]], None],
-) -> None:
-    ended = ending(settings.lifeline)
-    try:
-        found = await part.open(settings)
-    except OSError as error:
-        raise DeviceError(
-            f"cannot listen on ports {settings.port} and {settings.port + STREAM_OFFSET} "
-            f"({error.strerror or error})",
-            where=f"{settings.host}:{settings.port}",
-            fix="choose another port, or 0 for a free pair",
-        ) from error
-    ready(found)
-    await ended.wait()
-    if settings.lifeline is not None:
-        await _until_motor_stands(instrument)
-    part.close()
-
-
-async def _until_motor_stands(instrument: SimulatedInstrument) -> None:
-    """Give the watchdog its time: an orphaned device still has to stop its motor."""
-    until_s = time.monotonic() + _ORPHAN_S
-    while instrument.moving and time.monotonic() < until_s:
-        await asyncio.sleep(_ORPHAN_POLL_S)
+    serve_part(
+        labjack_part,
+        profile,
+        plant,
+        seed,
+        settings,
+        ready=ready,
+        speed=speed,
+        model_file=model_file,
+    )
