@@ -18,13 +18,13 @@ from hdbench.diagnosis.acquisition.masked import masked_causes
 from hdbench.diagnosis.acquisition.measure import baseline_residual
 from hdbench.diagnosis.acquisition.named import Acquired
 from hdbench.diagnosis.acquisition.task import Clean, Task, cleaned, task_of, unfit, with_terms
-from hdbench.diagnosis.answer import Answer
-from hdbench.diagnosis.baselineterms import parse_baseline
-from hdbench.diagnosis.preflight import Preflight
-from hdbench.diagnosis.record import Beyond, Record, prepare_record
-from hdbench.diagnosis.result import Diagnosis
+from hdbench.diagnosis.answer.assemble import Answer
+from hdbench.diagnosis.answer.result import Diagnosis
+from hdbench.diagnosis.fit.terms import Term
+from hdbench.diagnosis.measured.baselineterms import parse_baseline
+from hdbench.diagnosis.measured.preflight import Preflight
+from hdbench.diagnosis.measured.record import Beyond, Record, prepare_record
 from hdbench.diagnosis.search import Found, search
-from hdbench.diagnosis.terms import Term
 from hdbench.model import BenchModel, Cause
 from hdbench.profile import Profile
 from hdbench.records.trace import Trace

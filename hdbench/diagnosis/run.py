@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from hdbench.diagnosis.answer.files import write_load_pictures, write_pictures, write_table
+from hdbench.diagnosis.answer.filtergain import filter_gain
+from hdbench.diagnosis.answer.maps import code_map
+from hdbench.diagnosis.answer.result import Diagnosis
 from hdbench.diagnosis.dynamic import diagnose_trace
-from hdbench.diagnosis.files import write_load_pictures, write_pictures, write_table
-from hdbench.diagnosis.filtergain import filter_gain
-from hdbench.diagnosis.maps import code_map
 from hdbench.diagnosis.planning import Proposal, plan_for_result, write_plan
-from hdbench.diagnosis.result import Diagnosis
 from hdbench.diagnosis.static import diagnose_loads
 from hdbench.errors import UsageError
 from hdbench.model import (

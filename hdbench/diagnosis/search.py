@@ -7,22 +7,22 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hdbench.diagnosis.challengers import Left, challenge
-from hdbench.diagnosis.formterms import accept_form, best_form, beyond_form, formed_strength
-from hdbench.diagnosis.jointfit import JointFit, fit_jointly
-from hdbench.diagnosis.looks import SHARES, Look, Looks, look_at
-from hdbench.diagnosis.nameless import unnamed
-from hdbench.diagnosis.naming import Candidate
-from hdbench.diagnosis.ranking import name_residual, promise, rank_looks
-from hdbench.diagnosis.record import Beyond, Record
-from hdbench.diagnosis.renaming import drop_needless, rename_all, strengths
-from hdbench.diagnosis.scanplan import LineScan
-from hdbench.diagnosis.settle import Noise
+from hdbench.diagnosis.detect.looks import SHARES, Look, Looks, look_at
+from hdbench.diagnosis.detect.scanplan import LineScan
+from hdbench.diagnosis.detect.survey import Survey
+from hdbench.diagnosis.fit.formterms import accept_form, best_form, beyond_form, formed_strength
+from hdbench.diagnosis.fit.jointfit import JointFit, fit_jointly
+from hdbench.diagnosis.fit.settle import Noise
+from hdbench.diagnosis.fit.terms import Term, term_columns
+from hdbench.diagnosis.measured.record import Beyond, Record
+from hdbench.diagnosis.naming.candidates import Candidate
+from hdbench.diagnosis.naming.challengers import Left, challenge
+from hdbench.diagnosis.naming.nameless import unnamed
+from hdbench.diagnosis.naming.ranking import name_residual, promise, rank_looks
+from hdbench.diagnosis.naming.renaming import drop_needless, rename_all, strengths
+from hdbench.diagnosis.noise.whitened import Space, make_space
 from hdbench.diagnosis.slowsearch import accept_slow_noise, outweighs, slow_noise, with_walk
 from hdbench.diagnosis.state import Accepted, State, Walk, accepted_as
-from hdbench.diagnosis.survey import Survey
-from hdbench.diagnosis.terms import Term, term_columns
-from hdbench.diagnosis.whitened import Space, make_space
 from hdbench.model import Cause
 
 __all__ = ["Found", "search"]

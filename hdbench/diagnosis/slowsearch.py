@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from hdbench.diagnosis.curves import CURVE_PREFIX
-from hdbench.diagnosis.jointfit import fit_jointly
-from hdbench.diagnosis.nameless import unnamed
-from hdbench.diagnosis.naming import Candidate
-from hdbench.diagnosis.ranking import RIVAL_NATS, Naming
-from hdbench.diagnosis.settle import nats, plain_spectrum, settle, without_coarse
-from hdbench.diagnosis.slownoise import FLICKER, RANDOM_WALK, SlowNoise, slow_spectrum
+from hdbench.diagnosis.fit.jointfit import fit_jointly
+from hdbench.diagnosis.fit.settle import nats, plain_spectrum, settle, without_coarse
+from hdbench.diagnosis.fit.terms import Term
+from hdbench.diagnosis.naming.candidates import Candidate
+from hdbench.diagnosis.naming.curves import CURVE_PREFIX
+from hdbench.diagnosis.naming.nameless import unnamed
+from hdbench.diagnosis.naming.ranking import RIVAL_NATS, Naming
+from hdbench.diagnosis.noise.slownoise import FLICKER, RANDOM_WALK, SlowNoise, slow_spectrum
+from hdbench.diagnosis.noise.whitened import Space, make_space
 from hdbench.diagnosis.state import State, Walk
-from hdbench.diagnosis.terms import Term
-from hdbench.diagnosis.whitened import Space, make_space
 from hdbench.model import catalogue
 
 __all__ = ["accept_slow_noise", "outweighs", "slow_noise", "with_walk"]

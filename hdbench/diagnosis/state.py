@@ -7,17 +7,17 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from hdbench.diagnosis.coarse import coarse_basis
-from hdbench.diagnosis.jointfit import JointFit, fit_jointly
-from hdbench.diagnosis.looks import Grams
-from hdbench.diagnosis.ranking import Naming
-from hdbench.diagnosis.record import Beyond, Record, with_simulated
-from hdbench.diagnosis.scanplan import plan_scans
-from hdbench.diagnosis.settle import Hidden, Noise, settle
-from hdbench.diagnosis.slownoise import SlowNoise
-from hdbench.diagnosis.survey import Survey, make_survey
-from hdbench.diagnosis.terms import Term, term_columns
-from hdbench.diagnosis.whitened import Space, make_space
+from hdbench.diagnosis.detect.looks import Grams
+from hdbench.diagnosis.detect.scanplan import plan_scans
+from hdbench.diagnosis.detect.survey import Survey, make_survey
+from hdbench.diagnosis.fit.jointfit import JointFit, fit_jointly
+from hdbench.diagnosis.fit.settle import Hidden, Noise, settle
+from hdbench.diagnosis.fit.terms import Term, term_columns
+from hdbench.diagnosis.measured.record import Beyond, Record, with_simulated
+from hdbench.diagnosis.naming.ranking import Naming
+from hdbench.diagnosis.noise.coarse import coarse_basis
+from hdbench.diagnosis.noise.slownoise import SlowNoise
+from hdbench.diagnosis.noise.whitened import Space, make_space
 from hdbench.model import Cause
 from hdbench.records.trace import FloatArray
 

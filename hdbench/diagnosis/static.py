@@ -7,6 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from hdbench.diagnosis.answer.result import Diagnosis
+from hdbench.diagnosis.fit.terms import Term
 from hdbench.diagnosis.loads.answer import LoadAnswer
 from hdbench.diagnosis.loads.between import name_between
 from hdbench.diagnosis.loads.fit import LoadFit, fit_loads
@@ -17,9 +19,7 @@ from hdbench.diagnosis.loads.scatter import GainScatter, find_scatter
 from hdbench.diagnosis.loads.search import LoadSearch, search_loads
 from hdbench.diagnosis.loads.table import LoadTable, base_columns, load_table
 from hdbench.diagnosis.loads.weigh import Weighing
-from hdbench.diagnosis.preflight import DataFlag
-from hdbench.diagnosis.result import Diagnosis
-from hdbench.diagnosis.terms import Term
+from hdbench.diagnosis.measured.preflight import DataFlag
 from hdbench.errors import DataError
 from hdbench.model import BenchModel, catalogue, cause_named
 from hdbench.profile import Profile

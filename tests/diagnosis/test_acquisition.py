@@ -15,7 +15,7 @@ from hdbench.diagnosis.acquisition.tacho import find_tacho_ripple
 from hdbench.diagnosis.acquisition.task import cleaned, task_of
 from hdbench.diagnosis.acquisition.units import check_channels
 from hdbench.diagnosis.acquisition.variance import find_speed_noise
-from hdbench.diagnosis.preflight import inspect_trace
+from hdbench.diagnosis.measured.preflight import inspect_trace
 from hdbench.model import load_model, save_model
 from hdbench.profile import load_profile
 from hdbench.records import Trace

@@ -3,11 +3,11 @@
 import numpy as np
 
 from hdbench.diagnosis import diagnose_trace
-from hdbench.diagnosis.conditions import conditions_of, left_out_gains
-from hdbench.diagnosis.jointfit import fit_jointly
-from hdbench.diagnosis.record import prepare_record
-from hdbench.diagnosis.terms import Term
-from hdbench.diagnosis.whitened import Whitener
+from hdbench.diagnosis.confirm.conditions import conditions_of, left_out_gains
+from hdbench.diagnosis.fit.jointfit import fit_jointly
+from hdbench.diagnosis.fit.terms import Term
+from hdbench.diagnosis.measured.record import prepare_record
+from hdbench.diagnosis.noise.whitened import Whitener
 from hdbench.model import BenchModel, catalogue
 from hdbench.profile import load_profile
 from hdbench.records import Trace

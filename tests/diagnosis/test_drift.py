@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hdbench.diagnosis import diagnose_trace
-from hdbench.diagnosis.drift import turned_motion, without_drift
+from hdbench.diagnosis.measured.drift import turned_motion, without_drift
 from hdbench.model import motion_from_trace
 from hdbench.profile import load_profile
 from hdbench.records import Trace

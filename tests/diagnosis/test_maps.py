@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from hdbench.diagnosis import diagnose_run
-from hdbench.diagnosis.maps import code_map, residual_maps
-from hdbench.diagnosis.result import Pictures
+from hdbench.diagnosis.answer.maps import code_map, residual_maps
+from hdbench.diagnosis.answer.result import Pictures
 from hdbench.profile import load_profile
 from hdbench.records import Trace, write_trace
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from hdbench.diagnosis.passing import bursts, gliding_tones
-from hdbench.diagnosis.record import prepare_record
-from hdbench.diagnosis.whitened import Whitener, make_space
+from hdbench.diagnosis.measured.record import prepare_record
+from hdbench.diagnosis.naming.passing import bursts, gliding_tones
+from hdbench.diagnosis.noise.whitened import Whitener, make_space
 from hdbench.model import BenchModel
 from hdbench.profile import load_profile
 from hdbench.records import Trace

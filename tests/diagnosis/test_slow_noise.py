@@ -6,11 +6,11 @@ from scipy.special import gammaincc
 from scipy.stats import chi2
 
 from hdbench.diagnosis import diagnose_trace
-from hdbench.diagnosis.law import FamilyLaw
-from hdbench.diagnosis.slownoise import RANDOM_WALK, SlowNoise, SlowSpectrum, slow_kernel
-from hdbench.diagnosis.steps import step_statistics
-from hdbench.diagnosis.survey import LineLaw
-from hdbench.diagnosis.whitened import Whitener, make_space
+from hdbench.diagnosis.detect.law import FamilyLaw
+from hdbench.diagnosis.detect.steps import step_statistics
+from hdbench.diagnosis.detect.survey import LineLaw
+from hdbench.diagnosis.noise.slownoise import RANDOM_WALK, SlowNoise, SlowSpectrum, slow_kernel
+from hdbench.diagnosis.noise.whitened import Whitener, make_space
 from hdbench.profile import load_profile
 from hdbench.records import Trace
 

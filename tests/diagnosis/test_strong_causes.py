@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from hdbench.diagnosis import diagnose_trace
-from hdbench.diagnosis.confirm import held_out_residuals
-from hdbench.diagnosis.jointfit import fit_jointly
-from hdbench.diagnosis.record import prepare_record
-from hdbench.diagnosis.terms import Term
-from hdbench.diagnosis.whitened import Whitener
+from hdbench.diagnosis.confirm.predicted import held_out_residuals
+from hdbench.diagnosis.fit.jointfit import fit_jointly
+from hdbench.diagnosis.fit.terms import Term
+from hdbench.diagnosis.measured.record import prepare_record
+from hdbench.diagnosis.noise.whitened import Whitener
 from hdbench.model import BenchModel, catalogue
 from hdbench.profile import load_profile
 from hdbench.records import Trace

@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from hdbench.diagnosis.jointfit import fit_jointly
-from hdbench.diagnosis.record import prepare_record
-from hdbench.diagnosis.scan import null_scans, scan_line, upcrossing_rate
-from hdbench.diagnosis.scanplan import plan_scans
-from hdbench.diagnosis.settle import settle  # noqa: F401 - the room imports as one
-from hdbench.diagnosis.terms import Term
-from hdbench.diagnosis.transform import plan_transform
-from hdbench.diagnosis.whitened import Whitener, make_space
+from hdbench.diagnosis.detect.scan import null_scans, scan_line, upcrossing_rate
+from hdbench.diagnosis.detect.scanplan import plan_scans
+from hdbench.diagnosis.detect.transform import plan_transform
+from hdbench.diagnosis.fit.jointfit import fit_jointly
+from hdbench.diagnosis.fit.settle import settle  # noqa: F401 - the room imports as one
+from hdbench.diagnosis.fit.terms import Term
+from hdbench.diagnosis.measured.record import prepare_record
+from hdbench.diagnosis.noise.whitened import Whitener, make_space
 from hdbench.model import BenchModel, catalogue
 from hdbench.profile import load_profile
 from hdbench.records import Trace

@@ -24,8 +24,8 @@ from hdbench.diagnosis.acquisition.named import Acquired
 from hdbench.diagnosis.acquisition.phase import find_phase_jumps
 from hdbench.diagnosis.acquisition.slips import encoder_glitches, velocity_spikes
 from hdbench.diagnosis.acquisition.units import check_channels
-from hdbench.diagnosis.preflight import Preflight, inspect_trace
-from hdbench.diagnosis.record import Record, torque_from_trace
+from hdbench.diagnosis.measured.preflight import Preflight, inspect_trace
+from hdbench.diagnosis.measured.record import Record, torque_from_trace
 from hdbench.model import BenchModel, motion_from_trace
 from hdbench.profile.schema import ProfileData
 from hdbench.records.trace import Trace

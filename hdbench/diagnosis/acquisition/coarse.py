@@ -9,7 +9,7 @@ from hdbench.diagnosis.acquisition.collect import Cost
 from hdbench.diagnosis.acquisition.flags import flag_samples
 from hdbench.diagnosis.acquisition.measure import Residual, gain_of
 from hdbench.diagnosis.acquisition.named import Acquired, Tail, acquired_cause, entry
-from hdbench.diagnosis.record import Record
+from hdbench.diagnosis.measured.record import Record
 from hdbench.model import CauseTerm
 from hdbench.profile.schema import ProfileData
 from hdbench.records.trace import FloatArray

@@ -17,7 +17,7 @@ from hdbench.diagnosis.acquisition.variance import (
     speed_variance,
     variance_score,
 )
-from hdbench.diagnosis.curves import equal_bins
+from hdbench.diagnosis.naming.curves import equal_bins
 from hdbench.diagnosis.search import Found
 from hdbench.model import CauseTerm
 from hdbench.records.trace import FloatArray

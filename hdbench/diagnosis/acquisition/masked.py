@@ -11,7 +11,7 @@ from hdbench.diagnosis.acquisition.measure import baseline_residual
 from hdbench.diagnosis.acquisition.named import Acquired
 from hdbench.diagnosis.acquisition.stamps import repeated_rows
 from hdbench.diagnosis.acquisition.task import Clean, Task
-from hdbench.diagnosis.record import Record, torque_from_trace
+from hdbench.diagnosis.measured.record import Record, torque_from_trace
 
 __all__ = ["masked_causes"]
 

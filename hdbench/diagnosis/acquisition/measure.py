@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hdbench.diagnosis.gain import Gain
-from hdbench.diagnosis.record import Record
+from hdbench.diagnosis.confirm.gain import Gain
+from hdbench.diagnosis.measured.record import Record
 from hdbench.records.trace import FloatArray
 
 __all__ = ["Residual", "baseline_residual", "gain_of", "likelier_nats", "share_of"]

@@ -10,7 +10,7 @@ from hdbench.diagnosis.acquisition.faults import Fault, restored
 from hdbench.diagnosis.acquisition.flags import DataFlag
 from hdbench.diagnosis.acquisition.measure import Residual, baseline_residual, gain_of, share_of
 from hdbench.diagnosis.acquisition.named import Acquired, acquired_cause
-from hdbench.diagnosis.record import Record
+from hdbench.diagnosis.measured.record import Record
 from hdbench.model import CauseTerm
 from hdbench.records.trace import FloatArray, Trace
 

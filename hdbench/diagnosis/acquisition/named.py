@@ -9,8 +9,8 @@ import numpy as np
 from scipy.special import log_ndtr
 
 from hdbench.diagnosis.acquisition.flags import DataFlag
-from hdbench.diagnosis.gain import Gain
-from hdbench.diagnosis.result import NamedCause
+from hdbench.diagnosis.answer.result import NamedCause
+from hdbench.diagnosis.confirm.gain import Gain
 from hdbench.model import CauseTerm
 
 __all__ = ["Acquired", "Tail", "acquired_cause", "entry", "normal_tail"]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from hdbench.diagnosis.acquisition.channels import Shaft, velocity_of
-from hdbench.diagnosis.record import torque_from_trace
+from hdbench.diagnosis.measured.record import torque_from_trace
 from hdbench.model import baseline_orders, integrate_velocity
 from hdbench.model.localfit import fit_derivative
 from hdbench.model.motion import ACCELERATION_WINDOW_S

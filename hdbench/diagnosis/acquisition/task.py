@@ -11,11 +11,11 @@ from hdbench.diagnosis.acquisition.acquire import Inspected
 from hdbench.diagnosis.acquisition.codes import find_comb
 from hdbench.diagnosis.acquisition.known import of_the_torque
 from hdbench.diagnosis.acquisition.named import Acquired
-from hdbench.diagnosis.baselineterms import BaselineChange
-from hdbench.diagnosis.preflight import Preflight, find_spikes, flag_samples
-from hdbench.diagnosis.record import Record, mask_samples, prepare_record
-from hdbench.diagnosis.resolved import unresolved_motion
-from hdbench.diagnosis.terms import Term
+from hdbench.diagnosis.fit.terms import Term
+from hdbench.diagnosis.measured.baselineterms import BaselineChange
+from hdbench.diagnosis.measured.preflight import Preflight, find_spikes, flag_samples
+from hdbench.diagnosis.measured.record import Record, mask_samples, prepare_record
+from hdbench.diagnosis.measured.resolved import unresolved_motion
 from hdbench.model import BenchModel, Cause, CauseTerm, catalogue, cause_named
 from hdbench.profile import Profile
 from hdbench.records.trace import Trace

@@ -22,7 +22,7 @@ from hdbench.diagnosis.acquisition.ripplecheck import (
     explained,
     swapped,
 )
-from hdbench.diagnosis.record import torque_from_trace
+from hdbench.diagnosis.measured.record import torque_from_trace
 from hdbench.model import baseline_orders, integrate_velocity
 from hdbench.profile.schema import ProfileData
 from hdbench.records.trace import Trace

@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from hdbench.diagnosis.answer.result import Diagnosis, NamedCause, Unexplained
+from hdbench.diagnosis.fit.terms import Term
 from hdbench.diagnosis.loads.extended import extended_by_loads, load_cause_term
 from hdbench.diagnosis.loads.fit import LoadFit, fit_loads
 from hdbench.diagnosis.loads.left import Left
@@ -19,9 +21,7 @@ from hdbench.diagnosis.loads.search import Found
 from hdbench.diagnosis.loads.table import LoadTable
 from hdbench.diagnosis.loads.told import outliers_of, reason_of, settings_of
 from hdbench.diagnosis.loads.weigh import Weighing
-from hdbench.diagnosis.preflight import DataFlag
-from hdbench.diagnosis.result import Diagnosis, NamedCause, Unexplained
-from hdbench.diagnosis.terms import Term
+from hdbench.diagnosis.measured.preflight import DataFlag
 from hdbench.model import BenchModel, catalogue, cause_parameters
 from hdbench.profile.schema import ProfileData
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from hdbench.diagnosis.fit.terms import Term
 from hdbench.diagnosis.loads.fit import fit_loads
 from hdbench.diagnosis.loads.names import Accepted, space_of
 from hdbench.diagnosis.loads.scatter import GainScatter
@@ -14,7 +15,6 @@ from hdbench.diagnosis.loads.search import Found
 from hdbench.diagnosis.loads.shapes import columns_of
 from hdbench.diagnosis.loads.space import make_space, share_p_value
 from hdbench.diagnosis.loads.table import LoadTable, base_columns, one_hot
-from hdbench.diagnosis.terms import Term
 from hdbench.model import Cause
 from hdbench.records.trace import FloatArray
 

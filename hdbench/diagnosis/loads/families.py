@@ -7,10 +7,10 @@ from itertools import pairwise, product
 
 import numpy as np
 
+from hdbench.diagnosis.fit.terms import Term
 from hdbench.diagnosis.loads.shapes import DISCRETE, HELD, columns_of, shape_axis
 from hdbench.diagnosis.loads.space import Space
 from hdbench.diagnosis.loads.table import LoadTable
-from hdbench.diagnosis.terms import Term
 from hdbench.model import Cause
 from hdbench.records.trace import FloatArray
 

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hdbench.diagnosis.fit.terms import Term
 from hdbench.diagnosis.loads.jacobian import jacobian_of, term_covariances
 from hdbench.diagnosis.loads.refine import design_matrix, refined_terms, scaled_solve
 from hdbench.diagnosis.loads.shapes import columns_of, with_simulated
 from hdbench.diagnosis.loads.table import LoadTable
-from hdbench.diagnosis.terms import Term
 from hdbench.records.trace import FloatArray
 
 __all__ = ["LoadFit", "fit_loads", "score_nats"]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hdbench.diagnosis.gain import Gain
+from hdbench.diagnosis.confirm.gain import Gain
 from hdbench.diagnosis.loads.fit import LoadFit
 from hdbench.diagnosis.loads.shapes import columns_of
 from hdbench.diagnosis.loads.table import LoadTable, one_hot

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from hdbench.diagnosis.fit.terms import Term
 from hdbench.diagnosis.loads.shapes import DISCRETE, HELD, columns_of
 from hdbench.diagnosis.loads.table import LoadTable
-from hdbench.diagnosis.terms import Term
 from hdbench.model import Parameter
 from hdbench.records.trace import FloatArray
 

@@ -8,13 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from hdbench.diagnosis.fit.terms import Term
 from hdbench.diagnosis.loads.families import Cell, Family
 from hdbench.diagnosis.loads.fit import LoadFit
 from hdbench.diagnosis.loads.heldout import levels
 from hdbench.diagnosis.loads.null import FamilyLook, look_at_families
 from hdbench.diagnosis.loads.space import Space, make_space
 from hdbench.diagnosis.loads.table import LoadTable
-from hdbench.diagnosis.terms import Term
 from hdbench.model import Cause, Motion
 from hdbench.records.trace import FloatArray
 

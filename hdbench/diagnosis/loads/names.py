@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+from hdbench.diagnosis.fit.terms import Term
 from hdbench.diagnosis.loads.families import Family, best_cell
 from hdbench.diagnosis.loads.fit import LoadFit, fit_loads, score_nats
 from hdbench.diagnosis.loads.shapes import DISCRETE, HELD, columns_of
 from hdbench.diagnosis.loads.space import Space, make_space
 from hdbench.diagnosis.loads.table import LoadTable
-from hdbench.diagnosis.terms import Term
 from hdbench.records.trace import FloatArray
 
 __all__ = ["RIVAL_NATS", "Accepted", "accept", "is_outlier", "parameters_of", "space_of", "without"]

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hdbench.diagnosis.loads.table import LoadTable
-from hdbench.diagnosis.preflight import DataFlag
+from hdbench.diagnosis.measured.preflight import DataFlag
 from hdbench.profile.schema import ProfileData
 
 __all__ = ["inspect_loads"]

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from hdbench.diagnosis.fit.terms import Term
 from hdbench.diagnosis.loads.shapes import DISCRETE, HELD, columns_of, shape_limits
 from hdbench.diagnosis.loads.table import LoadTable
-from hdbench.diagnosis.terms import Term
 from hdbench.records.trace import FloatArray
 
 __all__ = ["design_matrix", "refined_terms", "scaled_solve"]

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from hdbench.diagnosis.fit.terms import Term
 from hdbench.diagnosis.loads.fit import LoadFit, fit_loads
 from hdbench.diagnosis.loads.shapes import columns_of
 from hdbench.diagnosis.loads.space import make_space
 from hdbench.diagnosis.loads.table import LoadTable, base_columns
-from hdbench.diagnosis.terms import Term
 from hdbench.records.trace import FloatArray
 
 __all__ = ["GainScatter", "find_scatter"]

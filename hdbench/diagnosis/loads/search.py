@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hdbench.diagnosis.fit.terms import Term
 from hdbench.diagnosis.loads.families import Family, best_cell, family_cells
 from hdbench.diagnosis.loads.fit import LoadFit, fit_loads, score_nats
 from hdbench.diagnosis.loads.forms import outlier_cause
@@ -14,7 +15,6 @@ from hdbench.diagnosis.loads.names import Accepted, accept, parameters_of, space
 from hdbench.diagnosis.loads.null import FamilyLook, look_at_families
 from hdbench.diagnosis.loads.space import Space
 from hdbench.diagnosis.loads.table import LoadTable
-from hdbench.diagnosis.terms import Term
 from hdbench.model import Cause
 from hdbench.records.trace import FloatArray
 

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from hdbench.diagnosis.fit.terms import Term
 from hdbench.diagnosis.loads.table import LoadTable
-from hdbench.diagnosis.terms import Term
 from hdbench.model import Cause, Parameter, shape_bounds
 from hdbench.records.trace import FloatArray
 

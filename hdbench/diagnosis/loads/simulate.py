@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from hdbench.diagnosis.fit.terms import Term
 from hdbench.diagnosis.loads.forms import in_form
 from hdbench.diagnosis.loads.shapes import columns_of, with_simulated
 from hdbench.diagnosis.loads.table import load_table
-from hdbench.diagnosis.terms import Term
 from hdbench.errors import DataError
 from hdbench.model import BenchModel, cause_named
 from hdbench.profile.schema import ProfileData

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hdbench.diagnosis.gain import Gain
+from hdbench.diagnosis.confirm.gain import Gain
+from hdbench.diagnosis.fit.terms import Term
 from hdbench.diagnosis.loads.fit import LoadFit, fit_loads
 from hdbench.diagnosis.loads.heldout import (
     Folds,
@@ -17,7 +18,6 @@ from hdbench.diagnosis.loads.heldout import (
 )
 from hdbench.diagnosis.loads.names import space_of, without
 from hdbench.diagnosis.loads.shapes import columns_of
-from hdbench.diagnosis.terms import Term
 from hdbench.records.trace import FloatArray
 
 __all__ = ["Weighing"]

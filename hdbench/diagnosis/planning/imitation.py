@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hdbench.diagnosis.noise.whitened import orthonormal
 from hdbench.diagnosis.planning.lines import Bands, LineSpectra, holds
 from hdbench.diagnosis.planning.signatures import (
     Effect,
@@ -15,7 +16,6 @@ from hdbench.diagnosis.planning.signatures import (
     shape_grid,
 )
 from hdbench.diagnosis.planning.sketch import Sketch
-from hdbench.diagnosis.whitened import orthonormal
 from hdbench.model import Cause, shape_bounds
 from hdbench.records.trace import FloatArray
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from hdbench.diagnosis.noise.whitened import orthonormal
 from hdbench.diagnosis.planning.signatures import effect_columns, picked
-from hdbench.diagnosis.whitened import orthonormal
 from hdbench.model import Cause, Motion, baseline_columns
 from hdbench.profile.schema import ProfileData
 from hdbench.records.trace import FloatArray

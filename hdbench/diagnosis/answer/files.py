@@ -1,0 +1,123 @@
+"""The tables of a diagnosis: residual, spectra and maps as CSV."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from hdbench.diagnosis.answer.maps import residual_maps
+from hdbench.diagnosis.answer.result import Pictures
+from hdbench.diagnosis.loads.pictures import LoadPictures
+from hdbench.records import FloatArray, write_atomic
+
+__all__ = ["write_load_pictures", "write_pictures", "write_table"]
+
+_SPECTRUM_FILES = {
+    "motor-order": ("order_spectrum.csv", "motor_order"),
+    "output-order": ("output_order_spectrum.csv", "output_order"),
+    "frequency": ("frequency_spectrum.csv", "frequency_hz"),
+}
+
+
+def write_pictures(folder: Path, pictures: Pictures) -> list[str]:
+    """Write residual, spectra and maps into a run folder.
+
+    Parameters
+    ----------
+    folder : Path
+        The run folder.
+    pictures : Pictures
+        What is to be drawn.
+
+    Returns
+    -------
+    list of str
+        Names of the files; ``map_<domain>.csv`` for every map.
+
+    Raises
+    ------
+    StorageError
+        If a file cannot be written.
+    """
+    table = {
+        "time_s": pictures.time_s,
+        "measured_nm": pictures.measured_nm,
+        "simulated_nm": pictures.simulated_nm,
+        "extended_nm": pictures.extended_nm,
+        "residual_before_nm": pictures.residual_before_nm,
+        "residual_after_nm": pictures.residual_after_nm,
+        "masked": pictures.masked.astype(float),
+    }
+    tables: dict[str, Mapping[str, FloatArray]] = {"residual.csv": table}
+    for spectrum in pictures.spectra:
+        name, axis = _SPECTRUM_FILES[spectrum.domain]
+        tables[name] = {
+            axis: spectrum.axis,
+            "before_nm": spectrum.before_nm,
+            "after_nm": spectrum.after_nm,
+        }
+    for found in residual_maps(pictures):
+        tables[f"map_{found.domain.replace('-', '_')}.csv"] = found.columns()
+    for name, columns in tables.items():
+        write_table(folder / name, columns)
+    return list(tables)
+
+
+def write_load_pictures(folder: Path, pictures: LoadPictures) -> list[str]:
+    """Write the residual of calibration readings into a run folder.
+
+    Parameters
+    ----------
+    folder : Path
+        The run folder.
+    pictures : LoadPictures
+        What is to be drawn.
+
+    Returns
+    -------
+    list of str
+        ``residual.csv``, one row per reading.
+
+    Raises
+    ------
+    StorageError
+        If the file cannot be written.
+    """
+    columns = {
+        "reading": pictures.reading.astype(float),
+        "time_s": pictures.time_s,
+        "torque_nm": pictures.torque_nm,
+        "position_rad": pictures.position_rad,
+        "falling": pictures.falling.astype(float),
+        "used": pictures.used.astype(float),
+        "measured_nm": pictures.measured_nm,
+        "simulated_nm": pictures.simulated_nm,
+        "extended_nm": pictures.extended_nm,
+        "residual_before_nm": pictures.residual_before_nm,
+        "residual_after_nm": pictures.residual_after_nm,
+    }
+    write_table(folder / "residual.csv", columns)
+    return ["residual.csv"]
+
+
+def write_table(path: Path, columns: Mapping[str, FloatArray]) -> None:
+    """Write columns as CSV: nine digits, an empty cell where there is no number.
+
+    Parameters
+    ----------
+    path : Path
+        File to write.
+    columns : mapping of str to ndarray, shape (n,)
+        Name to values.
+
+    Raises
+    ------
+    StorageError
+        If the file cannot be written.
+    """
+    rows = np.column_stack(list(columns.values())).tolist()
+    lines = [",".join(columns)]
+    lines += [",".join("" if x != x else f"{x:.9g}" for x in row) for row in rows]
+    write_atomic(path, ("\n".join(lines) + "\n").encode())

@@ -1,0 +1,185 @@
+"""What the filter gains when the orders that were found become blocks of it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from hdbench.diagnosis.answer.result import Diagnosis, NamedCause
+from hdbench.errors import DataError
+from hdbench.filter import FilterModel, OscillatorBlock, filter_trace, load_filter_model
+from hdbench.model import Motion
+from hdbench.profile import Profile
+from hdbench.records.trace import FloatArray, Trace
+
+__all__ = ["FilterGain", "filter_gain", "further_blocks"]
+
+# blocks whose orders differ by less than this on a record are one line to the filter
+_SAME_ORDER = 1e-3
+# start of the record that the filter needs to settle, as a share of it and in seconds at most
+_SETTLING_SHARE = 0.2
+_SETTLING_S = 5.0
+# causes at a whole multiple of the wave generator's or the output's turn that have no order in
+# their parameters
+_MOTOR_ORDERS = {"wave-generator-eccentricity": 1.0, "motor-unbalance": 1.0}
+_OUTPUT_ORDERS = {"misalignment": 1.0, "load-gravity": 1.0, "angular-misalignment": 2.0}
+# orders that are no torque ripple but tones of the clock need a block of another kind
+_RIPPLE_NAMES = ("ripple-harmonic", "bearing-defect")
+
+
+@dataclass(frozen=True, slots=True)
+class FilterGain:
+    """Filtered torque without and with the new blocks.
+
+    Parameters
+    ----------
+    model : FilterModel
+        The filter with the new blocks.
+    blocks : tuple of OscillatorBlock
+        The new ones.
+    rms_nm : tuple of float
+        Root mean square of filtered torque less what should be left of it, before and after, N m:
+        the extended model without the lines that blocks take.
+    amplitudes_nm : tuple of (float, float)
+        Amplitude at each new block's order in the filtered torque, before and after, N m.
+    from_s : float
+        Time from which both were taken, s: the filter had settled.
+    """
+
+    model: FilterModel
+    blocks: tuple[OscillatorBlock, ...]
+    rms_nm: tuple[float, float]
+    amplitudes_nm: tuple[tuple[float, float], ...]
+    from_s: float
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return it for the result."""
+        return {
+            "model": self.model.name,
+            "from_s": self.from_s,
+            "error_rms_nm": {"before": self.rms_nm[0], "after": self.rms_nm[1]},
+            "blocks": [
+                {
+                    "order": block.order,
+                    "role": block.role,
+                    "amplitude_nm": {"before": before, "after": after},
+                }
+                for block, (before, after) in zip(self.blocks, self.amplitudes_nm, strict=True)
+            ],
+        }
+
+
+def further_blocks(causes: Sequence[NamedCause], base: FilterModel) -> tuple[OscillatorBlock, ...]:
+    """Return the blocks that the causes add to a filter.
+
+    Parameters
+    ----------
+    causes : sequence of NamedCause
+        Causes that were found.
+    base : FilterModel
+        Filter; its first block of a role gives the process noise.
+
+    Returns
+    -------
+    tuple of OscillatorBlock
+        One for each motor or output order that `base` does not have; tones, friction and slow
+        effects are no blocks.
+    """
+    found: list[OscillatorBlock] = []
+    for cause in causes:
+        order, role = _place(cause, base.gear_ratio)
+        taken = [block.order for block in (*base.blocks, *found)]
+        if order is None or any(abs(order - other) <= _SAME_ORDER * order for other in taken):
+            continue
+        like = next((b for b in base.blocks if b.role == role), base.blocks[0])
+        found.append(replace(like, order=order, role=role))
+    return tuple(found)
+
+
+def _place(cause: NamedCause, gear_ratio: float) -> tuple[float | None, Any]:
+    if cause.name in _OUTPUT_ORDERS:
+        return _OUTPUT_ORDERS[cause.name] / gear_ratio, "misalignment"
+    if cause.name in _MOTOR_ORDERS:
+        return _MOTOR_ORDERS[cause.name], "ripple"
+    entry = cause.parameters.get("order")
+    value = entry["value"] if entry is not None and cause.name in _RIPPLE_NAMES else None
+    return (float(value) if isinstance(value, int | float) else None), "ripple"
+
+
+def filter_gain(
+    trace: Trace, motion: Motion, profile: Profile, found: Diagnosis
+) -> FilterGain | None:
+    """Filter a record without and with the orders that were found.
+
+    Parameters
+    ----------
+    trace : Trace
+        The record that was diagnosed, torque in N m.
+    motion : Motion
+        Its motion.
+    profile : Profile
+        Bench; its filter is the one that is extended.
+    found : Diagnosis
+        Result with pictures.
+
+    Returns
+    -------
+    FilterGain or None
+        None where nothing that was found is an order, or the record cannot be filtered.
+    """
+    base = load_filter_model(profile.data.filter.model, profile.data)
+    blocks = further_blocks(found.causes, base)
+    if not blocks or found.pictures is None:
+        return None
+    model = replace(base, name=f"{base.name}-extended", blocks=(*base.blocks, *blocks))
+    try:
+        left = [_filtered(trace, m, profile) for m in (base, model)]
+    except DataError:
+        return None
+    target = _target(motion, found)
+    time = trace.time_s
+    start = float(time[0]) + min(_SETTLING_S, _SETTLING_SHARE * float(time[-1] - time[0]))
+    pictures = found.pictures
+    used = (time >= start) & np.isfinite(left[0] + left[1] + target) & ~pictures.masked
+    used &= np.isfinite(pictures.motor_angle_rad)
+    if not used.any():
+        return None
+    errors = [(values - target)[used] for values in left]
+    rms = [float(np.sqrt(np.mean(error**2))) for error in errors]
+    angle = pictures.motor_angle_rad[used]
+    sizes = [[_amplitude(error, b.order * angle) for error in errors] for b in blocks]
+    return FilterGain(
+        model, blocks, (rms[0], rms[1]), tuple((a, b) for a, b in sizes), start - float(time[0])
+    )
+
+
+def _filtered(trace: Trace, model: FilterModel, profile: Profile) -> FloatArray:
+    """Return the filtered torque, N m."""
+    block = filter_trace(
+        trace,
+        model,
+        velocity_gain_rad_s_per_v=profile.data.tacho.gain_rad_s_per_v,
+        encoder_counts_per_turn=profile.data.encoder.counts_per_turn,
+    )
+    return np.asarray(block.torque_filtered_nm)
+
+
+def _target(motion: Motion, found: Diagnosis) -> FloatArray:
+    """Return what a filter should leave: the extended model without lines, N m."""
+    model = found.model
+    causes = tuple(
+        term
+        for term in model.causes
+        if term.name not in (*_MOTOR_ORDERS, *_OUTPUT_ORDERS, *_RIPPLE_NAMES)
+    )
+    bare = replace(model, ripple=(), misalignment=(0.0, 0.0), causes=causes)
+    return bare.torque_nm(motion)
+
+
+def _amplitude(values: FloatArray, phase: FloatArray) -> float:
+    columns = np.column_stack([np.cos(phase), np.sin(phase), np.ones(len(phase))])
+    cosine, sine, _ = np.linalg.lstsq(columns, values, rcond=None)[0]
+    return float(np.hypot(cosine, sine))

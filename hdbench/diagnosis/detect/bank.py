@@ -1,0 +1,207 @@
+"""Columns of all families, made once for a record and tested against any residual of it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hdbench.diagnosis.detect.shapes import chosen_shapes
+from hdbench.diagnosis.fit.terms import Term, term_columns
+from hdbench.diagnosis.measured.record import Record
+from hdbench.diagnosis.noise.whitened import Whitener
+from hdbench.model import Cause
+from hdbench.records.trace import FloatArray
+
+__all__ = ["Bank", "Gram", "Member", "bank_gram", "build_bank"]
+
+# rows that are whitened at a time, and which of these chunks stand for all
+_CHUNK = 4096
+_SAMPLED = 6
+# memory that the columns may take, bytes; families beyond it get fewer shapes
+_MEMORY = 3.2e8
+_DIRECT = 64
+
+
+@dataclass(frozen=True, slots=True)
+class Member:
+    """A term of a bank.
+
+    Parameters
+    ----------
+    term : Term
+        Cause with a shape.
+    place : slice
+        Its columns in the table.
+    peak_nm : float
+        Largest torque of its columns as they stand in the table, N m per unit of the norm.
+    """
+
+    term: Term
+    place: slice
+    peak_nm: float
+
+
+@dataclass(frozen=True, slots=True)
+class Bank:
+    """Members of all families with their columns.
+
+    Parameters
+    ----------
+    members : tuple of Member
+        Members, family by family.
+    table : ndarray of float32, shape (n_samples, n_columns)
+        Their columns, each scaled to unit mean square.
+    """
+
+    members: tuple[Member, ...]
+    table: NDArray[np.float32]
+
+    @property
+    def families(self) -> dict[str, list[int]]:
+        """Indices of the members of each family, by the cause's name."""
+        found: dict[str, list[int]] = {}
+        for index, member in enumerate(self.members):
+            found.setdefault(member.term.cause.name, []).append(index)
+        return found
+
+    @property
+    def family_places(self) -> tuple[slice, ...]:
+        """Columns of each family: its members stand side by side."""
+        return tuple(
+            slice(self.members[index[0]].place.start, self.members[index[-1]].place.stop)
+            for index in self.families.values()
+        )
+
+
+def build_bank(record: Record, causes: Iterable[Cause]) -> Bank:
+    """Return the bank of causes on a record.
+
+    Parameters
+    ----------
+    record : Record
+        Record.
+    causes : iterable of Cause
+        Causes that the record can show.
+
+    Returns
+    -------
+    Bank
+        Without members whose columns are zero or not finite.
+    """
+    terms = [chosen_shapes(cause, record) for cause in causes]
+    most = int(_MEMORY / (4.0 * len(record.valid)))
+    while sum(len(t[0].cause.linear) * len(t) for t in terms if t) > most:
+        longest = max(range(len(terms)), key=lambda k: len(terms[k]))
+        if len(terms[longest]) <= 1:
+            break
+        terms[longest] = terms[longest][::2]
+    members: list[Member] = []
+    blocks: list[NDArray[np.float32]] = []
+    at = 0
+    for term in (t for family in terms for t in family):
+        columns = term_columns(term, record)
+        size = np.sqrt(np.mean(columns**2, axis=0))
+        if not (np.isfinite(columns).all() and np.all(size > 0.0)):
+            continue
+        columns /= size
+        peak = float(np.sqrt(np.max(np.einsum("nk,nk->n", columns, columns))))
+        members.append(Member(term, slice(at, at + columns.shape[1]), peak))
+        blocks.append(columns.astype(np.float32, order="F"))
+        at += columns.shape[1]
+    table = np.empty((len(record.valid), at), dtype=np.float32, order="F")
+    for member, block in zip(members, blocks, strict=True):
+        table[:, member.place] = block
+    return Bank(tuple(members), table)
+
+
+@dataclass(frozen=True, slots=True)
+class Gram:
+    """Whitened columns of a bank, as far as a look needs them.
+
+    Parameters
+    ----------
+    blocks : tuple of ndarray
+        Gram matrix of each family's whitened columns.
+    rows : ndarray of int, shape (m,)
+        Some samples, in runs spread over the record.
+    sample : ndarray, shape (m, n_columns)
+        All whitened columns at these.
+    """
+
+    blocks: tuple[FloatArray, ...]
+    rows: NDArray[np.int64]
+    sample: NDArray[np.float32]
+
+    def scaled(self, factor: float) -> Gram:
+        """Return the same for whitened columns times a factor."""
+        blocks = tuple(block * factor**2 for block in self.blocks)
+        return Gram(blocks, self.rows, self.sample * np.float32(factor))
+
+
+def bank_gram(bank: Bank, whitener: Whitener) -> Gram:
+    """Return the Gram matrix of the whitened columns of each family.
+
+    Parameters
+    ----------
+    bank : Bank
+        Bank.
+    whitener : Whitener
+        Noise.
+
+    Returns
+    -------
+    Gram
+        Formed chunk by chunk, so that whitened columns are never all in memory.
+    """
+    places = bank.family_places
+    if len(whitener.kernel) > _DIRECT:
+        return _long_gram(bank, whitener)
+    blocks = [np.zeros((p.stop - p.start,) * 2) for p in places]
+    rows, sample = [], []
+    for number, start in enumerate(range(0, len(bank.table), _CHUNK)):
+        white = _white_rows(bank.table, whitener, start, min(start + _CHUNK, len(bank.table)))
+        for block, place in zip(blocks, places, strict=True):
+            part = white[:, place]
+            block += part.T @ part
+        if number % _SAMPLED == 0:
+            rows.append(np.arange(start, start + len(white)))
+            sample.append(white)
+    empty = np.zeros((0, bank.table.shape[1]), dtype=np.float32)
+    return Gram(
+        tuple(blocks),
+        np.concatenate([np.zeros(0, dtype=np.int64), *rows]),
+        np.vstack([empty, *sample]),
+    )
+
+
+def _long_gram(bank: Bank, whitener: Whitener) -> Gram:
+    """Return the same for a kernel that reaches over many chunks, family by family."""
+    starts = range(0, len(bank.table), _CHUNK * _SAMPLED)
+    rows = np.concatenate([np.arange(s, min(s + _CHUNK, len(bank.table))) for s in starts])
+    sample = np.empty((len(rows), bank.table.shape[1]), dtype=np.float32)
+    blocks = []
+    for place in bank.family_places:
+        white = whitener.apply(bank.table[:, place])
+        blocks.append((white.T @ white).astype(np.float64))
+        sample[:, place] = white[rows]
+    return Gram(tuple(blocks), rows, sample)
+
+
+def _white_rows(
+    table: NDArray[np.float32], whitener: Whitener, start: int, stop: int
+) -> NDArray[np.float32]:
+    """Return whitened columns at the samples from `start` to `stop`."""
+    kernel = whitener.kernel.astype(np.float32)
+    lag = len(kernel) - 1
+    first = max(0, start - lag)
+    rows = table[first:stop]
+    white = kernel[0] * rows[start - first :]
+    for shift in range(1, lag + 1):
+        skip = max(0, shift - (start - first))
+        low = start - first - shift + skip
+        white[skip:] += kernel[shift] * rows[low : low + len(white) - skip]
+    white *= (whitener.used[start:stop] / whitener.std).astype(np.float32)[:, None]
+    return np.asarray(white)

@@ -1,0 +1,159 @@
+"""The shapes at which a family is tested: as few as no member escapes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import fields, replace
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+from hdbench.diagnosis.fit.terms import Term
+from hdbench.diagnosis.measured.record import Record
+from hdbench.diagnosis.noise.whitened import orthonormal
+from hdbench.model import Cause, Motion, Parameter, shape_bounds
+from hdbench.records.trace import FloatArray
+
+__all__ = ["chosen_shapes", "shape_grid", "thinned_motion"]
+
+# grid points of special parameters, and of any other by how many the cause has
+_SPECIAL = {
+    "position_rad": 32,
+    "width_turns": 2,
+    "resonance_hz": 10,
+    "damping": 1,
+    "delay_s": 6,
+    "sharpness": 3,
+    "knee_ratio": 3,
+}
+_POINTS = {1: 12, 2: 6, 3: 4}
+# orders at which a cause with further shapes is tried: those of the drive's two lobes
+_ORDERS = (1.0, 2.0, 4.0, 6.0)
+# a domain wider than this ratio is gridded by equal ratios
+_WIDE = 10.0
+# samples on which members of a family are compared: enough for every slow shape, and fast
+_THIN = 4000
+# a shape is left out where one that is kept has this share of its energy in common; less, until a
+# family is no larger than this
+_ALIKE = (0.9, 0.8, 0.65, 0.5)
+_MOST = 16
+
+
+def _grid(parameter: Parameter, bands: tuple[tuple[float, float], ...], count: int) -> FloatArray:
+    points = []
+    for low, high in bands:
+        if count == 1:
+            points.append(np.array([float(np.sqrt(low * high)) if low > 0.0 else low]))
+        elif parameter.name == "order":
+            points.append(np.array([order for order in _ORDERS if low <= order <= high]))
+        elif low > 0.0 and high > _WIDE * low:
+            points.append(np.geomspace(low, high, count))
+        else:
+            points.append(np.linspace(low, high, count))
+    return np.concatenate(points) if points else np.zeros(0)
+
+
+def shape_grid(cause: Cause, motion: Motion) -> list[Mapping[str, float]]:
+    """Return a fine grid over the shapes of a cause.
+
+    Parameters
+    ----------
+    cause : Cause
+        Cause.
+    motion : Motion
+        Motion; cuts the domain to what it can show.
+
+    Returns
+    -------
+    list of mapping
+        One empty mapping for a cause without shape parameters.
+    """
+    bounds = shape_bounds(cause, motion)
+    count = _POINTS.get(len(cause.shape), 3)
+    axes = [_grid(p, bounds[p.name], _SPECIAL.get(p.name, count)) for p in cause.shape]
+    names = [p.name for p in cause.shape]
+    return [dict(zip(names, map(float, point), strict=True)) for point in product(*axes)]
+
+
+def thinned_motion(motion: Motion, step: int) -> Motion:
+    """Return every `step`-th sample of a motion.
+
+    Parameters
+    ----------
+    motion : Motion
+        Motion.
+    step : int
+        At least 1.
+
+    Returns
+    -------
+    Motion
+        A stretch starts where one of the samples left out was the start of one.
+    """
+    changes: dict[str, Any] = {
+        field.name: value[::step]
+        for field in fields(motion)
+        if isinstance(value := getattr(motion, field.name), np.ndarray)
+    }
+    if motion.starts is not None:
+        edges = np.arange(0, len(motion), step)
+        changes["starts"] = np.logical_or.reduceat(motion.starts, edges)
+    return replace(motion, **changes)
+
+
+def chosen_shapes(cause: Cause, record: Record) -> list[Term]:
+    """Return members of a family so that every point of a fine grid is like one of them.
+
+    Parameters
+    ----------
+    cause : Cause
+        Cause.
+    record : Record
+        Record.
+
+    Returns
+    -------
+    list of Term
+        Empty where the record shows nothing of the cause, or its columns are not finite.
+
+    Notes
+    -----
+    Members are compared on some thousand samples, the baseline projected out, without whitening:
+    alike are two of whose energy nine tenths lie in the other's span. What follows the motor is too
+    fast for that and keeps its grid.
+    """
+    grid = shape_grid(cause, record.motion)
+    if not grid:
+        return []
+    # a shift of the whole signal has its ripple, which every n-th sample does not resolve
+    if len(grid) == 1 or cause.locked_to == "motor" or "delay_s" in grid[0]:
+        return [Term(cause, shape) for shape in grid]
+    step = max(1, len(record.valid) // _THIN)
+    motion, seen = thinned_motion(record.motion, step), record.valid[::step]
+    base = orthonormal(record.base[::step])
+    seen_shapes: list[tuple[Term, FloatArray]] = []
+    for shape in grid:
+        columns = np.where(seen[:, None], cause.columns(motion, shape), 0.0)
+        if not np.isfinite(columns).all():
+            return []
+        before = float(np.sum(columns**2))
+        columns = columns - base @ (base.T @ columns)
+        # what the baseline explains but for rounding shows nothing
+        if float(np.sum(columns**2)) > 1e-6 * before:
+            seen_shapes.append((Term(cause, shape), orthonormal(columns)))
+    for alike in _ALIKE:
+        kept = _unlike(seen_shapes, alike)
+        if len(kept) <= _MOST:
+            break
+    return kept
+
+
+def _unlike(shapes: list[tuple[Term, FloatArray]], alike: float) -> list[Term]:
+    """Return the terms of which none has more in common with one before it."""
+    kept: list[tuple[Term, FloatArray]] = []
+    for term, basis in shapes:
+        like = (float(np.sum((b.T @ basis) ** 2)) / basis.shape[1] for _, b in kept)
+        if max(like, default=0.0) < alike:
+            kept.append((term, basis))
+    return [term for term, _ in kept]

@@ -1,0 +1,198 @@
+"""Causes and noise fitted in turn; what the noise model must not swallow."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from hdbench.diagnosis.detect.scanplan import LineScan
+from hdbench.diagnosis.fit.jointfit import JointFit, fit_jointly
+from hdbench.diagnosis.fit.terms import Term
+from hdbench.diagnosis.measured.record import Record
+from hdbench.diagnosis.noise.notch import without_lines
+from hdbench.diagnosis.noise.slownoise import SlowNoise, SlowSpectrum, slow_kernel, slow_spectrum
+from hdbench.diagnosis.noise.whitened import Whitener, make_space, make_whitener
+from hdbench.estimation import NoiseModel, fit_noise
+from hdbench.records.trace import FloatArray
+
+__all__ = [
+    "Hidden",
+    "Noise",
+    "nats",
+    "plain_spectrum",
+    "settle",
+    "without_coarse",
+]
+
+
+@dataclass(frozen=True, slots=True)
+class Noise:
+    """Noise model and its whitener.
+
+    Parameters
+    ----------
+    model : NoiseModel
+        Autoregression; its innovation is in N m.
+    whitener : Whitener
+        Its operator on the record.
+    slow : SlowNoise or None
+        Power that rises towards 0 Hz, where that was accepted.
+    """
+
+    model: NoiseModel
+    whitener: Whitener
+    slow: SlowNoise | None = None
+
+    @property
+    def ar_kernel(self) -> FloatArray:
+        """Kernel that whitens all but the slow noise."""
+        return np.concatenate([[1.0], -self.model.coefficients])
+
+
+@dataclass(frozen=True, slots=True)
+class Hidden:
+    """What a noise model must not see: coarse columns, and lines.
+
+    Parameters
+    ----------
+    coarse : ndarray, shape (n_samples, k)
+        Orthonormal columns, as `coarse_basis` makes them.
+    scans : tuple of LineScan
+        Scans; those over motor order and frequency find the lines.
+    """
+
+    coarse: FloatArray
+    scans: tuple[LineScan, ...]
+
+
+def _noise_of(record: Record, fit: JointFit, hidden: Hidden, exponent: float) -> Noise:
+    left = without_coarse(record, fit, hidden)
+    if not exponent > 0.0:
+        model = fit_noise(left, record.valid, starts=record.starts, keep_lines=False)
+        return Noise(model, make_whitener(model, record.valid, record.starts))
+    slow = plain_spectrum(record, fit, left).fit(exponent)
+    response = slow_kernel(slow, len(left))
+    # the slow noise first, then what colour is left
+    rough = Whitener(response, 1.0, record.valid, record.valid)
+    model = fit_noise(rough.apply(left), record.valid, starts=record.starts, keep_lines=False)
+    whitener = make_whitener(model, record.valid, record.starts)
+    kernel = np.asarray(np.convolve(response, whitener.kernel)[: len(left)], dtype=np.float64)
+    return Noise(model, replace(whitener, kernel=kernel), slow)
+
+
+def without_coarse(record: Record, fit: JointFit, hidden: Hidden) -> FloatArray:
+    """Return a residual without what a noise model must not see, N m.
+
+    Parameters
+    ----------
+    record : Record
+        Record.
+    fit : JointFit
+        Fit that the residual belongs to.
+    hidden : Hidden
+        What the noise model must not see.
+
+    Returns
+    -------
+    ndarray, shape (n_samples,)
+    """
+    left = np.where(record.valid, record.response_nm - fit.fitted_nm, 0.0)
+    left = left - hidden.coarse @ (hidden.coarse.T @ left)
+    return without_lines(left, record.valid, hidden.scans)
+
+
+def plain_spectrum(record: Record, fit: JointFit, left: FloatArray) -> SlowSpectrum:
+    """Return the slow spectrum of a residual that is not whitened.
+
+    Parameters
+    ----------
+    record : Record
+        Record.
+    fit : JointFit
+        Fit.
+    left : ndarray, shape (n_samples,)
+        As `without_coarse` gives it.
+
+    Returns
+    -------
+    SlowSpectrum
+        In units of the residual: an autoregression would follow the rise towards 0 Hz part of the
+        way.
+    """
+    model = fit_noise(left, record.valid, starts=record.starts, max_order=0, keep_lines=False)
+    whitener = make_whitener(model, record.valid, record.starts)
+    return slow_spectrum(make_space(whitener, fit.explained, record.response_nm))
+
+
+def settle(
+    record: Record,
+    terms: tuple[Term, ...],
+    noise: Noise | None,
+    hidden: Hidden,
+    exponent: float = 0.0,
+) -> tuple[JointFit, Noise]:
+    """Fit terms and noise in turn.
+
+    Parameters
+    ----------
+    record : Record
+        Record.
+    terms : tuple of Term
+        Causes.
+    noise : Noise or None
+        Noise to start from; white without it.
+    hidden : Hidden
+        What the noise model must not see.
+    exponent : float
+        Exponent of the slow noise; 0 where there is none.
+
+    Returns
+    -------
+    fit : JointFit
+    noise : Noise
+    """
+    if noise is None:
+        white = _white(record)
+        fit = fit_jointly(record, terms, white.whitener, refine=False)
+        noise = _noise_of(record, fit, hidden, exponent)
+    return _in_turn(record, terms, noise, hidden, exponent)
+
+
+def _white(record: Record) -> Noise:
+    """Return white noise of unit variance."""
+    model = NoiseModel((np.zeros(0),), np.ones(1), int(record.valid.sum()))
+    return Noise(model, make_whitener(model, record.valid, record.starts))
+
+
+def _in_turn(
+    record: Record, terms: tuple[Term, ...], noise: Noise, hidden: Hidden, exponent: float
+) -> tuple[JointFit, Noise]:
+    """Return the fit in a noise, the noise that it leaves, and the fit in that."""
+    fit = fit_jointly(record, terms, noise.whitener)
+    noise = _noise_of(record, fit, hidden, exponent)
+    return fit_jointly(record, fit.terms, noise.whitener, refine=False), noise
+
+
+def nats(fit: JointFit, noise: Noise) -> float:
+    """Return the log likelihood of a fit in its noise, but for a constant.
+
+    A whitener is a triangular matrix: its determinant is a power of the kernel's first value.
+
+    Parameters
+    ----------
+    fit : JointFit
+        Fit.
+    noise : Noise
+        Noise.
+
+    Returns
+    -------
+    float
+        Less what the orders of the noise pay.
+    """
+    whitener = noise.whitener
+    variance = fit.chi2 * whitener.std**2 / int(whitener.used.sum())
+    count = float(whitener.valid.sum())
+    likelihood = count * (float(np.log(whitener.kernel[0])) - 0.5 * float(np.log(variance)))
+    return likelihood - 0.5 * noise.model.order * float(np.log(count))

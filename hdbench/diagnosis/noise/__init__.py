@@ -1,0 +1,1 @@
+"""The noise of a record, and the space in which it is white."""
