@@ -36,6 +36,7 @@ coverage-campaign: $(VENV)/.dev
 blind: $(VENV)/.dev
 	$(BIN)/python tools/blind.py --full --processes $$(nproc) --out build/blind
 	$(BIN)/python tools/blind.py --rivals 150 --processes $$(nproc) --out build/blind
+	$(BIN)/python tools/null_campaign.py --records 2100 --processes $$(nproc) --out build/blind
 	$(BIN)/python tools/blind.py --report build/blind --write
 
 # Break what can be broken: a twentieth of the campaign, and the whole with its table written.

@@ -20,7 +20,8 @@ from hdbench.gauges.misplacement import (
 )
 from hdbench.gauges.offcentre import off_centre
 from hdbench.gauges.strain import PlacementErrors, StrainField, Wave, grid_strain
-from hdbench.gauges.tolerance import Tolerance, tabulate_errors
+from hdbench.gauges.tabulate import tabulate_errors
+from hdbench.gauges.tolerance import Tolerance
 
 __all__ = [
     "LAYOUTS",

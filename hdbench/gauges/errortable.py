@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from hdbench.gauges.layout import cancellation
 from hdbench.gauges.misplacement import GaugedBench
 from hdbench.gauges.quantiles import Quantile
-
-if TYPE_CHECKING:
-    from hdbench.gauges.tolerance import Tolerance
+from hdbench.gauges.tolerance import Tolerance
 
 __all__ = ["ErrorTable", "OneOff", "Scatter"]
 

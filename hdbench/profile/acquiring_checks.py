@@ -6,7 +6,7 @@ import difflib
 from collections.abc import Iterator, Mapping
 from importlib.metadata import entry_points
 
-from hdbench.profile.checks import Conflict
+from hdbench.profile.conflict import Conflict
 from hdbench.profile.modbus_checks import modbus_conflicts
 
 __all__ = ["acquiring_problems"]

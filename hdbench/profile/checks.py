@@ -4,34 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
-__all__ = ["Conflict", "profile_problems", "wave_problems"]
+from hdbench.profile.acquiring_checks import acquiring_problems
+from hdbench.profile.conflict import Conflict
+
+__all__ = ["profile_problems", "wave_problems"]
 
 # shares of a period given as decimals add up to 1 within a few roundings
 _SHARE_ROUNDING = 1e-12
 _SHARES = (("rise", 0.0), ("duty", 0.5), ("fall", 0.0))
 _PERIODIC = ("sine", "square", "triangle", "trapezoid", "chirp")
-
-
-@dataclass(frozen=True, slots=True)
-class Conflict:
-    """Keys that do not go together.
-
-    Parameters
-    ----------
-    key : tuple of str or int
-        The key to look at.
-    what : str
-        What was found and what is needed, with unit.
-    fix : str
-        One next act.
-    """
-
-    key: tuple[str | int, ...]
-    what: str
-    fix: str
 
 
 def _get(data: object, *key: str) -> object:
@@ -221,9 +204,6 @@ def profile_problems(data: object) -> list[Conflict]:
     -------
     list of Conflict
     """
-    # it needs the class above
-    from hdbench.profile.acquiring_checks import acquiring_problems
-
     reference: Any = _get(data, "ripple", "reference")
     return [
         *wave_problems(reference, ("ripple", "reference")),

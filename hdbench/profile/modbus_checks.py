@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
-from hdbench.profile.checks import Conflict
+from hdbench.profile.conflict import Conflict
 
 __all__ = ["modbus_conflicts", "number_ranges"]
 

@@ -7,7 +7,7 @@ from typing import Annotated, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from hdbench.profile.checks import Conflict
+from hdbench.profile.conflict import Conflict
 
 __all__ = ["NonNegative", "Positive", "Table", "refuse"]
 
