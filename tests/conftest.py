@@ -2,6 +2,9 @@
 
 A deadline on a shared machine can be missed for no fault of the code: the scheduler gives the
 time slice to somebody else. What calculates is never tried again; a wrong number stays wrong.
+
+Examples of hypothesis are the same in every run and have no deadline: the suite says whether a
+change is good, looking for new inputs is the work of `tools/fault_inputs.py`.
 """
 
 from __future__ import annotations
@@ -9,6 +12,12 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from hypothesis import HealthCheck, settings
+
+settings.register_profile(
+    "suite", deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow]
+)
+settings.load_profile("suite")
 
 _HERE = Path(__file__).parent
 # real sockets, pseudo-terminals, processes, signals, a browser
