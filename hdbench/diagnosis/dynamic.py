@@ -6,14 +6,11 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hdbench.diagnosis.acquisition.acquire import inspect_channels, moving_causes
-from hdbench.diagnosis.acquisition.late import (
-    late_spikes,
-    noise_law,
-    speed_noise_cause,
-    still_left,
-)
+from hdbench.diagnosis.acquisition.late import noise_law, speed_noise_cause, still_left
+from hdbench.diagnosis.acquisition.latespikes import explained_spikes, late_spikes
 from hdbench.diagnosis.acquisition.masked import masked_causes
 from hdbench.diagnosis.acquisition.measure import baseline_residual
 from hdbench.diagnosis.acquisition.named import Acquired
@@ -151,11 +148,23 @@ def _searched(
     """Return what the search finds, once more where spikes only show in its residual."""
     found = _search(task, clean, known, rng, report)
     spikes = clean.above_steps(late_spikes(found))
-    if not spikes.any():
-        return found, clean
-    report("searching again without spikes", 0.9)
-    clean = clean.without(spikes)
-    return _search(task, clean, known, rng, report), clean
+    if spikes.any():
+        report("searching again without spikes", 0.9)
+        clean = clean.without(spikes)
+        found = _search(task, clean, known, rng, report)
+    return found, clean.restored(_explained(task, clean, found))
+
+
+def _explained(task: Task, clean: Clean, found: Found) -> NDArray[np.bool_]:
+    """Return the spikes that are none beside the causes; none where the motion was aligned."""
+    none = np.zeros(len(clean.spikes), dtype=bool)
+    if (
+        not (clean.spikes.any() and found.accepted)
+        or found.record.motion.angle_source == "velocity"
+    ):
+        return none
+    masked = ~clean.record.valid & ~clean.spikes
+    return explained_spikes(found, task.prepare(clean.inspected.trace, masked), clean.spikes)
 
 
 def _search(

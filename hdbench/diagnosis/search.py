@@ -7,20 +7,21 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hdbench.diagnosis.detect.looks import SHARES, Look, Looks, look_at
+from hdbench.diagnosis.detect.looks import SHARES, Looks, look_at
 from hdbench.diagnosis.detect.scanplan import LineScan
 from hdbench.diagnosis.detect.survey import Survey
+from hdbench.diagnosis.fit.again import weigh_again
+from hdbench.diagnosis.fit.choose import named_first, with_names
 from hdbench.diagnosis.fit.formterms import accept_form, best_form, beyond_form, formed_strength
 from hdbench.diagnosis.fit.jointfit import JointFit, fit_jointly
 from hdbench.diagnosis.fit.settle import Noise
-from hdbench.diagnosis.fit.terms import Term, term_columns
+from hdbench.diagnosis.fit.swap import swap_for_pair
+from hdbench.diagnosis.fit.terms import Term
 from hdbench.diagnosis.measured.record import Beyond, Record
-from hdbench.diagnosis.naming.candidates import Candidate
 from hdbench.diagnosis.naming.challengers import Left, challenge
-from hdbench.diagnosis.naming.nameless import unnamed
-from hdbench.diagnosis.naming.ranking import name_residual, promise, rank_looks
+from hdbench.diagnosis.naming.ranking import name_residual, rank_looks
 from hdbench.diagnosis.naming.renaming import drop_needless, rename_all, strengths
-from hdbench.diagnosis.noise.whitened import Space, make_space
+from hdbench.diagnosis.noise.whitened import Space
 from hdbench.diagnosis.slowsearch import accept_slow_noise, outweighs, slow_noise, with_walk
 from hdbench.diagnosis.state import Accepted, State, Walk, accepted_as
 from hdbench.model import Cause
@@ -34,8 +35,6 @@ _FORM_ERROR = 1e-4
 _REMAINS = 2
 # fewer nats of slow noise than this share of what a strong cause explains are left by its form
 _SLOW_FORM = 0.02
-# a place without a name must explain more than two names by this, nats: a Bayes factor of 20
-_UNNAMED_BONUS = 3.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,11 +127,15 @@ def search(
             break
         if not _step(state, space, looks, alpha, align):
             break
+    swap_for_pair(state)
     if len(state.accepted) > 1:
         progress("going over the names again", 0.92)
         rename_all(state)
-        space = state.space()
+    space = state.space()
     left = challenge(space, state.record, state.noise.model.innovation_std, alpha * SHARES["tests"])
+    if state.rounding is not None:
+        # the scatter of rounded readings depends on where in a step the torque lies
+        left = [one for one in left if one.domain != "variance"]
     return Found(
         state.fit,
         state.noise,
@@ -179,23 +182,30 @@ def _step(
         return False
     seen = beyond_form(state, tuple(k for k in looks.looks if k.terms))
     ranked = rank_looks(space, state.record, state.survey, seen) if alarms else []
-    named = _with_names(state, space, seen, ranked)
+    named = with_names(state, space, seen, ranked)
     if slow is not None and outweighs(state, slow, named or ranked):
         accept_slow_noise(state, slow, ranked, chance)
         return True
     if not ranked or not ranked[0].score_nats > 0.0:
         return False
-    ranked = _named_first(state, named, ranked)
+    ranked = named_first(state, space, seen, named, ranked)
     naming = with_walk(state, name_residual(space, state.record, ranked), slow)
     state.accepted.append(accepted_as(naming, min(look.false_alarm for look in alarms)))
     terms = (*state.fit.terms, naming.best.term)
     state.fit = fit_jointly(state.record, terms, state.noise.whitener)
+    _settled(state, align)
+    if weigh_again(state, naming.best.statistic):
+        _settled(state, align)
+    drop_needless(state)
+    return True
+
+
+def _settled(state: State, align: Callable[[Beyond], Record] | None) -> None:
+    """Fit terms and noise anew, and the motion where that depends on them."""
     if align is None:
         state.settle(state.fit.terms)
     else:
         state.realign(align)
-    drop_needless(state)
-    return True
 
 
 def _took_form(state: State, space: Space, looks: Looks) -> bool:
@@ -206,37 +216,3 @@ def _took_form(state: State, space: Space, looks: Looks) -> bool:
     form = best_form(state, space, losses)
     best = max(look.statistic for look in looks.looks if look.terms)
     return form is not None and accept_form(state, form, best)
-
-
-def _with_names(
-    state: State, space: Space, looks: tuple[Look, ...], ranked: list[Candidate]
-) -> list[Candidate]:
-    """Return the candidates that have names, best first."""
-    if not ranked or not unnamed(ranked[0].term):
-        return ranked
-    rest = tuple(k for k in looks if not all(map(unnamed, k.terms)))
-    found = rank_looks(space, state.record, state.survey, rest)
-    return [c for c in found if not unnamed(c.term) and c.score_nats > 0.0]
-
-
-def _named_first(state: State, named: list[Candidate], ranked: list[Candidate]) -> list[Candidate]:
-    """Return the candidates with names where two of them explain as much as one without a name.
-
-    A table or a bump gathers what two causes do at the same place.
-    """
-    if not unnamed(ranked[0].term) or not named:
-        return ranked
-    wanted = ranked[0].score_nats - _UNNAMED_BONUS
-    if named[0].score_nats < wanted:
-        columns = term_columns(named[0].term, state.record)
-        explained = np.hstack([state.fit.explained, columns])
-        beside = make_space(state.noise.whitener, explained, state.record.response_nm)
-        terms = (*state.fit.terms, named[0].term)
-        others = look_at(beside, state.record, state.survey, terms, state.grams)
-        second = max(
-            (promise(k) for k in others.looks if k.terms and not all(map(unnamed, k.terms))),
-            default=0.0,
-        )
-        if named[0].score_nats + max(second, 0.0) < wanted:
-            return ranked
-    return [*named, *ranked]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 from hdbench.diagnosis.fit.jointfit import fit_jointly
@@ -24,6 +25,9 @@ _SLOW_COST = 3.0
 _SLOW_BONUS = 5.0
 # a cause that explains this many times as much needs no comparison
 _FAR = 3.0
+# names that are held against a walk in noise of their own, and a ratio that is beyond all doubt
+_TRIED = 5
+_MOST_NATS = 100.0
 # share of the score of a table over time from which slow noise stands in for it
 _SLOW_SHARE = 0.3
 
@@ -109,12 +113,29 @@ def accept_slow_noise(
     chance : float
         Probability of such a finding without any effect.
     """
-    near = slow.gain_nats - _SLOW_COST - RIVAL_NATS
-    names = (c.term.cause.name for c in ranked if c.score_nats >= near and not unnamed(c.term))
+    rivals = _beside_walk(state, slow, ranked) if slow.exponent == RANDOM_WALK else ()
     state.exponent = slow.exponent
     if slow.exponent == RANDOM_WALK:
-        state.walk = Walk(slow, chance, tuple(dict.fromkeys(names)))
+        state.walk = Walk(slow, chance, rivals)
     state.settle(state.fit.terms)
+
+
+def _beside_walk(state: State, slow: SlowNoise, ranked: list[Candidate]) -> tuple[str, ...]:
+    """Return the names within 3 nats of a walk, each in the noise that it leaves itself."""
+    near = slow.gain_nats - _SLOW_COST - RIVAL_NATS
+    close: dict[str, Candidate] = {}
+    for one in ranked:
+        if one.score_nats >= near and not unnamed(one.term):
+            close.setdefault(one.term.cause.name, one)
+    terms = state.fit.terms
+    alone = nats(*settle(state.record, terms, state.noise, state.hidden, slow.exponent))
+    rivals = []
+    for name, one in [*close.items()][:_TRIED]:
+        beside = settle(state.record, (*terms, one.term), state.noise, state.hidden)
+        paid = 0.5 * one.statistic - one.score_nats
+        if nats(*beside) - paid >= alone - _SLOW_COST - RIVAL_NATS:
+            rivals.append(name)
+    return tuple(rivals)
 
 
 def with_walk(state: State, naming: Naming, slow: SlowNoise | None) -> Naming:
@@ -142,7 +163,9 @@ def with_walk(state: State, naming: Naming, slow: SlowNoise | None) -> Naming:
     alone = settle(state.record, terms, state.noise, state.hidden, slow.exponent)
     beside = settle(state.record, (*terms, naming.best.term), state.noise, state.hidden)
     paid = 0.5 * naming.best.statistic - naming.best.score_nats
-    if nats(*alone) - _SLOW_COST < nats(*beside) - paid - RIVAL_NATS:
+    behind = nats(*beside) - paid - (nats(*alone) - _SLOW_COST)
+    if behind > RIVAL_NATS:
         return naming
     walk = Term(catalogue()["zero-random-walk"], {})
-    return replace(naming, rivals=(*naming.rivals, walk))
+    share = naming.probability / (1.0 + naming.probability * math.exp(min(-behind, _MOST_NATS)))
+    return replace(naming, rivals=(*naming.rivals, walk), probability=share)

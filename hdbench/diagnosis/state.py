@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -14,8 +14,10 @@ from hdbench.diagnosis.fit.jointfit import JointFit, fit_jointly
 from hdbench.diagnosis.fit.settle import Hidden, Noise, settle
 from hdbench.diagnosis.fit.terms import Term, term_columns
 from hdbench.diagnosis.measured.record import Beyond, Record, with_simulated
+from hdbench.diagnosis.measured.skewed import signal_in_channel
 from hdbench.diagnosis.naming.ranking import Naming
 from hdbench.diagnosis.noise.coarse import coarse_basis
+from hdbench.diagnosis.noise.rounding import Rounding, coarse_rounding
 from hdbench.diagnosis.noise.slownoise import SlowNoise
 from hdbench.diagnosis.noise.whitened import Space, make_space
 from hdbench.model import Cause
@@ -25,7 +27,7 @@ __all__ = ["Accepted", "State", "Walk", "accepted_as"]
 
 # names of a torque once per output turn; far beyond the model's misalignment it is a weight first
 _ONCE_PER_TURN = ("load-gravity", "misalignment")
-# a probability below the smallest normal double is not zero
+# smallest normal double
 _SMALLEST = 1e-300
 
 
@@ -47,6 +49,8 @@ class Accepted:
         Other terms within 3 nats.
     form : bool
         True for a part of an earlier cause of the same name: it is none of its own.
+    probability : float or None
+        Of the group, among all names; None where no others were held against it.
     """
 
     name: str
@@ -55,6 +59,7 @@ class Accepted:
     group: tuple[Term, ...]
     rivals: tuple[Term, ...]
     form: bool = False
+    probability: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,6 +109,8 @@ class State:
         Random walk of the zero that was accepted.
     accepted : list of Accepted
         Causes, in the order of the fit's terms after those that were known.
+    rounding : Rounding or None
+        Coarse steps of the converter; their mean error is part of what the record holds fixed.
     """
 
     record: Record
@@ -117,6 +124,7 @@ class State:
     exponent: float = 0.0
     walk: Walk | None = None
     accepted: list[Accepted] = field(default_factory=list)
+    rounding: Rounding | None = None
 
     @classmethod
     def start(
@@ -130,11 +138,17 @@ class State:
         hidden = Hidden(coarse_basis(record), plan_scans(record))
         weight = _weight_terms(record, causes, known)
         fit, noise = settle(record, (*known, *weight[:1]), None, hidden)
+        coarse = coarse_rounding(record, fit.fitted_nm)
+        if coarse:
+            record, coarse = coarse.taken_out(record, fit.fitted_nm)
+            fit, noise = settle(record, (*known, *weight[:1]), None, hidden)
         accepted = [_evident(record, known, weight, fit, noise)] if weight else []
-        record = with_simulated(record, fit.fitted_nm)
+        record = with_simulated(record, signal_in_channel(record, fit.fitted_nm))
         space = make_space(noise.whitener, fit.explained, record.response_nm)
         survey = make_survey(record, causes, space, hidden.scans, rng)
-        return cls(record, causes, rng, hidden, fit, noise, survey, accepted=accepted)
+        return cls(
+            record, causes, rng, hidden, fit, noise, survey, accepted=accepted, rounding=coarse
+        )
 
     @property
     def n_known(self) -> int:
@@ -147,18 +161,23 @@ class State:
 
     def settle(self, terms: tuple[Term, ...]) -> None:
         """Fit terms and noise anew."""
-        self.fit, self.noise = settle(self.record, terms, self.noise, self.hidden, self.exponent)
-        if any(term.cause.whole_signal for term in terms):
-            # such a cause acts on the signal that is fitted beside it: once more with that
+        self._settle(terms)
+        if self.rounding:
+            self.record, self.rounding = self.rounding.taken_out(self.record, self.fit.fitted_nm)
+            self._settle(self.fit.terms)
+        if any(term.cause.whole_signal for term in terms):  # once more with the signal beside it
             self.record = with_simulated(self.record, _signal(self.record, self.fit))
-            terms = self.fit.terms
-            self.fit, self.noise = settle(
-                self.record, terms, self.noise, self.hidden, self.exponent
-            )
+            self._settle(self.fit.terms)
+
+    def _settle(self, terms: tuple[Term, ...]) -> None:
+        self.fit, self.noise = settle(self.record, terms, self.noise, self.hidden, self.exponent)
 
     def realign(self, align: Callable[[Beyond], Record]) -> None:
         """Align the motion with what is explained now, and plan all looks anew."""
         record = align(_beyond(self.record, self.fit))
+        if self.rounding:
+            fresh = replace(self.rounding, held_nm=None)
+            record, self.rounding = fresh.taken_out(record, self.fit.fitted_nm)
         self.record = with_simulated(record, self.fit.fitted_nm)
         self.hidden = Hidden(coarse_basis(self.record), plan_scans(self.record))
         self.settle(self.fit.terms)
@@ -210,6 +229,7 @@ def accepted_as(naming: Naming, false_alarm: float) -> Accepted:
         naming.best.score_nats,
         naming.group,
         naming.rivals,
+        probability=naming.probability,
     )
 
 

@@ -168,7 +168,8 @@ causes[].name | text | | name in the catalogue
 causes[].group | list | | names that these data cannot tell from it
 causes[].rivals | list | | names within 3 nats
 causes[].parameters | table | | value, std and unit of each parameter
-causes[].evidence_nats | number | nat | evidence on data not fitted to
+causes[].evidence_nats | number | nat | log of the evidence for the name against no effect
+causes[].probability | number or null | | share of the group in the evidence of all names
 causes[].false_alarm_probability | number | | chance of this evidence where there is no such cause
 causes[].gain | table | | held-out rms before and after, explained fraction with its interval
 causes[].separating_experiment | text | | run that tells it from its rivals

@@ -1,4 +1,4 @@
-"""What shows in the whitened residual once all else is explained: spikes, noise over speed."""
+"""Noise that grows with the speed, in the whitened residual once all else is explained."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import gammaincc, ndtri
 
-from hdbench.diagnosis.acquisition.flags import mask_runs
 from hdbench.diagnosis.acquisition.measure import Residual, gain_of
 from hdbench.diagnosis.acquisition.named import Acquired, Tail, acquired_cause, entry, normal_tail
 from hdbench.diagnosis.acquisition.variance import (
@@ -22,18 +21,8 @@ from hdbench.diagnosis.search import Found
 from hdbench.model import CauseTerm
 from hdbench.records.trace import FloatArray
 
-__all__ = ["late_spikes", "noise_law", "speed_noise_cause", "still_left"]
+__all__ = ["noise_law", "speed_noise_cause", "still_left"]
 
-# probability of any such spike on a record of normal noise
-_CHANCE = 2e-5
-# a spike and its echo in the whitened residual
-_SPIKE_LENGTH = 2
-# part of an innovation that has to be gone again two samples later
-_COMES_BACK = 0.5
-# samples over which the scatter around a sample is taken
-_AROUND = 400
-# isolated samples are rare: more of them than this share are another distribution, not spikes
-_RARE = 0.02
 _BINS = 16
 # bins of the squares that differ by no more than this probability are alike
 _ALIKE = 1e-4
@@ -44,61 +33,6 @@ _OFF_SIGMA = 3.0
 # law of the catalogue: noise at this speed
 _REFERENCE_RAD_S = 100.0
 _DRIVEN = "constant speeds over at least 1:4 and rest, long enough for the variance at each"
-
-
-def _local_std(values: FloatArray, used: NDArray[np.bool_]) -> FloatArray:
-    """Return the robust scatter of the used values around each sample."""
-    at = np.flatnonzero(used)
-    std = np.ones(len(values))
-    if not len(at):
-        return std
-    parts = np.array_split(at, max(1, len(at) // _AROUND))
-    centres = np.array([float(part.mean()) for part in parts])
-    sizes = np.array([float(np.quantile(np.abs(values[part]), 0.6827)) for part in parts])
-    # a loud stretch between two quiet ones must not be judged by them: the larger neighbour counts
-    wide = np.maximum(sizes, np.maximum(np.roll(sizes, 1), np.roll(sizes, -1)))
-    return np.asarray(np.maximum(np.interp(np.arange(len(values)), centres, wide), 1e-12))
-
-
-def _away_nm(found: Found) -> FloatArray:
-    """Return how far each sample of the residual lies from the median of five around it, N m."""
-    from scipy.ndimage import median_filter
-
-    record = found.record
-    left = np.where(record.valid, record.response_nm - found.fit.fitted_nm, 0.0)
-    return np.asarray(np.abs(left - median_filter(left, size=5, mode="nearest")))
-
-
-def late_spikes(found: Found) -> NDArray[np.bool_]:
-    """Return isolated samples that nothing explains.
-
-    Parameters
-    ----------
-    found : Found
-        Result of the search.
-
-    Returns
-    -------
-    ndarray of bool, shape (n,)
-        Samples of the whitened residual beyond what one record in 50 000 shows, held against the
-        scatter around them; none where they come in runs or are more than one in fifty.
-    """
-    white, used = found.space.residual, found.space.whitener.used
-    count = int(used.sum())
-    spikes = np.zeros(len(white), dtype=bool)
-    if count < _AROUND:
-        return spikes
-    # neither the scatter around it nor that of the whole residual makes such a sample
-    std = np.maximum(_local_std(white, used), float(np.sqrt(np.mean(white[used] ** 2))))
-    far = used & (np.abs(white) > -float(ndtri(0.5 * _CHANCE / count)) * std)
-    # a jump to another level that lasts is one innovation as well, but no spike
-    far &= _away_nm(found) > _COMES_BACK * np.abs(white) * found.space.whitener.std
-    echo = len(found.space.whitener.kernel)
-    for first, last in mask_runs(far):
-        if last - first < _SPIKE_LENGTH + echo:
-            top = first + int(np.argmax(np.abs(white[first : last + 1])))
-            spikes[first : top + 1] = True
-    return spikes if int(spikes.sum()) <= _RARE * count else np.zeros(len(white), dtype=bool)
 
 
 def noise_law(found: Found) -> SpeedNoise | None:

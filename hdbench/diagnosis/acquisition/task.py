@@ -156,6 +156,15 @@ class Clean:
         preflight = Preflight(flags, self.preflight.masked | spikes)
         return Clean(self.inspected, mask_samples(self.record, spikes), preflight, every)
 
+    def restored(self, explained: NDArray[np.bool_]) -> Clean:
+        """Return it with fewer spikes: those that the causes explain are none."""
+        if not explained.any():
+            return self
+        left = self.spikes & ~explained
+        others = [flag for flag in self.preflight.flags if flag.name != "spikes" or flag.detail]
+        flags = (*others, *flag_samples("spikes", self.record.motion.time_s, left))
+        return replace(self, preflight=replace(self.preflight, flags=flags), spikes=left)
+
     def flagged(self, acquired: list[Acquired]) -> Preflight:
         """Return the preflight with the flags of named faults."""
         flags = (*self.preflight.flags, *(flag for one in acquired for flag in one.flags))

@@ -19,7 +19,7 @@ from hdbench.diagnosis.fit.jointfit import JointFit, fit_jointly
 from hdbench.diagnosis.fit.terms import Term
 from hdbench.diagnosis.measured.preflight import Preflight
 from hdbench.diagnosis.measured.record import Record
-from hdbench.diagnosis.naming.curves import curve_place, is_curve
+from hdbench.diagnosis.naming.curveplaces import curve_place, is_curve
 from hdbench.diagnosis.naming.nameless import unnamed
 from hdbench.diagnosis.naming.walk import WALK, walk_cause, walk_shape
 from hdbench.diagnosis.search import Found
@@ -177,6 +177,7 @@ class Answer:
             term.cause.experiment if several else None,
             share,
             _DOMAINS.get(term.cause.locked_to, term.cause.locked_to),
+            probability=accepted.probability,
         )
 
     def _alone(self, place: int) -> tuple[JointFit, int]:

@@ -47,6 +47,8 @@ class NamedCause:
         Domain in which it is plainest.
     left_out : tuple of LeftOut
         What it gains in speeds, directions and loads from which it was not fitted.
+    probability : float or None
+        Of `group` among all names, in (0, 1]; None where no others were held against it.
     """
 
     name: str
@@ -60,6 +62,7 @@ class NamedCause:
     share_of_variance: float
     domain: str
     left_out: tuple[LeftOut, ...] = ()
+    probability: float | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """Return the cause as the contract writes it."""
@@ -69,6 +72,7 @@ class NamedCause:
             "rivals": list(self.rivals),
             "parameters": {name: dict(entry) for name, entry in self.parameters.items()},
             "evidence_nats": self.evidence_nats,
+            "probability": self.probability,
             "false_alarm_probability": self.false_alarm_probability,
             "gain": self.gain.to_dict(),
             "separating_experiment": self.separating_experiment,

@@ -58,7 +58,7 @@ def held_out_residuals(
     Twenty contiguous blocks; every fifth is one fold. A fold is predicted with linear parameters,
     orders and frequencies fitted to the other folds; orders and frequencies by the slopes of the
     torque about the joint fit, other shapes stay at it. Samples within the noise's memory of a
-    block, 30 at least, do not train.
+    block, 30 at least and no more than a block, do not train.
 
     Least squares alone would predict without bounds where a fold holds the only samples that show
     a part of an effect. The linear parameters of a cause have a normal distribution as prior, in
@@ -73,8 +73,9 @@ def held_out_residuals(
     response = record.response_nm
     white, right = _anchored(record, fit, whitener, design)
     samples = np.flatnonzero(record.valid)
-    gap = max(_GAP, 3 * min(len(whitener.kernel), _MEMORY))
     blocks = np.array_split(samples, _FOLDS * _BLOCKS_PER_FOLD)
+    # no further than a block: on a short record nothing would be left to train on
+    gap = min(max(_GAP, 3 * min(len(whitener.kernel), _MEMORY)), len(blocks[0]))
     gram, vector, n = white.T @ white, white.T @ right, len(response)
     residuals = np.zeros((len(leave_out), len(response)))
     for fold in range(_FOLDS):

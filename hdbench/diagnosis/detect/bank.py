@@ -93,28 +93,30 @@ def build_bank(record: Record, causes: Iterable[Cause]) -> Bank:
     """
     terms = [chosen_shapes(cause, record) for cause in causes]
     most = int(_MEMORY / (4.0 * len(record.valid)))
-    while sum(len(t[0].cause.linear) * len(t) for t in terms if t) > most:
+    while _n_columns(terms) > most:
         longest = max(range(len(terms)), key=lambda k: len(terms[k]))
         if len(terms[longest]) <= 1:
             break
         terms[longest] = terms[longest][::2]
     members: list[Member] = []
-    blocks: list[NDArray[np.float32]] = []
+    table = np.empty((len(record.valid), _n_columns(terms)), dtype=np.float32, order="F")
     at = 0
     for term in (t for family in terms for t in family):
         columns = term_columns(term, record)
-        size = np.sqrt(np.mean(columns**2, axis=0))
-        if not (np.isfinite(columns).all() and np.all(size > 0.0)):
+        square = np.einsum("nk,nk->k", columns, columns)
+        if not np.all((square > 0.0) & (square < np.inf)):
             continue
-        columns /= size
+        columns /= np.sqrt(square / len(columns))
         peak = float(np.sqrt(np.max(np.einsum("nk,nk->n", columns, columns))))
         members.append(Member(term, slice(at, at + columns.shape[1]), peak))
-        blocks.append(columns.astype(np.float32, order="F"))
         at += columns.shape[1]
-    table = np.empty((len(record.valid), at), dtype=np.float32, order="F")
-    for member, block in zip(members, blocks, strict=True):
-        table[:, member.place] = block
-    return Bank(tuple(members), table)
+        table[:, members[-1].place] = columns
+    return Bank(tuple(members), table[:, :at])
+
+
+def _n_columns(terms: list[list[Term]]) -> int:
+    """Return how many columns the members of some families have."""
+    return sum(len(family[0].cause.linear) * len(family) for family in terms if family)
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,21 +162,21 @@ def bank_gram(bank: Bank, whitener: Whitener) -> Gram:
     if len(whitener.kernel) > _DIRECT:
         return _long_gram(bank, whitener)
     blocks = [np.zeros((p.stop - p.start,) * 2) for p in places]
-    rows, sample = [], []
-    for number, start in enumerate(range(0, len(bank.table), _CHUNK)):
-        white = _white_rows(bank.table, whitener, start, min(start + _CHUNK, len(bank.table)))
-        for block, place in zip(blocks, places, strict=True):
-            part = white[:, place]
-            block += part.T @ part
-        if number % _SAMPLED == 0:
-            rows.append(np.arange(start, start + len(white)))
-            sample.append(white)
-    empty = np.zeros((0, bank.table.shape[1]), dtype=np.float32)
-    return Gram(
-        tuple(blocks),
-        np.concatenate([np.zeros(0, dtype=np.int64), *rows]),
-        np.vstack([empty, *sample]),
-    )
+    starts = range(0, len(bank.table), _CHUNK)
+    runs = [np.arange(s, min(s + _CHUNK, len(bank.table))) for s in starts[::_SAMPLED]]
+    rows = np.concatenate([np.zeros(0, dtype=np.int64), *runs])
+    sample = np.empty((len(rows), bank.table.shape[1]), dtype=np.float32)
+    # family by family, so that a chunk and its shifts stay in the cache
+    for block, place in zip(blocks, places, strict=True):
+        at = 0
+        for number, start in enumerate(starts):
+            stop = min(start + _CHUNK, len(bank.table))
+            white = _white_rows(bank.table[:, place], whitener, start, stop)
+            block += white.T @ white
+            if number % _SAMPLED == 0:
+                sample[at : at + len(white), place] = white
+                at += len(white)
+    return Gram(tuple(blocks), rows, sample)
 
 
 def _long_gram(bank: Bank, whitener: Whitener) -> Gram:
@@ -199,9 +201,11 @@ def _white_rows(
     first = max(0, start - lag)
     rows = table[first:stop]
     white = kernel[0] * rows[start - first :]
+    part = np.empty_like(white)
     for shift in range(1, lag + 1):
         skip = max(0, shift - (start - first))
         low = start - first - shift + skip
-        white[skip:] += kernel[shift] * rows[low : low + len(white) - skip]
+        np.multiply(rows[low : low + len(white) - skip], kernel[shift], out=part[skip:])
+        white[skip:] += part[skip:]
     white *= (whitener.used[start:stop] / whitener.std).astype(np.float32)[:, None]
     return np.asarray(white)

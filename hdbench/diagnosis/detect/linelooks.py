@@ -52,7 +52,8 @@ class Look:
     statistic : float
         Statistic at the best place.
     trials : float
-        Effective number of independent places that were tried.
+        Effective number of independent places that were tried; of a family, of the shapes that the
+        residual tells from the best one.
     false_alarm : float
         Probability of that or more anywhere on this record without any effect.
     dof : int

@@ -15,8 +15,9 @@ from hdbench.diagnosis.detect.survey import Survey
 from hdbench.diagnosis.fit.terms import Term
 from hdbench.diagnosis.measured.record import Record
 from hdbench.diagnosis.noise.whitened import Space, Whitener
+from hdbench.records.trace import FloatArray
 
-__all__ = ["SHARES", "Grams", "Look", "Looks", "look_at"]
+__all__ = ["SHARES", "Grams", "Look", "Looks", "look_at", "look_at_families"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,7 +95,7 @@ def _bank_looks(
         here = np.array([p[best]])
         chance = float(family.probability(here)[0]) * law.together / share
         term = bank.members[best].term
-        trials = float(family.trials(here)[0])
+        trials = _told_apart(statistics[alive], float(statistics[best]))
         looks.append(
             Look(
                 name,
@@ -106,6 +107,37 @@ def _bank_looks(
             )
         )
     return looks
+
+
+def _told_apart(statistics: FloatArray, best: float) -> float:
+    """Return how many members the residual tells from the best: one over their mean likelihood."""
+    return 1.0 / float(np.mean(np.exp(np.minimum(0.5 * (statistics - best), 0.0))))
+
+
+def look_at_families(
+    space: Space, survey: Survey, last: Grams | None = None
+) -> tuple[tuple[Look, ...], Grams]:
+    """Test every family.
+
+    Parameters
+    ----------
+    space : Space
+        Whitened residual.
+    survey : Survey
+        What was planned for its record.
+    last : Grams or None
+        Gram matrices of the look before.
+
+    Returns
+    -------
+    looks : tuple of Look
+    grams : Grams
+        Gram matrices that belong to the noise.
+    """
+    grams = make_grams(survey, space.whitener, last)
+    shape = geometry(survey.bank, grams.bank, space)
+    looks = _bank_looks(survey.bank, shape, survey.law, space, SHARES["families"], set())
+    return tuple(looks), grams
 
 
 def look_at(

@@ -77,7 +77,7 @@ def plan_transform(
        doi:10.1137/18M120885X.
     """
     from scipy.fft import next_fast_len
-    from scipy.sparse import csr_array
+    from scipy.sparse import csc_array
     from scipy.special import i0
 
     first, last = max(1, int(np.ceil(low / grid_step))), int(np.floor(high / grid_step))
@@ -87,16 +87,17 @@ def plan_transform(
     size = int(next_fast_len(max(64, int(np.ceil(2.0 * _FINER * (last + 1) * max(1.0, reach))))))
     place = factor * grid_step * size * (positions - origin) + _WIDTH / 2.0
     left = np.floor(place).astype(np.int32) - _WIDTH // 2 + 1
-    rows = left[:, None] + np.arange(_WIDTH, dtype=np.int32)
     beta = np.pi * _WIDTH * (1.0 - 0.5 / _FINER)
-    inside = 1.0 - (2.0 * (rows - place[:, None]) / _WIDTH) ** 2
-    weights = i0(beta * np.sqrt(np.maximum(inside, 0.0))).astype(np.float32)
+    # distance from the sample in half widths, to single precision as the sums are
+    away = (2.0 / _WIDTH) * ((left - place)[:, None] + np.arange(_WIDTH))
+    weights = i0(np.sqrt(np.maximum(1.0 - away * away, 0.0).astype(np.float32)) * np.float32(beta))
+    rows = left[:, None] + np.arange(_WIDTH, dtype=np.int32)
     rows %= size
     n_rows = int(rows.max()) + 1
-    # 32 bits hold any index of a record that fits into memory, and halve the matrix's
-    columns = np.repeat(np.arange(len(positions), dtype=np.int32), _WIDTH)
-    places = (rows.ravel().astype(np.int32), columns)
-    spread = csr_array((weights.ravel(), places), shape=(n_rows, len(positions)))
+    # one column per sample, and 32 bits hold any index of a record that fits into memory
+    starts = np.arange(0, rows.size + 1, _WIDTH, dtype=np.int32)
+    parts = (weights.ravel(), rows.ravel().astype(np.int32), starts)
+    spread = csc_array(parts, shape=(n_rows, len(positions)))
     root = np.sqrt(beta**2 - (np.pi * _WIDTH * index / size) ** 2)
     kernel = _WIDTH * np.sinh(root) / root
     turn = np.exp(2j * np.pi * index * _WIDTH / 2.0 / size)

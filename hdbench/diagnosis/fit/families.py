@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from hdbench.diagnosis.fit.terms import (
 from hdbench.diagnosis.fit.wholeshare import best_whole_share, one_by_definition
 from hdbench.diagnosis.measured.record import Record
 from hdbench.diagnosis.noise.whitened import Space
-from hdbench.model import Cause
+from hdbench.model import Cause, shape_bounds
 from hdbench.records.trace import FloatArray
 
 __all__ = [
@@ -32,6 +32,8 @@ __all__ = [
 
 # rounds of the refinement, halvings of a step, and gain that ends it: a hundredth of a nat
 _ROUNDS = 8
+# a delay is known to no better than this share of its standard deviation
+_OWN_DELAY = 0.3
 _HALVINGS = 4
 _SETTLED = 0.02
 
@@ -156,7 +158,29 @@ def refine_term(space: Space, record: Record, term: Term) -> Refined:
             break
     if one_by_definition(term.cause):
         return Refined(*best_whole_share(space, record, term), 1, True)
+    if "delay_s" in term.shape:
+        return _by_its_delay(space, record, term)
     return _in_domain(term, best, space)
+
+
+def _by_its_delay(space: Space, record: Record, term: Term) -> Refined:
+    """Return a shift of the signal formed at the delay that it has; none where there is no such.
+
+    A shift formed at another delay than its own is a filter of the signal, and follows much that is
+    no delay.
+    """
+    low, high = shape_bounds(term.cause, record.motion)["delay_s"][0]
+    shape, best = dict(term.shape), solve_exactly(space, term_columns(term, record))
+    for _ in range(_ROUNDS):
+        delay = float(best[2][0])
+        std = abs(delay) / max(np.sqrt(best[0]), 1.0)
+        if best[1] == 0 or abs(delay - shape["delay_s"]) <= _OWN_DELAY * std:
+            break
+        shape["delay_s"] = float(np.clip(delay, low, high))
+        best = solve_exactly(space, term_columns(replace(term, shape=shape), record))
+    else:
+        return Refined(term, best[0], best[1], False)
+    return _in_domain(replace(term, shape=shape), best, space)
 
 
 def _in_domain(

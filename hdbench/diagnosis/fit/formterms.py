@@ -8,10 +8,11 @@ import numpy as np
 
 from hdbench.diagnosis.detect.exact import exact_statistic
 from hdbench.diagnosis.detect.looks import Look
+from hdbench.diagnosis.fit.axes import axes_of
 from hdbench.diagnosis.fit.families import is_line, is_step
 from hdbench.diagnosis.fit.terms import Term, term_columns
 from hdbench.diagnosis.measured.record import Record
-from hdbench.diagnosis.naming.candidates import score
+from hdbench.diagnosis.naming.evidence import score
 from hdbench.diagnosis.naming.nameless import unnamed
 from hdbench.diagnosis.noise.whitened import Space
 from hdbench.diagnosis.state import Accepted, State
@@ -32,6 +33,11 @@ _SHARE = 0.8
 
 # the form of a strong cause is known to a tenth of its amplitude: less is no cause of its own
 _FORM_ERROR = 0.01
+# what acts on the same axis, or is told apart from it by a run of its own, is no cause of its own
+# either below a twentieth: a fifth of the amplitude, what other laws of the same friction differ by
+_KIN_ERROR = 0.05
+# where a form is off for a moment it leaves a little of everything: a hundredth of its amplitude
+_ANY_ERROR = 1e-4
 # a tone slower than this follows the course of the motion as a form does; hums are faster
 _SLOW_HZ = 5.0
 
@@ -94,7 +100,7 @@ def best_form(state: State, space: Space, losses: list[float]) -> FormOf | None:
     return max(found, key=lambda form: form.score_nats, default=None)
 
 
-def beyond_form(state: State, looks: tuple[Look, ...]) -> tuple[Look, ...]:
+def beyond_form(state: State, looks: tuple[Look, ...], beside: str = "") -> tuple[Look, ...]:
     """Return the looks that are more than what the form of an accepted cause may leave.
 
     Parameters
@@ -103,19 +109,23 @@ def beyond_form(state: State, looks: tuple[Look, ...]) -> tuple[Look, ...]:
         Where the search stands.
     looks : tuple of Look
         Looks that have terms.
+    beside : str
+        Name of a cause that is not in the residual's fit: it has no form there, and no look.
 
     Returns
     -------
     tuple of Look
-        Those above a hundredth of the strongest cause that has a form; lines over motor order and
-        fast tones, which no slow function of the motion makes, whatever their size.
+        Those above a twentieth of a cause that has a form and acts on the same axis, or is a
+        look-alike, and above a hundredth of any other; lines over motor order and fast tones, which
+        no slow function of the motion makes, above a ten-thousandth.
     """
-    limit = _FORM_ERROR * formed_strength(state)
-    return tuple(k for k in looks if k.statistic > limit or not _follows_motion(k.terms[0]))
+    formed = [(term, size) for term, size in _formed_terms(state) if term.cause.name != beside]
+    other = (k for k in looks if k.terms[0].cause.name != beside)
+    return tuple(k for k in other if k.statistic > _form_limit(formed, k.terms[0]))
 
 
 def formed_strength(state: State) -> float:
-    """Return what the strongest accepted cause with a form explained when it was accepted.
+    """Return what the strongest accepted cause with a form explains.
 
     Parameters
     ----------
@@ -127,9 +137,40 @@ def formed_strength(state: State) -> float:
     float
         Fall of the whitened sum of squares; 0 where no cause has a form.
     """
-    terms = state.fit.terms[state.n_known :]
-    pairs = zip(state.accepted, terms, strict=True)
-    return max((2.0 * one.evidence_nats for one, term in pairs if _has_axis(term)), default=0.0)
+    return max((strength for _, strength in _formed_terms(state)), default=0.0)
+
+
+def _formed_terms(state: State) -> list[tuple[Term, float]]:
+    """Return the accepted terms that have a form, with what they explain.
+
+    When they were accepted, or now: the noise may have been bent by them then, and other shapes may
+    stand in for them now.
+    """
+    found = []
+    for index, one in enumerate(state.accepted):
+        place = state.n_known + index
+        if _has_form(state.fit.terms[place]):
+            size = max(2.0 * one.evidence_nats, state.fit.loss(place))
+            found.append((state.fit.terms[place], size))
+    return found
+
+
+def _form_limit(formed: list[tuple[Term, float]], term: Term) -> float:
+    """Return the statistic up to which the forms of the accepted terms may leave a term."""
+    follows = _follows_motion(term)
+    limits = [
+        size * (_KIN_ERROR if _kin(main, term) else _FORM_ERROR) if follows else size * _ANY_ERROR
+        for main, size in formed
+    ]
+    return max(limits, default=0.0)
+
+
+def _kin(main: Term, other: Term) -> bool:
+    """Return whether a term acts on the axis of another or is a look-alike of it."""
+    first, second = main.cause, other.cause
+    alike = second.name in first.look_alikes or first.name in second.look_alikes
+    # a slow tone is one of the motion's own harmonics
+    return alike or "frequency_hz" in other.shape or bool(axes_of(main) & axes_of(other))
 
 
 def _follows_motion(term: Term) -> bool:
@@ -137,6 +178,11 @@ def _follows_motion(term: Term) -> bool:
     if "frequency_hz" in term.shape:
         return term.shape["frequency_hz"] < _SLOW_HZ
     return term.cause.locked_to != "motor"
+
+
+def _has_form(term: Term) -> bool:
+    """Return whether a cause has a law that may be another: a line is a line."""
+    return not (is_line(term.cause) or unnamed(term) or term.cause.locked_to == "motor")
 
 
 def _has_axis(term: Term) -> bool:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hdbench.diagnosis.detect.scanplan import LineScan
 from hdbench.diagnosis.fit.jointfit import JointFit, fit_jointly
@@ -24,6 +25,11 @@ __all__ = [
     "settle",
     "without_coarse",
 ]
+
+# normal noise passes this many standard deviations once in a billion samples
+_FAR = 6.1
+# where more than a twentieth of the samples are larger, the noise is not normal
+_CALM = 0.95
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +75,8 @@ class Hidden:
 def _noise_of(record: Record, fit: JointFit, hidden: Hidden, exponent: float) -> Noise:
     left = without_coarse(record, fit, hidden)
     if not exponent > 0.0:
-        model = fit_noise(left, record.valid, starts=record.starts, keep_lines=False)
+        steady = _steady(left, record.valid)
+        model = fit_noise(left, steady, starts=record.starts, keep_lines=False)
         return Noise(model, make_whitener(model, record.valid, record.starts))
     slow = plain_spectrum(record, fit, left).fit(exponent)
     response = slow_kernel(slow, len(left))
@@ -79,6 +86,18 @@ def _noise_of(record: Record, fit: JointFit, hidden: Hidden, exponent: float) ->
     whitener = make_whitener(model, record.valid, record.starts)
     kernel = np.asarray(np.convolve(response, whitener.kernel)[: len(left)], dtype=np.float64)
     return Noise(model, replace(whitener, kernel=kernel), slow)
+
+
+def _steady(left: FloatArray, valid: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return the valid samples where a residual is no larger than noise ever is.
+
+    What an effect leaves for a moment, as where a step is no step but a short slope, is no noise:
+    its spectrum would colour that of the whole record.
+    """
+    size = np.abs(left)
+    # the median size of normal noise is 0.6745 standard deviations
+    calm = valid & (size <= _FAR * float(np.median(size[valid])) / 0.6745)
+    return calm if calm.sum() > _CALM * valid.sum() else valid
 
 
 def without_coarse(record: Record, fit: JointFit, hidden: Hidden) -> FloatArray:

@@ -22,6 +22,12 @@ RIVAL_NATS = 3.0
 _LIKE = 0.99
 _LIKE_MEMORY = 0.97
 _MEMORY = {"hysteresis", "creep"}
+# an arm that bends far loses lever arm as the square of the bend: beside its tau abs(tau) a cube
+# that is never positive. Both together bend as a limit or a play does.
+_BENT = ("arm-sag", "cubic-nonlinearity")
+# ... which take the best of three sharpnesses and pay for none of them: ln 3 nats
+_BENT_NATS = 1.1
+_BENT_LIKE = ("saturation", "backlash", "cubic-nonlinearity")
 # contract: names whose effect spans the same space on this record
 _SAME_SPACE = 0.01
 
@@ -181,7 +187,8 @@ def accept(
     mine = score_nats(less, fit, parameters_of(term, less, fit))
     space = space_of(less)
     group, rivals = [term], []
-    for family in [] if is_outlier(term) else families(less, space):
+    made = [] if is_outlier(term) else families(less, space)
+    for family in made:
         cell = best_cell(family, less.table, space, less.slope_v_per_nm)
         if family.name in (term.cause.name, "outlier") or cell is None:
             continue
@@ -197,4 +204,22 @@ def accept(
         like = less.rss - trial.rss >= share * (less.rss - fit.rss)
         if mine - score <= RIVAL_NATS or like:
             rivals.append(other)
+    bent = _bent_arm(less, made, base) if term.cause.name in _BENT_LIKE else None
+    if bent is not None and mine - bent[0] <= _BENT_NATS:
+        rivals += [bent[1]] if bent[1].cause.name not in {r.cause.name for r in rivals} else []
     return Accepted(term, false_alarm, mine, tuple(group), tuple(rivals))
+
+
+def _bent_arm(
+    less: LoadFit, families: Sequence[Family], base: FloatArray
+) -> tuple[float, Term] | None:
+    """Return score and term of an arm that bends so far that it loses lever arm, None for none."""
+    cells = (family.cells[0].term for family in families if family.name in _BENT)
+    simple = {term.cause.name: term for term in cells if len(term.cause.linear) == 1}
+    if any(name not in simple for name in _BENT):
+        return None
+    terms = tuple(simple[name] for name in _BENT)
+    trial = fit_loads(less.table, base, (*less.terms, *terms))
+    if not trial.linear[-1][0] < 0.0:
+        return None
+    return score_nats(less, trial, less.dof - trial.dof), terms[0]

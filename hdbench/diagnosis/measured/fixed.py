@@ -6,13 +6,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hdbench.model import Motion, baseline_columns
-from hdbench.model.localfit import fit_derivative
+from hdbench.model.localfit import fit_derivative, smoothed
 from hdbench.model.motion import ACCELERATION_WINDOW_S
 from hdbench.profile.schema import ProfileData
 from hdbench.records.trace import FloatArray
 
-__all__ = ["fast_noise", "load_share"]
+__all__ = ["angle_noise", "fast_noise", "load_share"]
 
+# the angle is smoothed as for the acceleration that is formed of it
+_ANGLE_DEGREE = 4
 # window of an acceleration that holds a few thousandths of the noise of the usual one
 _WIDE = 3.0
 # a fast part beyond this many standard deviations of its own is a bend of the channel
@@ -50,6 +52,43 @@ def fast_noise(motion: Motion, load: float) -> FloatArray:
     parts.append(motion.inertia_nm_s2 * (motion.acceleration_rad_s2 - wide))
     columns = [_noise_alone(np.nan_to_num(part), motion.valid) for part in parts]
     kept = [column for column in columns if float(np.abs(column).max()) > _ROUNDING_NM]
+    return np.column_stack(kept) if kept else np.zeros((len(motion), 0))
+
+
+def angle_noise(motion: Motion, names: tuple[str, ...], columns: FloatArray) -> FloatArray:
+    """Return what the fast noise of the angle makes of the baseline's ripple.
+
+    The torque ripples with the shaft, the baseline with the angle that was read: an encoder's
+    counting steps fold to one frequency at a constant speed, and the ripple over them leaves the
+    step times its slope. A delay of the whole torque is made of the same steps.
+
+    Parameters
+    ----------
+    motion : Motion
+        Motion.
+    names : tuple of str
+        Terms of the baseline, as `baseline_columns` names them.
+    columns : ndarray, shape (n_samples, n_names)
+        Their columns.
+
+    Returns
+    -------
+    ndarray, shape (n_samples, k)
+        Slope of each ripple column over the angle, times the angle's fast noise, N m per N m of
+        the column; no column where there is none.
+    """
+    angle = np.where(np.isfinite(motion.angle_rad), motion.angle_rad, np.nan)
+    slow = smoothed(motion.time_s, angle, degree=_ANGLE_DEGREE, window_s=ACCELERATION_WINDOW_S)
+    fast = _noise_alone(np.nan_to_num(angle - slow), motion.valid)
+    parts = []
+    for name in names:
+        kind, _, rest = name.partition(":")
+        order, _, phase = rest.partition(":")
+        if kind == "ripple" and phase == "cosine":
+            cosine = columns[:, names.index(name)]
+            sine = columns[:, names.index(f"ripple:{order}:sine")]
+            parts += [-float(order) * sine * fast, float(order) * cosine * fast]
+    kept = [part for part in parts if float(np.nanmax(np.abs(part))) > _ROUNDING_NM]
     return np.column_stack(kept) if kept else np.zeros((len(motion), 0))
 
 

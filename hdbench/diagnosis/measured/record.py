@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hdbench.diagnosis.measured.baselineterms import BaselineChange
 from hdbench.diagnosis.measured.drift import turned_motion, without_drift
-from hdbench.diagnosis.measured.fixed import fast_noise, load_share
+from hdbench.diagnosis.measured.fixed import angle_noise, fast_noise, load_share
 from hdbench.errors import DataError
 from hdbench.model import BenchModel, Motion, baseline_columns, motion_from_trace
 from hdbench.profile.schema import ProfileData
@@ -77,11 +77,16 @@ class Record:
     load : float
         Coefficient of the measured load torque in `fixed_nm`.
     jitter : ndarray, shape (n_samples, n_jitter)
-        Fast noise of the measured load and acceleration, N m. It stands in the residual, and in all
-        that is made of the same channels: it is projected out, so that nothing finds it there.
+        Fast noise of the measured load and acceleration, N m, and what that of the angle makes of
+        the ripple. It stands in the residual, and in all that is made of the same channels: it is
+        projected out, so that nothing finds it there.
     weighty : bool
         True where the output covers less than a turn and carries a torque once per turn far beyond
         any misalignment.
+
+    Notes
+    -----
+    ``base``, shape (n_samples, k), holds baseline, nuisance and jitter columns side by side.
     """
 
     motion: Motion
@@ -96,16 +101,18 @@ class Record:
     load: float
     jitter: FloatArray
     weighty: bool = False
+    base: FloatArray = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        """Put baseline, nuisance and jitter columns side by side once."""
+        base = np.hstack([self.columns, self.nuisance, self.jitter])
+        base.flags.writeable = False
+        object.__setattr__(self, "base", base)
 
     @property
     def response_nm(self) -> FloatArray:
         """Measured torque less what is fixed, N m, zero where not valid."""
         return np.where(self.valid, self.torque_nm - self.fixed_nm, 0.0)
-
-    @property
-    def base(self) -> FloatArray:
-        """Baseline, nuisance and jitter columns, shape (n_samples, k)."""
-        return np.hstack([self.columns, self.nuisance, self.jitter])
 
 
 def torque_from_trace(trace: Trace, profile: ProfileData) -> FloatArray:
@@ -207,6 +214,7 @@ def prepare_record(
     steps = np.diff(motion.time_s)
     period = float(np.median(steps))
     starts = np.concatenate([[True], steps > _GAP * period])
+    jitter = np.hstack([fast_noise(motion, load), angle_noise(motion, names, columns)])
     return Record(
         motion,
         torque,
@@ -218,7 +226,7 @@ def prepare_record(
         np.where(valid[:, None], nuisance, 0.0),
         period,
         load,
-        np.where(valid[:, None], fast_noise(motion, load), 0.0),
+        np.where(valid[:, None], jitter, 0.0),
         weighty,
     )
 

@@ -10,15 +10,13 @@ from hdbench.diagnosis.detect.exact import exact_statistic
 from hdbench.diagnosis.fit.families import refine_term
 from hdbench.diagnosis.fit.terms import Term, term_columns
 from hdbench.diagnosis.measured.record import Record
+from hdbench.diagnosis.naming.evidence import evidence, score
 from hdbench.diagnosis.noise.whitened import Space
 
-__all__ = ["Candidate", "imitated", "refined_candidate", "same_space", "score", "whole_order"]
+__all__ = ["Candidate", "imitated", "refined_candidate", "same_space", "whole_order"]
 
 # contract: names whose effect spans the same space on this record
 _SAME_SPACE = 0.01
-# amplitudes of some seven standard deviations are expected, ln 7^2: fewer would let causes with
-# many parameters pass for one with few, more would ask those with many to be huge
-_LOG_EFFECTIVE = 4.0
 _RANK = 1e-9
 
 
@@ -35,34 +33,13 @@ class Candidate:
     dof : int
         Linear parameters that the record can tell.
     score_nats : float
-        ``statistic / 2 - dof / 2 ln n_eff - ln trials``.
+        As `evidence` gives it.
     """
 
     term: Term
     statistic: float
     dof: int
     score_nats: float
-
-
-def score(statistic: float, dof: int, trials: float) -> float:
-    """Return the score of a candidate, nats.
-
-    Parameters
-    ----------
-    statistic : float
-        Fall of the whitened sum of squares.
-    dof : int
-        Linear parameters.
-    trials : float
-        Effective number of shapes that were tried.
-
-    Returns
-    -------
-    float
-        ``statistic / 2 - dof / 2 ln n_eff - ln trials``: log of the evidence against no effect,
-        for amplitudes that are expected within some seven standard deviations.
-    """
-    return 0.5 * statistic - 0.5 * dof * _LOG_EFFECTIVE - float(np.log(max(trials, 1.0)))
 
 
 def refined_candidate(space: Space, record: Record, term: Term, trials: float) -> Candidate:
@@ -85,7 +62,7 @@ def refined_candidate(space: Space, record: Record, term: Term, trials: float) -
     """
     best = refine_term(space, record, term)
     # what the catalogue calls impossible explains nothing
-    value = score(best.statistic, best.dof, trials) if best.within else -np.inf
+    value = evidence(space, record, best, trials) if best.within else -np.inf
     return Candidate(best.term, best.statistic, best.dof, value)
 
 

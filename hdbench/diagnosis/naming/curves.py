@@ -3,28 +3,31 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hdbench.diagnosis.fit.jointfit import JointFit
-from hdbench.diagnosis.fit.terms import Term, term_columns
+from hdbench.diagnosis.fit.terms import Term
 from hdbench.diagnosis.measured.record import Record
+from hdbench.diagnosis.naming.products import by_direction, square_of_speed, turns_both_ways
 from hdbench.model import Cause, Motion, Parameter
 from hdbench.records.trace import FloatArray
 
 __all__ = [
     "CURVE_PREFIX",
-    "CurvePlace",
+    "DIRECTION",
+    "bin_edges",
     "curve_causes",
-    "curve_place",
     "equal_bins",
-    "is_curve",
+    "is_law",
 ]
 
 CURVE_PREFIX = "curve over "
 _SMOOTH = " (smooth)"
+DIRECTION = "motor order (by direction)"
+_SQUARE = "velocity (square)"
+_TURN_OVER_RAD_S = (0.1, 10.0)
+_DIRECTION_ORDERS = (0.9, 6.1)
 # distinct speeds that make a curve over speed
 _MOVING = 3
 _VELOCITY_BINS = 16
@@ -64,7 +67,20 @@ def equal_bins(values: FloatArray, valid: NDArray[np.bool_], count: int) -> list
 
 
 def bin_edges(values: FloatArray, count: int) -> FloatArray:
-    """Return the edges of bins with equal shares of finite values, each once."""
+    """Return the edges of bins with equal shares of finite values.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n,)
+        What is binned.
+    count : int
+        Number of bins, at least 1.
+
+    Returns
+    -------
+    ndarray, shape (n_edges,)
+        Each edge once; empty where no value is finite.
+    """
     finite = values[np.isfinite(values)]
     if not len(finite):
         return np.zeros(0)
@@ -146,7 +162,8 @@ def curve_causes(record: Record) -> tuple[Cause, ...]:
     -------
     tuple of Cause
         Piecewise linear over motor speed, known torque and time, four powers of speed and torque,
-        output orders 2 to 12, and a local bump at any output angle; without names of the catalogue.
+        the square of the speed alone, motor orders that change sign with the direction, output
+        orders 2 to 12, and a local bump at any output angle; without names of the catalogue.
     """
     motion, valid = record.motion, record.valid
     wanted = [
@@ -160,6 +177,11 @@ def curve_causes(record: Record) -> tuple[Cause, ...]:
     speed = _largest(motion.velocity_rad_s, valid)
     if len(_apart(bin_edges(motion.velocity_rad_s[valid], _VELOCITY_BINS))) > _MOVING:
         wanted.append(_powers("velocity", lambda m: m.velocity_rad_s, speed))
+        wanted.append(_bare(_SQUARE, 1, square_of_speed))
+    if turns_both_ways(record):
+        order = Parameter("order", "1", *_DIRECTION_ORDERS, "cycles per motor turn")
+        over = Parameter("turn_over_rad_s", "rad/s", *_TURN_OVER_RAD_S, "speed of the reversal")
+        wanted.append(_bare(DIRECTION, 2, by_direction, order, over))
     if motion.load_torque_nm is not None:
         knots = _apart(bin_edges(motion.applied_nm[valid], _TORQUE_BINS))
         wanted.append(_hats("torque", lambda m: m.applied_nm, knots))
@@ -172,31 +194,8 @@ def curve_causes(record: Record) -> tuple[Cause, ...]:
     return tuple(cause for cause in wanted if cause is not None)
 
 
-@dataclass(frozen=True, slots=True)
-class CurvePlace:
-    """Where a curve stands out most.
-
-    Parameters
-    ----------
-    domain, unit : str
-        Domain of the contract, and unit of the place.
-    location : float
-        Place where the curve is farthest from its mean.
-    extent : tuple of float
-        Range around it in which it is at least half as far.
-    size_nm : float
-        How far, N m.
-    """
-
-    domain: str
-    unit: str
-    location: float
-    extent: tuple[float, float]
-    size_nm: float
-
-
-def is_curve(term: Term) -> bool:
-    """Return whether a term is a curve without a name.
+def is_law(term: Term) -> bool:
+    """Return whether a term without a name is a law with as few parameters as a name has.
 
     Parameters
     ----------
@@ -206,45 +205,7 @@ def is_curve(term: Term) -> bool:
     Returns
     -------
     bool
+        A table gathers what several causes do; the square of the speed and a ripple by direction
+        do not.
     """
-    return term.cause.name.startswith(CURVE_PREFIX)
-
-
-def curve_place(record: Record, fit: JointFit, place: int) -> CurvePlace:
-    """Return where a fitted curve stands out most.
-
-    Parameters
-    ----------
-    record : Record
-        Record.
-    fit : JointFit
-        Joint fit.
-    place : int
-        Index of the curve in it.
-
-    Returns
-    -------
-    CurvePlace
-        Of curves over the output angle the angle within a turn, rad.
-    """
-    motion, valid = record.motion, record.valid
-    kind = fit.terms[place].cause.name.removeprefix(CURVE_PREFIX).removesuffix(_SMOOTH)
-    turned = np.mod(motion.output_angle_rad, 2.0 * np.pi)
-    domain, unit, axis = {
-        "velocity": ("velocity", "rad/s", motion.velocity_rad_s),
-        "torque": ("torque", "N m", motion.applied_nm),
-        "time": ("time", "s", motion.time_s),
-    }.get(kind, ("output-order", "rad", turned))
-    torque = (term_columns(fit.terms[place], record) @ fit.linear[place])[valid]
-    away = np.abs(torque - torque.mean())
-    values = axis[valid]
-    worst = int(np.argmax(away))
-    near = np.abs(values - values[worst]) <= 0.25 * float(np.ptp(values))
-    high = values[near & (away >= 0.5 * away[worst])]
-    return CurvePlace(
-        domain,
-        unit,
-        float(values[worst]),
-        (float(high.min()), float(high.max())),
-        float(away[worst]),
-    )
+    return term.cause.name in (CURVE_PREFIX + _SQUARE, CURVE_PREFIX + DIRECTION)

@@ -15,9 +15,9 @@ from hdbench.diagnosis.naming.candidates import (
     imitated,
     refined_candidate,
     same_space,
-    score,
     whole_order,
 )
+from hdbench.diagnosis.naming.evidence import most_evidence
 from hdbench.diagnosis.naming.nameless import unnamed
 from hdbench.diagnosis.noise.whitened import Space
 
@@ -45,11 +45,14 @@ class Naming:
         Terms that span the same space on this record, the best first.
     rivals : tuple of Term
         Other terms within 3 nats.
+    probability : float
+        Share of the group in the evidence of all names, each as likely as any other beforehand.
     """
 
     best: Candidate
     group: tuple[Term, ...]
     rivals: tuple[Term, ...]
+    probability: float
 
 
 def promise(look: Look) -> float:
@@ -66,7 +69,10 @@ def promise(look: Look) -> float:
         Score, nats.
     """
     loss = _GRID_LOSS if any(term.shape for term in look.terms) else 0.0
-    return score(look.statistic * (1.0 + loss), look.dof, look.trials)
+    reach = look.statistic * (1.0 + loss)
+    return max(
+        (most_evidence(term, reach, look.dof, look.trials) for term in look.terms), default=-np.inf
+    )
 
 
 def _known_trials(survey: Survey, statistic: float) -> float:
@@ -162,4 +168,17 @@ def name_residual(space: Space, record: Record, ranked: list[Candidate]) -> Nami
             group.append(other.term)
         elif best.score_nats - other.score_nats <= RIVAL_NATS:
             rivals.append(other.term)
-    return Naming(best, tuple(group), tuple(rivals))
+    return Naming(best, tuple(group), tuple(rivals), _probability(ranked, group))
+
+
+def _probability(ranked: list[Candidate], group: list[Term]) -> float:
+    """Return the share of a group of names in the evidence of all names."""
+    own = {term.cause.name for term in group}
+    nats: dict[str, float] = {}
+    for one in ranked:
+        name = one.term.cause.name
+        if name in own or not unnamed(one.term):
+            nats[name] = max(one.score_nats, nats.get(name, -np.inf))
+    top = max(nats.values())
+    shares = {name: float(np.exp(value - top)) for name, value in nats.items()}
+    return sum(shares[name] for name in own) / sum(shares.values())

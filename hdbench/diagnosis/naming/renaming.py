@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 from hdbench.diagnosis.detect.looks import look_at
+from hdbench.diagnosis.fit.formterms import beyond_form
 from hdbench.diagnosis.fit.jointfit import JointFit, fit_jointly
-from hdbench.diagnosis.naming.candidates import score
+from hdbench.diagnosis.naming.evidence import score
 from hdbench.diagnosis.naming.ranking import name_residual, rank_looks
 from hdbench.diagnosis.noise.whitened import make_space
 from hdbench.diagnosis.state import State, accepted_as
@@ -109,7 +110,9 @@ def _rename_one(state: State, index: int, peers: list[int]) -> bool:
     survey = state.survey
     looks = look_at(space, record, survey, others.terms, state.grams)
     old = state.accepted[index]
-    ranked = rank_looks(space, record, survey, looks.looks)
+    seen = tuple(look for look in looks.looks if look.terms)
+    own = tuple(look for look in seen if look.terms[0].cause.name == old.name)
+    ranked = rank_looks(space, record, survey, (*own, *beyond_form(state, seen, old.name)))
     if not ranked:
         return False
     now = [c for c in ranked if c.term.cause.name == old.name]
@@ -120,7 +123,11 @@ def _rename_one(state: State, index: int, peers: list[int]) -> bool:
         kept = name_residual(space, record, first)
         group = (terms[place], *kept.group[1:])
         state.accepted[index] = replace(
-            old, group=group, rivals=kept.rivals, evidence_nats=kept.best.score_nats
+            old,
+            group=group,
+            rivals=kept.rivals,
+            evidence_nats=kept.best.score_nats,
+            probability=kept.probability,
         )
         return False
     state.accepted[index] = accepted_as(naming, old.false_alarm)

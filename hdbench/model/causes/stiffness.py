@@ -13,7 +13,6 @@ from hdbench.model.causes._parts import (
     RATIO_LIMIT,
     REFERENCE_LOAD_NM,
     no_shape,
-    ratio_parameter,
 )
 from hdbench.model.definition import Cause, Parameter
 from hdbench.model.motion import Motion
@@ -120,8 +119,13 @@ CUBIC_STIFFNESS = Cause(
     "first order in s",
     shape=(),
     linear=(
-        ratio_parameter(
-            "stiffening", f"relative fall of the twist at {REFERENCE_LOAD_NM:g} N m, s"
+        # makers' K_1 < K_2 < K_3: softening is a matter of the sensor, cubic-nonlinearity
+        Parameter(
+            "stiffening",
+            "1",
+            0.0,
+            RATIO_LIMIT,
+            f"relative fall of the twist at {REFERENCE_LOAD_NM:g} N m, s",
         ),
     ),
     locked_to="load",
@@ -153,7 +157,7 @@ PIECEWISE_STIFFNESS = Cause(
     linear=(
         # a flexspline whose teeth engage becomes stiffer, never softer
         Parameter("first_change", "1", 0.0, RATIO_LIMIT, "1 - K_1 / K_2, d_1"),
-        ratio_parameter("second_change", "K_1 / K_2 - K_1 / K_3, d_2"),
+        Parameter("second_change", "1", 0.0, RATIO_LIMIT, "K_1 / K_2 - K_1 / K_3, d_2"),
     ),
     locked_to="load",
     parity="odd in load",

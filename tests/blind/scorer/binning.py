@@ -28,7 +28,7 @@ def brier(rows):
 
 
 def calibration_error(rows):
-    """Expected calibration error of the first name: it is in the true group with P = 1 / set."""
+    """Expected calibration error: the first name is in the true group with the P that is told."""
     bins = defaultdict(list)
     for stated, right in _stated(rows):
         bins[min(9, int(10.0 * stated))].append((stated, right))

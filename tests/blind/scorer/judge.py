@@ -158,13 +158,15 @@ def judge(truth, entry):
 
 
 def _probability(cause):
-    """Chance that the answer gives its first name: its share among its rivals.
+    """Chance that the answer gives its first name: the one told, else its share among its rivals.
 
     A set of k names whose evidence differs by at most 3 nats; without the differences of the
     rivals the name itself has at least 1 / k, and with none it is certain.
     """
     if cause is None:
         return None
+    if cause.get("probability") is not None:
+        return cause["probability"]
     return 1.0 / _set_size(cause)
 
 
