@@ -33,6 +33,9 @@ _CLAIMED = 50.0
 _FORETOLD = 0.1
 # ... and it speaks against the cause where the prediction is worse with it by three
 _LOST = 9.0
+# a cause that is foretold at thrice its size loses three times what it claims; a greater loss is of
+# the other terms, which the conditions that are left do not hold where the missing one is
+_OWN_LOSS = 3.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,6 +159,7 @@ def left_out_gains(
     columns, owner = design_of(record, fit)
     white, right = whitener.apply(columns), whitener.apply(record.response_nm)
     gram, target = white.T @ white, white.T @ right
+    full = _predict(gram, target, np.ones(len(owner), dtype=bool))[0]
     found: list[list[LeftOut]] = [[] for _ in causes]
     for condition in conditions_of(record):
         rows = white[condition.inside]
@@ -172,8 +176,10 @@ def left_out_gains(
             if not (claimed > _CLAIMED and spread < _FORETOLD * claimed):
                 continue
             left = [right[condition.inside] - rows @ p[0] for p in (without, with_all)]
-            gain = 0.5 * float(left[0] @ left[0] - left[1] @ left[1])
-            found[place].append(LeftOut(condition, gain, 0.5 * claimed))
+            gain = float(left[0] @ left[0] - left[1] @ left[1])
+            if not gain > -_OWN_LOSS * claimed:
+                gain = _alone(own, trained, rows, right[condition.inside], (full, kept))
+            found[place].append(LeftOut(condition, 0.5 * gain, 0.5 * claimed))
     return [tuple(one) for one in found]
 
 
@@ -187,6 +193,22 @@ def _predict(
     solution[kept] = inverse @ target[kept]
     covariance[np.ix_(kept, kept)] = inverse
     return solution, covariance
+
+
+def _alone(
+    gram: FloatArray,
+    target: FloatArray,
+    rows: FloatArray,
+    right: FloatArray,
+    fitted: tuple[FloatArray, NDArray[np.bool_]],
+) -> float:
+    """Return what a cause gains where all other terms stay as all conditions have them."""
+    full, kept = fitted
+    others = np.where(kept, full, 0.0)
+    own = _predict(gram, target - gram @ others, ~kept)[0]
+    before = right - rows @ others
+    after = before - rows @ own
+    return float(before @ before - after @ after)
 
 
 def _claimed(gram: FloatArray, target: FloatArray, kept: NDArray[np.bool_]) -> FloatArray:
