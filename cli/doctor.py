@@ -45,7 +45,7 @@ def version_facts() -> dict[str, str]:
         "kernel": f"{kernel_name()} ({kernel_reason()})",
         "python": platform.python_version(),
         "numpy": version("numpy"),
-        "pymodbus": version("pymodbus"),
+        "pyserial": version("pyserial"),
     }
 
 

@@ -8,7 +8,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -131,7 +131,9 @@ class LiveView:
     def _close(self) -> None:
         live, self._live = self._live, None
         if live is not None:
-            live.stop()
+            # a terminal that was closed meanwhile must not change how the run ends
+            with suppress(OSError):
+                live.stop()
 
     def _heading(self) -> str:
         last = self._history.last

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 
 from hdbench_cli.output import Output
 
@@ -39,11 +39,19 @@ def progress_bar(title: str) -> Iterator[Callable[[str, float], None]]:
         TextColumn("{task.description}", markup=False),
     )
     console = Output.console(stderr=True)
-    with Progress(*columns, console=console, transient=True) as bar:
-        task = bar.add_task("", total=1.0, title=title)
+    bar = Progress(*columns, console=console, transient=True)
+    task = bar.add_task("", total=1.0, title=title)
 
-        def show(what: str, share: float) -> None:
-            room = max(10, console.width - 60)
+    def show(what: str, share: float) -> None:
+        room = max(10, console.width - 60)
+        with suppress(OSError):
             bar.update(task, completed=share, description=Text(what).plain[:room])
 
+    # a terminal that is closed meanwhile takes nothing with it: not the run, and not its exit code
+    with suppress(OSError):
+        bar.start()
+    try:
         yield show
+    finally:
+        with suppress(OSError):
+            bar.stop()

@@ -57,19 +57,16 @@ def paced_node(pace: str, query: str) -> Iterator[str]:
 
     In real time the emulated bench, else one whose samples cost nothing, so that the wire limits.
     """
+    if pace == "fast":
+        with process("tools/paced_node.py", query) as near:
+            yield near
+        return
     emulate = "from hdbench_cli.main import main; main()"
     realtime = ("-c", emulate, "emulate", "--rtu", "--pace", "realtime", "--json")
-    counting = ("tools/reply_faults.py", "--serve", "rtu")
-    with (
-        process(*(realtime if pace == "realtime" else counting)) as told,
-        process("tools/paced_line.py", f"{_path(told)}?{query}") as near,
-    ):
-        yield near
-
-
-def _path(told: str) -> str:
-    """Return the address in an emulator's first line, without settings of the line."""
-    return str(json.loads(told)["address"]).partition("?")[0]
+    with process(*realtime) as told:
+        path = str(json.loads(told)["address"]).partition("?")[0]
+        with process("tools/paced_line.py", f"{path}?{query}") as near:
+            yield near
 
 
 def node(address: str, n_channels: int) -> Any:

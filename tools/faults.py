@@ -23,9 +23,12 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent))
 
+import fault_answers
 import fault_disk
 import fault_inputs
+import fault_people
 import fault_process
+import fault_samples
 import fault_wire
 from fault_kit import Row, ServedBench, served, short_profile
 
@@ -52,7 +55,7 @@ ON_BENCH: tuple[tuple[str, int, Trial], ...] = (
 ALONE: tuple[tuple[str, int, Callable[[Path, int, int], Row]], ...] = (
     ("5", 10_000, fault_disk.power_cuts),
     ("6", 200, fault_disk.full_disks),
-    ("7", 200, fault_disk.failing_disks),
+    ("7", 500, fault_disk.failing_disks),
     ("8", 6, fault_disk.refusals),
     ("9", 10_000, fault_wire.wrong_headers),
     ("10", 10_000, fault_wire.wrong_replies),
@@ -61,7 +64,13 @@ ALONE: tuple[tuple[str, int, Callable[[Path, int, int], Row]], ...] = (
     ("13", 10_000, fault_wire.pieces),
     ("14", 200, fault_wire.slow_replies),
     ("15", 1000, fault_wire.cuts),
+    ("16", 1000, fault_answers.refusals),
+    ("17", 200, fault_answers.waits),
     ("18", 1000, fault_wire.gaps),
+    ("19", 600, fault_samples.broken_channels),
+    ("21", 40, fault_people.clock_steps),
+    ("22", 1320, fault_answers.wraps),
+    ("24", 60, fault_people.people),
     ("25", 10_000, fault_inputs.profiles),
     ("26", 10_000, fault_inputs.traces),
     ("27", 100, fault_disk.killed_writes),

@@ -10,7 +10,7 @@ from hdbench.errors import UsageError
 from hdbench.profile.acquiring import Acquisition, CompositeAcquisition
 from hdbench.profile.schema import ProfileData
 
-__all__ = ["RateLimit", "check_pace", "rate_limit"]
+__all__ = ["RateLimit", "check_drives", "check_pace", "rate_limit"]
 
 # `rate_hz(table) -> float` of each driver: what its device and wire sustain, inf where embedded
 _RATES = {
@@ -19,6 +19,8 @@ _RATES = {
     "modbus": "hdbench.devices.modbus.opening:modbus_rate_hz",
     "dataq": "hdbench.devices.dataq.opening:dataq_rate_hz",
 }
+# drivers whose reference this computer writes to an output that the profile has to describe
+_HOSTED = ("labjack-t", "modbus", "dataq")
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,6 +60,35 @@ def rate_limit(table: Acquisition) -> RateLimit | None:
         return None
     n_channels = len(roles_of(table))
     return RateLimit(rate_hz, f"{n_channels} channels of {table.driver} at {table.address}")
+
+
+def check_drives(profile: ProfileData, what: str) -> None:
+    """Refuse a motion where no device of the profile can put out the motor's reference.
+
+    Parameters
+    ----------
+    profile : ProfileData
+        The bench.
+    what : str
+        What asks for the motion.
+
+    Raises
+    ------
+    UsageError
+        If nothing in ``[daq]`` drives. Of a driver of another package only the device can tell.
+    """
+    table = profile.daq
+    driving = table.outputs if isinstance(table, CompositeAcquisition) else table
+    key = "daq.outputs" if isinstance(table, CompositeAcquisition) else "daq"
+    # a node makes its reference itself
+    if driving.driver not in _HOSTED or getattr(driving, "output", None) is not None:
+        return
+    raise UsageError(
+        f"{what} moves the motor; {driving.driver} at {driving.address} has no output in this "
+        "profile",
+        where=f"key {key}.output",
+        fix='describe the output of the device, or add one that has: driver = "composite"',
+    )
 
 
 def check_pace(profile: ProfileData, sample_period_s: float, what: str) -> None:

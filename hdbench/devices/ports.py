@@ -83,6 +83,8 @@ class Block:
     absent : tuple of str
         ``encoder``, ``current``, ``reference``, ``tacho``, ``torque``: what is not measured on this
         bench. Its values are NaN throughout, an encoder's counts 0.
+    repeats : int
+        Requests that the driver has sent again since it was opened.
     """
 
     first_index: int
@@ -98,6 +100,7 @@ class Block:
     depth: int
     time_s: FloatArray | None = None
     absent: tuple[str, ...] = ()
+    repeats: int = 0
 
     def __len__(self) -> int:
         return len(self.torque_v)

@@ -8,7 +8,7 @@ from hdbench.profile import Profile
 from hdbench.records import Loads
 from hdbench.records.trace import Trace
 
-__all__ = ["channel_doubts", "sign_doubts"]
+__all__ = ["channel_doubts", "channel_refusal", "sign_doubts"]
 
 # share of the largest load below which a torque of the other sign may be the zero of a reference
 # sensor: Table 1's sensors are consistent to 2 %, hand-read zeros to about as much again
@@ -45,6 +45,31 @@ def channel_doubts(records: Trace | Loads, source: Path, profile: Profile) -> li
     }
     words = [seen.get(flag.name, flag.detail) for flag in checked.flags]
     return [f"{word} (hdbench diagnose says by how much)" for word in words]
+
+
+def channel_refusal(trace: Trace, source: Path, profile: Profile) -> str:
+    """Return why a file's channels cannot be what their names say, whatever ripple they hold.
+
+    Parameters
+    ----------
+    trace : Trace
+        What was read.
+    source : Path
+        Where from. A run folder was written by the bench itself, in known units.
+    profile : Profile
+        Limits, converter and gains of the bench.
+
+    Returns
+    -------
+    str
+        One reason in words, or an empty text. Unlike `channel_doubts` it takes no order for
+        granted, so that traces with other orders than this bench's pass.
+    """
+    if source.is_dir():
+        return ""
+    from hdbench.diagnosis.acquisition.units import check_channels
+
+    return check_channels(trace, profile.data).reason
 
 
 def sign_doubts(records: Trace | Loads) -> list[str]:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from hdbench.devices import open_bench
-from hdbench.devices.ports import AcquisitionSettings, Bench, Identity, SafeState
+from hdbench.devices.ports import AcquisitionSettings, Bench, Block, Identity, SafeState
 from hdbench.errors import UnsafeError
 from hdbench.filter import FilterModel
 from hdbench.filter.amplitudes import block_amplitudes
@@ -244,10 +244,12 @@ class Monitor:
             rows = recorder.add(block)
             for name, statistics in self.channels.items():
                 statistics.add(rows[name])
-            self.watcher.frame(self._frame(recorder, rows, block.depth))
+            self.watcher.frame(self._frame(recorder, rows, block))
         bench.stop()
 
-    def _frame(self, recorder: TraceRecorder, rows: Mapping[str, FloatArray], depth: int) -> Frame:
+    def _frame(
+        self, recorder: TraceRecorder, rows: Mapping[str, FloatArray], block: Block
+    ) -> Frame:
         return Frame(
             phase="looking on, drive disabled",
             done_s=recorder.n_rows * recorder.sample_period_s,
@@ -256,7 +258,7 @@ class Monitor:
             rows=recorder.n_rows,
             lost=recorder.lost,
             saturated=recorder.saturated,
-            depth=depth,
-            retries=0,
+            depth=block.depth,
+            retries=block.repeats,
             amplitudes=block_amplitudes(recorder.model, recorder.online.state()),
         )

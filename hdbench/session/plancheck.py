@@ -4,9 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from hdbench.devices.pace import check_pace
+import numpy as np
+
+from hdbench.devices.pace import check_drives, check_pace
 from hdbench.errors import UsageError
+from hdbench.model.program import ReferenceProgram, program_voltage
+from hdbench.model.waves import reference_voltage
 from hdbench.profile.schema import ProfileData
+from hdbench.records import FloatArray
 from hdbench.session.calibrating.points import Point
 from hdbench.session.plans import Acquire, Plan
 
@@ -30,7 +35,7 @@ def check_plan(plan: Plan, profile: ProfileData) -> None:
     UsageError
         With every step that is outside a limit.
     """
-    problems = list(_check_pace(plan, profile))
+    problems = [*_check_drives(plan, profile), *_check_pace(plan, profile)]
     for number, step in enumerate(plan.steps, start=1):
         where = f"step {number} of the {plan.kind} plan"
         if isinstance(step, Acquire):
@@ -41,6 +46,17 @@ def check_plan(plan: Plan, profile: ProfileData) -> None:
         raise UsageError(
             problems[0].what, where=problems[0].where, fix=problems[0].fix, problems=tuple(problems)
         )
+
+
+def _check_drives(plan: Plan, profile: ProfileData) -> Iterator[UsageError]:
+    """Ask whether anything can move the motor, where the plan does."""
+    moving = next((s for s in plan.steps if isinstance(s, Acquire) and s.wave is not None), None)
+    if moving is None:
+        return
+    try:
+        check_drives(profile, moving.describe())
+    except UsageError as error:
+        yield error
 
 
 def _check_pace(plan: Plan, profile: ProfileData) -> Iterator[UsageError]:
@@ -82,6 +98,21 @@ def _check_load(point: Point, profile: ProfileData, where: str) -> list[UsageErr
     return problems
 
 
+def _travel(step: Acquire, profile: ProfileData) -> tuple[tuple[str, float, float, str, str], ...]:
+    """Return how far the motor gets from its start, rad, where the profile limits that."""
+    limit = profile.limits.travel_rad
+    if limit is None or step.wave is None:
+        return ()
+    period_s = step.sample_period_s
+    if isinstance(step.wave, ReferenceProgram):
+        volts = program_voltage(step.wave, period_s)
+    else:
+        time_s: FloatArray = np.arange(step.n_samples, dtype=np.float64) * period_s
+        volts = reference_voltage(step.wave, time_s, step.duration_s)
+    angle = np.cumsum(volts) * period_s * profile.servo.velocity_gain_rad_s_per_v
+    return (("travel", float(np.max(np.abs(angle), initial=0.0)), limit, "rad", "travel_rad"),)
+
+
 def _check_motion(step: Acquire, profile: ProfileData, where: str) -> list[UsageError]:
     peak_v = step.peak_v
     velocity = peak_v * profile.servo.velocity_gain_rad_s_per_v
@@ -90,6 +121,7 @@ def _check_motion(step: Acquire, profile: ProfileData, where: str) -> list[Usage
         ("reference", peak_v, limits.reference_v, "V", "reference_v"),
         ("motor speed", velocity, limits.velocity_rad_s, "rad/s", "velocity_rad_s"),
         ("duration", step.duration_s, limits.duration_s, "s", "duration_s"),
+        *_travel(step, profile),
     )
     return [
         UsageError(

@@ -16,6 +16,7 @@ from hdbench.diagnosis.planning.segments import LoadStep
 from hdbench.filter import FilterModel, OnlineFilter
 from hdbench.profile.schema import ProfileData
 from hdbench.records import FloatArray
+from hdbench.session.stuckwatch import HeldTorque
 
 __all__ = ["SampleJournal", "TraceRecorder"]
 
@@ -94,15 +95,18 @@ class TraceRecorder:
     n_rows: int = field(default=0, init=False)
     lost: int = field(default=0, init=False)
     saturated: int = field(default=0, init=False)
+    held: int = field(default=0, init=False)
     stage: int = field(default=0, init=False)
     stage_rows: int = field(default=0, init=False)
     stage_start_s: float = field(default=0.0, init=False)
     load: LoadStep | None = field(default=None, init=False)
     ended_s: float | None = field(default=None, init=False)
     attempts: dict[int, int] = field(default_factory=dict, init=False)
+    _torque: HeldTorque = field(init=False)
 
     def __post_init__(self) -> None:
         self.online = OnlineFilter(self.model)
+        self._torque = HeldTorque(self.sample_period_s)
 
     def begin(self, load: LoadStep | None, step: int | None = None) -> None:
         """Begin an acquisition; one that follows another begins the pause after it.
@@ -127,6 +131,7 @@ class TraceRecorder:
             self.stage_start_s = last_s + max(pause_s, 2.0 * self.sample_period_s)
             self.stage += 1
         self.stage_rows, self.load = 0, load
+        self._torque = HeldTorque(self.sample_period_s)
         if step is not None:
             self.attempts[step] = self.attempts.get(step, 0) + 1
             noted = {"event": "acquisition", "step": step, "attempt": self.attempts[step]}
@@ -165,6 +170,7 @@ class TraceRecorder:
             rows.get("motor_angle_rad"),
         )
         rows["torque_filtered_online_nm"] = filtered.torque_filtered_nm
+        held = self._held(rows)
         now_s = self.clock()
         sync = now_s - self.synced_s >= _SYNC_S
         if sync:
@@ -176,6 +182,7 @@ class TraceRecorder:
                 "first_index": int(block.first_index - block.lost_before),
                 "lost": int(block.lost_before),
                 "saturated": int(np.count_nonzero(block.saturated)),
+                "held": held,
             },
             sync=sync,
         )
@@ -183,7 +190,14 @@ class TraceRecorder:
         self.stage_rows += len(rows["time_s"])
         self.lost += block.lost_before
         self.saturated += int(np.count_nonzero(block.saturated))
+        self.held += held
         return rows
+
+    def _held(self, rows: dict[str, FloatArray]) -> int:
+        """Return how many samples of the torque did not change although the motor turned."""
+        if "torque_v" not in rows or "motor_angle_rad" not in rows:
+            return 0
+        return self._torque.count(rows["torque_v"], rows["motor_angle_rad"])
 
     def _scale(self, block: Block) -> dict[str, FloatArray]:
         first = block.first_index - block.lost_before

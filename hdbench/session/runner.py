@@ -16,6 +16,7 @@ from hdbench.session.limitwatch import LimitWatch
 from hdbench.session.plans import Acquire, Lock, Place, Plan, Put, Step
 from hdbench.session.recorder import TraceRecorder
 from hdbench.session.stop import Aborted, StopSignals
+from hdbench.session.stuckwatch import SpeedWatch
 from hdbench.session.waiting import next_block
 from hdbench.session.watching import Frame, Unwatched, Watcher
 
@@ -159,12 +160,15 @@ class Runner:
         self.stop.check()
         self.bench.configure(AcquisitionSettings(step.sample_period_s, step.n_samples, step.wave))
         recorder.begin(step.load, number)
+        range_rad_s = self.profile.daq.range_v * self.profile.tacho.gain_rad_s_per_v
         limits = LimitWatch(self.profile.limits)
+        speed = SpeedWatch(step.sample_period_s, range_rad_s)
         self.bench.start()
         while recorder.stage_rows < step.n_samples:
             block = next_block(self.bench, self.stop)
             rows = recorder.add(block)
             limits.check(block, rows)
+            speed.check(block, rows)
             self.progress(step.describe(), recorder.stage_rows / step.n_samples)
             self.watcher.frame(self._frame(step, recorder, block, rows))
         self.bench.stop()
@@ -186,6 +190,6 @@ class Runner:
             lost=recorder.lost,
             saturated=recorder.saturated,
             depth=block.depth,
-            retries=0,
+            retries=block.repeats,
             amplitudes=block_amplitudes(recorder.model, recorder.online.state()),
         )

@@ -46,5 +46,6 @@ def _take_over(recorder: TraceRecorder, group: SampleGroup) -> None:
         recorder.n_rows += len(rows["time_s"])
         recorder.lost += int(block.extra.get("lost", 0))
         recorder.saturated += int(block.extra.get("saturated", 0))
+        recorder.held += int(block.extra.get("held", 0))
     recorder.stage_rows = recorder.n_rows - first_row
     recorder.stage_start_s = last_s - (recorder.stage_rows - 1) * recorder.sample_period_s

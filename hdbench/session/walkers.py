@@ -117,11 +117,15 @@ class MotionWalk:
         return written
 
     def doubts(self) -> tuple[str, ...]:
-        """Return losses and saturation."""
+        """Return losses, saturation and a torque that did not change."""
         recorder = self.runner.recorder
         if recorder is None:
             return ()
-        counted = ((recorder.lost, "samples lost"), (recorder.saturated, "samples saturated"))
+        counted = (
+            (recorder.lost, "samples lost"),
+            (recorder.saturated, "samples saturated"),
+            (recorder.held, "samples of the torque that did not change while the motor turned"),
+        )
         return tuple(f"{count} {what}" for count, what in counted if count)
 
 

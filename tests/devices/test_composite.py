@@ -9,6 +9,7 @@ from daqkit import ABLE, ROLES, SETTINGS, Clock, FakeDaq, block
 from hdbench.devices import AcquisitionSettings, open_bench
 from hdbench.devices.composite import CompositeDaq
 from hdbench.devices.daq import DaqSettings
+from hdbench.devices.emulator.composite.serve import emulated_speed
 from hdbench.devices.hosted import HostedBench
 from hdbench.errors import DeviceError
 from hdbench.profile import load_profile
@@ -191,3 +192,21 @@ def test_two_emulated_devices_are_one_bench():
     # the emulator is four times as fast as its clock says: so is the doubt of the alignment
     assert lag_s == pytest.approx(1 / (2 * np.pi * 15.0), abs=0.005 + 4 * aligned.samples_s)
     assert 0.0 < aligned.standard_uncertainty_s < 0.1
+
+
+@pytest.mark.parametrize(("pace", "polled", "speed"), [
+    ("realtime", False, 1.0), ("realtime", True, 1.0), ("fast", True, 1.0), ("fast", False, 4.0),
+])  # fmt: skip
+def test_polled_inputs_are_emulated_at_the_pace_of_the_clock_that_polls_them(pace, polled, speed):
+    table = load_profile("di-2108-ek9000").data.daq
+    if polled:
+        table = table.model_copy(update={"inputs": load_profile("seneca-z-sg").data.daq})
+    assert emulated_speed(table, pace) == speed
+
+
+def test_repeated_requests_of_both_devices_are_counted():
+    one, other, both = pair()
+    # a driver that does not count adds nothing
+    assert both.repeats == 0
+    one.repeats, other.repeats = 3, 4
+    assert both.repeats == 7

@@ -12,6 +12,7 @@ from nodekit import adu, node_wire, rogue
 
 from hdbench.devices.node.registers import FEED, IDENTITY, PARAMETERS, STATUS, register
 from hdbench.devices.wire import ExceptionReply, FrameError, registers_check
+from hdbench.devices.wire.crc import crc16
 from hdbench.devices.wire.tcp import next_reply
 from hdbench.errors import DeviceError
 
@@ -284,3 +285,33 @@ def test_only_an_exact_register_reply_passes(pdu, count):
     except (FrameError, ExceptionReply):
         passed = False
     assert passed == exact
+
+
+@pytest.mark.parametrize("late_s", [0.0, 0.01, 0.03, 0.15])
+def test_a_reply_within_the_deadline_is_delivered_however_late_it_is(late_s):
+    """Soon, by one system call; or after the kernel has given up and the fine clock waits."""
+
+    def late(connection, request):
+        time.sleep(late_s)
+        connection.sendall(adu(request, GOOD))
+
+    with rogue(late) as (host, port, frames):
+        wire = node_wire(host, port, deadline_s=4.0)
+        start_s = time.monotonic()
+        assert [wire.read(SERIAL) for _ in range(3)] == [GOOD[2:]] * 3
+        assert time.monotonic() - start_s >= 3 * late_s
+        wire.close()
+    assert len(frames) == 3
+
+
+@given(data=st.binary(max_size=300))
+@settings(max_examples=200, deadline=None)
+def test_the_checksum_of_a_serial_frame_is_that_of_the_specification_bit_by_bit(data):
+    value = 0xFFFF
+    for byte in data:
+        value ^= byte
+        for _ in range(8):
+            value = value >> 1 ^ (0xA001 if value & 1 else 0)
+    assert crc16(data) == value.to_bytes(2, "little")
+    # a frame with its checksum leaves nothing
+    assert crc16(data + crc16(data)) == b"\0\0"

@@ -3,17 +3,28 @@
 from __future__ import annotations
 
 import signal
+import sys
+from contextlib import ExitStack
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from hdbench.devices.emulator.bench import SimulatedBench
+from hdbench.devices.emulator.faults import Mangler, TcpFraming
+from hdbench.devices.emulator.plantfile import load_plant
+from hdbench.devices.emulator.serve import build_core
+from hdbench.devices.emulator.server import NodeServer
 from hdbench.filter import preset
 from hdbench.profile import load_profile
 from hdbench.profile.scaling import profile_scale
 from hdbench.session.monitor import ChannelStatistics, Monitor
 from hdbench.session.stop import StopSignals
 from hdbench.session.watching import Frame, Unwatched
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "tools"))
+
+from spoilt_line import behind, in_thread
 
 PROFILE = load_profile("cim-tr-97-06")
 
@@ -98,3 +109,30 @@ def test_a_signal_ends_it_with_the_bench_safe() -> None:
     assert found.stopped_by == signal.SIGINT
     assert found.safe.confirmed
     assert found.samples < 2000
+
+
+def test_what_looks_on_is_told_how_often_the_driver_asked_again() -> None:
+    """One reply in ten is lost; the count comes from the driver, through block and frame."""
+    profile = PROFILE.data
+    spoiler = Mangler("drop", TcpFraming(), share=0.0, seed=1)
+    with ExitStack() as stack:
+        core = build_core(
+            SimulatedBench(profile, load_plant("as-modelled"), 0), profile, 0, pace="fast"
+        )
+        server = NodeServer(core)
+        host, port = stack.enter_context(in_thread(server, server.open("127.0.0.1", 0)))
+        address = stack.enter_context(behind(f"tcp://{host}:{port}", spoiler))
+        seen = Seen()
+
+        class Spoiling(Seen):
+            def frame(self, frame: Frame) -> None:
+                spoiler.share = 0.1
+                seen.frames.append(frame)
+
+        found = monitor(Spoiling(), 1.5).observe(address=address, plant="", seed=0)
+    assert found.samples == 1500
+    retries = [frame.retries for frame in seen.frames]
+    assert retries == sorted(retries)
+    assert retries[0] == 0
+    # a lost reply is the only fault there is; a busy machine may add late ones
+    assert retries[-1] >= 1

@@ -9,6 +9,7 @@ from dataclasses import replace
 from hdbench.devices.capabilities import Capabilities, Role
 from hdbench.devices.daq import Daq, DaqSettings, Fixture, ScanBlock, WatchdogState
 from hdbench.devices.ports import Identity, SafeState
+from hdbench.devices.repeats import repeats_of
 from hdbench.errors import DeviceError
 
 __all__ = ["CompositeDaq"]
@@ -44,6 +45,11 @@ class CompositeDaq:
         self._clock = clock
         self._looked_s = 0.0
         self._tripped = False
+
+    @property
+    def repeats(self) -> int:
+        """Requests that were sent again so far, by either device."""
+        return repeats_of(self._inputs) + repeats_of(self._outputs)
 
     def capabilities(self) -> Capabilities:
         """Return the inputs of the one, and outputs, enable and watchdog of the other.

@@ -31,6 +31,9 @@ _GROUPS = (
     reg.PROGRAM,
     reg.HANDLING,
 )
+# acknowledgement and heartbeat
+_FEED = struct.Struct(">HH")
+_FEED_AT = reg.FEED[0].address
 
 
 class NodeCore:
@@ -90,6 +93,12 @@ class NodeCore:
             With exception 2 (no such register), 3 (value or limit), 4 (a trip is latched) or 6
             (running, or held by another host).
         """
+        if address == _FEED_AT and len(raw) == _FEED.size:
+            # what every exchange writes
+            self._refuse_others(connection)
+            ack, heartbeat = _FEED.unpack(raw)
+            self._accept_feed({"ack": ack, "heartbeat": heartbeat})
+            return
         group = _group_of(address, len(raw) // 2)
         chosen = _whole_registers(group, address, len(raw) // 2)
         values = decode_group(chosen, raw)
@@ -99,8 +108,8 @@ class NodeCore:
         if group is reg.NONCE:
             self._nonces[connection] = int(values["nonce"])
             return
-        if not self._always_allowed(values) and self._session.state(connection) == HELD:
-            raise RefusedError(6, Refusal.SESSION_HELD, reg.register("session").address)
+        if not self._always_allowed(values):
+            self._refuse_others(connection)
         if group is reg.FEED:
             self._accept_feed(values)
         elif group is reg.PARAMETERS:
@@ -221,6 +230,10 @@ class NodeCore:
         else:
             raise RefusedError(3, Refusal.VALUE, address)
         self._command = command
+
+    def _refuse_others(self, connection: int) -> None:
+        if self._session.state(connection) == HELD:
+            raise RefusedError(6, Refusal.SESSION_HELD, reg.register("session").address)
 
     def _refuse_while_running(self, address: int) -> None:
         if self.machine.state == State.RUNNING:

@@ -29,6 +29,8 @@ _FAST_CHUNK_S = 0.2
 _FAST_CHUNK_BLOCKS = 10
 # fast pace: device time that passes per look at a motor that is still turning
 _FAST_IDLE_S = 0.02
+_OVERFLOW, _RUNNING = int(Flag.OVERFLOW), int(Flag.RUNNING)
+_TRIPPED, _ENABLED = int(Flag.WATCHDOG_TRIPPED), int(Flag.DRIVE_ENABLED)
 
 
 class PlantBench(Protocol):
@@ -192,11 +194,11 @@ class NodeMachine:
 
     def flags(self) -> int:
         """Return the flags of this moment."""
-        return int(
-            (Flag.OVERFLOW if self.fifo.lost else 0)
-            | (Flag.RUNNING if self.state == State.RUNNING else 0)
-            | (Flag.WATCHDOG_TRIPPED if self.state == State.TRIPPED else 0)
-            | (Flag.DRIVE_ENABLED if self.bench.enabled else 0)
+        return (
+            (_OVERFLOW if self.fifo.lost else 0)
+            | (_RUNNING if self.state == State.RUNNING else 0)
+            | (_TRIPPED if self.state == State.TRIPPED else 0)
+            | (_ENABLED if self.bench.enabled else 0)
         )
 
     def _produce(self, count: int) -> None:

@@ -80,15 +80,20 @@ class PacedLine:
 
     def _turn(self) -> None:
         due_s = min((self._due_s(way) for way in self._ways if way.waiting), default=None)
-        wait_s = _GRAIN_S if due_s is None else max(0.0, due_s - self._clock())
         reads = [way.read for way in self._ways]
-        # a sleep this short lasts three times as long as asked for
-        wait_s = 0.0 if wait_s < _SHORT_S else min(wait_s - _SHORT_S, _GRAIN_S)
-        for descriptor in select.select(reads, (), (), wait_s)[0]:
+        for descriptor in select.select(reads, (), (), self._pause_s(due_s))[0]:
             self._take(next(way for way in self._ways if way.read == descriptor))
         now_s = self._clock()
         for way in self._ways:
             self._pass(way, now_s)
+
+    def _pause_s(self, due_s: float | None) -> float:
+        """Return how long nothing will have to be done, s."""
+        if due_s is None:
+            return _GRAIN_S
+        # a sleep this short lasts three times as long as asked for
+        wait_s = due_s - self._clock()
+        return 0.0 if wait_s < _SHORT_S else min(wait_s - _SHORT_S, _GRAIN_S)
 
     def _take(self, way: _Way) -> None:
         """Put what has come behind what is on the wire."""
@@ -103,10 +108,11 @@ class PacedLine:
 
     def _due_s(self, way: _Way) -> float:
         """Return when the next piece has arrived."""
-        end_s = way.start_s + len(way.waiting) * self._character_s
-        return min(end_s, max(way.start_s, self._clock()) + _PIECE_S)
+        return min(way.start_s + len(way.waiting) * self._character_s, way.start_s + _PIECE_S)
 
     def _pass(self, way: _Way, now_s: float) -> None:
+        if not way.waiting or now_s < self._due_s(way):
+            return
         arrived = min(len(way.waiting), int((now_s - way.start_s) / self._character_s))
         if arrived <= 0:
             return

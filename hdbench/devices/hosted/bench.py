@@ -18,6 +18,7 @@ from hdbench.devices.hosted.sampleclock import Alignment, SampleClock
 from hdbench.devices.hosted.settings import HostSettings
 from hdbench.devices.hosted.standstill import confirm_safe, wait_for_standstill
 from hdbench.devices.ports import AcquisitionSettings, Block, Identity, SafeState
+from hdbench.devices.repeats import repeats_of
 from hdbench.errors import DeviceError, HdbenchError
 from hdbench.records.trace import FloatArray
 
@@ -149,7 +150,9 @@ class HostedBench:
         scans = self.daq.read_block()
         if scans is not None and len(scans):
             self._samples.seen(scans.first_index + len(scans) - 1, scans.read_s[1])
-        block = None if scans is None else self._channels.block(scans, self._start_s)
+        block = None
+        if scans is not None:
+            block = self._channels.block(scans, self._start_s, repeats_of(self.daq))
         if control is not None:
             crossed = self._doubt() or (crossed_limit(block, self._settings) if block else "")
             if crossed:

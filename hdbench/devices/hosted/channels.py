@@ -93,7 +93,7 @@ class ChannelMap:
         )
         self._converted = [self._column[role] for role in _CONVERTED if role in self._column]
 
-    def block(self, scans: ScanBlock, start_s: float) -> Block:
+    def block(self, scans: ScanBlock, start_s: float, repeats: int = 0) -> Block:
         """Return the scans as a block; channels that are not sampled are NaN, their counts 0.
 
         Parameters
@@ -102,6 +102,8 @@ class ChannelMap:
             As they came.
         start_s : float
             Host's clock at the start of the acquisition, s.
+        repeats : int
+            Requests sent again so far.
         """
         n = len(scans)
         reference = self._values(scans, "reference")
@@ -124,6 +126,7 @@ class ChannelMap:
             depth=scans.depth,
             time_s=None if scans.time_s is None else scans.time_s - start_s,
             absent=self._absent,
+            repeats=repeats,
         )
 
     def _values(self, scans: ScanBlock, role: Role) -> FloatArray:

@@ -76,6 +76,11 @@ class LabJackDaq:
         self._settings: DaqSettings | None = None
         self._acquisition: Acquisition | None = None
 
+    @property
+    def repeats(self) -> int:
+        """Requests that were sent again so far."""
+        return self._control.repeats
+
     def capabilities(self) -> Capabilities:
         """Return what the device can do as the profile wires it."""
         return describe_abilities(self._table, simulated=self.identity().simulated)

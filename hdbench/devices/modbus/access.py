@@ -29,6 +29,8 @@ _ATTEMPTS = 2
 # exceptions that mean the profile is wrong, and those that mean "later"
 _WRONG_PROFILE = (1, 2, 3)
 _LATER = (5, 6)
+# "acknowledged, still working", and the functions that write
+_TAKEN, _WRITES = 5, (5, 6, 15, 16)
 # a device that is busy is asked again after this time, s
 _BUSY_S = 0.02
 # on a line without transaction numbers a reply may come late. A try ends after this share of the
@@ -126,6 +128,10 @@ class Access:
         """
         self.transact(*self._write_request(place, value, function), place.name, attempts=1)
 
+    def pause(self) -> None:
+        """Give a device that is still working a moment."""
+        self._sleep(_BUSY_S)
+
     def close(self) -> None:
         """Close the connection; never raises."""
         self._link.close()
@@ -213,7 +219,9 @@ class Access:
             except ExceptionReply as reply:
                 if reply.code not in _LATER:
                     self._refused(reply, name)
-                if not self._clock() + _BUSY_S < until_s:
+                # a write that the device has taken is not sent again: it is read back
+                taken = reply.code == _TAKEN and pdu[0] in _WRITES
+                if taken or not self._clock() + _BUSY_S < until_s:
                     raise FrameError(str(reply)) from reply
             finally:
                 self._rested_s = self._clock()

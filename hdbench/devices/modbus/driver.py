@@ -61,6 +61,11 @@ class ModbusDaq:
         self._tripped = False
         self._looked_s = 0.0
 
+    @property
+    def repeats(self) -> int:
+        """Requests that were sent again so far."""
+        return self._access.repeats
+
     def capabilities(self) -> Capabilities:
         """Return what the device can do as the profile describes it."""
         return describe_abilities(self._table, simulated=self.identity().simulated)
@@ -157,7 +162,12 @@ class ModbusDaq:
         return {} if reading.doubt else dict(zip(roles, reading.values, strict=True))
 
     def safe_state(self) -> SafeState:
-        """Bring the reference to zero and the enable off, read back twice; never raises."""
+        """Bring the reference to zero and the enable off, read back twice; never raises.
+
+        Notes
+        -----
+        Another device at this address is never written to: the safe state is not confirmed then.
+        """
         self._polling = None
         output = self._table.output
         if self._outputs is None or output is None:
@@ -167,6 +177,7 @@ class ModbusDaq:
             self._watchdog,
             _zero_v(output),
             output.brake_s,
+            known=self.identity,
             clock=self._clock,
             sleep=self._sleep,
         )

@@ -11,6 +11,9 @@ from hdbench.profile.acquiring_modbus import ModbusAcquisition, ModbusOutput
 
 __all__ = ["Outputs", "output_range_v", "output_step_v"]
 
+# looks at a write whose answer did not come, or said that the device is still working on it
+_LOOKS = 5
+
 
 def output_range_v(output: ModbusOutput) -> tuple[float, float]:
     """Return the range that may be written: that of the register within the profile's limit.
@@ -85,10 +88,17 @@ class Outputs:
                 fix="ask for less, or raise daq.output.limit_v if the drive allows it",
             )
         raw = (value - self._output.offset) / self._output.scale
-        self._once(self._place, raw, self._output.function)
-        found = self.read_back()
+        answered = self._once(self._place, raw, self._output.function)
         # half a step is rounding, a 32-bit float keeps 6e-8 of its value
-        if not abs(found - value) <= output_step_v(self._output) + 1e-6 * abs(value):
+        allowed = output_step_v(self._output) + 1e-6 * abs(value)
+        found = self.read_back()
+        for _ in range(0 if answered else _LOOKS):
+            if abs(found - value) <= allowed:
+                break
+            # it may have said that it is still working on it
+            self._access.pause()
+            found = self.read_back()
+        if not abs(found - value) <= allowed:
             raise DeviceError(
                 f"the reference reads back as {found:.6g} V; written: {value:.6g} V",
                 where=f"{self._access.where}, {self._back.name}",
@@ -116,10 +126,12 @@ class Outputs:
             return False
         return bool(self._access.read([place])[0] != spec.off)
 
-    def _once(self, place: Place, value: float, function: int | None) -> None:
+    def _once(self, place: Place, value: float, function: int | None) -> bool:
         """Write once; without a valid answer, what became of it shows when it is read back."""
         try:
             self._access.write(place, value, function)
         except DeviceError as error:
             if not isinstance(error.__cause__, FrameError):
                 raise
+            return False
+        return True

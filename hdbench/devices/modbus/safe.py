@@ -67,6 +67,7 @@ def reach_safe_state(
     zero_v: float,
     brake_s: float,
     *,
+    known: Callable[[], object],
     clock: Callable[[], float],
     sleep: Callable[[float], None],
 ) -> SafeState:
@@ -82,6 +83,8 @@ def reach_safe_state(
         What still counts as zero, V: one step of the register.
     brake_s : float
         Time from reference zero to enable off, s; none where the reference cannot be zeroed.
+    known : callable
+        Raises while it is not known that this is the device meant: nothing is written until then.
     clock, sleep : callable
         Monotonic clock in s, and waiting.
 
@@ -94,6 +97,12 @@ def reach_safe_state(
     found: float | None = None
     detail, calm, braked = "no answer from the device", 0, False
     while calm < _CALM and clock() < until_s:
+        try:
+            known()
+        except HdbenchError as error:
+            found, detail, calm = None, error.what, 0
+            sleep(_POLL_S)
+            continue
         try:
             found = zero(outputs, watchdog, zero_v) if calm == 0 else outputs.read_back()
             detail = "" if abs(found) <= zero_v else f"the motor reference is {found:.4g} V"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import struct
 
 from hdbench.devices.node.codec import Value, as_float32, decode_group, encode_group
@@ -27,6 +28,9 @@ from hdbench.errors import DeviceError
 from hdbench.model.program import ReferenceProgram
 
 __all__ = ["NodeAccess"]
+# codes fill 16 bits from the left
+_FEWEST_BITS, _MOST_BITS = 8, 16
+_ABOVE_ZERO = ("range_v", "current_range_a", "limit_velocity_rad_s")
 
 
 class NodeAccess:
@@ -74,8 +78,28 @@ class NodeAccess:
     def limits(self) -> dict[str, Value]:
         """Return the node's own limits and scales, by register name."""
         if not self._limits:
-            self._limits = decode_group(LIMITS, self.wire.read(LIMITS))
+            found = decode_group(LIMITS, self.wire.read(LIMITS))
+            self._check_limits(found)
+            self._limits = found
         return self._limits
+
+    def _check_limits(self, found: dict[str, Value]) -> None:
+        """Refuse scales that no node can have: everything measured is made with them."""
+        bits = int(found["converter_bits"])
+        if not _FEWEST_BITS <= bits <= _MOST_BITS:
+            raise self.error(
+                f"a converter of {bits} bits; needed: {_FEWEST_BITS} to {_MOST_BITS}",
+                "converter_bits",
+                "correct the node's firmware (docs/node-protocol.md)",
+            )
+        for name in _ABOVE_ZERO:
+            # written so that NaN fails
+            if not 0.0 < float(found[name]) < math.inf:
+                raise self.error(
+                    f"{name} is {found[name]}; needed: a number above 0",
+                    name,
+                    "correct the node's firmware (docs/node-protocol.md)",
+                )
 
     def status(self) -> dict[str, Value]:
         """Return the status block of this moment, by register name."""

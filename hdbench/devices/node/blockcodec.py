@@ -112,8 +112,7 @@ def encode_block(header: BlockHeader, scans: bytes) -> bytes:
     """
     whole = np.frombuffer(scans, dtype=">u2").reshape(-1, SCAN_BYTES // 2)
     columns = [word for word in range(SCAN_BYTES // 2) if header.channels >> word & 1]
-    encoder = (int(whole[0, 4]) << 16 | int(whole[0, 5])) if len(whole) else 0
-    encoder = (encoder + 2**31) % 2**32 - 2**31
+    encoder = struct.unpack_from(">i", scans, 8)[0] if scans else 0
     head = HEADER.pack(
         0,
         header.run,
@@ -161,11 +160,11 @@ def block_fault(raw: bytes) -> str:
     """
     if not len(raw) >= DATA_AT:
         return f"{len(raw)} bytes of a block, shorter than a header: its checksum is missing"
-    size = _data_bytes(raw)
-    if not size <= len(raw) - DATA_AT:
-        return f"{size} bytes of scans in a block of {len(raw) - DATA_AT}"
+    end = DATA_AT + 2 * raw[6].bit_count() * (raw[8] << 8 | raw[9])
+    if not end <= len(raw):
+        return f"{end - DATA_AT} bytes of scans in a block of {len(raw) - DATA_AT}"
     told = int.from_bytes(raw[_CRC_AT:DATA_AT], "big")
-    if zlib.crc32(raw[DATA_AT : DATA_AT + size], zlib.crc32(raw[:_CRC_AT])) != told:
+    if zlib.crc32(raw[DATA_AT:end], zlib.crc32(raw[:_CRC_AT])) != told:
         return "the checksum of the block is wrong"
     return ""
 

@@ -66,6 +66,11 @@ class NodeDaq:
         self._settings: DaqSettings | None = None
         self._next_poll_s = 0.0
 
+    @property
+    def repeats(self) -> int:
+        """Requests that were sent again so far."""
+        return self._wire.repeats
+
     def identity(self) -> Identity:
         """Return who answers; asked once, before anything is written."""
         return self._node.identity()

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from hdbench.devices.daq import DaqSettings
-from hdbench.devices.node.blocks import channel_bits
+from hdbench.devices.node.blockvalues import channel_bits
 from hdbench.devices.node.codec import Value, as_float32
 from hdbench.devices.node.registers import PROGRAM_WAVE, WAVES, register
 from hdbench.errors import DeviceError

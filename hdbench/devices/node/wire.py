@@ -12,10 +12,9 @@ import time
 from collections.abc import Callable, Sequence
 from typing import NoReturn
 
-from hdbench.devices.node.blocks import block_check
+from hdbench.devices.node.blocks import BlockExchange
 from hdbench.devices.node.registers import (
     BLOCK,
-    FEED,
     NONCE,
     STATUS,
     Refusal,
@@ -56,6 +55,11 @@ class NodeWire:
     clock : callable, optional
         Monotonic clock, s.
 
+    Attributes
+    ----------
+    repeats : int
+        Requests that were sent again so far.
+
     Notes
     -----
     Reads and the acknowledged block exchange are repeated once within the deadline. Writes are
@@ -73,6 +77,8 @@ class NodeWire:
         self._session = 0
         self._heartbeat = 0
         self._nonce = 0
+        self._window: BlockExchange | None = None
+        self._window_count = 0
         link.opened = self._present_session
 
     def read(self, group: Sequence[Register]) -> bytes:
@@ -125,13 +131,14 @@ class NodeWire:
         DeviceError
             As for `read`.
         """
-        window, target = BLOCK[0].address, FEED[0].address
+        window = self._window
+        if window is None or self._window_count != count:
+            self._window = window = BlockExchange(count)
+            self._window_count = count
 
         def build() -> tuple[bytes, ReplyCheck]:
             self._heartbeat = self._heartbeat % 0xFFFF + 1
-            feed = struct.pack(">HH", ack, self._heartbeat)
-            pdu, _ = exchange_registers(window, count, target, feed)
-            return pdu, block_check(count, self._heartbeat)
+            return window.build(ack, self._heartbeat)
 
         return self._repeat(build, BLOCK[0])
 
@@ -217,7 +224,7 @@ class NodeWire:
             except ExceptionReply as reply:
                 self._refused(reply, first)
             except FrameError as fault:
-                self.repeats += 1
+                self.repeats += attempt < _ATTEMPTS
                 last = fault
         raise self._fault(first, f"{last}, {_ATTEMPTS} times") from last
 
@@ -247,7 +254,7 @@ class NodeWire:
             return Refusal.NONE, 0
 
     def _fault(self, first: Register, what: str) -> DeviceError:
-        fix = "check power and connection of the node, then run `hdbench doctor`"
+        fix = "check address, power and cable of the node, then run `hdbench doctor`"
         if "Permission denied" in what:
             fix = (
                 "join the group that owns the port (often: sudo usermod -aG dialout $USER), log in"

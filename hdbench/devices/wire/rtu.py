@@ -139,11 +139,15 @@ class RtuLink:
     def _send(self, descriptor: int, frame: bytes, until_s: float) -> None:
         """Send `frame` after the silence between frames; what came before it is thrown away."""
         self._be_silent(descriptor, until_s)
-        while frame:
+        while True:
+            # the port never blocks; a request fits its buffer
+            with contextlib.suppress(BlockingIOError):
+                frame = frame[os.write(descriptor, frame) :]
+            if not frame:
+                return
             left_s = until_s - self._clock()
             if not left_s > 0.0 or not select.select((), (descriptor,), (), left_s)[1]:
                 raise FrameError("the serial port takes no characters")
-            frame = frame[os.write(descriptor, frame) :]
 
     def _be_silent(self, descriptor: int, until_s: float) -> None:
         """Wait for the silence between frames; characters that come begin it anew."""

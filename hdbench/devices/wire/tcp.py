@@ -17,7 +17,14 @@ from hdbench.devices.wire.checks import ExceptionReply, FrameError, ReplyCheck, 
 __all__ = ["TcpLink", "next_reply"]
 
 _HEADER = struct.Struct(">HHHB")
-_CHUNK = 4096
+# ten replies of the greatest length
+_CHUNK = 2600
+# The kernel ends a call on a socket after this time: one system call per reply where it comes in
+# time. Its clock for this is coarse (10 ms at 100 Hz, 12 % later on), so a call is left to it only
+# with twice as much time left, and what remains is waited for with the fine clock of `poll`.
+_KERNEL_S = 0.02
+_TIMEVAL = struct.Struct("@ll")
+_POLLS = hasattr(select, "poll")
 
 
 def next_reply(data: bytes, number: int, unit: int) -> tuple[bytes | None, bytes]:
@@ -41,7 +48,7 @@ def next_reply(data: bytes, number: int, unit: int) -> tuple[bytes | None, bytes
     FrameError
         If the stream is not Modbus TCP.
     """
-    while len(data) >= _HEADER.size:
+    while len(data) >= 7:
         found, protocol, length, found_unit = _HEADER.unpack_from(data)
         # unit and function code at least, 253 bytes of PDU at most
         if protocol != 0 or not 2 <= length <= 254:
@@ -49,8 +56,8 @@ def next_reply(data: bytes, number: int, unit: int) -> tuple[bytes | None, bytes
         end = 6 + length
         if len(data) < end:
             break
-        frame, data = data[_HEADER.size : end], data[end:]
-        if (found, found_unit) == (number, unit):
+        frame, data = data[7:end], data[end:]
+        if found == number and found_unit == unit:
             return frame, data
     return None, data
 
@@ -96,7 +103,7 @@ class TcpLink:
     def transact(self, pdu: bytes, check: ReplyCheck, until_s: float) -> bytes:
         """Send one request once and return the PDU of its reply."""
         try:
-            connection = self._connected(until_s)
+            connection = self._socket or self._connected(until_s)
             self._number = number = self._number % 0xFFFF + 1
             self._send(connection, _HEADER.pack(number, 0, len(pdu) + 1, self._unit) + pdu, until_s)
             while True:
@@ -124,8 +131,6 @@ class TcpLink:
                 connection.close()
 
     def _connected(self, until_s: float) -> socket.socket:
-        if self._socket is not None:
-            return self._socket
         left_s = until_s - self._clock()
         if not left_s > 0.0:
             raise FrameError("no time left to connect")
@@ -133,10 +138,12 @@ class TcpLink:
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         if self._secure is not None:
             connection = self._secured(connection, self._secure, until_s)
-        elif hasattr(select, "poll"):
-            connection.setblocking(False)
+        elif _POLLS:
+            connection.setblocking(True)
+            timeval = _TIMEVAL.pack(0, int(1e6 * _KERNEL_S))
+            connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, timeval)
+            connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, timeval)
             self._poller = select.poll()
-            self._poller.register(connection, select.POLLIN)
         self._socket, self._received = connection, b""
         if self.opened is not None:
             self.opened(until_s)
@@ -157,39 +164,50 @@ class TcpLink:
 
     def _reply(self, connection: socket.socket, number: int, until_s: float) -> bytes:
         """Return the next PDU of this transaction."""
+        data = self._received or self._receive(connection, until_s)
         while True:
-            reply, self._received = next_reply(self._received, number, self._unit)
+            reply, self._received = next_reply(data, number, self._unit)
             if reply is not None:
                 return reply
-            self._received += self._receive(connection, until_s)
+            data = self._received + self._receive(connection, until_s)
 
     def _send(self, connection: socket.socket, frame: bytes, until_s: float) -> None:
-        poller = self._poller
-        if poller is None:
+        if self._poller is None:
             self._wait(connection, until_s)
             connection.sendall(frame)
             return
         # a request fits the socket's buffer; only a device that reads nothing lets it fill
-        while frame := frame[connection.send(frame) :]:
-            poller.modify(connection, select.POLLOUT)
-            self._ready(poller, until_s)
-            poller.modify(connection, select.POLLIN)
+        while frame:
+            with contextlib.suppress(BlockingIOError):
+                frame = frame[connection.send(frame) :]
+            if frame:
+                self._ready(connection, select.POLLOUT, until_s)
 
     def _receive(self, connection: socket.socket, until_s: float) -> bytes:
-        poller = self._poller
-        if poller is None:
-            self._wait(connection, until_s)
-        else:
-            self._ready(poller, until_s)
-        chunk = connection.recv(_CHUNK)
-        if not chunk:
-            raise FrameError("the device closed the connection")
-        return chunk
+        """Return what comes; by one system call where it comes soon."""
+        soon = until_s - self._clock() > 2.0 * _KERNEL_S
+        while True:
+            if self._poller is None:
+                self._wait(connection, until_s)
+            elif not soon:
+                self._ready(connection, select.POLLIN, until_s)
+            try:
+                chunk = connection.recv(_CHUNK)
+            except BlockingIOError:
+                soon = False
+                continue
+            if not chunk:
+                raise FrameError("the device closed the connection")
+            return chunk
 
-    def _ready(self, poller: select.poll, until_s: float) -> None:
-        """Wait for a socket that never blocks: fewer system calls than a timeout costs."""
+    def _ready(self, connection: socket.socket, event: int, until_s: float) -> None:
+        """Wait for a connection by the fine clock."""
         left_s = until_s - self._clock()
-        if not left_s > 0.0 or not poller.poll(math.ceil(1e3 * left_s)):
+        poller = self._poller
+        if poller is None or not left_s > 0.0:
+            raise FrameError("no valid reply in time")
+        poller.register(connection, event)
+        if not poller.poll(math.ceil(1e3 * left_s)):
             raise FrameError("no valid reply in time")
 
     def _wait(self, connection: socket.socket, until_s: float) -> None:

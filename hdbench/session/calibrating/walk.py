@@ -204,7 +204,13 @@ class CalibrationWalk:
             torque_nm = expectation.torque_nm(judged.value_v)
             return self.talk.watch(live_reading(point, judged, rule, waited_s, torque_nm))
 
-        return self.reader.take(rule, watch)
+        watched = self.reader.watched
+        taken = self.reader.take(rule, watch)
+        if watched and not self.reader.watched:
+            self.talk.tell(
+                "this bench has no encoder: look yourself whether the lock holds", remarkable=True
+            )
+        return taken
 
     def _judged(self, point: Point, taken: Taken, flags: list[str]) -> Answer:
         """Return what is to be done with a reading; `flags` mark it if it is accepted."""

@@ -126,3 +126,16 @@ def test_a_device_gets_its_rest_between_two_requests():
     access.read([PLACE])
     access.read([PLACE])
     assert line.sent_s[1] - line.sent_s[0] == pytest.approx(0.051)
+
+
+def test_a_write_that_the_device_has_taken_is_not_sent_again():
+    """Exception 5 says "taken, still working"; 6 says "busy, nothing done"."""
+    line = Line(6, 6, 5)
+    with pytest.raises(DeviceError) as told:
+        line.access(numbered=True).write(PLACE, 3.0)
+    assert len(line.sent_s) == 3
+    # what became of it has to be read back
+    assert isinstance(told.value.__cause__, FrameError)
+    line = Line(5, 5, "good")
+    # a read moves nothing: it is asked again
+    assert line.access(numbered=True).read([PLACE]) == [4242]

@@ -284,3 +284,21 @@ def test_the_fixture_reads_back_and_hangs_the_weight():
         assert np.mean(readings[-20:]) == pytest.approx(19.6 / 6.6, rel=0.1, abs=0.5)
         with pytest.raises(ProfileError, match="illegal data value"):
             fixture.set_fixture(locked=True, position_rad=0.0, mass_kg=-1.0, direction=1)
+
+
+def test_another_device_is_never_written_to_not_even_to_make_it_safe():
+    what = table(
+        output={"address": 200, "type": "i16", "scale": 0.001, "limit_v": 10.0},
+        identify=({"address": 104, "type": "u16", "equals": 4660},),
+    )
+    with served(what) as device:
+        wrong = ({"address": 104, "type": "u16", "equals": 4661},)
+        other = what.model_copy(update={"identify": table(identify=wrong).identify})
+        with driver(other, device.address) as daq:
+            safe = daq.safe_state()
+        assert not safe.confirmed
+        assert "4660" in safe.detail
+        assert device.written == []
+        with driver(what, device.address) as daq:
+            assert daq.safe_state().reference_v == 0.0
+        assert device.written != []

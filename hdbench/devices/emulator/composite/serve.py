@@ -12,13 +12,14 @@ from hdbench.devices.emulator.bench import SimulatedBench
 from hdbench.devices.emulator.instrument import DeviceClock, SimulatedInstrument
 from hdbench.devices.emulator.kinds import EmulatedPart, part_of
 from hdbench.devices.emulator.lifetime import ending, open_record, until_motor_stands
+from hdbench.devices.emulator.machine import Pace
 from hdbench.devices.emulator.plantfile import load_plant
 from hdbench.devices.emulator.serve import EmulatorSettings
 from hdbench.errors import DeviceError, UsageError
 from hdbench.profile.acquiring import CompositeAcquisition
 from hdbench.profile.schema import ProfileData
 
-__all__ = ["emulate_composite"]
+__all__ = ["emulate_composite", "emulated_speed"]
 
 # fast pace: device seconds per second that a host-written reference and two wires keep up with
 _FAST_SPEED = 4.0
@@ -68,7 +69,7 @@ def emulate_composite(
             where="--profile, --model",
             fix='name a profile with driver = "composite", and leave out --model',
         )
-    speed = _FAST_SPEED if settings.pace == "fast" else 1.0
+    speed = emulated_speed(table, settings.pace)
     with ExitStack() as stack:
         instrument = SimulatedInstrument(
             SimulatedBench(profile, load_plant(plant), seed),
@@ -85,6 +86,24 @@ def emulate_composite(
             ready({"address": "parts", **found, "speed": speed})
 
         asyncio.run(_serve(instrument, parts, settings, opened))
+
+
+def emulated_speed(table: CompositeAcquisition, pace: Pace) -> float:
+    """Return how many device seconds pass in a second.
+
+    Parameters
+    ----------
+    table : CompositeAcquisition
+        Both devices.
+    pace : {"realtime", "fast"}
+        What was asked for.
+
+    Returns
+    -------
+    float
+        1 with polled inputs at any pace: they are read by this computer's clock.
+    """
+    return _FAST_SPEED if pace == "fast" and table.inputs.driver != "modbus" else 1.0
 
 
 async def _serve(
