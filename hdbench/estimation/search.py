@@ -46,6 +46,22 @@ class LineFit:
     design: FloatArray
 
 
+@dataclass(frozen=True, slots=True)
+class _Trial:
+    """A joint fit with one line more."""
+
+    line: Line
+    columns: FloatArray
+    fit: LinearFit
+
+    @property
+    def nats(self) -> float:
+        """Gaussian log likelihood but for a constant, at the fit's own noise."""
+        noise = self.fit.noise
+        scale = self.fit.rms if noise is None else noise.innovation_std
+        return -self.fit.n_samples * math.log(scale) if scale > 0.0 else math.inf
+
+
 def fit_with_lines(
     design: FloatArray,
     response: FloatArray,
@@ -90,6 +106,10 @@ def fit_with_lines(
     twice its false-alarm probability (two domains) is below `FALSE_ALARM_LEVEL`, at most twelve
     times; then all are fitted jointly. A line left in the residual would bias its neighbours. A
     candidate of which the model already explains half on these samples is passed over.
+
+    Where the motor reverses, a strong order is no line over time: the noise model takes it for
+    colour, and whitening turns its phase one way in each direction. So the strongest lines of the
+    residual itself stand beside the one found, and the joint fit decides between them.
     """
     lines: list[Line] = []
     passed: list[Line] = []
@@ -101,19 +121,51 @@ def fit_with_lines(
         found = _next_line(white, turns, time_s[fit.used], orders, lines + passed)
         if found is None:
             break
-        turn = motor_angle_rad if found.domain == "motor-order" else 2.0 * np.pi * time_s
-        extra = harmonic_columns(turn, [found.location])
-        if _overlap(columns[fit.used], extra[fit.used]) > _LARGEST_OVERLAP:
+        beside = _unwhitened(fit, turns, time_s[fit.used], orders, lines + passed)
+        best = None
+        for line in (found, *beside):
+            turn = motor_angle_rad if line.domain == "motor-order" else 2.0 * np.pi * time_s
+            extra = harmonic_columns(turn, [line.location])
+            if _overlap(columns[fit.used], extra[fit.used]) > _LARGEST_OVERLAP:
+                continue
+            wider = np.hstack([columns, extra])
+            trial = _Trial(line, wider, coloured_fit(wider, response, valid, starts=starts))
+            if best is None or trial.nats > best.nats + _UNDECIDED_NATS:
+                best = trial
+        if best is None:
             passed.append(found)
             continue
-        columns = np.hstack([columns, extra])
-        fit = coloured_fit(columns, response, valid, starts=starts)
-        lines.append(found)
+        columns, fit = best.columns, best.fit
+        # it is there at all by the whitened residual; the joint fit says no more than where
+        sure = found.false_alarm_probability
+        lines.append(
+            found if best.line is found else replace(best.line, false_alarm_probability=sure)
+        )
     k = design.shape[1]
     fitted = tuple(
         replace(line, component=harmonic_at(fit, k + 2 * i)) for i, line in enumerate(lines)
     )
     return LineFit(fit, fitted, columns)
+
+
+def _unwhitened(
+    fit: LinearFit,
+    turns: FloatArray,
+    time_s: FloatArray,
+    orders: tuple[float, ...],
+    lines: list[Line],
+) -> list[Line]:
+    """Return the strongest line of each domain in the plain residual, where the motor reverses."""
+    backward, forward = np.percentile(np.diff(turns), (5.0, 95.0))
+    if not backward < 0.0 < forward:
+        return []
+    taken_orders, taken_tones = _taken(turns, time_s, _rate(turns, time_s), orders, lines)
+    white = fit.residual[fit.used] / fit.rms
+    candidates = (
+        strongest_line(white, turns, "motor-order", taken=taken_orders),
+        strongest_line(white, time_s, "frequency", taken=taken_tones),
+    )
+    return [line for line in candidates if line is not None]
 
 
 def _overlap(columns: FloatArray, extra: FloatArray) -> float:
@@ -131,9 +183,7 @@ def _next_line(
     lines: list[Line],
 ) -> Line | None:
     """Return the strongest line that is not known yet, or None where noise alone shows as much."""
-    # over a hundredth of the record, so that jitter of single samples is not taken for speed
-    lag = max(1, len(turns) // 100)
-    rate = np.abs((turns[lag:] - turns[:-lag]) / (time_s[lag:] - time_s[:-lag]))
+    rate = _rate(turns, time_s)
     taken_orders, taken_tones = _taken(turns, time_s, rate, orders, lines)
     candidates = [
         strongest_line(white, turns, "motor-order", taken=taken_orders),
@@ -157,6 +207,13 @@ def _next_line(
         false_alarm_probability=probability,
         equivalent=other.location if other is not None and same else None,
     )
+
+
+def _rate(turns: FloatArray, time_s: FloatArray) -> FloatArray:
+    """Return the speed in turns per second."""
+    # over a hundredth of the record, so that jitter of single samples is not taken for speed
+    lag = max(1, len(turns) // 100)
+    return np.abs((turns[lag:] - turns[:-lag]) / (time_s[lag:] - time_s[:-lag]))
 
 
 def _taken(

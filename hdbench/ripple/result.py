@@ -121,7 +121,7 @@ class RippleResult:
     motor_velocity_rad_s : VelocityRange
         Motor velocity over the evaluated samples.
     torque_rms_measured_nm, torque_rms_filtered_nm : float
-        Root mean square about the mean of measured and of filtered torque over the same samples.
+        Root mean square of measured and of filtered torque over the same samples.
     spectrum : SteadySpectrum or None
         Spectrum of the steadiest stretch; None where nothing is steady.
     misalignment : Harmonic or None

@@ -14,6 +14,7 @@ from hdbench.estimation.spectrum import amplitude_spectrum, find_peaks
 from hdbench.estimation.stretches import SteadyStretch, longest_steady
 from hdbench.profile.schema import ProfileData
 from hdbench.records.scale import TorqueScale
+from hdbench.records.trace import FloatArray
 from hdbench.ripple.record import Record
 from hdbench.ripple.regression import Regression
 from hdbench.ripple.result import RippleOrder, RippleResult, SteadySpectrum, VelocityRange
@@ -78,8 +79,8 @@ def summarise(
             float(velocity.min()),
             float(velocity.max()),
         ),
-        torque_rms_measured_nm=float(np.std(record.torque_nm[used])),
-        torque_rms_filtered_nm=float(np.std(filtered[np.isfinite(filtered)])),
+        torque_rms_measured_nm=_rms(record.torque_nm[used]),
+        torque_rms_filtered_nm=_rms(filtered[np.isfinite(filtered)]),
         spectrum=_spectrum(record, regression, profile),
         misalignment=output[0] if output else None,
         output_order_2=output[1] if len(output) > 1 else None,
@@ -98,6 +99,10 @@ def summarise(
         notes=_notes(record, regression),
         n_samples=fit.n_samples,
     )
+
+
+def _rms(torque_nm: FloatArray) -> float:
+    return float(np.sqrt(np.mean(np.square(torque_nm))))
 
 
 def _with_scale(component: Harmonic, scale: TorqueScale) -> Harmonic:

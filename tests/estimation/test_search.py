@@ -59,6 +59,31 @@ def test_an_order_and_a_tone_are_each_named_in_their_own_domain(colour: float) -
     assert all(line.equivalent is None for line in found.lines)
 
 
+@pytest.mark.parametrize("order", [1.0, 3.0, 6.37])
+def test_an_order_through_reversals_is_one_line_at_its_place(order: float) -> None:
+    rng = np.random.default_rng(6)
+    n = 12_000
+    time = np.arange(n) * DT
+    velocity = 156.0 * np.clip(8.0 * np.sin(2.0 * np.pi * time / 6.0), -1.0, 1.0)
+    angle = np.concatenate([[0.0], np.cumsum(velocity[:-1] * DT)])
+    signal = 0.05 * rng.normal(size=n) + 0.2 * np.cos(order * angle + 1.0)
+    found = fit_with_lines(
+        np.ones((n, 1)),
+        signal,
+        np.ones(n, dtype=bool),
+        motor_angle_rad=angle,
+        time_s=time,
+        orders=(),
+    )
+    (line,) = found.lines
+    assert line.domain == "motor-order"
+    # Cramer-Rao: sqrt(24 / n) sigma / (A 2 pi span) = 3e-5 of an order for 73 turns; five of them
+    assert line.location == pytest.approx(order, abs=1.5e-4)
+    assert line.component is not None
+    # sigma sqrt(2 / n) = 0.65 mN m; five of them
+    assert line.component.amplitude.value == pytest.approx(0.2, abs=3.3e-3)
+
+
 def test_at_constant_velocity_order_and_tone_are_said_to_be_alike() -> None:
     rng = np.random.default_rng(3)
     n = 5000

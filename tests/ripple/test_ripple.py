@@ -186,6 +186,15 @@ def test_a_gain_of_half_gives_half_the_torque() -> None:
     assert found.to_dict({})["torque_scale"]["gain_nm_per_v"]["value"] == 3.3
 
 
+def test_the_rms_of_the_torque_counts_its_mean() -> None:
+    trace = known_trace(np.random.default_rng(10), reversing_velocity(3.0))
+    shifted = trace.with_columns(torque_nm=6.6 * trace["torque_v"] + 3.0)
+    found = evaluate(shifted)
+    rms = math.sqrt(np.mean(np.square(shifted["torque_nm"])))
+    assert rms > 2.0 * np.std(shifted["torque_nm"])
+    assert found.torque_rms_measured_nm == pytest.approx(rms, rel=1e-12)
+
+
 def test_a_torque_column_in_newton_metres_is_taken_as_it_stands() -> None:
     trace = known_trace(np.random.default_rng(10), reversing_velocity(3.0))
     both = trace.with_columns(torque_nm=2.0 * 6.6 * trace["torque_v"])
