@@ -119,7 +119,7 @@ def command(
         profile = choose_profile(profile_name, source)
         with progress_bar("diagnose") as progress:
             done.append(diagnose_run(source, profile, out=out, options=options, progress=progress))
-    bodies = [{**result, "run_folder": str(folder)} for folder, result in done]
+    bodies = [_named(result, folder) for folder, result in done]
     whole = bodies[0] if len(bodies) == 1 else {"schema": "hdbench/list/1", "diagnoses": bodies}
 
     def text(console: Console) -> None:
@@ -129,6 +129,17 @@ def command(
 
     output.result(whole, text)
     _end(output, bodies, check)
+
+
+def _named(result: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """Return the result with its folder, and the model file as other commands take it.
+
+    Inside the run folder the model file stands by its name, so that the folder can be moved; here
+    its whole path stands, which --model takes from any working folder.
+    """
+    model = result["model_file"]
+    path = None if model is None else str((folder / model).resolve())
+    return {**result, "model_file": path, "run_folder": str(folder)}
 
 
 def _end(output: Output, bodies: list[dict[str, Any]], check: bool) -> None:

@@ -143,6 +143,12 @@ def _check_listen(listen: str, *, unprotected: bool) -> None:
     """Refuse to open the wire to a network by accident."""
     if listen in _LOOPBACK or unprotected:
         return
+    if listen.rpartition(":")[0] in _LOOPBACK:
+        raise UsageError(
+            f"{listen} holds a port; needed: an address alone",
+            where="--listen",
+            fix="give the port with --port",
+        )
     raise UsageError(
         f"{listen} is not the loopback: everybody on that network could move the bench",
         where="--listen",

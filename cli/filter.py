@@ -97,10 +97,13 @@ def _doubts(output: Output, bodies: list[dict[str, Any]]) -> None:
     doubtful = [body for body in bodies if body["flags"]]
     if not doubtful:
         return
+    fix = "look at the marked samples, then measure again"
+    if any(flag["name"] == "wrong-channel" for body in doubtful for flag in body["flags"]):
+        fix = "bring the file in with the right columns and units: hdbench import --map"
     doubt = DoubtfulDataError(
         "; ".join(flag["detail"] for body in doubtful for flag in body["flags"]),
         where=", ".join(body["input"]["path"] for body in doubtful),
-        fix="look at the marked samples, then measure again",
+        fix=fix,
     )
     if output.json:
         output.note(str(doubt))

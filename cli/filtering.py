@@ -63,12 +63,17 @@ def _lost(trace: Trace, profile: Profile) -> int:
     return len(trace) - int(np.count_nonzero(usable))
 
 
-def _flags(trace: Trace, profile: Profile, block: FilteredBlock) -> list[DataFlag]:
-    """Return what makes the filtered trace doubtful: lost, saturated, stuck samples, gaps."""
+def _flags(trace: Trace, source: Path, profile: Profile, block: FilteredBlock) -> list[DataFlag]:
+    """Return what makes the filtered trace doubtful.
+
+    Lost, saturated and stuck samples, gaps; of a file also channels in another unit or in each
+    other's place.
+    """
     import numpy as np
 
     from hdbench.estimation import DataFlag, data_flags
     from hdbench.filter.guard import FLAG_BITS
+    from hdbench.session.doubts import channel_refusal
 
     others = data_flags(trace, trace["torque_nm"], profile.data)
     flags = [flag for flag in others if flag.name != "missing-samples"]
@@ -83,7 +88,8 @@ def _flags(trace: Trace, profile: Profile, block: FilteredBlock) -> list[DataFla
         if count and name not in known:
             detail = f"{name}: {count} of {len(trace)} samples; the filter only predicted there"
             flags.append(DataFlag(name, count, detail))
-    return flags
+    refusal = channel_refusal(trace, source, profile)
+    return [*flags, DataFlag("wrong-channel", len(trace), refusal)] if refusal else flags
 
 
 def _summary(
@@ -203,7 +209,7 @@ def filter_input(request: Request, source: Path, out: Path) -> dict[str, Any]:
         "input": item.identity(),
         "out": str(out),
         "torque_scale": item.scale.to_dict(),
-        **_summary(trace, block, model, _flags(trace, profile, block)),
+        **_summary(trace, block, model, _flags(trace, source, profile, block)),
     }
     written = filtered_columns(trace, block)
     if request.smooth:

@@ -52,7 +52,15 @@ def _show(console: Console, report: ImportReport) -> None:
         console.print(line, markup=False, soft_wrap=True)
 
 
-@click.command(name="import")
+@click.command(
+    name="import",
+    epilog="Examples: hdbench import --kind trace log.csv --time t_ms*0.001 --map "
+    "torque_nm=Torque --map motor_velocity_rad_s=rpm*0.10471975511965978 --out "
+    "trace.csv; hdbench import --kind trace stream_0.dat --from-logger labjack --map "
+    "torque_v=v0 --map tacho_v=v1 --out trace.csv; hdbench import --kind staircase "
+    "weights.csv --time t_ms*0.001 --map reading_v=counts --loads 0,1,2,1,0 "
+    "--load-unit kg --out loads.csv",
+)
 @click.argument(
     "files", metavar="FILE...", nargs=-1, required=True, type=click.Path(path_type=Path)
 )
@@ -153,15 +161,6 @@ def command(
 
     With --from-logger the table is looked for behind what the logger writes before it, its own
     time column is taken, and units that it states (mV, rpm, deg) are turned into ours.
-
-    Example: hdbench import --kind trace log.csv --time t_ms*0.001 --map torque_nm=Torque
-    --map motor_velocity_rad_s=rpm*0.10471975511965978 --out trace.csv
-
-    Example: hdbench import --kind trace stream_0.dat --from-logger labjack
-    --map torque_v=v0 --map tacho_v=v1 --out trace.csv
-
-    Example: hdbench import --kind staircase weights.csv --time t_ms*0.001 --map reading_v=counts
-    --loads 0,1,2,1,0 --load-unit kg --out loads.csv
     """
     from dataclasses import replace
 

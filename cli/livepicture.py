@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 __all__ = ["picture"]
 
 _LABEL, _NUMBER, _LIMIT = 9, 18, 12
+# a screen of fewer columns has no place for the word beside the share of a limit
+_NARROW, _NARROW_LIMIT = 56, 6
 # beyond four fifths of a limit a person should look
 _NEAR = 0.8
 # an amplitude has settled once it moved by less than a twentieth of itself for two seconds
@@ -47,8 +49,8 @@ def picture(history: History, profile: Profile, words: tuple[str, str], width: i
     """
     room = max(40, min(width, 140)) - 1
     heading, free = words
-    lines = [Text(heading[:room], style="bold"), _bar(history, room), _counts(history, free, room)]
-    lines.append(Text())
+    lines = [Text(heading[:room], style="bold"), _bar(history, room)]
+    lines += [*_counts(history, free, room), Text()]
     lines += [_curve(history, curve, profile, room) for curve in CURVES]
     orders = history.orders()[:_MOST_ORDERS]
     if orders:
@@ -59,7 +61,9 @@ def picture(history: History, profile: Profile, words: tuple[str, str], width: i
 
 
 def _plain() -> bool:
-    encoding = (sys.stderr.encoding or "").lower()
+    # while a live display runs, stderr is a stand-in that names no encoding of its own
+    stream = getattr(sys.stderr, "rich_proxied_file", sys.stderr)
+    encoding = (stream.encoding or "").lower()
     return "utf" not in encoding or os.environ.get("TERM", "") in ("", "dumb")
 
 
@@ -77,10 +81,11 @@ def _bar(history: History, room: int) -> Text:
     return Text.assemble((on * full, "green"), (off * (wide - full), "dim"), tail)
 
 
-def _counts(history: History, free: str, room: int) -> Text:
+def _counts(history: History, free: str, room: int) -> list[Text]:
+    """Return what is counted, on as many lines as it takes."""
     last = history.last
     if last is None:
-        return Text()
+        return []
     rate = history.rate_hz()
     parts = [
         (f"{rate:.0f} samples/s" if math.isfinite(rate) else "- samples/s", ""),
@@ -90,16 +95,20 @@ def _counts(history: History, free: str, room: int) -> Text:
         (f"waiting {last.depth}", ""),
         (f"disk {free}", ""),
     ]
-    text = Text()
+    lines = [Text()]
     for words, style in parts:
-        text.append(words, style=style)
-        text.append("  ")
-    text.truncate(room)
-    return text
+        if len(lines[-1]) + len(words) > room:
+            lines.append(Text())
+        lines[-1].append(words, style=style)
+        lines[-1].append("  ")
+    for line in lines:
+        line.truncate(room)
+    return lines
 
 
 def _curve(history: History, curve: Curve, profile: Profile, room: int) -> Text:
-    wide = max(8, room - _LABEL - _NUMBER - _LIMIT - 2)
+    narrow = room < _NARROW
+    wide = max(5, room - _LABEL - _NUMBER - (_NARROW_LIMIT if narrow else _LIMIT) - 2)
     points = history.curve(curve, wide)
     same = [history.curve(c, wide) for c in CURVES if c.scale == curve.scale]
     values = [float(v) for part in same for v in part if math.isfinite(v)]
@@ -109,6 +118,8 @@ def _curve(history: History, curve: Curve, profile: Profile, room: int) -> Text:
     if high - low < least:
         low, high = low - least, high + least
     drawn = sparkline([float(v) for v in points], wide, (low, high), plain=_plain())
+    # full blocks of two lines grow together
+    drawn = drawn.replace("█", "▇")
     value = history.newest(curve)
     number = f"{value:+.3f} {curve.unit}" if math.isfinite(value) else f"- {curve.unit}"
     text = Text(f"{curve.label:{_LABEL}}{number:>{_NUMBER - 2}}  ")
@@ -118,7 +129,8 @@ def _curve(history: History, curve: Curve, profile: Profile, room: int) -> Text:
     if limit is not None and math.isfinite(largest):
         share = largest / limit
         style = "bold red" if share > 1.0 else "yellow" if share > _NEAR else "green"
-        text.append(f" {100.0 * share:4.0f} % limit", style=style)
+        words = f" {100.0 * share:3.0f} %" if narrow else f" {100.0 * share:4.0f} % limit"
+        text.append(words, style=style)
     return text
 
 
@@ -137,7 +149,7 @@ def _order(found: Order, scale: float, room: int) -> Text:
     wide = max(8, room - _LABEL - 3 - len(number) - 2)
     full = round(wide * min(1.0, found.amplitude_nm / scale if scale > 0.0 else 0.0))
     settled = found.spread_nm <= _SETTLED * found.amplitude_nm
-    on, off = ("#", ".") if _plain() else ("█", "░")
+    on, off = ("#", ".") if _plain() else ("▇", "▁")
     text = Text(f"{found.name:{_LABEL + 3}}")
     text.append(on * full, style="green" if settled else "yellow")
     text.append(off * (wide - full), style="dim")

@@ -179,6 +179,8 @@ def _usage(error: click.ClickException, output: Output) -> int:
     fix = f"run '{command} --help' and correct the call"
     if message.endswith("does not exist."):
         fix = "check the path; 'hdbench runs list' names the runs that are stored here"
+    if message.endswith("is not readable."):
+        fix = "ask for the right to read it, or name a copy that you may read"
     wrapped = UsageError(message, where=command, fix=fix)
     wrapped.exit_code = error.exit_code
     return _fail(output, wrapped)
@@ -239,6 +241,11 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
         if hasattr(signal, name):
             signal.signal(getattr(signal, name), _end_by_signal)
     words = sys.argv[1:] if arguments is None else list(arguments)
+    if not sys.warnoptions and "-v" not in words:
+        import warnings
+
+        # a library's remark on its own line of code; what it leads to is told as a doubt or error
+        warnings.simplefilter("ignore", RuntimeWarning)
     output = Output(json="--json" in words)
     try:
         code = _run(words, output)

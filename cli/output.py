@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from hdbench import __version__
 from hdbench.errors import HdbenchError
 
 if TYPE_CHECKING:
@@ -43,7 +44,10 @@ class Output:
             Draws the result for a person on the console that it is handed.
         """
         if self.json:
-            click.echo(json.dumps(obj, allow_nan=False))
+            # a result names the version and the profile behind it, null where there is none
+            named = {"hdbench_version": __version__, "profile": None} if "schema" in obj else {}
+            missing = {key: value for key, value in named.items() if key not in obj}
+            click.echo(json.dumps({**obj, **missing}, allow_nan=False))
             return
         text(self.console())
 

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from hdbench.profile import Profile
 
-__all__ = ["Asked", "Shown", "doubts_of", "present"]
+__all__ = ["Asked", "Shown", "doubt_fix", "doubts_of", "present"]
 
 
 class Asked(Protocol):
@@ -117,9 +117,32 @@ def present(
             DoubtfulDataError(
                 "finished, but the data are doubtful: " + "; ".join(doubts),
                 where=str(folder),
-                fix="look at the marked samples, then measure again",
+                fix=doubt_fix(folder),
             ),
         )
+
+
+def doubt_fix(folder: Path) -> str:
+    """Return what to do about doubtful data: a file can be brought in anew, a run measured anew.
+
+    Parameters
+    ----------
+    folder : Path
+        The run; one that evaluates a stored file names it in its details.
+
+    Returns
+    -------
+    str
+    """
+    from hdbench.records import RunFolder
+
+    details = RunFolder.open(folder).manifest.get("details", {})
+    if isinstance(details, dict) and "source" in details:
+        return (
+            "look at the report; where columns or units are wrong bring the file in again: "
+            "hdbench import --map"
+        )
+    return "look at the marked samples, then measure again"
 
 
 def _after(output: Output, error: LimitError | DoubtfulDataError) -> None:

@@ -12,23 +12,18 @@ from hdbench_cli.output import Output
 __all__ = ["command"]
 
 
-@click.group(name="profile")
+@click.group(name="profile", epilog="Example: hdbench profile new my-bench --out my-bench.toml")
 def command() -> None:
     """List, show, check and make profiles.
 
     A profile describes one bench: drive, sensor, DAQ, limits, experiments, filter and model.
-
-    Example: hdbench profile new my-bench --out my-bench.toml
     """
 
 
-@command.command("list")
+@command.command("list", epilog="Example: hdbench profile list")
 @click.pass_obj
 def list_(output: Output) -> None:
-    """List the built-in profiles.
-
-    Example: hdbench profile list
-    """
+    """List the built-in profiles."""
     from hdbench.profile import list_profiles, load_profile
     from hdbench.records import result_header
 
@@ -39,14 +34,11 @@ def list_(output: Output) -> None:
     output.result(body, lambda _console: click.echo(lines))
 
 
-@command.command("show")
+@command.command("show", epilog="Example: hdbench profile show cim-tr-97-06")
 @click.argument("name", metavar="NAME|PATH", default="cim-tr-97-06")
 @click.pass_obj
 def show(output: Output, name: str) -> None:
-    """Show the text of a profile.
-
-    Example: hdbench profile show cim-tr-97-06
-    """
+    """Show the text of a profile."""
     from hdbench.profile import load_profile
     from hdbench.records import result_header
 
@@ -61,14 +53,11 @@ def show(output: Output, name: str) -> None:
     output.result(body, lambda _console: click.echo(profile.text, nl=False))
 
 
-@command.command("check")
+@command.command("check", epilog="Example: hdbench profile check my-bench.toml")
 @click.argument("files", metavar="FILE...", nargs=-1, required=True)
 @click.pass_obj
 def check(output: Output, files: tuple[str, ...]) -> None:
-    """Check profiles and name every problem at once; exit 4 if there is one.
-
-    Example: hdbench profile check my-bench.toml
-    """
+    """Check profiles and name every problem at once; exit 4 if there is one."""
     from hdbench.profile import check_profiles
     from hdbench.records import result_header
 
@@ -80,7 +69,7 @@ def check(output: Output, files: tuple[str, ...]) -> None:
     )
 
 
-@command.command("new")
+@command.command("new", epilog="Example: hdbench profile new my-bench --out my-bench.toml")
 @click.argument("name")
 @click.option(
     "--out",
@@ -90,10 +79,7 @@ def check(output: Output, files: tuple[str, ...]) -> None:
 )
 @click.pass_obj
 def new(output: Output, name: str, out: Path | None) -> None:
-    """Make a profile to start from, with meaning and unit of every key.
-
-    Example: hdbench profile new my-bench --out my-bench.toml
-    """
+    """Make a profile to start from, with meaning and unit of every key."""
     from hdbench.profile import new_profile
     from hdbench.records import result_header, write_new
 
@@ -107,13 +93,10 @@ def new(output: Output, name: str, out: Path | None) -> None:
     )
 
 
-@command.command("schema")
+@command.command("schema", epilog="Example: hdbench profile schema")
 @click.pass_obj
 def schema(output: Output) -> None:
-    """Print the JSON schema of profiles, for editors.
-
-    Example: hdbench profile schema
-    """
+    """Print the JSON schema of profiles, for editors."""
     from hdbench.profile import profile_schema
 
     body = profile_schema()

@@ -48,7 +48,7 @@ def show(console: Console, report: RegressionReport) -> None:
 
 @click.command(
     "regress",
-    epilog="Example: hdbench regress tests/stored --junit regress.xml",
+    epilog="Example: hdbench regress tests/stored --junit regress.xml --report regress.html",
 )
 @click.argument("folder", metavar="DIR", type=click.Path(path_type=Path, exists=True))
 @click.option("--update", is_flag=True, help="Keep what comes out now as the expected results.")
@@ -58,8 +58,17 @@ def show(console: Console, report: RegressionReport) -> None:
     type=click.Path(path_type=Path, dir_okay=False),
     help="Write the outcome as JUnit XML too, for the test page of a CI system.",
 )
+@click.option(
+    "--report",
+    "html_file",
+    metavar="FILE.html",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="Write the outcome as one offline page; CSV and JSON go beside it.",
+)
 @click.pass_obj
-def command(output: Output, folder: Path, update: bool, junit: Path | None) -> None:
+def command(
+    output: Output, folder: Path, update: bool, junit: Path | None, html_file: Path | None
+) -> None:
     """Evaluate stored traces again and compare with stored results.
 
     Names every quantity that moved beyond its tolerance, and by how many tolerances; then exits 3.
@@ -70,7 +79,12 @@ def command(output: Output, folder: Path, update: bool, junit: Path | None) -> N
     report = compare_folder(folder, update=update, keep_going=True)
     if junit is not None:
         write_junit(junit, report)
-    output.result(report.to_dict(), lambda console: show(console, report))
+    body = report.to_dict()
+    if html_file is not None:
+        from hdbench.report.regression import write_regression
+
+        write_regression(body, html_file)
+    output.result(body, lambda console: _show_all(console, report, junit, html_file))
     error = _verdict(report, folder)
     if error is None:
         return
@@ -78,6 +92,15 @@ def command(output: Output, folder: Path, update: bool, junit: Path | None) -> N
         output.note(str(error))
         raise click.exceptions.Exit(error.exit_code)
     raise error
+
+
+def _show_all(console: Console, report: RegressionReport, *files: Path | None) -> None:
+    """Draw what moved, and name the files that were written."""
+    from rich.text import Text
+
+    show(console, report)
+    for file in filter(None, files):
+        console.print(Text(f"written  {file}"), soft_wrap=True)
 
 
 def _verdict(report: RegressionReport, folder: Path) -> HdbenchError | None:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import importlib
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from hdbench_cli.attendance import Who, attendance
+from hdbench_cli.next_step import after_run
 from hdbench_cli.output import Output
 from hdbench_cli.present import Shown, present
 
@@ -74,9 +76,13 @@ def resume_command(output: Output, asked: Resume) -> None:
         mistakes=parse_mistakes(asked.mistakes),
     )
     outcome = _go_on(output, asked, kind, profile, options)
+
+    def then(folder: Path, result: Mapping[str, Any]) -> str:
+        return after_run(kind, folder, result)
+
     module = importlib.import_module(f"hdbench_cli.{_SHOWN[kind]}")
     found = (outcome.folder.path, outcome.evaluation.result)
-    present(output, asked, profile, found, Shown(module.show, module.failed))
+    present(output, asked, profile, found, Shown(module.show, module.failed, then))
 
 
 def _go_on(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shlex
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -9,6 +11,7 @@ import click
 from click.core import ParameterSource
 
 from hdbench_cli.calibrate import mistakes_option
+from hdbench_cli.next_step import line
 from hdbench_cli.options import address_option
 from hdbench_cli.output import Output
 from hdbench_cli.runs_compare import compare
@@ -21,29 +24,23 @@ if TYPE_CHECKING:
 __all__ = ["command"]
 
 
-@click.group(name="runs")
+@click.group(name="runs", epilog="Example: hdbench runs verify runs/*")
 def command() -> None:
-    """List, show, verify and resume run folders.
-
-    Example: hdbench runs verify runs/*
-    """
+    """List, show, verify and resume run folders."""
 
 
 def _list_lines(parent: Path, runs: tuple[RunSummary, ...]) -> str:
-    lines = [f"{r.path.name}  {r.status:10}  {r.profile}  {r.exit_reason}".rstrip() for r in runs]
-    return "\n".join(lines) or f"no runs in {parent}"
+    lines = [f"{r.path}  {r.status:10}  {r.profile}  {r.exit_reason}".rstrip() for r in runs]
+    return "\n".join(lines) or f"no runs in {parent.resolve()}\n{line('hdbench demo')}"
 
 
-@command.command("list")
+@command.command("list", epilog="Example: hdbench runs list runs")
 @click.argument(
     "parent", metavar="[DIR]", default="runs", type=click.Path(path_type=Path, file_okay=False)
 )
 @click.pass_context
 def list_(ctx: click.Context, parent: Path) -> None:
-    """List the runs in a folder, oldest first.
-
-    Example: hdbench runs list runs
-    """
+    """List the runs in a folder, oldest first."""
     from hdbench.errors import DataError
     from hdbench.records import list_runs, result_header
 
@@ -59,34 +56,23 @@ def list_(ctx: click.Context, parent: Path) -> None:
     )
 
 
-def _draw_run(console: Console, body: dict[str, Any]) -> None:
-    from rich.text import Text
-
-    for key, value in body.items():
-        if key != "profile":
-            console.print(Text(f"{key:13} {value}"), soft_wrap=True)
-    console.print(Text(f"profile       {body['profile'].get('name')}"))
-
-
-@command.command("show")
+@command.command("show", epilog="Example: hdbench runs show runs/20261121T101500Z-ripple-3f9a1c")
 @click.argument("run", metavar="RUN", type=click.Path(path_type=Path))
 @click.pass_obj
 def show(output: Output, run: Path) -> None:
-    """Show what a run says of itself.
-
-    Example: hdbench runs show runs/20261121T101500Z-ripple-3f9a1c
-    """
+    """Show what a run says of itself."""
     from hdbench.records import RunFolder
+    from hdbench_cli.runs_show import draw_run
 
     folder = RunFolder.open(run)
     body = {**folder.manifest, "status": folder.status()}
-    output.result(body, lambda console: _draw_run(console, body))
+    output.result(body, lambda console: draw_run(console, body, run))
 
 
-def _draw_checks(console: Console, reports: list[VerifyReport]) -> None:
+def _draw_checks(console: Console, runs: Sequence[Path], reports: Sequence[VerifyReport]) -> None:
     from rich.text import Text
 
-    for report in reports:
+    for run, report in zip(runs, reports, strict=True):
         word, style = ("ok", "green") if report.ok else ("INVALID", "bold red")
         line = f" {report.run_id}: {report.status}, {report.files_checked} files checked, "
         line += f"{report.samples_in_journal} samples and {report.readings_in_journal} readings"
@@ -96,18 +82,18 @@ def _draw_checks(console: Console, reports: list[VerifyReport]) -> None:
         if report.torn_bytes:
             console.print(f"  {report.torn_bytes} bytes at the end were never acknowledged")
         if report.recoverable:
-            console.print("  its data can be recovered: hdbench runs verify --recover")
+            recover = f"hdbench runs verify --recover {shlex.quote(str(run))}"
+            console.print(Text(f"  its data can be recovered: {recover}"), soft_wrap=True)
 
 
-@command.command("verify")
+@command.command(
+    "verify", epilog="Example: hdbench runs verify runs/20261121T101500Z-ripple-3f9a1c --recover"
+)
 @click.argument("runs", metavar="RUN...", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option("--recover", is_flag=True, help="Write trace or loads of a killed run.")
 @click.pass_obj
 def verify(output: Output, runs: tuple[Path, ...], recover: bool) -> int:
-    """Read runs in full and compare them with their hashes; exit 4 if one is invalid.
-
-    Example: hdbench runs verify runs/20261121T101500Z-ripple-3f9a1c --recover
-    """
+    """Read runs in full and compare them with their hashes; exit 4 if one is invalid."""
     from hdbench.records import result_header, verify_runs
 
     reports = verify_runs(runs, recover=recover)
@@ -118,12 +104,14 @@ def verify(output: Output, runs: tuple[Path, ...], recover: bool) -> int:
             "ok": ok,
             "runs": [report.to_dict() for report in reports],
         },
-        lambda console: _draw_checks(console, reports),
+        lambda console: _draw_checks(console, runs, reports),
     )
     return 0 if ok else 4
 
 
-@command.command("resume")
+@command.command(
+    "resume", epilog="Example: hdbench runs resume runs/20261121T101500Z-calibration-3f9a1c"
+)
 @click.argument("run", metavar="RUN", type=click.Path(path_type=Path))
 @address_option
 @click.option("--yes", is_flag=True, help="Confirm motion without a question.")
@@ -147,8 +135,6 @@ def resume(output: Output, /, run: Path, **options: Any) -> None:
     A calibration goes on at the weight where it stopped; what was accepted is not asked again. A
     run with motion keeps every acquisition that came to its end; one that was broken off is taken
     again from standstill, its first samples kept beside it.
-
-    Example: hdbench runs resume runs/20261121T101500Z-calibration-3f9a1c
     """
     from hdbench_cli.resume import Resume, resume_command
 

@@ -262,8 +262,9 @@ def results_page() -> str:
 
     parts = [
         MADE + "# Result keys\n",
-        "What `result.json` and `--json` hold, for every kind of result. All keys of the top level "
-        "are listed, and of lists (`name[].key`) those that scripts rely on. *uncertain* is an "
+        "What `result.json` and `--json` hold, for every kind of result. Of a calibration, a "
+        "misalignment and a ripple every key is listed, also inside tables (`name.key`) and the "
+        "entries of lists (`name[].key`); of the others those of the top level. *uncertain* is an "
         "object `value`, `std` (standard uncertainty), `dof` (degrees of freedom or null). A unit "
         "stands in the name or in the column. No result holds NaN or an infinity.\n",
     ]

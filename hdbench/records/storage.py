@@ -42,6 +42,8 @@ def storage_error(error: OSError, path: Path) -> StorageError:
     fix = "free space or choose another folder with --out; what was acknowledged is kept"
     if error.errno in (errno.EACCES, errno.EPERM, errno.EROFS):
         fix = "choose a folder with --out that you may write to, or ask for the right to this one"
+    if error.errno in (errno.EEXIST, errno.ENOTDIR, errno.EISDIR):
+        fix = "name another --out: a file stands where a folder has to be, or a folder for a file"
     return StorageError(f"cannot write: {error.strerror or error}", where=str(path), fix=fix)
 
 

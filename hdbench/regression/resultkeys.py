@@ -6,6 +6,17 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from hdbench.regression.calibrationkeys import CALIBRATION_PARTS
+from hdbench.regression.dynamickeys import (
+    DYNAMIC,
+    DYNAMIC_PARTS,
+    MISALIGNMENT,
+    MISALIGNMENT_PARTS,
+    RIPPLE,
+    RIPPLE_PARTS,
+)
+from hdbench.regression.recordkeys import RECORD_PARTS
+
 __all__ = ["KINDS", "RESULT_KEYS", "ResultKey", "keys_of", "type_of"]
 
 KINDS = ("calibration", "misalignment", "ripple", "diagnosis", "filter")
@@ -23,7 +34,8 @@ class ResultKey:
         Its name at the top, or ``name[].inner`` of a list's entries, or ``name.inner``.
     type : str
         ``text``, ``number``, ``integer``, ``true or false``, ``list``, ``table``, or ``uncertain``
-        (an object with value, std and dof); ``or null`` behind it where there may be none.
+        (an object with value, std and dof); ``or null`` behind it where there may be none, ``or
+        absent`` where the key may be left out.
     unit : str
         Unit of a number; empty for anything else and for ratios.
     meaning : str
@@ -118,48 +130,6 @@ average_s | number | s | how long a reading was averaged
 sequence | list | | order of the steps
 readings | list | | every reading
 """
-_MISALIGNMENT = """
-amplitude_nm | uncertain | N m | amplitude of the torque once per output turn
-peak_to_peak_nm | uncertain | N m | twice the amplitude
-phase_rad | uncertain | rad | phase of the cosine over the output angle
-small_amplitude | true or false | | whether the phase is hardly determined
-before | table | | peak_to_peak_nm before the filter
-after | table | | peak_to_peak_nm after the filter, and which filter
-output_turns | number | | turns of the output in the record
-mean_torque_nm | number | N m | mean torque
-motor_velocity_rad_s | number | rad/s | mean velocity
-stretches | list | | stretches of constant velocity, with their zero
-output_order_2 | table | | torque twice per output turn
-filter | table | | block that this result adds to a filter
-"""
-_RIPPLE = """
-ripple | list | | one entry per order of the filter
-ripple[].order | number | | cycles per motor turn
-ripple[].amplitude_nm | uncertain | N m | amplitude
-ripple[].phase_rad | uncertain | rad | phase of the cosine over the motor angle
-ripple[].suppression_db | number or null | dB | what the filter takes
-motor_velocity_rad_s | table | rad/s | mean, std, min and max
-torque_rms_nm | table | N m | measured and filtered
-suppression_db | list | | suppression per order
-spectrum | table or null | | peaks of the steady stretch
-output_order_1 | table or null | | torque once per output turn
-output_order_2 | table or null | | torque twice per output turn
-trend | table | | slow terms that were fitted beside the orders
-noise_std_nm | number | N m | noise of one sample
-evaluated | table | s | from_s and to_s of what was evaluated
-angle_source | text | | where the motor angle comes from
-angle_scale | uncertain or null | | factor on an integrated angle
-filter | table | | filter that was used, and where its numbers come from
-"""
-_DYNAMIC = """
-ripple | list | | orders of the motor, amplitude each
-lines | list | | further orders that stand out
-tones | list | | frequencies that stand out
-false_alarm_level | number | | false-alarm probability of lines and tones
-residual_rms_nm | number | N m | what is left after the fit
-noise | table | | noise model of the residual
-torque_scale | table | | gain that scaled the torque, and where it is from
-"""
 _DIAGNOSIS = """
 verdict | text | | nothing-found, named, unexplained, named-and-unexplained, data-bad or cannot-tell
 reason | text | | why no more can be said; may be empty
@@ -204,10 +174,18 @@ schema | text | | hdbench/KIND/1
 _RUNS = """
 hdbench_version | text | | version that wrote it
 profile | table | | name and SHA-256 of the profile
+profile.name | text | | name of the profile
+profile.sha256 | text | | SHA-256 of its text
 """
 _EVALUATED = """
-flags | list | | what the data show: name, samples, detail
+flags | list | | what the data show
+flags[].name | text | | what was found
+flags[].samples | integer | | samples that it concerns
+flags[].detail | text | | the same in words
 notes | list | | what a person should know
+notes[].name | text | | what was found
+notes[].samples | integer | | samples that it concerns
+notes[].detail | text | | the same in words
 n_samples | integer | | samples or readings used
 run | text | | run that it belongs to
 doubts | list | | reasons to doubt the data
@@ -217,14 +195,18 @@ RESULT_KEYS: tuple[ResultKey, ...] = (
     *_rows("all", _ALL),
     *_rows("calibration misalignment ripple diagnosis", _RUNS),
     *_rows("calibration", _CALIBRATION),
-    *_rows("misalignment", _MISALIGNMENT),
-    *_rows("ripple", _RIPPLE),
-    *_rows("misalignment ripple", _DYNAMIC),
+    *_rows("misalignment", MISALIGNMENT),
+    *_rows("ripple", RIPPLE),
+    *_rows("misalignment ripple", DYNAMIC),
+    *_rows("calibration", f"{CALIBRATION_PARTS}\n{RECORD_PARTS.strip()}"),
+    *_rows("misalignment", MISALIGNMENT_PARTS),
+    *_rows("ripple", RIPPLE_PARTS),
+    *_rows("misalignment ripple", DYNAMIC_PARTS),
     *_rows("calibration misalignment ripple", _EVALUATED),
     *_rows("diagnosis", _DIAGNOSIS),
     *_rows("filter", _FILTER),
 )
-"""Every key at the top of a result, and of lists those that scripts rely on."""
+"""Every key of a calibration, misalignment or ripple result; of the others those of the top."""
 
 
 def keys_of(kind: str) -> dict[str, ResultKey]:

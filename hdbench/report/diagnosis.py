@@ -105,12 +105,16 @@ def summary(result: Mapping[str, Any], _source: Source) -> str:
         text += "What is left over looks like noise: no order, tone or trend stands out. "
     places = result.get("unexplained", ())
     if places:
-        text += f"{len(places)} further place(s) of the residual stand out without a name. "
+        text += (
+            "One further place of the residual stands out without a name. "
+            if len(places) == 1
+            else f"{len(places)} further places of the residual stand out without a name. "
+        )
     if before and after is not None:
         text += (
             f"On parts of the record that took no part in the fit, the simulation misses the "
             f"measurement by {short(before)} N·m rms, the extended one by {short(after)} N·m rms "
-            f"({100.0 * (1.0 - (after / before) ** 2):.0f} % of the residual variance explained). "
+            f"({100.0 * (1.0 - (after / before) ** 2):.1f} % of the residual variance explained). "
         )
     return text + _filter_words(result.get("filter_gain"))
 

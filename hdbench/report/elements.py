@@ -120,12 +120,15 @@ class Table:
         Cells.
     note : str
         One line below it.
+    wide : bool
+        Take the whole width of the page.
     """
 
     title: str
     head: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
     note: str = ""
+    wide: bool = False
 
 
 @dataclass(frozen=True, slots=True)

@@ -153,10 +153,12 @@ def _spectrum(table: Columns, name: str) -> Picture | None:
     label_axes(axes, label, "amplitude (N·m)")
     legend_above(axes)
     at = int(np.nanargmax(table[before]))
+    left = float(table[after][at])
+    rest = f"{left:.3g} N·m are left there." if left > 0.0 else "nothing is left there."
     caption = (
         f"Amplitude of the residual over {words}. Before: the highest peak is "
         f"{float(table[before][at]):.3g} N·m at {float(x[at]):.4g}{unit}; after the extension "
-        f"{float(table[after][at]):.3g} N·m are left there."
+        f"{rest}"
     )
     alt = (
         f"Residual amplitude over {words}; the peak at {float(x[at]):.4g}{unit} falls from "

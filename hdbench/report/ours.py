@@ -14,8 +14,14 @@ __all__ = ["refuse_foreign"]
 _MARKS = {
     ".html": ("hdbench</title>",),
     ".htm": ("hdbench</title>",),
-    ".csv": ("quantity,value,std,dof,unit,source", "part,group,torque_nm,name,value,unit"),
-    ".json": ('"schema": "hdbench/report/', '"schema": "hdbench/comparison/'),
+    ".csv": (
+        "quantity,value,std,dof,unit,source",
+        "part,group,torque_nm,name,value,unit",
+        "case,key,what,expected,found,allowed,in_tolerances,regression",
+    ),
+    ".json": tuple(
+        f'"schema": "hdbench/{kind}/' for kind in ("report", "comparison", "regression")
+    ),
 }
 # the title stands behind the page's security policy, the schema on the first lines
 _HEAD_BYTES = 4096

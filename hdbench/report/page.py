@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import hashlib
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -15,16 +16,44 @@ from hdbench import __version__
 from hdbench.report.elements import KeyNumber, ReportFiles, Section
 from hdbench.report.numbers import DASH, short, unit_words
 
-__all__ = ["render_page"]
+__all__ = ["PageWords", "render_page"]
 
 _TEMPLATES = Path(__file__).parent / "templates"
 _BADGES = {"good": "In order", "look": "Look", "bad": "Not usable"}
 _MARKS = {"good": "✓", "look": "!", "bad": "✕"}
 # a head line shows the first numbers of each run: the sections list them all
 _HEADLINES = 3
+_FOOT = (
+    "Uncertainties are standard uncertainties; intervals are at 95 % with the degrees of freedom "
+    "of each number. Figure numbers refer to the technical report CIM-TR-97-06, whose figures "
+    "these follow. Figures are thinned for display by keeping the smallest and the largest value "
+    "of each stretch; zoomed in, they show every sample of curves of up to 65 536, and the raw "
+    "files hold all."
+)
 
 
-def render_page(sections: Sequence[Section], files: ReportFiles) -> str:
+@dataclass(frozen=True, slots=True)
+class PageWords:
+    """Words of a page that are not of its sections.
+
+    Parameters
+    ----------
+    title : str
+        Heading; empty for that of the sections.
+    noun : str
+        What a section is about, in the plural.
+    foot : str
+        What to know about the numbers, below them all.
+    """
+
+    title: str = ""
+    noun: str = "runs"
+    foot: str = _FOOT
+
+
+def render_page(
+    sections: Sequence[Section], files: ReportFiles, words: PageWords | None = None
+) -> str:
     """Return the page.
 
     Parameters
@@ -33,6 +62,8 @@ def render_page(sections: Sequence[Section], files: ReportFiles) -> str:
         One per run.
     files : ReportFiles
         The files beside the page, to link to.
+    words : PageWords or None
+        Heading and foot; None for those of a report of runs.
 
     Returns
     -------
@@ -52,6 +83,7 @@ def render_page(sections: Sequence[Section], files: ReportFiles) -> str:
     environment.filters["interval"] = _interval
     environment.filters["unit"] = unit_words
     environment.filters["dof"] = _dof
+    words = words or PageWords()
     style = Markup((_TEMPLATES / "style.css").read_text(encoding="utf-8"))
     script = (_TEMPLATES / "zoom.js").read_text(encoding="utf-8")
     return environment.get_template("report.html.j2").render(
@@ -59,8 +91,10 @@ def render_page(sections: Sequence[Section], files: ReportFiles) -> str:
         script=Markup(script),
         script_hash=_hash(script),
         sections=sections,
-        title=_title(sections),
-        overall=_overall(sections),
+        title=words.title or _title(sections),
+        overall=_overall(sections, words.noun),
+        noun=words.noun.capitalize(),
+        foot=words.foot,
         badges=_BADGES,
         marks=_MARKS,
         headlines=_headlines(sections),
@@ -80,13 +114,13 @@ def _title(sections: Sequence[Section]) -> str:
     return names[0] if len(names) == 1 else "Bench report"
 
 
-def _overall(sections: Sequence[Section]) -> dict[str, str]:
+def _overall(sections: Sequence[Section], noun: str) -> dict[str, str]:
     levels = [section.verdict.level for section in sections]
     worst = next(level for level in ("bad", "look", "good") if level in levels)
     if len(sections) == 1:
         return {"level": worst, "text": sections[0].verdict.text}
     good = levels.count("good")
-    words = [f"{good} of {len(levels)} runs are in order"]
+    words = [f"{good} of {len(levels)} {noun} are in order"]
     if levels.count("look"):
         words.append(f"{levels.count('look')} worth a look")
     if levels.count("bad"):

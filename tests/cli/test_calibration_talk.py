@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -93,6 +94,9 @@ def test_wrong_weight_repeat_back_quit_resume_kill_resume_finish(bench: str, out
     person.answer(r"\[6 of 6\].*Take all weights off", "\n")
     person.answer("5 readings taken. Finish", "\n")
     assert person.end() == 0
+    assert re.search(
+        rf"next +hdbench (run-misalignment --calibration|diagnose) .*{path.name}", person.text
+    )
     assert loads(out) == ["0.0", "0.5", "1.0", "0.5", "0.0"]
     report = verify_run(path)
     assert report.ok

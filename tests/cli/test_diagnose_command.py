@@ -118,6 +118,8 @@ def test_a_broken_cell_exits_4_with_file_and_line(tmp_path, run):
 
 def test_list_causes_holds_the_contracts_names_of_what_is_searched(run):
     body = json.loads(run("--list-causes", "--json")[1])
+    assert body["hdbench_version"]
+    assert body["profile"] is None
     names = {cause["name"] for cause in body["causes"]}
     assert names >= {
         "ripple-harmonic",
@@ -143,8 +145,8 @@ def test_list_causes_holds_the_contracts_names_of_what_is_searched(run):
 def test_the_extended_model_continues(tmp_path, run):
     file = str(trace_file(tmp_path, 0.1))
     body = json.loads(run("--json", file)[1])
-    model = f"{body['run_folder']}/{body['model_file']}"
-    assert run("--check", "--model", model, file)[0] == 0
+    assert Path(body["run_folder"], "model.json").samefile(body["model_file"])
+    assert run("--check", "--model", body["model_file"], file)[0] == 0
 
 
 def test_two_findings_fit_a_terminal_of_80_by_30(tmp_path, run):

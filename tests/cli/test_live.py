@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import io
 import math
+import sys
 import threading
 import time
 from pathlib import Path
@@ -10,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from rich.console import Console
+from rich.live import Live
 
 from hdbench.filter import OscillatorBlock
 from hdbench.filter.amplitudes import BlockAmplitude
@@ -99,6 +102,36 @@ def test_the_picture_fits_the_screen_and_tells_the_numbers(width: int) -> None:
     assert "order 2" in text
     assert "output" in text
     assert "0.800" in text
+
+
+def test_a_narrow_screen_breaks_no_line_and_keeps_every_count() -> None:
+    found = history([frame(100 * k, lost=7) for k in range(30)])
+    lines = drawn(found, 40)
+    for word in ("samples/s", "lost 7", "saturated", "retries", "waiting", "disk 12 GB"):
+        assert any(word in line for line in lines)
+    # a line that was broken would leave its end on a line of its own
+    assert not any(line.strip() in ("limit", "%", "% limit") for line in lines)
+    assert any(line.startswith("velocity") and line.rstrip().endswith("%") for line in lines)
+
+
+def test_curves_are_drawn_in_blocks_while_a_display_stands_for_stderr(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    class Terminal(io.StringIO):
+        encoding = "utf-8"
+
+        def isatty(self) -> bool:
+            return True
+
+    terminal = Terminal()
+    monkeypatch.setenv("TERM", "xterm-256color")
+    monkeypatch.setattr(sys, "stderr", terminal)
+    found = history([frame(100 * k, speed=float(k)) for k in range(30)])
+    words = ("ripple on bench: run", "12 GB")
+    with Live(console=Console(stderr=True, width=80), auto_refresh=False) as live:
+        live.update(picture(found, PROFILE, words, 80), refresh=True)
+        assert sys.stderr is not terminal
+    assert "▇" in terminal.getvalue()
 
 
 def test_a_speed_above_its_limit_is_told_in_per_cent() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import resource
 import shutil
 import subprocess
@@ -169,6 +170,34 @@ def test_a_wrong_unit_is_doubted(
     assert word in told.what
 
 
+@pytest.mark.parametrize(
+    "words",
+    [("run-ripple", "--no-report", "--from"), ("filter", "--model", "report-6"), ("diagnose",)],
+)
+def test_a_time_in_milliseconds_is_doubted_by_every_command(
+    ask: Ask, tmp_path: Path, words: tuple[str, ...]
+) -> None:
+    data = columns()
+    file = write(tmp_path / "ms.csv", {**data, "time_s": 1000.0 * data["time_s"]})
+    out = tmp_path / ("x.csv" if words[0] == "filter" else "runs")
+    told = ask(*words, file, "--out", out)
+    assert told.code == 6
+    # the result of a diagnosis says it, its last line names the flag
+    assert "ms" in told.what or "wrong-channel" in told.what
+
+
+def test_swapped_columns_are_doubted_by_the_filter_too(ask: Ask, tmp_path: Path) -> None:
+    data = columns()
+    velocity, torque = data["motor_velocity_rad_s"], data["torque_nm"]
+    swapped = {**data, "motor_velocity_rad_s": torque, "torque_nm": velocity}
+    file = write(tmp_path / "swapped.csv", swapped)
+    told = ask("filter", file, "--model", "report-6", "--out", tmp_path / "x.csv")
+    assert told.code == 6
+    assert "hdbench import --map" in told.what
+    right = write(tmp_path / "right.csv", data)
+    assert ask("filter", right, "--model", "report-6", "--out", tmp_path / "y.csv").code == 0
+
+
 def test_the_same_trace_in_its_own_units_is_not_doubted(ask: Ask, tmp_path: Path) -> None:
     file = write(tmp_path / "right.csv", columns())
     told = ask("run-ripple", "--from", file, "--no-report", "--out", tmp_path / "runs")
@@ -250,6 +279,37 @@ def test_a_run_that_was_moved_is_whole_and_one_that_lost_a_file_is_not(
     assert "runs list" in told.fix
 
 
+def test_a_listed_run_can_be_named_as_it_is_listed(
+    ask: Ask, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = write(tmp_path / "trace.csv", columns())
+    ask("run-ripple", "--from", file, "--no-report", "--out", tmp_path / "my runs")
+    monkeypatch.chdir(tmp_path)
+    assert main_module._run(["runs", "list", "my runs"], Output()) == 0
+    listed = capsys.readouterr().out.split("  ")[0]
+    assert main_module._run(["runs", "show", listed], Output()) == 0
+    shown = capsys.readouterr().out
+    assert "{" not in shown
+    assert shown.rstrip().splitlines()[-1] == f"next    hdbench diagnose '{listed}'"
+
+
+def test_an_empty_list_of_runs_says_where_it_looked(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main_module._run(["runs", "list"], Output()) == 0
+    told = capsys.readouterr().out
+    assert str(tmp_path / "runs") in told
+    assert "hdbench demo" in told
+
+
+def test_a_file_where_a_folder_has_to_be_is_told_as_such(ask: Ask, tmp_path: Path) -> None:
+    file = write(tmp_path / "trace.csv", columns(600))
+    told = ask("report", file, "--out", file)
+    assert told.code == 7
+    assert "a file stands where a folder has to be" in told.fix
+
+
 def leaves(group: click.Group, path: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
     context = click.Context(group)
     for name in group.list_commands(context):
@@ -308,9 +368,14 @@ def test_a_missing_file_is_one_json_object_with_a_fix(
 
 
 @pytest.mark.parametrize("path", COMMANDS, ids=" ".join)
-def test_every_command_and_option_has_help(path: tuple[str, ...]) -> None:
+def test_every_command_has_help_that_ends_with_an_example_and_every_option_has_help(
+    path: tuple[str, ...],
+) -> None:
     command = command_of(path)
     assert command.help
+    told = command.get_help(click.Context(command, info_name=" ".join(("hdbench", *path))))
+    ends = re.split(r"\n\s*\n", told.rstrip())[-1].strip()
+    assert re.match(r"Examples?: (`?)hdbench ", ends), ends
     silent = [p.name for p in command.params if isinstance(p, click.Option) and not p.help]
     assert silent == []
 

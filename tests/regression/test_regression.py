@@ -289,3 +289,12 @@ def test_an_invalid_case_is_an_error_and_the_others_are_still_compared(
     assert (suite.get("failures"), suite.get("errors")) == ("0", "1")
     compared = [case for case in suite if case.find("error") is None]
     assert len(compared) == 3
+
+
+def test_the_page_is_written_also_when_something_moved(stored: Path, tmp_path: Path) -> None:
+    _edit(stored / "calibration" / "expected.json", ("result", "consistency"), 0.5)
+    page = tmp_path / "regress.html"
+    error, text, _ = _run(str(stored / "calibration"), "--report", str(page))
+    assert isinstance(error, LimitError)
+    assert str(page) in text
+    assert "consistency" in page.read_text()

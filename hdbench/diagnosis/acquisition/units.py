@@ -15,6 +15,7 @@ from hdbench.diagnosis.acquisition.channels import (
     without_angle,
 )
 from hdbench.diagnosis.acquisition.flags import DataFlag
+from hdbench.diagnosis.acquisition.reach import BEYOND, beyond, too_coarse, too_large
 from hdbench.diagnosis.acquisition.ripplecheck import (
     RIGHT,
     WRONG,
@@ -38,12 +39,6 @@ _NAMED = 0.03
 _BLOCK_S = 0.1
 # correlation of the two increments below which they are not the same shaft
 _SAME = 0.9
-# beyond this many times the bench's limit a channel is in another unit
-_BEYOND = 3.0
-# a converter does not read beyond its range by more than its own gain error
-_RANGE = 1.05
-# share of the samples that a limit is held against, so that spikes do not count
-_MOST = 0.99
 # the motor has to turn this far for its channels to be compared, rad
 _TURNED = 6.0
 
@@ -87,30 +82,6 @@ class Channels:
 def _whole(trace: Trace, name: str, detail: str) -> DataFlag:
     time = trace.time_s
     return DataFlag(name, float(time[0]), float(time[-1]), len(time), detail)
-
-
-def _beyond(trace: Trace, profile: ProfileData) -> str:
-    """Return which channel is beyond anything that the bench can reach, or an empty text."""
-    ends = (
-        ("torque_nm", profile.limits.torque_nm * _BEYOND, "N m", "mN m, N mm or mV"),
-        ("torque_v", profile.daq.range_v * _RANGE, "V", "mV"),
-        ("tacho_v", profile.daq.range_v * _RANGE, "V", "mV"),
-    )
-    return next((text for end in ends if (text := _too_large(trace, *end))), "")
-
-
-def _too_large(trace: Trace, name: str, end: float, unit: str, guess: str) -> str:
-    """Return why a channel is beyond its end, or an empty text."""
-    if name not in trace:
-        return ""
-    known = np.abs(trace[name][np.isfinite(trace[name])])
-    reached = float(np.quantile(known, _MOST)) if len(known) else 0.0
-    if not reached > end:
-        return ""
-    return (
-        f"{name} reaches {reached:.4g} {unit}; this bench has {end:.4g} {unit} at most: "
-        f"is it in {guess}, or another channel?"
-    )
 
 
 def _velocity_unit(trace: Trace, profile: ProfileData) -> Channels:
@@ -213,12 +184,12 @@ def check_channels(trace: Trace, profile: ProfileData) -> Channels:
         return _refused(
             trace, "torque and velocity stand in each other's place: the ripple is in the velocity"
         )
-    reason = _beyond(trace, profile)
+    reason = too_coarse(trace, profile) or beyond(trace, profile)
     if reason:
         return _refused(trace, reason)
     checked = _compared(trace, profile)
-    fastest = profile.limits.velocity_rad_s * _BEYOND
-    reason = _too_large(checked.trace, "motor_velocity_rad_s", fastest, "rad/s", "rpm or deg/s")
+    fastest = profile.limits.velocity_rad_s * BEYOND
+    reason = too_large(checked.trace, "motor_velocity_rad_s", fastest, "rad/s", "rpm or deg/s")
     return _refused(trace, reason) if reason and not checked.reason else checked
 
 

@@ -78,9 +78,10 @@ def check_records(records: Sequence[Channels]) -> None:
         n = int(np.count_nonzero(_usable(record)))
         if n < _LEAST_SAMPLES:
             raise DataError(
-                f"{n} samples have torque and velocity; needed: at least {_LEAST_SAMPLES}",
+                f"{n} of {len(record.torque_nm)} samples have torque and velocity, neither missing "
+                f"nor saturated; needed: at least {_LEAST_SAMPLES}",
                 where=record.source,
-                fix="give a longer trace",
+                fix="give a longer trace, or one whose channels are in range",
             )
 
 

@@ -1,0 +1,92 @@
+"""The page of a comparison with stored results."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from hdbench.errors import UsageError
+from hdbench.report.regression import write_regression
+
+
+def _change(key: str, **cells: Any) -> dict[str, Any]:
+    return {
+        "key": key,
+        "what": "moved",
+        "expected": 0.5,
+        "found": 0.25,
+        "allowed": 0.125,
+        "in_tolerances": 2.0,
+        "reason": "two per cent <of> it",
+        "regression": True,
+        **cells,
+    }
+
+
+def _body(*changes: dict[str, Any], error: dict[str, Any] | None = None) -> dict[str, Any]:
+    passed = error is None and not any(change["regression"] for change in changes)
+    case = {
+        "name": "a<b",
+        "kind": "ripple",
+        "passed": passed,
+        "updated": False,
+        "compared": 7,
+        "changes": list(changes),
+        "error": error,
+    }
+    return {
+        "schema": "hdbench/regression/1",
+        "hdbench_version": "0",
+        "folder": "stored",
+        "passed": passed,
+        "cases": [case],
+    }
+
+
+def test_what_moved_stands_on_the_page_with_its_tolerance_and_its_reason(tmp_path: Path) -> None:
+    files = write_regression(_body(_change("x.y"), _change("z", what="new")), tmp_path / "r.html")
+    page = files.html.read_text()
+    assert "Moved: 2 of 7 quantities" in page
+    for cell in ("x.y", "0.5", "0.25", "0.125", "two per cent &lt;of&gt; it", "a&lt;b"):
+        assert cell in page
+    assert "a<b" not in page
+    assert page.count("<svg") == 1
+    rows = list(csv.DictReader(files.csv.read_text().splitlines()))
+    assert [row["key"] for row in rows] == ["x.y", "z"]
+    assert json.loads(files.json.read_text())["cases"][0]["compared"] == 7
+
+
+@pytest.mark.parametrize(
+    ("body", "words"),
+    [
+        (_body(), "Nothing moved: 7 quantities"),
+        (
+            _body(_change("s", what="changed", in_tolerances=None, allowed=None, regression=False)),
+            "Told, but allowed",
+        ),
+        (_body(error={"where": "case.json:1", "what": "no JSON", "fix": "mend it"}), "case.json:1"),
+    ],
+)
+def test_a_case_that_passed_and_one_that_is_broken_are_told_as_such(
+    body: dict[str, Any], words: str, tmp_path: Path
+) -> None:
+    page = write_regression(body, tmp_path / "r.html").html.read_text()
+    assert words in page
+    assert "<svg" not in page
+    assert "default-src 'none'" in page
+
+
+def test_a_page_is_written_over_an_earlier_one_and_over_nothing_else(tmp_path: Path) -> None:
+    target = tmp_path / "r.html"
+    write_regression(_body(_change("x")), target)
+    write_regression(_body(), target)
+    (tmp_path / "mine.csv").write_text("my,own,numbers\n")
+    with pytest.raises(UsageError, match="no report's"):
+        write_regression(_body(), tmp_path / "mine.html")
+    assert (tmp_path / "mine.csv").read_text() == "my,own,numbers\n"
+    with pytest.raises(UsageError, match=r"\.html"):
+        write_regression(_body(), tmp_path / "r.txt")
