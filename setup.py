@@ -74,6 +74,7 @@ setup(
                         "_rows",
                         "_rows_recurse",
                         "_sincos",
+                        "_update",
                     )
                 ),
             ],

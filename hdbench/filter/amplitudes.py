@@ -5,7 +5,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from hdbench.filter.layout import HEADER
+import numpy as np
+
+from hdbench.filter.layout import HEADER, INVERSE, STEP
 from hdbench.filter.model import FilterModel, OscillatorBlock
 from hdbench.records.trace import FloatArray
 
@@ -53,11 +55,14 @@ def block_amplitudes(model: FilterModel, state: FloatArray) -> tuple[BlockAmplit
     (a^2 P_aa + 2 a b P_ab + b^2 P_bb) / A^2 to first order; (P_aa + P_bb) / 2 at A = 0. Neither
     depends on the phase in which the states are kept.
     """
-    count = len(model.blocks) + len(model.slow)
-    values = state[HEADER + 2 * count :].tolist()
-    triangle = values[2 * count :]
+    size = 2 * (len(model.blocks) + len(model.slow))
+    predicted, gain, triangle = np.split(state[HEADER + size :], (size, 2 * size))
+    # the state stands before the last sample's measurement: done here
+    states = (predicted + state[STEP] * gain).tolist()
+    rows, columns = np.tril_indices(size)
+    triangle = triangle[: rows.size] - state[INVERSE] * (gain[rows] * gain[columns])
     return tuple(
-        _amplitude(block, values[2 * at : 2 * at + 2], _corner(triangle, 2 * at))
+        _amplitude(block, states[2 * at : 2 * at + 2], _corner(triangle.tolist(), 2 * at))
         for at, block in enumerate(model.blocks)
     )
 

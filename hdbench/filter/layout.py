@@ -11,11 +11,13 @@ __all__ = [
     "HAS_ANGLE",
     "HAS_VELOCITY",
     "HEADER",
+    "INVERSE",
     "MAX_BLOCKS",
     "MISSING",
     "MODEL_HEADER",
     "SEEN",
     "STARTED",
+    "STEP",
     "TIME",
     "UNRESOLVED",
     "USABLE",
@@ -26,7 +28,9 @@ __all__ = [
 
 SEEN, HAS_VELOCITY, HAS_ANGLE, STARTED = 0, 1, 2, 3
 TIME, VELOCITY, VELOCITY_TIME, ACCELERATION, ANGLE, GATED_RUN = 4, 5, 6, 7, 8, 9
-HEADER = 10
+INVERSE, STEP = 10, 11
+"""1/S and e/S of the last sample: what its measurement is still to do to states and covariance."""
+HEADER = 12
 MODEL_HEADER = 9
 BLOCK = 11
 MAX_BLOCKS = 16
@@ -48,6 +52,7 @@ def state_size(n_blocks: int) -> int:
     Returns
     -------
     int
-        Header, phase (two numbers) and two states per block, lower triangle of their covariance.
+        Header; per block phase (two numbers), two states and P C' of both; lower triangle of the
+        covariance P. States and P as predicted for the last sample.
     """
-    return HEADER + 4 * n_blocks + n_blocks * (2 * n_blocks + 1)
+    return HEADER + 6 * n_blocks + n_blocks * (2 * n_blocks + 1)

@@ -171,8 +171,9 @@ class OnlineFilter:
         -------
         ndarray, shape (n,)
             Finite numbers only: header (`hdbench.filter.layout`), block states and one triangle of
-            their covariance, in N m and (N m)^2; then what the guard against stuck samples keeps,
-            where the model has one. Both kernel forms use this layout.
+            their covariance P as predicted for the last sample, between them P C' of it, in N m
+            and (N m)^2; then what the guard against stuck samples keeps, where the model has one.
+            Both kernel forms use this layout.
         """
         return np.concatenate((self._state, self._guard))
 

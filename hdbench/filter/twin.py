@@ -75,7 +75,7 @@ def run(
         outputs[5][part], outputs[6][part] = rows[3], rows[4]
         flags[part] = rows[5]
     filtering.store(state)
-    sums[:] = filtering.sums()
+    sums[:] = filtering.likelihood.sums()
     return -1
 
 

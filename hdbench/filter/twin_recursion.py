@@ -6,8 +6,18 @@ import math
 
 import numpy as np
 
-from hdbench.filter.layout import GATED, GATED_RUN, HEADER, MISSING, STARTED, UNRESOLVED
+from hdbench.filter.layout import (
+    GATED,
+    GATED_RUN,
+    HEADER,
+    INVERSE,
+    MISSING,
+    STARTED,
+    STEP,
+    UNRESOLVED,
+)
 from hdbench.filter.transitions import Blocks, steps_of
+from hdbench.filter.twin_sums import Likelihood, added, along
 from hdbench.records import FloatArray
 
 __all__ = ["Recursion"]
@@ -18,7 +28,8 @@ _RESOLVED = 200.0  # a block with more innovation variances is not known from th
 class Recursion:
     """Phases `psi`, states `z` and lower triangle `p` of the covariance while one call runs.
 
-    `before`: z and p as predicted for the last sample.
+    `z` and `p` are those predicted for the last sample; its measurement, with `g` = P C',
+    `inverse` = 1/S and `to_do` = e/S, is done when the next one comes, as in the kernel.
 
     Parameters
     ----------
@@ -36,13 +47,13 @@ class Recursion:
         self.started, self.gated_run = bool(state[STARTED]), float(state[GATED_RUN])
         values = state[HEADER:].tolist()
         self.psi: list[float] = values[: self.n]
+        self.inverse, self.to_do = float(state[INVERSE]), float(state[STEP])
         self.z: list[float] = values[2 * self.n : 4 * self.n]
-        packed, rows = values[4 * self.n :], range(2 * self.n)
+        self.g: list[float] = values[4 * self.n : 6 * self.n]
+        packed, rows = values[6 * self.n :], range(2 * self.n)
         self.p: list[list[float]] = [packed[i * (i + 1) // 2 :][: i + 1] for i in rows]
         self.variance = math.nan
-        self.before: tuple[list[float], list[list[float]]] = (self.z, self.p)
-        self.seen, self.used = 0, 0
-        self.product, self.log_sum, self.squares = 1.0, 0.0, 0.0
+        self.likelihood = Likelihood()
 
     def transitions(self, turn: FloatArray, dt: FloatArray) -> list[list[list[float]]]:
         """Return `hdbench.filter.transitions.steps_of` and advance the phases.
@@ -95,29 +106,28 @@ class Recursion:
             One column of what `run` returns.
         """
         known = not math.isnan(residual)
-        parts = [0.0, 0.0, 0.0]
-        if self.started:
-            parts, predicted = self._predict(step)
-            innovation = residual - predicted
-        else:
-            innovation = self._start(step, residual, known)
-        self.before = (self.z, [row.copy() for row in self.p])
-        g = self._project(step)
+        self._move(step)
+        ahead = along(self.blocks.n_oscillators, step, self.g)
+        innovation = residual - along(self.blocks.n_oscillators, step, self.z) - ahead * self.to_do
+        self.z = [value + gain * self.to_do for value, gain in zip(self.z, self.g, strict=True)]
+        parts = self._parts(step)
+        if not self.started:
+            parts, innovation = [0.0, 0.0, 0.0], self._start(step, residual, known)
+        self._measure(step, ahead)
         flag = 0 if known else MISSING
         if known and self.gate > 0.0 and self._outlying(innovation):
             flag = GATED
-        if not flag:
-            self._measure(g, innovation)
-        self.seen += 1
-        if self.seen % 8 == 0 and not 1e-150 < self.product < 1e150:
-            self.log_sum += math.log(self.product)
-            self.product = 1.0
+        self.inverse = 0.0 if flag else 1.0 / self.variance
+        self.to_do = 0.0 if flag else self.inverse * innovation
+        self.likelihood.count(innovation, self.variance, self.inverse)
         if self._unresolved():
             flag |= UNRESOLVED
         return (*parts, innovation, self.variance if self.started else math.nan, float(flag))
 
     def _start(self, step: list[list[float]], residual: float, known: bool) -> float:
         """Set z and P, or leave them at zero; return the innovation of this sample."""
+        for row in self.p:
+            row[:] = [0.0] * len(row)
         if not (self.prior_start or known):
             return residual
         self.started = True
@@ -133,29 +143,31 @@ class Recursion:
             innovation -= first
         return innovation
 
-    def _predict(self, step: list[list[float]]) -> tuple[list[float], float]:
-        """Do z <- F z, P <- F P F' + Q; return what each part's blocks predict, and all of them."""
-        z, p = self.z.copy(), self.p
-        self.z = z
-        parts, seen = [0.0, 0.0, 0.0], []
+    def _move(self, step: list[list[float]]) -> None:
+        """Do z <- F z, g <- F g, P <- F P F' + Q."""
         for i, block in enumerate(step):
-            u, v = 2 * i, 2 * i + 1
             if i >= self.blocks.n_oscillators:
-                self._drift(u, block)
-                seen.append(z[u])
-            else:
-                cosine, sine, noise = block
-                seen.append(z[u] * cosine + z[v] * sine)
-                p[u][u] += noise
-                p[v][v] += noise
-            parts[int(self.blocks.rows[i][1])] += seen[i]
-        return parts, seen[0] + _added(seen[1:])
+                self._drift(2 * i, block)
+                continue
+            self.p[2 * i][2 * i] += block[2]
+            self.p[2 * i + 1][2 * i + 1] += block[2]
+
+    def _parts(self, step: list[list[float]]) -> list[float]:
+        """Return what each part's blocks predict."""
+        parts, z = [0.0, 0.0, 0.0], self.z
+        for i, block in enumerate(step):
+            seen = z[2 * i]
+            if i < self.blocks.n_oscillators:
+                seen = z[2 * i] * block[0] + z[2 * i + 1] * block[1]
+            parts[int(self.blocks.rows[i][1])] += seen
+        return parts
 
     def _drift(self, u: int, block: list[float]) -> None:
-        """Do z <- F z, P <- F P F' + Q of the slow block whose first state is `u`."""
+        """Do the same for the slow block whose first state is `u`."""
         f11, f12, f21, f22, q11, q12, q22 = block
         z, p, v = self.z, self.p, u + 1
-        z[u], z[v] = f11 * z[u] + f12 * z[v], f21 * z[u] + f22 * z[v]
+        for x in (z, self.g):
+            x[u], x[v] = f11 * x[u] + f12 * x[v], f21 * x[u] + f22 * x[v]
         p11, p12, p22 = p[u][u], p[v][u], p[v][v]
         t0, t1 = f11 * p11 + f12 * p12, f11 * p12 + f12 * p22
         u0, u1 = f21 * p11 + f22 * p12, f21 * p12 + f22 * p22
@@ -170,10 +182,7 @@ class Recursion:
         p[v][v] = (u0 * f21 + u1 * f22) + q22
 
     def _project(self, step: list[list[float]]) -> list[float]:
-        """Return P C' and set the innovation variance: the diagonal with the first block, the rest.
-
-        Sums stand in the kernel's order.
-        """
+        """Return P C': the diagonal with the first block, the rest, in the kernel's order."""
         p, size = self.p, range(2 * self.n)
         seen = [
             (block[0], block[1]) if i < self.blocks.n_oscillators else (1.0, 0.0)
@@ -188,9 +197,7 @@ class Recursion:
                 first = p[max(u, j)][min(u, j)] if u != j else 0.0
                 second = p[max(v, j)][min(v, j)] if v != j else 0.0
                 more.append(first * cosine + second * sine)
-            g.append((own + more[0]) + _added(more[1:]))
-        back = [g[2 * i] * c + g[2 * i + 1] * s for i, (c, s) in enumerate(seen)]
-        self.variance = (self.r + back[0]) + _added(back[1:])
+            g.append((own + more[0]) + added(more[1:]))
         return g
 
     def _outlying(self, innovation: float) -> bool:
@@ -202,34 +209,23 @@ class Recursion:
         self.gated_run = 0.0
         return False
 
-    def _measure(self, g: list[float], innovation: float) -> None:
-        """Do z <- z + P C' e / S, P <- P - P C' C P / S, and add to the likelihood."""
-        inverse = 1.0 / self.variance
-        step = inverse * innovation
-        self.z = [value + gain * step for value, gain in zip(self.z, g, strict=True)]
+    def _measure(self, step: list[list[float]], ahead: float) -> None:
+        """Do the measurement of the sample before on P; find g and S of this one.
+
+        Both come from P without that measurement: P C' - g (C g) / S.
+        """
+        scaled = ahead * self.inverse
+        found = self._project(step)
+        self.variance = self.r + (along(self.blocks.n_oscillators, step, found) - ahead * scaled)
         for a, row in enumerate(self.p):
             for b in range(a + 1):
-                row[b] -= inverse * (g[a] * g[b])
-        self.used += 1
-        self.squares += innovation * innovation * inverse
-        self.product *= self.variance
+                row[b] -= self.inverse * (self.g[a] * self.g[b])
+        self.g = [new - old * scaled for new, old in zip(found, self.g, strict=True)]
 
     def _unresolved(self) -> bool:
         limit = _RESOLVED * self.variance
-        return any(
-            self.p[2 * i][2 * i] + self.p[2 * i + 1][2 * i + 1] > limit
-            for i in range(self.blocks.n_oscillators)
-        )
-
-    def sums(self) -> tuple[float, float, float]:
-        """Return number of samples used, sum of log S and sum of e^2 / S.
-
-        Returns
-        -------
-        tuple of float
-            Over all samples of this call.
-        """
-        return float(self.used), self.log_sum + math.log(self.product), self.squares
+        left = [row[-1] - self.inverse * (g * g) for row, g in zip(self.p, self.g, strict=True)]
+        return any(left[2 * i] + left[2 * i + 1] > limit for i in range(self.blocks.n_oscillators))
 
     def store(self, state: FloatArray) -> None:
         """Write phases, z and P back in the kernel's layout.
@@ -240,13 +236,6 @@ class Recursion:
             Changed in place.
         """
         state[STARTED], state[GATED_RUN] = float(self.started), self.gated_run
+        state[INVERSE], state[STEP] = self.inverse, self.to_do
         packed = [value for row in self.p for value in row]
-        state[HEADER:] = [*self.psi, *([0.0] * self.n), *self.z, *packed]
-
-
-def _added(values: list[float]) -> float:
-    """Add up from the left; `sum` of newer Pythons compensates its rounding."""
-    total = 0.0
-    for value in values:
-        total += value
-    return total
+        state[HEADER:] = [*self.psi, *([0.0] * self.n), *self.z, *self.g, *packed]

@@ -114,16 +114,16 @@ def _forward(filtering: Recursion, steps: Steps, residual: list[float]) -> tuple
     n = filtering.n
     first, records = len(residual), []
     for k, (step, value) in enumerate(zip(steps, residual, strict=True)):
-        used = filtering.used
+        used = filtering.likelihood.used
         found = filtering.step(step, value)
         if not filtering.started:
             continue
         first = min(first, k)
-        z, p = filtering.before
+        z, p = filtering.z, filtering.p
         dense = np.zeros((2 * n, 2 * n))
         for i, row in enumerate(p):
             dense[i, : i + 1] = dense[: i + 1, i] = row
-        innovation = found[3] if filtering.used > used else math.nan
+        innovation = found[3] if filtering.likelihood.used > used else math.nan
         records.append((np.array(z), dense, innovation, found[4]))
     return first, records
 

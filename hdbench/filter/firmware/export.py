@@ -24,6 +24,7 @@ _KERNEL = (
     "filter_motion.h",
     "filter_sincos.h",
     "filter_recurse.h",
+    "filter_update.h",
     "filter_dispatch.h",
     "filter.c",
 )

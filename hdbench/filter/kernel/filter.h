@@ -43,7 +43,7 @@ typedef double hdb_real;
 #define HDB_USABLE 1e12 /* rad/s, rad, N m: beyond this a sample is a fault, not a measurement */
 #define HDB_RESOLVED 200 /* innovation variances: a block with more is not known from the data */
 #define HDB_HELD 1e5f    /* see HDB_SINGLE above */
-#define HDB_STATE_SIZE(n_blocks) (HDB_HEADER + 4 * (n_blocks) + (n_blocks) * (2 * (n_blocks) + 1))
+#define HDB_STATE_SIZE(n_blocks) (HDB_HEADER + 6 * (n_blocks) + (n_blocks) * (2 * (n_blocks) + 1))
 
 typedef enum { HDB_OK = 0, HDB_ERR_CONFIG, HDB_ERR_TIME } hdb_status; /* nothing was touched */
 enum { HDB_OSCILLATOR, HDB_RANDOM_WALK, HDB_INTEGRATED_WALK, HDB_ORNSTEIN_UHLENBECK, HDB_MATERN,
@@ -51,14 +51,18 @@ enum { HDB_OSCILLATOR, HDB_RANDOM_WALK, HDB_INTEGRATED_WALK, HDB_ORNSTEIN_UHLENB
 enum { HDB_RIPPLE, HDB_MISALIGNMENT, HDB_SLOW };
 enum { HDB_MISSING = 1, HDB_GATED = 2, HDB_UNRESOLVED = 4 }; /* bits of a sample's flag */
 
-/* State vector: this header, psi (rad) and its rounding left over [2 n_blocks], z[2 n_blocks], then
- * the lower triangle of P row by row; z and P are those after the last sample's measurement. All
- * zero: nothing seen yet. */
+/* State vector: this header, psi (rad) and its rounding left over [2 n_blocks], z[2 n_blocks],
+ * g[2 n_blocks], then the lower triangle of P row by row. A double keeps z and P as predicted for
+ * the last sample, with what its measurement is to change: g = P C', 1/S and e/S. The next sample's
+ * C z, P C' and S are found while 1/S is under way; z and P are brought up then. A float keeps z
+ * and P after the measurement, and no g. All zero: nothing seen yet. */
 enum {
     HDB_SEEN, HDB_HAS_VELOCITY, HDB_HAS_ANGLE, HDB_STARTED /* each 0 or 1 */, HDB_TIME /* s */,
     HDB_VELOCITY /* rad/s, last usable */, HDB_VELOCITY_TIME /* s, when it was sampled */,
     HDB_ACCELERATION /* rad/s^2 */, HDB_ANGLE /* rad, measured or carried on */,
-    HDB_GATED_RUN /* samples gated in a row */, HDB_HEADER
+    HDB_GATED_RUN /* samples gated in a row */,
+    HDB_INVERSE, HDB_STEP /* 1/S and e/S to be done; 0 after a sample that only predicts */,
+    HDB_HEADER
 };
 
 typedef struct {
@@ -80,6 +84,9 @@ typedef struct {
 typedef struct { /* the same numbers for a step, with room for HDB_MAX_BLOCKS; all zero at first */
     hdb_real head[HDB_HEADER], psi[HDB_MAX_BLOCKS], left[HDB_MAX_BLOCKS];
     hdb_real z[2 * HDB_MAX_BLOCKS], p[HDB_MAX_BLOCKS * (2 * HDB_MAX_BLOCKS + 1)];
+#ifndef HDB_SINGLE
+    hdb_real g[2 * HDB_MAX_BLOCKS];
+#endif
 } hdb_state;
 
 typedef struct { /* of one sample, N m and (N m)^2 */

@@ -13,6 +13,8 @@ HDB_INLINE void HDB_FORM(load)(int nb, lanes *s, const hdb_real *state, int lane
         LANE(s->left[i], lane) = *state++;
     for (int i = 0; i < 2 * nb; ++i)
         LANE(s->z[i], lane) = *state++;
+    for (int i = 0; i < 2 * nb; ++i)
+        LANE(s->g[i], lane) = *state++;
     for (int i = 0; i < AT(2 * nb, 0); ++i)
         LANE(s->p[i], lane) = *state++;
 #ifdef HDB_SUMS
@@ -34,6 +36,8 @@ HDB_INLINE void HDB_FORM(store)(int nb, lanes *s, hdb_real *state, int lane)
         *state++ = LANE(s->left[i], lane);
     for (int i = 0; i < 2 * nb; ++i)
         *state++ = LANE(s->z[i], lane);
+    for (int i = 0; i < 2 * nb; ++i)
+        *state++ = LANE(s->g[i], lane);
     for (int i = 0; i < AT(2 * nb, 0); ++i)
         *state++ = LANE(s->p[i], lane);
 }
@@ -64,6 +68,7 @@ HDB_INLINE void HDB_FORM(filter)(const hdb_model *model, lanes *s, int n, work *
 #undef work
 #undef PICK
 #undef ANY
+#undef HDB_NOT
 #undef LANE
 #undef EACH_LANE
 #undef L

@@ -15,6 +15,7 @@ typedef hdb_real HDB_FORM(number);
 typedef int HDB_FORM(mask);
 #define PICK(which, one, other) ((which) ? (one) : (other))
 #define ANY(which) (which)
+#define HDB_NOT(which) (!(which))
 #else
 #define LANE(value, l) (((hdb_real *)&(value))[l])
 typedef hdb_real HDB_FORM(number) __attribute__((vector_size(L * sizeof(hdb_real))));
@@ -23,6 +24,7 @@ typedef hdb_bits HDB_FORM(word) __attribute__((vector_size(L * sizeof(hdb_real))
 #define PICK(which, one, other)                                                                   \
     ((number)(((mask)(one) & (which)) | ((mask)(other) & ~(which))))
 #define ANY(which) HDB_FORM(any)(which)
+#define HDB_NOT(which) (~(which))
 #endif
 #define number HDB_FORM(number)
 #define mask HDB_FORM(mask)
@@ -32,7 +34,7 @@ typedef hdb_bits HDB_FORM(word) __attribute__((vector_size(L * sizeof(hdb_real))
 #ifdef HDB_SUMS
 typedef struct {
     number head[HDB_HEADER], psi[HDB_MAX_BLOCKS], left[HDB_MAX_BLOCKS];
-    number z[STATES], p[AT(STATES, 0)];
+    number z[STATES], p[AT(STATES, 0)], g[STATES];
     number used, product, log_sum, squares;
     int since; /* samples since the product was looked at */
     int waiting; /* whether a lane may not have started */
@@ -48,6 +50,10 @@ typedef struct { /* one chunk */
     hdb_real f[HDB_MAX_SLOW][HDB_CHUNK][7]; /* of slow torques; all lanes share the time */
     number expected[HDB_CHUNK], part[3][HDB_CHUNK], filtered[HDB_CHUNK];
     number innovation[HDB_CHUNK], variance[HDB_CHUNK], flag[HDB_CHUNK];
+#ifdef HDB_COASTS
+    int coasting;            /* expected holds what the velocity adds to the acceleration, and */
+    hdb_real carry[HDB_CHUNK]; /* this the share of the last acceleration that remains */
+#endif
 } work;
 
 #if HDB_LANES > 1
@@ -122,8 +128,8 @@ HDB_INLINE void HDB_FORM(stir)(int no, const hdb_model *model, int n, work *k)
     }
 }
 
-/* Phase of one oscillator at every sample, in k->psi. */
-HDB_INLINE void HDB_FORM(phase)(int j, const hdb_block *b, lanes *s, int n, work *k)
+/* How far one oscillator turns from sample to sample, in k->psi. */
+HDB_INLINE void HDB_FORM(turns)(int j, const hdb_block *b, int n, work *k)
 {
     number *const psi = k->psi[j];
     mask far = {0};
@@ -134,20 +140,55 @@ HDB_INLINE void HDB_FORM(phase)(int j, const hdb_block *b, lanes *s, int n, work
     if (ANY(far))
         for (int i = 0; i < n; ++i)
             EACH_LANE LANE(psi[i], l) = hdb_turn_within(LANE(psi[i], l));
-    number now = s->psi[j], left = s->left[j];
-    for (int i = 0; i < n; ++i) {
-        HDB_FORM(advance)(&now, &left, psi[i]);
-        psi[i] = now;
+}
+
+/* Phase of every oscillator at every sample, in k->psi: what each sample adds to the one before, in
+ * one loop, so that the sums overlap. */
+HDB_INLINE void HDB_FORM(phases)(int no, lanes *s, int n, work *k)
+{
+    const number none = {0};
+    number now[HDB_MAX_BLOCKS], left[HDB_MAX_BLOCKS];
+    HDB_UNROLL
+    for (int j = 0; j < HDB_MAX_BLOCKS; ++j) {
+        now[j] = j < no ? s->psi[j] : none;
+        left[j] = j < no ? s->left[j] : none;
     }
-    s->psi[j] = now;
-    s->left[j] = left;
+#ifdef HDB_COASTS
+    number acceleration = s->head[HDB_ACCELERATION];
+#endif
+    for (int i = 0; i < n; ++i) {
+        HDB_UNROLL
+        for (int j = 0; j < no; ++j) {
+            HDB_FORM(advance)(&now[j], &left[j], k->psi[j][i]);
+            k->psi[j][i] = now[j];
+        }
+#ifdef HDB_COASTS
+        if (k->coasting)
+            k->expected[i] = acceleration = k->expected[i] + k->carry[i] * acceleration;
+#endif
+    }
+#ifdef HDB_COASTS
+    s->head[HDB_ACCELERATION] = acceleration;
+#endif
+    HDB_UNROLL
+    for (int j = 0; j < no; ++j) {
+        s->psi[j] = now[j];
+        s->left[j] = left[j];
+    }
 }
 
 /* Cosine and sine of every oscillator, transition of every slow torque. */
 HDB_INLINE void HDB_FORM(turn)(int no, int ns, const hdb_model *model, lanes *s, int n, work *k)
 {
     for (int j = 0; j < no; ++j)
-        HDB_FORM(phase)(j, &model->block[j], s, n, k);
+        HDB_FORM(turns)(j, &model->block[j], n, k);
+    HDB_FORM(phases)(no, s, n, k);
+#ifdef HDB_COASTS
+    for (int i = 0; k->coasting && i < n; ++i) {
+        k->expected[i] = model->inertia * k->expected[i] / model->ratio;
+        k->residual[i] = k->torque[i] - k->expected[i];
+    }
+#endif
     for (int j = 0; j < no; ++j)
         for (int i = 0; i < n; ++i)
             SINCOS(k->psi[j][i], &k->sine[j][i], &k->cosine[j][i]);

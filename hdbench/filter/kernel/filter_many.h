@@ -1,5 +1,7 @@
 /* Chunks of HDB_VECTOR traces side by side. A template, as filter_one.h. */
 #define HDB_SUMS
+#define HDB_UNFLAGGED
+#define HDB_COASTS
 #define HDB_UNROLLED
 #define HDB_LANES HDB_VECTOR
 #define HDB_CHUNK HDB_BATCH_CHUNK
@@ -12,6 +14,8 @@
 #undef HDB_FORM
 #undef HDB_UNROLLED
 #undef HDB_SUMS
+#undef HDB_UNFLAGGED
+#undef HDB_COASTS
 
 /* m samples of up to HDB_VECTOR traces, `stride` columns apart in time. */
 static void HDB_ISA(batch_chunk)(const hdb_model *model, HDB_ISA(batch_lanes) *s, int m,
@@ -21,16 +25,23 @@ static void HDB_ISA(batch_chunk)(const hdb_model *model, HDB_ISA(batch_lanes) *s
     enum { L = HDB_VECTOR };
     const size_t bytes = (size_t)live * sizeof(double);
     HDB_ISA(batch_work) k;
-    for (int i = 0; i < m; ++i) { /* idle lanes see nothing */
+    HDB_ISA(batch_number) velocity[HDB_BATCH_CHUNK], torque[HDB_BATCH_CHUNK];
+    HDB_ISA(batch_number) angle[HDB_BATCH_CHUNK];
+    const HDB_ISA(batch_number) none = {0};
+    for (int i = 0; i < m; ++i) { /* idle lanes see zeros */
         const size_t at = (from + (size_t)i) * stride;
-        HDB_ISA(batch_number) velocity = {0}, torque = {0}, angle = velocity + NAN;
-        memcpy(&velocity, in->velocity + at, live == L ? sizeof velocity : bytes);
-        memcpy(&torque, in->torque + at, live == L ? sizeof torque : bytes);
+        velocity[i] = torque[i] = none;
+        angle[i] = in->angle == NULL ? none + NAN : none;
+        memcpy(&velocity[i], in->velocity + at, live == L ? sizeof *velocity : bytes);
+        memcpy(&torque[i], in->torque + at, live == L ? sizeof *torque : bytes);
         if (in->angle != NULL)
-            memcpy(&angle, in->angle + at, live == L ? sizeof angle : bytes);
-        const HDB_ISA(batch_number) none = {0}, time = none + in->time[from + (size_t)i];
-        HDB_ISA(batch_observe)(model, s, &k, i, time, velocity, torque, angle);
+            memcpy(&angle[i], in->angle + at, live == L ? sizeof *angle : bytes);
     }
+    if (!HDB_ISA(batch_observe_all)(model, s, &k, m, in->time + from, velocity, torque,
+                                    in->angle == NULL ? NULL : angle))
+        for (int i = 0; i < m; ++i)
+            HDB_ISA(batch_observe)(model, s, &k, i, none + in->time[from + (size_t)i],
+                                   velocity[i], torque[i], angle[i]);
     HDB_ISA(batch_filter)(model, s, m, &k, NULL);
     for (int i = 0; i < m; ++i) {
         const size_t at = (from + (size_t)i) * stride;

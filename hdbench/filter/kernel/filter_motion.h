@@ -35,62 +35,63 @@ HDB_INLINE void HDB_FORM(observe)(const hdb_model *model, lanes *s, work *k, int
     k->residual[i] = PICK(moving & HDB_FORM(usable)(y), y - expected, unknown);
 }
 
-#ifdef HDB_SUMS
-#if HDB_LANES == 1
-/* The same for n samples of which none is missing, after one of which nothing was; 0 where this
- * does not hold, and nothing was touched. */
-HDB_INLINE int HDB_FORM(observe_all)(const hdb_model *model, lanes *s, work *k, int n,
-                                     const double *t, const double *v, const double *y,
-                                     const double *a)
+#ifdef HDB_COASTS
+/* Whether nothing of any lane's last sample was missing. */
+HDB_INLINE int HDB_FORM(flowing)(const lanes *s, int by_angle)
 {
-    double *const head = s->head, scale[HDB_CHUNK], turn[HDB_CHUNK];
-    const double two_t = 2.0 * model->constant;
-    int bad = 0;
-    if (n < 1 || !(head[HDB_SEEN] > 0 && head[HDB_HAS_VELOCITY] > 0) ||
-        (head[HDB_HAS_ANGLE] > 0) != (a != NULL) || head[HDB_VELOCITY_TIME] < head[HDB_TIME])
+    int flows = 1;
+    EACH_LANE {
+        const hdb_real placed = LANE(s->head[HDB_HAS_ANGLE], l);
+        flows = flows && LANE(s->head[HDB_SEEN], l) > 0 && LANE(s->head[HDB_HAS_VELOCITY], l) > 0 &&
+                (placed > 0) == by_angle &&
+                LANE(s->head[HDB_VELOCITY_TIME], l) >= LANE(s->head[HDB_TIME], l);
+    }
+    return flows;
+}
+
+/* The same for n samples of which none is missing, after one of which nothing was, but for the
+ * acceleration, left to `turn`; 0 where this does not hold, and nothing was touched. All lanes
+ * share the time. */
+HDB_INLINE int HDB_FORM(observe_all)(const hdb_model *model, lanes *s, work *k, int n,
+                                     const hdb_real *t, const number *v, const number *y,
+                                     const number *a)
+{
+    number *const head = s->head;
+    const number none = {0};
+    const hdb_real two_t = K(2.0) * model->constant;
+    hdb_real gap[HDB_CHUNK], scale[HDB_CHUNK];
+    k->coasting = 0;
+    if (n < 1 || !HDB_FORM(flowing)(s, a != NULL))
         return 0;
-    k->dt[0] = t[0] - head[HDB_TIME];
+    gap[0] = t[0] - LANE(head[HDB_TIME], 0);
     for (int i = 1; i < n; ++i)
-        k->dt[i] = t[i] - t[i - 1];
-    turn[0] = a == NULL ? head[HDB_VELOCITY] * k->dt[0] : a[0] - head[HDB_ANGLE];
-    if (a == NULL)
-        for (int i = 1; i < n; ++i)
-            turn[i] = v[i - 1] * k->dt[i];
-    else
-        for (int i = 1; i < n; ++i) {
-            turn[i] = a[i] - a[i - 1];
-            bad |= !(hdb_abs(a[i]) <= HDB_USABLE);
-        }
-    if (a != NULL)
-        bad |= !(hdb_abs(a[0]) <= HDB_USABLE);
+        gap[i] = t[i] - t[i - 1];
+    k->turn[0] = a == NULL ? head[HDB_VELOCITY] * gap[0] : a[0] - head[HDB_ANGLE];
+    for (int i = 1; i < n; ++i)
+        k->turn[i] = a == NULL ? v[i - 1] * gap[i] : a[i] - a[i - 1];
+    mask good = HDB_FORM(usable)(v[0]);
     for (int i = 0; i < n; ++i) {
-        bad |= !(hdb_abs(v[i]) <= HDB_USABLE) | !(hdb_abs(y[i]) <= HDB_USABLE) |
-               !(hdb_abs(turn[i]) <= HDB_LARGEST);
-        k->turn[i] = turn[i];
+        good &= HDB_FORM(usable)(v[i]) & HDB_FORM(usable)(y[i]) &
+                (HDB_FORM(abs)(k->turn[i]) <= HDB_LARGEST);
         k->torque[i] = y[i];
+        k->dt[i] = none + gap[i];
     }
-    if (bad)
+    for (int i = 0; a != NULL && i < n; ++i)
+        good &= HDB_FORM(usable)(a[i]);
+    if (ANY(HDB_NOT(good)))
         return 0;
     for (int i = 0; i < n; ++i)
-        scale[i] = 1.0 / (two_t + k->dt[i]);
-    k->expected[0] = 2.0 * scale[0] * (v[0] - head[HDB_VELOCITY]);
+        scale[i] = K(1.0) / (two_t + gap[i]);
+    k->expected[0] = K(2.0) * scale[0] * (v[0] - head[HDB_VELOCITY]);
     for (int i = 1; i < n; ++i)
-        k->expected[i] = 2.0 * scale[i] * (v[i] - v[i - 1]);
+        k->expected[i] = K(2.0) * scale[i] * (v[i] - v[i - 1]);
     for (int i = 0; i < n; ++i)
-        scale[i] = (two_t - k->dt[i]) * scale[i];
-    double now = head[HDB_ACCELERATION];
-    for (int i = 0; i < n; ++i)
-        k->expected[i] = now = k->expected[i] + scale[i] * now;
-    for (int i = 0; i < n; ++i) {
-        k->expected[i] = model->inertia * k->expected[i] / model->ratio;
-        k->residual[i] = y[i] - k->expected[i];
-    }
-    head[HDB_TIME] = head[HDB_VELOCITY_TIME] = t[n - 1];
+        k->carry[i] = (two_t - gap[i]) * scale[i];
+    k->coasting = 1;
+    head[HDB_TIME] = head[HDB_VELOCITY_TIME] = none + t[n - 1];
     head[HDB_VELOCITY] = v[n - 1];
-    head[HDB_ACCELERATION] = now;
     if (a != NULL)
         head[HDB_ANGLE] = a[n - 1];
     return 1;
 }
-#endif
 #endif

@@ -1,6 +1,7 @@
 /* Chunks of one trace, for one width of vectors. A template: define HDB_ISA(name), and HDB_VECTOR,
  * the doubles of a vector register (1: the compiler has none), before each inclusion. */
 #define HDB_SUMS
+#define HDB_COASTS
 #define HDB_LANES 1
 #define HDB_CHUNK HDB_RUN_CHUNK
 #define HDB_FORM(name) HDB_ISA(run_##name)
@@ -26,12 +27,15 @@
 #undef HDB_FORM
 
 #undef HDB_SUMS
+#undef HDB_COASTS
 
 /* P in rows, once a chunk starts with a started filter of few blocks. */
 typedef struct {
 #if HDB_VECTOR > 1
     HDB_ISA(run_few_filter) few;
     HDB_ISA(run_more_filter) more;
+    HDB_ISA(run_few_table) few_table;
+    HDB_ISA(run_more_table) more_table;
 #endif
     int as_few, as_more;
 } HDB_ISA(run_rows);
@@ -44,16 +48,19 @@ static int HDB_ISA(run_by_rows)(const hdb_model *model, HDB_ISA(run_lanes) *s,
     if (model->n_oscillators > 3 || ns > 2 || !(s->head[HDB_STARTED] > 0))
         return 0;
     if (!begun && ns == 0)
-        HDB_ISA(run_few_unpack)(model, s, &rows->few);
+        HDB_ISA(run_few_unpack)(model, s, &rows->few, &rows->few_table);
     else if (!begun)
-        HDB_ISA(run_more_unpack)(model, s, &rows->more);
+        HDB_ISA(run_more_unpack)(model, s, &rows->more, &rows->more_table);
     rows->as_few = ns == 0;
     rows->as_more = ns > 0;
-    HDB_ISA(run_turn)(model->n_oscillators, ns, model, s, m, k);
-    if (rows->as_few)
-        HDB_ISA(run_few_recurse)(model, s, &rows->few, m, k);
+    if (model->n_oscillators == 3) /* in registers */
+        HDB_ISA(run_turn)(3, ns, model, s, m, k);
     else
-        HDB_ISA(run_more_recurse)(model, s, &rows->more, m, k);
+        HDB_ISA(run_turn)(model->n_oscillators, ns, model, s, m, k);
+    if (rows->as_few)
+        HDB_ISA(run_few_recurse)(model, s, &rows->few, &rows->few_table, m, k);
+    else
+        HDB_ISA(run_more_recurse)(model, s, &rows->more, &rows->more_table, m, k);
     return 1;
 }
 
@@ -110,8 +117,12 @@ static void HDB_ISA(run_chunk)(const hdb_model *model, HDB_ISA(run_lanes) *s,
     memcpy(out->filtered + from, k.filtered, bytes);
     memcpy(out->innovation + from, k.innovation, bytes);
     memcpy(out->variance + from, k.variance, bytes);
-    for (int i = 0; i < m; ++i)
-        out->flag[from + (size_t)i] = (uint8_t)k.flag[i];
+    for (int i = 0; i < m; ++i) { /* the last byte of a sum with a large number */
+        const double shifted = k.flag[i] + HDB_BIAS;
+        hdb_bits bits;
+        memcpy(&bits, &shifted, sizeof bits);
+        out->flag[from + (size_t)i] = (uint8_t)bits;
+    }
 }
 
 static void HDB_ISA(run)(const hdb_model *model, double *state, size_t n, const hdb_samples *in,
@@ -119,7 +130,8 @@ static void HDB_ISA(run)(const hdb_model *model, double *state, size_t n, const 
 {
     const int nb = model->n_oscillators + model->n_slow;
     HDB_ISA(run_lanes) s;
-    HDB_ISA(run_rows) rows = {.as_few = 0, .as_more = 0};
+    HDB_ISA(run_rows) rows;
+    rows.as_few = rows.as_more = 0;
     HDB_ISA(run_load)(nb, &s, state, 0);
     for (size_t from = 0; from < n; from += HDB_RUN_CHUNK) {
         const int m = n - from < HDB_RUN_CHUNK ? (int)(n - from) : HDB_RUN_CHUNK;

@@ -13,7 +13,7 @@
 #endif
 #define P(i, j) s->p[(i) > (j) ? AT(i, j) : AT(j, i)]
 
-/* z <- F z, P <- F P F' + Q of slow block b with the transition t. */
+/* z <- F z, g <- F g, P <- F P F' + Q of slow block b with the transition t. */
 HDB_INLINE void HDB_FORM(drift)(int nb, int b, const hdb_real *t, lanes *s)
 {
     const int u = 2 * b, v = 2 * b + 1;
@@ -22,6 +22,11 @@ HDB_INLINE void HDB_FORM(drift)(int nb, int b, const hdb_real *t, lanes *s)
     const number u0 = t[2] * p11 + t[3] * p12, u1 = t[2] * p12 + t[3] * p22;
     s->z[u] = t[0] * z0 + t[1] * z1;
     s->z[v] = t[2] * z0 + t[3] * z1;
+#ifndef HDB_SINGLE
+    const number g0 = s->g[u], g1 = s->g[v];
+    s->g[u] = t[0] * g0 + t[1] * g1;
+    s->g[v] = t[2] * g0 + t[3] * g1;
+#endif
     for (int j = 0; j < 2 * nb; ++j) {
         const number above = P(u, j), below = P(v, j);
         P(u, j) = t[0] * above + t[1] * below;
@@ -49,33 +54,71 @@ HDB_INLINE void HDB_FORM(hold)(int nb, int b, hdb_real r, hdb_real noise, lanes 
 }
 #endif
 
-/* What the blocks of each part predict; then P has the noise of its step. */
-HDB_INLINE void HDB_FORM(predict)(int no, int nb, const hdb_model *model, work *k, int i, lanes *s)
+/* C x. A double's sum stands as vectors of the host are folded: even and odd states apart, every
+ * fourth slot together, slow torques in slots after the third. */
+HDB_INLINE number HDB_FORM(along)(int no, int nb, const work *k, int i, const number *x)
 {
     const number none = {0};
-    number part[3] = {none, none, none}, first = none, rest = none;
+#ifdef HDB_SINGLE
+    number all = none;
     HDB_UNROLL
     for (int b = 0; b < nb; ++b) {
-        number seen;
-        if (b < no) {
-            seen = s->z[2 * b] * k->cosine[b][i] + s->z[2 * b + 1] * k->sine[b][i];
-            const number noise = k->noise[b][i];
-#ifdef HDB_SINGLE
-            HDB_FORM(hold)(nb, b, model->r, noise, s);
-#endif
-            P(2 * b, 2 * b) += noise;
-            P(2 * b + 1, 2 * b + 1) += noise;
-        } else {
-            HDB_FORM(drift)(nb, b, k->f[b - no][i], s);
-            seen = s->z[2 * b];
-        }
-        part[model->block[b].part] += seen;
-        if (b == 0)
-            first = seen;
-        else
-            rest = b > 1 ? rest + seen : seen;
+        all += b < no ? x[2 * b] * k->cosine[b][i] : x[2 * b];
+        if (b < no)
+            all += x[2 * b + 1] * k->sine[b][i];
     }
-    k->innovation[i] = k->residual[i] - (first + rest);
+    return all;
+#else
+    number even[4] = {none, none, none, none}, odd[4] = {none, none, none, none};
+    HDB_UNROLL
+    for (int b = 0; b < nb; ++b) {
+        const int slot = (b < no || no > 3 ? b : b - no + 3) % 4;
+        even[slot] += b < no ? x[2 * b] * k->cosine[b][i] : x[2 * b];
+        if (b < no)
+            odd[slot] += x[2 * b + 1] * k->sine[b][i];
+    }
+    return ((even[0] + even[2]) + (even[1] + even[3])) + ((odd[0] + odd[2]) + (odd[1] + odd[3]));
+#endif
+}
+
+/* Transitions of the slow torques, and noise of the oscillators' step. */
+HDB_INLINE void HDB_FORM(move)(int no, int nb, const hdb_model *model, work *k, int i, lanes *s)
+{
+    HDB_UNROLL
+    for (int b = 0; b < nb; ++b) {
+        if (b >= no) {
+            HDB_FORM(drift)(nb, b, k->f[b - no][i], s);
+            continue;
+        }
+#ifdef HDB_SINGLE
+        HDB_FORM(hold)(nb, b, model->r, k->noise[b][i], s);
+#endif
+        P(2 * b, 2 * b) += k->noise[b][i];
+        P(2 * b + 1, 2 * b + 1) += k->noise[b][i];
+    }
+    (void)model;
+}
+
+/* What the blocks of each part predict, and the innovation, found from z without the measurement
+ * to be done, which it is then. `ahead` is C g of that. */
+HDB_INLINE void HDB_FORM(predict)(int no, int nb, const hdb_model *model, work *k, int i,
+                                  number ahead, lanes *s)
+{
+    const number none = {0};
+    number part[3] = {none, none, none};
+    k->innovation[i] = k->residual[i] - HDB_FORM(along)(no, nb, k, i, s->z);
+#ifdef HDB_SINGLE
+    (void)ahead;
+#else
+    k->innovation[i] -= ahead * s->head[HDB_STEP];
+    HDB_UNROLL
+    for (int a = 0; a < 2 * nb; ++a)
+        s->z[a] += s->g[a] * s->head[HDB_STEP];
+#endif
+    HDB_UNROLL
+    for (int b = 0; b < nb; ++b)
+        part[model->block[b].part] +=
+            b < no ? s->z[2 * b] * k->cosine[b][i] + s->z[2 * b + 1] * k->sine[b][i] : s->z[2 * b];
     for (int m = 0; m < 3; ++m)
         k->part[m][i] = part[m];
     k->filtered[i] = k->torque[i] - (part[0] + part[1]);
@@ -116,81 +159,7 @@ HDB_RARE void HDB_FORM(begin)(int no, int nb, const hdb_model *model, lanes *s, 
 #endif
 }
 
-/* g = P C': the diagonal with the first block, then the others; returns S = R + C g. */
-HDB_INLINE number HDB_FORM(project)(int no, int nb, hdb_real r, const work *k, int i,
-                                    const lanes *s, number *g)
-{
-    const number none = {0};
-    number variance = none + r, others = none;
-    HDB_UNROLL
-    for (int j = 0; j < 2 * nb; ++j) {
-        const int at = j / 2;
-        number sum = P(j, j), rest = none;
-        if (at < no)
-            sum = sum * (j % 2 ? k->sine[at][i] : k->cosine[at][i]);
-        else if (j % 2)
-            sum = none;
-        HDB_UNROLL
-        for (int b = 0; b < nb; ++b) {
-            number more = none;
-            if (b >= no)
-                more = j == 2 * b ? none : P(2 * b, j);
-            else if (j == 2 * b)
-                more = P(j + 1, j) * k->sine[b][i];
-            else if (j == 2 * b + 1)
-                more = P(j, j - 1) * k->cosine[b][i];
-            else
-                more = P(2 * b, j) * k->cosine[b][i] + P(2 * b + 1, j) * k->sine[b][i];
-            if (b == 0)
-                sum += more;
-            else
-                rest = b > 1 ? rest + more : more;
-        }
-        g[j] = sum + rest;
-    }
-    HDB_UNROLL
-    for (int b = 0; b < nb; ++b) {
-        const number more =
-            b < no ? g[2 * b] * k->cosine[b][i] + g[2 * b + 1] * k->sine[b][i] : g[2 * b];
-        if (b == 0)
-            variance += more;
-        else
-            others = b > 1 ? others + more : more;
-    }
-    return variance + others;
-}
-
-/* Flags and 1/S: 0 where the sample only predicts. */
-HDB_INLINE number HDB_FORM(weigh)(const hdb_model *model, lanes *s, work *k, int i, number variance)
-{
-    const number none = {0};
-    k->variance[i] = variance;
-    k->flag[i] = PICK(k->residual[i] == k->residual[i], none, none + HDB_MISSING);
-    if (model->gate > 0) { /* counts gated samples in a row */
-        EACH_LANE {
-            const hdb_real e = LANE(k->innovation[i], l), run = LANE(s->head[HDB_GATED_RUN], l);
-            if (LANE(k->flag[i], l) > 0)
-                continue;
-            const int beyond =
-                e * e > model->gate * LANE(variance, l) && run < model->gate_samples;
-            LANE(k->flag[i], l) = beyond ? HDB_GATED : 0;
-            LANE(s->head[HDB_GATED_RUN], l) = beyond ? run + 1 : 0;
-        }
-    }
-    return PICK(k->flag[i] == none, K(1.0) / variance, none);
-}
-
-/* Which blocks the data do not tell; no variance where a lane has not started. */
-HDB_INLINE void HDB_FORM(judge)(int no, const lanes *s, work *k, int i)
-{
-    const number none = {0}, unresolved = none + HDB_UNRESOLVED;
-    mask found = {0};
-    HDB_UNROLL
-    for (int b = 0; b < no; ++b)
-        found |= P(2 * b, 2 * b) + P(2 * b + 1, 2 * b + 1) > HDB_RESOLVED * k->variance[i];
-    k->flag[i] += PICK(found, unresolved, none);
-    k->variance[i] = PICK(s->head[HDB_STARTED] > none, k->variance[i], none + HDB_NAN);
-}
+#include "filter_update.h"
 
 #ifdef HDB_RECORDS
 /* Write a prediction: z, lower triangle of P, 1/S (NaN: not started, 0: only predicted), e. */
@@ -217,27 +186,34 @@ HDB_INLINE void HDB_FORM(recurse)(int no, int ns, const hdb_model *model, lanes 
     number g[STATES];
     (void)record;
     for (int i = 0; i < n; ++i) {
-        HDB_FORM(predict)(no, nb, model, k, i, s);
+        HDB_FORM(move)(no, nb, model, k, i, s);
+#ifdef HDB_SINGLE
+        const number ahead = none;
+#else
+        const number ahead = HDB_FORM(along)(no, nb, k, i, s->g), fw = ahead * s->head[HDB_INVERSE];
+#endif
+        HDB_FORM(predict)(no, nb, model, k, i, ahead, s);
         if (HDB_WAITING(s))
             HDB_FORM(begin)(no, nb, model, s, k, i);
-        const number variance = HDB_FORM(project)(no, nb, model->r, k, i, s, g);
+        HDB_FORM(project)(no, nb, k, i, s, g);
+        number variance = HDB_FORM(along)(no, nb, k, i, g);
+#ifndef HDB_SINGLE
+        variance -= ahead * fw;
+        HDB_FORM(settle)(nb, g, fw, s);
+#endif
+        variance += model->r;
         const number inverse = HDB_FORM(weigh)(model, s, k, i, variance);
         const number e = PICK(k->flag[i] == none, k->innovation[i], none), step = inverse * e;
 #ifdef HDB_RECORDS
         if (record != NULL)
             record = HDB_FORM(note)(nb, s, inverse, e, record);
 #endif
-        HDB_UNROLL
-        for (int a = 0; a < 2 * nb; ++a) {
-            s->z[a] += g[a] * step;
-            HDB_UNROLL
-            for (int b = 0; b <= a; ++b)
-#ifdef HDB_SINGLE /* one product less; the rows of the host need the symmetric one */
-                P(a, b) -= (inverse * g[a]) * g[b];
+#ifdef HDB_SINGLE
+        HDB_FORM(measure)(nb, g, inverse, step, s);
 #else
-                P(a, b) -= inverse * (g[a] * g[b]);
+        s->head[HDB_INVERSE] = inverse;
+        s->head[HDB_STEP] = step;
 #endif
-        }
 #ifdef HDB_SUMS
         const mask used = k->flag[i] == none;
         s->used += PICK(used, none + 1, none);

@@ -20,12 +20,13 @@ typedef int64_t HDB_ROWS(index) __attribute__((vector_size(V * sizeof(double))))
 
 typedef struct {
     part_of_row z[PARTS], d[PARTS], g[PARTS], p[N][PARTS];
+    double inverse, step; /* of the measurement to be done */
 } HDB_ROWS(filter);
 #define filter HDB_ROWS(filter)
 
 typedef struct { /* of one chunk, sample by sample */
-    part_of_row c[HDB_CHUNK][PARTS], diagonal[HDB_CHUNK][PARTS];
-    double seen[SLOTS][HDB_CHUNK], inverse[HDB_CHUNK], worst;
+    part_of_row c[HDB_CHUNK][PARTS], diagonal[HDB_CHUNK][PARTS], seen[HDB_CHUNK][PARTS];
+    double inverse[HDB_CHUNK], worst;
 } HDB_ROWS(table);
 #define table HDB_ROWS(table)
 
@@ -38,15 +39,16 @@ HDB_INLINE int HDB_ROWS(block)(const hdb_model *model, int slot)
     return slot < model->n_slow ? model->n_oscillators + slot : -1;
 }
 
-HDB_INLINE void HDB_ROWS(unpack)(const hdb_model *model, const lanes *s, filter *f)
+HDB_INLINE void HDB_ROWS(unpack)(const hdb_model *model, const lanes *s, filter *f, table *t)
 {
-    double z[WIDE] = {0}, d[WIDE] = {0}, p[N][WIDE];
+    double z[WIDE] = {0}, g[WIDE] = {0}, d[WIDE] = {0}, p[N][WIDE];
     memset(p, 0, sizeof p);
     for (int a = 0; a < N; ++a) {
         const int own = HDB_ROWS(block)(model, a / 2), i = 2 * own + a % 2;
         if (own < 0)
             continue;
         z[a] = s->z[i];
+        g[a] = s->g[i];
         d[a] = s->p[AT(i, i)];
         for (int b = 0; b < a; ++b) {
             const int other = HDB_ROWS(block)(model, b / 2), j = 2 * other + b % 2;
@@ -54,15 +56,25 @@ HDB_INLINE void HDB_ROWS(unpack)(const hdb_model *model, const lanes *s, filter 
                 p[a][b] = p[b][a] = s->p[AT(i, j)];
         }
     }
+    f->inverse = s->head[HDB_INVERSE];
+    f->step = s->head[HDB_STEP];
+    memset(t->c, 0, sizeof t->c);
+    for (int i = 0; i < HDB_CHUNK; ++i)
+        for (int b = 0; b < model->n_slow && HDB_SLOW_SLOTS > 0; ++b)
+            AT_LANE(t->c[i], 2 * (HDB_SLOTS + b)) = 1; /* a slow torque is seen through (1, 0) */
     memcpy(f->z, z, sizeof z);
+    memcpy(f->g, g, sizeof g);
     memcpy(f->d, d, sizeof d);
     memcpy(f->p, p, sizeof p);
 }
 
 HDB_INLINE void HDB_ROWS(pack)(const hdb_model *model, const filter *f, lanes *s)
 {
-    double z[WIDE], d[WIDE], p[N][WIDE];
+    double z[WIDE], g[WIDE], d[WIDE], p[N][WIDE];
+    s->head[HDB_INVERSE] = f->inverse;
+    s->head[HDB_STEP] = f->step;
     memcpy(z, f->z, sizeof z);
+    memcpy(g, f->g, sizeof g);
     memcpy(d, f->d, sizeof d);
     memcpy(p, f->p, sizeof p);
     for (int a = 0; a < N; ++a) {
@@ -70,6 +82,7 @@ HDB_INLINE void HDB_ROWS(pack)(const hdb_model *model, const filter *f, lanes *s
         if (own < 0)
             continue;
         s->z[i] = z[a];
+        s->g[i] = g[a];
         s->p[AT(i, i)] = d[a];
         for (int b = 0; b < a; ++b) {
             const int other = HDB_ROWS(block)(model, b / 2), j = 2 * other + b % 2;
@@ -82,34 +95,25 @@ HDB_INLINE void HDB_ROWS(pack)(const hdb_model *model, const filter *f, lanes *s
 /* Register by register, so that a copy on the stack is none. */
 HDB_INLINE void HDB_ROWS(copy)(const filter *from, filter *to)
 {
+    to->inverse = from->inverse;
+    to->step = from->step;
     EACH_PART {
         to->z[m] = from->z[m];
+        to->g[m] = from->g[m];
         to->d[m] = from->d[m];
         EACH_ROW to->p[a][m] = from->p[a][m];
     }
 }
 
-/* Cosine and sine of each slot side by side; a slow torque is seen through (1, 0). */
-HDB_INLINE void HDB_ROWS(arrange)(const hdb_model *model, const work *k, int n, table *t)
+/* Cosine and sine of each slot side by side. */
+HDB_INLINE void HDB_ROWS(arrange)(int no, const work *k, int n, table *t)
 {
-    static const double zero[HDB_CHUNK];
-    const double *cosine[HDB_SLOTS], *sine[HDB_SLOTS];
-    double slow[HDB_SLOW_SLOTS + 1];
-    for (int b = 0; b < HDB_SLOTS; ++b) {
-        cosine[b] = b < model->n_oscillators ? k->cosine[b] : zero;
-        sine[b] = b < model->n_oscillators ? k->sine[b] : zero;
-    }
-    for (int b = 0; b < HDB_SLOW_SLOTS; ++b)
-        slow[b] = b < model->n_slow;
     for (int i = 0; i < n; ++i) {
         HDB_UNROLL
-        for (int b = 0; b < HDB_SLOTS; ++b) {
-            AT_LANE(t->c[i], 2 * b) = cosine[b][i];
-            AT_LANE(t->c[i], 2 * b + 1) = sine[b][i];
+        for (int b = 0; b < no; ++b) {
+            const hdb_two two = {k->cosine[b][i], k->sine[b][i]};
+            memcpy(&AT_LANE(t->c[i], 2 * b), &two, sizeof two);
         }
-        HDB_UNROLL
-        for (int b = 2 * HDB_SLOTS; b < WIDE; ++b)
-            AT_LANE(t->c[i], b) = b < N && b % 2 == 0 ? slow[b / 2 - HDB_SLOTS] : 0;
     }
 }
 

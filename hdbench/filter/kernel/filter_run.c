@@ -4,39 +4,48 @@
 #include "filter_host.h"
 #include "filter_math.h"
 
-#define HDB_RUN_CHUNK 64 /* samples whose sines are computed together; changes speed only */
+#define HDB_RUN_CHUNK 32 /* samples whose sines are computed together; changes speed only */
 #define HDB_BATCH_CHUNK 8
 #define HDB_LANE(value, l) (((double *)&(value))[l])
 #ifdef __GNUC__
-#ifdef __clang__ /* neighbours change places */
-#define HDB_SWAPPED(x) __builtin_shufflevector(x, x, HDB_PAIRS)
+#define HDB_LIKELY(x) __builtin_expect(x, 1)
+#define HDB_RARELY(x) __builtin_expect(x, 0)
+typedef double hdb_two __attribute__((vector_size(16)));
+#ifdef __clang__ /* lanes change places */
+#define HDB_MOVED(x, ...) __builtin_shufflevector(x, x, __VA_ARGS__)
 #else
-#define HDB_SWAPPED(x) __builtin_shuffle(x, (HDB_ROWS(index)){HDB_PAIRS})
+#define HDB_MOVED(x, ...) __builtin_shuffle(x, (HDB_ROWS(index)){__VA_ARGS__})
 #endif
-
-/* From 7 - i on: all bits but in place i. */
-static const int64_t HDB_BUT_ONE[15] = {-1, -1, -1, -1, -1, -1, -1, 0, -1, -1, -1, -1, -1, -1, -1};
 #endif
 
 #ifdef HDB_MULTIVERSION /* GCC on x86-64: one version per width of its vectors */
 #pragma GCC push_options
-#pragma GCC target("avx512f") /* one trace gains nothing from vectors this wide */
+#pragma GCC target("avx512f,avx512dq,avx512vl")
 #define HDB_ISA(name) hdb_avx512_##name
 #define HDB_VECTOR 8
+#define HDB_PAIRS 1, 0, 3, 2, 5, 4, 7, 6
+#define HDB_QUARTERS 2, 3, 0, 1, 6, 7, 4, 5
+#define HDB_HALVES 4, 5, 6, 7, 0, 1, 2, 3
+#include "filter_one.h"
 #include "filter_many.h"
 #undef HDB_ISA
 #undef HDB_VECTOR
+#undef HDB_PAIRS
+#undef HDB_QUARTERS
+#undef HDB_HALVES
 #pragma GCC pop_options
 #pragma GCC push_options
 #pragma GCC target("avx2")
 #define HDB_ISA(name) hdb_avx2_##name
 #define HDB_VECTOR 4
 #define HDB_PAIRS 1, 0, 3, 2
+#define HDB_HALVES 2, 3, 0, 1
 #include "filter_one.h"
 #include "filter_many.h"
 #undef HDB_ISA
 #undef HDB_VECTOR
 #undef HDB_PAIRS
+#undef HDB_HALVES
 #pragma GCC pop_options
 #endif
 
@@ -83,6 +92,14 @@ static hdb_status check_time(const double *state, size_t n, const double *time, 
     return HDB_OK;
 }
 
+#ifdef HDB_MULTIVERSION
+static int hdb_has_avx512(void)
+{
+    return __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq") &&
+           __builtin_cpu_supports("avx512vl");
+}
+#endif
+
 hdb_status hdb_filter_run(const hdb_model *model, double *state, size_t n, const hdb_samples *in,
                           const hdb_outputs *out, double *sums, size_t *bad)
 {
@@ -90,7 +107,9 @@ hdb_status hdb_filter_run(const hdb_model *model, double *state, size_t n, const
     if (status != HDB_OK)
         return status;
 #ifdef HDB_MULTIVERSION
-    if (__builtin_cpu_supports("avx2"))
+    if (hdb_has_avx512())
+        hdb_avx512_run(model, state, n, in, out, sums);
+    else if (__builtin_cpu_supports("avx2"))
         hdb_avx2_run(model, state, n, in, out, sums);
     else
 #endif
@@ -107,7 +126,7 @@ hdb_status hdb_filter_batch(const hdb_model *model, size_t n, size_t n_traces,
     if (status != HDB_OK)
         return status;
 #ifdef HDB_MULTIVERSION
-    if (__builtin_cpu_supports("avx512f"))
+    if (hdb_has_avx512())
         hdb_avx512_batch(model, n, n_traces, in, out, sums);
     else if (__builtin_cpu_supports("avx2"))
         hdb_avx2_batch(model, n, n_traces, in, out, sums);
