@@ -68,6 +68,7 @@ def evidence(space: Space, record: Record, found: Refined, trials: float) -> flo
 
     Notes
     -----
+    What parameters explain that go with a cause but are just as well another name's does not count.
     Amplitudes are expected within some seven standard deviations, shapes anywhere in their domain
     (in the logarithm where it spans more than a decade). Near its best shape the likelihood is
     normal, so that with the information F that the record has on shapes in units of their domains
@@ -96,9 +97,20 @@ def evidence(space: Space, record: Record, found: Refined, trials: float) -> flo
     # the first shape of a limit or a play is its size
     left = slopes[:, :1] if sized else left
     paid = max(_shape_cost(left, slopes * _domains(record, term)), float(np.log(trials)))
+    if not all(p.evident for p in term.cause.linear):
+        return _of_own(term, left, space.residual) - paid
     if len(parts) < 2:
         return score(found.statistic, found.dof, 1.0) - paid
     return _of_harmonics(parts, left, space.residual, False) - paid
+
+
+def _of_own(term: Term, left: FloatArray, residual: FloatArray) -> float:
+    """Return the evidence of the parameters that speak for the name, beside those that do not."""
+    own = np.array([p.evident for p in term.cause.linear])
+    other = left[:, ~own]
+    beside = left[:, own] - other @ np.linalg.lstsq(other, left[:, own], rcond=_RANK)[0]
+    solution = np.linalg.lstsq(beside, residual, rcond=_RANK)[0]
+    return score(float(solution @ (beside.T @ residual)), int(own.sum()), 1.0)
 
 
 def _of_harmonics(

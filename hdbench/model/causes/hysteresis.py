@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -47,7 +48,11 @@ HYSTERESIS = Cause(
     shape=(Parameter("yield_nm", "N m", 0.005, 500.0, "torque at which the last one slips, Y"),),
     linear=(
         torque_parameter("loop_nm", "half of the loop's width far above the yield torque, h"),
-        ratio_parameter("gain", "minus the elastic part that the calibrated gain holds, g"),
+        # alone it is a gain error: only the loop speaks for a loop
+        replace(
+            ratio_parameter("gain", "minus the elastic part that the calibrated gain holds, g"),
+            evident=False,
+        ),
     ),
     locked_to="load",
     parity="odd in the direction in which the torque changes; the same at any rate",
