@@ -24,7 +24,7 @@ _SPECIAL = {
     "resonance_hz": 10,
     "damping": 1,
     "delay_s": 6,
-    "sharpness": 3,
+    "sharpness": 4,
     "knee_ratio": 3,
 }
 _POINTS = {1: 12, 2: 6, 3: 4}

@@ -120,22 +120,25 @@ class LoadAnswer:
 
     def _named_causes(self) -> list[NamedCause]:
         return [
-            self._named(self.n_known + index, accepted)
-            for index, accepted in enumerate(self.found.accepted)
+            self._named(accepted)
+            for accepted in self.found.accepted
             if not is_outlier(accepted.term)
         ]
 
     def _places(self) -> list[Unexplained]:
         places = [self._unexplained(left) for left in self.left]
-        for index, accepted in enumerate(self.found.accepted):
+        for accepted in self.found.accepted:
             if is_outlier(accepted.term):
-                places.append(self._outlier(self.n_known + index, accepted))
+                places.append(self._outlier(accepted))
         if self.scatter is not None and not self.scatter.within_profile:
             places.append(self._scatter_place(self.scatter))
         return places
 
-    def _named(self, place: int, accepted: Accepted) -> NamedCause:
-        term = load_cause_term(self.fit, place, self.given)
+    def _named(self, accepted: Accepted) -> NamedCause:
+        # a loop of several elements has no shape of one: it is told by the best single one
+        fit, places = accepted.alone or self.fit, accepted.places
+        place = places[0] if accepted.alone is None else len(fit.terms) - 1
+        term = load_cause_term(fit, place, self.given)
         table = {
             name: self._entry(entry)
             for name, entry in cause_parameters(term, extra=self.given.extra_causes).items()
@@ -151,9 +154,9 @@ class LoadAnswer:
             table,
             accepted.evidence_nats,
             accepted.false_alarm,
-            self.weighing.gain(place),
+            self.weighing.gain(places),
             cause.experiment if len(group) > 1 or rivals else None,
-            self.weighing.share(place),
+            self.weighing.share(places),
             "time" if cause.locked_to == "time" else "torque",
         )
 
@@ -179,9 +182,10 @@ class LoadAnswer:
             left.domain, left.location, extent, left.unit, left.size_nm, share, chance
         )
 
-    def _outlier(self, place: int, accepted: Accepted) -> Unexplained:
+    def _outlier(self, accepted: Accepted) -> Unexplained:
+        places = accepted.places
         number = float(round(accepted.term.shape["reading"]) + 1)
-        size, share = abs(float(self.fit.linear[place][0])), self.weighing.share(place)
+        size, share = abs(float(self.fit.linear[places[0]][0])), self.weighing.share(places)
         chance = accepted.false_alarm
         return Unexplained("outliers", number, (number, number), "reading", size, share, chance)
 

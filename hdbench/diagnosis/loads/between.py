@@ -128,7 +128,8 @@ def name_between(
     fit = replace(fit, covariances=(*fit.covariances[:-1], best.std))
     group = [t.term for t in tests if _alike(t, best)]
     group.sort(key=lambda term: term is not best.term)
-    accepted = Accepted(fit.terms[-1], chance, best.evidence_nats, tuple(group), ())
+    place = len(fit.terms) - 1
+    accepted = Accepted(fit.terms[-1], chance, best.evidence_nats, tuple(group), (), (place,))
     space = space_of(fit)
     return replace(found, fit=fit, space=space, accepted=(*found.accepted, accepted)), still, base
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise, product
 
@@ -10,7 +11,7 @@ import numpy as np
 from hdbench.diagnosis.fit.terms import Term
 from hdbench.diagnosis.loads.shapes import DISCRETE, HELD, columns_of, shape_axis
 from hdbench.diagnosis.loads.space import Space
-from hdbench.diagnosis.loads.table import LoadTable
+from hdbench.diagnosis.loads.table import LoadTable, base_columns
 from hdbench.model import Cause
 from hdbench.records.trace import FloatArray
 
@@ -20,6 +21,8 @@ _POINTS = 24
 _POINTS_OF_TWO = 10
 # neighbours on the grid whose spaces differ by less than this (sine squared) are one
 _SAME_CELL = 1e-3
+# neighbours on the grid are a fifth apart: halved so often they are a millionth apart
+_HALVINGS = 18
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,15 +118,45 @@ def best_cell(family: Family, table: LoadTable, space: Space, slope_v_per_nm: fl
     if not held:
         return max(family.cells, key=lambda cell: space.share(cell.directions))
     (name,) = held
-    shares = []
-    for cell in family.cells:
-        left = space.basis.T @ columns_of(cell.term, table)[space.used, 0]
-        shares.append(float(left @ space.residual_v) / float(left @ left) / slope_v_per_nm)
-    for (low, high), (a, b) in zip(pairwise(shares), pairwise(family.cells), strict=True):
-        if (low - 1.0) * (high - 1.0) <= 0.0 < min(low, high):
-            part = np.log(low) / np.log(low / high) if low != high else 0.5
-            value = a.term.shape[name] ** (1.0 - part) * b.term.shape[name] ** part
-            term = Term(cause, {**a.term.shape, name: float(value)})
-            directions = space.directions(columns_of(term, table))
-            return Cell(term, directions) if directions.shape[1] else None
+
+    # what is taken is missing in the gain that the residual was formed with
+    gain = np.linalg.pinv(base_columns(table)[space.used])[0]
+
+    def share(value: float) -> float:
+        column = columns_of(Term(cause, {**shape, name: value}), table)[space.used, 0]
+        size = _size_of(column, space)
+        slope = slope_v_per_nm - size * float(gain @ column)
+        return size / slope if slope > 0.0 else 0.0
+
+    for low, high in pairwise(family.cells):
+        shape, ends = low.term.shape, (low.term.shape[name], high.term.shape[name])
+        value = _where_one(share, ends)
+        if value is None:
+            continue
+        term = Term(cause, {**shape, name: value})
+        directions = space.directions(columns_of(term, table))
+        return Cell(term, directions) if directions.shape[1] else None
     return None
+
+
+def _size_of(column: FloatArray, space: Space) -> float:
+    """Return the least-squares size of a column in the residual, V; 0 where it leaves nothing."""
+    left = space.basis.T @ column
+    square = float(left @ left)
+    return float(left @ space.residual_v) / square if square > 0.0 else 0.0
+
+
+def _where_one(share: Callable[[float], float], ends: tuple[float, float]) -> float | None:
+    """Return where between two positive values a positive share is 1, None where it is not."""
+    low, high = ends
+    first, last = share(low), share(high)
+    if not ((first - 1.0) * (last - 1.0) <= 0.0 < min(first, last)):
+        return None
+    for _ in range(_HALVINGS):
+        middle = float(np.sqrt(low * high))
+        at = share(middle)
+        if (first - 1.0) * (at - 1.0) <= 0.0:
+            high = middle
+        else:
+            low, first = middle, at
+    return float(np.sqrt(low * high))

@@ -7,18 +7,16 @@ from dataclasses import replace
 
 import numpy as np
 
+from hdbench.diagnosis.loads.loops import loop_forms
 from hdbench.model import Cause, Motion, Parameter
 from hdbench.model.definition import unbounded
-from hdbench.model.statics import preloaded_motion
 from hdbench.records.trace import FloatArray
 
 __all__ = ["form_of", "in_form", "load_causes", "outlier_cause", "whole_linear", "whole_shape"]
 
-# what hysteresis after a preload is marked by
-_PRELOADED = "after a preload"
 # readings at a few levels do not give a sharpness of their own: the limiter is tanh itself, has a
-# knee, or is within 2 % of a hard stop
-_SHARPNESS = {"": 1.0, "with a knee": 2.0, "with a sharp knee": 6.0}
+# knee, is within 2 % of a hard stop, or is one
+_SHARPNESS = {"": 1.0, "with a knee": 2.0, "with a sharp knee": 6.0, "with a hard stop": 64.0}
 # names that static readings can show; what moves, sounds or turns the motor is not among them
 _NAMES = (
     "cubic-nonlinearity",
@@ -65,13 +63,12 @@ def _parts(cause: Cause) -> tuple[Cause, ...]:
     """Return the forms in which a cause is looked for.
 
     A gain of two harmonics: each of them alone, and both. A sagging arm: without and with its
-    tilt under no load. Hysteresis: from rest, and after a preload. Saturation: of three
+    tilt under no load. Hysteresis: as `loop_forms` says. Saturation: of four
     sharpnesses. Any other cause: as it is.
     """
     if cause.name == "hysteresis":
         # its second column is a gain, which readings have of their own
-        loop = _part(cause, 0, 1)
-        return (loop, _after_preload(loop))
+        return loop_forms(_part(cause, 0, 1))
     if cause.name == "saturation":
         return tuple(_sharp(cause, form) for form in _SHARPNESS)
     if cause.name == "position-dependent-gain":
@@ -145,16 +142,6 @@ def whole_shape(cause: Cause, part: Cause, shape: Mapping[str, float]) -> dict[s
     """
     held = {"sharpness": _SHARPNESS.get(form_of(part), 1.0)}
     return {p.name: shape.get(p.name, held.get(p.name, p.lower)) for p in cause.shape}
-
-
-def _after_preload(cause: Cause) -> Cause:
-    """Return a cause that remembers the torque as it acts after a preload."""
-
-    def columns(motion: Motion, shape: Mapping[str, float]) -> FloatArray:
-        longer, readings = preloaded_motion(motion)
-        return cause.columns(longer, shape)[readings]
-
-    return replace(cause, columns=columns, locked_to=f"load, {_PRELOADED}")
 
 
 def _part(cause: Cause, first: int, last: int) -> Cause:

@@ -78,7 +78,7 @@ def fold_kinds(table: LoadTable) -> tuple[Folds, ...]:
 
 
 def held_out_nm(
-    fit: LoadFit, base: FloatArray, folds: Folds, leave_out: int | None = None
+    fit: LoadFit, base: FloatArray, folds: Folds, leave_out: tuple[int, ...] = ()
 ) -> FloatArray | None:
     """Predict each fold from all others.
 
@@ -90,8 +90,8 @@ def held_out_nm(
         Columns of its baseline: torque, zeros, and torques of groups with a gain of their own.
     folds : Folds
         What is left out together.
-    leave_out : int or None
-        Index of a cause that is left out of the prediction.
+    leave_out : tuple of int
+        Indices of the terms that are left out of the prediction.
 
     Returns
     -------
@@ -107,7 +107,7 @@ def held_out_nm(
     """
     table, used = fit.table, fit.table.used
     zeros = one_hot(table.experiment)[used]
-    terms = [t for i, t in enumerate(fit.terms) if i != leave_out]
+    terms = [t for i, t in enumerate(fit.terms) if i not in leave_out]
     gains = np.delete(base, np.s_[1 : 1 + zeros.shape[1]], axis=1)
     known = np.hstack([gains, *(columns_of(t, table) for t in terms)])[used]
     size = np.sqrt(np.einsum("nk,nk->k", known, known))

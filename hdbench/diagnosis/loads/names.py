@@ -5,12 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from hdbench.diagnosis.fit.terms import Term
-from hdbench.diagnosis.loads.families import Family, best_cell
+from hdbench.diagnosis.loads.families import Family
 from hdbench.diagnosis.loads.fit import LoadFit, fit_loads, score_nats
 from hdbench.diagnosis.loads.shapes import DISCRETE, HELD, columns_of
 from hdbench.diagnosis.loads.space import Space, make_space
 from hdbench.diagnosis.loads.table import LoadTable
+from hdbench.diagnosis.loads.trial import trial_fit
 from hdbench.records.trace import FloatArray
 
 __all__ = ["RIVAL_NATS", "Accepted", "accept", "is_outlier", "parameters_of", "space_of", "without"]
@@ -21,13 +24,21 @@ RIVAL_NATS = 3.0
 # the noise: the difference is one of form. A loop from rest on equal steps is nearly a creep.
 _LIKE = 0.99
 _LIKE_MEMORY = 0.97
+# ... and where readings follow each other at an even pace, time and load run together: what a loop
+# does over the load (one that widens as an exponential after each reversal) is then all but what a
+# creep does over the time, and only the readings at the turning points tell them apart
+_LIKE_EVEN = 0.9
+# scatter of load per time, of its mean, up to which a pace is even
+_EVEN = 0.25
 _MEMORY = {"hysteresis", "creep"}
 # an arm that bends far loses lever arm as the square of the bend: beside its tau abs(tau) a cube
 # that is never positive. Both together bend as a limit or a play does.
 _BENT = ("arm-sag", "cubic-nonlinearity")
-# ... which take the best of three sharpnesses and pay for none of them: ln 3 nats
-_BENT_NATS = 1.1
+# ... which take the best of four sharpnesses and pay for none of them: ln 4 nats
+_BENT_NATS = 1.4
 _BENT_LIKE = ("saturation", "backlash", "cubic-nonlinearity")
+# readings with the same stamp
+_LEAST_TIME_S = 1e-9
 # contract: names whose effect spans the same space on this record
 _SAME_SPACE = 0.01
 
@@ -48,6 +59,10 @@ class Accepted:
         Terms that span the same space on these readings, the accepted one first.
     rivals : tuple of Term
         Other terms within 3 nats, or that explain 99 % of what the accepted one explains.
+    places : tuple of int
+        Indices of its elements in the final fit: one, more where its form takes several.
+    alone : LoadFit or None
+        Fit with its first element alone, last among the terms, where it has several.
     """
 
     term: Term
@@ -55,6 +70,8 @@ class Accepted:
     evidence_nats: float
     group: tuple[Term, ...]
     rivals: tuple[Term, ...]
+    places: tuple[int, ...]
+    alone: LoadFit | None = None
 
 
 def is_outlier(term: Term) -> bool:
@@ -188,11 +205,13 @@ def accept(
     space = space_of(less)
     group, rivals = [term], []
     made = [] if is_outlier(term) else families(less, space)
+    memory = _LIKE_EVEN if _even_pace(table) else _LIKE_MEMORY
     for family in made:
-        cell = best_cell(family, less.table, space, less.slope_v_per_nm)
-        if family.name in (term.cause.name, "outlier") or cell is None:
+        if family.name in (term.cause.name, "outlier"):
             continue
-        trial = fit_loads(less.table, base, (*less.terms, cell.term))
+        trial = trial_fit(family, less, base, space)
+        if trial is None:
+            continue
         other = trial.terms[-1]
         held = any(p.name in HELD for p in other.cause.shape)
         alike = same_space(space, table, term, other)
@@ -200,14 +219,23 @@ def accept(
             group.append(other)
             continue
         score = score_nats(less, trial, parameters_of(other, less, trial))
-        share = _LIKE_MEMORY if {term.cause.name, other.cause.name} == _MEMORY else _LIKE
+        share = memory if {term.cause.name, other.cause.name} == _MEMORY else _LIKE
         like = less.rss - trial.rss >= share * (less.rss - fit.rss)
         if mine - score <= RIVAL_NATS or like:
             rivals.append(other)
     bent = _bent_arm(less, made, base) if term.cause.name in _BENT_LIKE else None
     if bent is not None and mine - bent[0] <= _BENT_NATS:
         rivals += [bent[1]] if bent[1].cause.name not in {r.cause.name for r in rivals} else []
-    return Accepted(term, false_alarm, mine, tuple(group), tuple(rivals))
+    return Accepted(term, false_alarm, mine, tuple(group), tuple(rivals), (place,))
+
+
+def _even_pace(table: LoadTable) -> bool:
+    """Return whether the load changes by as much in every interval of time in which it changes."""
+    inside = np.diff(table.experiment) == 0
+    change = np.abs(np.diff(table.torque_nm))[inside]
+    moved = change > 0.0
+    pace = change[moved] / np.maximum(np.diff(table.motion.time_s)[inside][moved], _LEAST_TIME_S)
+    return bool(len(pace)) and float(pace.std()) < _EVEN * float(pace.mean())
 
 
 def _bent_arm(

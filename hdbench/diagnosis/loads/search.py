@@ -8,13 +8,21 @@ from dataclasses import dataclass
 import numpy as np
 
 from hdbench.diagnosis.fit.terms import Term
+from hdbench.diagnosis.loads.elements import accept_elements, elements_of
 from hdbench.diagnosis.loads.families import Family, best_cell, family_cells
 from hdbench.diagnosis.loads.fit import LoadFit, fit_loads, score_nats
 from hdbench.diagnosis.loads.forms import outlier_cause
-from hdbench.diagnosis.loads.names import Accepted, accept, parameters_of, space_of, without
+from hdbench.diagnosis.loads.names import (
+    Accepted,
+    parameters_of,
+    same_space,
+    space_of,
+    without,
+)
 from hdbench.diagnosis.loads.null import FamilyLook, look_at_families
 from hdbench.diagnosis.loads.space import Space
 from hdbench.diagnosis.loads.table import LoadTable
+from hdbench.diagnosis.loads.trial import trial_fit
 from hdbench.model import Cause
 from hdbench.records.trace import FloatArray
 
@@ -26,6 +34,8 @@ _MAX_CANDIDATES = 8
 # a swap must win by more than rounding
 _SWAP_NATS = 0.1
 _SWAP_ROUNDS = 3
+# a limit far above the torque bends as a cube: what its shape gains is less than a shape costs
+_SAME_NATS = 1.0
 # the form of a cause is never quite that of the catalogue: what comes second must be worth more
 # than a misfit of the first is, a Bayes factor of 20 000 and this share of what is explained
 _SECOND_NATS = 10.0
@@ -34,8 +44,7 @@ _SECOND_SHARE = 0.003
 # loop of Bouc and Wen from rest) the catalogue's leaves 2 % of the sum of squares
 _SAME_AXIS_SHARE = 0.03
 _AXES = (
-    ("hysteresis", "creep"),
-    ("cubic-nonlinearity", "saturation", "arm-sag", "backlash"),
+    ("hysteresis", "creep", "cubic-nonlinearity", "saturation", "arm-sag", "backlash"),
     ("zero-drift", "warm-up"),
 )
 
@@ -51,7 +60,7 @@ class Found:
     space : Space
         Final residual.
     accepted : tuple of Accepted
-        One for each term that is not known, in order.
+        One for each cause that is not known, in order.
     looks : tuple of FamilyLook
         Looks at the final residual.
     """
@@ -91,8 +100,13 @@ class LoadSearch:
     rng: np.random.Generator
 
     def families(self, fit: LoadFit, space: Space) -> list[Family]:
-        """Return every family that the residual of a fit could show."""
-        made = (family_cells(c, fit.table, space) for c in (*self.causes, outlier_cause()))
+        """Return every family that the residual of a fit could show.
+
+        Of a cause that the fit holds already only the form in which it does.
+        """
+        held = {term.cause.name: term.cause.locked_to for term in fit.terms}
+        causes = (c for c in self.causes if held.get(c.name, c.locked_to) == c.locked_to)
+        made = (family_cells(c, fit.table, space) for c in (*causes, outlier_cause()))
         return [family for family in made if family is not None]
 
     def candidates(self, fit: LoadFit, looks: Sequence[FamilyLook]) -> list[_Candidate]:
@@ -101,13 +115,10 @@ class LoadSearch:
         done = []
         space = space_of(fit)
         for look in worth:
-            cell = best_cell(look.family, fit.table, space, fit.slope_v_per_nm)
-            if cell is None:
+            trial = trial_fit(look.family, fit, self.base, space)
+            if trial is None or not _inside_domain(trial):
                 continue
-            trial = fit_loads(fit.table, self.base, (*fit.terms, cell.term))
-            if not _inside_domain(trial):
-                continue
-            added = parameters_of(cell.term, fit, trial)
+            added = parameters_of(trial.terms[-1], fit, trial)
             done.append(_Candidate(trial.terms[-1], trial, score_nats(fit, trial, added)))
         # among equal scores the name with fewer free shapes comes first, then the catalogue's order
         order = [cause.name for cause in self.causes]
@@ -142,7 +153,7 @@ def search_loads(table: LoadTable, search: LoadSearch, known: Sequence[Term]) ->
         ranked = search.candidates(fit, looks)
         if not ranked or ranked[0].score_nats <= 0.0:
             break
-        best = ranked[0]
+        best = _simplest(ranked, space)
         if _misfit(best, fit, search.base):
             break
         chances.setdefault(best.term.cause.name, min(look.false_alarm for look in alarms))
@@ -150,11 +161,25 @@ def search_loads(table: LoadTable, search: LoadSearch, known: Sequence[Term]) ->
         fit = _swapped(fit, search, n_known)
     common = max(chances.values(), default=1.0)
     accepted = tuple(
-        accept(fit, i, search.base, search.families, chances.get(term.cause.name, common))
-        for i, term in enumerate(fit.terms)
-        if i >= n_known
+        accept_elements(
+            fit,
+            places,
+            search.base,
+            search.families,
+            chances.get(fit.terms[places[0]].cause.name, common),
+        )
+        for places in elements_of(fit, n_known)
     )
     return Found(fit, space, accepted, looks)
+
+
+def _simplest(ranked: Sequence[_Candidate], space: Space) -> _Candidate:
+    """Return the best candidate, or one without a shape that is the same on these readings."""
+    best = ranked[0]
+    near = (c for c in ranked if best.score_nats - c.score_nats < _SAME_NATS)
+    plain = [c for c in near if not c.term.cause.shape] if best.term.cause.shape else []
+    table = best.fit.table
+    return next((c for c in plain if same_space(space, table, best.term, c.term)), best)
 
 
 def _rank(term: Term, order: Sequence[str]) -> tuple[int, int]:
@@ -226,17 +251,18 @@ def _best_instead(less: LoadFit, search: LoadSearch) -> _Candidate | None:
     if space.dof < 2:
         return None
     found = (
-        best_cell(family, less.table, space, less.slope_v_per_nm)
+        (family, best_cell(family, less.table, space, less.slope_v_per_nm))
         for family in search.families(less, space)
     )
-    tops = [cell for cell in found if cell is not None]
-    tops.sort(key=lambda cell: -space.share(cell.directions))
-    best: _Candidate | None = None
-    for cell in tops[:_MAX_CANDIDATES]:
-        trial = fit_loads(less.table, search.base, (*less.terms, cell.term))
-        score = score_nats(less, trial, parameters_of(cell.term, less, trial))
-        if not _inside_domain(trial):
+    tops = [(space.share(cell.directions), family) for family, cell in found if cell is not None]
+    tops.sort(key=lambda top: -top[0])
+    done: list[_Candidate] = []
+    for _, family in tops[:_MAX_CANDIDATES]:
+        trial = trial_fit(family, less, search.base, space)
+        if trial is None or not _inside_domain(trial):
             continue
-        if best is None or score > best.score_nats:
-            best = _Candidate(trial.terms[-1], trial, score)
-    return best
+        score = score_nats(less, trial, parameters_of(trial.terms[-1], less, trial))
+        done.append(_Candidate(trial.terms[-1], trial, score))
+    # the first of equal scores, as they are ordered by what they explain
+    done.sort(key=lambda one: -one.score_nats)
+    return _simplest(done, space) if done else None

@@ -16,7 +16,7 @@ from hdbench.diagnosis.loads.heldout import (
     gain_between_readings,
     held_out_nm,
 )
-from hdbench.diagnosis.loads.names import space_of, without
+from hdbench.diagnosis.loads.names import space_of
 from hdbench.diagnosis.loads.shapes import columns_of
 from hdbench.records.trace import FloatArray
 
@@ -83,11 +83,13 @@ class Weighing:
         before, after = (None if x is None else float(np.sqrt(np.mean(x**2))) for x in both)
         return before, after
 
-    def share(self, place: int) -> float:
-        """Return the share of variance that a term explains, added first to last or lost alone."""
-        terms = self.fit.terms
-        added = self._rss(terms[:place]) - self._rss(terms[: place + 1])
-        lost = self._rss(without(terms, place)) - self._rss(terms)
+    def share(self, places: tuple[int, ...]) -> float:
+        """Return the share of variance of a cause's terms, added first to last or lost alone."""
+        terms, first = self.fit.terms, places[0]
+        rest = _without_all(terms, places)
+        mine = tuple(terms[place] for place in places)
+        added = self._rss(terms[:first]) - self._rss((*terms[:first], *mine))
+        lost = self._rss(rest) - self._rss(terms)
         return self.share_of(max(added, lost))
 
     def share_of(self, drop: float) -> float:
@@ -97,22 +99,27 @@ class Weighing:
     def _rss(self, terms: tuple[Term, ...]) -> float:
         return fit_loads(self.fit.table, self.base, terms, refine=False).rss
 
-    def gain(self, place: int) -> Gain:
-        """Return the held-out gain of a term by the best way of leaving out that it allows."""
+    def gain(self, places: tuple[int, ...]) -> Gain:
+        """Return the held-out gain of a cause by the best way of leaving out that it allows."""
         fit, table = self.fit, self.fit.table
-        less = fit_loads(table, self.base, without(fit.terms, place), refine=False)
+        less = fit_loads(table, self.base, _without_all(fit.terms, places), refine=False)
         space = space_of(less)
-        effect = columns_of(fit.terms[place], table)[table.used] @ fit.linear[place]
+        parts = [columns_of(fit.terms[i], table)[table.used] @ fit.linear[i] for i in places]
+        effect = np.sum(parts, axis=0)
         seen = (space.basis @ (space.basis.T @ effect)) ** 2
         for folds in fold_kinds(table):
             if _in_one_fold(seen, folds.numbers[table.used]):
                 continue
             after = held_out_nm(fit, self.base, folds)
-            before = held_out_nm(fit, self.base, folds, place)
+            before = held_out_nm(fit, self.base, folds, places)
             if after is not None and before is not None:
                 units = table.experiment[table.used]
                 return gain_between_readings(before, after, units, self.rng)
         return Gain(self.noise_nm, self.noise_nm, 0.0, (0.0, 0.0))
+
+
+def _without_all(terms: tuple[Term, ...], places: tuple[int, ...]) -> tuple[Term, ...]:
+    return tuple(term for place, term in enumerate(terms) if place not in places)
 
 
 def _in_one_fold(seen: FloatArray, folds: NDArray[np.int64]) -> bool:

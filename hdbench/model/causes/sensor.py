@@ -22,8 +22,9 @@ from hdbench.records.trace import FloatArray
 __all__ = ["BACKLASH", "CUBIC_NONLINEARITY", "GAIN_ERROR", "SATURATION", "whole_signal"]
 
 
-# a limiter of this sharpness is within 1.7 % of a hard stop at the limit itself
-_SHARPEST = 8.0
+# a limiter of this sharpness is within 0.4 % of a hard stop at the limit itself, and within 0.01 %
+# of it 3 % below: what a channel that is cut off gives, such as a converter at its end
+_SHARPEST = 64.0
 
 
 def whole_signal(motion: Motion) -> FloatArray:
@@ -56,12 +57,20 @@ def _backlash(motion: Motion, shape: Mapping[str, float]) -> FloatArray:
     return single(-np.clip(motion.applied_nm, -play, play))
 
 
+# a power of this is nothing beside 1: tanh x = x (1 - x^2 / 3)
+_FAR_BELOW = 1e-9
+# from forty times a limit on the hyperbolic tangent is 1 to the last digit, at any sharpness
+_FAR_ABOVE = 40.0
+
+
 def _saturation(motion: Motion, shape: Mapping[str, float]) -> FloatArray:
     limit, power, torque = shape["limit_nm"], shape["sharpness"], whole_signal(motion)
     size = np.abs(torque) / limit
-    # far above a sharp limit the power is infinite, and its hyperbolic tangent 1
-    with np.errstate(over="ignore"):
-        held = limit * np.tanh(size**power) ** (1.0 / power)
+    # far above a sharp limit the power is infinite and its hyperbolic tangent 1; far below it is
+    # nothing, and the tangent is the power
+    raised = np.minimum(size, _FAR_ABOVE) ** power
+    share = np.where(raised > _FAR_BELOW, np.tanh(raised) / np.maximum(raised, _FAR_BELOW), 1.0)
+    held = np.where(size > _FAR_ABOVE, limit, np.abs(torque) * share ** (1.0 / power))
     return single(np.copysign(held, torque) - torque)
 
 
@@ -142,7 +151,7 @@ SATURATION = Cause(
             "1",
             1.0,
             _SHARPEST,
-            "1 for a limit that sets in slowly, 8 for a hard knee, p",
+            "1 for a limit that sets in slowly, 8 for a sharp knee, 64 for a hard stop, p",
             default=1.0,
         ),
     ),
