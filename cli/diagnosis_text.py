@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from hdbench_cli.diagnosis_baseline import baseline_lines
 from hdbench_cli.numbers import probability, with_uncertainty
 from hdbench_cli.sketch import read_columns, span_of, sparkline
 
@@ -68,8 +69,11 @@ def show(console: Console, result: Mapping[str, Any], folder: Path | None = None
     for place in result["unexplained"]:
         _show_place(console, place)
     small = [cause["name"] for cause in result["minor"]]
+    small += [f"{one['domain']} {one['location']:.4g}" for one in result["minor_unexplained"]]
     if small:
         console.print(f"{'minor':<{_LABEL}}{', '.join(small)}", markup=False)
+    for line in baseline_lines(result["settings"], _LABEL):
+        console.print(line, markup=False)
     _show_gain(console, result, folder)
     for flag in result["data_flags"]:
         console.print(

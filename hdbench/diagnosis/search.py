@@ -21,6 +21,7 @@ from hdbench.diagnosis.measured.record import Beyond, Record
 from hdbench.diagnosis.naming.challengers import Left, challenge
 from hdbench.diagnosis.naming.ranking import name_residual, rank_looks
 from hdbench.diagnosis.naming.renaming import drop_needless, rename_all, strengths
+from hdbench.diagnosis.naming.withheld import withheld_line
 from hdbench.diagnosis.noise.whitened import Space
 from hdbench.diagnosis.slowsearch import accept_slow_noise, outweighs, slow_noise, with_walk
 from hdbench.diagnosis.state import Accepted, State, Walk, accepted_as
@@ -133,6 +134,9 @@ def search(
         rename_all(state)
     space = state.space()
     left = challenge(space, state.record, state.noise.model.innovation_std, alpha * SHARES["tests"])
+    alarms = tuple(k for k in looks.looks if k.false_alarm < alpha and k.terms)
+    passed = beyond_form(state, alarms)
+    held_back = withheld_line(space, state.record, [k for k in alarms if k not in passed])
     if state.rounding is not None:
         # the scatter of rounded readings depends on where in a step the torque lies
         left = [one for one in left if one.domain != "variance"]
@@ -141,7 +145,7 @@ def search(
         state.noise,
         space,
         tuple(state.accepted),
-        tuple(left),
+        (*left, *held_back),
         first,
         looks,
         state.survey,

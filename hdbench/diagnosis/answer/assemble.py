@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from hdbench.diagnosis.answer.baselinetold import baseline_told
 from hdbench.diagnosis.answer.extend import cause_term, extended_model
 from hdbench.diagnosis.answer.pictures import pictures_of
 from hdbench.diagnosis.answer.result import Diagnosis, NamedCause, Unexplained
@@ -107,6 +108,7 @@ class Answer:
                 "slow_noise": None if found.noise.slow is None else found.noise.slow.to_dict(),
                 "load_coefficient": record.load,
                 "samples_used": int(record.valid.sum()),
+                **baseline_told(record, found.fit, named),
             },
             "",
             pictures_of(record, (self.given, extended), found, baseline),

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hdbench.model import Cause, Motion
 from hdbench.model.statics import preloaded_motion
@@ -61,27 +61,41 @@ def _one_sided(cause: Cause, falling: bool) -> Columns:
         whole = cause.columns(motion, shape)[:, 0]
         load = motion.load_torque_nm
         torque = np.zeros(len(motion)) if load is None else load
-        begun = [0] if motion.starts is None else np.flatnonzero(motion.starts).tolist()
-        one = np.zeros(len(motion))
-        for first, last in pairwise([*begun, len(motion)]):
-            one[first:last] = _branch(whole[first:last], torque[first:last], falling)
-        return one[:, None]
+        begun = np.zeros(len(motion), dtype=bool) if motion.starts is None else motion.starts
+        return _branch(whole, torque, begun, falling)[:, None]
 
     return columns
 
 
-def _branch(loop: FloatArray, torque: FloatArray, falling: bool) -> FloatArray:
+def _branch(
+    loop: FloatArray, torque: FloatArray, begun: NDArray[np.bool_], falling: bool
+) -> FloatArray:
     """Return twice the distance of one branch from the chord of its loop, 0 on the other.
 
-    Zero throughout where the torque changes its sign: there the loop has no such chord.
+    Zero in an experiment that changes the sign of its torque: there the loop has no such chord.
     """
+    first = np.flatnonzero(begun | (np.arange(len(torque)) == 0))
+    number = np.cumsum(begun | (np.arange(len(torque)) == 0)) - 1
     size = np.abs(torque)
-    low, high = int(np.argmin(size)), int(np.argmax(size))
-    if torque.min() < 0.0 < torque.max() or not size[high] > size[low]:
-        return np.zeros(len(loop))
-    chord = loop[low] + (loop[high] - loop[low]) * (size - size[low]) / (size[high] - size[low])
+    least, most = np.minimum.reduceat(size, first), np.maximum.reduceat(size, first)
+    low, high = (_mean_where(loop, size == end[number], first) for end in (least, most))
+    both = np.minimum.reduceat(torque, first) * np.maximum.reduceat(torque, first) < 0.0
+    reach = most - least
+    usable = ~both & (reach > 0.0)
+    rise = np.where(usable, high - low, 0.0) / np.where(usable, reach, 1.0)
+    chord = low[number] + rise[number] * (size - least[number])
     # a load that is read twice belongs to the branch before
     change = np.diff(size, prepend=size[0])
-    at = np.maximum.accumulate(np.where(change != 0.0, np.arange(len(size)), 0))
+    change[first] = 0.0
+    known = (change != 0.0) | (np.arange(len(size)) == first[number])
+    at = np.maximum.accumulate(np.where(known, np.arange(len(size)), 0))
     down = change[at] < 0.0
-    return np.asarray(np.where(down == falling, 2.0 * (loop - chord), 0.0))
+    return np.asarray(np.where((down == falling) & usable[number], 2.0 * (loop - chord), 0.0))
+
+
+def _mean_where(
+    values: FloatArray, where: NDArray[np.bool_], first: NDArray[np.intp]
+) -> FloatArray:
+    """Return the mean of the values at marked places of each experiment, one in each at least."""
+    total = np.add.reduceat(np.where(where, values, 0.0), first)
+    return np.asarray(total / np.add.reduceat(where.astype(np.float64), first))

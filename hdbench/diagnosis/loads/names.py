@@ -16,7 +16,18 @@ from hdbench.diagnosis.loads.table import LoadTable
 from hdbench.diagnosis.loads.trial import trial_fit
 from hdbench.records.trace import FloatArray
 
-__all__ = ["RIVAL_NATS", "Accepted", "accept", "is_outlier", "parameters_of", "space_of", "without"]
+__all__ = [
+    "MEMORY",
+    "RIVAL_NATS",
+    "Accepted",
+    "accept",
+    "is_outlier",
+    "memory_share",
+    "parameters_of",
+    "same_space",
+    "space_of",
+    "without",
+]
 
 # names within this many nats of the best are rivals: a Bayes factor of 20
 RIVAL_NATS = 3.0
@@ -30,7 +41,7 @@ _LIKE_MEMORY = 0.97
 _LIKE_EVEN = 0.9
 # scatter of load per time, of its mean, up to which a pace is even
 _EVEN = 0.25
-_MEMORY = {"hysteresis", "creep"}
+MEMORY = frozenset({"hysteresis", "creep"})
 # an arm that bends far loses lever arm as the square of the bend: beside its tau abs(tau) a cube
 # that is never positive. Both together bend as a limit or a play does.
 _BENT = ("arm-sag", "cubic-nonlinearity")
@@ -205,7 +216,7 @@ def accept(
     space = space_of(less)
     group, rivals = [term], []
     made = [] if is_outlier(term) else families(less, space)
-    memory = _LIKE_EVEN if _even_pace(table) else _LIKE_MEMORY
+    memory = memory_share(table)
     for family in made:
         if family.name in (term.cause.name, "outlier"):
             continue
@@ -219,7 +230,7 @@ def accept(
             group.append(other)
             continue
         score = score_nats(less, trial, parameters_of(other, less, trial))
-        share = memory if {term.cause.name, other.cause.name} == _MEMORY else _LIKE
+        share = memory if {term.cause.name, other.cause.name} == MEMORY else _LIKE
         like = less.rss - trial.rss >= share * (less.rss - fit.rss)
         if mine - score <= RIVAL_NATS or like:
             rivals.append(other)
@@ -229,13 +240,25 @@ def accept(
     return Accepted(term, false_alarm, mine, tuple(group), tuple(rivals), (place,))
 
 
-def _even_pace(table: LoadTable) -> bool:
-    """Return whether the load changes by as much in every interval of time in which it changes."""
+def memory_share(table: LoadTable) -> float:
+    """Return the share of a loop that a creep must explain to be its rival, and the reverse.
+
+    Parameters
+    ----------
+    table : LoadTable
+        Readings.
+
+    Returns
+    -------
+    float
+        Smaller where the load changes at an even pace.
+    """
     inside = np.diff(table.experiment) == 0
     change = np.abs(np.diff(table.torque_nm))[inside]
     moved = change > 0.0
     pace = change[moved] / np.maximum(np.diff(table.motion.time_s)[inside][moved], _LEAST_TIME_S)
-    return bool(len(pace)) and float(pace.std()) < _EVEN * float(pace.mean())
+    even = bool(len(pace)) and float(pace.std()) < _EVEN * float(pace.mean())
+    return _LIKE_EVEN if even else _LIKE_MEMORY
 
 
 def _bent_arm(

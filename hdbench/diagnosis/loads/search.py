@@ -13,7 +13,9 @@ from hdbench.diagnosis.loads.families import Family, best_cell, family_cells
 from hdbench.diagnosis.loads.fit import LoadFit, fit_loads, score_nats
 from hdbench.diagnosis.loads.forms import outlier_cause
 from hdbench.diagnosis.loads.names import (
+    MEMORY,
     Accepted,
+    memory_share,
     parameters_of,
     same_space,
     space_of,
@@ -199,7 +201,9 @@ def _misfit(best: _Candidate, fit: LoadFit, base: FloatArray) -> bool:
     for place, term in enumerate(fit.terms):
         if term.cause.name in axis and term.cause.name not in ("outlier", "zero-step"):
             less = fit_loads(fit.table, base, without(fit.terms, place), refine=False)
-            small = small or drop < _SAME_AXIS_SHARE * (less.rss - fit.rss)
+            memory = {term.cause.name, best.term.cause.name} == MEMORY
+            share = 1.0 - memory_share(fit.table) if memory else _SAME_AXIS_SHARE
+            small = small or drop < share * (less.rss - fit.rss)
     return small or best.score_nats < _SECOND_NATS
 
 

@@ -1,0 +1,46 @@
+"""What the baseline of a diagnosis took, and what the motion cannot tell from it, in words."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from hdbench_cli.numbers import with_uncertainty
+
+__all__ = ["baseline_lines"]
+
+
+def baseline_lines(settings: Mapping[str, Any], label: int) -> list[str]:
+    """Return what a diagnosis tells of its baseline.
+
+    Parameters
+    ----------
+    settings : mapping
+        ``settings`` of the result; of calibration loads they hold neither.
+    label : int
+        Width of the words that a line begins with.
+
+    Returns
+    -------
+    list of str
+        The ripple of the baseline with its uncertainty, and the effects of the speed that look like
+        its zero; none, one or both.
+    """
+    lines = []
+    ripple = [
+        f"order {one['order']:g}: {_amplitude(one)}" for one in settings.get("baseline_ripple", ())
+    ]
+    if ripple:
+        lines.append(f"{'baseline':<{label}}ripple of {', '.join(ripple)}")
+    alike = [
+        f"{one['cause']} ({100.0 * one['own_share']:.0f} % of its own)"
+        for one in settings.get("not_told_from_zero", ())
+    ]
+    if alike:
+        lines.append(f"{'cannot tell':<{label}} the zero from {', '.join(alike)}")
+    return lines
+
+
+def _amplitude(one: Mapping[str, Any]) -> str:
+    entry = {"value": one["amplitude_nm"], "std": one["std_nm"], "dof": None}
+    return with_uncertainty(entry, "N m")

@@ -1,0 +1,147 @@
+"""Limits and loops on calibration loads as an outsider writes them: one cause each, one name."""
+
+import numpy as np
+import pytest
+
+from hdbench.diagnosis.loads.simulate import simulate_loads
+from hdbench.diagnosis.static import diagnose_loads
+from hdbench.model import catalogue
+from hdbench.model.statics import motion_from_loads
+from hdbench.profile import load_profile
+from hdbench.records import LoadReading, Loads
+
+PROFILE = load_profile("cim-tr-97-06")
+GAIN = 6.6
+NOISE_NM = 0.004
+MASSES = np.arange(9.0)
+TORQUE = MASSES * 9.8065 * 0.5
+TOP = float(TORQUE[-1])
+
+
+def plain(torque, _falling):
+    return torque
+
+
+def loads(signal=plain, *, limit=np.inf, positions=4, interval_s=60.0, seed=1):
+    """Readings of loads up and down; `signal(torque, falling)` is what the channel is given."""
+    rng = np.random.default_rng([97, seed])
+    readings = []
+    clock = 0.0
+    for place in range(positions):
+        for way, sign in (("cw", 1.0), ("ccw", -1.0)):
+            zero = 0.02 * rng.standard_normal()
+            for series, torques in (("up", TORQUE), ("down", TORQUE[::-1])):
+                given = signal(sign * torques, series == "down") + zero
+                noise = NOISE_NM * rng.standard_normal(len(torques))
+                volts = (np.clip(given, -limit, limit) + noise) / GAIN
+                for torque, reading in zip(sign * torques, volts, strict=True):
+                    clock += interval_s
+                    readings.append(
+                        LoadReading(
+                            experiment=f"{place}{way}",
+                            position_rad=2.0 * np.pi * place / positions + 0.2,
+                            range="full",
+                            direction=way,
+                            series=series,
+                            torque_nm=float(torque),
+                            reading_v=float(reading),
+                            time_s=clock,
+                        )
+                    )
+    return Loads(tuple(readings), source="readings of the test")
+
+
+def one_cause(found):
+    assert found.verdict == "named"
+    assert found.unexplained == ()
+    (cause,) = found.causes
+    return cause
+
+
+@pytest.mark.parametrize("limit", [30.0, 33.0])
+def test_readings_that_are_cut_off_are_a_saturation_and_nothing_else(limit):
+    readings = loads(limit=limit)
+    cause = one_cause(diagnose_loads(readings, PROFILE))
+    assert cause.name == "saturation"
+    # 32 or 48 readings stand at the limit: noise of 4 mN m leaves 1 mN m, and the gain as much
+    assert abs(cause.parameters["limit_nm"]["value"] - limit) < 0.02
+    assert abs(cause.parameters["share"]["value"] - 1.0) < 0.02
+
+
+def test_the_model_of_a_cut_off_channel_gives_its_readings():
+    readings = loads(limit=33.0)
+    found = diagnose_loads(readings, PROFILE)
+    again = simulate_loads(found.model, readings, PROFILE.data)
+    given = np.array([r.reading_v for r in readings.readings]) * GAIN
+    made = np.array([r.reading_v for r in again.readings]) * GAIN
+    assert float(np.sqrt(np.mean((made - given) ** 2))) < 1.5 * NOISE_NM
+
+
+def test_the_sharpest_limit_of_the_catalogue_is_a_clip():
+    limiter = catalogue()["saturation"]
+    motion = motion_from_loads(loads(), PROFILE.data)
+    torque = motion.applied_nm
+    made = torque + limiter.columns(motion, {"limit_nm": 33.0, "sharpness": 64.0})[:, 0]
+    # the loads nearest to the limit stand 4 % above it, where tanh(x^64)^(1/64) is 1 - 1e-9
+    assert np.abs(made - np.clip(torque, -33.0, 33.0)).max() < 1e-6
+    far = torque + limiter.columns(motion, {"limit_nm": 3e5, "sharpness": 64.0})[:, 0]
+    # a power that underflows takes nothing
+    assert np.array_equal(far, torque)
+
+
+def branches(width, rising, falling):
+    def signal(torque, down):
+        size = np.abs(torque) / TOP
+        lens = 4.0 * size * (1.0 - size)
+        return torque + np.sign(torque) * width * lens * (falling if down else rising)
+
+    return signal
+
+
+@pytest.mark.parametrize(
+    ("rising", "falling"),
+    [(0.0, 1.0), (1.0, 0.0), (-0.5, 0.5)],
+    ids=["loading straight", "unloading straight", "both bent"],
+)
+def test_a_loop_is_one_cause_on_whichever_side_of_the_gain_it_lies(rising, falling):
+    cause = one_cause(diagnose_loads(loads(branches(0.25, rising, falling), positions=2), PROFILE))
+    assert cause.name == "hysteresis"
+
+
+def test_a_sagging_arm_beside_a_loop_stays_a_cause_of_its_own():
+    loop = branches(0.1, -0.5, 0.5)
+
+    def signal(torque, down):
+        return loop(torque, down) - 0.4 * torque * np.abs(torque) / TOP**2
+
+    names = {cause.name for cause in diagnose_loads(loads(signal, positions=2), PROFILE).causes}
+    assert "hysteresis" in names
+    assert len(names) == 2
+
+
+def test_friction_of_one_width_is_one_cause():
+    def signal(torque, down):
+        inside = (np.abs(torque) > 0.0) & (np.abs(torque) < TOP)
+        return torque + np.sign(torque) * inside * (0.1 if down else -0.1)
+
+    found = diagnose_loads(loads(signal, positions=2, seed=3), PROFILE)
+    cause = one_cause(found)
+    assert cause.name == "hysteresis"
+    assert {term.name for term in found.model.causes} == {"hysteresis"}
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_loop_that_widens_after_each_reversal_is_not_told_from_a_creep_at_an_even_pace(seed):
+    def signal(torque, down):
+        size = np.abs(torque)
+        gone = TOP - size if down else size
+        return torque + np.sign(torque) * (1 if down else -1) * 0.15 * (1.0 - np.exp(-gone / 6.0))
+
+    (cause,) = diagnose_loads(loads(signal, positions=2, seed=seed), PROFILE).causes
+    assert {"hysteresis", "creep"} <= {cause.name, *cause.group, *cause.rivals}
+
+
+@pytest.mark.parametrize("seed", range(1, 4))
+def test_clean_readings_have_no_cause(seed):
+    found = diagnose_loads(loads(seed=seed), PROFILE)
+    assert found.verdict == "nothing-found"
