@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hdbench.diagnosis.acquisition.channels import Shaft, robust_std
+from hdbench.diagnosis.acquisition.integration import unintegrated_rad
 from hdbench.records.trace import FloatArray
 
 __all__ = ["Jump", "encoder_glitches", "find_jumps", "velocity_spikes"]
@@ -38,11 +39,6 @@ _SUDDEN = 0.5
 # a glitch of the encoder: out and back within this part, and this many increments' scatter large
 _BACK = 0.3
 _GLITCH_SIGMA = 16.0
-# samples that leave the course of their neighbours three times as far as nine in ten do: normal
-# noise does so at five standard deviations
-_USUAL, _UNUSUAL = 0.9, 3.0
-# the median of five follows two such samples in a row half of the way: twice what it leaves counts
-_FOLLOWED = 2.0
 # a spike is this many times what one sample in a hundred differs from the median of five
 _SPIKE_RATIO = 2.5
 _SPIKE_WINDOW = 5
@@ -155,23 +151,6 @@ def _least(shaft: Shaft) -> FloatArray:
     return np.asarray(np.maximum(least, _LATE * late * speed))
 
 
-def _unintegrated(shaft: Shaft) -> FloatArray:
-    """Return what the trapezoidal rule does not know around each increment, rad.
-
-    A velocity that leaves the course of its neighbours for a sample, as one that was formed over a
-    stamp that came late does, is integrated as if it had lasted: the part of three intervals that
-    it leaves open is the rule's own error.
-    """
-    from scipy.ndimage import median_filter
-
-    velocity = np.nan_to_num(shaft.velocity_rad_s)
-    away = np.abs(velocity - median_filter(velocity, size=_SPIKE_WINDOW, mode="nearest"))
-    usual = float(np.quantile(away, _USUAL))
-    beyond = np.where(away > _UNUSUAL * usual, away, 0.0)
-    open_rad = 0.5 * _FOLLOWED * (beyond[1:] + beyond[:-1]) * np.diff(shaft.time_s)
-    return np.asarray(np.convolve(open_rad, np.ones(3), mode="same"))
-
-
 def find_jumps(shaft: Shaft) -> list[Jump]:
     """Return the moments where encoder and tacho part for good.
 
@@ -197,7 +176,7 @@ def find_jumps(shaft: Shaft) -> list[Jump]:
     left, _ = _unlike(shaft)
     steps = _steps(left)
     scatter = _scatter_around(steps, shaft.good)
-    floor = np.maximum(_SIGMA * scatter, _least(shaft)) + _unintegrated(shaft)
+    floor = np.maximum(_SIGMA * scatter, _least(shaft)) + unintegrated_rad(shaft)
     sizes = np.zeros(len(left))
     for _ in range(_ROUNDS):
         found = _peaks(left - sizes, floor, shaft.good)

@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from hdbench.diagnosis.fit.terms import Term
 from hdbench.diagnosis.loads.families import Family
 from hdbench.diagnosis.loads.fit import LoadFit, fit_loads, score_nats
+from hdbench.diagnosis.loads.pace import MEMORY, memory_share
 from hdbench.diagnosis.loads.shapes import DISCRETE, HELD, columns_of
 from hdbench.diagnosis.loads.space import Space, make_space
 from hdbench.diagnosis.loads.table import LoadTable
@@ -17,12 +16,10 @@ from hdbench.diagnosis.loads.trial import trial_fit
 from hdbench.records.trace import FloatArray
 
 __all__ = [
-    "MEMORY",
     "RIVAL_NATS",
     "Accepted",
     "accept",
     "is_outlier",
-    "memory_share",
     "parameters_of",
     "same_space",
     "space_of",
@@ -34,22 +31,12 @@ RIVAL_NATS = 3.0
 # ... and a name that explains this share of what the best one explains is its rival, however small
 # the noise: the difference is one of form. A loop from rest on equal steps is nearly a creep.
 _LIKE = 0.99
-_LIKE_MEMORY = 0.97
-# ... and where readings follow each other at an even pace, time and load run together: what a loop
-# does over the load (one that widens as an exponential after each reversal) is then all but what a
-# creep does over the time, and only the readings at the turning points tell them apart
-_LIKE_EVEN = 0.9
-# scatter of load per time, of its mean, up to which a pace is even
-_EVEN = 0.25
-MEMORY = frozenset({"hysteresis", "creep"})
 # an arm that bends far loses lever arm as the square of the bend: beside its tau abs(tau) a cube
 # that is never positive. Both together bend as a limit or a play does.
 _BENT = ("arm-sag", "cubic-nonlinearity")
 # ... which take the best of four sharpnesses and pay for none of them: ln 4 nats
 _BENT_NATS = 1.4
 _BENT_LIKE = ("saturation", "backlash", "cubic-nonlinearity")
-# readings with the same stamp
-_LEAST_TIME_S = 1e-9
 # contract: names whose effect spans the same space on this record
 _SAME_SPACE = 0.01
 
@@ -238,27 +225,6 @@ def accept(
     if bent is not None and mine - bent[0] <= _BENT_NATS:
         rivals += [bent[1]] if bent[1].cause.name not in {r.cause.name for r in rivals} else []
     return Accepted(term, false_alarm, mine, tuple(group), tuple(rivals), (place,))
-
-
-def memory_share(table: LoadTable) -> float:
-    """Return the share of a loop that a creep must explain to be its rival, and the reverse.
-
-    Parameters
-    ----------
-    table : LoadTable
-        Readings.
-
-    Returns
-    -------
-    float
-        Smaller where the load changes at an even pace.
-    """
-    inside = np.diff(table.experiment) == 0
-    change = np.abs(np.diff(table.torque_nm))[inside]
-    moved = change > 0.0
-    pace = change[moved] / np.maximum(np.diff(table.motion.time_s)[inside][moved], _LEAST_TIME_S)
-    even = bool(len(pace)) and float(pace.std()) < _EVEN * float(pace.mean())
-    return _LIKE_EVEN if even else _LIKE_MEMORY
 
 
 def _bent_arm(

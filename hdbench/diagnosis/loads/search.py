@@ -12,10 +12,9 @@ from hdbench.diagnosis.loads.elements import accept_elements, elements_of
 from hdbench.diagnosis.loads.families import Family, best_cell, family_cells
 from hdbench.diagnosis.loads.fit import LoadFit, fit_loads, score_nats
 from hdbench.diagnosis.loads.forms import outlier_cause
+from hdbench.diagnosis.loads.misfit import is_misfit
 from hdbench.diagnosis.loads.names import (
-    MEMORY,
     Accepted,
-    memory_share,
     parameters_of,
     same_space,
     space_of,
@@ -38,17 +37,6 @@ _SWAP_NATS = 0.1
 _SWAP_ROUNDS = 3
 # a limit far above the torque bends as a cube: what its shape gains is less than a shape costs
 _SAME_NATS = 1.0
-# the form of a cause is never quite that of the catalogue: what comes second must be worth more
-# than a misfit of the first is, a Bayes factor of 20 000 and this share of what is explained
-_SECOND_NATS = 10.0
-_SECOND_SHARE = 0.003
-# along the axis of one that is accepted already a misfit is larger: by another law of hysteresis (a
-# loop of Bouc and Wen from rest) the catalogue's leaves 2 % of the sum of squares
-_SAME_AXIS_SHARE = 0.03
-_AXES = (
-    ("hysteresis", "creep", "cubic-nonlinearity", "saturation", "arm-sag", "backlash"),
-    ("zero-drift", "warm-up"),
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,7 +144,7 @@ def search_loads(table: LoadTable, search: LoadSearch, known: Sequence[Term]) ->
         if not ranked or ranked[0].score_nats <= 0.0:
             break
         best = _simplest(ranked, space)
-        if _misfit(best, fit, search.base):
+        if is_misfit(best.term, best.fit, best.score_nats, fit, search.base):
             break
         chances.setdefault(best.term.cause.name, min(look.false_alarm for look in alarms))
         fit = _dropped(best.fit, search, n_known)
@@ -188,23 +176,6 @@ def _rank(term: Term, order: Sequence[str]) -> tuple[int, int]:
     """Return what decides between equal scores."""
     name = term.cause.name
     return len(term.cause.shape), order.index(name) if name in order else len(order)
-
-
-def _misfit(best: _Candidate, fit: LoadFit, base: FloatArray) -> bool:
-    """Return whether a further term is no more than a misfit of those that are accepted."""
-    if not fit.terms:
-        return False
-    drop = fit.rss - best.fit.rss
-    plain = fit_loads(fit.table, base, ())
-    small = drop < _SECOND_SHARE * (plain.rss - fit.rss)
-    axis = next((a for a in _AXES if best.term.cause.name in a), (best.term.cause.name,))
-    for place, term in enumerate(fit.terms):
-        if term.cause.name in axis and term.cause.name not in ("outlier", "zero-step"):
-            less = fit_loads(fit.table, base, without(fit.terms, place), refine=False)
-            memory = {term.cause.name, best.term.cause.name} == MEMORY
-            share = 1.0 - memory_share(fit.table) if memory else _SAME_AXIS_SHARE
-            small = small or drop < share * (less.rss - fit.rss)
-    return small or best.score_nats < _SECOND_NATS
 
 
 def _inside_domain(fit: LoadFit) -> bool:
