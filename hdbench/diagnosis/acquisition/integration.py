@@ -24,6 +24,16 @@ def unintegrated_rad(shaft: Shaft) -> FloatArray:
     A velocity that leaves the course of its neighbours for a sample, as one that was formed over a
     stamp that came late does, is integrated as if it had lasted: the part of three intervals that
     it leaves open is the rule's own error.
+
+    Parameters
+    ----------
+    shaft : Shaft
+        Increments by both.
+
+    Returns
+    -------
+    ndarray, shape (n - 1,)
+        rad, one for each increment; 0 where the velocity keeps its course.
     """
     from scipy.ndimage import median_filter
 
