@@ -23,7 +23,13 @@ from hdbench.diagnosis.naming.ranking import name_residual, rank_looks
 from hdbench.diagnosis.naming.renaming import drop_needless, rename_all, strengths
 from hdbench.diagnosis.naming.withheld import withheld_line
 from hdbench.diagnosis.noise.whitened import Space
-from hdbench.diagnosis.slowsearch import accept_slow_noise, outweighs, slow_noise, with_walk
+from hdbench.diagnosis.slowsearch import (
+    accept_slow_noise,
+    drop_slow_noise,
+    outweighs,
+    slow_noise,
+    with_walk,
+)
 from hdbench.diagnosis.state import Accepted, State, Walk, accepted_as
 from hdbench.model import Cause
 
@@ -128,6 +134,7 @@ def search(
             break
         if not _step(state, space, looks, alpha, align):
             break
+    drop_slow_noise(state)
     swap_for_pair(state)
     if len(state.accepted) > 1:
         progress("going over the names again", 0.92)

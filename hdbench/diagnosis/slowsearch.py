@@ -17,7 +17,7 @@ from hdbench.diagnosis.noise.whitened import Space, make_space
 from hdbench.diagnosis.state import State, Walk
 from hdbench.model import catalogue
 
-__all__ = ["accept_slow_noise", "outweighs", "slow_noise", "with_walk"]
+__all__ = ["accept_slow_noise", "drop_slow_noise", "outweighs", "slow_noise", "with_walk"]
 
 # what a slow noise pays for its power, and by how much a cause must beat it: a step or a drift
 # takes the largest part of any random walk, nats
@@ -117,6 +117,25 @@ def accept_slow_noise(
     state.exponent = slow.exponent
     if slow.exponent == RANDOM_WALK:
         state.walk = Walk(slow, chance, rivals)
+    state.settle(state.fit.terms)
+
+
+def drop_slow_noise(state: State) -> None:
+    """Take back a noise that rises towards 0 Hz where the causes named since leave none of it.
+
+    Two causes that hide each other may first look like one slow noise.
+
+    Parameters
+    ----------
+    state : State
+        Where the search stands; changed where the slow noise no longer pays for itself.
+    """
+    if not state.exponent > 0.0 or not state.accepted:
+        return
+    fit, noise = settle(state.record, state.fit.terms, state.noise, state.hidden)
+    if nats(state.fit, state.noise) - nats(fit, noise) > _SLOW_COST:
+        return
+    state.exponent, state.walk = 0.0, None
     state.settle(state.fit.terms)
 
 
