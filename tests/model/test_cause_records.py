@@ -130,7 +130,7 @@ def test_shapes_in_torque_stay_where_the_load_reaches(make_motion: Make) -> None
     motion = make_motion(load_torque_nm=load, inertia_nm_s2=0.0)
     bands = {n: shape_bounds(c, motion) for n, c in catalogue().items()}
     assert bands["backlash"] == {"play_nm": ((0.0001, 6.0),)}
-    assert bands["saturation"] == {"limit_nm": ((10.0, 1200.0),), "sharpness": ((1.0, 8.0),)}
+    assert bands["saturation"] == {"limit_nm": ((10.0, 1200.0),), "sharpness": ((1.0, 64.0),)}
     assert bands["hysteresis"] == {"yield_nm": ((0.3, 15.0),)}
     assert bands["piecewise-stiffness"]["knee_nm"] == ((2.0, 20.0),)
     span = float(motion.time_s[-1] - motion.time_s[0])
