@@ -70,6 +70,7 @@ setup(
                         "_math",
                         "_motion",
                         "_one",
+                        "_phase",
                         "_recurse",
                         "_rows",
                         "_rows_recurse",

@@ -94,10 +94,16 @@ def steps_of(
         q11, q12, q22 of a slow torque.
     """
     columns = []
+    axes: list[tuple[FloatArray, FloatArray]] = []
     for i, row in enumerate(blocks.rows):
         if i < blocks.n_oscillators:
-            angle = row[_OMEGA] * dt if row[_OMEGA] > 0.0 else row[_ORDER] * turn
-            cosine, sine = sines(_advance(psi, i, angle.tolist()))
+            half = _half(blocks, i)
+            if half is None:
+                angle = row[_OMEGA] * dt if row[_OMEGA] > 0.0 else row[_ORDER] * turn
+                cosine, sine = sines(_advance(psi, i, angle.tolist()))
+            else:
+                cosine, sine = _doubled(*axes[half])
+            axes.append((cosine, sine))
             noise = (row[_Q_SAMPLE] + row[_Q_RAD] * np.abs(turn)) + row[_Q_S] * dt
             columns.append(np.stack((cosine, sine, noise), axis=1).tolist())
         else:
@@ -132,6 +138,19 @@ def transitions(blocks: Blocks, turn: FloatArray, dt: FloatArray) -> FloatArray:
         else:
             out[:, i] = np.stack(_slow(row, dt), axis=1)
     return out
+
+
+def _half(blocks: Blocks, i: int) -> int | None:
+    """Return the oscillator before `i` that turns through half its angle."""
+    order = blocks.rows[i][_ORDER]
+    found = [m for m in range(i) if order > 0.0 and order == 2.0 * blocks.rows[m][_ORDER]]
+    return found[-1] if found else None
+
+
+def _doubled(cosine: FloatArray, sine: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return cosine and sine of twice the angle."""
+    twice = sine + sine
+    return 1.0 - twice * sine, twice * cosine
 
 
 def _advance(psi: list[float], i: int, turns: list[float]) -> FloatArray:

@@ -76,7 +76,7 @@ def observe(
         periods.append(time - values[TIME] if values[SEEN] else 0.0)
         turns.append(_turn(values, time, angle))
         _accelerate(values, time, velocity, 2.0 * constant)
-        expected[k] = inertia * values[ACCELERATION] / ratio
+        expected[k] = inertia / ratio * values[ACCELERATION]
     state[:HEADER] = values
     return np.array(turns), np.array(periods)
 

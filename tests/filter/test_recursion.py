@@ -8,6 +8,7 @@ from filter_oracle import Bench, expected_torque, literal, motion
 from numpy.testing import assert_allclose, assert_array_equal
 
 from hdbench.filter import FilterModel, OnlineFilter, OscillatorBlock, preset
+from hdbench.filter.series import sines
 
 # the contract's orders and noise of the three presets, typed again here
 REPORT = {
@@ -125,6 +126,28 @@ def test_turns_of_any_size_keep_their_phase(kernel, turn_rad):
     wanted = literal(t, v, y, [1.0], [0.1], Bench(inertia=0.0, r=0.01)).sum(axis=1)
     # order * v * dt is the same double on both sides, so only the sines' own rounding differs
     assert_allclose(block.ripple_nm, wanted, rtol=0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("orders", [[1.0, 2.0, 4.0], [4.0, 1.0, 2.0], [2.0, 3.0, 4.0]])
+@pytest.mark.parametrize("turn_rad", [0.3, 40.0, 3e5])
+def test_an_order_twice_another_turns_through_its_own_angle(kernel, orders, turn_rad):
+    rng = np.random.default_rng(3)
+    t = np.arange(60.0)
+    v = turn_rad * rng.uniform(-1.0, 1.0, t.size)
+    y = rng.normal(0.0, 1.0, t.size)
+    noise = [0.1, 0.2, 0.05]
+    block = OnlineFilter(free_model(orders, noise), kernel=kernel).process(t, v, y)
+    wanted = literal(t, v, y, orders, noise, Bench(inertia=0.0, r=0.01)).sum(axis=1)
+    # rounding of the phases, 4e-15 rad a sample at most, doubled twice
+    assert_allclose(block.ripple_nm, wanted, rtol=0.0, atol=1e-11)
+
+
+def test_series_of_sine_and_cosine_are_those_of_the_mathematics_library():
+    angle = np.concatenate((np.linspace(-7.0, 7.0, 20_001), [0.0, 1e5, -1e5, 31.9, 1e-300]))
+    cosine, sine = sines(angle)
+    # 3e-16 of the series, half a unit in the last place of the library
+    assert_allclose(cosine, np.cos(angle), rtol=0.0, atol=4.2e-16)
+    assert_allclose(sine, np.sin(angle), rtol=0.0, atol=4.2e-16)
 
 
 def test_statsmodels_predicts_the_same(bench, kernel):

@@ -22,6 +22,7 @@ _KERNEL = (
     "filter_math.h",
     "filter_lanes.h",
     "filter_motion.h",
+    "filter_phase.h",
     "filter_sincos.h",
     "filter_recurse.h",
     "filter_update.h",

@@ -68,7 +68,11 @@ HDB_INLINE int HDB_FORM(any)(mask which)
 #if HDB_LANES == 1
 HDB_INLINE number HDB_FORM(abs)(number value) { return hdb_abs(value); }
 #else
-HDB_INLINE number HDB_FORM(abs)(number value) { return PICK(value < K(0), -value, value); }
+HDB_INLINE number HDB_FORM(abs)(number value)
+{
+    const mask sign = (mask)(number){0} + INT64_MIN;
+    return (number)((mask)value & ~sign);
+}
 #endif
 
 HDB_INLINE mask HDB_FORM(usable)(number value) { return HDB_FORM(abs)(value) <= K(HDB_USABLE); }
@@ -88,29 +92,7 @@ HDB_INLINE number HDB_FORM(nearest)(number value) { return (value + HDB_BIAS) - 
 #include "filter_sincos.h"
 #endif
 
-/* psi += turn, less whole turns beyond a limit; a float also carries what rounding left over. */
-HDB_INLINE void HDB_FORM(advance)(number *psi, number *left, number turn)
-{
-#ifdef HDB_SINGLE
-    const number more = turn + *left, sum = *psi + more;
-    *left = more - (sum - *psi);
-#else
-    const number sum = *psi + turn;
-    (void)left;
-#endif
-    *psi = sum;
-    const mask beyond = HDB_FORM(abs)(sum) > HDB_PHASE_LIMIT;
-#if HDB_LANES == 1
-    if (!beyond)
-        return;
-#endif
-    const number n = HDB_FORM(nearest)(sum * K(0x1.45f306dc9c883p-3));
-#ifdef HDB_SINGLE
-    *psi = ((sum - n * 0x1.92p2f) - n * 0x1.fb54p-10f) - n * 0x1.10b46p-28f;
-#else
-    *psi = PICK(beyond, (sum - n * 0x1.921fb5440p2) - n * 0x1.0b4611a60p-32, sum);
-#endif
-}
+#include "filter_phase.h"
 
 /* Process noise of every oscillator. */
 HDB_INLINE void HDB_FORM(stir)(int no, const hdb_model *model, int n, work *k)
@@ -128,70 +110,27 @@ HDB_INLINE void HDB_FORM(stir)(int no, const hdb_model *model, int n, work *k)
     }
 }
 
-/* How far one oscillator turns from sample to sample, in k->psi. */
-HDB_INLINE void HDB_FORM(turns)(int j, const hdb_block *b, int n, work *k)
-{
-    number *const psi = k->psi[j];
-    mask far = {0};
-    for (int i = 0; i < n; ++i) {
-        psi[i] = b->omega > 0 ? b->omega * k->dt[i] : b->order * k->turn[i];
-        far |= HDB_FORM(abs)(psi[i]) > HDB_PHASE_LIMIT;
-    }
-    if (ANY(far))
-        for (int i = 0; i < n; ++i)
-            EACH_LANE LANE(psi[i], l) = hdb_turn_within(LANE(psi[i], l));
-}
-
-/* Phase of every oscillator at every sample, in k->psi: what each sample adds to the one before, in
- * one loop, so that the sums overlap. */
-HDB_INLINE void HDB_FORM(phases)(int no, lanes *s, int n, work *k)
-{
-    const number none = {0};
-    number now[HDB_MAX_BLOCKS], left[HDB_MAX_BLOCKS];
-    HDB_UNROLL
-    for (int j = 0; j < HDB_MAX_BLOCKS; ++j) {
-        now[j] = j < no ? s->psi[j] : none;
-        left[j] = j < no ? s->left[j] : none;
-    }
-#ifdef HDB_COASTS
-    number acceleration = s->head[HDB_ACCELERATION];
-#endif
-    for (int i = 0; i < n; ++i) {
-        HDB_UNROLL
-        for (int j = 0; j < no; ++j) {
-            HDB_FORM(advance)(&now[j], &left[j], k->psi[j][i]);
-            k->psi[j][i] = now[j];
-        }
-#ifdef HDB_COASTS
-        if (k->coasting)
-            k->expected[i] = acceleration = k->expected[i] + k->carry[i] * acceleration;
-#endif
-    }
-#ifdef HDB_COASTS
-    s->head[HDB_ACCELERATION] = acceleration;
-#endif
-    HDB_UNROLL
-    for (int j = 0; j < no; ++j) {
-        s->psi[j] = now[j];
-        s->left[j] = left[j];
-    }
-}
-
 /* Cosine and sine of every oscillator, transition of every slow torque. */
 HDB_INLINE void HDB_FORM(turn)(int no, int ns, const hdb_model *model, lanes *s, int n, work *k)
 {
-    for (int j = 0; j < no; ++j)
-        HDB_FORM(turns)(j, &model->block[j], n, k);
-    HDB_FORM(phases)(no, s, n, k);
+    int half[HDB_MAX_BLOCKS];
+    HDB_UNROLL_FIXED
+    for (int j = 0; j < no; ++j) {
+        half[j] = hdb_half(model, j);
+        if (half[j] < 0)
+            HDB_FORM(turns)(j, &model->block[j], n, k);
+    }
+    HDB_FORM(phases)(no, half, s, n, k);
 #ifdef HDB_COASTS
+    const hdb_real inertia = model->inertia / model->ratio;
     for (int i = 0; k->coasting && i < n; ++i) {
-        k->expected[i] = model->inertia * k->expected[i] / model->ratio;
+        k->expected[i] = inertia * k->expected[i];
         k->residual[i] = k->torque[i] - k->expected[i];
     }
 #endif
+    HDB_UNROLL_FIXED
     for (int j = 0; j < no; ++j)
-        for (int i = 0; i < n; ++i)
-            SINCOS(k->psi[j][i], &k->sine[j][i], &k->cosine[j][i]);
+        HDB_FORM(sines)(j, half[j], n, k);
     for (int j = 0; j < ns; ++j) {
         int last = -1, other = -1; /* samples with two lengths of dt: even times have no more */
         for (int i = 0; i < n; ++i) {

@@ -53,32 +53,45 @@ static void HDB_ISA(batch_chunk)(const hdb_model *model, HDB_ISA(batch_lanes) *s
     }
 }
 
+/* Columns from `first` on, as many as HDB_BATCH_GROUPS vectors hold: chunk after chunk of all of
+ * them, so that rows of the arrays are read and written in long pieces. */
+static void HDB_ISA(batch_columns)(const hdb_model *model, size_t n, size_t n_traces, size_t first,
+                                   const hdb_samples *in, const hdb_outputs *out, double *sums)
+{
+    static const double unseen[HDB_STATE_SIZE(HDB_MAX_BLOCKS)];
+    enum { L = HDB_VECTOR };
+    HDB_ISA(batch_lanes) s[HDB_BATCH_GROUPS];
+    const size_t left = n_traces - first;
+    const size_t count = left < HDB_BATCH_GROUPS * L ? left : HDB_BATCH_GROUPS * L;
+    for (size_t j = 0; j < HDB_BATCH_GROUPS * L; ++j)
+        HDB_ISA(batch_load)(model->n_oscillators + model->n_slow, &s[j / L], unseen, (int)(j % L));
+    for (size_t from = 0; from < n; from += HDB_BATCH_CHUNK) {
+        const int m = n - from < HDB_BATCH_CHUNK ? (int)(n - from) : HDB_BATCH_CHUNK;
+        for (size_t j = 0; j < count; j += L) {
+            const size_t at = first + j;
+            const hdb_samples own = {in->time, in->velocity + at, in->torque + at,
+                                     in->angle == NULL ? NULL : in->angle + at};
+            hdb_outputs mine = {.filtered = out->filtered + at};
+            if (out->innovation != NULL) {
+                mine.innovation = out->innovation + at;
+                mine.variance = out->variance + at;
+            }
+            HDB_ISA(batch_chunk)(model, &s[j / L], m, &own, &mine, from, n_traces,
+                                 count - j < L ? (int)(count - j) : L);
+        }
+    }
+    for (size_t j = 0; j < count; ++j) {
+        const HDB_ISA(batch_lanes) *const own = &s[j / L];
+        const size_t at = first + j, l = j % L;
+        sums[at] = HDB_LANE(own->used, l);
+        sums[n_traces + at] = HDB_LANE(own->log_sum, l) + log(HDB_LANE(own->product, l));
+        sums[2 * n_traces + at] = HDB_LANE(own->squares, l);
+    }
+}
+
 static void HDB_ISA(batch)(const hdb_model *model, size_t n, size_t n_traces,
                            const hdb_samples *in, const hdb_outputs *out, double *sums)
 {
-    static const double unseen[HDB_STATE_SIZE(HDB_MAX_BLOCKS)];
-    for (size_t first = 0; first < n_traces; first += HDB_VECTOR) {
-        const size_t left = n_traces - first;
-        const int live = left < HDB_VECTOR ? (int)left : HDB_VECTOR;
-        const hdb_samples own = {in->time, in->velocity + first, in->torque + first,
-                                 in->angle == NULL ? NULL : in->angle + first};
-        hdb_outputs mine = {.filtered = out->filtered + first};
-        if (out->innovation != NULL) {
-            mine.innovation = out->innovation + first;
-            mine.variance = out->variance + first;
-        }
-        HDB_ISA(batch_lanes) s;
-        for (int l = 0; l < HDB_VECTOR; ++l)
-            HDB_ISA(batch_load)(model->n_oscillators + model->n_slow, &s, unseen, l);
-        for (size_t from = 0; from < n; from += HDB_BATCH_CHUNK)
-            HDB_ISA(batch_chunk)(model, &s,
-                                 n - from < HDB_BATCH_CHUNK ? (int)(n - from) : HDB_BATCH_CHUNK,
-                                 &own, &mine, from, n_traces, live);
-        for (int l = 0; l < live; ++l) {
-            const size_t at = first + (size_t)l;
-            sums[at] = HDB_LANE(s.used, l);
-            sums[n_traces + at] = HDB_LANE(s.log_sum, l) + log(HDB_LANE(s.product, l));
-            sums[2 * n_traces + at] = HDB_LANE(s.squares, l);
-        }
-    }
+    for (size_t first = 0; first < n_traces; first += HDB_BATCH_GROUPS * HDB_VECTOR)
+        HDB_ISA(batch_columns)(model, n, n_traces, first, in, out, sums);
 }

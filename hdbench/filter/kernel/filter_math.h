@@ -29,6 +29,12 @@
 #define HDB_UNROLL
 #endif
 
+#ifdef HDB_N_OSCILLATORS /* counts fixed by the build */
+#define HDB_UNROLL_FIXED HDB_UNROLL
+#else
+#define HDB_UNROLL_FIXED
+#endif
+
 #ifdef HDB_SINGLE
 typedef uint32_t hdb_bits;
 #else
@@ -92,6 +98,19 @@ HDB_INLINE hdb_real hdb_turn_within(hdb_real a)
 #else
     return hdb_abs(a) <= HDB_LARGEST ? atan2(sin(a), cos(a)) : 0.0;
 #endif
+}
+
+/* The oscillator before j that turns through half its angle, or -1. */
+HDB_INLINE int hdb_half(const hdb_model *model, int j)
+{
+    int found = -1;
+    HDB_UNROLL_FIXED
+    for (int m = 0; m < j; ++m) {
+        const hdb_real twice = K(2.0) * model->block[m].order, order = model->block[j].order;
+        if (order > 0 && !(order < twice || order > twice))
+            found = m;
+    }
+    return found;
 }
 
 /* 1 - exp(-a), a >= 0, by its series on [0, 1/4] and doublings. */

@@ -19,7 +19,7 @@ HDB_INLINE void HDB_FORM(observe)(const hdb_model *model, lanes *s, work *k, int
     const number dv = t - head[HDB_VELOCITY_TIME], scale = K(1.0) / (two_t + dv);
     const number acc = K(2.0) * scale * (v - head[HDB_VELOCITY]) + (two_t - dv) * scale * acc1;
     const number now = PICK(moving & moved, acc, acc1);
-    const number expected = model->inertia * now / model->ratio;
+    const number expected = model->inertia / model->ratio * now;
     head[HDB_SEEN] = one;
     head[HDB_TIME] = t;
     head[HDB_HAS_ANGLE] = PICK(located, one, head[HDB_HAS_ANGLE]);

@@ -105,7 +105,7 @@ HDB_INLINE void HDB_FORM(predict)(int no, int nb, const hdb_model *model, work *
                                   number ahead, lanes *s)
 {
     const number none = {0};
-    number part[3] = {none, none, none};
+    number ripple = none, misalignment = none, slow = none;
     k->innovation[i] = k->residual[i] - HDB_FORM(along)(no, nb, k, i, s->z);
 #ifdef HDB_SINGLE
     (void)ahead;
@@ -116,12 +116,20 @@ HDB_INLINE void HDB_FORM(predict)(int no, int nb, const hdb_model *model, work *
         s->z[a] += s->g[a] * s->head[HDB_STEP];
 #endif
     HDB_UNROLL
-    for (int b = 0; b < nb; ++b)
-        part[model->block[b].part] +=
+    for (int b = 0; b < nb; ++b) {
+        const number seen =
             b < no ? s->z[2 * b] * k->cosine[b][i] + s->z[2 * b + 1] * k->sine[b][i] : s->z[2 * b];
-    for (int m = 0; m < 3; ++m)
-        k->part[m][i] = part[m];
-    k->filtered[i] = k->torque[i] - (part[0] + part[1]);
+        if (b >= no)
+            slow += seen;
+        else if (model->block[b].part == HDB_RIPPLE)
+            ripple += seen;
+        else
+            misalignment += seen;
+    }
+    k->part[HDB_RIPPLE][i] = ripple;
+    k->part[HDB_MISALIGNMENT][i] = misalignment;
+    k->part[HDB_SLOW][i] = slow;
+    k->filtered[i] = k->torque[i] - (ripple + misalignment);
 }
 
 /* Set z and P of the lanes that see their first sample; keep those that still wait at zero. */

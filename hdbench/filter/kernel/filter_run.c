@@ -6,6 +6,7 @@
 
 #define HDB_RUN_CHUNK 32 /* samples whose sines are computed together; changes speed only */
 #define HDB_BATCH_CHUNK 8
+#define HDB_BATCH_GROUPS 4 /* vectors of traces that go on by turns */
 #define HDB_LANE(value, l) (((double *)&(value))[l])
 #ifdef __GNUC__
 #define HDB_LIKELY(x) __builtin_expect(x, 1)
