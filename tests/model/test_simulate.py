@@ -215,8 +215,8 @@ def test_a_run_of_its_own_can_show_every_cause(bench: ProfileData) -> None:
         again = simulate_like(run, bench, model)
         assert again["torque_nm"].tobytes() == run["torque_nm"].tobytes(), name
         changed = np.abs(run["torque_nm"] - plain["torque_nm"]).max() > 0.0
-        # a fault of angle or clock moves this torque or not, by where it begins; a knee at 7 N m and
-        # a sharp limit at 24 N m lie beyond the torque of a free run
+        # a fault of angle or clock moves this torque or not, by where it begins; a knee at 7 N m
+        # and a sharp limit at 24 N m lie beyond the torque of a free run
         beyond = name in ("piecewise-stiffness", "saturation")
         unseen = cause.change_motion is not None or beyond
         assert changed == cause.additive or unseen, name
