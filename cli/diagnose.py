@@ -11,6 +11,7 @@ import click
 from hdbench.errors import DoubtfulDataError, HdbenchError, LimitError, UsageError
 from hdbench_cli.options import out_option, seed_option
 from hdbench_cli.output import Output
+from hdbench_cli.parameters import StoredPath
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -31,9 +32,7 @@ def _list_causes(output: Output, cause_files: tuple[Path, ...]) -> None:
 
 
 @click.command("diagnose", epilog="Example: hdbench diagnose runs/RUN --check")
-@click.argument(
-    "sources", metavar="FILE_OR_RUN...", nargs=-1, type=click.Path(path_type=Path, exists=True)
-)
+@click.argument("sources", metavar="FILE_OR_RUN...", nargs=-1, type=StoredPath())
 @click.option(
     "--profile",
     "profile_name",
@@ -44,7 +43,7 @@ def _list_causes(output: Output, cause_files: tuple[Path, ...]) -> None:
     "--model",
     "model_file",
     metavar="FILE",
-    type=click.Path(path_type=Path, exists=True, dir_okay=False),
+    type=StoredPath(dir_okay=False),
     help="Bench model to hold against the data, such as an extended one; else the profile's.",
 )
 @out_option
@@ -68,7 +67,7 @@ def _list_causes(output: Output, cause_files: tuple[Path, ...]) -> None:
     "cause_files",
     metavar="FILE",
     multiple=True,
-    type=click.Path(path_type=Path, exists=True, dir_okay=False),
+    type=StoredPath(dir_okay=False),
     help="Causes of your own, a TOML file; may be repeated.",
 )
 @click.option("--check", is_flag=True, help="Exit 3 unless nothing was found.")

@@ -10,6 +10,7 @@ import click
 from hdbench.errors import UsageError
 from hdbench_cli.options import profile_option, seed_option
 from hdbench_cli.output import Output
+from hdbench_cli.parameters import StoredPath
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -34,7 +35,7 @@ _LOOPBACK = ("127.0.0.1", "localhost", "::1")
     "--model",
     "model_file",
     metavar="FILE",
-    type=click.Path(path_type=Path, exists=True, dir_okay=False),
+    type=StoredPath(dir_okay=False),
     help="Bench model to emulate, such as a diagnosis' extended one; else the profile's.",
 )
 @seed_option

@@ -10,6 +10,7 @@ import click
 from hdbench.errors import UsageError
 from hdbench_cli.options import profile_option
 from hdbench_cli.output import Output
+from hdbench_cli.parameters import StoredPath
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -30,7 +31,7 @@ _FORMATS = ("parquet", "hdf5", "mat")
     "sources",
     metavar="[FILE_OR_RUN]...",
     nargs=-1,
-    type=click.Path(path_type=Path, exists=True),
+    type=StoredPath(),
 )
 @click.option(
     "--format",

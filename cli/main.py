@@ -177,8 +177,6 @@ def _usage(error: click.ClickException, output: Output) -> int:
     command = getattr(getattr(error, "ctx", None), "command_path", "hdbench")
     message = error.format_message()
     fix = f"run '{command} --help' and correct the call"
-    if message.endswith("does not exist."):
-        fix = "check the path; 'hdbench runs list' names the runs that are stored here"
     if message.endswith("is not readable."):
         fix = "ask for the right to read it, or name a copy that you may read"
     wrapped = UsageError(message, where=command, fix=fix)

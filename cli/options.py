@@ -9,6 +9,7 @@ from typing import Any, TypeVar
 import click
 
 from hdbench_cli import complete
+from hdbench_cli.parameters import StoredPath
 
 __all__ = [
     "address_option",
@@ -53,7 +54,7 @@ from_option = click.option(
     "--from",
     "source",
     metavar="FILE|RUN",
-    type=click.Path(path_type=Path, exists=True),
+    type=StoredPath(),
     help="Evaluate this stored file or run again instead of measuring.",
 )
 address_option = click.option(
@@ -64,7 +65,7 @@ address_option = click.option(
 calibration_option = click.option(
     "--calibration",
     metavar="RUN|FILE",
-    type=click.Path(path_type=Path, exists=True),
+    type=StoredPath(),
     help="Calibration whose gain scales the torque; else the profile's gain.",
 )
 allow_expired_option = click.option(
@@ -86,7 +87,7 @@ plan_option = click.option(
     "--plan",
     "plan_file",
     metavar="FILE",
-    type=click.Path(path_type=Path, exists=True, dir_okay=False),
+    type=StoredPath(dir_okay=False),
     help="Run this plan file (hdbench plan --out FILE) instead of the profile's motion.",
 )
 

@@ -10,6 +10,7 @@ import click
 from hdbench.errors import UsageError
 from hdbench_cli.options import profile_option
 from hdbench_cli.output import Output
+from hdbench_cli.parameters import StoredPath
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -38,14 +39,14 @@ _SHOWN, _SETTLED = 8, 2
     "--of",
     "of",
     metavar="RUN|TRACE",
-    type=click.Path(path_type=Path, exists=True),
+    type=StoredPath(),
     help="Run at hand, else the profile's own ripple run.",
 )
 @click.option(
     "--for",
     "result",
     metavar="RUN|FILE",
-    type=click.Path(path_type=Path, exists=True),
+    type=StoredPath(),
     help="Diagnosis whose open names are to be told apart.",
 )
 @click.option(

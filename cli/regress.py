@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from hdbench_cli.output import Output
+from hdbench_cli.parameters import StoredPath
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -50,7 +51,7 @@ def show(console: Console, report: RegressionReport) -> None:
     "regress",
     epilog="Example: hdbench regress tests/stored --junit regress.xml --report regress.html",
 )
-@click.argument("folder", metavar="DIR", type=click.Path(path_type=Path, exists=True))
+@click.argument("folder", metavar="DIR", type=StoredPath())
 @click.option("--update", is_flag=True, help="Keep what comes out now as the expected results.")
 @click.option(
     "--junit",

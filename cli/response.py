@@ -9,6 +9,7 @@ import click
 
 from hdbench_cli.options import profile_option
 from hdbench_cli.output import Output
+from hdbench_cli.parameters import speeds
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -41,8 +42,9 @@ def _speeds(profile: Profile) -> tuple[float, float]:
     "velocities",
     metavar="RAD/S",
     multiple=True,
-    type=float,
-    help="Motor velocity; may be repeated.  [default: those of the profile's experiments]",
+    callback=speeds,
+    help="Motor velocity; may be repeated, or 50,156.  [default: those of the profile's "
+    "experiments]",
 )
 @click.option(
     "--period",

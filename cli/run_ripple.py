@@ -17,6 +17,7 @@ from hdbench_cli.options import (
     plan_option,
 )
 from hdbench_cli.output import Output
+from hdbench_cli.parameters import StoredPath
 from hdbench_cli.run_misalignment import failed
 
 if TYPE_CHECKING:
@@ -64,7 +65,7 @@ def show(console: Console, result: Mapping[str, Any]) -> None:
 @click.option(
     "--misalignment",
     metavar="RUN|FILE",
-    type=click.Path(path_type=Path, exists=True),
+    type=StoredPath(),
     help="Misalignment result whose output-order block joins the online filter.",
 )
 @model_option

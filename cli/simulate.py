@@ -10,6 +10,7 @@ import click
 from hdbench.errors import DoubtfulDataError, UsageError
 from hdbench_cli.options import profile_option, seed_option
 from hdbench_cli.output import Output
+from hdbench_cli.parameters import StoredPath
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -26,14 +27,14 @@ __all__ = ["command"]
 @click.option(
     "--like",
     metavar="RUN|TRACE",
-    type=click.Path(path_type=Path, exists=True),
+    type=StoredPath(),
     help="Simulate on the motion that this run or trace measured.",
 )
 @click.option(
     "--model",
     "model_file",
     metavar="FILE",
-    type=click.Path(path_type=Path, exists=True, dir_okay=False),
+    type=StoredPath(dir_okay=False),
     help="Bench model to simulate, such as a diagnosis' extended one; else the profile's.",
 )
 @click.option(

@@ -183,6 +183,12 @@ def targets(out: Path, sources: Sequence[Path]) -> list[Path]:
     if len(sources) == 1:
         if out.is_dir():
             raise UsageError(f"{out} is a folder", where="--out", fix="name a .csv file")
+        if not out.name.endswith((".csv", ".csv.gz")):
+            raise UsageError(
+                f"{out.name} is no .csv or .csv.gz; traces are written in these forms only",
+                where="--out",
+                fix=f"name {out.with_suffix('.csv').name}; hdbench export writes other formats",
+            )
         return [out]
     if out.suffix in (".csv", ".gz") or out.is_file():
         raise UsageError(

@@ -14,6 +14,7 @@ __all__ = [
     "StorageError",
     "UnsafeError",
     "UsageError",
+    "nothing_stored",
 ]
 
 
@@ -172,3 +173,23 @@ class Stopped(HdbenchError):  # noqa: N818 - a stop that was asked for is not an
     def __init__(self, what: str, *, where: str, fix: str, exit_code: int) -> None:
         super().__init__(what, where=where, fix=fix)
         self.exit_code = exit_code
+
+
+def nothing_stored(path: object) -> DataError:
+    """Return the error for a path where neither a file nor a run is.
+
+    Parameters
+    ----------
+    path : str or Path
+        What was named.
+
+    Returns
+    -------
+    DataError
+        What is missing, and how to find it.
+    """
+    return DataError(
+        "no such file or run",
+        where=str(path),
+        fix="check the path; 'hdbench runs list' names the runs that are stored here",
+    )

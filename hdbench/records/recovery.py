@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from hdbench.errors import DataError
+from hdbench.errors import DataError, nothing_stored
 from hdbench.records.attempts import reading_entries, sample_groups, standing_blocks
 from hdbench.records.course import write_course
 from hdbench.records.journal import JournalBlock, JournalContent, read_journal
@@ -242,7 +242,7 @@ def resolve_input(path: Path) -> Path:
     if path.is_file():
         return path
     if not path.is_dir():
-        raise DataError("no such file or run", where=str(path), fix="check the path")
+        raise nothing_stored(path)
     folder = RunFolder.open(path)
     if folder.is_killed and folder.journal.exists():
         return recover_run(folder)

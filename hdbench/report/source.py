@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from hdbench.errors import DataError
+from hdbench.errors import DataError, nothing_stored
 from hdbench.profile import Profile, parse_profile
 from hdbench.records import Loads, Trace
 from hdbench.records.jsonfile import read_json, sha256_file
@@ -102,7 +102,7 @@ def load_source(path: Path, profile: Profile | None = None) -> Source:
     if path.suffix == ".json" and path.is_file():
         return _from_result(path, profile)
     if not path.exists():
-        raise DataError("no such file or run", where=str(path), fix="check the path")
+        raise nothing_stored(path)
     if is_loads_file(path):
         arm = None if profile is None else profile.data.arm
         loads = read_loads(path, arm)

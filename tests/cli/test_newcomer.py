@@ -206,7 +206,7 @@ def test_the_same_trace_in_its_own_units_is_not_doubted(ask: Ask, tmp_path: Path
 
 def test_a_calibration_that_is_not_there(ask: Ask, tmp_path: Path) -> None:
     told = ask("run-ripple", "--yes", "--calibration", tmp_path / "gone")
-    assert told.code == 2
+    assert told.code == 4
     assert "runs list" in told.fix
     (tmp_path / "empty").mkdir()
     told = ask("run-ripple", "--yes", "--calibration", tmp_path / "empty")
@@ -407,3 +407,49 @@ def test_a_finished_run_ends_with_the_next_command(
     assert main_module._run(words, Output()) == 0
     last = capsys.readouterr().out.rstrip().splitlines()[-1]
     assert last.startswith("next    hdbench diagnose ")
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("filter", "{}", "--out", "clean.csv"),
+        ("tune", "{}", "--out", "tuned.json"),
+        ("orders", "{}"),
+        ("diagnose", "{}"),
+        ("report", "{}"),
+        ("regress", "{}"),
+        ("plan", "--of", "{}"),
+        ("simulate", "--like", "{}", "--out", "simulated.csv"),
+        ("run-ripple", "--from", "{}"),
+    ],
+)
+def test_every_command_says_alike_that_nothing_is_there(
+    ask: Ask, tmp_path: Path, words: tuple[str, ...]
+) -> None:
+    missing = str(tmp_path / "nothing.csv")
+    told = ask(*(word.format(missing) for word in words))
+    assert (told.code, told.what, told.where) == (4, "no such file or run", missing)
+    assert "hdbench runs list" in told.fix
+
+
+def test_traces_are_written_as_csv_only(ask: Ask, tmp_path: Path) -> None:
+    trace = tmp_path / "trace.csv"
+    trace.write_text("time_s,motor_velocity_rad_s,torque_nm\n0,1,1\n0.001,1,1\n")
+    told = ask("filter", trace, "--out", tmp_path / "clean.xlsx")
+    assert told.code == 2
+    assert "clean.csv" in told.fix
+    assert not (tmp_path / "clean.xlsx").exists()
+
+
+@pytest.mark.parametrize("typed", ["0", "50,0", "fast", "nan", "50;156"])
+def test_response_needs_speeds_that_are_not_zero(ask: Ask, typed: str) -> None:
+    told = ask("response", "--model", "report-6", "--velocity", typed)
+    assert told.code == 2
+    assert "rad/s" in told.what
+
+
+def test_response_takes_several_speeds_in_one_word(capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["response", "--model", "report-6", "--velocity", "50,156", "--json"]
+    assert main_module._run(words, Output(json=True)) == 0
+    body = json.loads(capsys.readouterr().out)
+    assert [item["velocity_rad_s"] for item in body["responses"]] == [50.0, 156.0]

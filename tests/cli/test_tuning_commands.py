@@ -204,11 +204,6 @@ def test_a_picture_of_another_kind_is_refused(tmp_path, capsys):
     assert ".svg" in capsys.readouterr().err
 
 
-def test_a_speed_of_zero_has_no_response(capsys):
-    assert code(["response", "--velocity", "0"]) == 4
-    assert "steady gain" in capsys.readouterr().err
-
-
 def test_the_measured_file_is_never_written_over(trace, capsys):
     assert code(["orders", str(trace), "--out", str(trace)]) == 2
     assert "belongs to the measured data" in capsys.readouterr().err
