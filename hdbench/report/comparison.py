@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from hdbench.errors import UsageError
-from hdbench.records.jsonfile import write_json
-from hdbench.records.storage import storage_error, write_atomic
 from hdbench.report.comparison_figures import comparison_pictures, first_up
 from hdbench.report.elements import KeyNumber, Level, ReportFiles, Section, Table, Verdict
 from hdbench.report.numbers import DASH, plain, short, unit_words, with_std
-from hdbench.report.ours import refuse_foreign
 from hdbench.report.page import render_page
+from hdbench.report.pagefiles import (
+    NUMBER_HEAD,
+    csv_text,
+    number_cells,
+    page_files,
+    write_page,
+)
 
 __all__ = ["comparison_section", "write_comparison"]
 
@@ -56,23 +57,10 @@ def write_comparison(body: Mapping[str, Any], out: Path) -> ReportFiles:
     StorageError
         If a file cannot be written.
     """
-    if out.suffix.lower() not in (".html", ".htm"):
-        raise UsageError(
-            f"{out.name!r} does not end in .html",
-            where="--html",
-            fix="name it such as compare.html",
-        )
-    try:
-        out.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise storage_error(error, out.parent) from error
-    files = ReportFiles(out, out.with_suffix(".csv"), out.with_suffix(".json"))
-    refuse_foreign((files.html, files.csv, files.json))
+    files = page_files(out, option="--html", example="compare.html")
     section = comparison_section(body)
-    write_atomic(files.html, render_page((section,), files).encode("utf-8"))
-    write_atomic(files.csv, _numbers_csv(section).encode("utf-8"))
-    write_json(files.json, body)
-    return files
+    table = csv_text(NUMBER_HEAD, (number_cells(n, n.quantity) for n in section.numbers))
+    return write_page(files, render_page((section,), files), table, body)
 
 
 def comparison_section(body: Mapping[str, Any]) -> Section:
@@ -231,13 +219,3 @@ def _provenance(body: Mapping[str, Any]) -> tuple[tuple[str, str], ...]:
             (f"{side.upper()} profile", plain(one["profile"])),
         ]
     return tuple((name, re.sub(r"\s+", " ", text)) for name, text in rows)
-
-
-def _numbers_csv(section: Section) -> str:
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(("quantity", "value", "std", "dof", "unit", "source"))
-    for n in section.numbers:
-        std, dof = ("" if x is None else repr(float(x)) for x in (n.std, n.dof))
-        writer.writerow((n.quantity, repr(n.value), std, dof, n.unit, n.source))
-    return text.getvalue()

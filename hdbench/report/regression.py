@@ -2,23 +2,18 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from hdbench.errors import UsageError
-from hdbench.records.jsonfile import write_json
-from hdbench.records.storage import storage_error, write_atomic
 from hdbench.report.canvas import COLOURS, draw_svg, label_axes, new_figure
 from hdbench.report.elements import Picture, ReportFiles, Section, Table, Verdict
 from hdbench.report.numbers import DASH, MINUS, plain, short
-from hdbench.report.ours import refuse_foreign
 from hdbench.report.page import PageWords, render_page
+from hdbench.report.pagefiles import csv_text, page_files, write_page
 
 __all__ = ["write_regression"]
 
@@ -58,24 +53,11 @@ def write_regression(body: Mapping[str, Any], out: Path) -> ReportFiles:
     StorageError
         If a file cannot be written.
     """
-    if out.suffix.lower() not in (".html", ".htm"):
-        raise UsageError(
-            f"{out.name!r} does not end in .html",
-            where="--report",
-            fix="name it such as regress.html",
-        )
-    try:
-        out.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise storage_error(error, out.parent) from error
-    files = ReportFiles(out, out.with_suffix(".csv"), out.with_suffix(".json"))
-    refuse_foreign((files.html, files.csv, files.json))
+    files = page_files(out, option="--report", example="regress.html")
     sections = [_section(case, body, number) for number, case in enumerate(body["cases"], start=1)]
     words = PageWords("Stored results evaluated again", "cases", _FOOT)
-    write_atomic(files.html, render_page(sections, files, words).encode("utf-8"))
-    write_atomic(files.csv, _as_csv(body["cases"]).encode("utf-8"))
-    write_json(files.json, body)
-    return files
+    table = csv_text(_CSV_HEAD, _rows(body["cases"]))
+    return write_page(files, render_page(sections, files, words), table, body)
 
 
 def _section(case: Mapping[str, Any], body: Mapping[str, Any], number: int) -> Section:
@@ -163,12 +145,7 @@ def _picture(changes: Sequence[Mapping[str, Any]], name: str) -> Picture | None:
     return Picture("How far each number moved", caption, alt, draw_svg(figure, name, alt))
 
 
-def _as_csv(cases: Sequence[Mapping[str, Any]]) -> str:
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(_CSV_HEAD)
+def _rows(cases: Sequence[Mapping[str, Any]]) -> Iterator[tuple[Any, ...]]:
     for case in cases:
         for change in case["changes"]:
-            cells = (change[key] for key in _CSV_HEAD[1:])
-            writer.writerow((case["name"], *("" if cell is None else cell for cell in cells)))
-    return text.getvalue()
+            yield (case["name"], *(change[key] for key in _CSV_HEAD[1:]))

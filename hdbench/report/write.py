@@ -2,25 +2,29 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hdbench.errors import UsageError
-from hdbench.records.jsonfile import result_header, write_json
-from hdbench.records.storage import storage_error, write_atomic
+from hdbench.records.jsonfile import result_header
+from hdbench.records.storage import write_atomic
 from hdbench.report.elements import ReportFiles, Section
 from hdbench.report.ours import refuse_foreign
+from hdbench.report.pagefiles import (
+    NUMBER_HEAD,
+    csv_text,
+    is_page,
+    number_cells,
+    page_files,
+    write_page,
+)
 
 if TYPE_CHECKING:
     from hdbench.profile import Profile
 
 __all__ = ["write_report"]
-
-_CSV_HEAD = ("quantity", "value", "std", "dof", "unit", "source")
 
 
 def write_report(runs: Sequence[Path], out: Path, *, profile: Profile | None = None) -> ReportFiles:
@@ -63,8 +67,8 @@ def write_report(runs: Sequence[Path], out: Path, *, profile: Profile | None = N
     from hdbench.report.sections import make_section
     from hdbench.report.source import load_source
 
-    files = _targets(Path(out))
-    refuse_foreign((files.html, files.csv, files.json))
+    out = Path(out)
+    files = page_files(out if is_page(out) else out / "report.html")
     sources = [load_source(Path(run), profile) for run in runs]
     sections = tuple(
         make_section(source, number, files.html) for number, source in enumerate(sources, start=1)
@@ -75,31 +79,13 @@ def write_report(runs: Sequence[Path], out: Path, *, profile: Profile | None = N
             record = files.html.with_name(name)
             refuse_foreign((record,))
             write_atomic(record, record_csv(source.result).encode("utf-8"))
-    write_atomic(files.html, render_page(sections, files).encode("utf-8"))
-    write_atomic(files.csv, _numbers_csv(sections).encode("utf-8"))
-    write_json(files.json, _as_json(sections, profile))
-    return files
-
-
-def _targets(out: Path) -> ReportFiles:
-    html = out if out.suffix.lower() in (".html", ".htm") else out / "report.html"
-    try:
-        html.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise storage_error(error, html.parent) from error
-    return ReportFiles(html, html.with_suffix(".csv"), html.with_suffix(".json"))
-
-
-def _numbers_csv(sections: Sequence[Section]) -> str:
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(_CSV_HEAD)
-    for section in sections:
-        for n in section.numbers:
-            std, dof = ("" if x is None else repr(float(x)) for x in (n.std, n.dof))
-            name = f"{section.kind}.{n.quantity}"
-            writer.writerow((name, repr(n.value), std, dof, n.unit, n.source))
-    return text.getvalue()
+    rows = (
+        number_cells(n, f"{section.kind}.{n.quantity}")
+        for section in sections
+        for n in section.numbers
+    )
+    table = csv_text(NUMBER_HEAD, rows)
+    return write_page(files, render_page(sections, files), table, _as_json(sections, profile))
 
 
 def _as_json(sections: Sequence[Section], profile: Profile | None) -> dict[str, Any]:
