@@ -70,6 +70,18 @@ def _list_causes(output: Output, cause_files: tuple[Path, ...]) -> None:
     type=StoredPath(dir_okay=False),
     help="Causes of your own, a TOML file; may be repeated.",
 )
+@click.option(
+    "--from-s",
+    metavar="S",
+    type=float,
+    help="Look at a dynamic run from this time on.",
+)
+@click.option(
+    "--to-s",
+    metavar="S",
+    type=float,
+    help="Look at it up to this time.  [default: the end, at most 600 000 samples]",
+)
 @click.option("--check", is_flag=True, help="Exit 3 unless nothing was found.")
 @click.option("--list-causes", is_flag=True, help="Print the catalogue of causes.")
 @seed_option
@@ -83,6 +95,8 @@ def command(
     materiality: float,
     baseline: tuple[str, ...],
     cause_files: tuple[Path, ...],
+    from_s: float | None,
+    to_s: float | None,
     check: bool,
     list_causes: bool,
     seed: int,
@@ -112,6 +126,8 @@ def command(
         seed=seed,
         baseline=baseline,
         cause_files=cause_files,
+        from_s=from_s,
+        to_s=to_s,
     )
     done: list[tuple[Path, dict[str, Any]]] = []
     for source in sources:

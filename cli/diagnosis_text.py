@@ -63,6 +63,7 @@ def show(console: Console, result: Mapping[str, Any], folder: Path | None = None
     console.print(_WORDS[result["verdict"]], style="bold", markup=False)
     if result["reason"]:
         console.print(result["reason"], markup=False)
+    _show_part(console, result.get("part"))
     sketched = folder if len(result["causes"]) <= _SKETCHED else None
     for cause in result["causes"]:
         _show_cause(console, cause, sketched)
@@ -141,6 +142,15 @@ def _parameters(cause: Mapping[str, Any]) -> str:
         if not name.startswith(("cosine", "sine")) and entry["value"] is not None
     ]
     return ", ".join(shown)
+
+
+def _show_part(console: Console, part: Mapping[str, Any] | None) -> None:
+    if part is None:
+        return
+    words = f"{part['from_s']:g} to {part['to_s']:g} s"
+    if part["cut"]:
+        words += ": the most that one diagnosis takes; --from-s names others"
+    console.print(f"{'part':<{_LABEL}}{words}", markup=False)
 
 
 def _show_cause(console: Console, cause: Mapping[str, Any], folder: Path | None) -> None:

@@ -12,6 +12,7 @@ from hdbench.diagnosis.answer.filtergain import filter_gain
 from hdbench.diagnosis.answer.maps import code_map
 from hdbench.diagnosis.answer.result import Diagnosis
 from hdbench.diagnosis.dynamic import diagnose_trace
+from hdbench.diagnosis.measured.part import Part, part_of
 from hdbench.diagnosis.planning import Proposal, plan_for_result, write_plan
 from hdbench.diagnosis.static import diagnose_loads
 from hdbench.errors import UsageError
@@ -60,6 +61,8 @@ class DiagnosisOptions:
         Terms of the baseline to add or remove, such as ``-misalignment`` or ``+order:6``.
     cause_files : tuple of Path
         TOML files with causes of the user's own.
+    from_s, to_s : float or None
+        First and last time of a dynamic run to look at, s; its ends where None.
     """
 
     model_file: Path | None = None
@@ -68,15 +71,21 @@ class DiagnosisOptions:
     seed: int = 0
     baseline: tuple[str, ...] = ()
     cause_files: tuple[Path, ...] = ()
+    from_s: float | None = None
+    to_s: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class _Done:
-    """A diagnosis and what belongs to it; trace and scale are None for calibration loads."""
+    """A diagnosis and what belongs to it; trace and scale are None for calibration loads.
+
+    `part` says what of the record was looked at; None for the whole.
+    """
 
     answer: Diagnosis
     trace: Trace | None = None
     scale: TorqueScale | None = None
+    part: Part | None = None
 
 
 def diagnose_run(
@@ -144,6 +153,7 @@ def diagnose_run(
         "torque_scale": None if done.scale is None else done.scale.to_dict(),
         "filter_gain": _gain(done, profile, motion),
         "separating_run": _separating(proposal),
+        "part": None if done.part is None else done.part.to_dict(),
     }
     write_json(folder.result, result)
     folder.finish("complete", f"diagnosis: {answer.verdict}", files)
@@ -159,12 +169,7 @@ def _diagnose(
 ) -> _Done:
     model = _given(options, profile)
     if is_loads_file(file):
-        if options.baseline:
-            raise UsageError(
-                f"--baseline {options.baseline[0]} with calibration loads; needed: a dynamic run",
-                where=str(file),
-                fix="leave out --baseline: readings have one gain and one zero per experiment",
-            )
+        _refuse_for_loads(options, file)
         static = diagnose_loads(
             read_loads(file, profile.data.arm),
             profile,
@@ -175,7 +180,8 @@ def _diagnose(
             progress=progress,
         )
         return _Done(static)
-    trace, scale = _scaled(read_trace(file), source, profile)
+    held, part = part_of(read_trace(file), options.from_s, options.to_s)
+    trace, scale = _scaled(held, source, profile)
     answer = diagnose_trace(
         trace,
         profile,
@@ -186,7 +192,22 @@ def _diagnose(
         progress=progress,
         baseline=options.baseline,
     )
-    return _Done(answer, trace, scale)
+    return _Done(answer, trace, scale, part)
+
+
+def _refuse_for_loads(options: DiagnosisOptions, file: Path) -> None:
+    if options.baseline:
+        raise UsageError(
+            f"--baseline {options.baseline[0]} with calibration loads; needed: a dynamic run",
+            where=str(file),
+            fix="leave out --baseline: readings have one gain and one zero per experiment",
+        )
+    if options.from_s is not None or options.to_s is not None:
+        raise UsageError(
+            "--from-s or --to-s with calibration loads, which have no clock; needed: a dynamic run",
+            where=str(file),
+            fix="leave them out",
+        )
 
 
 def _given(options: DiagnosisOptions, profile: Profile) -> BenchModel | None:

@@ -23,7 +23,7 @@ _OPTIONS: dict[str, set[str]] = {
     "misalignment": set(),
     "ripple": {"velocity_above_rad_s", "from_s", "to_s"},
     "filter": set(),
-    "diagnosis": {"alpha", "materiality", "seed"},
+    "diagnosis": {"alpha", "materiality", "seed", "from_s", "to_s"},
 }
 
 
