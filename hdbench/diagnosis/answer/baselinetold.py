@@ -80,7 +80,7 @@ def _like_zero(record: Record, named: set[str]) -> list[dict[str, Any]]:
     if "zero" not in record.names:
         return told
     for cause in catalogue().values():
-        if cause.locked_to != "velocity" or cause.name in named or cause.applicable(record.motion):
+        if cause.locked_to != "velocity" or cause.name in named:
             continue
         own = _own_share(record, cause)
         if own is not None and own < _CONFUSABLE:
