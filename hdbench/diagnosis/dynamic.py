@@ -17,10 +17,13 @@ from hdbench.diagnosis.acquisition.named import Acquired
 from hdbench.diagnosis.acquisition.task import Clean, Task, cleaned, task_of, unfit, with_terms
 from hdbench.diagnosis.answer.assemble import Answer
 from hdbench.diagnosis.answer.result import Diagnosis
+from hdbench.diagnosis.detect.looks import SHARES
 from hdbench.diagnosis.fit.terms import Term
 from hdbench.diagnosis.measured.baselineterms import parse_baseline
 from hdbench.diagnosis.measured.preflight import Preflight
 from hdbench.diagnosis.measured.record import Beyond, Record, prepare_record
+from hdbench.diagnosis.naming.challengers import CHALLENGERS
+from hdbench.diagnosis.naming.jumps import rate_times_speed
 from hdbench.diagnosis.search import Found, search
 from hdbench.model import BenchModel, Cause
 from hdbench.profile import Profile
@@ -152,7 +155,20 @@ def _searched(
         report("searching again without spikes", 0.9)
         clean = clean.without(spikes)
         found = _search(task, clean, known, rng, report)
-    return found, clean.restored(_explained(task, clean, found))
+    clean = clean.restored(_explained(task, clean, found))
+    return _with_jumps(task, clean, found), clean
+
+
+def _with_jumps(task: Task, clean: Clean, found: Found) -> Found:
+    """Return the result with what is left where the acceleration jumps."""
+    if found.record.motion.angle_source == "velocity":
+        return found
+    masked = ~clean.record.valid & ~clean.unresolved
+    full = task.prepare(clean.inspected.trace, masked)
+    left = rate_times_speed(found, full)
+    if left is None or not left.p_value * (len(CHALLENGERS) + 1) < task.alpha * SHARES["tests"]:
+        return found
+    return replace(found, left=(*found.left, left))
 
 
 def _explained(task: Task, clean: Clean, found: Found) -> NDArray[np.bool_]:

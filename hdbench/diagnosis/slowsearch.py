@@ -6,7 +6,7 @@ import math
 from dataclasses import replace
 
 from hdbench.diagnosis.fit.jointfit import fit_jointly
-from hdbench.diagnosis.fit.settle import nats, plain_spectrum, settle, without_coarse
+from hdbench.diagnosis.fit.settle import InSlow, nats, plain_spectrum, settle, without_coarse
 from hdbench.diagnosis.fit.terms import Term
 from hdbench.diagnosis.naming.candidates import Candidate
 from hdbench.diagnosis.naming.curves import CURVE_PREFIX
@@ -28,8 +28,6 @@ _FAR = 3.0
 # names that are held against a walk in noise of their own, and a ratio that is beyond all doubt
 _TRIED = 5
 _MOST_NATS = 100.0
-# share of the score of a table over time from which slow noise stands in for it
-_SLOW_SHARE = 0.3
 
 
 def slow_noise(state: State, space: Space) -> SlowNoise | None:
@@ -82,19 +80,35 @@ def outweighs(state: State, slow: SlowNoise, ranked: list[Candidate]) -> bool:
     if not ranked:
         return True
     best = ranked[0]
-    if best.score_nats > _FAR * slow.gain_nats:
+    # what changes slowly is held against the walk itself: the autoregression that both were
+    # scored in has taken most of a large one
+    if best.score_nats > _FAR * slow.gain_nats and not _is_slow(best.term):
         return False
-    if best.term.cause.name == CURVE_PREFIX + "time":
-        # a table over time follows any slow noise
-        return slow.gain_nats > _SLOW_SHARE * best.score_nats
     record, hidden, terms = state.record, state.hidden, state.fit.terms
-    alone = nats(*settle(record, terms, state.noise, hidden, slow.exponent))
+    alone = _alone(state, slow)
     joint = fit_jointly(record, (*terms, best.term), state.noise.whitener)
     fit, noise = settle(record, joint.terms, state.noise, hidden)
-    beside = make_space(noise.whitener, fit.explained, record.response_nm)
+    beside = make_space(noise.whitener, fit.parts, record.response_nm)
     rest = slow_spectrum(beside).fit(slow.exponent).gain_nats - _SLOW_COST
     paid = 0.5 * best.statistic - best.score_nats
     return alone - _SLOW_COST + _SLOW_BONUS > nats(fit, noise) - paid + max(rest, 0.0)
+
+
+def _is_slow(term: Term) -> bool:
+    """Return whether a term changes with time alone, as a random walk does."""
+    return term.cause.locked_to == "time" or term.cause.name == CURVE_PREFIX + "time"
+
+
+def _alone(state: State, slow: SlowNoise) -> float:
+    """Return the log likelihood of the present terms in a slow noise, fitted once."""
+    last = state.in_slow
+    if last is None or not (
+        last.fit is state.fit and last.noise is state.noise and last.exponent == slow.exponent
+    ):
+        parts = (state.fit.terms, state.noise, state.hidden, slow.exponent)
+        value = nats(*settle(state.record, *parts))
+        last = state.in_slow = InSlow(state.fit, state.noise, slow.exponent, value)
+    return last.nats
 
 
 def accept_slow_noise(
@@ -147,7 +161,7 @@ def _beside_walk(state: State, slow: SlowNoise, ranked: list[Candidate]) -> tupl
         if one.score_nats >= near and not unnamed(one.term):
             close.setdefault(one.term.cause.name, one)
     terms = state.fit.terms
-    alone = nats(*settle(state.record, terms, state.noise, state.hidden, slow.exponent))
+    alone = _alone(state, slow)
     rivals = []
     for name, one in [*close.items()][:_TRIED]:
         beside = settle(state.record, (*terms, one.term), state.noise, state.hidden)
@@ -179,10 +193,10 @@ def with_walk(state: State, naming: Naming, slow: SlowNoise | None) -> Naming:
         return naming
     # a large effect stands in the noise that both were scored in: each in the noise that it leaves
     terms = state.fit.terms
-    alone = settle(state.record, terms, state.noise, state.hidden, slow.exponent)
+    alone = _alone(state, slow)
     beside = settle(state.record, (*terms, naming.best.term), state.noise, state.hidden)
     paid = 0.5 * naming.best.statistic - naming.best.score_nats
-    behind = nats(*beside) - paid - (nats(*alone) - _SLOW_COST)
+    behind = nats(*beside) - paid - (alone - _SLOW_COST)
     if behind > RIVAL_NATS:
         return naming
     walk = Term(catalogue()["zero-random-walk"], {})

@@ -11,7 +11,7 @@ from hdbench.diagnosis.detect.looks import Grams
 from hdbench.diagnosis.detect.scanplan import plan_scans
 from hdbench.diagnosis.detect.survey import Survey, make_survey
 from hdbench.diagnosis.fit.jointfit import JointFit, fit_jointly
-from hdbench.diagnosis.fit.settle import Hidden, Noise, settle
+from hdbench.diagnosis.fit.settle import Hidden, InSlow, Noise, settle
 from hdbench.diagnosis.fit.terms import Term, term_columns
 from hdbench.diagnosis.measured.record import Beyond, Record, with_simulated
 from hdbench.diagnosis.measured.skewed import signal_in_channel
@@ -111,6 +111,8 @@ class State:
         Causes, in the order of the fit's terms after those that were known.
     rounding : Rounding or None
         Coarse steps of the converter; their mean error is part of what the record holds fixed.
+    in_slow : InSlow or None
+        What a slow noise was last found to be worth beside the terms.
     """
 
     record: Record
@@ -125,6 +127,7 @@ class State:
     walk: Walk | None = None
     accepted: list[Accepted] = field(default_factory=list)
     rounding: Rounding | None = None
+    in_slow: InSlow | None = None
 
     @classmethod
     def start(
@@ -144,7 +147,7 @@ class State:
             fit, noise = settle(record, (*known, *weight[:1]), None, hidden)
         accepted = [_evident(record, known, weight, fit, noise)] if weight else []
         record = with_simulated(record, signal_in_channel(record, fit.fitted_nm))
-        space = make_space(noise.whitener, fit.explained, record.response_nm)
+        space = make_space(noise.whitener, fit.parts, record.response_nm)
         survey = make_survey(record, causes, space, hidden.scans, rng)
         return cls(
             record, causes, rng, hidden, fit, noise, survey, accepted=accepted, rounding=coarse
@@ -157,7 +160,7 @@ class State:
 
     def space(self) -> Space:
         """Return the residual of the current fit."""
-        return make_space(self.noise.whitener, self.fit.explained, self.record.response_nm)
+        return make_space(self.noise.whitener, self.fit.parts, self.record.response_nm)
 
     def settle(self, terms: tuple[Term, ...]) -> None:
         """Fit terms and noise anew."""

@@ -5,7 +5,8 @@ import pytest
 from scipy.signal import lfilter
 
 from hdbench.diagnosis.measured.record import prepare_record
-from hdbench.diagnosis.naming.passing import bursts, gliding_tones
+from hdbench.diagnosis.naming.gliding import gliding_tones
+from hdbench.diagnosis.naming.passing import bursts
 from hdbench.diagnosis.noise.whitened import Whitener, make_space
 from hdbench.model import BenchModel
 from hdbench.profile import load_profile
@@ -89,10 +90,20 @@ def test_a_gliding_tone_is_followed_from_end_to_end(low, high):
     assert found is not None
     assert found.domain == "frequency"
     assert found.p_value < 1e-12
-    # tiles of half a second: 2 Hz at either end
-    assert found.extent == pytest.approx((min(low, high), max(low, high)), abs=2.5)
-    # it slides by 1.5 Hz within a tile and between bins: up to a fifth is lost
-    assert found.size_nm == pytest.approx(0.87 * amplitude, rel=0.2)
+    # tiles of four seconds: a quarter of a Hz at either end
+    assert found.extent == pytest.approx((min(low, high), max(low, high)), abs=0.3)
+    # one standard deviation is a 25th, and up to a tenth is lost between bins
+    assert found.size_nm == pytest.approx(amplitude, rel=0.15)
+
+
+def test_a_weak_gliding_tone_shows_where_its_glide_is_taken_out():
+    # twelve sigmas: over 48 degrees of freedom no more than one line in some millions
+    amplitude = 12.0 * NOISE_NM * (2.0 / COUNT) ** 0.5
+    record, space = record_with(glide(amplitude, 45.0, 75.0), seed=5)
+    found = gliding_tones(space, record, NOISE_NM)
+    assert found is not None
+    assert found.p_value < 1e-6
+    assert found.extent == pytest.approx((45.0, 75.0), abs=0.5)
 
 
 def test_gliding_tones_of_clean_noise_are_rarer_than_stated():

@@ -20,7 +20,8 @@ from hdbench.diagnosis.planning import (
     planned_motion,
     planned_trace,
 )
-from hdbench.model import Motion, motion_from_trace
+from hdbench.diagnosis.planning.sketch import make_sketch
+from hdbench.model import Motion, catalogue, motion_from_trace
 from hdbench.profile import load_profile
 from hdbench.records.trace import Trace
 
@@ -98,6 +99,24 @@ def test_a_sketch_gives_the_shares_of_all_samples() -> None:
     whole = compare(motion, effects, PROFILE, n_rows=len(motion))
     # the error that the sketch states for itself
     assert np.nanmax(np.abs(few.sin2 - whole.sin2)) < 0.02
+
+
+def test_what_remembers_is_the_same_on_the_course_of_a_sketch_as_on_all_samples() -> None:
+    sweep = (Segment("ramp", 8.0, 150.0), Segment("ramp", 8.0, -150.0), Segment("ramp", 4.0, 0.0))
+    motion = planned_motion(MotionPlan("sweep", sweep), PROFILE)
+    sketch = make_sketch(motion, PROFILE, Noise.white(0.05), n_rows=2000)
+    assert len(sketch.course) < 0.3 * len(motion)
+    for name, shape in (
+        ("torsional-resonance", {"resonance_hz": 12.0, "damping": 0.03}),
+        ("presliding", {"presliding_angle_rad": 0.1}),
+        ("time-skew", {"delay_s": 0.002}),
+    ):
+        cause = catalogue()[name]
+        named = {p.name: shape.get(p.name, 0.1) for p in cause.shape}
+        quick = sketch.columns(cause, named, remembers=True)
+        exact = sketch.whiten(cause.columns(motion, named))
+        # the agreement that the sketch asks for before it uses its course
+        assert np.linalg.norm(quick - exact) <= 3e-3 * np.linalg.norm(exact), name
 
 
 def test_at_one_speed_names_look_alike_that_the_full_protocol_tells_apart() -> None:

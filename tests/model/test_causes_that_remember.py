@@ -9,6 +9,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from hdbench.model import Motion, catalogue
+from hdbench.model.causes import _memory
 
 Make = Callable[..., Motion]
 Array = np.ndarray
@@ -306,3 +307,18 @@ def test_nothing_is_carried_over_a_start(name: str, swinging: Motion) -> None:
     second = column(name, kept(swinging, np.arange(3000) >= 1234), **REMEMBER[name])
     want = np.vstack([first, second])
     np.testing.assert_allclose(got, want, rtol=0, atol=1e-12 * np.abs(want).max())
+
+
+def test_a_constant_decay_is_a_filter_and_gives_what_blocks_side_by_side_give(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    rng = np.random.default_rng(7)
+    time = np.arange(20_001) * 1e-3
+    pole = 2.0 * np.pi * 30.0 * complex(-0.02, 1.0)
+    decay = np.exp(pole * np.diff(time, prepend=time[:1]))
+    decay[[0, 200, 9000]] = 0.0
+    drive = rng.standard_normal((len(time), 2)) @ np.array([1.0, 1j])
+    filtered = _memory.linear_recursion(decay, drive)
+    monkeypatch.setattr(_memory, "_STRETCHES", -1)
+    blocks = _memory.linear_recursion(decay, drive)
+    assert np.abs(filtered - blocks).max() < 1e-9 * np.abs(blocks).max()

@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from hdbench.diagnosis.acquisition.flags import mask_runs
-from hdbench.diagnosis.fit.terms import term_columns
-from hdbench.diagnosis.measured.record import Record, with_simulated
+from hdbench.diagnosis.measured.record import Record
+from hdbench.diagnosis.naming.jumps import beside_causes
 from hdbench.diagnosis.search import Found
 from hdbench.records.trace import FloatArray
 
@@ -86,17 +86,10 @@ def explained_spikes(found: Found, full: Record, spikes: NDArray[np.bool_]) -> N
         normal noise does, or than a misfit of the causes' form.
     """
     fit, record = found.fit, found.record
-    if not spikes.any() or full.base.shape[1] != len(fit.base):
+    both = beside_causes(found, full) if spikes.any() else None
+    if both is None:
         return np.zeros(len(spikes), dtype=bool)
-    causes = np.zeros(len(spikes))
-    whole = [term.cause.whole_signal for term in fit.terms]
-    for acts_on_all in (False, True):
-        signal = np.where(full.valid, full.base @ fit.base + causes, np.nan)
-        seen = with_simulated(full, signal)
-        for term, linear, last in zip(fit.terms, fit.linear, whole, strict=True):
-            if last == acts_on_all:
-                causes = causes + term_columns(term, seen) @ linear
-    left = np.where(full.valid, full.response_nm - full.base @ fit.base - causes, 0.0)
+    left, causes = both
     scatter = float(np.std((record.response_nm - fit.fitted_nm)[record.valid]))
     wide = _range_around(causes)
     limit = -float(ndtri(0.5 * _CHANCE / int(full.valid.sum()))) * scatter

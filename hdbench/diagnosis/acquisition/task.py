@@ -126,12 +126,15 @@ class Clean:
         Flags and masked samples, spikes among them.
     spikes : ndarray of bool, shape (n,)
         Spikes of the torque.
+    unresolved : ndarray of bool, shape (n,)
+        Samples whose acceleration the measured motion does not resolve.
     """
 
     inspected: Inspected
     record: Record
     preflight: Preflight
     spikes: NDArray[np.bool_]
+    unresolved: NDArray[np.bool_]
 
     def above_steps(self, spikes: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Return those spikes that a channel with coarse steps does not make by itself."""
@@ -154,7 +157,8 @@ class Clean:
         time = self.record.motion.time_s
         flags = (*others, *flag_samples("spikes", time, every))
         preflight = Preflight(flags, self.preflight.masked | spikes)
-        return Clean(self.inspected, mask_samples(self.record, spikes), preflight, every)
+        record = mask_samples(self.record, spikes)
+        return replace(self, record=record, preflight=preflight, spikes=every)
 
     def restored(self, explained: NDArray[np.bool_]) -> Clean:
         """Return it with fewer spikes: those that the causes explain are none."""
@@ -189,12 +193,13 @@ def cleaned(task: Task, inspected: Inspected, settings: dict[str, object]) -> Cl
     """
     record = task.prepare(inspected.trace, inspected.preflight.masked)
     none = np.zeros(len(record.valid), dtype=bool)
-    clean = Clean(inspected, record, inspected.preflight, none)
+    clean = Clean(inspected, record, inspected.preflight, none, none)
     if unfit(record):
         return clean
     unresolved = unresolved_motion(record, task.profile.data)
-    settings["unresolved_motion_samples"] = int((unresolved & record.valid).sum())
-    clean = replace(clean, record=mask_samples(record, unresolved))
+    unresolved &= record.valid
+    settings["unresolved_motion_samples"] = int(unresolved.sum())
+    clean = replace(clean, record=mask_samples(record, unresolved), unresolved=unresolved)
     return clean.without(clean.above_steps(find_spikes(clean.record)))
 
 

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from hdbench.diagnosis.fit.jointfit import JointFit, fit_jointly
+from hdbench.diagnosis.fit.jointfit import JointFit, fit_jointly, linear_fit
 from hdbench.diagnosis.fit.terms import Term
 from hdbench.diagnosis.measured.record import Record
 from hdbench.diagnosis.search import Found
 from hdbench.model import BenchModel
+from hdbench.records.trace import FloatArray
 
 __all__ = ["as_given_rms", "mean_square", "share_of"]
 
@@ -28,7 +29,12 @@ def mean_square(record: Record, fit: JointFit) -> float:
     float
         (N m)^2.
     """
-    left = (record.response_nm - fit.fitted_nm)[record.valid]
+    return _left(record, fit.fitted_nm)
+
+
+def _left(record: Record, fitted_nm: FloatArray) -> float:
+    """Return the mean square of what a fitted torque leaves, (N m)^2."""
+    left = (record.response_nm - fitted_nm)[record.valid]
     return float(np.mean(left**2))
 
 
@@ -65,11 +71,12 @@ def share_of(record: Record, found: Found, place: int, variance: float) -> float
     others = tuple(term for k, term in enumerate(terms) if k not in own)
     before = tuple(term for k, term in enumerate(terms) if k < place)
 
-    def left_by(kept: tuple[Term, ...], *, refine: bool = False) -> float:
-        return mean_square(record, fit_jointly(record, kept, found.noise.whitener, refine=refine))
+    def left_by(kept: tuple[Term, ...]) -> float:
+        return _left(record, linear_fit(record, kept, found.noise.whitener))
 
     added = left_by(before) - left_by(terms[: place + 1])
-    lost = left_by(others, refine=True) - mean_square(record, found.fit)
+    beside = fit_jointly(record, others, found.noise.whitener)
+    lost = mean_square(record, beside) - mean_square(record, found.fit)
     return float(np.clip(max(added, lost) / variance, 0.0, 1.0))
 
 

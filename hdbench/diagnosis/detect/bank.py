@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hdbench.diagnosis.detect.shapes import chosen_shapes
-from hdbench.diagnosis.fit.terms import Term, term_columns
+from hdbench.diagnosis.fit.terms import Term, fresh_columns
 from hdbench.diagnosis.measured.record import Record
 from hdbench.diagnosis.noise.whitened import Whitener
 from hdbench.model import Cause
@@ -102,7 +102,7 @@ def build_bank(record: Record, causes: Iterable[Cause]) -> Bank:
     table = np.empty((len(record.valid), _n_columns(terms)), dtype=np.float32, order="F")
     at = 0
     for term in (t for family in terms for t in family):
-        columns = term_columns(term, record)
+        columns = fresh_columns(term, record)
         square = np.einsum("nk,nk->k", columns, columns)
         if not np.all((square > 0.0) & (square < np.inf)):
             continue

@@ -55,16 +55,26 @@ def solve_exactly(space: Space, columns: FloatArray) -> tuple[float, int, FloatA
     left : ndarray, shape (n, k)
         As `exact_statistic` gives them, and ``M A columns``.
     """
-    left = space.project(columns)
-    white_size = np.einsum("nk,nk->k", left, left)
-    before = white_size + np.sum((space.pull_basis.T @ columns) ** 2, axis=0)
+    white = space.whitener.apply(columns)
+    before = np.einsum("nk,nk->k", white, white)
+    white -= space.basis @ (space.basis.T @ white)
+    return (*_solved(before, white.T @ white, white.T @ space.residual), white)
+
+
+def _solved(
+    before: FloatArray, left: FloatArray, right: FloatArray
+) -> tuple[float, int, FloatArray]:
+    """Return statistic, dof and linear parameters.
+
+    From the whitened columns' squares, and from what is left of them times itself and times the
+    residual.
+    """
     # an effect of 1000 N m, the most that the catalogue allows, would stay below the noise
     if not np.all(before > _FAINTEST):
-        return 0.0, 0, np.zeros(columns.shape[1]), left
+        return 0.0, 0, np.zeros(len(before))
     scale = 1.0 / np.sqrt(before)
-    gram = (left.T @ left) * np.outer(scale, scale)
-    values, vectors = np.linalg.eigh(gram)
+    values, vectors = np.linalg.eigh(left * np.outer(scale, scale))
     good = values > MIN_SHARE
-    right = vectors[:, good].T @ (scale * (left.T @ space.residual))
+    right = vectors[:, good].T @ (scale * right)
     linear = scale * (vectors[:, good] @ (right / values[good]))
-    return float(np.sum(right**2 / values[good])), int(good.sum()), linear, left
+    return float(np.sum(right**2 / values[good])), int(good.sum()), linear

@@ -17,11 +17,12 @@ from hdbench.records.trace import FloatArray
 
 __all__ = ["chosen_shapes", "shape_grid", "thinned_motion"]
 
-# grid points of special parameters, and of any other by how many the cause has
+# grid points of special parameters, and of any other by how many the cause has; a resonance is
+# some 8 % wide, and one that lies between two of the grid, a tenth apart, is seen by both
 _SPECIAL = {
     "position_rad": 32,
     "width_turns": 2,
-    "resonance_hz": 10,
+    "resonance_hz": 32,
     "damping": 1,
     "delay_s": 6,
     "sharpness": 4,

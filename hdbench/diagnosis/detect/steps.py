@@ -45,8 +45,10 @@ def step_statistics(space: Space, pulls: FloatArray) -> FloatArray:
     sums = np.cumsum(whitener.kernel)
     rise = np.concatenate([sums, np.full(max(0, count - len(sums)), sums[-1])])[:count]
     size = np.cumsum(rise**2)[::-1] / whitener.std**2
-    explained = np.cumsum(space.pull_basis[::-1], axis=0)[::-1]
-    left = size - np.einsum("nk,nk->n", explained, explained)
+    left = size
+    for column in space.pull_basis.T:
+        explained = np.cumsum(column[::-1])[::-1]
+        left = left - explained * explained
     usable = (left > MIN_SHARE * size) & space.whitener.valid
     weight = np.where(usable, 1.0 / np.maximum(left, 1e-300), 0.0)
     return np.asarray(numerator**2 * weight[:, None])

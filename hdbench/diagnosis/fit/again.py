@@ -99,7 +99,7 @@ def _promising(state: State, whitener: Whitener) -> list[Candidate]:
     """Return the best candidates for the last term in a noise, of those better than it."""
     record, terms = state.record, state.fit.terms[:-1]
     others = fit_jointly(record, terms, whitener, refine=False)
-    space = make_space(whitener, others.explained, record.response_nm)
+    space = make_space(whitener, others.parts, record.response_nm)
     looks = look_at(space, record, state.survey, terms, state.grams)
     seen = tuple(look for look in looks.looks if look.terms)
     ranked = rank_looks(space, record, state.survey, seen)
@@ -138,7 +138,7 @@ def _take(state: State, candidate: Candidate) -> None:
     state.settle(state.fit.terms)
     record, whitener = state.record, state.noise.whitener
     others = fit_jointly(record, state.fit.terms[:-1], whitener, refine=False)
-    space = make_space(whitener, others.explained, record.response_nm)
+    space = make_space(whitener, others.parts, record.response_nm)
     looks = look_at(space, record, state.survey, others.terms, state.grams)
     state.grams = looks.grams
     last = state.fit.terms[-1]

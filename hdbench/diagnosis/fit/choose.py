@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from hdbench.diagnosis.detect.looks import Look, look_at
 from hdbench.diagnosis.fit.axes import axes_of
 from hdbench.diagnosis.fit.pairs import best_pairs
@@ -17,7 +15,7 @@ from hdbench.diagnosis.state import State
 
 __all__ = ["named_first", "with_names"]
 
-# a place without a name must explain more than two names by this, nats: a Bayes factor of 20
+# a place without a name must explain more than one name or two by this, nats: a Bayes factor of 20
 _UNNAMED_BONUS = 3.0
 
 
@@ -59,7 +57,7 @@ def named_first(
     """Return the candidates with names where two of them explain as much as one without a name.
 
     A table or a bump gathers what two causes do at the same place, even where each of them hides
-    most of the other. A law of one form gathers nothing: it stands against a name by its score.
+    most of the other. A law of one form gathers nothing: it stands against one name alone.
 
     Parameters
     ----------
@@ -78,12 +76,14 @@ def named_first(
     -------
     list of Candidate
     """
-    if not unnamed(ranked[0].term) or not named or is_law(ranked[0].term):
+    if not unnamed(ranked[0].term) or not named:
         return ranked
     wanted = ranked[0].score_nats - _UNNAMED_BONUS
     if named[0].score_nats < wanted:
+        if is_law(ranked[0].term):
+            return ranked
         columns = term_columns(named[0].term, state.record)
-        explained = np.hstack([state.fit.explained, columns])
+        explained = (*state.fit.parts, columns)
         beside = make_space(state.noise.whitener, explained, state.record.response_nm)
         terms = (*state.fit.terms, named[0].term)
         others = look_at(beside, state.record, state.survey, terms, state.grams)

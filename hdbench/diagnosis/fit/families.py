@@ -9,6 +9,7 @@ import numpy as np
 
 from hdbench.diagnosis.detect.exact import MIN_SHARE, solve_exactly
 from hdbench.diagnosis.detect.steps import at_best_step
+from hdbench.diagnosis.fit.possible import as_possible
 from hdbench.diagnosis.fit.terms import (
     Term,
     moved_term,
@@ -160,6 +161,8 @@ def refine_term(space: Space, record: Record, term: Term) -> Refined:
         return Refined(*best_whole_share(space, record, term), 1, True)
     if "delay_s" in term.shape:
         return _by_its_delay(space, record, term)
+    if term.cause.possible is not None:
+        return Refined(*as_possible(space, record, term, best), True)
     return _in_domain(term, best, space)
 
 

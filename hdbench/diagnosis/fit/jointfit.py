@@ -2,26 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hdbench.diagnosis.fit.design import Design, Solved
 from hdbench.diagnosis.fit.normal import Normal, normal_solve
 from hdbench.diagnosis.fit.terms import (
     Term,
     moved_term,
     smooth_shapes,
     tangent_columns,
-    term_columns,
 )
 from hdbench.diagnosis.measured.record import Record
 from hdbench.diagnosis.noise.whitened import Whitener
 from hdbench.records.trace import FloatArray
 
-__all__ = ["JointFit", "fit_jointly"]
+__all__ = ["JointFit", "fit_jointly", "linear_fit"]
 
 _ROUNDS = 12
 _HALVINGS = 6
@@ -48,7 +46,7 @@ class JointFit:
         parameter has no slope.
     fitted_nm : ndarray, shape (n,)
         Baseline and causes, without what is fixed, N m.
-    explained : ndarray, shape (n, m)
+    parts : tuple of ndarray
         Columns that span the fit: base, causes, slopes over the shape parameters.
     chi2 : float
         Sum of squares of the whitened residual.
@@ -61,7 +59,7 @@ class JointFit:
     linear: tuple[FloatArray, ...]
     covariances: tuple[FloatArray, ...]
     fitted_nm: FloatArray
-    explained: FloatArray
+    parts: tuple[FloatArray, ...]
     chi2: float
     normal: Normal
 
@@ -81,60 +79,11 @@ class JointFit:
         return max(self.normal.left_without(index) - self.chi2, 0.0)
 
 
-@dataclass(frozen=True, slots=True)
-class _State:
-    """Linear solution at given shapes."""
-
-    terms: tuple[Term, ...]
-    raw: FloatArray
-    white: FloatArray
-    solution: FloatArray
-    normal: Normal
-    chi2: float
-
-
-def _solve_at(
-    terms: tuple[Term, ...],
-    record: Record,
-    whitener: Whitener,
-    white_base: FloatArray,
-    white_response: FloatArray,
-) -> _State:
-    blocks = [term_columns(term, record) for term in terms]
-    raw = np.hstack([record.base, *blocks])
-    white = np.hstack([white_base, *(whitener.apply(b) for b in blocks)])
-    gram, right = white.T @ white, white.T @ white_response
-    solution, _ = normal_solve(gram, right)
-    first = white_base.shape[1]
-    while (outside := _below_zero(terms, solution[first:])).any():
-        # at its bound of zero a parameter's column takes no part
-        place = first + np.flatnonzero(outside)
-        white[:, place] = 0.0
-        raw[:, place] = 0.0
-        gram[place] = 0.0
-        gram[:, place] = 0.0
-        right[place] = 0.0
-        solution, _ = normal_solve(gram, right)
-        solution[np.diag(gram) == 0.0] = 0.0
-    left = white_response - white @ solution
-    edges = np.cumsum([white_base.shape[1], *(b.shape[1] for b in blocks)])
-    slices = tuple(slice(int(a), int(b)) for a, b in pairwise(edges))
-    normal = Normal(gram, right, float(white_response @ white_response), slices)
-    return _State(terms, raw, white, solution, normal, float(left @ left))
-
-
-def _below_zero(terms: tuple[Term, ...], linear: FloatArray) -> NDArray[np.bool_]:
-    """Return which linear parameters are negative though their domain begins at zero."""
-    lower = [parameter.lower for term in terms for parameter in term.cause.linear]
-    return np.asarray((np.array(lower) == 0.0) & (linear < 0.0), dtype=bool)
-
-
-def _tangents(state: _State, record: Record) -> FloatArray:
-    parts = [
-        tangent_columns(term, state.solution[s], state.raw[:, s], record)
-        for term, s in zip(state.terms, state.normal.slices, strict=True)
-    ]
-    return np.hstack([np.zeros((len(state.raw), 0)), *parts])
+def _tangents(state: Solved, record: Record) -> tuple[FloatArray, ...]:
+    return tuple(
+        tangent_columns(term, state.solution[part], block, record)
+        for term, part, block in zip(state.terms, state.normal.slices, state.raw, strict=True)
+    )
 
 
 def fit_jointly(
@@ -169,24 +118,18 @@ def fit_jointly(
     ----------
     .. [1] G. H. Golub, V. Pereyra, SIAM J. Numer. Anal. 10 (1973) 413, doi:10.1137/0710036.
     """
-    response = record.response_nm
-    white_base = whitener.apply(record.base)
-    white_response = whitener.apply(response)
-
-    def solve(candidates: tuple[Term, ...]) -> _State:
-        return _solve_at(candidates, record, whitener, white_base, white_response)
-
-    state, settled = solve(tuple(terms)), not refine
+    design = Design.of(record, whitener)
+    state, settled = design.solve(tuple(terms)), not refine
     for turn in range(_ROUNDS):
         tangents = _tangents(state, record)
-        full = np.hstack([state.white, whitener.apply(tangents)])
-        step, inverse = normal_solve(full.T @ full, full.T @ white_response)
-        moves = step[state.white.shape[1] :]
-        stds = np.sqrt(np.maximum(np.diag(inverse)[state.white.shape[1] :], 0.0))
+        step, inverse = normal_solve(*design.with_slopes(state, tangents))
+        count = len(state.solution)
+        moves = step[count:]
+        stds = np.sqrt(np.maximum(np.diag(inverse)[count:], 0.0))
         done = settled or not len(moves) or turn == _ROUNDS - 1
         if done or bool(np.all(np.abs(moves) <= _SETTLED * stds)):
             break
-        better = _line_search(state, moves, record, solve)
+        better = _line_search(state, moves, design)
         if better is None:
             break
         gained = state.chi2 - better.chi2
@@ -195,12 +138,27 @@ def fit_jointly(
     return _collect(state, tangents, inverse, whitener, record)
 
 
-def _line_search(
-    state: _State,
-    moves: FloatArray,
-    record: Record,
-    solve: Callable[[tuple[Term, ...]], _State],
-) -> _State | None:
+def linear_fit(record: Record, terms: Sequence[Term], whitener: Whitener) -> FloatArray:
+    """Fit baseline, nuisance and causes together at the shapes that they have.
+
+    Parameters
+    ----------
+    record : Record
+        Record.
+    terms : sequence of Term
+        Causes with their shapes.
+    whitener : Whitener
+        Noise.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        Baseline and causes as `JointFit.fitted_nm`, without the slopes that a covariance needs.
+    """
+    return _fitted(Design.of(record, whitener).solve(tuple(terms)), record)
+
+
+def _line_search(state: Solved, moves: FloatArray, design: Design) -> Solved | None:
     """Return a state with a smaller sum of squares along the step, or None."""
     scale = 1.0
     for _ in range(_HALVINGS):
@@ -209,21 +167,35 @@ def _line_search(
             names = smooth_shapes(term)
             part = moves[index : index + len(names)] * scale
             index += len(names)
-            moved.append(moved_term(term, dict(zip(names, part.tolist(), strict=True)), record))
-        trial = solve(tuple(moved))
+            moved.append(
+                moved_term(term, dict(zip(names, part.tolist(), strict=True)), design.record)
+            )
+        trial = design.solve(tuple(moved), state)
         if trial.chi2 < state.chi2 * (1.0 - 1e-12):
             return trial
         scale *= 0.5
     return None
 
 
+def _fitted(state: Solved, record: Record) -> FloatArray:
+    """Return the torque of a solution."""
+    fitted = record.base @ state.solution[: record.base.shape[1]]
+    for block, part in zip(state.raw, state.normal.slices, strict=True):
+        fitted += block @ state.solution[part]
+    return np.asarray(fitted)
+
+
 def _collect(
-    state: _State, tangents: FloatArray, inverse: FloatArray, whitener: Whitener, record: Record
+    state: Solved,
+    tangents: tuple[FloatArray, ...],
+    inverse: FloatArray,
+    whitener: Whitener,
+    record: Record,
 ) -> JointFit:
     free = max(1.0, float(whitener.used.sum() - len(inverse)))
     covariance = inverse * (state.chi2 / free)
     linear, covariances = [], []
-    at = state.white.shape[1]
+    at = len(state.solution)
     for term, part in zip(state.terms, state.normal.slices, strict=True):
         smooth = smooth_shapes(term)
         index = list(range(part.start, part.stop)) + list(range(at, at + len(smooth)))
@@ -239,8 +211,8 @@ def _collect(
         state.solution[: record.base.shape[1]],
         tuple(linear),
         tuple(covariances),
-        state.raw @ state.solution,
-        np.hstack([state.raw, tangents]),
+        _fitted(state, record),
+        (record.base, *state.raw, *tangents),
         state.chi2,
         state.normal,
     )

@@ -10,7 +10,7 @@ import numpy as np
 
 from hdbench.diagnosis.detect.looks import Look
 from hdbench.diagnosis.fit.families import is_line, is_step
-from hdbench.diagnosis.fit.terms import Term, term_columns
+from hdbench.diagnosis.fit.terms import Term, fresh_columns
 from hdbench.diagnosis.fit.wholeshare import one_by_definition
 from hdbench.diagnosis.measured.record import Record
 from hdbench.diagnosis.naming.evidence import score
@@ -62,9 +62,11 @@ def best_pairs(space: Space, record: Record, looks: Sequence[Look]) -> list[Pair
     able = [look for look in looks if look.terms and takes_part(look.terms[0])]
     if len(able) < 2:
         return []
-    blocks = [space.project(term_columns(look.terms[0], record)) for look in able]
-    ends = np.cumsum([0, *(block.shape[1] for block in blocks)])
-    white = np.hstack(blocks)
+    ends = np.cumsum([0, *(len(look.terms[0].cause.linear) for look in able)])
+    # all of them stand in memory once
+    white = np.empty((len(space.residual), int(ends[-1])), order="F")
+    for look, (start, stop) in zip(able, pairwise(ends.tolist()), strict=True):
+        white[:, start:stop] = space.project(fresh_columns(look.terms[0], record))
     gram, right = white.T @ white, white.T @ space.residual
     places = [np.arange(a, b) for a, b in pairwise(ends.tolist())]
     tried = float(np.log(len(able) * (len(able) - 1) / 2.0))

@@ -19,6 +19,7 @@ from hdbench.records.trace import FloatArray
 
 __all__ = [
     "Hidden",
+    "InSlow",
     "Noise",
     "nats",
     "plain_spectrum",
@@ -54,6 +55,28 @@ class Noise:
     def ar_kernel(self) -> FloatArray:
         """Kernel that whitens all but the slow noise."""
         return np.concatenate([[1.0], -self.model.coefficients])
+
+
+@dataclass(frozen=True, slots=True)
+class InSlow:
+    """The log likelihood of the terms of a fit where slow noise takes a share.
+
+    Parameters
+    ----------
+    fit : JointFit
+        Fit that the terms are from.
+    noise : Noise
+        Noise that the fit in turn begins with.
+    exponent : float
+        Exponent of the slow noise.
+    nats : float
+        Log likelihood.
+    """
+
+    fit: JointFit
+    noise: Noise
+    exponent: float
+    nats: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,7 +164,7 @@ def plain_spectrum(record: Record, fit: JointFit, left: FloatArray) -> SlowSpect
     """
     model = fit_noise(left, record.valid, starts=record.starts, max_order=0, keep_lines=False)
     whitener = make_whitener(model, record.valid, record.starts)
-    return slow_spectrum(make_space(whitener, fit.explained, record.response_nm))
+    return slow_spectrum(make_space(whitener, fit.parts, record.response_nm))
 
 
 def settle(

@@ -18,8 +18,8 @@ __all__ = ["swap_for_pair"]
 
 # more names than these are no mistake for two
 _FEW = 4
-# a pair must gain this many nats over what it replaces
-_BETTER = 3.0
+# a pair must gain this many nats over what it replaces, beside what its choice costs
+_BETTER = 1.0
 # the best shape beside another cause may lie off that of each alone: so many nats short are tried
 _SHORT = 10.0
 # pairs whose own noise is fitted
@@ -52,16 +52,15 @@ def swap_for_pair(state: State) -> bool:
     known = state.fit.terms[: state.n_known]
     others = (*known, *(state.fit.terms[state.n_known + k] for k in kept))
     old = [state.fit.terms[state.n_known + k] for k in gone]
-    pair = max(
-        _pairs_beside(state, others, old),
-        key=lambda pair: _worth(state, others, pair.terms),
-        default=None,
-    )
-    if pair is None:
+    pairs = _pairs_beside(state, others, old)
+    if not pairs:
         return False
+    worth = [_worth(state, others, pair.terms) for pair in pairs]
+    best = int(np.argmax(worth))
+    pair = pairs[best]
     now = nats(state.fit, state.noise) - _paid(old)
     picked = _picked(pair, len(old))
-    if not _worth(state, others, pair.terms) - picked > now + _BETTER:
+    if not worth[best] - picked > now + _BETTER:
         return False
     chance = min(state.accepted[k].false_alarm for k in gone)
     state.accepted = [
@@ -89,7 +88,7 @@ def _pairs_beside(state: State, others: tuple[Term, ...], old: list[Term]) -> li
     """Return the best pairs beside the other terms that come near the old ones."""
     record, whitener = state.record, state.noise.whitener
     fit = fit_jointly(record, others, whitener, refine=False)
-    space = make_space(whitener, fit.explained, record.response_nm)
+    space = make_space(whitener, fit.parts, record.response_nm)
     looks, state.grams = look_at_families(space, state.survey, state.grams)
     wanted = max(0.5 * (fit.chi2 - state.fit.chi2) - _paid(old) - _SHORT, _BETTER)
     names = {term.cause.name for term in old}

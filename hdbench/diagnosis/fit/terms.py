@@ -11,7 +11,14 @@ from hdbench.diagnosis.measured.record import Record
 from hdbench.model import Cause, shape_bounds
 from hdbench.records.trace import FloatArray
 
-__all__ = ["Term", "moved_term", "smooth_shapes", "tangent_columns", "term_columns"]
+__all__ = [
+    "Term",
+    "fresh_columns",
+    "moved_term",
+    "smooth_shapes",
+    "tangent_columns",
+    "term_columns",
+]
 
 # relative change of a signature by which its slope over a shape parameter is formed
 _SLOPE = 1e-4
@@ -61,7 +68,26 @@ def term_columns(term: Term, record: Record) -> FloatArray:
     Returns
     -------
     ndarray, shape (n, n_linear)
-        N m per unit of each linear parameter; zero where not valid.
+        N m per unit of each linear parameter; zero where not valid. Not writeable: the record keeps
+        the columns that were asked for last.
+    """
+    return record.kept.columns(term.cause, term.shape, lambda: fresh_columns(term, record))
+
+
+def fresh_columns(term: Term, record: Record) -> FloatArray:
+    """Return the same, formed anew and not kept: for one of many shapes that are seen once.
+
+    Parameters
+    ----------
+    term : Term
+        Term.
+    record : Record
+        Record.
+
+    Returns
+    -------
+    ndarray, shape (n, n_linear)
+        As `term_columns` gives them, writeable.
     """
     motion, seen = record.motion, record.valid
     if term.cause.locked_to == "acceleration":

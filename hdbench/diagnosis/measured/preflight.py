@@ -17,6 +17,7 @@ from hdbench.records.trace import FloatArray, Trace
 __all__ = [
     "DataFlag",
     "Preflight",
+    "baseline_residual_nm",
     "find_spikes",
     "flag_samples",
     "inspect_trace",
@@ -48,8 +49,19 @@ class Preflight:
     masked: NDArray[np.bool_]
 
 
-def _baseline_residual(record: Record) -> FloatArray:
-    """Return the residual of the baseline at the valid samples, by ordinary least squares."""
+def baseline_residual_nm(record: Record) -> FloatArray:
+    """Return the residual of the baseline at the valid samples, by ordinary least squares.
+
+    Parameters
+    ----------
+    record : Record
+        Record.
+
+    Returns
+    -------
+    ndarray, shape (n_valid,)
+        N m.
+    """
     design, response = record.base[record.valid], record.response_nm[record.valid]
     solution = np.linalg.lstsq(design, response, rcond=None)[0]
     return np.asarray(response - design @ solution)
@@ -68,7 +80,7 @@ def robust_scatter_nm(record: Record) -> float:
     float
         N m; the standard deviation where the residual is normal.
     """
-    left = _baseline_residual(record)
+    left = baseline_residual_nm(record)
     # 68.27 % of a normal distribution lie within one standard deviation
     return float(np.quantile(np.abs(left - np.median(left)), 0.6827))
 
@@ -95,7 +107,7 @@ def find_spikes(record: Record) -> NDArray[np.bool_]:
     index = np.flatnonzero(record.valid)
     if len(index) < 10 * _SPIKE_WINDOW:
         return far
-    left = _baseline_residual(record)
+    left = baseline_residual_nm(record)
     away = np.abs(left - median_filter(left, size=_SPIKE_WINDOW, mode="nearest"))
     limit = _SPIKE_RATIO * float(np.quantile(away, 0.99))
     if not limit > 0.0:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hdbench.diagnosis.measured.baselineterms import BaselineChange
+from hdbench.diagnosis.measured.columnstore import ColumnStore
 from hdbench.diagnosis.measured.drift import turned_motion, without_drift
 from hdbench.diagnosis.measured.fixed import angle_noise, fast_noise, load_share
 from hdbench.errors import DataError
@@ -86,7 +87,8 @@ class Record:
 
     Notes
     -----
-    ``base``, shape (n_samples, k), holds baseline, nuisance and jitter columns side by side.
+    ``base``, shape (n_samples, k), holds baseline, nuisance and jitter columns side by side, and
+    ``kept`` the columns of the shapes that were asked for last.
     """
 
     motion: Motion
@@ -102,6 +104,7 @@ class Record:
     jitter: FloatArray
     weighty: bool = False
     base: FloatArray = field(init=False, repr=False)
+    kept: ColumnStore = field(init=False, repr=False, compare=False, default_factory=ColumnStore)
 
     def __post_init__(self) -> None:
         """Put baseline, nuisance and jitter columns side by side once."""

@@ -9,8 +9,9 @@ from scipy.special import gammaincc, ndtri
 
 from hdbench.diagnosis.measured.record import Record
 from hdbench.diagnosis.naming.curves import equal_bins
+from hdbench.diagnosis.naming.gliding import gliding_tones
 from hdbench.diagnosis.naming.left import Left
-from hdbench.diagnosis.naming.passing import bursts, gliding_tones
+from hdbench.diagnosis.naming.passing import bursts
 from hdbench.diagnosis.noise.whitened import Space
 from hdbench.records.trace import FloatArray
 
@@ -228,5 +229,6 @@ def challenge(space: Space, record: Record, noise_nm: float, level: float) -> li
     list of Left
     """
     found = [left for test in CHALLENGERS if (left := test(space, record, noise_nm)) is not None]
-    passed = [left for left in found if left.p_value * len(CHALLENGERS) < level]
+    # one more is made where the acceleration jumps
+    passed = [left for left in found if left.p_value * (len(CHALLENGERS) + 1) < level]
     return sorted(passed, key=lambda left: left.p_value)

@@ -1,28 +1,21 @@
-"""What comes and goes or glides: short bursts of any height, tones whose frequency moves."""
+"""What comes and goes: short bursts of any height."""
 
 from __future__ import annotations
 
 import numpy as np
-from scipy.special import gammaincc, ndtr
+from scipy.special import ndtr
 
 from hdbench.diagnosis.measured.record import Record
 from hdbench.diagnosis.naming.left import Left
 from hdbench.diagnosis.noise.whitened import Space
-from hdbench.records.trace import FloatArray
 
-__all__ = ["bursts", "gliding_tones"]
+__all__ = ["bursts"]
 
 # lengths of a burst, samples, a factor of two apart: between two of them it keeps 84 % of its
 # signal to noise
 _WIDTHS = (4, 8, 16, 32, 64, 128)
 # a window of which less than this share is left beside what is explained shows no burst
 _MIN_SHARE = 0.5
-# a gliding tone is followed over tiles of half a second: at 3 Hz/s it stays within one bin
-_TILE_S = 0.5
-_SHORTEST_TILE = 64
-_LEAST_TILES = 12
-# bins per resolution cell: a tone between two bins keeps 90 %
-_PAD = 2
 
 
 def bursts(space: Space, record: Record, noise_nm: float) -> Left | None:
@@ -97,68 +90,3 @@ def _window_size(space: Space, width: int) -> float:
     whitener = space.whitener
     white = np.convolve(whitener.kernel[: 64 * width], np.ones(width))
     return float(white @ white) / whitener.std**2
-
-
-def gliding_tones(space: Space, record: Record, noise_nm: float) -> Left | None:
-    """Return the strongest tone whose frequency rises or falls evenly over the record.
-
-    Parameters
-    ----------
-    space : Space
-        Whitened residual with what is explained projected out.
-    record : Record
-        Record.
-    noise_nm : float
-        Standard deviation of the noise's innovation, N m.
-
-    Returns
-    -------
-    Left or None
-        Its middle frequency and those at both ends, Hz; None for a record shorter than 6 s.
-
-    Notes
-    -----
-    Powers of tiles of half a second are summed along every straight line through time and
-    frequency; the sum over m tiles of white noise is chi^2 with 2 m degrees of freedom.
-    """
-    length = max(round(_TILE_S / record.period_s), _SHORTEST_TILE)
-    whole = len(space.residual) // length
-    if whole < _LEAST_TILES:
-        return None
-    table = space.residual[: whole * length].reshape(whole, length)
-    powers = 2.0 * np.abs(np.fft.rfft(table, _PAD * length, axis=1)[:, _PAD:-_PAD]) ** 2 / length
-    value, start, end, tried = _best_line(powers)
-    hertz = (np.array([start, end]) + _PAD) / (_PAD * length * record.period_s)
-    chance = min(1.0, tried * float(gammaincc(whole, 0.5 * value)))
-    # an unbiased amplitude: two of each tile are the noise's own
-    amplitude = noise_nm * float(np.sqrt(max(value - 2.0 * whole, 0.0) * 2.0 / (whole * length)))
-    return Left(
-        "frequency",
-        "Hz",
-        float(hertz.mean()),
-        (float(hertz.min()), float(hertz.max())),
-        amplitude,
-        chance,
-        0.5 * amplitude**2,
-    )
-
-
-def _best_line(powers: FloatArray) -> tuple[float, int, int, int]:
-    """Return the largest sum along a line, its bins at both ends, and the lines tried."""
-    tiles, bins = powers.shape
-    share = np.linspace(0.0, 1.0, tiles)
-    best, tried = (-np.inf, 0, 0), 0
-    flat = powers.ravel()
-    rows = np.arange(tiles) * bins
-    # ends two bins apart differ by half a resolution cell in the mean
-    for drift in range(-(bins - 1), bins, _PAD):
-        offsets = rows + np.round(share * drift).astype(np.int64)
-        first, last = max(0, -drift), min(bins, bins - drift)
-        total = np.zeros(last - first)
-        for offset in offsets.tolist():
-            total += flat[offset + first : offset + last]
-        tried += len(total)
-        at = int(np.argmax(total))
-        if total[at] > best[0]:
-            best = (float(total[at]), first + at, first + at + drift)
-    return (*best, tried)

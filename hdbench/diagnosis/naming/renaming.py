@@ -106,7 +106,7 @@ def _rename_one(state: State, index: int, peers: list[int]) -> bool:
     place = state.n_known + index
     beside = (*terms[: state.n_known], *(terms[k] for k in peers))
     others = fit_jointly(record, beside, state.noise.whitener, refine=False)
-    space = make_space(state.noise.whitener, others.explained, record.response_nm)
+    space = make_space(state.noise.whitener, others.parts, record.response_nm)
     survey = state.survey
     looks = look_at(space, record, survey, others.terms, state.grams)
     old = state.accepted[index]

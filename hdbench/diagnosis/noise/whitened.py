@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from hdbench.diagnosis.noise.convolution import DIRECT, convolution, transformed
+from hdbench.diagnosis.noise.gaps import Bridges, bridges
 from hdbench.estimation import NoiseModel, run_positions
 from hdbench.records.trace import FloatArray
 
@@ -15,9 +17,6 @@ __all__ = ["Space", "Whitener", "make_space", "make_whitener", "orthonormal"]
 
 # directions whose share of the scaled design falls below this are sums of the others
 _RANK = 1e-9
-# kernels up to this length are applied by sums of shifted samples, longer ones by an FFT
-_SHORT = 5
-_DIRECT = 64
 # columns that one FFT takes: as many single-precision values as one instruction works on
 _SIDE_BY_SIDE = 4
 
@@ -40,7 +39,9 @@ class Whitener:
     Notes
     -----
     The transform of a long kernel is formed once and kept in ``spectrum``, a finer one for
-    `power_gain` in ``response``.
+    `power_gain` in ``response``, and in ``last`` the columns that `whitened_base` whitened last.
+    A long kernel remembers what is left out: there `gaps` bridges it, by the same straight lines
+    in the data and in every column. A short one never reaches it from a sample that is used.
     """
 
     kernel: FloatArray
@@ -49,14 +50,16 @@ class Whitener:
     used: NDArray[np.bool_]
     spectrum: NDArray[np.complex128] | None = field(init=False, repr=False, default=None)
     response: NDArray[np.complex128] | None = field(init=False, repr=False, default=None)
+    gaps: Bridges | None = field(init=False, repr=False, compare=False, default=None)
+    last: tuple[FloatArray, FloatArray, FloatArray] | None = field(
+        init=False, repr=False, compare=False, default=None
+    )
 
     def __post_init__(self) -> None:
         """Transform a long kernel once."""
-        if len(self.kernel) > _DIRECT:
-            from scipy.fft import rfft
-
-            size = _padded(len(self.valid), len(self.kernel))
-            object.__setattr__(self, "spectrum", rfft(self.kernel, size))
+        if len(self.kernel) > DIRECT:
+            object.__setattr__(self, "spectrum", transformed(self.kernel, len(self.valid)))
+            object.__setattr__(self, "gaps", bridges(self.valid))
 
     def apply(self, columns: Any) -> Any:
         """Return A applied to columns of shape (n,) or (n, k); zero where not used.
@@ -64,46 +67,53 @@ class Whitener:
         Single precision stays single.
         """
         table = columns[:, None] if columns.ndim == 1 else columns
-        white = self._filtered(table * self.valid[:, None].astype(table.dtype))
-        white *= (self.used / self.std).astype(table.dtype)[:, None]
+        white = np.empty(table.shape, dtype=table.dtype, order="F")
+        if self.gaps is None:
+            self._filter(table, self.valid, white)
+        else:
+            self._filter(self.gaps.cross(table), None, white)
+        _scale_rows(white, self.used / self.std)
         return white[:, 0] if columns.ndim == 1 else white
+
+    def whitened_base(self, base: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return A applied to columns that stay the same, and these times themselves.
+
+        They are kept until other columns are asked for.
+        """
+        last = self.last
+        if last is None or last[0] is not base:
+            white = self.apply(base)
+            white.flags.writeable = False
+            last = (base, white, white.T @ white)
+            object.__setattr__(self, "last", last)
+        return last[1], last[2]
 
     def adjoint(self, columns: FloatArray) -> FloatArray:
         """Return A' applied to columns of shape (n,) or (n, k); zero where not valid."""
         table = columns[:, None] if columns.ndim == 1 else columns
-        masked = table * self.used[:, None].astype(table.dtype)
-        out = self._filtered(masked[::-1])[::-1] * (self.valid / self.std)[:, None]
+        out = np.empty(table.shape, dtype=table.dtype, order="F")
+        self._filter(table[::-1], self.used[::-1], out[::-1])
+        if self.gaps is not None:
+            self.gaps.adjoint(out)
+        _scale_rows(out, self.valid / self.std)
         return np.asarray(out[:, 0] if columns.ndim == 1 else out)
 
-    def _filtered(self, table: Any) -> Any:
-        """Return the causal convolution of every column with the kernel."""
-        kernel = self.kernel.astype(table.dtype)
-        if len(kernel) <= _SHORT:
-            out = kernel[0] * table
-            for lag, weight in enumerate(kernel[1:], 1):
-                out[lag:] += weight * table[:-lag]
-            return out
-        out = np.empty(table.shape, dtype=table.dtype, order="F")
-        if len(kernel) <= _DIRECT:
-            for j in range(table.shape[1]):
-                out[:, j] = np.convolve(table[:, j], kernel)[: len(table)]
-            return out
-        from scipy.fft import irfft, rfft
+    def _filter(self, table: Any, seen: NDArray[np.bool_] | None, out: Any) -> None:
+        """Put the causal convolution of every column with the kernel into `out`.
 
-        size = _padded(len(table), len(kernel))
-        response = self.spectrum
-        if response is None or len(table) != len(self.valid):
-            response = rfft(self.kernel, size)
-        response = response.astype(np.result_type(table.dtype, np.complex64))
+        What is not seen counts as zero; all is seen where None. A few columns at a time: what
+        stands beside is small.
+        """
+        kept = None if seen is None or seen.all() else seen.astype(table.dtype)
+        same = self.spectrum if len(table) == len(self.valid) else None
+        convolve = convolution(self.kernel.astype(table.dtype), len(table), same)
         for j in range(0, table.shape[1], _SIDE_BY_SIDE):
-            part = rfft(table[:, j : j + _SIDE_BY_SIDE].T, size, axis=1)
-            part *= response
-            out[:, j : j + _SIDE_BY_SIDE] = irfft(part, size, axis=1)[:, : len(table)].T
-        return out
+            part = np.ascontiguousarray(table[:, j : j + _SIDE_BY_SIDE].T)
+            convolve(part if kept is None else part * kept, out[:, j : j + _SIDE_BY_SIDE].T)
 
     def power_gain(self, cycles_per_sample: FloatArray) -> NDArray[np.complex128]:
         """Return the frequency response of A, per unit of the noise."""
-        if len(self.kernel) <= _DIRECT:
+        if len(self.kernel) <= DIRECT:
             lags = np.arange(len(self.kernel))
             turn = np.exp(-2j * np.pi * np.multiply.outer(cycles_per_sample, lags))
             return np.asarray(turn @ self.kernel / self.std, dtype=np.complex128)
@@ -124,11 +134,9 @@ class Whitener:
         return np.asarray(self.response)
 
 
-def _padded(samples: int, kernel: int) -> int:
-    """Return a length at which a circular convolution is a linear one."""
-    from scipy.fft import next_fast_len
-
-    return int(next_fast_len(samples + kernel, real=True))
+def _scale_rows(table: Any, factor: FloatArray) -> None:
+    """Multiply every sample of a table by a factor of its own, in place."""
+    table *= factor.astype(table.dtype)[:, None]
 
 
 def make_whitener(
@@ -219,15 +227,18 @@ class Space:
         return self.whitener.adjoint(noise)
 
 
-def make_space(whitener: Whitener, explained: FloatArray, response: FloatArray) -> Space:
+def make_space(
+    whitener: Whitener, explained: FloatArray | tuple[FloatArray, ...], response: FloatArray
+) -> Space:
     """Return the space of a response with the explained columns projected out.
 
     Parameters
     ----------
     whitener : Whitener
         Noise.
-    explained : ndarray, shape (n, k)
-        Baseline, nuisance, accepted causes and their tangents.
+    explained : ndarray, shape (n, k), or tuple of ndarray
+        Baseline, nuisance, accepted causes and their tangents, side by side or part by part: of
+        parts the first one is whitened once for a whitener.
     response : ndarray, shape (n,)
         Response, N m.
 
@@ -235,7 +246,19 @@ def make_space(whitener: Whitener, explained: FloatArray, response: FloatArray) 
     -------
     Space
     """
-    basis = orthonormal(whitener.apply(explained))
+    basis = orthonormal(_white_parts(whitener, explained))
     white = whitener.apply(response)
     residual = white - basis @ (basis.T @ white)
     return Space(whitener, basis, residual, whitener.adjoint(residual), whitener.adjoint(basis))
+
+
+def _white_parts(whitener: Whitener, explained: FloatArray | tuple[FloatArray, ...]) -> FloatArray:
+    """Return all explained columns whitened, side by side."""
+    if not isinstance(explained, tuple):
+        return np.asarray(whitener.apply(explained))
+    edges = np.cumsum([0, *(part.shape[1] for part in explained)]).tolist()
+    white = np.empty((len(whitener.valid), edges[-1]), order="F")
+    white[:, : edges[1]] = whitener.whitened_base(explained[0])[0]
+    for part, start, stop in zip(explained[1:], edges[1:], edges[2:], strict=False):
+        white[:, start:stop] = whitener.apply(part)
+    return white

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from hdbench.diagnosis.planning.attended import locked_loads, under_load
+from hdbench.diagnosis.planning.attended import load_levels, locked_loads, under_load
 from hdbench.diagnosis.planning.blockparts import Block, ramp, rounded, runs
 from hdbench.diagnosis.planning.segments import MotionPlan, Segment
 from hdbench.profile.schema import ProfileData
@@ -144,6 +144,7 @@ def blocks(profile: ProfileData, *, long_s: float = _LONG_S) -> tuple[Block, ...
         *((_long_run(profile, top, long_s),) if long_s >= _LONG_LEAST_S else ()),
         under_load(profile, middle),
         locked_loads(profile),
+        load_levels(profile),
     )
 
 

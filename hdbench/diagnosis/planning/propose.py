@@ -24,8 +24,9 @@ __all__ = ["Pair", "Proposal", "choose_blocks"]
 
 # rows of the sketch on which blocks are weighed; what is chosen is then computed in full
 _ROWS = 6_000
-# a name is wrong with 1 % where evidence of this many nats is expected: d sin(gamma) = 4.65
-_ENOUGH_NATS = 10.8
+# a name is wrong with 1 % where evidence of 10.8 nats is expected, d sin(gamma) = 4.65; four times
+# that leaves room for an effect of half the size that is reckoned with
+_ENOUGH_NATS = 4.0 * 10.8
 # beyond noise, names are confused by what their shapes lack; twice the level of what counts as
 # confusable leaves room for that
 _ENOUGH_SHARE = 2.0 * CONFUSABLE
@@ -176,8 +177,8 @@ def choose_blocks(
     Notes
     -----
     The block that adds most per second is taken until none adds anything or the budget is spent. A
-    pair counts up to its expected evidence :math:`D_{ij} = (d^2/2) \sin^2 \gamma_{ij}` of 10.8 nats
-    (a wrong name in 1 of 100) and up to a share of 0.5.
+    pair counts up to its expected evidence :math:`D_{ij} = (d^2/2) \sin^2 \gamma_{ij}` of 43 nats
+    (a wrong name in 1 of 100 for an effect of half the size) and up to a share of 0.5.
     """
     told = progress or (lambda _what, _share: None)
     long_s = min(duration_s, profile.limits.duration_s) - _BESIDE_LONG_S

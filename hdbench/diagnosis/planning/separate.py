@@ -86,7 +86,7 @@ def propose(
         more, attended, now = _chosen(
             effects, open_pairs, profile, (duration_s, True), noise=noise, progress=progress
         )
-        if any(_told_apart(now, pair) for pair in open_pairs):
+        if _worth(now, open_pairs) > _worth(after, open_pairs) + _LEAST_GAIN:
             names = {block.name for block in chosen}
             chosen = (*chosen, *(block for block in more if block.name not in names))
             credit = {**attended, **credit}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 from typing import TypeVar
 
 import numpy as np
@@ -13,6 +14,12 @@ from hdbench.records.trace import FloatArray
 
 ComplexArray = NDArray[np.complex128]
 Number = TypeVar("Number", np.float64, np.complex128)
+
+# a decay that changes by less than this share of what is lost per sample is constant: the result
+# is within as much of the exact one
+_STEADY = 1e-8
+# more stretches than these are advanced side by side
+_STRETCHES = 64
 
 
 def remembered(motion: Motion, values: FloatArray) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
@@ -39,10 +46,14 @@ def spread_out(values: FloatArray, at: NDArray[np.intp], n_samples: int) -> Floa
 def linear_recursion(decay: NDArray[Number], drive: NDArray[Number]) -> NDArray[Number]:
     """Return z with z[k] = decay[k] z[k-1] + drive[k] and z[-1] = 0, shape (n,).
 
-    A start is a sample with decay 0. The samples are cut into about sqrt(n) blocks that are
+    A start is a sample with decay 0. Where the decay is constant but for starts this is a filter of
+    first order. Else the samples are cut into about sqrt(n) blocks that are
     advanced side by side from 0; what a block inherits is added afterwards.
     """
     n = len(drive)
+    begins = np.flatnonzero(decay == 0.0)
+    if len(begins) <= _STRETCHES and _steady(np.delete(decay, begins)):
+        return _filtered(decay[decay != 0.0][0], drive, begins)
     length = max(1, math.isqrt(n))
     a, f = _blocks(decay, length), _blocks(drive, length)
     z, product = np.empty_like(f), np.empty_like(a)
@@ -55,6 +66,24 @@ def linear_recursion(decay: NDArray[Number], drive: NDArray[Number]) -> NDArray[
     for block in range(1, len(carried)):
         carried[block] = product[-1, block - 1] * carried[block - 1] + z[-1, block - 1]
     result: NDArray[Number] = (z + product * carried).T.reshape(-1)[:n]
+    return result
+
+
+def _steady(decay: NDArray[Number]) -> bool:
+    """Return whether a decay is one and the same to rounding of the time."""
+    if not len(decay):
+        return False
+    return bool(np.abs(decay - decay[0]).max() <= _STEADY * (1.0 - abs(decay[0])))
+
+
+def _filtered(decay: Number, drive: NDArray[Number], begins: NDArray[np.intp]) -> NDArray[Number]:
+    """Return the recursion of a constant decay, begun anew at some samples."""
+    from scipy.signal import lfilter
+
+    edges = [0, *(int(at) for at in begins if at > 0), len(drive)]
+    result = np.empty_like(drive)
+    for start, stop in pairwise(edges):
+        result[start:stop] = lfilter([1.0], [1.0, -decay], drive[start:stop])
     return result
 
 

@@ -42,6 +42,20 @@ def _reach(motion: Motion) -> dict[str, tuple[float, float]]:
     return {"yield_nm": (0.01 * span, 0.5 * span)}
 
 
+def _possible(motion: Motion, shape: Mapping[str, float]) -> FloatArray:
+    """Return the loop with all that a gain leaves of it, and without any.
+
+    A gain that was calibrated with the loop holds a part of its slope: between nothing and the
+    chord of its first loading up to the largest torque. More, or of the other sign, is an error of
+    the gain.
+    """
+    torque = motion.applied_nm[motion.valid & np.isfinite(motion.applied_nm)]
+    largest = max(float(np.abs(torque).max(initial=0.0)), np.finfo(float).tiny)
+    yields = shape["yield_nm"] * (np.arange(_ELEMENTS) + 0.5) / _ELEMENTS
+    chord = float(np.minimum(yields, largest).sum() / yields.sum()) / largest
+    return np.array([[1.0, 1.0], [0.0, -chord]])
+
+
 HYSTERESIS = Cause(
     name="hysteresis",
     equation="h (sum of 8 elastic elements in tau that slip at (k - 1/2) Y / 8) / (4 Y) + g tau",
@@ -64,4 +78,5 @@ HYSTERESIS = Cause(
     harmonic=False,
     applicable=all_of(loaded, torque_turns),
     reach=_reach,
+    possible=_possible,
 )
