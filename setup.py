@@ -73,8 +73,11 @@ setup(
                         "_phase",
                         "_recurse",
                         "_rows",
+                        "_rows_move",
                         "_rows_recurse",
+                        "_rows_report",
                         "_sincos",
+                        "_triangle",
                         "_update",
                     )
                 ),

@@ -3,37 +3,32 @@
 Usage: python tools/bench_filter.py [--covariance N]
 
 `tools/bench.py` prints the table. A shared machine allows ratios only: the rounds of all contenders
-alternate, and processor time is counted (none of them uses a second thread). Every library gets the
-same transitions, made beforehand and not counted. Run as a program this shows the covariance's
-eigenvalues on the way over so many samples.
+alternate, and processor time is counted (none of them uses a second thread). Ours starts from
+velocity and torque; what the libraries start from stands in each row (`tools/bench_peers.py`).
+Run as a program this shows the covariance's eigenvalues on the way over so many samples.
 """
 
 from __future__ import annotations
 
 import argparse
-import importlib
 import math
 import shutil
 import subprocess
 import tempfile
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
+from bench_peers import LONGEST, Work, peers
 
 from hdbench.filter.kalman import batch, new_state, run, smooth
 from hdbench.filter.statespace import StateBlock, StateSpace
 from hdbench.records import FloatArray
 
-Work = Callable[[], FloatArray | None]
-
 _ROUNDS = 5
 _PERIOD_S = 1e-3
-_FEW = 3_000  # samples of the slow contenders
-_PEER = 10_000  # samples of the libraries
+_FEW = 3_000  # samples of the slow forms
 _TRACES = 64
 
 
@@ -69,119 +64,6 @@ def trace(n: int) -> tuple[FloatArray, FloatArray, FloatArray]:
     angle = np.cumsum(velocity) * _PERIOD_S
     torque = 0.4 * np.cos(2.0 * angle) + 0.2 * np.cos(4.0 * angle) + rng.normal(0.0, 0.05, n)
     return time_s, velocity, torque
-
-
-def matrices(v: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return transitions out of every sample, C and Q of `model` as dense matrices.
-
-    Parameters
-    ----------
-    v : ndarray, shape (n,)
-        Velocity, rad/s.
-
-    Returns
-    -------
-    phi : ndarray, shape (n, 6, 6)
-        Transitions.
-    c : ndarray, shape (1, 6)
-        Output.
-    q : ndarray, shape (6, 6)
-        Process noise.
-    """
-    phi = np.zeros((v.size, 6, 6))
-    for i, order in enumerate((2.0, 4.0, 0.01)):
-        cosine, sine = np.cos(order * v * _PERIOD_S), np.sin(order * v * _PERIOD_S)
-        at = 2 * i
-        phi[:, at, at] = phi[:, at + 1, at + 1] = cosine
-        phi[:, at, at + 1], phi[:, at + 1, at] = sine, -sine
-    c = np.array([[1.0, 0.0] * 3])
-    return phi, c, np.diag([1000.0] * 4 + [0.05] * 2)
-
-
-def peers(v: FloatArray, y: FloatArray) -> tuple[dict[str, Work], list[str]]:
-    """Return every other library that is here, and the names of those that are not.
-
-    Parameters
-    ----------
-    v, y : ndarray, shape (n,)
-        Velocity, rad/s, and torque, N m.
-
-    Returns
-    -------
-    work : dict
-        What to time; each returns the predicted torque.
-    missing : list of str
-        Libraries to install with ``pip install hdbench[bench]``.
-    """
-    phi, c, q = matrices(v)
-    start = np.array([y[0], 0.0] * 3)
-    makers: dict[str, tuple[str, Callable[[ModuleType], Work]]] = {
-        "filterpy": ("filterpy.kalman", lambda m: _filterpy(m, phi, c, q, start, y)),
-        "statsmodels": (
-            "statsmodels.tsa.statespace.kalman_filter",
-            lambda m: _statsmodels(m, phi, c, q, start, y),
-        ),
-        "pykalman": ("pykalman", lambda m: _pykalman(m, phi, c, q, start, y)),
-    }
-    work: dict[str, Work] = {"plain NumPy": lambda: _plain(phi, c, q, start, y)}
-    missing = []
-    for name, (module, maker) in makers.items():
-        try:
-            work[name] = maker(importlib.import_module(module))
-        except ImportError:
-            missing.append(name)
-    return work, missing
-
-
-def _plain(
-    phi: FloatArray, c: FloatArray, q: FloatArray, x: FloatArray, y: FloatArray
-) -> FloatArray:
-    p, out = np.eye(6), np.zeros(y.size)
-    for k in range(y.size):
-        out[k] = (c @ x)[0]
-        gain = phi[k] @ p @ c.T / (1.0 + c @ p @ c.T)
-        x = phi[k] @ x + gain[:, 0] * (y[k] - out[k])
-        p = q + (phi[k] - gain @ c) @ p @ phi[k].T
-    return out
-
-
-def _filterpy(
-    m: ModuleType, phi: FloatArray, c: FloatArray, q: FloatArray, x: FloatArray, y: FloatArray
-) -> Work:
-    def work() -> FloatArray:
-        kf = m.KalmanFilter(dim_x=6, dim_z=1)
-        kf.x, kf.P, kf.H, kf.R, kf.Q = x[:, None].copy(), np.eye(6), c, np.eye(1), q
-        out = np.zeros(y.size)
-        for k in range(y.size):
-            out[k] = (c @ kf.x)[0, 0]
-            kf.update(y[k])
-            kf.predict(F=phi[k])
-        return out
-
-    return work
-
-
-def _statsmodels(
-    m: ModuleType, phi: FloatArray, c: FloatArray, q: FloatArray, x: FloatArray, y: FloatArray
-) -> Work:
-    kf = m.KalmanFilter(k_endog=1, k_states=6, k_posdef=6)
-    kf.bind(y.copy())
-    kf["design"], kf["obs_cov"], kf["selection"] = c, np.eye(1), np.eye(6)
-    kf["transition"], kf["state_cov"] = np.ascontiguousarray(phi.transpose(1, 2, 0)), q
-    kf.initialize_known(x, np.eye(6))
-    return lambda: np.asarray(kf.filter().forecasts[0])
-
-
-def _pykalman(
-    m: ModuleType, phi: FloatArray, c: FloatArray, q: FloatArray, x: FloatArray, y: FloatArray
-) -> Work:
-    def work() -> FloatArray:
-        kf = m.KalmanFilter(phi[:-1], c, q, np.eye(1), np.zeros(6), np.zeros(1), x, np.eye(6))
-        means, _ = kf.filter(y)
-        ahead = np.einsum("kij,kj->ki", phi[:-1], np.asarray(means)[:-1])
-        return np.asarray(np.append(x[::2].sum(), ahead[:, ::2].sum(axis=1)))
-
-    return work
 
 
 def ours(n: int) -> dict[str, tuple[Work, int]]:
@@ -357,19 +239,14 @@ def rows(n: int) -> tuple[list[Row], list[str]]:
     missing : list of str
         Libraries that are not here.
     """
-    _, v, y = trace(_PEER)
-    others, missing = peers(v, y)
-    slow = {"pykalman", "plain NumPy"}
-    few, _ = peers(v[:_FEW], y[:_FEW])
-    contenders = {
-        name: (few[name], _FEW) if name in slow else (work, _PEER) for name, work in others.items()
-    }
-    best = timed({**ours(max(n, _PEER)), **contenders})
+    time_s, v, y = trace(LONGEST)
+    contenders, missing = peers(v, y)
+    best = timed({**ours(max(n, _FEW)), **contenders})
     single = float_ns(_ROUNDS)
     if single is not None:
         best["float32, as exported"] = single
-    space, (t, _, _) = model(), trace(_PEER)
-    wanted = run(space, new_state(space), t, v, y).ripple_nm
+    space = model()
+    wanted = run(space, new_state(space), time_s, v, y).ripple_nm
     found = []
     for name, value in best.items():
         apart = None
@@ -378,24 +255,26 @@ def rows(n: int) -> tuple[list[Row], list[str]]:
             # the first prediction is reported as 0 by ours: nothing was seen
             apart = float(np.abs(answer[1:] - wanted[1 : answer.size]).max())
         found.append(Row(name, value, value / best["run"], apart))
-    found.append(Row("C against NumPy form", math.nan, math.nan, forms_apart(space)))
+    found.append(Row("C against NumPy form", math.nan, math.nan, forms_apart(space, n)))
     return found, missing
 
 
-def forms_apart(space: StateSpace) -> float:
+def forms_apart(space: StateSpace, n: int) -> float:
     """Return how far the compiled and the Python form are apart, N m.
 
     Parameters
     ----------
     space : StateSpace
         The model.
+    n : int
+        Number of samples.
 
     Returns
     -------
     float
         Largest difference of the filtered torque over a trace with reversals.
     """
-    t, v, y = trace(_PEER)
+    t, v, y = trace(n)
     one, two = (
         run(space, new_state(space), t, v, y, form=form).torque_filtered_nm
         for form in ("c", "numpy")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from hdbench.filter.firmware.header import real
@@ -45,6 +47,31 @@ def check_samples(n: int, sample_period_s: float) -> tuple[FloatArray, FloatArra
     return time, exact[0], exact[1]
 
 
+def unresolved_tolerance_nm(space: StateSpace) -> float:
+    r"""Return how far a float may be off while it still finds out what the torque is made of.
+
+    Parameters
+    ----------
+    space : StateSpace
+        The model.
+
+    Returns
+    -------
+    float
+        N m.
+
+    Notes
+    -----
+    A float rounds the variance :math:`P_0` known before the data by :math:`2^{-24} P_0` in each of
+    the n blocks' sums. Once the data leave R of it, the gain is wrong by the share
+    :math:`n 2^{-24} P_0 / R`, which moves the estimate by that share of :math:`\sqrt R`:
+    :math:`n 2^{-24} P_0 / \sqrt R`, added to what is allowed afterwards.
+    """
+    before = max((b.prior_variance if space.start == "prior" else 1.0) for b in space.blocks)
+    share = len(space.blocks) * 2.0**-24
+    return _TOLERANCE_NM + share * before / math.sqrt(space.measurement_noise)
+
+
 def vector_header(space: StateSpace, sample_period_s: float) -> str:
     """Return the header with test vectors of a model.
 
@@ -69,6 +96,7 @@ def vector_header(space: StateSpace, sample_period_s: float) -> str:
         "",
         f"#define HDB_VECTORS {_SAMPLES}",
         f"#define HDB_TOLERANCE ({real(_TOLERANCE_NM)}) /* N m */",
+        f"#define HDB_TOLERANCE_UNRESOLVED ({real(unresolved_tolerance_nm(space))})",
         "",
     ]
     for name, values in (

@@ -51,6 +51,9 @@ HDB_INLINE void HDB_FORM(filter)(const hdb_model *model, lanes *s, int n, work *
     const int no = model->n_oscillators, ns = model->n_slow;
 #endif
     HDB_FORM(turn)(no, ns, model, s, n, k);
+#ifdef HDB_COASTS
+    HDB_FORM(coast)(model, s, n, k);
+#endif
     HDB_FORM(stir)(no, model, n, k);
 #ifdef HDB_UNROLLED /* the presets' orders */
     if (no == 3 && ns == 0) {

@@ -48,11 +48,17 @@ typedef struct { /* one chunk */
     number psi[HDB_MAX_BLOCKS][HDB_CHUNK], noise[HDB_MAX_BLOCKS][HDB_CHUNK];
     number cosine[HDB_MAX_BLOCKS][HDB_CHUNK], sine[HDB_MAX_BLOCKS][HDB_CHUNK];
     hdb_real f[HDB_MAX_SLOW][HDB_CHUNK][7]; /* of slow torques; all lanes share the time */
+    number flag[HDB_CHUNK];
+#ifdef HDB_DIRECT /* into the arrays of the caller */
+    number *expected, *part[3], *filtered, *innovation, *variance;
+#else
     number expected[HDB_CHUNK], part[3][HDB_CHUNK], filtered[HDB_CHUNK];
-    number innovation[HDB_CHUNK], variance[HDB_CHUNK], flag[HDB_CHUNK];
+    number innovation[HDB_CHUNK], variance[HDB_CHUNK];
+#endif
 #ifdef HDB_COASTS
-    int coasting;            /* expected holds what the velocity adds to the acceleration, and */
-    hdb_real carry[HDB_CHUNK]; /* this the share of the last acceleration that remains */
+    int coasting; /* nothing is missing: acceleration = push + carry * last acceleration */
+    number push[HDB_CHUNK];
+    hdb_real carry[HDB_CHUNK];
 #endif
 } work;
 
@@ -121,13 +127,6 @@ HDB_INLINE void HDB_FORM(turn)(int no, int ns, const hdb_model *model, lanes *s,
             HDB_FORM(turns)(j, &model->block[j], n, k);
     }
     HDB_FORM(phases)(no, half, s, n, k);
-#ifdef HDB_COASTS
-    const hdb_real inertia = model->inertia / model->ratio;
-    for (int i = 0; k->coasting && i < n; ++i) {
-        k->expected[i] = inertia * k->expected[i];
-        k->residual[i] = k->torque[i] - k->expected[i];
-    }
-#endif
     HDB_UNROLL_FIXED
     for (int j = 0; j < no; ++j)
         HDB_FORM(sines)(j, half[j], n, k);

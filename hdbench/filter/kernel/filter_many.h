@@ -17,6 +17,17 @@
 #undef HDB_UNFLAGGED
 #undef HDB_COASTS
 
+/* Ask for the rows of the next m samples, while those of this chunk are filtered. */
+static void HDB_ISA(batch_fetch)(const hdb_samples *in, const hdb_outputs *out, size_t from, int m,
+                                 size_t stride)
+{
+    for (size_t at = from * stride; m > 0; --m, at += stride) {
+        HDB_FETCH(in->velocity + at, 0);
+        HDB_FETCH(in->torque + at, 0);
+        HDB_FETCH(out->filtered + at, 1);
+    }
+}
+
 /* m samples of up to HDB_VECTOR traces, `stride` columns apart in time. */
 static void HDB_ISA(batch_chunk)(const hdb_model *model, HDB_ISA(batch_lanes) *s, int m,
                                   const hdb_samples *in, const hdb_outputs *out, size_t from,
@@ -76,6 +87,9 @@ static void HDB_ISA(batch_columns)(const hdb_model *model, size_t n, size_t n_tr
                 mine.innovation = out->innovation + at;
                 mine.variance = out->variance + at;
             }
+            const size_t next = from + (size_t)m;
+            const int ahead = n - next < HDB_BATCH_CHUNK ? (int)(n - next) : HDB_BATCH_CHUNK;
+            HDB_ISA(batch_fetch)(&own, &mine, next, ahead, n_traces);
             HDB_ISA(batch_chunk)(model, &s[j / L], m, &own, &mine, from, n_traces,
                                  count - j < L ? (int)(count - j) : L);
         }

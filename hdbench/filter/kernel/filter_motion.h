@@ -50,7 +50,7 @@ HDB_INLINE int HDB_FORM(flowing)(const lanes *s, int by_angle)
 }
 
 /* The same for n samples of which none is missing, after one of which nothing was, but for the
- * acceleration, left to `turn`; 0 where this does not hold, and nothing was touched. All lanes
+ * acceleration, left to `coast`; 0 where this does not hold, and nothing was touched. All lanes
  * share the time. */
 HDB_INLINE int HDB_FORM(observe_all)(const hdb_model *model, lanes *s, work *k, int n,
                                      const hdb_real *t, const number *v, const number *y,
@@ -82,9 +82,9 @@ HDB_INLINE int HDB_FORM(observe_all)(const hdb_model *model, lanes *s, work *k, 
         return 0;
     for (int i = 0; i < n; ++i)
         scale[i] = K(1.0) / (two_t + gap[i]);
-    k->expected[0] = K(2.0) * scale[0] * (v[0] - head[HDB_VELOCITY]);
+    k->push[0] = K(2.0) * scale[0] * (v[0] - head[HDB_VELOCITY]);
     for (int i = 1; i < n; ++i)
-        k->expected[i] = K(2.0) * scale[i] * (v[i] - v[i - 1]);
+        k->push[i] = K(2.0) * scale[i] * (v[i] - v[i - 1]);
     for (int i = 0; i < n; ++i)
         k->carry[i] = (two_t - gap[i]) * scale[i];
     k->coasting = 1;
@@ -93,5 +93,18 @@ HDB_INLINE int HDB_FORM(observe_all)(const hdb_model *model, lanes *s, work *k, 
     if (a != NULL)
         head[HDB_ANGLE] = a[n - 1];
     return 1;
+}
+
+/* Expected torque and residual of a chunk that coasts. */
+HDB_INLINE void HDB_FORM(coast)(const hdb_model *model, lanes *s, int n, work *k)
+{
+    const hdb_real inertia = model->inertia / model->ratio;
+    number acceleration = s->head[HDB_ACCELERATION];
+    for (int i = 0; k->coasting && i < n; ++i) {
+        acceleration = k->push[i] + k->carry[i] * acceleration;
+        k->expected[i] = inertia * acceleration;
+        k->residual[i] = k->torque[i] - k->expected[i];
+    }
+    s->head[HDB_ACCELERATION] = acceleration;
 }
 #endif

@@ -2,6 +2,7 @@
  * the doubles of a vector register (1: the compiler has none), before each inclusion. */
 #define HDB_SUMS
 #define HDB_COASTS
+#define HDB_DIRECT
 #define HDB_LANES 1
 #define HDB_CHUNK HDB_RUN_CHUNK
 #define HDB_FORM(name) HDB_ISA(run_##name)
@@ -11,7 +12,13 @@
 #define HDB_ROWS(name) HDB_ISA(run_few_##name)
 #define HDB_SLOTS 3
 #define HDB_SLOW_SLOTS 0
+#if HDB_VECTOR == 8
+#define HDB_TRIANGLE                                                                              \
+    {{-1, 1, 2, 3, 4, 5},   {8, -1, 10, 11, 12, 13}, {2, 10, -1, 0, 6, 7},                        \
+     {3, 11, 0, -1, 9, 14}, {4, 12, 6, 9, -1, 15},   {5, 13, 7, 14, 15, -1}}
+#endif
 #include "filter_rows.h"
+#undef HDB_TRIANGLE
 #undef HDB_ROWS
 #undef HDB_SLOW_SLOTS
 #define HDB_ROWS(name) HDB_ISA(run_more_##name)
@@ -28,6 +35,7 @@
 
 #undef HDB_SUMS
 #undef HDB_COASTS
+#undef HDB_DIRECT
 
 /* P in rows, once a chunk starts with a started filter of few blocks. */
 typedef struct {
@@ -106,17 +114,16 @@ static void HDB_ISA(run_chunk)(const hdb_model *model, HDB_ISA(run_lanes) *s,
                                const hdb_outputs *out, size_t from)
 {
     HDB_ISA(run_work) k;
-    const size_t bytes = (size_t)m * sizeof(double);
+    k.expected = out->expected + from;
+    k.part[HDB_RIPPLE] = out->ripple + from;
+    k.part[HDB_MISALIGNMENT] = out->misalignment + from;
+    k.part[HDB_SLOW] = out->slow + from;
+    k.filtered = out->filtered + from;
+    k.innovation = out->innovation + from;
+    k.variance = out->variance + from;
     HDB_ISA(run_observe_chunk)(model, s, m, in, from, &k);
     if (!HDB_ISA(run_by_rows)(model, s, rows, m, &k))
         HDB_ISA(run_filter)(model, s, m, &k, NULL);
-    memcpy(out->expected + from, k.expected, bytes);
-    memcpy(out->ripple + from, k.part[HDB_RIPPLE], bytes);
-    memcpy(out->misalignment + from, k.part[HDB_MISALIGNMENT], bytes);
-    memcpy(out->slow + from, k.part[HDB_SLOW], bytes);
-    memcpy(out->filtered + from, k.filtered, bytes);
-    memcpy(out->innovation + from, k.innovation, bytes);
-    memcpy(out->variance + from, k.variance, bytes);
     for (int i = 0; i < m; ++i) { /* the last byte of a sum with a large number */
         const double shifted = k.flag[i] + HDB_BIAS;
         hdb_bits bits;

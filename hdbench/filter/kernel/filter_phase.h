@@ -62,13 +62,9 @@ HDB_INLINE void HDB_FORM(phase)(int j, lanes *s, int n, work *k)
 
 HDB_INLINE void HDB_FORM(phases)(int no, const int *half, lanes *s, int n, work *k)
 {
-    number acceleration = s->head[HDB_ACCELERATION];
     for (int j = 0; j < no; ++j)
         if (half[j] < 0)
             HDB_FORM(phase)(j, s, n, k);
-    for (int i = 0; k->coasting && i < n; ++i)
-        k->expected[i] = acceleration = k->expected[i] + k->carry[i] * acceleration;
-    s->head[HDB_ACCELERATION] = acceleration;
 }
 #else
 /* Phase of every oscillator at every sample, in k->psi: what each sample adds to the one before, in
@@ -82,9 +78,6 @@ HDB_INLINE void HDB_FORM(phases)(int no, const int *half, lanes *s, int n, work 
         now[j] = j < no ? s->psi[j] : none;
         left[j] = j < no ? s->left[j] : none;
     }
-#ifdef HDB_COASTS
-    number acceleration = s->head[HDB_ACCELERATION];
-#endif
     for (int i = 0; i < n; ++i) {
         HDB_UNROLL
         for (int j = 0; j < no; ++j) {
@@ -93,14 +86,7 @@ HDB_INLINE void HDB_FORM(phases)(int no, const int *half, lanes *s, int n, work 
             HDB_FORM(advance)(&now[j], &left[j], k->psi[j][i]);
             k->psi[j][i] = now[j];
         }
-#ifdef HDB_COASTS
-        if (k->coasting)
-            k->expected[i] = acceleration = k->expected[i] + k->carry[i] * acceleration;
-#endif
     }
-#ifdef HDB_COASTS
-    s->head[HDB_ACCELERATION] = acceleration;
-#endif
     HDB_UNROLL
     for (int j = 0; j < no; ++j) {
         s->psi[j] = now[j];

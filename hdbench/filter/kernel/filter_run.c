@@ -4,22 +4,26 @@
 #include "filter_host.h"
 #include "filter_math.h"
 
-#define HDB_RUN_CHUNK 32 /* samples whose sines are computed together; changes speed only */
+#define HDB_RUN_CHUNK 64 /* samples whose sines are computed together; changes speed only */
 #define HDB_BATCH_CHUNK 8
 #define HDB_BATCH_GROUPS 4 /* vectors of traces that go on by turns */
 #define HDB_LANE(value, l) (((double *)&(value))[l])
 #ifdef __GNUC__
 #define HDB_LIKELY(x) __builtin_expect(x, 1)
 #define HDB_RARELY(x) __builtin_expect(x, 0)
+#define HDB_FETCH(at, writes) __builtin_prefetch(at, writes)
 typedef double hdb_two __attribute__((vector_size(16)));
 #ifdef __clang__ /* lanes change places */
 #define HDB_MOVED(x, ...) __builtin_shufflevector(x, x, __VA_ARGS__)
 #else
 #define HDB_MOVED(x, ...) __builtin_shuffle(x, (HDB_ROWS(index)){__VA_ARGS__})
 #endif
+#else
+#define HDB_FETCH(at, writes) (void)(at)
 #endif
 
 #ifdef HDB_MULTIVERSION /* GCC on x86-64: one version per width of its vectors */
+#include <immintrin.h>
 #pragma GCC push_options
 #pragma GCC target("avx512f,avx512dq,avx512vl")
 #define HDB_ISA(name) hdb_avx512_##name
@@ -82,7 +86,12 @@ hdb_status hdb_model_read(hdb_model *model, const double *a, size_t size)
 
 static hdb_status check_time(const double *state, size_t n, const double *time, size_t *bad)
 {
-    for (size_t k = 0; k < n; ++k) {
+    /* times that increase are finite where the first and the last are */
+    int later = n > 0 && hdb_abs(time[0]) <= HDB_LARGEST && hdb_abs(time[n - 1]) <= HDB_LARGEST &&
+                (!(state[HDB_SEEN] > 0) || time[0] > state[HDB_TIME]);
+    for (size_t k = 1; k < n; ++k)
+        later &= time[k] > time[k - 1];
+    for (size_t k = 0; k < n && !later; ++k) {
         const int first = k == 0 && !(state[HDB_SEEN] > 0);
         const double before = k > 0 ? time[k - 1] : state[HDB_TIME];
         if (!(hdb_abs(time[k]) <= HDB_LARGEST) || !(first || time[k] > before)) {

@@ -51,7 +51,8 @@ int main(void)
             continue;
         }
         const hdb_real away = distance(out.filtered, wanted);
-        if (!(away <= HDB_TOLERANCE))
+        const int resolved = (hdb_vector_flag[k] & HDB_UNRESOLVED) == 0;
+        if (!(away <= (resolved ? HDB_TOLERANCE : HDB_TOLERANCE_UNRESOLVED)))
             ++wrong;
         if (away > worst)
             worst = away;
