@@ -9,12 +9,12 @@ import sys
 import traceback
 from collections.abc import Sequence
 from contextlib import suppress
-from types import FrameType
 from typing import Any, NoReturn
 
 import click
 
 from hdbench.errors import HdbenchError, StorageError, UsageError
+from hdbench_cli.ending import end_by_signals
 from hdbench_cli.output import Output
 
 __all__ = ["main"]
@@ -162,10 +162,6 @@ def cli(ctx: click.Context, version: bool) -> None:
         click.echo(ctx.get_help())
 
 
-def _end_by_signal(signum: int, _frame: FrameType | None) -> NoReturn:
-    raise SystemExit(128 + signum)
-
-
 def _fail(output: Output, error: HdbenchError) -> int:
     # a terminal that was closed hears nothing; the exit code still tells
     with suppress(OSError):
@@ -235,9 +231,7 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
     # our matrices are tall and narrow: BLAS threads only wait for each other, at 2.5 times the CPU
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ.setdefault(name, "1")
-    for name in ("SIGTERM", "SIGHUP"):
-        if hasattr(signal, name):
-            signal.signal(getattr(signal, name), _end_by_signal)
+    end_by_signals()
     words = sys.argv[1:] if arguments is None else list(arguments)
     if not sys.warnoptions and "-v" not in words:
         import warnings

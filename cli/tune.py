@@ -90,6 +90,30 @@ def _check_target(out: Path, inputs: list[Input]) -> None:
         raise UsageError(
             f"{out} is no .json file", where="--out", fix="name a model file that ends in .json"
         )
+    if not out.parent.is_dir():
+        raise UsageError(
+            f"there is no folder {out.parent}",
+            where="--out",
+            fix="make it, or name another",
+        )
+    if out.exists():
+        _refuse_other(out)
+
+
+def _refuse_other(out: Path) -> None:
+    """Refuse to write over what is no filter model."""
+    from hdbench.errors import DataError
+    from hdbench.filter.model import SCHEMA
+    from hdbench.records import read_json
+
+    try:
+        known = read_json(out).get("schema") == SCHEMA
+    except DataError:
+        known = False
+    if not known:
+        raise UsageError(
+            f"{out.name} exists and is no filter model", where="--out", fix="name another file"
+        )
 
 
 @click.command("tune", epilog="Example: hdbench tune runs/RUN --out tuned.json")

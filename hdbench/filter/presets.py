@@ -119,11 +119,12 @@ def _unknown(name: str) -> DataError:
             fix="tune on a stored run: `hdbench tune RUN --out tuned.json`, then name that file; "
             "or take `report-6`",
         )
-    nearest = difflib.get_close_matches(name, PRESETS, n=1, cutoff=0.0)[0]
+    nearest = difflib.get_close_matches(name, PRESETS, n=1)
     return DataError(
         f"{name!r} is no filter model; presets: {', '.join(PRESETS)}, and there is no such file",
         where="filter model",
-        fix=f"did you mean `{nearest}`? Or give the path of a model file",
+        fix=(f"did you mean `{nearest[0]}`? Or give" if nearest else "give")
+        + " the path of a model file",
     )
 
 

@@ -204,6 +204,18 @@ def test_a_picture_of_another_kind_is_refused(tmp_path, capsys):
     assert ".svg" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("name", ["nowhere/tuned.json", "result.json", "tuned.txt"])
+def test_tuning_checks_where_it_writes_before_it_tunes(trace, tmp_path, capsys, monkeypatch, name):
+    def tuned_anyway(*_: object) -> None:
+        raise AssertionError("tuned before the target was checked")
+
+    monkeypatch.setattr("hdbench_cli.tune.tune_inputs", tuned_anyway)
+    (tmp_path / "result.json").write_text('{"schema": "hdbench/ripple/1"}')
+    assert code(["tune", str(trace), "--out", str(tmp_path / name)]) == 2
+    assert "--out" in capsys.readouterr().err
+    assert (tmp_path / "result.json").read_text() == '{"schema": "hdbench/ripple/1"}'
+
+
 def test_the_measured_file_is_never_written_over(trace, capsys):
     assert code(["orders", str(trace), "--out", str(trace)]) == 2
     assert "belongs to the measured data" in capsys.readouterr().err

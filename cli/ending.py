@@ -1,0 +1,47 @@
+"""End by a signal, wherever it finds the program."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+from types import FrameType
+from typing import TYPE_CHECKING, NoReturn
+
+if TYPE_CHECKING:
+    from sys import UnraisableHookArgs
+
+__all__ = ["end_by_signals"]
+
+# a moment later the program is somewhere else
+_AGAIN_S = 0.01
+
+
+def end_by_signals() -> None:
+    """End on SIGTERM and SIGHUP with 128 and their number, and never lose one or a Ctrl-C."""
+    for name in ("SIGTERM", "SIGHUP"):
+        if hasattr(signal, name):
+            signal.signal(getattr(signal, name), _end)
+    sys.unraisablehook = _send_again
+
+
+def _end(signum: int, _frame: FrameType | None) -> NoReturn:
+    raise SystemExit(128 + signum)
+
+
+def _send_again(lost: UnraisableHookArgs) -> None:
+    """Send a signal once more that came where nothing can be raised: while objects are cleared."""
+    error = lost.exc_value
+    signum = getattr(error, "signum", None)
+    if isinstance(error, KeyboardInterrupt):
+        signum = signal.SIGINT
+    elif isinstance(error, SystemExit) and isinstance(error.code, int):
+        signum = error.code - 128
+    if not isinstance(signum, int) or not signum > 0:
+        sys.__unraisablehook__(lost)
+        return
+    from threading import Timer
+
+    again = Timer(_AGAIN_S, os.kill, (os.getpid(), signum))
+    again.daemon = True
+    again.start()

@@ -1,0 +1,52 @@
+"""A signal ends the program wherever it comes."""
+
+import os
+import signal
+import subprocess
+import sys
+
+import pytest
+
+# the signal comes while an object is cleared away: what is raised there is dropped by Python
+SCRIPT = """
+import os, sys, time, weakref
+from hdbench_cli.ending import end_by_signals
+
+class Thing: pass
+
+end_by_signals()
+thing = Thing()
+hook = weakref.ref(thing, lambda _: os.kill(os.getpid(), int(sys.argv[1])))
+del thing
+time.sleep(20.0)
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="needs signals")
+@pytest.mark.parametrize(
+    ("signum", "code"), [(signal.SIGTERM, 143), (signal.SIGHUP, 129), (signal.SIGINT, -2)]
+)
+def test_a_signal_that_comes_while_something_is_cleared_away_is_not_lost(signum, code):
+    done = subprocess.run(
+        [sys.executable, "-c", SCRIPT, str(int(signum))],
+        capture_output=True,
+        text=True,
+        timeout=15,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
+        check=False,
+    )
+    assert done.returncode == code
+    assert "ignored" not in done.stderr
+
+
+def test_what_else_python_cannot_raise_is_told_as_ever():
+    script = SCRIPT.replace("os.kill(os.getpid(), int(sys.argv[1]))", "1 / 0")
+    done = subprocess.run(
+        [sys.executable, "-c", script.replace("20.0", "0.0")],
+        capture_output=True,
+        text=True,
+        timeout=15,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
+        check=False,
+    )
+    assert "ZeroDivisionError" in done.stderr
