@@ -187,7 +187,7 @@ def lost_guards(folder: Path, bench: ServedBench, profile: Path, trials: int, se
             row.add(f"never moved: {run.words()[-200:]}")
             continue
         time.sleep(chance.uniform(0.0, 0.4 * RUN_S))
-        guards = run.children(b"guard/process.py")
+        guards = run.children(b"process.watching")
         killed_s = time.monotonic()
         for pid in guards:
             os.kill(pid, signal.SIGKILL)

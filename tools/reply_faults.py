@@ -13,7 +13,6 @@ import argparse
 import json
 import signal
 import sys
-import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass
@@ -35,7 +34,7 @@ from hdbench.profile import load_profile
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from spoilt_line import behind, in_thread
+from spoilt_line import Deadlines, behind, in_thread
 
 __all__ = ["KINDS", "Outcome", "campaign"]
 
@@ -71,6 +70,8 @@ class Outcome:
         Samples handed out, those that were not what the node sampled, and those told as lost.
     failed_calls : int
         Calls that ended with an error, every one within its deadline.
+    calls_over, held_up : int
+        Calls of more than 1.1 deadlines, and those among them for want of a processor.
     worst_over_deadline : float
         Longest call over its deadline, 1.
     """
@@ -83,6 +84,8 @@ class Outcome:
     wrong: int
     lost: int
     failed_calls: int
+    calls_over: int
+    held_up: int
     worst_over_deadline: float
 
 
@@ -169,19 +172,19 @@ def campaign(
     return Outcome(
         wire,
         kind,
-        *(sum(part[n] for part in parts) for n in range(6)),
-        round(max(part[6] for part in parts), 3),
+        *(sum(part[n] for part in parts) for n in range(8)),
+        round(max(part[8] for part in parts), 3),
     )
 
 
 def part(
     wire: str, kind: FaultKind, faults: int, deadline_s: float, seed: int
-) -> tuple[int, int, int, int, int, int, float]:
+) -> tuple[int, int, int, int, int, int, int, int, float]:
     """Make faults of one kind; return the counts of `Outcome`, from `faults` on, in their order."""
     framing = RtuFraming(crc16) if wire == "rtu" else TcpFraming()
     mangler = Mangler(kind, framing, share=0.0, seed=seed)
     delivered = wrong = lost = failed = hopeless = 0
-    worst_s = 0.0
+    deadlines = Deadlines(deadline_s)
     with ExitStack() as stack:
         node = stack.enter_context(served(wire))
         address = stack.enter_context(behind(node, mangler))
@@ -191,20 +194,20 @@ def part(
         _begin(daq)
         mangler.share = SHARE
         while mangler.changed < faults and hopeless < HOPELESS:
-            start_s = time.monotonic()
             try:
-                block = daq.read_block()
+                with deadlines.call():
+                    block = daq.read_block()
                 hopeless = 0
             except DeviceError:
                 block = None
                 failed, hopeless = failed + 1, hopeless + 1
-            worst_s = max(worst_s, time.monotonic() - start_s)
             if block is not None:
                 delivered += len(block)
                 wrong += wrong_samples(block)
                 lost += block.lost_before
         mangler.share = 0.0
-    return mangler.changed, mangler.seen, delivered, wrong, lost, failed, worst_s / deadline_s
+    counted = (mangler.changed, mangler.seen, delivered, wrong, lost, failed)
+    return *counted, deadlines.over, deadlines.held_up, deadlines.worst
 
 
 def _begin(daq: NodeDaq) -> None:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+import os
 import threading
+import time
 from collections.abc import Coroutine, Iterator
 from contextlib import contextmanager
 from typing import Any, Protocol
@@ -11,7 +13,10 @@ from typing import Any, Protocol
 from hdbench.devices.emulator.faultlines import faulty_serial, faulty_tcp
 from hdbench.devices.emulator.faults import Mangler
 
-__all__ = ["behind", "in_thread"]
+__all__ = ["Deadlines", "behind", "in_thread"]
+
+# what deadlines are to be kept within
+OVER = 1.1
 
 
 class Server(Protocol):
@@ -20,6 +25,56 @@ class Server(Protocol):
     def close(self) -> None:
         """End every connection."""
         ...
+
+
+class Deadlines:
+    """Counts how calls keep their deadline.
+
+    Parameters
+    ----------
+    deadline_s : float
+        Of one call, s.
+
+    Attributes
+    ----------
+    over, held_up : int
+        Calls of more than 1.1 deadlines, and those among them that are within it without the time
+        for which threads of this process - device, line and host - were ready to run and had no
+        processor.
+    worst : float
+        Longest call over its deadline.
+    """
+
+    def __init__(self, deadline_s: float) -> None:
+        self.over = self.held_up = 0
+        self.worst = 0.0
+        self._deadline_s = deadline_s
+
+    @contextmanager
+    def call(self, allowed: float = 1.0) -> Iterator[None]:
+        """Time one call of `allowed` deadlines."""
+        waited_s, start_s = _ready_s(), time.monotonic()
+        try:
+            yield
+        finally:
+            took_s = time.monotonic() - start_s
+            limit_s = allowed * self._deadline_s
+            self.worst = max(self.worst, took_s / limit_s)
+            if took_s > OVER * limit_s:
+                self.over += 1
+                self.held_up += took_s - (_ready_s() - waited_s) <= OVER * limit_s
+
+
+def _ready_s() -> float:
+    """Return how long threads of this process have waited for a processor so far, s."""
+    total_ns = 0
+    for thread in os.listdir("/proc/self/task"):
+        try:
+            with open(f"/proc/self/task/{thread}/schedstat", encoding="ascii") as file:
+                total_ns += int(file.read().split()[1])
+        except OSError:
+            continue
+    return 1e-9 * total_ns
 
 
 @contextmanager

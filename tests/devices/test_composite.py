@@ -9,7 +9,7 @@ from daqkit import ABLE, ROLES, SETTINGS, Clock, FakeDaq, block
 from hdbench.devices import AcquisitionSettings, open_bench
 from hdbench.devices.composite import CompositeDaq
 from hdbench.devices.daq import DaqSettings
-from hdbench.devices.emulator.composite.serve import emulated_speed
+from hdbench.devices.emulator.serving import emulated_speed
 from hdbench.devices.hosted import HostedBench
 from hdbench.errors import DeviceError
 from hdbench.profile import load_profile

@@ -3,28 +3,32 @@
 import ast
 import json
 import os
+import select
 import signal
 import struct
 import subprocess
 import sys
 import time
+import tty
 from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 from nodekit import PROFILE, TinyBench, driver, served, until
+from serial import Serial
 
 from hdbench.devices.emulator.process import running_emulator
 from hdbench.devices.guard import Guard, GuardedBench, guard_silence_s, order_of
 from hdbench.devices.guard import launch as launching
-from hdbench.devices.guard.process import RtuWire, WireError, crc16, make_safe, wrong
+from hdbench.devices.guard.process.stopping import make_safe, note_identity, wrong
+from hdbench.devices.guard.process.wires import RtuWire, WireError, crc16
 from hdbench.devices.ports import AcquisitionSettings
 from hdbench.errors import DeviceError
 from hdbench.profile import load_profile
 from hdbench.profile.acquiring import PluginAcquisition
 from hdbench.profile.schema import ReferenceWave
 
-SCRIPT = Path(launching.__file__).with_name("process.py")
+PROGRAM = Path(launching.__file__).with_name("process")
 WAVE = ReferenceWave(wave="constant", amplitude_v=1.0)
 
 
@@ -161,7 +165,7 @@ with open_bench(load_profile("cim-tr-97-06"), address=sys.argv[1]) as bench:
         block = bench.read_block()
         seen += len(block) if block else 0
         if seen > 300:
-            print("moving", flush=True)
+            print(bench.guard.pid, flush=True)
             seen = -10**9
 """
 
@@ -180,7 +184,7 @@ def test_on_a_serial_line_the_guard_takes_over_from_a_dead_or_frozen_session(tmp
             env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
         )
         try:
-            assert process.stdout.readline() == b"moving\n"
+            guard = Path(f"/proc/{int(process.stdout.readline())}")
             process.send_signal(signum)
             gone_s = time.monotonic()
             until(
@@ -190,6 +194,8 @@ def test_on_a_serial_line_the_guard_takes_over_from_a_dead_or_frozen_session(tmp
             process.kill()
             process.wait()
             process.stdout.close()
+        # it goes on trying, on a terminal that the next test may be given, until it has its proof
+        until(lambda: not guard.exists(), 5.0)
     events = [json.loads(line) for line in record.read_text().splitlines()]
     zero = next(e for e in events if e["event"] in ("stopped", "tripped"))
     # silence of 0.45 s at most, a quiet line, the scheduler
@@ -198,13 +204,16 @@ def test_on_a_serial_line_the_guard_takes_over_from_a_dead_or_frozen_session(tmp
         assert zero["event"] == "stopped", "the guard was there before the watchdog"
 
 
+def _line(path, **keys):
+    return {
+        "wire": "rtu", "path": path, "unit": 1, "silence_s": 0.005, "rest_s": 0.0,
+        "baud_bd": 115200, "parity": "N", "stop_bits": 1, **keys,
+    }  # fmt: skip
+
+
 def test_a_serial_line_that_is_gone_does_not_hold_the_guard_up():
     near, far = os.openpty()
-    target = {
-        "path": os.ttyname(far), "unit": 1, "silence_s": 0.005, "baud_bd": 115200, "parity": "N",
-        "stop_bits": 1,
-    }  # fmt: skip
-    wire = RtuWire(target)
+    wire = RtuWire(_line(os.ttyname(far)), alone=False)
     try:
         start_s = time.monotonic()
         with pytest.raises(WireError, match="no valid reply"):
@@ -219,14 +228,45 @@ def test_a_serial_line_that_is_gone_does_not_hold_the_guard_up():
         wire.close()
 
 
+def test_a_serial_line_that_another_program_has_taken_over_is_left_in_peace():
+    near, far = os.openpty()
+    tty.setraw(far)
+    path = os.ttyname(far)
+    told = {"identity": "03", "acts": ["06"], "looks": [], "brake_s": 0.0, "finals": []}
+    target = _line(path, **told)
+    try:
+        with Serial(path, timeout=0, exclusive=True):
+            # the session is gone, and somebody has the port
+            assert "another program" in make_safe(target, alone=True)
+            assert not select.select([near], [], [], 0.0)[0], "nothing was written"
+            # the session is frozen, and has the port still
+            assert "no valid reply" in make_safe(target, alone=False)
+            assert os.read(near, 100) == b"\x01\x06" + crc16(b"\x01\x06")
+        assert "no valid reply" in make_safe(target, alone=True)
+    finally:
+        os.close(near)
+        os.close(far)
+
+
+def test_on_a_serial_line_the_guard_knows_who_answered_before_the_motion():
+    data = load_profile("cim-tr-97-06").data
+    with running_emulator(data, plant="as-modelled", seed=0, pace="realtime", rtu=True) as found:
+        (target,) = order_of(profile_at(found["address"])).targets
+        told = target.to_dict()
+        note_identity(told)
+        assert make_safe(told, alone=True) == ""
+        assert "another device" in make_safe({**told, "known": "03" + "00" * 20}, alone=True)
+
+
 def test_the_guard_imports_the_standard_library_alone():
-    tree = ast.parse(SCRIPT.read_text())
     names = set()
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Import):
-            names |= {alias.name.partition(".")[0] for alias in node.names}
-        elif isinstance(node, ast.ImportFrom):
-            names.add(str(node.module).partition(".")[0])
+    for module in PROGRAM.glob("*.py"):
+        for node in ast.walk(ast.parse(module.read_text())):
+            if isinstance(node, ast.Import):
+                names |= {alias.name.partition(".")[0] for alias in node.names}
+            elif isinstance(node, ast.ImportFrom) and not node.level:
+                names.add(str(node.module).partition(".")[0])
+    assert "json" in names
     assert names <= sys.stdlib_module_names
 
 
@@ -305,5 +345,5 @@ def test_a_device_that_is_not_the_one_from_before_is_never_written_to(tmp_path):
         turn(bench)
         (target,) = order_of(profile_at(f"tcp://{node.host}:{node.port}")).targets
         told = {**target.to_dict(), "known": "03" + "00" * 20}
-        assert "another device" in make_safe(told)
+        assert "another device" in make_safe(told, alone=False)
         assert motor(node) == pytest.approx(1.0)

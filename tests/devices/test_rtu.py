@@ -31,7 +31,8 @@ from hdbench.devices.wire import (
 )
 from hdbench.devices.wire.address import SerialSettings
 from hdbench.devices.wire.crc import crc16
-from hdbench.devices.wire.rtu import RtuLink, reply_size
+from hdbench.devices.wire.rtu import RtuLink
+from hdbench.devices.wire.rtuframe import reply_size
 from hdbench.errors import BusyError, DeviceError
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="needs pseudo-terminals")
@@ -249,13 +250,15 @@ def _link(path, probe=_probe):
 def test_a_late_reply_is_never_taken_for_the_next_read():
     """Same function, same count, good checksum: only the quiet line and the probe tell."""
     fills = iter(range(1, 100))
+    late = []
 
     def answer(request, write):
         fill = next(fills)
         reply = _reply(request, fill=fill)
         # probe, then the first question: its answer comes after its deadline
         if len(slave.requests) == 2:
-            threading.Timer(0.2, write, (reply,)).start()
+            late.append(threading.Timer(0.15, write, (reply,)))
+            late[0].start()
         else:
             write(reply)
 
@@ -266,6 +269,7 @@ def test_a_late_reply_is_never_taken_for_the_next_read():
             link.transact(pdu, check, time.monotonic() + 0.12)
         reply = link.transact(pdu, check, time.monotonic() + 1.0)
         link.close()
+        late[0].join()
     # the answer to the last request of all
     assert reply[2:] == bytes((0, len(slave.requests))) * 2
 
@@ -343,6 +347,50 @@ def test_a_line_that_is_never_quiet_holds_no_call_beyond_its_deadline():
                 link.transact(pdu, check, start_s + 0.2)
             assert time.monotonic() - start_s < 0.22 + SLACK_S
         ended.set()
+        link.close()
+
+
+def test_a_line_that_somebody_else_reads_is_not_taken_for_unplugged(monkeypatch):
+    with _Slave(lambda request, write: write(_reply(request, fill=1))) as slave:
+        link = _link(slave.path, None)
+        pdu, check = read_registers(7, 2)
+        link.transact(pdu, check, time.monotonic() + 1.0)
+        # characters have come each time, but another program has taken them
+        monkeypatch.setattr(os, "read", lambda *_: b"")
+        start_s = time.monotonic()
+        with pytest.raises(FrameError, match="another program reads from this port"):
+            link.transact(pdu, check, start_s + 0.2)
+        assert time.monotonic() - start_s < 0.22 + SLACK_S
+        monkeypatch.undo()
+        assert link.transact(pdu, check, time.monotonic() + 1.0)[2:] == b"\0\1\0\1"
+        link.close()
+
+
+def test_a_port_that_is_pulled_is_told_at_once():
+    master, terminal = os.openpty()
+    link = _link(os.ttyname(terminal), None)
+    pdu, check = read_registers(7, 2)
+    with pytest.raises(FrameError, match="in time"):
+        link.transact(pdu, check, time.monotonic() + 0.1)
+    puller = threading.Timer(0.1, lambda: [os.close(end) for end in (terminal, master)])
+    puller.start()
+    start_s = time.monotonic()
+    with pytest.raises(FrameError, match=r"unplugged|failed"):
+        link.transact(pdu, check, start_s + 5.0)
+    assert time.monotonic() - start_s < 1.0
+    puller.join()
+    link.close()
+
+
+def test_a_long_silence_between_frames_holds_no_call_beyond_its_deadline():
+    with _Slave(lambda request, write: write(_reply(request, fill=1))) as slave:
+        link = RtuLink(parse_address(f"rtu://{slave.path}?baud=9600&gap_us=900000"), 1)
+        pdu, check = read_registers(7, 1)
+        link.transact(pdu, check, time.monotonic() + 2.0)
+        start_s = time.monotonic()
+        with pytest.raises(FrameError, match="silent"):
+            link.transact(pdu, check, start_s + 0.2)
+        assert time.monotonic() - start_s < 0.22 + SLACK_S
         link.close()
 
 

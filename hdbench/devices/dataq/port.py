@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import errno
 import os
 import re
 import select
@@ -13,7 +12,8 @@ from collections import deque
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from hdbench.errors import BusyError, DeviceError, UsageError
+from hdbench.devices.serialport import is_gone, open_port
+from hdbench.errors import DeviceError, UsageError
 
 if TYPE_CHECKING:
     from serial import Serial
@@ -141,22 +141,11 @@ class Port:
         return int(self._serial.fileno())
 
     def _open(self) -> Serial:
-        import termios
-
-        from serial import Serial, SerialException
-
         try:
-            return Serial(self._path, baudrate=_BAUD, timeout=0, exclusive=True)
-        except SerialException as error:
-            if error.errno in (errno.EAGAIN, errno.EBUSY):
-                raise BusyError(
-                    "another program has the serial port open",
-                    where=self.where,
-                    fix="wait until it has finished, or stop it",
-                ) from error
-            raise self._error(f"the port cannot be opened ({error.strerror or error})") from error
-        except (ValueError, termios.error, OSError) as error:
-            raise self._error(f"the port cannot be opened ({error})") from error
+            return open_port(self._path, self.where, baud_bd=_BAUD)
+        except (OSError, ValueError) as error:
+            why = getattr(error, "strerror", None) or error
+            raise self._error(f"the port cannot be opened ({why})") from error
 
     def _read(self, descriptor: int) -> None:
         """Take what comes until the port is closed or gone."""
@@ -167,8 +156,8 @@ class Port:
                 data = os.read(descriptor, _CHUNK) if ready else None
             except (OSError, ValueError) as error:
                 data, fault = None, f"the port failed ({error})"
-            if data == b"":
-                data, fault = None, "the instrument was unplugged"
+            if data == b"" and is_gone(descriptor):
+                fault = "the instrument was unplugged"
             with self._changed:
                 if data:
                     self._chunks.append((data, self._clock()))

@@ -11,18 +11,16 @@ Requests pass as they are; what the device sends goes through the `Mangler`.
 from __future__ import annotations
 
 import contextlib
-import heapq
-import itertools
 import os
 import select
 import socket
 import struct
 import threading
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from hdbench.devices.emulator.faults import Delivery, Mangler
+from hdbench.devices.emulator.faults import Mangler
+from hdbench.devices.emulator.outlet import Outlet
 
 __all__ = ["faulty_serial", "faulty_tcp"]
 
@@ -32,64 +30,9 @@ _CONNECT_S = 5.0
 _GRAIN_S = 0.05
 
 Read = Callable[[], bytes]
-Write = Callable[[bytes], None]
 
 
-class _Outlet:
-    """Delivers pieces in the order of their times, from a thread of its own."""
-
-    def __init__(self, write: Write, end: Callable[[str], None]) -> None:
-        self._write = write
-        self._end = end
-        self._heap: list[tuple[float, int, Delivery]] = []
-        self._order = itertools.count()
-        self._changed = threading.Condition()
-        self._ended = False
-        self._thread = threading.Thread(target=self._run, daemon=True)
-        self._thread.start()
-
-    def put(self, pieces: list[Delivery]) -> None:
-        now_s = time.monotonic()
-        with self._changed:
-            for piece in pieces:
-                heapq.heappush(self._heap, (now_s + piece.after_s, next(self._order), piece))
-            self._changed.notify()
-
-    def close(self) -> None:
-        with self._changed:
-            self._ended = True
-            self._changed.notify()
-
-    def _run(self) -> None:
-        # the other side may hang up at any moment
-        with contextlib.suppress(OSError):
-            while (piece := self._next()) is not None:
-                self._deliver(piece)
-
-    def _next(self) -> Delivery | None:
-        with self._changed:
-            while not self._ended:
-                if not self._heap:
-                    self._changed.wait()
-                    continue
-                wait_s = self._heap[0][0] - time.monotonic()
-                if wait_s <= 0.0:
-                    return heapq.heappop(self._heap)[2]
-                self._changed.wait(wait_s)
-        return None
-
-    def _deliver(self, piece: Delivery) -> None:
-        if piece.per_byte_s:
-            for byte in piece.data:
-                time.sleep(piece.per_byte_s)
-                self._write(bytes((byte,)))
-        elif piece.data:
-            self._write(piece.data)
-        if piece.then:
-            self._end(piece.then)
-
-
-def _copy(read: Read, write: Write, end: Callable[[], None]) -> None:
+def _copy(read: Read, write: Callable[[bytes], None], end: Callable[[], None]) -> None:
     """Pass bytes until one side ends."""
     with contextlib.suppress(OSError):
         while data := read():
@@ -97,7 +40,7 @@ def _copy(read: Read, write: Write, end: Callable[[], None]) -> None:
     end()
 
 
-def _mangle(read: Read, outlet: _Outlet, mangler: Mangler, end: Callable[[], None]) -> None:
+def _mangle(read: Read, outlet: Outlet, mangler: Mangler, end: Callable[[], None]) -> None:
     """Pass frames through `mangler` until the device ends."""
     buffer = bytearray()
     with contextlib.suppress(OSError):
@@ -116,9 +59,22 @@ class _Pair:
         self._near, self._far = near, far
         near.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         far.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        outlet = _Outlet(near.sendall, self._hang_up)
-        _thread(_copy, _receiver(near), far.sendall, self.close)
-        _thread(_mangle, _receiver(far), outlet, mangler, self.close)
+        self._outlet = Outlet(near.sendall, self._hang_up)
+        self._threads = (
+            _thread(_copy, _receiver(near), far.sendall, self.close),
+            _thread(_mangle, _receiver(far), self._outlet, mangler, self.close),
+        )
+
+    @property
+    def serves(self) -> bool:
+        """Whether anything of it still runs."""
+        return self._outlet.runs or any(thread.is_alive() for thread in self._threads)
+
+    def join(self) -> None:
+        """Wait for what serves this connection, which was closed before."""
+        for thread in self._threads:
+            thread.join()
+        self._outlet.join()
 
     def close(self) -> None:
         for each in (self._near, self._far):
@@ -151,8 +107,10 @@ def _receiver(line: socket.socket) -> Read:
     return read
 
 
-def _thread(act: Callable[..., None], *parts: object) -> None:
-    threading.Thread(target=act, args=parts, daemon=True).start()
+def _thread(act: Callable[..., None], *parts: object) -> threading.Thread:
+    thread = threading.Thread(target=act, args=parts, daemon=True)
+    thread.start()
+    return thread
 
 
 @contextmanager
@@ -191,6 +149,7 @@ def faulty_tcp(host: str, port: int, mangler: Mangler) -> Iterator[tuple[str, in
                 near.close()
                 continue
             far.settimeout(None)
+            pairs[:] = [pair for pair in pairs if pair.serves]
             pairs.append(_Pair(near, far, mangler))
 
     thread = threading.Thread(target=accept, daemon=True)
@@ -205,6 +164,8 @@ def faulty_tcp(host: str, port: int, mangler: Mangler) -> Iterator[tuple[str, in
         thread.join(_CONNECT_S)
         for pair in pairs:
             pair.close()
+        for pair in pairs:
+            pair.join()
 
 
 @contextmanager
@@ -234,23 +195,27 @@ def faulty_serial(path: str, mangler: Mangler) -> Iterator[str]:
     tty.setraw(far)
     near, slave = os.openpty()
     tty.setraw(slave)
+    os.set_blocking(near, False)
     ended = threading.Event()
-    outlet = _Outlet(lambda data: _write_all(near, data), lambda _: ended.set())
+
+    def deliver(data: bytes) -> None:
+        # where nobody reads, the line is full and the rest is lost as on a real one
+        with contextlib.suppress(BlockingIOError):
+            _write_all(near, data)
+
+    outlet = Outlet(deliver, lambda _: ended.set())
     threads = (
-        threading.Thread(
-            target=_copy,
-            args=(_reader(near, ended), lambda data: _write_all(far, data), ended.set),
-        ),
-        threading.Thread(target=_mangle, args=(_reader(far, ended), outlet, mangler, ended.set)),
+        _thread(_copy, _reader(near, ended), lambda data: _write_all(far, data), ended.set),
+        _thread(_mangle, _reader(far, ended), outlet, mangler, ended.set),
     )
-    for thread in threads:
-        thread.start()
     try:
         yield os.ttyname(slave)
     finally:
         ended.set()
         for thread in threads:
             thread.join()
+        # a number that is closed may be another file's a moment later
+        outlet.join()
         for descriptor in (near, slave, far):
             os.close(descriptor)
 

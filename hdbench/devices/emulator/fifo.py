@@ -58,11 +58,12 @@ class ScanFifo:
             self.next_out = self.taken
             return self.taken, b""
         first, data = self._runs.popleft()
-        scans = bytes(data[: count * SCAN_BYTES])
-        rest = data[count * SCAN_BYTES :]
+        with memoryview(data) as waiting:
+            scans = bytes(waiting[: count * SCAN_BYTES])
+        del data[: count * SCAN_BYTES]
         taken = len(scans) // SCAN_BYTES
-        if rest:
-            self._runs.appendleft((first + taken, rest))
+        if data:
+            self._runs.appendleft((first + taken, data))
         self.depth -= taken
         self.next_out = first + taken
         return first, scans

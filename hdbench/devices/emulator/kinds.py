@@ -15,15 +15,15 @@ from hdbench.profile.schema import ProfileData
 
 __all__ = ["Emulate", "EmulatedPart", "MakePart", "emulator_of", "part_of"]
 
+_NODE = "hdbench.devices.emulator.serve:emulate_bench"
+_INSTRUMENTS = "hdbench.devices.emulator.serving:emulate_instruments"
 _EMULATORS = {
-    "node": "hdbench.devices.emulator.serve:emulate_bench",
-    "labjack-t": "hdbench.devices.emulator.labjack.serve:emulate_labjack",
-    "modbus": "hdbench.devices.emulator.modbus.serve:emulate_modbus",
-    "dataq": "hdbench.devices.emulator.dataq.serve:emulate_dataq",
-    "composite": "hdbench.devices.emulator.composite.serve:emulate_composite",
+    "node": _NODE,
+    "labjack-t": _INSTRUMENTS,
+    "modbus": _INSTRUMENTS,
+    "dataq": _INSTRUMENTS,
+    "composite": _INSTRUMENTS,
 }
-
-
 _PARTS = {
     "labjack-t": "hdbench.devices.emulator.labjack.serve:labjack_part",
     "modbus": "hdbench.devices.emulator.modbus.serve:modbus_part",

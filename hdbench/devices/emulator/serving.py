@@ -1,4 +1,4 @@
-"""Serve one emulated device that is an electrical instrument: in a session, or as a command."""
+"""Serve emulated instruments around one simulated bench: in a session, or as a command."""
 
 from __future__ import annotations
 
@@ -10,59 +10,62 @@ from pathlib import Path
 
 from hdbench.devices.emulator.bench import SimulatedBench
 from hdbench.devices.emulator.instrument import DeviceClock, SimulatedInstrument
-from hdbench.devices.emulator.kinds import EmulatedPart, MakePart
+from hdbench.devices.emulator.kinds import EmulatedPart, part_of
 from hdbench.devices.emulator.lifetime import ending, open_record, until_motor_stands
+from hdbench.devices.emulator.machine import Pace
 from hdbench.devices.emulator.plantfile import load_plant
 from hdbench.devices.emulator.serve import EmulatorSettings
 from hdbench.errors import DeviceError, UsageError
+from hdbench.profile.acquiring import Acquisition, CompositeAcquisition
 from hdbench.profile.schema import ProfileData
 
-__all__ = ["serve_part"]
+__all__ = ["emulate_instruments", "emulated_speed"]
 
-# time in which a device that has lost its host must have stopped the motor: watchdog and braking
+# Fast pace: device seconds per second. The host writes the reference every few milliseconds of
+# device time; of a LabJack that is a millisecond of real time, what two cores still keep. A polled
+# device has the host's time at any pace.
+_FAST_SPEEDS = {"labjack-t": 5.0, "modbus": 1.0, "dataq": 10.0}
+# that a host-written reference and two wires keep up with
+_FAST_COMPOSITE = 4.0
+# time in which devices that have lost their host must have stopped the motor: watchdog and braking
 _ORPHAN_S = 7.0
 
 
-def serve_part(
-    make: MakePart,
+def emulate_instruments(
     profile: ProfileData,
     plant: str,
     seed: int,
     settings: EmulatorSettings,
     *,
     ready: Callable[[Mapping[str, object]], None],
-    speed: float,
-    model_file: Path | None,
+    model_file: Path | None = None,
 ) -> None:
-    """Serve a device with a simulated bench of its own until SIGTERM or its lifeline's end.
+    """Serve one device, or both of a composite, until SIGTERM, Ctrl-C or the lifeline's end.
 
     Parameters
     ----------
-    make : callable
-        Builds the device.
     profile : ProfileData
-        The bench; its ``[daq]`` is the device's table.
+        The bench; its ``[daq]`` names the devices.
     plant : str
         Name or path of the plant.
     seed : int
         Seed of everything simulated, at least 0.
     settings : EmulatorSettings
-        Where and how.
+        Where and how; of a composite the port is the first one's, the others are free ones.
     ready : callable
-        Called once with the keys of ``[daq]`` as the device has them, and with ``speed``.
-    speed : float
-        Device seconds per second.
-    model_file : Path or None
+        Called once with the keys of ``[daq]`` as the device has them - of a composite ``inputs``
+        and ``outputs``, each with its keys - and ``speed``.
+    model_file : Path, optional
         Refused: a host-written reference does not tell the whole motion beforehand.
 
     Raises
     ------
     UsageError
-        If a model file is given.
+        If a model file is given, or a device has no emulator.
     ProfileError
         If the plant is invalid.
     DeviceError, StorageError
-        If the wire or the record file cannot be used.
+        If a wire or the record file cannot be used.
     """
     if model_file is not None:
         raise UsageError(
@@ -71,6 +74,7 @@ def serve_part(
             where="--model",
             fix="emulate the profile's own model, or a node",
         )
+    speed = emulated_speed(profile.daq, settings.pace)
     with ExitStack() as stack:
         instrument = SimulatedInstrument(
             SimulatedBench(profile, load_plant(plant), seed),
@@ -78,27 +82,67 @@ def serve_part(
             clock=DeviceClock(speed, time.monotonic()),
             record=open_record(settings.record, stack),
         )
-        part = make(instrument, profile, profile.daq, seed)
-        asyncio.run(_serve(part, instrument, settings, lambda at: ready({**at, "speed": speed})))
+        parts = {
+            name: part_of(table.driver)(instrument, profile, table, seed)
+            for name, table in _tables(profile.daq).items()
+        }
+
+        def opened(found: Mapping[str, Mapping[str, object]]) -> None:
+            keys = found.get("", {"address": "parts", **found})
+            ready({**keys, "speed": speed})
+
+        asyncio.run(_serve(instrument, parts, settings, opened))
+
+
+def emulated_speed(table: Acquisition, pace: Pace) -> float:
+    """Return how many device seconds pass in a second.
+
+    Parameters
+    ----------
+    table : Acquisition
+        ``[daq]``.
+    pace : {"realtime", "fast"}
+        What was asked for.
+
+    Returns
+    -------
+    float
+        1 with polled inputs at any pace: they are read by this computer's clock.
+    """
+    composite = isinstance(table, CompositeAcquisition)
+    sampling = table.inputs if isinstance(table, CompositeAcquisition) else table
+    speed = _FAST_SPEEDS.get(sampling.driver, 1.0) if pace == "fast" else 1.0
+    return min(speed, _FAST_COMPOSITE) if composite else speed
+
+
+def _tables(table: Acquisition) -> dict[str, Acquisition]:
+    """Return the devices of a table by their keys in it; a single one has none."""
+    if isinstance(table, CompositeAcquisition):
+        return {"inputs": table.inputs, "outputs": table.outputs}
+    return {"": table}
 
 
 async def _serve(
-    part: EmulatedPart,
     instrument: SimulatedInstrument,
+    parts: Mapping[str, EmulatedPart],
     settings: EmulatorSettings,
-    ready: Callable[[Mapping[str, object]], None],
+    opened: Callable[[Mapping[str, Mapping[str, object]]], None],
 ) -> None:
     ended = ending(settings.lifeline)
-    try:
-        found = await part.open(settings)
-    except OSError as error:
-        raise DeviceError(
-            f"the wire cannot be opened ({error.strerror or error})",
-            where=f"{settings.host}:{settings.port}",
-            fix="choose another port, or 0 for a free one",
-        ) from error
-    ready(found)
+    found: dict[str, Mapping[str, object]] = {}
+    for name, part in parts.items():
+        try:
+            found[name] = await part.open(settings)
+        except OSError as error:
+            raise DeviceError(
+                f"the wire{f' of the {name}' if name else ''} cannot be opened "
+                f"({error.strerror or error})",
+                where=f"{settings.host}:{settings.port}",
+                fix="choose another port, or 0 for a free one",
+            ) from error
+    opened(found)
     await ended.wait()
     if settings.lifeline is not None:
         await until_motor_stands(lambda: instrument.moving, _ORPHAN_S)
-    part.close()
+    for part in parts.values():
+        part.close()

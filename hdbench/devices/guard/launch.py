@@ -18,7 +18,10 @@ from hdbench.errors import DeviceError
 
 __all__ = ["Guard", "guard_silence_s"]
 
-_SCRIPT = Path(__file__).with_name("process.py")
+_PROGRAM = (
+    f"import sys; sys.path.append({str(Path(__file__).parent)!r}); "
+    "from process.watching import main; main()"
+)
 _WHERE = "guard process"
 # a cold start of the interpreter; seconds only on a machine that is swamped
 _START_S = 20.0
@@ -92,7 +95,7 @@ class Guard:
         self._link, theirs = socket.socketpair()
         try:
             self._process: subprocess.Popen[bytes] = subprocess.Popen(
-                [sys.executable, "-I", "-S", str(_SCRIPT)],
+                [sys.executable, "-I", "-S", "-c", _PROGRAM],
                 stdin=theirs.fileno(),
                 stdout=subprocess.DEVNULL,
                 start_new_session=True,

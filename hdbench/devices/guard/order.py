@@ -166,7 +166,9 @@ class GuardOrder:
         }
 
 
-def target_at(address: Address, unit: int, tls: TlsFiles | None = None) -> dict[str, Any]:
+def target_at(
+    address: Address, unit: int, tls: TlsFiles | None = None, *, rest_s: float = 0.0
+) -> dict[str, Any]:
     """Return where a device is, as the guard reads it.
 
     Parameters
@@ -177,6 +179,8 @@ def target_at(address: Address, unit: int, tls: TlsFiles | None = None) -> dict[
         Modbus unit identifier.
     tls : TlsFiles or None
         Certificates of a TLS address.
+    rest_s : float, optional
+        Rest of the device between two requests, s.
 
     Returns
     -------
@@ -188,6 +192,7 @@ def target_at(address: Address, unit: int, tls: TlsFiles | None = None) -> dict[
             "wire": "rtu",
             "path": address.path,
             "unit": unit,
+            "rest_s": rest_s,
             "baud_bd": line.baud_bd,
             "parity": line.parity,
             "stop_bits": line.stop_bits,
@@ -207,5 +212,6 @@ def target_at(address: Address, unit: int, tls: TlsFiles | None = None) -> dict[
         "host": address.host,
         "port": address.port,
         "unit": unit,
+        "rest_s": rest_s,
         "tls": files,
     }

@@ -48,8 +48,9 @@ def polled_target(table: Acquisition) -> Target | None:
         finals.append(_write(line, off))
         final_looks.append(_look(line, "enable line", off, off))
     known = [place_of(table, one) for one in table.identify if one.equals is not None]
+    address = parse_address(table.address, given, default_port=502)
     return Target(
-        target_at(parse_address(table.address, given, default_port=502), table.unit, table.tls),
+        target_at(address, table.unit, table.tls, rest_s=table.min_gap_s),
         acts=(_write(place, zero, output.function),),
         looks=(_look(back, "motor reference, steps", zero - spread, zero + spread),),
         identity=_read(known[0]) if known else b"",

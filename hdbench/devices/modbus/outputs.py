@@ -89,8 +89,11 @@ class Outputs:
             )
         raw = (value - self._output.offset) / self._output.scale
         answered = self._once(self._place, raw, self._output.function)
-        # half a step is rounding, a 32-bit float keeps 6e-8 of its value
-        allowed = output_step_v(self._output) + 1e-6 * abs(value)
+        # half a step is rounding, another half where the device shows what its converter makes of
+        # it; a 32-bit float keeps 6e-8 of its value
+        steps = 0.5 if self._output.read_back is None else 1.0
+        rounding = 1e-6 * (abs(value) + abs(self._output.scale))
+        allowed = steps * output_step_v(self._output) + rounding
         found = self.read_back()
         for _ in range(0 if answered else _LOOKS):
             if abs(found - value) <= allowed:

@@ -169,10 +169,11 @@ class NodeWire:
             pdu, check = write_register(address, int.from_bytes(values, "big"))
         else:
             pdu, check = write_registers(address, values)
+        until_s = self._clock() + self._deadline_s
         try:
-            self._link.transact(pdu, check, self._clock() + self._deadline_s)
+            self._link.transact(pdu, check, until_s)
         except ExceptionReply as reply:
-            self._refused(reply, group[0])
+            self._refused(reply, group[0], until_s)
         except FrameError as fault:
             raise self._fault(group[0], str(fault)) from fault
 
@@ -222,15 +223,15 @@ class NodeWire:
             try:
                 return self._link.transact(pdu, check, until_s)[2:]
             except ExceptionReply as reply:
-                self._refused(reply, first)
+                self._refused(reply, first, start_s + self._deadline_s)
             except FrameError as fault:
                 self.repeats += attempt < _ATTEMPTS
                 last = fault
         raise self._fault(first, f"{last}, {_ATTEMPTS} times") from last
 
-    def _refused(self, reply: ExceptionReply, first: Register) -> NoReturn:
+    def _refused(self, reply: ExceptionReply, first: Register, until_s: float) -> NoReturn:
         """Raise what the node's exception means, with its own reason where it gives one."""
-        reason, address = self._reason()
+        reason, address = self._reason(until_s)
         entry = (register_at(address) or first) if reason else first
         why = f": {reason.name.lower().replace('_', ' ')}" if reason else ""
         kind: type[HdbenchError] = DeviceError
@@ -242,10 +243,9 @@ class NodeWire:
             f"the node refused with {reply}{why}", where=self._place(entry), fix=fix
         ) from reply
 
-    def _reason(self) -> tuple[Refusal, int]:
-        """Ask, once and without further consequence, why the last request was refused."""
+    def _reason(self, until_s: float) -> tuple[Refusal, int]:
+        """Ask, once and in what is left of the deadline, why the last request was refused."""
         pdu, _ = read_registers(register("refusal").address, 2)
-        until_s = self._clock() + self._deadline_s / _ATTEMPTS
         try:
             reply = self._link.transact(pdu, registers_check(3, 2), until_s)
             code, where = struct.unpack(">HH", reply[2:])
@@ -262,6 +262,8 @@ class NodeWire:
             fix += " again"
         elif "No such file" in what:
             fix = "take a port that `hdbench devices` lists, and check the cable"
+        elif "another program" in what:
+            fix = "close the other program that has the port open, then run again"
         return DeviceError(
             f"{what} (deadline {self._deadline_s:g} s)", where=self._place(first), fix=fix
         )

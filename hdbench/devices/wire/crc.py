@@ -5,7 +5,7 @@ from __future__ import annotations
 import struct
 from array import array
 
-__all__ = ["crc16"]
+__all__ = ["CRC_START", "crc16", "crc_over"]
 
 
 def _table(bits: int) -> array[int]:
@@ -28,6 +28,37 @@ _BYTES = _table(8)
 _PAIRS = _table(16)
 
 
+CRC_START = 0xFFFF
+"""The remainder before the first character."""
+
+
+def crc_over(data: bytes, value: int = CRC_START) -> int:
+    """Return the remainder after more characters; after a whole frame with its checksum it is 0.
+
+    Parameters
+    ----------
+    data : bytes
+        Characters.
+    value : int
+        Remainder before them.
+
+    Returns
+    -------
+    int
+
+    Notes
+    -----
+    "MODBUS over Serial Line Specification and Implementation Guide V1.02", section 6.2.2:
+    polynomial 0xA001, start value 0xFFFF.
+    """
+    pairs = _PAIRS
+    for pair in struct.unpack_from(f"<{len(data) // 2}H", data):
+        value = pairs[value ^ pair]
+    if len(data) % 2:
+        value = value >> 8 ^ _BYTES[(value ^ data[-1]) & 0xFF]
+    return value
+
+
 def crc16(data: bytes) -> bytes:
     """Return the CRC-16 of a frame as it stands on the wire, low byte first.
 
@@ -40,16 +71,5 @@ def crc16(data: bytes) -> bytes:
     -------
     bytes
         Two bytes.
-
-    Notes
-    -----
-    "MODBUS over Serial Line Specification and Implementation Guide V1.02", section 6.2.2:
-    polynomial 0xA001, start value 0xFFFF.
     """
-    value = 0xFFFF
-    pairs = _PAIRS
-    for pair in struct.unpack_from(f"<{len(data) // 2}H", data):
-        value = pairs[value ^ pair]
-    if len(data) % 2:
-        value = value >> 8 ^ _BYTES[(value ^ data[-1]) & 0xFF]
-    return value.to_bytes(2, "little")
+    return crc_over(data).to_bytes(2, "little")

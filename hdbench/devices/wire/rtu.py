@@ -3,62 +3,27 @@
 from __future__ import annotations
 
 import contextlib
-import errno
 import os
 import select
 import time
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
+from hdbench.devices.serialport import is_gone, open_port
 from hdbench.devices.wire.address import Address
 from hdbench.devices.wire.checks import ExceptionReply, FrameError, ReplyCheck, StaleReply
-from hdbench.devices.wire.crc import crc16
-from hdbench.errors import BusyError
+from hdbench.devices.wire.crc import CRC_START, crc16, crc_over
+from hdbench.devices.wire.rtuframe import reply_size
 
 if TYPE_CHECKING:
     from serial import Serial
 
-__all__ = ["RtuLink", "reply_size"]
+__all__ = ["RtuLink"]
 
 # a line without a character for this long carries no frame of anybody
 _QUIET_S = 0.05
-# frame lengths: replies with a byte count of their own, and those of a fixed length
-_COUNTED = frozenset((1, 2, 3, 4, 23))
-_ECHOED = frozenset((5, 6, 15, 16))
-_ECHO_SIZE = 8
-_EXCEPTION_SIZE = 5
 _CHUNK = 4096
 _SHORT_S = 1e-4
-
-
-def reply_size(data: bytes) -> int | None:
-    """Return the length of the frame that begins with `data`; None while it cannot be told.
-
-    Parameters
-    ----------
-    data : bytes
-        What has come so far.
-
-    Returns
-    -------
-    int or None
-        Characters from unit identifier to checksum.
-
-    Raises
-    ------
-    FrameError
-        If no reply of a known function begins so.
-    """
-    if len(data) < 2:
-        return None
-    function = data[1]
-    if function & 0x80:
-        return _EXCEPTION_SIZE
-    if function in _ECHOED:
-        return _ECHO_SIZE
-    if function not in _COUNTED:
-        raise FrameError(f"function code {function} was never asked for")
-    return None if len(data) < 3 else 5 + data[2]
 
 
 class RtuLink:
@@ -92,17 +57,19 @@ class RtuLink:
         self.where = str(address)
         self.opened: Callable[[float], None] | None = None
         self._address = address
+        self._silence_s = address.serial.silence_s
         self._unit = bytes((unit,))
         self._probe = probe
         self._clock = clock
         self._port: Serial | None = None
         self._received = b""
-        self._doubtful = False
+        self._doubtful = self._robbed = False
         self._probes = 0
         self._silent_from_s = 0.0
 
     def transact(self, pdu: bytes, check: ReplyCheck, until_s: float) -> bytes:
         """Send one request once and return the PDU of its reply."""
+        self._robbed = False
         try:
             descriptor = self._connected(until_s)
             if self._doubtful:
@@ -152,34 +119,50 @@ class RtuLink:
     def _be_silent(self, descriptor: int, until_s: float) -> None:
         """Wait for the silence between frames; characters that come begin it anew."""
         self._received = b""
-        silence_s = self._address.serial.silence_s
-        while (wait_s := self._silent_from_s + silence_s - self._clock()) > 0.0 or (
+        while (wait_s := self._silent_from_s + self._silence_s - self._clock()) > 0.0 or (
             self._readable(descriptor, 0.0)
         ):
+            left_s = until_s - self._clock()
+            if not left_s > 0.0:
+                raise FrameError("the line is never silent")
             # a sleep this short lasts three times as long as asked for
-            if self._readable(descriptor, wait_s - _SHORT_S):
+            if self._readable(descriptor, min(wait_s - _SHORT_S, left_s)) and (
                 self._take(descriptor)
+            ):
                 self._silent_from_s = self._clock()
-                if not self._silent_from_s < until_s:
-                    raise FrameError("the line is never silent")
 
     def _reply(self, descriptor: int, until_s: float) -> bytes:
-        """Return function code and data of the next frame."""
-        data = self._received
+        """Return function code and data of the next frame; its checksum is made as it comes."""
+        data, piece = b"", self._received
+        size, remainder = None, CRC_START
         while True:
-            size = reply_size(data)
-            if size is not None and len(data) >= size:
-                break
-            if not self._readable(descriptor, until_s - self._clock()):
-                raise FrameError("no valid reply in time")
-            data += self._take(descriptor)
+            known = len(data)
+            data += piece
+            if size is None:
+                size, known = reply_size(data), 0
+            if size is not None:
+                remainder = crc_over(data[known:size], remainder)
+                if len(data) >= size:
+                    break
+            piece = self._piece(descriptor, until_s)
         self._silent_from_s = self._clock()
-        frame, self._received = data[:size], data[size:]
-        if crc16(frame[:-2]) != frame[-2:]:
+        self._received = data[size:]
+        if remainder:
             raise FrameError("the checksum of the reply is wrong")
-        if frame[:1] != self._unit:
-            raise FrameError(f"unit {frame[0]} answers; needed: {self._unit[0]}")
-        return frame[1:-2]
+        if data[:1] != self._unit:
+            raise FrameError(f"unit {data[0]} answers; needed: {self._unit[0]}")
+        return data[1 : size - 2]
+
+    def _piece(self, descriptor: int, until_s: float) -> bytes:
+        """Return what has come of a reply, once something has."""
+        while True:
+            ready = self._readable(descriptor, until_s - self._clock())
+            piece = self._take(descriptor) if ready else b""
+            if piece:
+                return piece
+            if not self._clock() < until_s:
+                other = "; another program reads from this port" if self._robbed else ""
+                raise FrameError(f"no valid reply in time{other}")
 
     def _make_sure(self, descriptor: int, until_s: float) -> None:
         """Wait for a quiet line, drop what came, and let the device say who it is."""
@@ -208,14 +191,17 @@ class RtuLink:
         return bool(select.select((descriptor,), (), (), max(0.0, wait_s))[0])
 
     def _take(self, descriptor: int) -> bytes:
+        """Return what has come; nothing where somebody else was faster."""
         data = os.read(descriptor, _CHUNK)
         if not data:
-            raise OSError(0, "it was unplugged")
+            if is_gone(descriptor):
+                raise OSError(0, "it was unplugged")
+            self._robbed = True
         return data
 
     def _connected(self, until_s: float) -> int:
         if self._port is None:
-            self._port = _open(self._address)
+            self._port = self._opened()
             self._received = b""
             # a program before this one may have left a question open
             self._doubtful = True
@@ -223,32 +209,15 @@ class RtuLink:
                 self.opened(until_s)
         return int(self._port.fileno())
 
-
-def _open(address: Address) -> Serial:
-    """Open the port for this process alone; what it says before the first request is not read."""
-    import termios
-
-    from serial import PARITY_NONE, Serial, SerialException
-
-    settings = address.serial
-    # a pseudo-terminal has no parity, and says so only when it is opened again
-    pseudo = os.path.realpath(address.path).startswith("/dev/pts/")
-    try:
-        return Serial(
-            address.path,
-            baudrate=settings.baud_bd,
-            parity=PARITY_NONE if pseudo else settings.parity,
-            stopbits=settings.stop_bits,
-            timeout=0,
-            exclusive=True,
-        )
-    except (ValueError, termios.error) as error:
-        raise FrameError(f"the port does not take these settings ({error})") from error
-    except SerialException as error:
-        if error.errno in (errno.EAGAIN, errno.EBUSY):
-            raise BusyError(
-                "another program has the serial port open",
-                where=str(address),
-                fix="wait until it has finished, or stop it",
-            ) from error
-        raise
+    def _opened(self) -> Serial:
+        line = self._address.serial
+        try:
+            return open_port(
+                self._address.path,
+                self.where,
+                baud_bd=line.baud_bd,
+                parity=line.parity,
+                stop_bits=line.stop_bits,
+            )
+        except ValueError as error:
+            raise FrameError(f"the port does not take these settings ({error})") from error

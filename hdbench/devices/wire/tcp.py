@@ -19,8 +19,8 @@ __all__ = ["TcpLink", "next_reply"]
 _HEADER = struct.Struct(">HHHB")
 # ten replies of the greatest length
 _CHUNK = 2600
-# The kernel ends a call on a socket after this time: one system call per reply where it comes in
-# time. Its clock for this is coarse (10 ms at 100 Hz, 12 % later on), so a call is left to it only
+# The kernel ends a read of a socket after this time: one system call per reply where it comes in
+# time. Its clock for this is coarse (10 ms at 100 Hz, 12 % later on), so a read is left to it only
 # with twice as much time left, and what remains is waited for with the fine clock of `poll`.
 _KERNEL_S = 0.02
 _TIMEVAL = struct.Struct("@ll")
@@ -131,10 +131,7 @@ class TcpLink:
                 connection.close()
 
     def _connected(self, until_s: float) -> socket.socket:
-        left_s = until_s - self._clock()
-        if not left_s > 0.0:
-            raise FrameError("no time left to connect")
-        connection = socket.create_connection(self._target, timeout=left_s)
+        connection = self._dial(until_s)
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         if self._secure is not None:
             connection = self._secured(connection, self._secure, until_s)
@@ -142,12 +139,29 @@ class TcpLink:
             connection.setblocking(True)
             timeval = _TIMEVAL.pack(0, int(1e6 * _KERNEL_S))
             connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, timeval)
-            connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, timeval)
             self._poller = select.poll()
         self._socket, self._received = connection, b""
         if self.opened is not None:
             self.opened(until_s)
         return connection
+
+    def _dial(self, until_s: float) -> socket.socket:
+        """Connect to the first address of the host that answers, all of them within one time."""
+        error: OSError = TimeoutError()
+        for family, kind, _, _, place in socket.getaddrinfo(*self._target, type=socket.SOCK_STREAM):
+            left_s = until_s - self._clock()
+            if not left_s > 0.0:
+                raise FrameError("no time left to connect")
+            connection = socket.socket(family, kind)
+            try:
+                connection.settimeout(left_s)
+                connection.connect(place)
+            except OSError as refused:
+                connection.close()
+                error = refused
+            else:
+                return connection
+        raise error
 
     def _secured(
         self,
@@ -179,7 +193,7 @@ class TcpLink:
         # a request fits the socket's buffer; only a device that reads nothing lets it fill
         while frame:
             with contextlib.suppress(BlockingIOError):
-                frame = frame[connection.send(frame) :]
+                frame = frame[connection.send(frame, socket.MSG_DONTWAIT) :]
             if frame:
                 self._ready(connection, select.POLLOUT, until_s)
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hdbench.devices import open_bench
-from hdbench.devices.emulator.kinds import emulator_of
+from hdbench.devices.emulator.kinds import emulator_of, part_of
 from hdbench.devices.emulator.serve import EmulatorSettings
 from hdbench.devices.ports import AcquisitionSettings
 from hdbench.errors import UsageError
@@ -80,6 +80,4 @@ def test_an_extended_model_is_refused_by_the_emulator(tmp_path):
             model_file=tmp_path / "model.json",
         )
     with pytest.raises(UsageError, match="needed: labjack-t"):
-        emulator_of("labjack-t")(
-            NODE.data, "as-modelled", 0, EmulatorSettings(), ready=lambda _: None
-        )
+        part_of("labjack-t")(None, NODE.data, NODE.data.daq, 0)

@@ -1,9 +1,8 @@
-"""Run an emulated DATAQ instrument: alone, or as one part of a composite."""
+"""An emulated DATAQ instrument and its line."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from pathlib import Path
+from collections.abc import Mapping
 
 from hdbench.devices.dataq.models import MODELS
 from hdbench.devices.dataq.scanlist import channel_number
@@ -12,16 +11,14 @@ from hdbench.devices.emulator.dataq.line import DataqLine
 from hdbench.devices.emulator.dataq.words import Terminal
 from hdbench.devices.emulator.instrument import SimulatedInstrument
 from hdbench.devices.emulator.serve import EmulatorSettings
-from hdbench.devices.emulator.serving import serve_part
 from hdbench.errors import UsageError
 from hdbench.profile.acquiring import Acquisition
 from hdbench.profile.acquiring_dataq import DataqAcquisition
 from hdbench.profile.schema import ProfileData
 
-__all__ = ["DataqPart", "dataq_part", "emulate_dataq"]
+__all__ = ["DataqPart", "dataq_part"]
 
-# fast pace: device seconds per second
-_FAST_SPEED = 10.0
+# fast pace: a host has less time for the same samples
 _FAST_BUFFERS = 16
 
 
@@ -40,7 +37,6 @@ class DataqPart:
     async def open(self, settings: EmulatorSettings) -> Mapping[str, object]:
         """Open the pseudo-terminal and return ``address``; it has no port to choose."""
         if settings.pace == "fast":
-            # in accelerated time a host has less time for the same samples
             self.line.device.buffer_samples *= _FAST_BUFFERS
         return {"address": await self.line.open()}
 
@@ -89,40 +85,3 @@ def dataq_part(
             wiring[channel_number(channel)] = (channel.role, factor / channel.scale)
     device = DataqDevice(instrument, MODELS[table.model], wiring, f"{seed % 16**8:08X}")
     return DataqPart(device)
-
-
-def emulate_dataq(
-    profile: ProfileData,
-    plant: str,
-    seed: int,
-    settings: EmulatorSettings,
-    *,
-    ready: Callable[[Mapping[str, object]], None],
-    model_file: Path | None = None,
-) -> None:
-    """Serve an emulated device until SIGTERM, Ctrl-C or the end of the lifeline.
-
-    Parameters
-    ----------
-    profile : ProfileData
-        The bench; its ``[daq]`` has driver ``dataq``.
-    plant : str
-        Name or path of the plant.
-    seed : int
-        Seed of everything simulated, at least 0.
-    settings : EmulatorSettings
-        Where and how.
-    ready : callable
-        Called once with the keys of ``[daq]`` as the device has them, and with ``speed``.
-    model_file : Path, optional
-        Refused: a host-written reference does not tell the whole motion beforehand.
-
-    Raises
-    ------
-    UsageError, ProfileError, DeviceError, StorageError
-        As for `hdbench.devices.emulator.serving.serve_part`.
-    """
-    speed = _FAST_SPEED if settings.pace == "fast" else 1.0
-    serve_part(
-        dataq_part, profile, plant, seed, settings, ready=ready, speed=speed, model_file=model_file
-    )

@@ -1,26 +1,20 @@
-"""Run an emulated LabJack: in a process of its own for one session, or as a command."""
+"""An emulated LabJack and its ports."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from pathlib import Path
+from collections.abc import Mapping
 
 from hdbench.devices.emulator.instrument import SimulatedInstrument
 from hdbench.devices.emulator.labjack.device import LabJackDevice
 from hdbench.devices.emulator.labjack.server import STREAM_OFFSET, LabJackServer
 from hdbench.devices.emulator.labjack.wiring import Wiring
 from hdbench.devices.emulator.serve import EmulatorSettings
-from hdbench.devices.emulator.serving import serve_part
 from hdbench.errors import DeviceError, UsageError
 from hdbench.profile.acquiring import Acquisition
 from hdbench.profile.acquiring_labjack import LabJackAcquisition
 from hdbench.profile.schema import ProfileData
 
-__all__ = ["FAST_SPEED", "LabJackPart", "emulate_labjack", "labjack_part"]
-
-# fast pace: device seconds per second. The host writes the reference every few milliseconds of
-# device time; at this speed that is a millisecond of real time, what two cores still keep.
-FAST_SPEED = 5.0
+__all__ = ["LabJackPart", "labjack_part"]
 
 
 class LabJackPart:
@@ -107,53 +101,3 @@ def serial_number(seed: int) -> int:
         1 to 999 999 999.
     """
     return seed % 999_999_999 + 1
-
-
-def emulate_labjack(
-    profile: ProfileData,
-    plant: str,
-    seed: int,
-    settings: EmulatorSettings,
-    *,
-    ready: Callable[[Mapping[str, object]], None],
-    model_file: Path | None = None,
-) -> None:
-    """Serve an emulated device until SIGTERM, Ctrl-C or the end of the lifeline.
-
-    Parameters
-    ----------
-    profile : ProfileData
-        The bench; its ``[daq]`` is a labjack-t.
-    plant : str
-        Name or path of the plant.
-    seed : int
-        Seed of everything simulated, at least 0.
-    settings : EmulatorSettings
-        Where and how; the stream listens 200 ports above the other.
-    ready : callable
-        Called once with the keys of ``[daq]`` as the device has them, and with ``speed``.
-    model_file : Path, optional
-        Refused: a host-written reference does not tell the whole motion beforehand.
-
-    Raises
-    ------
-    UsageError
-        If the profile has another driver.
-    ProfileError
-        If the plant is invalid.
-    DeviceError
-        If the ports cannot be used.
-    StorageError
-        If the record file cannot be written.
-    """
-    speed = FAST_SPEED if settings.pace == "fast" else 1.0
-    serve_part(
-        labjack_part,
-        profile,
-        plant,
-        seed,
-        settings,
-        ready=ready,
-        speed=speed,
-        model_file=model_file,
-    )

@@ -1,21 +1,19 @@
-"""Run an emulated Modbus device: alone, or as one part of a composite."""
+"""An emulated Modbus device and its wire."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from pathlib import Path
+from collections.abc import Mapping
 
 from hdbench.devices.emulator.instrument import SimulatedInstrument
 from hdbench.devices.emulator.modbus.device import ModbusDevice
 from hdbench.devices.emulator.modbus.servers import RtuServer, TcpServer
 from hdbench.devices.emulator.serve import EmulatorSettings
-from hdbench.devices.emulator.serving import serve_part
 from hdbench.errors import UsageError
 from hdbench.profile.acquiring import Acquisition
 from hdbench.profile.acquiring_modbus import ModbusAcquisition
 from hdbench.profile.schema import ProfileData
 
-__all__ = ["ModbusPart", "emulate_modbus", "modbus_part"]
+__all__ = ["ModbusPart", "modbus_part"]
 
 
 class ModbusPart:
@@ -85,43 +83,3 @@ def modbus_part(
     amperes_per_v = profile.servo.max_current_a / profile.daq.range_v
     device = ModbusDevice(instrument, table, amperes_per_v=amperes_per_v)
     return ModbusPart(device, rtu=table.serial is not None)
-
-
-def emulate_modbus(
-    profile: ProfileData,
-    plant: str,
-    seed: int,
-    settings: EmulatorSettings,
-    *,
-    ready: Callable[[Mapping[str, object]], None],
-    model_file: Path | None = None,
-) -> None:
-    """Serve an emulated device until SIGTERM, Ctrl-C or the end of the lifeline.
-
-    Parameters
-    ----------
-    profile : ProfileData
-        The bench; its ``[daq]`` has driver ``modbus``.
-    plant : str
-        Name or path of the plant.
-    seed : int
-        Seed of everything simulated, at least 0.
-    settings : EmulatorSettings
-        Where and how.
-    ready : callable
-        Called once with the keys of ``[daq]`` as the device has them, and with ``speed``.
-    model_file : Path, optional
-        Refused: a host-written reference does not tell the whole motion beforehand.
-
-    Raises
-    ------
-    UsageError, ProfileError, DeviceError, StorageError
-        As for `hdbench.devices.emulator.serving.serve_part`.
-
-    Notes
-    -----
-    A polled device has the host's time: it is emulated in real time, whatever the pace.
-    """
-    serve_part(
-        modbus_part, profile, plant, seed, settings, ready=ready, speed=1.0, model_file=model_file
-    )

@@ -1,1 +1,0 @@
-"""Two emulated devices around one simulated bench."""

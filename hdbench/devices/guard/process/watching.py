@@ -1,0 +1,133 @@
+"""Watch the session, and act when it ends without a word or says nothing for too long."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import select
+import signal
+import socket
+import sys
+import time
+from typing import Any, NoReturn
+
+from .stopping import POLL_S, note_identity, stop_motor
+from .telling import let_go_of_pipes, say, write_down
+from .wires import WireError
+
+# while the session brakes by itself, it may be silent for so long, s
+PATIENT_S = 6.0
+SAY_S = 10.0
+
+
+class Guard:
+    """Waits, and acts once.
+
+    Parameters
+    ----------
+    link : socket
+        To the session.
+    order : dict
+        What to do.
+    """
+
+    def __init__(self, link: socket.socket, order: dict[str, Any]) -> None:
+        self._link = link
+        self._order = order
+        self._silence_s: float | None = None
+        self._fired = False
+
+    def prepare(self) -> None:
+        """Find out who answers, so that only that device is ever written to."""
+        try:
+            for target in self._order["targets"]:
+                note_identity(target)
+        except (WireError, OSError) as error:
+            self._tell(f"E{getattr(error, 'strerror', None) or error}\n")
+            return
+        self._tell("R\n")
+
+    def watch(self) -> int:
+        """Wait for the session's end, with or without a word."""
+        while True:
+            ready = select.select([self._link], [], [], self._silence_s)[0]
+            if not ready:
+                self.fire(f"no sign of life for {self._silence_s:g} s")
+                self._silence_s = None
+                continue
+            try:
+                words = self._link.recv(4096)
+            except OSError:
+                words = b""
+            if b"Q" in words:
+                return 0
+            if not words:
+                if not self._fired:
+                    self.fire("the session has ended")
+                return 0
+            self._note(words)
+
+    def _note(self, words: bytes) -> None:
+        for letter in words.decode("ascii", "replace"):
+            if letter in "ALI" and not self._fired:
+                patience = {"A": float(self._order["silence_s"]), "L": PATIENT_S, "I": None}
+                self._silence_s = patience[letter]
+        self._tell(".")
+
+    def fire(self, why: str) -> None:
+        """Stop the motor; do not give up before the order's time is over."""
+        self._fired = True
+        start_s = time.monotonic()
+        said_s = -SAY_S
+        problem = stop_motor(self._order, alone=self._alone())
+        while problem and time.monotonic() - start_s < self._order["try_s"]:
+            if self._simulation_over():
+                # nothing is left that could turn
+                return
+            if time.monotonic() - said_s >= SAY_S:
+                said_s = time.monotonic()
+                say(f"STOP THE MOTOR BY HAND: the guard cannot confirm the safe state ({problem})")
+                let_go_of_pipes()
+            time.sleep(5 * POLL_S)
+            problem = stop_motor(self._order, alone=self._alone())
+        took_s = time.monotonic() - start_s
+        write_down(self._order["log"], why, problem, took_s)
+        if problem:
+            say(f"PRESS THE EMERGENCY STOP: the guard could not stop the motor ({problem})")
+        else:
+            say(f"{why}; the guard has stopped the motor within {took_s:.2f} s, confirmed")
+        self._tell(f"{'U' if problem else 'F'}{why}{': ' if problem else ''}{problem}\n")
+
+    def _alone(self) -> bool:
+        """Return whether the session is gone, not only frozen."""
+        asked = select.poll()
+        asked.register(self._link, 0)
+        return any(event & select.POLLHUP for _, event in asked.poll(0))
+
+    def _simulation_over(self) -> bool:
+        """Return whether this guarded an emulator that has ended: nobody reads its lifeline."""
+        asked = select.poll()
+        for handle in self._order["keep"]:
+            asked.register(handle, 0)
+        return any(event & select.POLLERR for _, event in asked.poll(0))
+
+    def _tell(self, words: str) -> None:
+        with contextlib.suppress(OSError):
+            self._link.send(words.encode(errors="replace"), socket.MSG_DONTWAIT)
+
+
+def main() -> NoReturn:
+    """Take the order, watch, act if need be."""
+    # what ends the session must not end the guard before it has done its work
+    for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT", "SIGTSTP", "SIGPIPE"):
+        signal.signal(getattr(signal, name), signal.SIG_IGN)
+    link = socket.socket(fileno=0)
+    line = b""
+    while not line.endswith(b"\n"):
+        chunk = link.recv(1)
+        if not chunk:
+            sys.exit(0)
+        line += chunk
+    guard = Guard(link, json.loads(line))
+    guard.prepare()
+    sys.exit(guard.watch())

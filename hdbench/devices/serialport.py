@@ -1,0 +1,94 @@
+"""A serial port for one program alone, and whether it is still there."""
+
+from __future__ import annotations
+
+import errno
+import os
+from typing import TYPE_CHECKING
+
+from hdbench.errors import BusyError
+
+if TYPE_CHECKING:
+    from serial import Serial
+
+__all__ = ["is_gone", "open_port"]
+
+
+def open_port(
+    path: str, where: str, *, baud_bd: int, parity: str = "N", stop_bits: float = 1
+) -> Serial:
+    """Open a port; reads and writes on it never wait.
+
+    Parameters
+    ----------
+    path : str
+        The port.
+    where : str
+        Its address, for messages.
+    baud_bd : int
+        Bit rate, bit/s.
+    parity : {"N", "E", "O"}, optional
+        Parity.
+    stop_bits : float, optional
+        1 or 2.
+
+    Returns
+    -------
+    Serial
+
+    Raises
+    ------
+    BusyError
+        If another program has it open.
+    OSError
+        If it cannot be opened.
+    ValueError
+        If it does not take these settings.
+    """
+    import termios
+
+    from serial import Serial, SerialException
+
+    # a pseudo-terminal has no parity, and says so only when it is opened again
+    pseudo = os.path.realpath(path).startswith("/dev/pts/")
+    try:
+        return Serial(
+            path,
+            baudrate=baud_bd,
+            parity="N" if pseudo else parity,
+            stopbits=stop_bits,
+            timeout=0,
+            exclusive=True,
+        )
+    except termios.error as error:
+        raise ValueError(str(error)) from error
+    except SerialException as error:
+        if error.errno in (errno.EAGAIN, errno.EBUSY):
+            raise BusyError(
+                "another program has the serial port open",
+                where=where,
+                fix="wait until it has finished, or stop it",
+            ) from error
+        raise
+
+
+def is_gone(descriptor: int) -> bool:
+    """Return whether a port that has just read as empty is gone.
+
+    Parameters
+    ----------
+    descriptor : int
+        Of the open port.
+
+    Returns
+    -------
+    bool
+        False where it is still there: then another program took the characters that had come.
+    """
+    import termios
+
+    try:
+        termios.tcgetattr(descriptor)
+    except termios.error:
+        return True
+    return False
