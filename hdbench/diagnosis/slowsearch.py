@@ -6,7 +6,7 @@ import math
 from dataclasses import replace
 
 from hdbench.diagnosis.fit.jointfit import fit_jointly
-from hdbench.diagnosis.fit.settle import InSlow, nats, plain_spectrum, settle, without_coarse
+from hdbench.diagnosis.fit.settle import InSlow, nats, settle
 from hdbench.diagnosis.fit.terms import Term
 from hdbench.diagnosis.naming.candidates import Candidate
 from hdbench.diagnosis.naming.curves import CURVE_PREFIX
@@ -51,10 +51,9 @@ def slow_noise(state: State, space: Space) -> SlowNoise | None:
     both = [spectrum.fit(exponent) for exponent in (FLICKER, RANDOM_WALK)]
     if max(slow.gain_nats for slow in both) < _SLOW_COST:
         return both[0]
-    left = without_coarse(state.record, state.fit, state.hidden)
-    plain = plain_spectrum(state.record, state.fit, left)
-    flicker = plain.fit(FLICKER).gain_nats - plain.fit(RANDOM_WALK).gain_nats > RIVAL_NATS
-    return both[0 if flicker else 1]
+    # the spectrum is that of a residual whose colour took a part of either: with their own colour
+    flicker, walk = (_alone(state, slow) for slow in both)
+    return both[0 if flicker - walk > RIVAL_NATS else 1]
 
 
 def outweighs(state: State, slow: SlowNoise, ranked: list[Candidate]) -> bool:

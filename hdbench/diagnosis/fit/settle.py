@@ -29,6 +29,8 @@ __all__ = [
 
 # normal noise passes this many standard deviations once in a billion samples
 _FAR = 6.1
+# rounds of slow noise and colour in turn
+_ROUNDS = 3
 # where more than a twentieth of the samples are larger, the noise is not normal
 _CALM = 0.95
 
@@ -102,8 +104,22 @@ def _noise_of(record: Record, fit: JointFit, hidden: Hidden, exponent: float) ->
         model = fit_noise(left, steady, starts=record.starts, keep_lines=False)
         return Noise(model, make_whitener(model, record.valid, record.starts))
     slow = plain_spectrum(record, fit, left).fit(exponent)
+    noise = _slow_first(record, left, slow)
+    for _ in range(_ROUNDS):
+        if not noise.model.order:
+            break
+        # the colour that is left has a slope of its own, which the power was fitted with
+        colour = make_whitener(noise.model, record.valid, record.starts)
+        slow = slow_spectrum(make_space(colour, fit.parts, record.response_nm)).fit(exponent)
+        if slow.power == (noise.slow or slow).power:
+            break
+        noise = _slow_first(record, left, slow)
+    return noise
+
+
+def _slow_first(record: Record, left: FloatArray, slow: SlowNoise) -> Noise:
+    """Return the noise of a slow part: that first, then what colour is left."""
     response = slow_kernel(slow, len(left))
-    # the slow noise first, then what colour is left
     rough = Whitener(response, 1.0, record.valid, record.valid)
     model = fit_noise(rough.apply(left), record.valid, starts=record.starts, keep_lines=False)
     whitener = make_whitener(model, record.valid, record.starts)

@@ -14,64 +14,83 @@ __all__ = ["Bridges", "bridges"]
 
 
 @dataclass(frozen=True, slots=True)
+class _Bridge:
+    """One run of samples that is left out, and the samples whose means are its ends."""
+
+    out: slice
+    before: NDArray[np.intp]
+    after: NDArray[np.intp]
+    share: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
 class Bridges:
     """Straight lines over what is left out, as a linear map and its adjoint.
 
     Parameters
     ----------
-    out : ndarray of int, shape (m,)
-        Samples that are left out.
-    before, after : ndarray of int, shape (m,)
-        The next samples on both sides that are not; the same one at an end of the record.
-    share : ndarray, shape (m,)
-        Weight of the later one.
+    runs : tuple
+        Runs of samples that are left out.
 
     Notes
     -----
-    A straight line is what a random walk is expected to do between two of its values.
+    A straight line is what a random walk is expected to do between two of its values. These are
+    known up to the noise beside it: means over as many samples as the walk needs to move by as
+    much as their noise.
     """
 
-    out: NDArray[np.intp]
-    before: NDArray[np.intp]
-    after: NDArray[np.intp]
-    share: FloatArray
+    runs: tuple[_Bridge, ...]
 
     def cross(self, table: Any) -> Any:
         """Return a copy of columns, shape (n, k), with the gaps bridged."""
         whole = np.array(table, order="F")
-        share = self.share.astype(whole.dtype)[:, None]
-        whole[self.out] = (1.0 - share) * whole[self.before] + share * whole[self.after]
+        for run in self.runs:
+            share = run.share.astype(whole.dtype)[:, None]
+            first, last = table[run.before].mean(axis=0), table[run.after].mean(axis=0)
+            whole[run.out] = (1.0 - share) * first + share * last
         return whole
 
     def adjoint(self, table: Any) -> None:
         """Give what lies on the bridges to their ends, in place; table has shape (n, k)."""
-        share = self.share.astype(table.dtype)[:, None]
-        lying = table[self.out]
-        table[self.out] = 0.0
-        np.add.at(table, self.before, (1.0 - share) * lying)
-        np.add.at(table, self.after, share * lying)
+        given = []
+        for run in self.runs:
+            share = run.share.astype(table.dtype)[:, None]
+            lying = table[run.out]
+            first = np.sum((1.0 - share) * lying, axis=0) / len(run.before)
+            last = np.sum(share * lying, axis=0) / len(run.after)
+            given.append((run, first, last))
+        for run, first, last in given:
+            table[run.out] = 0.0
+            table[run.before] += first
+            table[run.after] += last
 
 
-def bridges(valid: NDArray[np.bool_]) -> Bridges | None:
+def bridges(valid: NDArray[np.bool_], reach: float) -> Bridges | None:
     """Return the bridges over the samples that are left out.
 
     Parameters
     ----------
     valid : ndarray of bool, shape (n,)
         Samples that enter.
+    reach : float
+        Samples on either side whose mean is an end, at least one.
 
     Returns
     -------
     Bridges or None
         None where all enter, or none does.
     """
-    kept, out = np.flatnonzero(valid), np.flatnonzero(~valid)
-    if not len(kept) or not len(out):
+    kept = np.flatnonzero(valid)
+    if not len(kept) or len(kept) == len(valid):
         return None
-    place = np.searchsorted(kept, out)
-    before = kept[np.maximum(place - 1, 0)]
-    after = kept[np.minimum(place, len(kept) - 1)]
-    # beyond the ends of the record the nearest sample stands
-    before, after = np.where(place == 0, after, before), np.where(place == len(kept), before, after)
-    share = (out - before) / np.maximum(after - before, 1)
-    return Bridges(out, before, after, np.clip(share, 0.0, 1.0))
+    edges = np.flatnonzero(np.diff(np.concatenate([[True], valid, [True]]).astype(np.int8)))
+    count = max(1, round(min(reach, float(len(kept)))))
+    runs = []
+    for begin, end in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
+        place = int(np.searchsorted(kept, begin))
+        before, after = kept[max(0, place - count) : place], kept[place : place + count]
+        # beyond the ends of the record the nearest mean stands
+        before, after = before if len(before) else after, after if len(after) else before
+        share = (np.arange(begin, end) - begin + 1.0) / (end - begin + 1.0)
+        runs.append(_Bridge(slice(begin, end), before, after, share))
+    return Bridges(tuple(runs))

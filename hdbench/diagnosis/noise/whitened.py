@@ -59,7 +59,11 @@ class Whitener:
         """Transform a long kernel once."""
         if len(self.kernel) > DIRECT:
             object.__setattr__(self, "spectrum", transformed(self.kernel, len(self.valid)))
-            object.__setattr__(self, "gaps", bridges(self.valid))
+            # of noise 1 + (c/k)^2 over half cycles k in n samples the log of the first value is
+            # -pi c / 2n, and the walk moves by as much as a mean is uncertain in n / pi c samples
+            depth = -2.0 * float(np.log(self.kernel[0]))
+            reach = 1.0 / depth if depth > 0.0 else 1.0
+            object.__setattr__(self, "gaps", bridges(self.valid, reach))
 
     def apply(self, columns: Any) -> Any:
         """Return A applied to columns of shape (n,) or (n, k); zero where not used.
