@@ -9,7 +9,7 @@ demo: $(VENV)/.installed
 	$(BIN)/hdbench demo
 
 test: $(VENV)/.dev
-	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n auto -q
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist worksteal -q
 	tools/check $(BIN)
 
 check: $(VENV)/.dev
