@@ -28,6 +28,7 @@ from hdbench.diagnosis.slowsearch import (
     drop_slow_noise,
     outweighs,
     slow_noise,
+    walk_is_a_cause,
     with_walk,
 )
 from hdbench.diagnosis.state import Accepted, State, Walk, accepted_as
@@ -40,6 +41,8 @@ _MAX_CAUSES = 8
 # one leaves; the search ends after so many of such causes
 _FORM_ERROR = 1e-4
 _REMAINS = 2
+# causes more than with a random walk that are looked for instead of it
+_BESIDE_WALK = 2
 # fewer nats of slow noise than this share of what a strong cause explains are left by its form
 _SLOW_FORM = 0.02
 
@@ -122,19 +125,14 @@ def search(
     Found
     """
     state = State.start(record, causes, known, rng)
-    first: Looks | None = None
-    while True:
-        space = state.space()
-        progress("scanning the residual", min(0.9, 0.1 + 0.2 * len(state.accepted)))
-        looks = look_at(space, state.record, state.survey, state.fit.terms, state.grams)
-        state.grams = looks.grams
-        first = first or looks
-        count = sum(not one.form for one in state.accepted)
-        if count >= _MAX_CAUSES or _only_remains(state):
-            break
-        if not _step(state, space, looks, alpha, align):
-            break
+    first, looks = _accept_all(state, alpha, align, progress, _MAX_CAUSES)
     drop_slow_noise(state)
+    if state.walk is not None and state.unwalked is not None:
+        other = state.unwalked
+        most = len(state.accepted) + _BESIDE_WALK
+        _, last = _accept_all(other, alpha, align, progress, min(most, _MAX_CAUSES))
+        if walk_is_a_cause(state, other):
+            state, looks = other, last
     swap_for_pair(state)
     if len(state.accepted) > 1:
         progress("going over the names again", 0.92)
@@ -159,6 +157,29 @@ def search(
         state.record,
         state.walk,
     )
+
+
+def _accept_all(
+    state: State,
+    alpha: float,
+    align: Callable[[Beyond], Record] | None,
+    progress: Callable[[str, float], None],
+    most: int,
+) -> tuple[Looks, Looks]:
+    """Accept causes until nothing passes, or `most` were; return the first and the last looks."""
+    first: Looks | None = None
+    while True:
+        space = state.space()
+        progress("scanning the residual", min(0.9, 0.1 + 0.2 * len(state.accepted)))
+        looks = look_at(space, state.record, state.survey, state.fit.terms, state.grams)
+        state.grams = looks.grams
+        first = first or looks
+        count = sum(not one.form for one in state.accepted)
+        if count >= most or _only_remains(state):
+            break
+        if not _step(state, space, looks, alpha, align):
+            break
+    return first, looks
 
 
 def _only_remains(state: State) -> bool:
@@ -202,6 +223,7 @@ def _step(
     ranked = named_first(state, space, seen, named, ranked)
     naming = with_walk(state, name_residual(space, state.record, ranked), slow)
     state.accepted.append(accepted_as(naming, min(look.false_alarm for look in alarms)))
+    state.paid_nats += 0.5 * naming.best.statistic - naming.best.score_nats
     terms = (*state.fit.terms, naming.best.term)
     state.fit = fit_jointly(state.record, terms, state.noise.whitener)
     _settled(state, align)

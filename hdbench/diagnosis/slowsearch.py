@@ -17,7 +17,14 @@ from hdbench.diagnosis.noise.whitened import Space, make_space
 from hdbench.diagnosis.state import State, Walk
 from hdbench.model import catalogue
 
-__all__ = ["accept_slow_noise", "drop_slow_noise", "outweighs", "slow_noise", "with_walk"]
+__all__ = [
+    "accept_slow_noise",
+    "drop_slow_noise",
+    "outweighs",
+    "slow_noise",
+    "walk_is_a_cause",
+    "with_walk",
+]
 
 # what a slow noise pays for its power, and by how much a cause must beat it: a step or a drift
 # takes the largest part of any random walk, nats
@@ -43,9 +50,10 @@ def slow_noise(state: State, space: Space) -> SlowNoise | None:
     Returns
     -------
     SlowNoise or None
-        A random walk unless flicker is plainly likelier; None where one was accepted before.
+        A random walk unless flicker is plainly likelier; None where one was accepted before, or
+        may not be.
     """
-    if state.exponent > 0.0:
+    if state.exponent > 0.0 or not state.may_walk:
         return None
     spectrum = slow_spectrum(space)
     both = [spectrum.fit(exponent) for exponent in (FLICKER, RANDOM_WALK)]
@@ -94,8 +102,9 @@ def outweighs(state: State, slow: SlowNoise, ranked: list[Candidate]) -> bool:
 
 
 def _is_slow(term: Term) -> bool:
-    """Return whether a term changes with time alone, as a random walk does."""
-    return term.cause.locked_to == "time" or term.cause.name == CURVE_PREFIX + "time"
+    """Return whether a term changes slowly, with time alone or as a memory of the load."""
+    slow = term.cause.locked_to == "time" or "time_constant_s" in term.shape
+    return slow or term.cause.name == CURVE_PREFIX + "time"
 
 
 def _alone(state: State, slow: SlowNoise) -> float:
@@ -127,9 +136,11 @@ def accept_slow_noise(
         Probability of such a finding without any effect.
     """
     rivals = _beside_walk(state, slow, ranked) if slow.exponent == RANDOM_WALK else ()
-    state.exponent = slow.exponent
     if slow.exponent == RANDOM_WALK:
+        state.unwalked = replace(state, accepted=[*state.accepted], may_walk=False)
         state.walk = Walk(slow, chance, rivals)
+    state.exponent = slow.exponent
+    state.paid_nats += _SLOW_COST
     state.settle(state.fit.terms)
 
 
@@ -149,7 +160,33 @@ def drop_slow_noise(state: State) -> None:
     if nats(state.fit, state.noise) - nats(fit, noise) > _SLOW_COST:
         return
     state.exponent, state.walk = 0.0, None
+    state.paid_nats -= _SLOW_COST
     state.settle(state.fit.terms)
+
+
+def walk_is_a_cause(walked: State, other: State) -> bool:
+    """Return whether one slow cause, with what stands beside it, explains more than a walk.
+
+    A walk takes a drift together with what hides beside it, one of them alone does not.
+
+    Parameters
+    ----------
+    walked : State
+        End of the search with the walk.
+    other : State
+        End of the search without.
+
+    Returns
+    -------
+    bool
+        Never where it takes several slow causes, or a table over time: these are a walk in pieces.
+    """
+    slow = [term for term in other.fit.terms if _is_slow(term) and not term.known]
+    beside = [term for term in walked.fit.terms if _is_slow(term) and not term.known]
+    if len(slow) > len(beside) + 1 or any(unnamed(term) for term in slow):
+        return False
+    more = nats(other.fit, other.noise) - nats(walked.fit, walked.noise)
+    return more > other.paid_nats - walked.paid_nats + _SLOW_BONUS
 
 
 def _beside_walk(state: State, slow: SlowNoise, ranked: list[Candidate]) -> tuple[str, ...]:

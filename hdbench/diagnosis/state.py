@@ -113,6 +113,12 @@ class State:
         Coarse steps of the converter; their mean error is part of what the record holds fixed.
     in_slow : InSlow or None
         What a slow noise was last found to be worth beside the terms.
+    paid_nats : float
+        What the accepted causes and the walk paid for their parameters and places.
+    unwalked : State or None
+        Where the search stood before the walk was accepted.
+    may_walk : bool
+        Whether slow noise may be accepted.
     """
 
     record: Record
@@ -128,6 +134,9 @@ class State:
     accepted: list[Accepted] = field(default_factory=list)
     rounding: Rounding | None = None
     in_slow: InSlow | None = None
+    paid_nats: float = 0.0
+    unwalked: State | None = None
+    may_walk: bool = True
 
     @classmethod
     def start(

@@ -98,3 +98,30 @@ def test_one_member_has_one_trial_and_many_pay_for_more_far_out():
     c = float(chi2.isf(1e-3, 1))
     assert float(gammaincc(0.5, c / 2.0)) == pytest.approx(1e-3)
     assert near == pytest.approx(1.0 + 0.5 * np.sqrt(c))
+
+
+def with_gaps(trace, seconds=0.04, every=1.0):
+    """Return a record with samples missing once a second."""
+    torque = trace["torque_nm"].copy()
+    phase = np.mod(trace.time_s, every)
+    torque[(phase > 0.5) & (phase < 0.5 + seconds)] = np.nan
+    return trace.with_columns(torque_nm=torque)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_walk_in_a_record_with_gaps_is_a_walk_and_nothing_else(seed):
+    result = diagnose_trace(with_gaps(walking_record(seed, 2e-3)), PROFILE)
+    names = [cause.name for cause in result.causes if cause.name != "missed-samples"]
+    assert names == ["zero-random-walk"]
+    assert result.unexplained == ()
+
+
+@pytest.mark.parametrize("seed", [4, 5])
+def test_a_drift_beside_friction_is_no_walk(seed):
+    trace = walking_record(seed, 0.0)
+    time, speed = trace.time_s, trace["motor_velocity_rad_s"]
+    rise = 0.06 * (1.0 - np.exp(-time / 6.0)) + 6e-4 * (speed - 90.0)
+    result = diagnose_trace(trace.with_columns(torque_nm=trace["torque_nm"] + rise), PROFILE)
+    found = {name for cause in result.causes for name in (cause.name, *cause.group, *cause.rivals)}
+    assert "zero-random-walk" not in found
+    assert {"warm-up", "viscous-friction"} <= found
