@@ -12,6 +12,7 @@ from hdbench.diagnosis.fit.jointfit import JointFit, fit_jointly
 from hdbench.diagnosis.fit.terms import Term
 from hdbench.diagnosis.measured.record import Record
 from hdbench.diagnosis.noise.notch import without_lines
+from hdbench.diagnosis.noise.restored import restored
 from hdbench.diagnosis.noise.slownoise import SlowNoise, SlowSpectrum, slow_kernel, slow_spectrum
 from hdbench.diagnosis.noise.whitened import Whitener, make_space, make_whitener
 from hdbench.estimation import NoiseModel, fit_noise
@@ -102,6 +103,7 @@ def _noise_of(record: Record, fit: JointFit, hidden: Hidden, exponent: float) ->
     if not exponent > 0.0:
         steady = _steady(left, record.valid)
         model = fit_noise(left, steady, starts=record.starts, keep_lines=False)
+        model = restored(model, hidden.coarse.shape[1] / int(record.valid.sum()))
         return Noise(model, make_whitener(model, record.valid, record.starts))
     slow = plain_spectrum(record, fit, left).fit(exponent)
     noise = _slow_first(record, left, slow)
