@@ -133,7 +133,7 @@ def search(
         _, last = _accept_all(other, alpha, align, progress, min(most, _MAX_CAUSES))
         if walk_is_a_cause(state, other):
             state, looks = other, last
-    swap_for_pair(state)
+    swap_for_pair(state, alpha)
     if len(state.accepted) > 1:
         progress("going over the names again", 0.92)
         rename_all(state)
@@ -167,19 +167,29 @@ def _accept_all(
     most: int,
 ) -> tuple[Looks, Looks]:
     """Accept causes until nothing passes, or `most` were; return the first and the last looks."""
-    first: Looks | None = None
-    while True:
-        space = state.space()
-        progress("scanning the residual", min(0.9, 0.1 + 0.2 * len(state.accepted)))
-        looks = look_at(space, state.record, state.survey, state.fit.terms, state.grams)
-        state.grams = looks.grams
-        first = first or looks
-        count = sum(not one.form for one in state.accepted)
-        if count >= most or _only_remains(state):
-            break
-        if not _step(state, space, looks, alpha, align):
-            break
-    return first, looks
+    first, more = _once(state, alpha, align, progress, most)
+    last = first
+    while more:
+        last, more = _once(state, alpha, align, progress, most)
+    return first, last
+
+
+def _once(
+    state: State,
+    alpha: float,
+    align: Callable[[Beyond], Record] | None,
+    progress: Callable[[str, float], None],
+    most: int,
+) -> tuple[Looks, bool]:
+    """Look at the residual and accept a cause; False where that was the last look."""
+    space = state.space()
+    progress("scanning the residual", min(0.9, 0.1 + 0.2 * len(state.accepted)))
+    looks = look_at(space, state.record, state.survey, state.fit.terms, state.grams)
+    state.grams = looks.grams
+    count = sum(not one.form for one in state.accepted)
+    if count >= most or _only_remains(state):
+        return looks, False
+    return looks, _step(state, space, looks, alpha, align)
 
 
 def _only_remains(state: State) -> bool:

@@ -66,6 +66,30 @@ def test_a_walking_zero_is_named_and_its_intensity_measured():
     assert again.verdict == "nothing-found"
 
 
+def test_the_gain_of_a_walk_is_that_of_straight_lines_over_what_is_left_out():
+    step_nm, noise_nm = 1.2e-3, 0.05
+    trace, still = walking_record(1, step_nm), walking_record(1, 0.0)
+    walk = trace["torque_nm"] - still["torque_nm"]
+    (cause,) = diagnose_trace(trace, PROFILE).causes
+    # every fifth of twenty blocks in turn, from means of a tenth of a second on both sides of it
+    blocks = np.split(np.arange(20_000), 20)
+    left = np.empty(20_000)
+    for fold in range(5):
+        held = np.isin(np.arange(20_000) // 1000 % 5, fold)
+        known = np.flatnonzero(~held)
+        smooth = np.convolve(walk, np.ones(101) / 101.0, "same")
+        for block in blocks[fold::5]:
+            near = known[(known < block[0] - 50) | (known > block[-1] + 50)]
+            left[block] = walk[block] - np.interp(block, near, smooth[near])
+    after = np.sqrt(np.mean(left**2) + noise_nm**2)
+    # the means hold noise, and the training keeps away from the blocks: some per cent
+    assert cause.gain.heldout_rms_after_nm == pytest.approx(after, rel=0.05)
+    before = np.sqrt(np.var(walk) + noise_nm**2)
+    assert cause.gain.heldout_rms_before_nm > before
+    low, high = cause.gain.interval
+    assert 0.0 < low < cause.gain.explained_fraction < high < 1.0
+
+
 def test_step_statistics_are_those_of_plain_regression():
     rng = np.random.default_rng(5)
     n = 300

@@ -9,7 +9,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from hdbench.model import Motion, catalogue
-from hdbench.model.causes import _memory
+from hdbench.model.causes import _memory, stiffness
 
 Make = Callable[..., Motion]
 Array = np.ndarray
@@ -322,3 +322,17 @@ def test_a_constant_decay_is_a_filter_and_gives_what_blocks_side_by_side_give(
     monkeypatch.setattr(_memory, "_STRETCHES", -1)
     blocks = _memory.linear_recursion(decay, drive)
     assert np.abs(filtered - blocks).max() < 1e-9 * np.abs(blocks).max()
+
+
+def test_an_even_low_pass_gives_what_one_of_uneven_steps_gives(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    time = np.arange(20_001) * 1e-3
+    starts = np.zeros(len(time), dtype=bool)
+    starts[[0, 200, 9000]] = True
+    torque = 3.0 + np.cumsum(np.random.default_rng(8).standard_normal(len(time)))
+    even = stiffness.low_pass(time, starts, 2.0 * np.pi * 150.0)(torque)
+    monkeypatch.setattr(stiffness, "even_step", lambda *_: None)
+    plain = stiffness.low_pass(time, starts, 2.0 * np.pi * 150.0)(torque)
+    assert np.abs(even - plain).max() < 1e-9 * np.abs(plain).max()
+    np.testing.assert_allclose(even[starts], torque[starts], rtol=1e-9)

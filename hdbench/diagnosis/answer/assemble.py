@@ -122,7 +122,13 @@ class Answer:
         count = len(found.accepted)
         left_out = [None, -1, *range(first, first + count)]
         whitener = found.noise.whitener
-        held_out = held_out_residuals(self.record, found.fit, whitener, left_out)
+        walking = found.walk is not None
+        held_out = held_out_residuals(self.record, found.fit, whitener, left_out, walking=walking)
+        still = (
+            held_out_residuals(self.record, found.fit, whitener, left_out[:2])
+            if walking
+            else held_out
+        )
         conditions = left_out_gains(self.record, found.fit, whitener, range(first, first + count))
         named = list(self.acquired)
         places: list[Unexplained] = []
@@ -141,7 +147,8 @@ class Answer:
                 named += [] if against else [cause]
                 places += [] if against is None else [against]
         if found.walk is not None:
-            named.append(walk_cause(found, found.walk, variance, held_out[0].rms_nm))
+            gain = gain_between(still[0], held_out[0], self.record, self.rng)
+            named.append(walk_cause(found, found.walk, variance, gain))
         places += [
             Unexplained(
                 left.domain,
@@ -154,7 +161,7 @@ class Answer:
             )
             for left in found.left
         ]
-        return named, places, held_out[:2]
+        return named, places, [held_out[0], still[1]]
 
     def _named(self, place: int, accepted: Accepted, share: float, gain: Gain) -> NamedCause:
         term = self.found.fit.terms[place]

@@ -12,6 +12,7 @@ from hdbench.diagnosis.fit.families import is_line
 from hdbench.diagnosis.fit.jointfit import JointFit
 from hdbench.diagnosis.fit.terms import tangent_columns, term_columns
 from hdbench.diagnosis.measured.record import Record
+from hdbench.diagnosis.noise.gaps import bridges
 from hdbench.diagnosis.noise.whitened import Whitener
 from hdbench.records.trace import FloatArray
 
@@ -33,7 +34,12 @@ _ANCHOR = 1e-3
 
 
 def held_out_residuals(
-    record: Record, fit: JointFit, whitener: Whitener, leave_out: Sequence[int | None]
+    record: Record,
+    fit: JointFit,
+    whitener: Whitener,
+    leave_out: Sequence[int | None],
+    *,
+    walking: bool = False,
 ) -> list[HeldOut]:
     """Predict each fifth of the record from the rest of it.
 
@@ -48,10 +54,14 @@ def held_out_residuals(
     leave_out : sequence of int or None
         Index of a cause that is left out of each prediction; None for all causes, -1 for the
         causes that the model did not hold before.
+    walking : bool
+        Whether a random walk of the zero is predicted too: between what the folds that train leave
+        on both sides of a block, by a straight line; beyond the ends of the record it stands still.
 
     Returns
     -------
     list of HeldOut
+        Their `chi2` is of the residual with the walk in it, which the whitener takes for noise.
 
     Notes
     -----
@@ -77,10 +87,12 @@ def held_out_residuals(
     # no further than a block: on a short record nothing would be left to train on
     gap = min(max(_GAP, 3 * min(len(whitener.kernel), _MEMORY)), len(blocks[0]))
     gram, vector, n = white.T @ white, white.T @ right, len(response)
-    residuals = np.zeros((len(leave_out), len(response)))
+    residuals = np.zeros((len(leave_out), n))
+    walks = np.zeros((len(leave_out) if walking else 1, n))
     for fold in range(_FOLDS):
         own, target = gram.copy(), vector.copy()
-        for around in _surroundings(blocks[fold::_FOLDS], gap):
+        apart = _surroundings(blocks[fold::_FOLDS], gap)
+        for around in apart:
             for rows in (around, slice(around.start + n, around.stop + n)):
                 own -= white[rows].T @ white[rows]
                 target -= white[rows].T @ right[rows]
@@ -90,10 +102,25 @@ def held_out_residuals(
             solution = _solution(own + prior, target, kept)
             for block in blocks[fold::_FOLDS]:
                 residuals[row, block] = response[block] - design[block] @ solution
+            if walking:
+                walk = _walk_between(response - design @ solution, record, apart, whitener)
+                for block in blocks[fold::_FOLDS]:
+                    walks[row, block] = walk[block]
     return [
-        HeldOut(residual, record.valid, float(np.sum(whitener.apply(residual) ** 2)))
-        for residual in residuals
+        HeldOut(residual - walk, record.valid, float(np.sum(whitener.apply(residual) ** 2)))
+        for residual, walk in zip(residuals, np.broadcast_to(walks, residuals.shape), strict=True)
     ]
+
+
+def _walk_between(
+    residual: FloatArray, record: Record, apart: list[slice], whitener: Whitener
+) -> FloatArray:
+    """Return a residual with straight lines over the samples that do not train."""
+    seen = record.valid.copy()
+    for around in apart:
+        seen[around] = False
+    over = bridges(seen, whitener.reach)
+    return residual if over is None else np.asarray(over.cross(residual[:, None]))[:, 0]
 
 
 def _anchored(

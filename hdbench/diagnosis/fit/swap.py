@@ -18,7 +18,8 @@ __all__ = ["swap_for_pair"]
 
 # more names than these are no mistake for two
 _FEW = 4
-# a pair must gain this many nats over what it replaces, beside what its choice costs
+# a pair must gain this many nats over what it replaces, beside what its choice costs; in the place
+# of one name it is a finding more, and as sure as any
 _BETTER = 1.0
 # the best shape beside another cause may lie off that of each alone: so many nats short are tried
 _SHORT = 10.0
@@ -26,7 +27,7 @@ _SHORT = 10.0
 _MOST = 3
 
 
-def swap_for_pair(state: State) -> bool:
+def swap_for_pair(state: State, alpha: float) -> bool:
     """Put two families into the place of all those accepted, where they are likelier.
 
     Two causes may look like a third one, and what that one leaves like a fourth.
@@ -35,6 +36,8 @@ def swap_for_pair(state: State) -> bool:
     ----------
     state : State
         Where the search stands; changed where a pair is likelier.
+    alpha : float
+        Probability of a finding without an effect, in (0, 1).
 
     Returns
     -------
@@ -60,7 +63,9 @@ def swap_for_pair(state: State) -> bool:
     pair = pairs[best]
     now = nats(state.fit, state.noise) - _paid(old)
     picked = _picked(pair, len(old))
-    if not worth[best] - picked > now + _BETTER:
+    one_more = len(old) == 1 and not is_curve(old[0])
+    better = -float(np.log(alpha)) if one_more else _BETTER
+    if not worth[best] - picked > now + better:
         return False
     chance = min(state.accepted[k].false_alarm for k in gone)
     state.accepted = [

@@ -41,7 +41,7 @@ def walk_shape(found: Found) -> dict[str, float]:
     return {"intensity_nm_per_sqrt_s": float(np.sqrt(density) * np.pi / span)}
 
 
-def walk_cause(found: Found, walk: Walk, variance: float, rms_nm: float) -> NamedCause:
+def walk_cause(found: Found, walk: Walk, variance: float, gain: Gain) -> NamedCause:
     """Return a random walk of the zero as a named cause.
 
     Parameters
@@ -52,8 +52,8 @@ def walk_cause(found: Found, walk: Walk, variance: float, rms_nm: float) -> Name
         What was accepted.
     variance : float
         Residual variance of the baseline, (N m)^2.
-    rms_nm : float
-        Held-out RMS, N m: nothing of a walk can be predicted on other blocks.
+    gain : Gain
+        Of what lies between blocks over the blocks themselves.
 
     Returns
     -------
@@ -71,7 +71,7 @@ def walk_cause(found: Found, walk: Walk, variance: float, rms_nm: float) -> Name
         {name: {"value": value, "std": None, "unit": cause.shape[0].unit}},
         walk.noise.gain_nats,
         walk.false_alarm,
-        Gain(rms_nm, rms_nm, 0.0, (0.0, 0.0)),
+        gain,
         cause.experiment if walk.rivals else None,
         share,
         "time",

@@ -59,11 +59,15 @@ class Whitener:
         """Transform a long kernel once."""
         if len(self.kernel) > DIRECT:
             object.__setattr__(self, "spectrum", transformed(self.kernel, len(self.valid)))
-            # of noise 1 + (c/k)^2 over half cycles k in n samples the log of the first value is
-            # -pi c / 2n, and the walk moves by as much as a mean is uncertain in n / pi c samples
-            depth = -2.0 * float(np.log(self.kernel[0]))
-            reach = 1.0 / depth if depth > 0.0 else 1.0
-            object.__setattr__(self, "gaps", bridges(self.valid, reach))
+            object.__setattr__(self, "gaps", bridges(self.valid, self.reach))
+
+    @property
+    def reach(self) -> float:
+        """Samples in which a walk moves by as much as their mean is uncertain; at least one."""
+        # of noise 1 + (c/k)^2 over half cycles k in n samples the log of the first value is
+        # -pi c / 2n, and the walk moves by as much as a mean is uncertain in n / pi c samples
+        depth = -2.0 * float(np.log(self.kernel[0]))
+        return 1.0 / depth if depth > 0.0 else 1.0
 
     def apply(self, columns: Any) -> Any:
         """Return A applied to columns of shape (n,) or (n, k); zero where not used.

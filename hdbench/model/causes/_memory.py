@@ -51,9 +51,10 @@ def linear_recursion(decay: NDArray[Number], drive: NDArray[Number]) -> NDArray[
     advanced side by side from 0; what a block inherits is added afterwards.
     """
     n = len(drive)
-    begins = np.flatnonzero(decay == 0.0)
-    if len(begins) <= _STRETCHES and _steady(np.delete(decay, begins)):
-        return _filtered(decay[decay != 0.0][0], drive, begins)
+    starts = decay == 0.0
+    runs = stretches(starts)
+    if runs is not None and _steady(decay[~starts]):
+        return _filtered(decay[~starts][0], drive, runs)
     length = max(1, math.isqrt(n))
     a, f = _blocks(decay, length), _blocks(drive, length)
     z, product = np.empty_like(f), np.empty_like(a)
@@ -69,6 +70,25 @@ def linear_recursion(decay: NDArray[Number], drive: NDArray[Number]) -> NDArray[
     return result
 
 
+def stretches(starts: NDArray[np.bool_]) -> list[slice] | None:
+    """Return the stretches of samples that follow each other; None where they are many."""
+    begins = np.flatnonzero(starts)
+    if len(begins) > _STRETCHES:
+        return None
+    edges = [0, *(int(at) for at in begins if at > 0), len(starts)]
+    return [slice(start, stop) for start, stop in pairwise(edges)]
+
+
+def even_step(time: FloatArray, starts: NDArray[np.bool_], pole: complex) -> float | None:
+    """Return the step in time, s, where a decay exp(pole step) is one and the same; else None."""
+    step = np.diff(time)[~starts[1:]]
+    if not len(step):
+        return None
+    change = abs(pole) * float(np.abs(step - step[0]).max())
+    lost = 1.0 - abs(np.exp(pole * step[0]))
+    return float(step[0]) if change <= _STEADY * lost else None
+
+
 def _steady(decay: NDArray[Number]) -> bool:
     """Return whether a decay is one and the same to rounding of the time."""
     if not len(decay):
@@ -76,14 +96,13 @@ def _steady(decay: NDArray[Number]) -> bool:
     return bool(np.abs(decay - decay[0]).max() <= _STEADY * (1.0 - abs(decay[0])))
 
 
-def _filtered(decay: Number, drive: NDArray[Number], begins: NDArray[np.intp]) -> NDArray[Number]:
-    """Return the recursion of a constant decay, begun anew at some samples."""
+def _filtered(decay: Number, drive: NDArray[Number], runs: list[slice]) -> NDArray[Number]:
+    """Return the recursion of a constant decay, begun anew in every stretch."""
     from scipy.signal import lfilter
 
-    edges = [0, *(int(at) for at in begins if at > 0), len(drive)]
     result = np.empty_like(drive)
-    for start, stop in pairwise(edges):
-        result[start:stop] = lfilter([1.0], [1.0, -decay], drive[start:stop])
+    for run in runs:
+        result[run] = lfilter([1.0], [1.0, -decay], drive[run])
     return result
 
 

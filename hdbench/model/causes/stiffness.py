@@ -7,7 +7,14 @@ from collections.abc import Callable, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from hdbench.model.causes._memory import linear_recursion, remembered, spread_out
+from hdbench.model.causes._memory import (
+    ComplexArray,
+    even_step,
+    linear_recursion,
+    remembered,
+    spread_out,
+    stretches,
+)
 from hdbench.model.causes._needs import all_of, loaded
 from hdbench.model.causes._parts import (
     RATIO_LIMIT,
@@ -44,19 +51,48 @@ def low_pass(time: FloatArray, starts: NDArray[np.bool_], natural: float) -> Law
     A start is taken as rest at its torque.
     """
     pole = natural * complex(-_DAMPING, np.sqrt(1.0 - _DAMPING * _DAMPING))
-    step = np.where(starts, 0.0, np.diff(time, prepend=time[:1]))
-    decay = np.exp(pole * step)
-    gain = (decay - 1.0) / pole
-    # response to a torque that rises by 1 within the step; nothing rises at a start
-    ramp = (gain - step) / (pole * np.where(step > 0.0, step, 1.0))
-    decay[starts] = 0.0
     scale = natural * natural / pole.imag
+    runs, even = stretches(starts), even_step(time, starts, pole)
+    if runs is not None and even is not None:
+        return _even_low_pass(pole, scale, even, runs)
+    step = np.where(starts, 0.0, np.diff(time, prepend=time[:1]))
+    decay, gain, ramp = _over_step(pole, step)
+    decay[starts] = 0.0
 
     def passed(torque: FloatArray) -> FloatArray:
         before = np.concatenate((torque[:1], torque[:-1]))
         drive = gain * before + ramp * (torque - before)
         drive[starts] = -torque[starts] / pole
         return np.asarray((scale * linear_recursion(decay, drive)).imag)
+
+    return passed
+
+
+def _over_step(pole: complex, step: FloatArray) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
+    """Return what a step leaves, and the response to a torque of 1 and to one that rises by 1."""
+    decay = np.exp(pole * step)
+    gain = (decay - 1.0) / pole
+    # nothing rises at a start
+    ramp = (gain - step) / (pole * np.where(step > 0.0, step, 1.0))
+    return decay, gain, ramp
+
+
+def _even_low_pass(pole: complex, scale: float, step: float, runs: list[slice]) -> Law:
+    """Return the same for samples a step apart: both poles in one recursion of real numbers."""
+    from scipy.signal import lfilter, lfilter_zi
+
+    decay, gain, ramp = (complex(part[0]) for part in _over_step(pole, np.array([step])))
+    other = decay.conjugate()
+    rest = gain - ramp
+    above = scale * np.array([ramp, rest - ramp * other, -rest * other]).imag
+    below = np.array([1.0, -2.0 * decay.real, abs(decay) ** 2])
+    still = lfilter_zi(above, below)
+
+    def passed(torque: FloatArray) -> FloatArray:
+        result = np.empty_like(torque)
+        for run in runs:
+            result[run] = lfilter(above, below, torque[run], zi=still * torque[run.start])[0]
+        return result
 
     return passed
 
