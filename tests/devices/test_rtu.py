@@ -15,7 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymodbus.client import ModbusSerialClient
 
-from hdbench.devices import stop_bench
+from hdbench.devices import stop_bench, wakeup
 from hdbench.devices.daq import DaqSettings
 from hdbench.devices.emulator.paced import paced_line
 from hdbench.devices.emulator.rtuserver import request_size
@@ -392,6 +392,32 @@ def test_a_long_silence_between_frames_holds_no_call_beyond_its_deadline():
             link.transact(pdu, check, start_s + 0.2)
         assert time.monotonic() - start_s < 0.22 + SLACK_S
         link.close()
+
+
+@pytest.mark.parametrize(("baud", "held"), [(921600, True), (115200, False)])
+def test_a_fast_line_keeps_the_processor_awake_while_it_is_open(baud, held, tmp_path, monkeypatch):
+    wishes = tmp_path / "cpu_dma_latency"
+    wishes.touch()
+    monkeypatch.setattr(wakeup, "_WISHES", str(wishes))
+
+    def holders():
+        return [p for p in Path("/proc/self/fd").iterdir() if os.path.realpath(p) == str(wishes)]
+
+    with _Slave(lambda request, write: write(_reply(request, fill=1))) as slave:
+        link = RtuLink(parse_address(f"rtu://{slave.path}?baud={baud}"), 1)
+        pdu, check = read_registers(7, 1)
+        link.transact(pdu, check, time.monotonic() + 2.0)
+        assert len(holders()) == held
+        link.close()
+    assert holders() == []
+    # a 32-bit number of microseconds
+    assert wishes.read_bytes() == (bytes(4) if held else b"")
+
+
+def test_a_line_opens_where_nobody_may_keep_the_processor_awake(tmp_path, monkeypatch):
+    monkeypatch.setattr(wakeup, "_WISHES", str(tmp_path / "missing"))
+    assert wakeup.hold_wakeup() is None
+    wakeup.release_wakeup(None)
 
 
 def test_the_silence_between_frames_is_kept():

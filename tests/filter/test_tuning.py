@@ -20,6 +20,7 @@ from hdbench.filter import (
     load_filter_model,
     preset,
     state_space,
+    transfer_at_steady_speed,
     tune,
 )
 from hdbench.filter.response import filter_response
@@ -30,6 +31,7 @@ from hdbench.filter.tuning.likelihood import score
 from hdbench.filter.tuning.limits import refusal
 from hdbench.filter.tuning.memory import (
     forget_beyond_the_data,
+    leave_the_torque,
     slow_density,
     with_moving_offset,
 )
@@ -381,6 +383,36 @@ def test_an_order_without_a_peak_forgets_within_the_traces_and_leaves_the_torque
     mode = filter_response(alone, motion.speed_rad_s, 1e-3).settling_time_s / math.log(50.0)
     # P^2 / (2 S) = q gives a decay of 1/duration; the speed swings about its mean
     assert mode == pytest.approx(20.0, rel=0.1)
+
+
+@pytest.mark.parametrize(("noise", "lowered"), [(1e-7, False), (2e-4, True)])
+def test_misalignment_is_not_given_the_torque_that_the_slow_block_does_not_fit(noise, lowered):
+    motion = describe_motion([channels(*_parts(turning(40.0)))])
+    slow = SlowBlock("resonance", variance=3.0, time_constant_s=0.1, frequency_hz=2.9)
+    blocks = (
+        OscillatorBlock(2.0, "ripple", 1e-6, "motor-radian"),
+        OscillatorBlock(0.01, "misalignment", noise, "motor-radian"),
+    )
+    model = replace(relative_model((slow,)), blocks=blocks, measurement_noise=0.0032)
+    names = ("measurement_noise", "order 2", "order 0.01")
+    found = [Estimate(name, "", 1.0, None) for name in names]
+    kept, estimates = leave_the_torque(model, found, motion)
+    assert [one.lowered for one in estimates] == [False, False, lowered]
+    assert kept.blocks[0] == model.blocks[0]
+    if not lowered:
+        assert kept == model
+        return
+    hz = np.geomspace(0.5, 10.0, 60)
+
+    def least(of):
+        return np.abs(transfer_at_steady_speed(of, motion.fastest_rad_s, 1e-3, hz)).min()
+
+    assert least(model) < 0.97
+    assert least(kept) > 0.98
+    # no less than a memory of the traces' length: 2 S / angle^2 at the noise's density alone
+    assert kept.blocks[1].process_noise > 2.0 * 0.0032e-3 * motion.speed_rad_s / (
+        motion.turned_rad**2
+    )
 
 
 def test_the_offset_has_a_tenth_of_the_density_at_the_slowest_order():

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from hdbench.devices.serialport import is_gone, open_port
+from hdbench.devices.wakeup import FAST_BD, hold_wakeup, release_wakeup
 from hdbench.devices.wire.address import Address
 from hdbench.devices.wire.checks import ExceptionReply, FrameError, ReplyCheck, StaleReply
 from hdbench.devices.wire.crc import CRC_START, crc16, crc_over
@@ -62,6 +63,7 @@ class RtuLink:
         self._probe = probe
         self._clock = clock
         self._port: Serial | None = None
+        self._awake: int | None = None
         self._received = b""
         self._doubtful = self._robbed = False
         self._probes = 0
@@ -87,6 +89,8 @@ class RtuLink:
     def close(self) -> None:
         """Close the port; never raises."""
         port, self._port = self._port, None
+        awake, self._awake = self._awake, None
+        release_wakeup(awake)
         self._received = b""
         if port is not None:
             with contextlib.suppress(OSError):
@@ -202,6 +206,8 @@ class RtuLink:
     def _connected(self, until_s: float) -> int:
         if self._port is None:
             self._port = self._opened()
+            if self._address.serial.baud_bd > FAST_BD:
+                self._awake = hold_wakeup()
             self._received = b""
             # a program before this one may have left a question open
             self._doubtful = True

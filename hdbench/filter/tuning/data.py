@@ -13,6 +13,7 @@ from hdbench.filter.channels import Channels
 from hdbench.filter.layout import USABLE
 
 __all__ = [
+    "OUTPUT_ORDER",
     "Motion",
     "check_records",
     "describe_motion",
@@ -22,6 +23,9 @@ __all__ = [
 ]
 
 _LEAST_SAMPLES = 2000
+
+OUTPUT_ORDER = 0.5
+"""Orders below belong to the output: what takes them turns at a frequency below a torque's."""
 
 
 @dataclass(frozen=True, slots=True)

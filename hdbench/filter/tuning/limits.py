@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from hdbench.filter.model import FilterModel
 from hdbench.filter.tuning.checks import Consistency
-from hdbench.filter.tuning.data import Motion
+from hdbench.filter.tuning.data import OUTPUT_ORDER, Motion
 from hdbench.filter.tuning.result import Estimate
 from hdbench.filter.tuning.settings import TuningSettings
 
@@ -16,7 +16,6 @@ __all__ = ["notes_on", "refusal"]
 _TURNS = 2.0  # least turns of a block's own order that tell its wander from a constant or a ramp
 _STEADY = 0.02  # spread of speed below which an order and a tone have one frequency
 _WHITE = 0.1  # an autocorrelation of which 1 % of the innovations' variance could be foretold
-_OUTPUT_ORDER = 0.5  # orders below belong to the output
 
 
 def refusal(model: FilterModel, motion: Motion) -> str | None:
@@ -106,7 +105,7 @@ def _motion_notes(model: FilterModel, motion: Motion) -> list[str]:
     for block in model.blocks:
         turns = block.order * motion.turned_rad / (2.0 * math.pi)
         if block.order > 0.0 and turns < _TURNS:
-            what = "output turns" if block.order < _OUTPUT_ORDER else "turns of its own"
+            what = "output turns" if block.order < OUTPUT_ORDER else "turns of its own"
             notes.append(
                 f"order {block.order:g}: {turns:.2g} {what}, needed {_TURNS:g}: its process noise "
                 "is not determined and its estimate is held by the prior"
@@ -124,6 +123,11 @@ def _motion_notes(model: FilterModel, motion: Motion) -> list[str]:
 
 
 def _estimate_note(estimate: Estimate) -> str:
+    if estimate.lowered:
+        return (
+            f"{estimate.name}: less than likely, {estimate.value:.3g} {estimate.unit}: more would "
+            "take over 1 % of the torque between 0.5 and 10 Hz"
+        )
     if estimate.determined:
         return ""
     if estimate.relative_std is not None:

@@ -1,4 +1,4 @@
-"""How long a block remembers, and the least it must forget."""
+"""How long a block remembers: the least it must forget, and the most it may."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from hdbench.errors import DataError
 from hdbench.filter.blocks import OscillatorBlock, SlowBlock
 from hdbench.filter.compare import transfer_at_steady_speed
 from hdbench.filter.model import FilterModel
-from hdbench.filter.tuning.data import Motion
+from hdbench.filter.tuning.data import OUTPUT_ORDER, Motion
 from hdbench.filter.tuning.result import Estimate
 
-__all__ = ["forget_beyond_the_data", "slow_density", "with_moving_offset"]
+__all__ = ["forget_beyond_the_data", "leave_the_torque", "slow_density", "with_moving_offset"]
 
 _OFFSET_SHARE = 0.1  # of the density at the slowest order: its estimate is 5 % less certain for it
 _HALVINGS = 12  # of the memory's inverse: down to four thousandths
@@ -140,6 +140,54 @@ def forget_beyond_the_data(
             value = raised.blocks[i].process_noise
             found[1 + i] = replace(estimates[1 + i], value=value, held=True)
     return raised, tuple(found)
+
+
+def leave_the_torque(
+    model: FilterModel, estimates: Sequence[Estimate], motion: Motion
+) -> tuple[FilterModel, tuple[Estimate, ...]]:
+    """Lower process noise at orders of the output until they leave the torque alone.
+
+    Parameters
+    ----------
+    model : FilterModel
+        The tuned model, in N m.
+    estimates : sequence of Estimate
+        Measurement noise, then the process noise of every block in the model's order, then others.
+    motion : Motion
+        The traces' motion.
+
+    Returns
+    -------
+    model : FilterModel
+        The same model, or with less process noise in blocks of the output's orders.
+    estimates : tuple of Estimate
+        With the values that the model now has, and `lowered` where they are less than likely.
+
+    Notes
+    -----
+    Where the slow torque is none of the kinds tried, the likelihood gives a part of it to the
+    misalignment. What its block takes of the torque between 0.5 and 10 Hz, or of constant torque,
+    is held to 1 % more than it takes with a memory as long as the traces, at their speeds.
+    """
+    found, kept = list(estimates), model
+    for i, block in enumerate(model.blocks):
+        if not 0.0 < block.order < OUTPUT_ORDER:
+            continue
+        least = min(_floor(model, block, motion), block.process_noise)
+        long = _with_noise(kept, i, least)
+        noise = block.process_noise
+        while noise > least and not _same_torque(long, _with_noise(kept, i, noise), motion):
+            noise = max(0.5 * noise, least)
+        if noise < block.process_noise:
+            kept = _with_noise(kept, i, noise)
+            found[1 + i] = replace(found[1 + i], value=noise, lowered=True)
+    return kept, tuple(found)
+
+
+def _with_noise(model: FilterModel, place: int, noise: float) -> FilterModel:
+    blocks = list(model.blocks)
+    blocks[place] = replace(blocks[place], process_noise=noise)
+    return replace(model, blocks=tuple(blocks))
 
 
 def _raised(model: FilterModel, floors: Mapping[int, float]) -> FilterModel:

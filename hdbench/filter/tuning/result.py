@@ -29,6 +29,8 @@ class Estimate:
     held : bool
         Whether `value` is not the most likely one but the least at which the block remembers no
         longer than the traces last.
+    lowered : bool
+        Whether `value` is less than the most likely one, so that the block leaves the torque alone.
     """
 
     name: str
@@ -38,6 +40,7 @@ class Estimate:
     below: float | None = None
     above: float | None = None
     held: bool = False
+    lowered: bool = False
 
     @property
     def determined(self) -> bool:
@@ -56,6 +59,7 @@ class Estimate:
             "below": self.below,
             "above": self.above,
             "held_at_memory_of_traces": self.held,
+            "lowered_to_leave_torque": self.lowered,
         }
 
 

@@ -20,7 +20,11 @@ from hdbench.filter.tuning.data import (
 from hdbench.filter.tuning.estimates import estimate_all
 from hdbench.filter.tuning.finish import finished
 from hdbench.filter.tuning.limits import notes_on
-from hdbench.filter.tuning.memory import forget_beyond_the_data, with_moving_offset
+from hdbench.filter.tuning.memory import (
+    forget_beyond_the_data,
+    leave_the_torque,
+    with_moving_offset,
+)
 from hdbench.filter.tuning.outliers import without_outliers
 from hdbench.filter.tuning.result import CandidateResult, TuningResult
 from hdbench.filter.tuning.settings import TuningSettings
@@ -74,6 +78,7 @@ def tune(
         model = with_moving_offset(model, motion)
     estimates = estimate_all(trial.problem(kinds[chosen]), logs, usable)
     model, estimates = forget_beyond_the_data(model, estimates, motion)
+    model, estimates = leave_the_torque(model, estimates, motion)
     consistency = check_innovations(model, usable)
     result = TuningResult(
         model=finished(model, base, settings, records, origins or {}),
