@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from hdbench.diagnosis.detect.looks import SHARES, Looks, look_at
+from hdbench.diagnosis.detect.scan import ScanResult
 from hdbench.diagnosis.detect.scanplan import LineScan
 from hdbench.diagnosis.detect.survey import Survey
 from hdbench.diagnosis.fit.again import weigh_again
@@ -63,8 +64,10 @@ class Found:
         One for each term that is not known, in order.
     left : tuple of Left
         What is left without a name.
-    first, last : Looks
-        Looks at the first and at the last residual.
+    first_scans : mapping of str to ScanResult
+        Scans of the first residual, by domain.
+    last : Looks
+        Looks at the last residual.
     survey : Survey
         Plan of the looks.
     record : Record
@@ -78,7 +81,7 @@ class Found:
     space: Space
     accepted: tuple[Accepted, ...]
     left: tuple[Left, ...]
-    first: Looks
+    first_scans: Mapping[str, ScanResult]
     last: Looks
     survey: Survey
     record: Record
@@ -125,14 +128,16 @@ def search(
     Found
     """
     state = State.start(record, causes, known, rng)
-    first, looks = _accept_all(state, alpha, align, progress, _MAX_CAUSES)
+    first_scans, looks = _accept_all(state, alpha, align, progress, _MAX_CAUSES)
     drop_slow_noise(state)
     if state.walk is not None and state.unwalked is not None:
         other = state.unwalked
         most = len(state.accepted) + _BESIDE_WALK
-        _, last = _accept_all(other, alpha, align, progress, min(most, _MAX_CAUSES))
+        # one set of Gram matrices is enough to hold: the walk's are formed anew where it stays
+        state.grams = other.grams
+        _, beside = _accept_all(other, alpha, align, progress, min(most, _MAX_CAUSES))
         if walk_is_a_cause(state, other):
-            state, looks = other, last
+            state, looks = other, beside
     swap_for_pair(state, alpha)
     if len(state.accepted) > 1:
         progress("going over the names again", 0.92)
@@ -151,7 +156,7 @@ def search(
         space,
         tuple(state.accepted),
         (*left, *held_back),
-        first,
+        first_scans,
         looks,
         state.survey,
         state.record,
@@ -165,13 +170,13 @@ def _accept_all(
     align: Callable[[Beyond], Record] | None,
     progress: Callable[[str, float], None],
     most: int,
-) -> tuple[Looks, Looks]:
-    """Accept causes until nothing passes, or `most` were; return the first and the last looks."""
-    first, more = _once(state, alpha, align, progress, most)
-    last = first
+) -> tuple[Mapping[str, ScanResult], Looks]:
+    """Accept causes until nothing passes, or `most` were; return first scans and last looks."""
+    looks, more = _once(state, alpha, align, progress, most)
+    first_scans = looks.scans
     while more:
-        last, more = _once(state, alpha, align, progress, most)
-    return first, last
+        looks, more = _once(state, alpha, align, progress, most)
+    return first_scans, looks
 
 
 def _once(
@@ -184,8 +189,7 @@ def _once(
     """Look at the residual and accept a cause; False where that was the last look."""
     space = state.space()
     progress("scanning the residual", min(0.9, 0.1 + 0.2 * len(state.accepted)))
-    looks = look_at(space, state.record, state.survey, state.fit.terms, state.grams)
-    state.grams = looks.grams
+    looks, state.grams = look_at(space, state.record, state.survey, state.fit.terms, state.grams)
     count = sum(not one.form for one in state.accepted)
     if count >= most or _only_remains(state):
         return looks, False

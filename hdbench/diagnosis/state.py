@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from hdbench.diagnosis.detect.looks import Grams
+from hdbench.diagnosis.detect.bank import Grams
 from hdbench.diagnosis.detect.scanplan import plan_scans
 from hdbench.diagnosis.detect.survey import Survey, make_survey
 from hdbench.diagnosis.fit.jointfit import JointFit, fit_jointly
@@ -101,7 +101,7 @@ class State:
         Noise.
     survey : Survey
         Plan of the looks.
-    grams : Grams or None
+    grams : Grams
         Gram matrices of the last look.
     exponent : float
         Exponent of the slow noise, 0 where there is none.
@@ -128,7 +128,7 @@ class State:
     fit: JointFit
     noise: Noise
     survey: Survey
-    grams: Grams | None = None
+    grams: Grams
     exponent: float = 0.0
     walk: Walk | None = None
     accepted: list[Accepted] = field(default_factory=list)
@@ -157,10 +157,9 @@ class State:
         accepted = [_evident(record, known, weight, fit, noise)] if weight else []
         record = with_simulated(record, signal_in_channel(record, fit.fitted_nm))
         space = make_space(noise.whitener, fit.parts, record.response_nm)
-        survey = make_survey(record, causes, space, hidden.scans, rng)
-        return cls(
-            record, causes, rng, hidden, fit, noise, survey, accepted=accepted, rounding=coarse
-        )
+        survey, grams = make_survey(record, causes, space, hidden.scans, rng)
+        parts = (record, causes, rng, hidden, fit, noise, survey, grams)
+        return cls(*parts, accepted=accepted, rounding=coarse)
 
     @property
     def n_known(self) -> int:
@@ -193,10 +192,9 @@ class State:
         self.record = with_simulated(record, self.fit.fitted_nm)
         self.hidden = Hidden(coarse_basis(self.record), plan_scans(self.record))
         self.settle(self.fit.terms)
-        self.survey = make_survey(
+        self.survey, self.grams = make_survey(
             self.record, self.causes, self.space(), self.hidden.scans, self.rng
         )
-        self.grams = None
 
 
 def _weight_terms(

@@ -41,7 +41,7 @@ def pictures_of(
         return np.where(record.valid, values, np.nan)
 
     spectra = tuple(
-        peak_spectrum(scan.domain, scan.unit, found.first.scans, found.last.scans)
+        peak_spectrum(scan.domain, scan.unit, found.first_scans, found.last.scans)
         for scan in found.scans
     )
     return Pictures(

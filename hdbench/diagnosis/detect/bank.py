@@ -15,7 +15,7 @@ from hdbench.diagnosis.noise.whitened import Whitener
 from hdbench.model import Cause
 from hdbench.records.trace import FloatArray
 
-__all__ = ["Bank", "Gram", "Member", "bank_gram", "build_bank"]
+__all__ = ["Bank", "Gram", "Grams", "Member", "bank_gram", "build_bank"]
 
 # rows that are whitened at a time, and which of these chunks stand for all
 _CHUNK = 4096
@@ -139,8 +139,27 @@ class Gram:
 
     def scaled(self, factor: float) -> Gram:
         """Return the same for whitened columns times a factor."""
+        if factor == 1.0:
+            return self
         blocks = tuple(block * factor**2 for block in self.blocks)
         return Gram(blocks, self.rows, self.sample * np.float32(factor))
+
+
+@dataclass(frozen=True, slots=True)
+class Grams:
+    """Gram matrices of both banks for one noise.
+
+    Parameters
+    ----------
+    whitener : Whitener
+        Noise.
+    bank, curves : Gram
+        As `bank_gram` gives them.
+    """
+
+    whitener: Whitener
+    bank: Gram
+    curves: Gram
 
 
 def bank_gram(bank: Bank, whitener: Whitener) -> Gram:

@@ -49,8 +49,8 @@ def _lines(looks: Looks, survey: Survey, alpha: float) -> list[tuple[str, float]
             limits.append((known.name.replace("known orders", "ripple-harmonic"), size))
     for cause, law in survey.steps:
         # a step in the middle of the record, whitened at 0 Hz
-        gain = float(np.abs(looks.grams.whitener.power_gain(np.zeros(1))[0]))
-        sigma_nm = 2.0 / (gain * float(np.sqrt(looks.grams.whitener.used.sum())))
+        gain = float(np.abs(looks.whitener.power_gain(np.zeros(1))[0]))
+        sigma_nm = 2.0 / (gain * float(np.sqrt(looks.whitener.used.sum())))
         c = _threshold(law.probability, alpha * SHARES["families"] / (survey.law.together + 1.0))
         limits.append((cause.name, sigma_nm * (float(np.sqrt(c)) + _POWER)))
     for cause, law in survey.combs:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hdbench.diagnosis.detect.bank import Bank, Gram, bank_gram
+from hdbench.diagnosis.detect.bank import Bank, Grams, bank_gram
 from hdbench.diagnosis.detect.geometry import Geometry, geometry
 from hdbench.diagnosis.detect.law import Law, local_p
 from hdbench.diagnosis.detect.linelooks import SHARES, Look, line_looks
@@ -17,29 +17,11 @@ from hdbench.diagnosis.measured.record import Record
 from hdbench.diagnosis.noise.whitened import Space, Whitener
 from hdbench.records.trace import FloatArray
 
-__all__ = ["SHARES", "Grams", "Look", "Looks", "look_at", "look_at_families"]
+__all__ = ["SHARES", "Look", "Looks", "look_at", "look_at_families"]
 
 
-@dataclass(frozen=True, slots=True)
-class Grams:
-    """Gram matrices of both banks for one noise.
-
-    Parameters
-    ----------
-    whitener : Whitener
-        Noise.
-    bank, curves : Gram
-        As `bank_gram` gives them.
-    """
-
-    whitener: Whitener
-    bank: Gram
-    curves: Gram
-
-
-def make_grams(survey: Survey, whitener: Whitener, last: Grams | None) -> Grams:
+def make_grams(survey: Survey, whitener: Whitener, last: Grams) -> Grams:
     """Return the Gram matrices for a noise; the last ones where the noise is the same."""
-    last = last or Grams(survey.whitener, *survey.grams)
     if _same(last.whitener, whitener):
         scale = last.whitener.std / whitener.std
         return Grams(whitener, last.bank.scaled(scale), last.curves.scaled(scale))
@@ -65,14 +47,14 @@ class Looks:
         By domain.
     bank : Geometry
         How the families stand in the residual's space.
-    grams : Grams
-        Gram matrices that belong to the noise.
+    whitener : Whitener
+        Noise.
     """
 
     looks: tuple[Look, ...]
     scans: dict[str, ScanResult]
     bank: Geometry
-    grams: Grams
+    whitener: Whitener
 
 
 def _bank_looks(
@@ -114,9 +96,7 @@ def _told_apart(statistics: FloatArray, best: float) -> float:
     return 1.0 / float(np.mean(np.exp(np.minimum(0.5 * (statistics - best), 0.0))))
 
 
-def look_at_families(
-    space: Space, survey: Survey, last: Grams | None = None
-) -> tuple[tuple[Look, ...], Grams]:
+def look_at_families(space: Space, survey: Survey, last: Grams) -> tuple[tuple[Look, ...], Grams]:
     """Test every family.
 
     Parameters
@@ -125,7 +105,7 @@ def look_at_families(
         Whitened residual.
     survey : Survey
         What was planned for its record.
-    last : Grams or None
+    last : Grams
         Gram matrices of the look before.
 
     Returns
@@ -145,8 +125,8 @@ def look_at(
     record: Record,
     survey: Survey,
     accepted: tuple[Term, ...],
-    last: Grams | None = None,
-) -> Looks:
+    last: Grams,
+) -> tuple[Looks, Grams]:
     """Scan every axis and test every family and every curve.
 
     Parameters
@@ -159,12 +139,14 @@ def look_at(
         What was planned for it.
     accepted : tuple of Term
         What is already in the model.
-    last : Grams or None
+    last : Grams
         Gram matrices of the look before.
 
     Returns
     -------
-    Looks
+    looks : Looks
+    grams : Grams
+        Gram matrices that belong to the noise.
     """
     grams = make_grams(survey, space.whitener, last)
     looks, results = line_looks(space, record, survey, accepted)
@@ -173,4 +155,4 @@ def look_at(
     looks += _bank_looks(survey.bank, shape, survey.law, space, SHARES["families"], names)
     other = geometry(survey.curves, grams.curves, space)
     looks += _bank_looks(survey.curves, other, survey.curve_law, space, SHARES["curves"], names)
-    return Looks(tuple(looks), results, shape, grams)
+    return Looks(tuple(looks), results, shape, space.whitener), grams

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import gamma, gammaincc
 
-from hdbench.diagnosis.detect.bank import Bank, Gram, bank_gram, build_bank
+from hdbench.diagnosis.detect.bank import Bank, Grams, bank_gram, build_bank
 from hdbench.diagnosis.detect.geometry import geometry
 from hdbench.diagnosis.detect.law import Law, draw_law
 from hdbench.diagnosis.detect.scan import null_scans, upcrossing_rate
@@ -17,7 +17,7 @@ from hdbench.diagnosis.detect.steps import step_statistics
 from hdbench.diagnosis.fit.families import family_causes, is_line, is_step
 from hdbench.diagnosis.measured.record import Record
 from hdbench.diagnosis.naming.curves import curve_causes
-from hdbench.diagnosis.noise.whitened import Space, Whitener
+from hdbench.diagnosis.noise.whitened import Space
 from hdbench.model import Cause
 from hdbench.records.trace import FloatArray
 
@@ -116,10 +116,6 @@ class Survey:
         Families of the catalogue, and curves without a name.
     law, curve_law : Law
         Their laws.
-    whitener : Whitener
-        Noise in which the laws were drawn.
-    grams : tuple of Gram
-        Gram matrices of both banks in it.
     """
 
     causes: tuple[Cause, ...]
@@ -132,8 +128,6 @@ class Survey:
     curves: Bank
     law: Law
     curve_law: Law
-    whitener: Whitener
-    grams: tuple[Gram, Gram]
 
 
 def comb_statistic(statistic: FloatArray, first: int, harmonics: int) -> FloatArray:
@@ -206,7 +200,7 @@ def make_survey(
     space: Space,
     scans: tuple[LineScan, ...],
     rng: np.random.Generator,
-) -> Survey:
+) -> tuple[Survey, Grams]:
     """Plan all looks at a record and draw how noise alone fares in them.
 
     Parameters
@@ -224,7 +218,9 @@ def make_survey(
 
     Returns
     -------
-    Survey
+    survey : Survey
+    grams : Grams
+        Gram matrices of its banks in the noise of `space`.
     """
     lines = tuple(c for c in causes if is_line(c) and c.applicable(record.motion) is None)
     pulls = space.null_pulls(_DRAWS, rng)
@@ -237,27 +233,16 @@ def make_survey(
             combs = _combs(scan, lines, nulls)
     bank = build_bank(record, family_causes(record, causes))
     curves = build_bank(record, curve_causes(record))
-    grams = (bank_gram(bank, space.whitener), bank_gram(curves, space.whitener))
+    white = space.whitener
+    grams = Grams(white, bank_gram(bank, white), bank_gram(curves, white))
     drawn = [
         draw_law(part, gram, geometry(part, gram, space), space, rng)
-        for part, gram in zip((bank, curves), grams, strict=True)
+        for part, gram in ((bank, grams.bank), (curves, grams.curves))
     ]
     known = _known(record, scans, laws, lines)
     steps = tuple((cause, _step_law(space, rng)) for cause in causes if is_step(cause))
-    return Survey(
-        causes,
-        scans,
-        tuple(laws),
-        combs,
-        known,
-        steps,
-        bank,
-        curves,
-        drawn[0],
-        drawn[1],
-        space.whitener,
-        grams,
-    )
+    plan = Survey(causes, scans, tuple(laws), combs, known, steps, bank, curves, drawn[0], drawn[1])
+    return plan, grams
 
 
 def _step_law(space: Space, rng: np.random.Generator) -> LineLaw:

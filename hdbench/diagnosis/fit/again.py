@@ -100,7 +100,7 @@ def _promising(state: State, whitener: Whitener) -> list[Candidate]:
     record, terms = state.record, state.fit.terms[:-1]
     others = fit_jointly(record, terms, whitener, refine=False)
     space = make_space(whitener, others.parts, record.response_nm)
-    looks = look_at(space, record, state.survey, terms, state.grams)
+    looks, _ = look_at(space, record, state.survey, terms, state.grams)
     seen = tuple(look for look in looks.looks if look.terms)
     ranked = rank_looks(space, record, state.survey, seen)
     named = with_names(state, space, seen, ranked)
@@ -139,8 +139,7 @@ def _take(state: State, candidate: Candidate) -> None:
     record, whitener = state.record, state.noise.whitener
     others = fit_jointly(record, state.fit.terms[:-1], whitener, refine=False)
     space = make_space(whitener, others.parts, record.response_nm)
-    looks = look_at(space, record, state.survey, others.terms, state.grams)
-    state.grams = looks.grams
+    looks, state.grams = look_at(space, record, state.survey, others.terms, state.grams)
     last = state.fit.terms[-1]
     statistic = others.chi2 - state.fit.chi2
     value = score(statistic, candidate.dof, 1.0)

@@ -86,7 +86,7 @@ def named_first(
         explained = (*state.fit.parts, columns)
         beside = make_space(state.noise.whitener, explained, state.record.response_nm)
         terms = (*state.fit.terms, named[0].term)
-        others = look_at(beside, state.record, state.survey, terms, state.grams)
+        others, _ = look_at(beside, state.record, state.survey, terms, state.grams)
         second = max(
             (promise(k) for k in others.looks if k.terms and not all(map(unnamed, k.terms))),
             default=0.0,

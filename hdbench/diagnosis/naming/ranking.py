@@ -181,4 +181,5 @@ def _probability(ranked: list[Candidate], group: list[Term]) -> float:
             nats[name] = max(one.score_nats, nats.get(name, -np.inf))
     top = max(nats.values())
     shares = {name: float(np.exp(value - top)) for name, value in nats.items()}
-    return sum(shares[name] for name in own) / sum(shares.values())
+    # in the order of the names' evidence: a set has another order in every process
+    return sum(share for name, share in shares.items() if name in own) / sum(shares.values())

@@ -108,7 +108,7 @@ def _rename_one(state: State, index: int, peers: list[int]) -> bool:
     others = fit_jointly(record, beside, state.noise.whitener, refine=False)
     space = make_space(state.noise.whitener, others.parts, record.response_nm)
     survey = state.survey
-    looks = look_at(space, record, survey, others.terms, state.grams)
+    looks, _ = look_at(space, record, survey, others.terms, state.grams)
     old = state.accepted[index]
     seen = tuple(look for look in looks.looks if look.terms)
     own = tuple(look for look in seen if look.terms[0].cause.name == old.name)
