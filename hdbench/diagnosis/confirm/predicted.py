@@ -88,7 +88,7 @@ def held_out_residuals(
     gap = min(max(_GAP, 3 * min(len(whitener.kernel), _MEMORY)), len(blocks[0]))
     gram, vector, n = white.T @ white, white.T @ right, len(response)
     residuals = np.zeros((len(leave_out), n))
-    walks = np.zeros((len(leave_out) if walking else 1, n))
+    walks = np.zeros_like(residuals)
     for fold in range(_FOLDS):
         own, target = gram.copy(), vector.copy()
         apart = _surroundings(blocks[fold::_FOLDS], gap)
@@ -108,7 +108,7 @@ def held_out_residuals(
                     walks[row, block] = walk[block]
     return [
         HeldOut(residual - walk, record.valid, float(np.sum(whitener.apply(residual) ** 2)))
-        for residual, walk in zip(residuals, np.broadcast_to(walks, residuals.shape), strict=True)
+        for residual, walk in zip(residuals, walks, strict=True)
     ]
 
 

@@ -129,7 +129,10 @@ def forget_beyond_the_data(
     raised = model
     for halving in range(_HALVINGS):
         share = 0.25**halving
-        raised = _raised(model, {i: floor * share for i, floor in floors.items()})
+        least = {i: floor * share for i, floor in floors.items()}
+        raised = _with_noise(
+            model, {i: max(model.blocks[i].process_noise, low) for i, low in least.items()}
+        )
         if _same_torque(model, raised, motion):
             break
     else:
@@ -174,25 +177,20 @@ def leave_the_torque(
         if not 0.0 < block.order < OUTPUT_ORDER:
             continue
         least = min(_floor(model, block, motion), block.process_noise)
-        long = _with_noise(kept, i, least)
+        long = _with_noise(kept, {i: least})
         noise = block.process_noise
-        while noise > least and not _same_torque(long, _with_noise(kept, i, noise), motion):
+        while noise > least and not _same_torque(long, _with_noise(kept, {i: noise}), motion):
             noise = max(0.5 * noise, least)
         if noise < block.process_noise:
-            kept = _with_noise(kept, i, noise)
+            kept = _with_noise(kept, {i: noise})
             found[1 + i] = replace(found[1 + i], value=noise, lowered=True)
     return kept, tuple(found)
 
 
-def _with_noise(model: FilterModel, place: int, noise: float) -> FilterModel:
-    blocks = list(model.blocks)
-    blocks[place] = replace(blocks[place], process_noise=noise)
-    return replace(model, blocks=tuple(blocks))
-
-
-def _raised(model: FilterModel, floors: Mapping[int, float]) -> FilterModel:
+def _with_noise(model: FilterModel, noise: Mapping[int, float]) -> FilterModel:
+    """Return the model with other process noise in some blocks, by their place."""
     blocks = [
-        replace(block, process_noise=max(block.process_noise, floors.get(i, 0.0)))
+        replace(block, process_noise=noise.get(i, block.process_noise))
         for i, block in enumerate(model.blocks)
     ]
     return replace(model, blocks=tuple(blocks))
