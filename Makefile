@@ -21,7 +21,7 @@ dev: $(VENV)/.dev
 $(VENV)/bin/python:
 	$(PYTHON) -m venv $(VENV)
 
-$(VENV)/.installed: $(VENV)/bin/python pyproject.toml setup.py $(wildcard hdbench/filter/kernel/*)
+$(VENV)/.installed: $(VENV)/bin/python pyproject.toml setup.py $(wildcard hdbench/native/* hdbench/filter/kernel/* hdbench/model/causes/native/*)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable .
 	touch $@
 

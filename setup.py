@@ -1,4 +1,4 @@
-"""Build the filter kernel where there is a C compiler; without one the Python form serves."""
+"""Build what is compiled where there is a C compiler; without one the Python forms serve."""
 
 import os
 import subprocess
@@ -47,7 +47,15 @@ class Build(build_ext):
         return built and "clang" not in version
 
 
+ARRAYS = "hdbench/native"
 KERNEL = "hdbench/filter/kernel"
+RECURSIONS = "hdbench/model/causes/native/recursions.c"
+FLAGS = {
+    "extra_compile_args": [] if sys.platform == "win32" else GCC_FLAGS,
+    "libraries": [] if sys.platform == "win32" else ["m"],
+    "py_limited_api": True,
+    "optional": True,
+}
 setup(
     cmdclass={"build_ext": Build},
     ext_modules=[
@@ -58,7 +66,7 @@ setup(
                 for name in ("binding", "filter", "filter_run", "filter_smooth")
             ],
             depends=[
-                f"{KERNEL}/binding_arrays.h",
+                f"{ARRAYS}/arrays.h",
                 *(
                     f"{KERNEL}/filter{name}.h"
                     for name in (
@@ -82,12 +90,17 @@ setup(
                     )
                 ),
             ],
-            include_dirs=[KERNEL],
-            extra_compile_args=[] if sys.platform == "win32" else GCC_FLAGS,
-            libraries=[] if sys.platform == "win32" else ["m"],
+            include_dirs=[ARRAYS, KERNEL],
             define_macros=[("Py_LIMITED_API", "0x030B0000")],
-            py_limited_api=True,
-            optional=True,
-        )
+            **FLAGS,
+        ),
+        Extension(
+            "hdbench.model.causes._recursions",
+            sources=[RECURSIONS],
+            depends=[f"{ARRAYS}/arrays.h"],
+            include_dirs=[ARRAYS],
+            define_macros=[("Py_LIMITED_API", "0x030B0000")],
+            **FLAGS,
+        ),
     ],
 )

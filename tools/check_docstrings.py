@@ -21,7 +21,7 @@ CODES = {"GL08", "SS03", "SS06", "PR01", "PR02", "PR03", "PR04", "RT01", "YD01"}
 def public_names() -> Iterator[str]:
     """Yield the dotted name of every public function and class."""
     for info in pkgutil.walk_packages(hdbench.__path__, "hdbench."):
-        if info.name.endswith(("__main__", "_kernel")):
+        if info.name.endswith(("__main__", "_kernel", "_recursions")):
             continue
         module = importlib.import_module(info.name)
         for name in getattr(module, "__all__", ()):

@@ -49,16 +49,17 @@ def delayed(time_s: FloatArray, values: FloatArray, delay_s: float) -> FloatArra
 
 def _shifted(time: FloatArray, samples: FloatArray, delay: float) -> FloatArray:
     """Return one stretch as it was `delay` ago; as it is where it is too short for a spline."""
-    from scipy.interpolate import make_interp_spline
-    from scipy.ndimage import map_coordinates, spline_filter1d
-
     if len(time) <= _DEGREE + 1:
         return samples
     at = np.clip(time - delay, time[0], time[-1])
     period = float(time[-1] - time[0]) / (len(time) - 1)
     grid = time[0] + period * np.arange(len(time))
     if float(np.abs(time - grid).max()) > _UNIFORM * period:
+        from scipy.interpolate import make_interp_spline
+
         return np.asarray(make_interp_spline(time, samples, k=_DEGREE)(at), dtype=np.float64)
+    from scipy.ndimage import map_coordinates, spline_filter1d
+
     coefficients = spline_filter1d(samples, order=_DEGREE, mode="mirror")
     places = ((at - time[0]) / period)[None, :]
     out = map_coordinates(coefficients, places, order=_DEGREE, mode="mirror", prefilter=False)

@@ -9,7 +9,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from hdbench.model import Motion, catalogue
-from hdbench.model.causes import _memory, stiffness
+from hdbench.model.causes import _memory, _twins, stiffness
 
 Make = Callable[..., Motion]
 Array = np.ndarray
@@ -309,19 +309,70 @@ def test_nothing_is_carried_over_a_start(name: str, swinging: Motion) -> None:
     np.testing.assert_allclose(got, want, rtol=0, atol=1e-12 * np.abs(want).max())
 
 
-def test_a_constant_decay_is_a_filter_and_gives_what_blocks_side_by_side_give(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    rng = np.random.default_rng(7)
-    time = np.arange(20_001) * 1e-3
+def drawn(seed: int, n: int = 20_001) -> tuple[np.random.Generator, Array]:
+    """Return a generator and where stretches begin: at the first sample and inside."""
+    starts = np.zeros(n, dtype=bool)
+    starts[[0, 1, 200, 9000, n - 1]] = True
+    return np.random.default_rng(seed), starts
+
+
+def both_forms(name: str, *given: object) -> tuple[Array, Array]:
+    """Return what the compiled form of a recursion gives, and the one in Python."""
+    pytest.importorskip("hdbench.model.causes._recursions")
+    return getattr(_memory, name)(*given), getattr(_twins, name)(*given)
+
+
+@pytest.mark.parametrize("lost", [1e-4, 0.3])
+def test_a_compiled_first_order_recursion_is_that_of_python(lost: float) -> None:
+    rng, starts = drawn(7)
+    decay = np.where(starts, 0.0, 1.0 - lost * rng.random(len(starts)))
+    fast, plain = both_forms("first_order", decay, rng.standard_normal(len(starts)))
+    assert np.abs(fast - plain).max() < 1e-12 * np.abs(plain).max()
+
+
+def test_a_compiled_second_order_filter_is_that_of_scipy() -> None:
+    rng, starts = drawn(8)
+    above, below = np.array([0.05, 0.11, 0.04]), np.array([-1.7, 0.9])
+    fast, plain = both_forms(
+        "second_order", above, below, starts, 3.0 + rng.standard_normal(len(starts))
+    )
+    assert np.abs(fast - plain).max() < 1e-11 * np.abs(plain).max()
+
+
+@pytest.mark.parametrize("even", [True, False])
+def test_a_compiled_resonance_is_that_of_python(even: bool) -> None:
+    rng, starts = drawn(9)
+    step = 1e-3 * (np.ones(1) if even else 1.0 + 0.2 * rng.random(len(starts)))
     pole = 2.0 * np.pi * 30.0 * complex(-0.02, 1.0)
-    decay = np.exp(pole * np.diff(time, prepend=time[:1]))
-    decay[[0, 200, 9000]] = 0.0
-    drive = rng.standard_normal((len(time), 2)) @ np.array([1.0, 1j])
-    filtered = _memory.linear_recursion(decay, drive)
-    monkeypatch.setattr(_memory, "_STRETCHES", -1)
-    blocks = _memory.linear_recursion(decay, drive)
-    assert np.abs(filtered - blocks).max() < 1e-9 * np.abs(blocks).max()
+    phase = np.cumsum(0.2 + 0.01 * rng.standard_normal(len(starts)))
+    rate = np.diff(phase, prepend=phase[:1]) / step
+    given = (np.exp(1j * phase), rate, np.exp(pole * step), starts, pole)
+    fast, plain = both_forms("resonance", *given)
+    assert np.abs(fast - plain).max() < 1e-11 * np.abs(plain).max()
+
+
+def test_compiled_plays_are_those_of_python() -> None:
+    rng, starts = drawn(10)
+    torque, radius = np.cumsum(rng.standard_normal(len(starts))), np.array([0.3, 2.0, 40.0])
+    fast, plain = both_forms("plays", torque, radius, starts)
+    # clamps round nothing; sums of three numbers of the size of the torque
+    assert np.abs(fast - plain).max() < 1e-14 * np.abs(plain).max()
+
+
+def test_compiled_recursions_refuse_what_does_not_fit() -> None:
+    native = pytest.importorskip("hdbench.model.causes._recursions")
+    three, four = np.zeros(3), np.zeros(4)
+    marks = np.zeros(3, dtype=np.uint8)
+    with pytest.raises(ValueError, match="out: found 4 values, needed 3"):
+        native.first_order(three, three.copy(), four)
+    with pytest.raises(ValueError, match="share memory"):
+        native.first_order(three, four[:3], three)
+    with pytest.raises(ValueError, match="float64"):
+        native.plays(three.astype(np.float32), three, marks, np.zeros(3), np.zeros(3))
+    with pytest.raises(TypeError, match="found 2 arguments, needed 5"):
+        native.second_order(three, three)
+    with pytest.raises(ValueError, match="wave: found 3 values, needed 6"):
+        native.resonance(three, three, four[:2], marks, four[2:], np.zeros(6))
 
 
 def test_an_even_low_pass_gives_what_one_of_uneven_steps_gives(

@@ -4,7 +4,7 @@
 
 #include <string.h>
 
-#include "binding_arrays.h"
+#include "arrays.h"
 #include "filter_host.h"
 
 static int read_model(hdb_model *model, const array *a)
@@ -13,6 +13,19 @@ static int read_model(hdb_model *model, const array *a)
         return 1;
     PyErr_SetString(PyExc_ValueError, "a number of the model is out of its domain");
     return 0;
+}
+
+/* Take the members of a tuple one by one. */
+static int take_tuple(arrays *all, PyObject *tuple, const char *const *names, int n, int writable)
+{
+    if (!PyTuple_Check(tuple) || PyTuple_Size(tuple) != n) {
+        PyErr_Format(PyExc_TypeError, "needed a tuple of %d arrays, %s first", n, names[0]);
+        return 0;
+    }
+    for (int i = 0; i < n; ++i)
+        if (take(all, PyTuple_GetItem(tuple, i), names[i], writable, 0) == NULL)
+            return 0;
+    return 1;
 }
 
 static PyObject *answer(hdb_status status, size_t bad)

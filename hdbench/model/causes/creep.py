@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from hdbench.model.causes._memory import linear_recursion, remembered, spread_out
+from hdbench.model.causes._memory import first_order, remembered, spread_out
 from hdbench.model.causes._needs import all_of, lasts, loaded
 from hdbench.model.causes._parts import ratio_parameter, single
 from hdbench.model.definition import Cause, Parameter
@@ -35,7 +35,7 @@ def _creep(motion: Motion, shape: Mapping[str, float]) -> FloatArray:
         short, ratio / 2.0 - ratio * ratio / 6.0, 1.0 - done / np.where(short, 1.0, ratio)
     )
     drive = (torque - change) * done + change * late
-    state = linear_recursion(np.where(starts, 0.0, 1.0 - done), np.where(starts, 0.0, drive))
+    state = first_order(np.where(starts, 0.0, 1.0 - done), np.where(starts, 0.0, drive))
     return single(spread_out(state, at, len(motion)))
 
 

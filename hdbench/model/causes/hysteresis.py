@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from hdbench.model.causes._memory import play, remembered, spread_out
+from hdbench.model.causes._memory import plays, remembered, spread_out
 from hdbench.model.causes._needs import all_of, loaded, torque_turns
 from hdbench.model.causes._parts import ratio_parameter, torque_parameter
 from hdbench.model.definition import Cause, Parameter
@@ -28,8 +28,7 @@ def _loop(motion: Motion, shape: Mapping[str, float]) -> FloatArray:
     at, starts = remembered(motion, applied)
     torque = applied[at]
     yields = shape["yield_nm"] * (np.arange(_ELEMENTS) + 0.5) / _ELEMENTS
-    held = torque - play(torque, yields, starts)
-    loop = held.sum(axis=0) / yields.sum()
+    loop = (_ELEMENTS * torque - plays(torque, yields, starts)) / yields.sum()
     # the gain of a calibration is fitted with all loops of the sensor in it; its readings need none
     gain = np.zeros(len(motion)) if motion.angle_source == _READINGS else applied
     return np.column_stack((spread_out(loop, at, len(motion)), gain))

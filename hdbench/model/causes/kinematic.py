@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from hdbench.model.causes._memory import ComplexArray, linear_recursion, remembered
+from hdbench.model.causes._memory import even_step, remembered, resonance
 from hdbench.model.causes._needs import all_of, motor_turns, speed_varies
 from hdbench.model.causes._parts import lobe_angle, no_shape, pair_parameters
 from hdbench.model.definition import Cause, Parameter
@@ -50,28 +50,19 @@ def _resonance(motion: Motion, shape: Mapping[str, float]) -> FloatArray:
     time, phase, damping = motion.time_s[at], phase[at], shape["damping"]
     pole = 2.0 * np.pi * shape["resonance_hz"] * complex(-damping, np.sqrt(1.0 - damping**2))
     step = np.diff(time, prepend=time[:1])
-    decay = np.where(starts, 0.0, np.exp(pole * step))
+    even = even_step(time, starts, pole)
+    decay = np.exp(pole * (step if even is None else np.array([even])))
     rate = np.diff(phase, prepend=phase[:1]) / np.where(step > 0.0, step, 1.0)
     begins = np.flatnonzero(starts)
     # a start is the steady state of the rate that follows it
     rate[begins] = rate[np.minimum(begins + 1, len(rate) - 1)] if len(rate) else 0.0
-    once = np.exp(1j * phase)
+    once = np.empty(len(phase), dtype=np.complex128)
+    once.real, once.imag = np.cos(phase), np.sin(phase)
     columns = np.full((len(motion), 4), np.nan)
     for place, (wave, multiple) in enumerate(((once, 1.0), (once * once, 2.0))):
-        response = _passed(wave, multiple * rate, decay, pole)
+        response = resonance(wave, multiple * rate, decay, starts, pole)
         columns[at, 2 * place], columns[at, 2 * place + 1] = response.real, response.imag
     return columns
-
-
-def _passed(
-    wave: ComplexArray, rate: FloatArray, decay: ComplexArray, pole: complex
-) -> ComplexArray:
-    """Return a wave exp(i phase) after the resonance: exact for a phase linear between samples."""
-    before = np.concatenate((wave[:1], wave[:-1]))
-    upper = linear_recursion(decay, (wave - decay * before) / (1j * rate - pole))
-    decay, mirrored = decay.conj(), pole.conjugate()
-    lower = linear_recursion(decay, (wave - decay * before) / (1j * rate - mirrored))
-    return np.asarray((upper - lower) * (abs(pole) ** 2 / (pole - mirrored)))
 
 
 TORSIONAL_RESONANCE = Cause(

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from hdbench.model.causes._memory import linear_recursion, remembered, spread_out
+from hdbench.model.causes._memory import first_order, remembered, spread_out
 from hdbench.model.causes._needs import STANDING_RAD_S, all_of, loaded, moves_and_reverses
 from hdbench.model.causes._parts import ratio_parameter, single, torque_parameter
 from hdbench.model.causes.friction import TRANSITION
@@ -28,7 +28,7 @@ def _presliding(motion: Motion, shape: Mapping[str, float]) -> FloatArray:
     left = np.where(starts, 0.0, np.exp(-np.abs(way) / shape["breakaway_rad"]))
     speed = motion.velocity_rad_s[at]
     begin = np.where(np.abs(speed) > STANDING_RAD_S, np.sign(speed), 0.0)
-    state = linear_recursion(left, np.where(starts, begin, np.sign(way) * (1.0 - left)))
+    state = first_order(left, np.where(starts, begin, np.sign(way) * (1.0 - left)))
     return single(spread_out(state, at, len(motion)))
 
 

@@ -7,20 +7,15 @@ from collections.abc import Callable, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from hdbench.model.causes._memory import (
-    ComplexArray,
-    even_step,
-    linear_recursion,
-    remembered,
-    spread_out,
-    stretches,
-)
+from hdbench.model.causes._memory import even_step, remembered, second_order, spread_out
 from hdbench.model.causes._needs import all_of, loaded
 from hdbench.model.causes._parts import (
     RATIO_LIMIT,
     REFERENCE_LOAD_NM,
     no_shape,
 )
+from hdbench.model.causes._twins import ComplexArray
+from hdbench.model.causes._twins import first_order as uneven_first_order
 from hdbench.model.definition import Cause, Parameter
 from hdbench.model.motion import Motion
 from hdbench.records.trace import FloatArray
@@ -52,9 +47,9 @@ def low_pass(time: FloatArray, starts: NDArray[np.bool_], natural: float) -> Law
     """
     pole = natural * complex(-_DAMPING, np.sqrt(1.0 - _DAMPING * _DAMPING))
     scale = natural * natural / pole.imag
-    runs, even = stretches(starts), even_step(time, starts, pole)
-    if runs is not None and even is not None:
-        return _even_low_pass(pole, scale, even, runs)
+    even = even_step(time, starts, pole)
+    if even is not None:
+        return _even_low_pass(pole, scale, even, starts)
     step = np.where(starts, 0.0, np.diff(time, prepend=time[:1]))
     decay, gain, ramp = _over_step(pole, step)
     decay[starts] = 0.0
@@ -63,7 +58,7 @@ def low_pass(time: FloatArray, starts: NDArray[np.bool_], natural: float) -> Law
         before = np.concatenate((torque[:1], torque[:-1]))
         drive = gain * before + ramp * (torque - before)
         drive[starts] = -torque[starts] / pole
-        return np.asarray((scale * linear_recursion(decay, drive)).imag)
+        return np.asarray((scale * uneven_first_order(decay, drive)).imag)
 
     return passed
 
@@ -77,22 +72,16 @@ def _over_step(pole: complex, step: FloatArray) -> tuple[ComplexArray, ComplexAr
     return decay, gain, ramp
 
 
-def _even_low_pass(pole: complex, scale: float, step: float, runs: list[slice]) -> Law:
+def _even_low_pass(pole: complex, scale: float, step: float, starts: NDArray[np.bool_]) -> Law:
     """Return the same for samples a step apart: both poles in one recursion of real numbers."""
-    from scipy.signal import lfilter, lfilter_zi
-
     decay, gain, ramp = (complex(part[0]) for part in _over_step(pole, np.array([step])))
     other = decay.conjugate()
     rest = gain - ramp
     above = scale * np.array([ramp, rest - ramp * other, -rest * other]).imag
-    below = np.array([1.0, -2.0 * decay.real, abs(decay) ** 2])
-    still = lfilter_zi(above, below)
+    below = np.array([-2.0 * decay.real, abs(decay) ** 2])
 
     def passed(torque: FloatArray) -> FloatArray:
-        result = np.empty_like(torque)
-        for run in runs:
-            result[run] = lfilter(above, below, torque[run], zi=still * torque[run.start])[0]
-        return result
+        return second_order(above, below, starts, torque)
 
     return passed
 

@@ -1,6 +1,6 @@
 /* Arrays of a call from Python: buffers taken, checked, released. */
-#ifndef HDBENCH_BINDING_ARRAYS_H
-#define HDBENCH_BINDING_ARRAYS_H
+#ifndef HDBENCH_NATIVE_ARRAYS_H
+#define HDBENCH_NATIVE_ARRAYS_H
 
 #include <Python.h>
 
@@ -85,18 +85,5 @@ static int apart(const arrays *all)
 }
 
 static double *numbers(const array *a) { return a->held ? a->view.buf : NULL; }
-
-/* Take the members of a tuple one by one. */
-static int take_tuple(arrays *all, PyObject *tuple, const char *const *names, int n, int writable)
-{
-    if (!PyTuple_Check(tuple) || PyTuple_Size(tuple) != n) {
-        PyErr_Format(PyExc_TypeError, "needed a tuple of %d arrays, %s first", n, names[0]);
-        return 0;
-    }
-    for (int i = 0; i < n; ++i)
-        if (take(all, PyTuple_GetItem(tuple, i), names[i], writable, 0) == NULL)
-            return 0;
-    return 1;
-}
 
 #endif
