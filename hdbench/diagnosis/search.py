@@ -25,6 +25,7 @@ from hdbench.diagnosis.naming.renaming import drop_needless, rename_all, strengt
 from hdbench.diagnosis.naming.withheld import withheld_line
 from hdbench.diagnosis.noise.whitened import Space
 from hdbench.diagnosis.slowsearch import (
+    SlowChoice,
     accept_slow_noise,
     drop_slow_noise,
     outweighs,
@@ -216,21 +217,20 @@ def _step(
     """Accept the best name, or a noise that rises towards 0 Hz; False where nothing passes."""
     alarms = tuple(look for look in looks.looks if look.false_alarm < alpha and look.terms)
     slow = slow_noise(state, space)
-    if slow is not None and slow.gain_nats < _SLOW_FORM * formed_strength(state):
+    if slow is not None and slow.most_nats < _SLOW_FORM * formed_strength(state):
         slow = None
-    chance = 1.0 if slow is None else min(1.0, float(np.exp(-slow.gain_nats)) / SHARES["slow"])
-    if not alarms and not chance < alpha:
+    if not alarms and not _slow_chance(slow) < alpha:
         return False
     if alarms and _took_form(state, space, looks):
         return True
     alarms = beyond_form(state, alarms)
-    if not alarms and not chance < alpha:
+    if not alarms and not _slow_chance(slow) < alpha:
         return False
     seen = beyond_form(state, tuple(k for k in looks.looks if k.terms))
     ranked = rank_looks(space, state.record, state.survey, seen) if alarms else []
     named = with_names(state, space, seen, ranked)
-    if slow is not None and outweighs(state, slow, named or ranked):
-        accept_slow_noise(state, slow, ranked, chance)
+    if slow is not None and outweighs(slow, named or ranked) and outweighs(slow, ranked):
+        accept_slow_noise(state, slow.likelier(), ranked, _slow_chance(slow))
         return True
     if not ranked or not ranked[0].score_nats > 0.0:
         return False
@@ -245,6 +245,13 @@ def _step(
         _settled(state, align)
     drop_needless(state)
     return True
+
+
+def _slow_chance(slow: SlowChoice | None) -> float:
+    """Return the probability of such a slow noise without any effect."""
+    if slow is None:
+        return 1.0
+    return min(1.0, float(np.exp(-slow.likelier().gain_nats)) / SHARES["slow"])
 
 
 def _settled(state: State, align: Callable[[Beyond], Record] | None) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from hdbench.diagnosis.fit.jointfit import fit_jointly
 from hdbench.diagnosis.fit.settle import InSlow, nats, settle
@@ -18,6 +18,7 @@ from hdbench.diagnosis.state import State, Walk
 from hdbench.model import catalogue
 
 __all__ = [
+    "SlowChoice",
     "accept_slow_noise",
     "drop_slow_noise",
     "outweighs",
@@ -26,6 +27,7 @@ __all__ = [
     "with_walk",
 ]
 
+_OVER_TIME = CURVE_PREFIX + "time"
 # what a slow noise pays for its power, and by how much a cause must beat it: a step or a drift
 # takes the largest part of any random walk, nats
 _SLOW_COST = 3.0
@@ -37,7 +39,43 @@ _TRIED = 5
 _MOST_NATS = 100.0
 
 
-def slow_noise(state: State, space: Space) -> SlowNoise | None:
+@dataclass(slots=True)
+class SlowChoice:
+    """Noise that rises towards 0 Hz; which kind it is, is settled where it is asked for.
+
+    Parameters
+    ----------
+    state : State
+        Where the search stands.
+    flicker, walk : SlowNoise
+        The most likely one of either kind.
+    chosen : SlowNoise or None
+        The likelier one, once it was asked for.
+    """
+
+    state: State
+    flicker: SlowNoise
+    walk: SlowNoise
+    chosen: SlowNoise | None = None
+
+    @property
+    def most_nats(self) -> float:
+        """Largest gain of either kind, nats."""
+        return max(self.flicker.gain_nats, self.walk.gain_nats)
+
+    def likelier(self) -> SlowNoise:
+        """Return a random walk unless flicker is plainly likelier."""
+        if self.chosen is None:
+            self.chosen = self.flicker
+            if self.most_nats >= _SLOW_COST:
+                # the spectrum is that of a residual whose colour took a part of either: with their
+                # own colour
+                flicker, walk = (_alone(self.state, slow) for slow in (self.flicker, self.walk))
+                self.chosen = self.flicker if flicker - walk > RIVAL_NATS else self.walk
+        return self.chosen
+
+
+def slow_noise(state: State, space: Space) -> SlowChoice | None:
     """Return the most likely noise that rises towards 0 Hz.
 
     Parameters
@@ -49,29 +87,23 @@ def slow_noise(state: State, space: Space) -> SlowNoise | None:
 
     Returns
     -------
-    SlowNoise or None
-        A random walk unless flicker is plainly likelier; None where one was accepted before, or
-        may not be.
+    SlowChoice or None
+        None where one was accepted before, or may not be.
     """
     if state.exponent > 0.0 or not state.may_walk:
         return None
     spectrum = slow_spectrum(space)
-    both = [spectrum.fit(exponent) for exponent in (FLICKER, RANDOM_WALK)]
-    if max(slow.gain_nats for slow in both) < _SLOW_COST:
-        return both[0]
-    # the spectrum is that of a residual whose colour took a part of either: with their own colour
-    flicker, walk = (_alone(state, slow) for slow in both)
-    return both[0 if flicker - walk > RIVAL_NATS else 1]
+    return SlowChoice(state, *(spectrum.fit(exponent) for exponent in (FLICKER, RANDOM_WALK)))
 
 
-def outweighs(state: State, slow: SlowNoise, ranked: list[Candidate]) -> bool:
+def outweighs(choice: SlowChoice, ranked: list[Candidate]) -> bool:
     """Return whether a slow noise explains more than the best cause and slow noise beside it.
+
+    A table over time is no cause to be held against it: it follows any walk.
 
     Parameters
     ----------
-    state : State
-        Where the search stands.
-    slow : SlowNoise
+    choice : SlowChoice
         Noise.
     ranked : list of Candidate
         Candidates, best first.
@@ -82,15 +114,20 @@ def outweighs(state: State, slow: SlowNoise, ranked: list[Candidate]) -> bool:
         Several causes that change slowly look like one slow noise until the first of them is taken
         out.
     """
-    if not slow.gain_nats > _SLOW_COST:
-        return False
-    if not ranked:
-        return True
-    best = ranked[0]
     # what changes slowly is held against the walk itself: the autoregression that both were
     # scored in has taken most of a large one
-    if best.score_nats > _FAR * slow.gain_nats and not _is_slow(best.term):
+    far = bool(ranked) and not _is_slow(ranked[0].term)
+    if far and ranked[0].score_nats > _FAR * choice.most_nats:
         return False
+    slow = choice.likelier()
+    if not slow.gain_nats > _SLOW_COST:
+        return False
+    if not ranked or ranked[0].term.cause.name == _OVER_TIME:
+        return True
+    best = ranked[0]
+    if far and best.score_nats > _FAR * slow.gain_nats:
+        return False
+    state = choice.state
     record, hidden, terms = state.record, state.hidden, state.fit.terms
     alone = _alone(state, slow)
     joint = fit_jointly(record, (*terms, best.term), state.noise.whitener)
@@ -104,7 +141,7 @@ def outweighs(state: State, slow: SlowNoise, ranked: list[Candidate]) -> bool:
 def _is_slow(term: Term) -> bool:
     """Return whether a term changes slowly, with time alone or as a memory of the load."""
     slow = term.cause.locked_to == "time" or "time_constant_s" in term.shape
-    return slow or term.cause.name == CURVE_PREFIX + "time"
+    return slow or term.cause.name == _OVER_TIME
 
 
 def _alone(state: State, slow: SlowNoise) -> float:
@@ -137,6 +174,8 @@ def accept_slow_noise(
     """
     rivals = _beside_walk(state, slow, ranked) if slow.exponent == RANDOM_WALK else ()
     if slow.exponent == RANDOM_WALK:
+        # it may not be needed again
+        state.noise.whitener.forget()
         state.unwalked = replace(state, accepted=[*state.accepted], may_walk=False)
         state.walk = Walk(slow, chance, rivals)
     state.exponent = slow.exponent
@@ -207,7 +246,7 @@ def _beside_walk(state: State, slow: SlowNoise, ranked: list[Candidate]) -> tupl
     return tuple(rivals)
 
 
-def with_walk(state: State, naming: Naming, slow: SlowNoise | None) -> Naming:
+def with_walk(state: State, naming: Naming, choice: SlowChoice | None) -> Naming:
     """Return a naming with the random walk of the zero among its rivals, where it is one.
 
     Parameters
@@ -216,14 +255,17 @@ def with_walk(state: State, naming: Naming, slow: SlowNoise | None) -> Naming:
         Where the search stands.
     naming : Naming
         Best name, group and rivals.
-    slow : SlowNoise or None
+    choice : SlowChoice or None
         Most likely slow noise of the residual.
 
     Returns
     -------
     Naming
     """
-    if slow is None or slow.exponent != RANDOM_WALK:
+    if choice is None or choice.most_nats - _SLOW_COST < naming.best.score_nats - RIVAL_NATS:
+        return naming
+    slow = choice.likelier()
+    if slow.exponent != RANDOM_WALK:
         return naming
     if slow.gain_nats - _SLOW_COST < naming.best.score_nats - RIVAL_NATS:
         return naming

@@ -149,3 +149,31 @@ def test_a_drift_beside_friction_is_no_walk(seed):
     found = {name for cause in result.causes for name in (cause.name, *cause.group, *cause.rivals)}
     assert "zero-random-walk" not in found
     assert {"warm-up", "viscous-friction"} <= found
+
+
+def test_a_bump_at_one_output_angle_is_no_slow_noise():
+    """What is slow of it, where it is passed slowly, a flicker takes as well."""
+    rng = np.random.default_rng(2)
+    time = np.arange(37_000) * 1e-3
+
+    def after(start_s):
+        return 0.5 * (1.0 + np.tanh((time - start_s) / 0.2))
+
+    speed = 65.0 * after(1.0) * (1.0 - 2.0 * after(11.0)) * (1.0 - after(21.0))
+    speed += 20.0 * np.sin(2.0 * np.pi * (time - 22.0) / 15.0) * after(22.0)
+    angle = np.concatenate([[0.0], np.cumsum(0.5e-3 * (speed[1:] + speed[:-1]))])
+    torque = 0.4 * np.cos(2 * angle) + 0.2 * np.cos(4 * angle)
+    torque += 1.725e-4 * np.gradient(speed, time) + 0.05 * rng.standard_normal(len(time))
+    torque += 0.022 * np.exp(-0.5 * ((angle / 100.0 - 0.6) / 0.03) ** 2)
+    columns = {
+        "time_s": time,
+        "motor_velocity_rad_s": speed,
+        "motor_angle_rad": angle,
+        "torque_nm": torque,
+    }
+    found = diagnose_trace(Trace(columns), PROFILE, materiality=0.0)
+    assert found.causes == ()
+    (place,) = found.unexplained
+    assert place.domain == "output-order"
+    # within its own width
+    assert place.location == pytest.approx(0.6, abs=0.03)

@@ -1,8 +1,13 @@
 """Two causes that hide each other, and a step so strong that it bends its own noise."""
 
 import numpy as np
+import pytest
 
-from hdbench.diagnosis import diagnose_trace
+from hdbench.diagnosis import diagnose_trace, search
+from hdbench.diagnosis.fit import swap
+from hdbench.diagnosis.fit.pairs import Pair
+from hdbench.diagnosis.fit.terms import Term
+from hdbench.model import catalogue
 from hdbench.profile import load_profile
 from hdbench.records import Trace
 
@@ -49,3 +54,22 @@ def test_a_large_step_with_a_slope_is_a_step():
     assert [cause.name for cause in found.causes] == ["zero-step"]
     (cause,) = found.causes
     assert abs(cause.parameters["step_nm"]["value"] - 2.0) < 0.02
+
+
+@pytest.mark.parametrize(("more_nats", "swapped"), [(3.0, False), (4.5, False), (4.7, True)])
+def test_one_name_gives_way_to_two_only_where_the_second_is_as_sure_as_a_finding(
+    monkeypatch, more_nats, swapped
+):
+    states = []
+    monkeypatch.setattr(search, "swap_for_pair", lambda state, alpha: states.append(state))
+    diagnose_trace(loaded_trace(5, lambda _t, load: 0.02 * load), PROFILE)
+    (state,) = states
+    assert [one.name for one in state.accepted] == ["gain-error"]
+    present = swap.nats(state.fit, state.noise) - swap._paid(list(state.fit.terms))
+    terms = tuple(Term(catalogue()[name], {}) for name in ("gain-error", "cubic-nonlinearity"))
+    pair = Pair(terms, 1.0, 0.0)
+    monkeypatch.setattr(swap, "_pairs_beside", lambda *_: [pair])
+    monkeypatch.setattr(swap, "_worth", lambda *_: present + swap._picked(pair, 1) + more_nats)
+    # odds of a finding at a false-alarm rate of 1 %: ln 100 = 4.605 nats
+    assert swap.swap_for_pair(state, 0.01) is swapped
+    assert len(state.accepted) == (2 if swapped else 1)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hdbench.diagnosis.acquisition.flags import mask_runs
+from hdbench.diagnosis.detect.transform import unit_wave
 from hdbench.profile.schema import ProfileData
 from hdbench.records.trace import FloatArray, Trace
 
@@ -178,7 +179,7 @@ def find_comb(torque: FloatArray) -> Comb | None:
         width = max(float(np.ptp(part)), guess)
         steps = step * (1.0 + np.linspace(-1.0, 1.0, 201) * 0.5 * step / width)
         offsets = (part - part[0])[:, None] / steps
-        resultant = np.abs(np.exp(2j * np.pi * offsets).mean(axis=0))
+        resultant = np.abs(unit_wave(offsets).mean(axis=0, dtype=np.complex128))
         step = float(steps[int(np.argmax(resultant))])
         if reach >= len(levels):
             break

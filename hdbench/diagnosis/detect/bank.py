@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from hdbench.diagnosis.detect.shapes import chosen_shapes
 from hdbench.diagnosis.fit.terms import Term, fresh_columns
 from hdbench.diagnosis.measured.record import Record
+from hdbench.diagnosis.noise.convolution import DIRECT, convolution
 from hdbench.diagnosis.noise.whitened import Whitener
 from hdbench.model import Cause
 from hdbench.records.trace import FloatArray
@@ -20,9 +21,10 @@ __all__ = ["Bank", "Gram", "Grams", "Member", "bank_gram", "build_bank"]
 # rows that are whitened at a time, and which of these chunks stand for all
 _CHUNK = 4096
 _SAMPLED = 6
+# columns that a kernel as long as the record whitens at a time
+_BRIDGED = 8
 # memory that the columns may take, bytes; families beyond it get fewer shapes
 _MEMORY = 3.2e8
-_DIRECT = 64
 
 
 @dataclass(frozen=True, slots=True)
@@ -178,7 +180,7 @@ def bank_gram(bank: Bank, whitener: Whitener) -> Gram:
         Formed chunk by chunk, so that whitened columns are never all in memory.
     """
     places = bank.family_places
-    if len(whitener.kernel) > _DIRECT:
+    if len(whitener.kernel) > DIRECT:
         return _long_gram(bank, whitener)
     blocks = [np.zeros((p.stop - p.start,) * 2) for p in places]
     starts = range(0, len(bank.table), _CHUNK)
@@ -205,7 +207,11 @@ def _long_gram(bank: Bank, whitener: Whitener) -> Gram:
     sample = np.empty((len(rows), bank.table.shape[1]), dtype=np.float32)
     blocks = []
     for place in bank.family_places:
-        white = whitener.apply(bank.table[:, place])
+        white = np.empty((len(bank.table), place.stop - place.start), np.float32, order="F")
+        # a few columns at a time: what bridges the gaps is a copy of them
+        for at in range(0, white.shape[1], _BRIDGED):
+            columns = slice(place.start + at, min(place.start + at + _BRIDGED, place.stop))
+            white[:, at : at + _BRIDGED] = whitener.apply(bank.table[:, columns])
         blocks.append((white.T @ white).astype(np.float64))
         sample[:, place] = white[rows]
     return Gram(tuple(blocks), rows, sample)
@@ -216,15 +222,10 @@ def _white_rows(
 ) -> NDArray[np.float32]:
     """Return whitened columns at the samples from `start` to `stop`."""
     kernel = whitener.kernel.astype(np.float32)
-    lag = len(kernel) - 1
-    first = max(0, start - lag)
-    rows = table[first:stop]
-    white = kernel[0] * rows[start - first :]
-    part = np.empty_like(white)
-    for shift in range(1, lag + 1):
-        skip = max(0, shift - (start - first))
-        low = start - first - shift + skip
-        np.multiply(rows[low : low + len(white) - skip], kernel[shift], out=part[skip:])
-        white[skip:] += part[skip:]
+    first = max(0, start - len(kernel) + 1)
+    rows = np.ascontiguousarray(table[first:stop].T)
+    white = np.empty_like(rows)
+    convolution(kernel, stop - first)(rows, white)
+    white = white[:, start - first :].T
     white *= (whitener.used[start:stop] / whitener.std).astype(np.float32)[:, None]
-    return np.asarray(white)
+    return white

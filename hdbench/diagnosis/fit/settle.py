@@ -88,13 +88,13 @@ class Hidden:
 
     Parameters
     ----------
-    coarse : ndarray, shape (n_samples, k)
+    coarse : ndarray of float32, shape (n_samples, k)
         Orthonormal columns, as `coarse_basis` makes them.
     scans : tuple of LineScan
         Scans; those over motor order and frequency find the lines.
     """
 
-    coarse: FloatArray
+    coarse: NDArray[np.float32]
     scans: tuple[LineScan, ...]
 
 
@@ -158,7 +158,7 @@ def without_coarse(record: Record, fit: JointFit, hidden: Hidden) -> FloatArray:
     ndarray, shape (n_samples,)
     """
     left = np.where(record.valid, record.response_nm - fit.fitted_nm, 0.0)
-    left = left - hidden.coarse @ (hidden.coarse.T @ left)
+    left = left - hidden.coarse @ (hidden.coarse.T @ left.astype(np.float32))
     return without_lines(left, record.valid, hidden.scans)
 
 

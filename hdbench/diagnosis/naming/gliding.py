@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import gammaincc
 
+from hdbench.diagnosis.detect.transform import unit_wave
 from hdbench.diagnosis.measured.record import Record
 from hdbench.diagnosis.naming.left import Left
 from hdbench.diagnosis.noise.whitened import Space
@@ -23,6 +27,8 @@ _KEPT = 100
 _LONGER = 8
 # blocks of a short tile once a line stands still: 32 Hz, ten times what it may be off by
 _BLOCKS = 16
+# blocks of a long tile
+_SUMMED = _LONGER * _BLOCKS
 
 
 def gliding_tones(space: Space, record: Record, noise_nm: float) -> Left | None:
@@ -64,9 +70,10 @@ def gliding_tones(space: Space, record: Record, noise_nm: float) -> Left | None:
     tiles, samples = whole, length
     if whole >= 2 * _LONGER:
         rows = [(np.array(line[1:]) + _PAD) * cell for line in lines]
-        near = [_followed(space.residual[: whole * length], record, row, length) for row in rows]
-        best = max(near, key=lambda one: one[0])
-        samples = _LONGER * _BLOCKS * (length // _BLOCKS)
+        used, period = space.residual[: whole * length], record.period_s
+        long = _long_tiles(len(used), period, length)
+        best = max((_followed(used, period, row, long) for row in rows), key=lambda one: one[0])
+        samples = _SUMMED * long.block
         tiles = whole * length // samples
         finer = tried * float(_LONGER) ** 3
         now = min(1.0, finer * float(gammaincc(tiles, 0.5 * best[0])))
@@ -88,43 +95,72 @@ def gliding_tones(space: Space, record: Record, noise_nm: float) -> Left | None:
     )
 
 
+@dataclass(frozen=True, slots=True)
+class _Tiles:
+    """Long tiles, and the glides that are tried beside that of a line.
+
+    Parameters
+    ----------
+    block : int
+        Samples that are summed once a line stands still: a sixteenth of a short tile.
+    count : int
+        Long tiles.
+    cell_hz : float
+        Resolution of the short tiles, Hz.
+    glides_hz_s : ndarray, shape (n_glides,)
+        Glides, Hz/s.
+    waves : ndarray of complex64, shape (n_glides, n_blocks)
+        What takes each of them out.
+    """
+
+    block: int
+    count: int
+    cell_hz: float
+    glides_hz_s: FloatArray
+    waves: NDArray[np.complex64]
+
+
+def _long_tiles(n_samples: int, period_s: float, length: int) -> _Tiles:
+    block = length // _BLOCKS
+    seconds = block * period_s
+    count = n_samples // block // _SUMMED
+    # a line of the short tiles knows its glide to a cell over the record; long tiles tell a quarter
+    # of their own cell over their own length
+    cell, step = 1.0 / (length * period_s), 0.5 / (_SUMMED * seconds)
+    most = int(np.ceil(cell / step))
+    glides = np.linspace(-most * step, most * step, 2 * most + 1) / (period_s * n_samples)
+    slow = seconds * np.arange(count * _SUMMED)
+    waves = unit_wave(0.5 * glides[:, None] * slow**2).conj()
+    return _Tiles(block, count, cell, glides, waves)
+
+
 def _followed(
-    residual: FloatArray, record: Record, ends_hz: FloatArray, length: int
+    residual: FloatArray, period_s: float, ends_hz: FloatArray, tiles: _Tiles
 ) -> tuple[float, FloatArray]:
     """Return the largest sum over long tiles near a line, and its frequencies at both ends, Hz.
 
-    The line is shifted to 0 Hz and summed over blocks of a sixteenth of a short tile.
+    The line is shifted to 0 Hz and summed over blocks.
     """
-    block = length // _BLOCKS
-    count = len(residual) // block
-    time = record.period_s * np.arange(count * block)
-    span = record.period_s * len(residual)
+    from scipy.fft import fft
+
+    used = tiles.count * _SUMMED * tiles.block
+    time = period_s * np.arange(used)
+    span = period_s * len(residual)
     rate = float(ends_hz[1] - ends_hz[0]) / span
-    phase = 2.0 * np.pi * (ends_hz[0] * time + 0.5 * rate * time**2)
-    still = (residual[: count * block] * np.exp(-1j * phase)).reshape(count, block).sum(axis=1)
-    samples = _LONGER * _BLOCKS
-    tiles = count // samples
-    still = still[: tiles * samples]
-    seconds = block * record.period_s
-    slow = seconds * np.arange(len(still))
-    # a line of the short tiles knows its glide to a cell over the record; long tiles tell a quarter
-    # of their own cell over their own length
-    cell, step = 1.0 / (length * record.period_s), 0.5 / (samples * seconds)
-    width = 1.0 / (_PAD * samples * seconds)
-    reach = round(1.5 * cell / width)
+    wave = unit_wave((ends_hz[0] + 0.5 * rate * time) * time).conj()
+    still = (residual[:used].astype(np.float32) * wave).reshape(-1, tiles.block).sum(axis=1)
+    width = 1.0 / (_PAD * _SUMMED * tiles.block * period_s)
+    reach = round(1.5 * tiles.cell_hz / width)
     places = np.arange(-reach, reach + 1)
-    best = (-np.inf, ends_hz)
-    most = int(np.ceil(cell / step))
-    for turn in range(-most, most + 1):
-        more = turn * step / span
-        table = (still * np.exp(-1j * np.pi * more * slow**2)).reshape(tiles, samples)
-        spectrum = np.fft.fft(table, _PAD * samples, axis=1)[:, places]
-        total = np.sum(2.0 * np.abs(spectrum) ** 2 / (samples * block), axis=0)
-        at = int(np.argmax(total))
-        first = float(ends_hz[0]) + float(places[at]) * width
-        if total[at] > best[0] and first > cell:
-            best = (float(total[at]), np.array([first, first + (rate + more) * span]))
-    return best
+    turned = (still * tiles.waves).reshape(-1, tiles.count, _SUMMED)
+    spectrum = fft(turned, _PAD * _SUMMED)[..., places]
+    powers = spectrum.real**2 + spectrum.imag**2
+    total: FloatArray = powers.sum(axis=1, dtype=np.float64) * (2.0 / (_SUMMED * tiles.block))
+    first = float(ends_hz[0]) + places * width
+    total[:, first <= tiles.cell_hz] = -np.inf
+    turn, at = np.unravel_index(int(np.argmax(total)), total.shape)
+    last = first[at] + (rate + tiles.glides_hz_s[turn]) * span
+    return float(total[turn, at]), np.array([first[at], last])
 
 
 def _best_lines(powers: FloatArray) -> tuple[list[tuple[float, int, int]], int]:

@@ -96,6 +96,10 @@ class Whitener:
             object.__setattr__(self, "last", last)
         return last[1], last[2]
 
+    def forget(self) -> None:
+        """Let go of the columns that were whitened last."""
+        object.__setattr__(self, "last", None)
+
     def adjoint(self, columns: FloatArray) -> FloatArray:
         """Return A' applied to columns of shape (n,) or (n, k); zero where not valid."""
         table = columns[:, None] if columns.ndim == 1 else columns
