@@ -116,3 +116,22 @@ def test_counting_steps_of_the_encoder_are_no_part_of_the_residual():
     # a step of 1.6 mrad is 0.5 mrad rms; the ripple's slope makes 0.5 mN m of it
     assert np.std(steps[record.valid]) > 2e-4
     assert np.std(left[record.valid]) < 0.25 * np.std(steps[record.valid])
+
+
+def line_at(order):
+    def extra(angle, _speed, _load):
+        return 0.02 * np.cos(order * angle + 0.7)
+
+    return diagnose_trace(trace_of(extra), PROFILE, materiality=0.0)
+
+
+def test_a_single_line_at_an_order_that_is_not_whole_may_be_a_bearings():
+    (cause,) = line_at(3.37).causes
+    names = {cause.name, *cause.group, *cause.rivals}
+    assert {"bearing-defect", "ripple-harmonic"} <= names
+    assert cause.parameters["order"]["value"] == pytest.approx(3.37, abs=0.005)
+
+
+def test_a_single_line_at_a_whole_order_is_a_ripple():
+    (cause,) = line_at(6.0).causes
+    assert (cause.name, cause.rivals) == ("ripple-harmonic", ())

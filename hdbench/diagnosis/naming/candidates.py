@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,6 +18,9 @@ __all__ = ["Candidate", "imitated", "refined_candidate", "same_space", "whole_or
 # contract: names whose effect spans the same space on this record
 _SAME_SPACE = 0.01
 _RANK = 1e-9
+# columns of a line, and odds of 20 to 1 against one at an order that is not whole
+_LINE = 2
+_BROKEN_ORDER_NATS = 3.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,6 +72,9 @@ def refined_candidate(space: Space, record: Record, term: Term, trials: float) -
 def whole_order(space: Space, record: Record, candidate: Candidate, trials: float) -> Candidate:
     """Return a line at the next whole order where that explains it as well.
 
+    Lobes, teeth and poles repeat a whole number of times per turn, rolling elements do not: a
+    single harmonic of any other order is less likely beforehand than a bearing's line there.
+
     Parameters
     ----------
     space : Space
@@ -88,7 +94,8 @@ def whole_order(space: Space, record: Record, candidate: Candidate, trials: floa
     term = candidate.term
     if [*term.shape] != ["order"] or term.cause.locked_to != "motor":
         return candidate
-    best = candidate
+    single = len(term.cause.linear) == _LINE
+    best = replace(candidate, score_nats=candidate.score_nats - single * _BROKEN_ORDER_NATS)
     for factor in {1.0, record.motion.gauge_factor}:
         order = float(round(term.shape["order"] / factor)) * factor
         if not term.cause.shape[0].contains(order):
