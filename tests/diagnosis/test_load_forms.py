@@ -145,3 +145,40 @@ def test_a_loop_that_widens_after_each_reversal_is_not_told_from_a_creep_at_an_e
 def test_clean_readings_have_no_cause(seed):
     found = diagnose_loads(loads(seed=seed), PROFILE)
     assert found.verdict == "nothing-found"
+
+
+def far_bending(tilt_rad, bend_rad):
+    """An arm that hangs by a tilt and bends by so much under the largest load."""
+
+    def signal(torque, _down):
+        size, bend = np.abs(torque), np.zeros(len(torque))
+        for _ in range(40):
+            bend = bend_rad * size / TOP * np.cos(tilt_rad + bend)
+        return np.sign(torque) * size * np.cos(tilt_rad + bend) / np.cos(tilt_rad)
+
+    return signal
+
+
+@pytest.mark.parametrize("bend_rad", [0.03, 0.09])
+def test_an_arm_that_bends_so_far_that_it_loses_lever_arm_is_an_arm(bend_rad):
+    # it rises by the cosine of its tilt before it falls: a limit never does
+    readings = loads(far_bending(-0.08, bend_rad))
+    found = diagnose_loads(readings, PROFILE)
+    cause = one_cause(found)
+    assert cause.name == "arm-sag"
+    assert cause.rivals == ()
+    assert cause.probability > 0.95
+    again = simulate_loads(found.model, readings, PROFILE.data)
+    given = np.array([r.reading_v for r in readings.readings]) * GAIN
+    made = np.array([r.reading_v for r in again.readings]) * GAIN
+    assert float(np.sqrt(np.mean((made - given) ** 2))) < 1.5 * NOISE_NM
+
+
+def test_a_name_without_rivals_is_likely_and_one_with_rivals_says_how_much():
+    (clear,) = diagnose_loads(loads(branches(0.25, 0.0, 1.0), positions=2), PROFILE).causes
+    assert clear.rivals == ()
+    assert clear.probability > 0.95
+    # noise of 4 mN m hides what tells so small a bend from others
+    (bent,) = diagnose_loads(loads(far_bending(0.02, 0.02), seed=1), PROFILE).causes
+    assert len(bent.rivals) == 2
+    assert 1.0 / 3.0 < bent.probability < 0.9

@@ -158,6 +158,7 @@ class LoadAnswer:
             cause.experiment if len(group) > 1 or rivals else None,
             self.weighing.share(places),
             "time" if cause.locked_to == "time" else "torque",
+            probability=accepted.probability,
         )
 
     def _entry(self, entry: Mapping[str, float | str | None]) -> dict[str, float | str | None]:

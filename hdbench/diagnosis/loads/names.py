@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from hdbench.diagnosis.fit.terms import Term
+from hdbench.diagnosis.loads.bentarm import BENT_LIKE, bent_arm
 from hdbench.diagnosis.loads.families import Family
 from hdbench.diagnosis.loads.fit import LoadFit, fit_loads, score_nats
 from hdbench.diagnosis.loads.pace import MEMORY, memory_share
@@ -31,12 +34,8 @@ RIVAL_NATS = 3.0
 # ... and a name that explains this share of what the best one explains is its rival, however small
 # the noise: the difference is one of form. A loop from rest on equal steps is nearly a creep.
 _LIKE = 0.99
-# an arm that bends far loses lever arm as the square of the bend: beside its tau abs(tau) a cube
-# that is never positive. Both together bend as a limit or a play does.
-_BENT = ("arm-sag", "cubic-nonlinearity")
-# ... which take the best of four sharpnesses and pay for none of them: ln 4 nats
-_BENT_NATS = 1.4
-_BENT_LIKE = ("saturation", "backlash", "cubic-nonlinearity")
+# odds that are beyond all doubt
+_MOST_NATS = 100.0
 # contract: names whose effect spans the same space on this record
 _SAME_SPACE = 0.01
 
@@ -61,6 +60,10 @@ class Accepted:
         Indices of its elements in the final fit: one, more where its form takes several.
     alone : LoadFit or None
         Fit with its first element alone, last among the terms, where it has several.
+    probability : float or None
+        Of the group, among all names, each as likely as any other beforehand.
+    made_of : tuple of Term
+        What is to stand in its place in the fit, where that is not the term that is there.
     """
 
     term: Term
@@ -70,6 +73,8 @@ class Accepted:
     rivals: tuple[Term, ...]
     places: tuple[int, ...]
     alone: LoadFit | None = None
+    probability: float | None = None
+    made_of: tuple[Term, ...] = ()
 
 
 def is_outlier(term: Term) -> bool:
@@ -202,6 +207,7 @@ def accept(
     mine = score_nats(less, fit, parameters_of(term, less, fit))
     space = space_of(less)
     group, rivals = [term], []
+    others: dict[str, float] = {}
     made = [] if is_outlier(term) else families(less, space)
     memory = memory_share(table)
     for family in made:
@@ -219,24 +225,26 @@ def accept(
         score = score_nats(less, trial, parameters_of(other, less, trial))
         share = memory if {term.cause.name, other.cause.name} == MEMORY else _LIKE
         like = less.rss - trial.rss >= share * (less.rss - fit.rss)
+        # what differs in form alone is never less likely than a rival is, whatever the noise says
+        others[family.name] = max(score, mine - RIVAL_NATS) if like else score
         if mine - score <= RIVAL_NATS or like:
             rivals.append(other)
-    bent = _bent_arm(less, made, base) if term.cause.name in _BENT_LIKE else None
-    if bent is not None and mine - bent[0] <= _BENT_NATS:
-        rivals += [bent[1]] if bent[1].cause.name not in {r.cause.name for r in rivals} else []
-    return Accepted(term, false_alarm, mine, tuple(group), tuple(rivals), (place,))
+    bent = bent_arm(less, made, base) if term.cause.name in BENT_LIKE else None
+    if bent is not None and bent.score_nats - mine > RIVAL_NATS:
+        beside = {**others, term.cause.name: mine}
+        near = [t for t in (term, *rivals) if t.cause.name != bent.name]
+        near = [t for t in near if bent.score_nats - beside[t.cause.name] <= RIVAL_NATS]
+        share = _share(bent.score_nats, (v for name, v in beside.items() if name != bent.name))
+        parts = (bent.terms[0], false_alarm, bent.score_nats, bent.terms[:1], tuple(near), (place,))
+        return Accepted(*parts, probability=share, made_of=bent.terms)
+    if bent is not None and mine - bent.score_nats <= 0.0:
+        rivals += [bent.terms[0]] if bent.name not in {r.cause.name for r in rivals} else []
+        others[bent.name] = max(others.get(bent.name, -np.inf), bent.score_nats)
+    probability = None if is_outlier(term) else _share(mine, others.values())
+    names = (tuple(group), tuple(rivals), (place,))
+    return Accepted(term, false_alarm, mine, *names, probability=probability)
 
 
-def _bent_arm(
-    less: LoadFit, families: Sequence[Family], base: FloatArray
-) -> tuple[float, Term] | None:
-    """Return score and term of an arm that bends so far that it loses lever arm, None for none."""
-    cells = (family.cells[0].term for family in families if family.name in _BENT)
-    simple = {term.cause.name: term for term in cells if len(term.cause.linear) == 1}
-    if any(name not in simple for name in _BENT):
-        return None
-    terms = tuple(simple[name] for name in _BENT)
-    trial = fit_loads(less.table, base, (*less.terms, *terms))
-    if not trial.linear[-1][0] < 0.0:
-        return None
-    return score_nats(less, trial, less.dof - trial.dof), terms[0]
+def _share(mine: float, others: Iterable[float]) -> float:
+    """Return the share of one evidence among others."""
+    return float(1.0 / (1.0 + sum(np.exp(min(value - mine, _MOST_NATS)) for value in others)))

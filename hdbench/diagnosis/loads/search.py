@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -160,7 +160,26 @@ def search_loads(table: LoadTable, search: LoadSearch, known: Sequence[Term]) ->
         )
         for places in elements_of(fit, n_known)
     )
-    return Found(fit, space, accepted, looks)
+    return _with_made(Found(fit, space, accepted, looks), search)
+
+
+def _with_made(found: Found, search: LoadSearch) -> Found:
+    """Return what was found with causes that are made of other terms than the fit holds."""
+    gone = {place for one in found.accepted if one.made_of for place in one.places}
+    if not gone:
+        return found
+    kept = [place for place in range(len(found.fit.terms)) if place not in gone]
+    terms, accepted = [found.fit.terms[place] for place in kept], []
+    for one in found.accepted:
+        if one.made_of:
+            places = tuple(range(len(terms), len(terms) + len(one.made_of)))
+            terms += one.made_of
+            accepted.append(replace(one, places=places, alone=None))
+        else:
+            accepted.append(replace(one, places=tuple(kept.index(place) for place in one.places)))
+    fit = fit_loads(found.fit.table, search.base, tuple(terms))
+    space = space_of(fit)
+    return Found(fit, space, tuple(accepted), _looks(fit, space, search))
 
 
 def _simplest(ranked: Sequence[_Candidate], space: Space) -> _Candidate:
