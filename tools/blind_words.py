@@ -55,7 +55,10 @@ METRICS = """## Definitions
   driven on the injector's bench, and one effect, as large as it was hidden, must stay 4.65 sigmas
   from the other (1 % wrong names).
 * Bad data: told by its own name, where a cause or a flag names that very fault; causes beside it.
-* P(name): one over the size of the set. Calibration error in tenths; Brier score beside it.
+* Two effects: pairs whose true groups are one and the same on their record are one effect there,
+  and are left out.
+* P(name): the `probability` that is told with the first name. Calibration error in tenths; Brier
+  score beside it.
 * S: mean over parts B to E of 1 exact, 0.5 in a set of at most 3, -1 wrong without rivals, 0
   otherwise; less 5 times the false-alarm rate above 1 %.
 * Time: seconds of one core, record in memory to answer.

@@ -66,6 +66,15 @@ def test_second_name_is_a_phantom_and_spoils_the_exactness():
     assert verdict.covered
 
 
+def test_two_effects_of_one_group_are_one():
+    other = ("warm-up", {"zero-step": 0.004, "warm-up": 0.0})
+    near = ("warm-up", {"zero-step": 0.02, "warm-up": 0.0})
+    pairs = [truth(STEP, other, part="C"), truth(STEP, near, part="C")]
+    answer = said(("zero-step", (), ()), ("warm-up", (), ()))
+    rows = [Row((pair, answer, judge(pair, answer))) for pair in pairs]
+    assert figures(rows)["both_d10"] == (1.0, 1)
+
+
 def test_two_effects_need_a_cause_each():
     both = truth(COULOMB, STEP, part="C")
     one = judge(both, said(("coulomb-friction", (), ("zero-step",))))

@@ -5,7 +5,7 @@ import statistics
 from collections import defaultdict
 
 from .binning import brier, calibration_error, share
-from .judge import FAULT_NAMES, names_of
+from .judge import FAULT_NAMES, GROUP, names_of
 
 __all__ = ["SEPARATED", "Row", "figures", "mark"]
 
@@ -94,8 +94,18 @@ def _gain(rows, physical):
     return sum(ours for ours, _ in pairs) / sum(best for _, best in pairs), len(pairs)
 
 
+def _are_two(row):
+    """Two names of one group are one effect on that record: nothing can tell how much is whose."""
+    first, second = (
+        {name for name, value in effect["alike"].items() if value < GROUP}
+        for effect in row.truth["hidden"]
+    )
+    return first != second
+
+
 def _doubles(rows):
     out = {}
+    rows = [row for row in rows if _are_two(row)]
     for tier in ("d10", "d15", "mid"):
         some = [row for row in rows if row.tier == tier]
         out[f"both_{tier}"] = share(row.verdict.exact for row in some)
