@@ -139,7 +139,10 @@ def search(
         _, beside = _accept_all(other, alpha, align, progress, min(most, _MAX_CAUSES))
         if walk_is_a_cause(state, other):
             state, looks = other, beside
-    swap_for_pair(state, alpha)
+    if swap_for_pair(state, alpha):
+        # what stood beside the old names may have been what they left
+        while drop_needless(state):
+            pass
     if len(state.accepted) > 1:
         progress("going over the names again", 0.92)
         rename_all(state)

@@ -1,5 +1,7 @@
 """Two causes that hide each other, and a step so strong that it bends its own noise."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -7,6 +9,9 @@ from hdbench.diagnosis import diagnose_trace, search
 from hdbench.diagnosis.fit import swap
 from hdbench.diagnosis.fit.pairs import Pair
 from hdbench.diagnosis.fit.terms import Term
+from hdbench.diagnosis.naming import renaming
+from hdbench.diagnosis.naming.candidates import Candidate
+from hdbench.diagnosis.naming.curves import CURVE_PREFIX
 from hdbench.model import catalogue
 from hdbench.profile import load_profile
 from hdbench.records import Trace
@@ -73,3 +78,42 @@ def test_one_name_gives_way_to_two_only_where_the_second_is_as_sure_as_a_finding
     # odds of a finding at a false-alarm rate of 1 %: ln 100 = 4.605 nats
     assert swap.swap_for_pair(state, 0.01) is swapped
     assert len(state.accepted) == (2 if swapped else 1)
+
+
+def test_what_a_pair_of_names_makes_needless_goes(monkeypatch):
+    swap_for_pair = search.swap_for_pair
+
+    def with_a_leftover(state, alpha):
+        step = Term(catalogue()["zero-step"], {"step_time_s": 3.0})
+        state.accepted.insert(0, replace(state.accepted[0], name="zero-step", group=(step,)))
+        state.settle((step, *state.fit.terms))
+        return swap_for_pair(state, alpha) or True
+
+    monkeypatch.setattr(search, "swap_for_pair", with_a_leftover)
+    found = diagnose_trace(loaded_trace(6, lambda _t, load: 0.02 * load), PROFILE)
+    assert [cause.name for cause in (*found.causes, *found.minor)] == ["gain-error"]
+
+
+@pytest.mark.parametrize(("named_nats", "first"), [(7.1, "gain-error"), (6.9, "nameless")])
+def test_a_place_without_a_name_needs_three_nats_more_than_one(named_nats, first):
+    cause = catalogue()["gain-error"]
+    bare = Term(replace(cause, name=CURVE_PREFIX + "torque"), {})
+    ranked = [Candidate(bare, 40.0, 8, 10.0), Candidate(Term(cause, {}), 30.0, 1, named_nats)]
+    (best, _) = renaming._names_first(ranked)
+    assert (best.term is bare) == (first == "nameless")
+
+
+@pytest.mark.parametrize(("left_nats", "gone"), [(2.9, 1), (3.1, 0)])
+def test_a_cause_with_hardly_any_evidence_beside_better_names_goes(monkeypatch, left_nats, gone):
+    states = []
+    monkeypatch.setattr(search, "rename_all", states.append)
+    diagnose_trace(loaded_trace(7, lambda t, load: 0.02 * load + 0.1 * (t > 8.0)), PROFILE)
+    (state,) = states
+    before = len(state.accepted)
+    assert before > 1
+    state.accepted[0] = replace(state.accepted[0], evidence_nats=left_nats)
+    state.accepted[1:] = [replace(one, evidence_nats=50.0) for one in state.accepted[1:]]
+    kept = state.accepted[gone:]
+    renaming._drop_unsure(state)
+    assert state.accepted == kept
+    assert len(state.fit.terms) == before - gone

@@ -7,8 +7,10 @@ from dataclasses import replace
 from hdbench.diagnosis.detect.looks import look_at
 from hdbench.diagnosis.fit.formterms import beyond_form
 from hdbench.diagnosis.fit.jointfit import JointFit, fit_jointly
+from hdbench.diagnosis.naming.candidates import Candidate
 from hdbench.diagnosis.naming.evidence import score
-from hdbench.diagnosis.naming.ranking import name_residual, rank_looks
+from hdbench.diagnosis.naming.nameless import unnamed
+from hdbench.diagnosis.naming.ranking import RIVAL_NATS, name_residual, rank_looks
 from hdbench.diagnosis.noise.whitened import make_space
 from hdbench.diagnosis.state import State, accepted_as
 
@@ -25,13 +27,18 @@ _BETTER = 0.5
 _PEER = 0.01
 
 
-def drop_needless(state: State) -> None:
+def drop_needless(state: State) -> bool:
     """Take out a cause that a later one has made needless.
 
     Parameters
     ----------
     state : State
         Where the search stands; changed.
+
+    Returns
+    -------
+    bool
+        True where one was taken out.
     """
     n_known = state.n_known
     for index in range(_evident(state), len(state.accepted) - 1):
@@ -44,7 +51,8 @@ def drop_needless(state: State) -> None:
         if score(state.fit.loss(place), paid, 1.0) < 0.0:
             del state.accepted[index]
             state.settle(others)
-            return
+            return True
+    return False
 
 
 def _evident(state: State) -> int:
@@ -57,6 +65,8 @@ def _evident(state: State) -> int:
 
 def rename_all(state: State) -> None:
     """Name each accepted cause again beside all the others, and keep the better name.
+
+    What has hardly any evidence left beside better names goes.
 
     Parameters
     ----------
@@ -75,7 +85,18 @@ def rename_all(state: State) -> None:
             if peers and not _formed(state, index):
                 changed |= _rename_one(state, index, peers)
         if not changed:
-            return
+            break
+    _drop_unsure(state)
+
+
+def _drop_unsure(state: State) -> None:
+    """Take out causes that no longer are twenty times as likely as none."""
+    for index in reversed(range(_evident(state), len(state.accepted))):
+        unsure = state.accepted[index].evidence_nats < RIVAL_NATS
+        if unsure and len(state.accepted) > 1 and not _formed(state, index):
+            place = state.n_known + index
+            del state.accepted[index]
+            state.settle(state.fit.terms[:place] + state.fit.terms[place + 1 :])
 
 
 def _formed(state: State, index: int) -> bool:
@@ -100,6 +121,14 @@ def strengths(fit: JointFit) -> list[float]:
     return [fit.loss(k) for k in range(len(fit.terms))]
 
 
+def _names_first(ranked: list[Candidate]) -> list[Candidate]:
+    """Return candidates with a name at the head where none without one explains clearly more."""
+    named = [c for c in ranked if not unnamed(c.term)]
+    if not named or named[0].score_nats < ranked[0].score_nats - RIVAL_NATS:
+        return ranked
+    return [*named, *(c for c in ranked if unnamed(c.term))]
+
+
 def _rename_one(state: State, index: int, peers: list[int]) -> bool:
     """Name one accepted cause again beside its peers; True where its name changed."""
     record, terms = state.record, state.fit.terms
@@ -115,6 +144,7 @@ def _rename_one(state: State, index: int, peers: list[int]) -> bool:
     ranked = rank_looks(space, record, survey, (*own, *beyond_form(state, seen, old.name)))
     if not ranked:
         return False
+    ranked = _names_first(ranked)
     now = [c for c in ranked if c.term.cause.name == old.name]
     naming = name_residual(space, record, ranked)
     better = not now or naming.best.score_nats > now[0].score_nats + _BETTER
