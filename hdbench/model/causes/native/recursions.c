@@ -5,16 +5,17 @@
 
 #include "arrays.h"
 
-#define TAKE(index, name, writable, bytes)                                                         \
-    (take(&all, PyTuple_GetItem(args, index), name, writable, bytes) != NULL)
+/* A recursion as Python calls it: its arrays, whether their lengths fit, and what it does. */
+typedef struct {
+    const char *names[6];
+    int n, written, marks; /* arrays; the first one that is written; the one of uint8 */
+    int (*fits)(const array *a);
+    void (*run)(const array *a);
+} recursion;
 
-static int count_is(PyObject *args, Py_ssize_t n)
-{
-    if (PyTuple_Size(args) == n)
-        return 1;
-    PyErr_Format(PyExc_TypeError, "found %zd arguments, needed %zd", PyTuple_Size(args), n);
-    return 0;
-}
+static size_t count(const array *a) { return a->held ? length(a) : 0; }
+
+static const unsigned char *marks(const array *a) { return a->view.buf; }
 
 /* z[k] = decay[k] z[k-1] + drive[k], z[-1] = 0 */
 static void run_first_order(size_t n, const double *decay, const double *drive, double *out)
@@ -24,25 +25,14 @@ static void run_first_order(size_t n, const double *decay, const double *drive, 
         out[k] = z = decay[k] * z + drive[k];
 }
 
-static PyObject *first_order(PyObject *module, PyObject *args)
+static int first_order_fits(const array *a)
 {
-    arrays all = {.n = 0};
-    PyObject *result = NULL;
-    (void)module;
-    if (!count_is(args, 3))
-        return NULL;
-    if (TAKE(0, "decay", 0, 0) && TAKE(1, "drive", 0, 0) && TAKE(2, "out", 1, 0)) {
-        const array *const a = all.item;
-        const size_t n = a[1].held ? length(&a[1]) : 0;
-        if (has_length(&a[0], n, 0) && has_length(&a[2], n, 0) && apart(&all)) {
-            Py_BEGIN_ALLOW_THREADS
-            run_first_order(n, numbers(&a[0]), numbers(&a[1]), numbers(&a[2]));
-            Py_END_ALLOW_THREADS
-            result = Py_NewRef(Py_None);
-        }
-    }
-    release(&all);
-    return result;
+    return has_length(&a[0], count(&a[1]), 0) && has_length(&a[2], count(&a[1]), 0);
+}
+
+static void first_order_runs(const array *a)
+{
+    run_first_order(count(&a[1]), numbers(&a[0]), numbers(&a[1]), numbers(&a[2]));
 }
 
 /* A filter of second order in transposed direct form; a start is rest at its value. */
@@ -66,28 +56,17 @@ static void run_second_order(size_t n, const double *above, const double *below,
     }
 }
 
-static PyObject *second_order(PyObject *module, PyObject *args)
+static int second_order_fits(const array *a)
 {
-    arrays all = {.n = 0};
-    PyObject *result = NULL;
-    (void)module;
-    if (!count_is(args, 5))
-        return NULL;
-    if (TAKE(0, "above", 0, 0) && TAKE(1, "below", 0, 0) && TAKE(2, "starts", 0, 1) &&
-        TAKE(3, "values", 0, 0) && TAKE(4, "out", 1, 0)) {
-        const array *const a = all.item;
-        const size_t n = a[3].held ? length(&a[3]) : 0;
-        if (has_length(&a[0], 3, 0) && has_length(&a[1], 2, 0) && has_length(&a[2], n, 0) &&
-            has_length(&a[4], n, 0) && apart(&all)) {
-            Py_BEGIN_ALLOW_THREADS
-            run_second_order(n, numbers(&a[0]), numbers(&a[1]), a[2].view.buf, numbers(&a[3]),
-                             numbers(&a[4]));
-            Py_END_ALLOW_THREADS
-            result = Py_NewRef(Py_None);
-        }
-    }
-    release(&all);
-    return result;
+    const size_t n = count(&a[3]);
+    return has_length(&a[0], 3, 0) && has_length(&a[1], 2, 0) && has_length(&a[2], n, 0) &&
+           has_length(&a[4], n, 0);
+}
+
+static void second_order_runs(const array *a)
+{
+    run_second_order(count(&a[3]), numbers(&a[0]), numbers(&a[1]), marks(&a[2]), numbers(&a[3]),
+                     numbers(&a[4]));
 }
 
 /* Wave after both poles of a resonance, exact for a phase that is linear between samples. */
@@ -121,30 +100,17 @@ static void run_resonance(size_t n, const double *wave, const double *rate, cons
     }
 }
 
-static PyObject *resonance(PyObject *module, PyObject *args)
+static int resonance_fits(const array *a)
 {
-    arrays all = {.n = 0};
-    PyObject *result = NULL;
-    (void)module;
-    if (!count_is(args, 6))
-        return NULL;
-    if (TAKE(0, "wave", 0, 0) && TAKE(1, "rate", 0, 0) && TAKE(2, "decay", 0, 0) &&
-        TAKE(3, "starts", 0, 1) && TAKE(4, "pole", 0, 0) && TAKE(5, "out", 1, 0)) {
-        const array *const a = all.item;
-        const size_t n = a[1].held ? length(&a[1]) : 0;
-        const int even = a[2].held && length(&a[2]) == 2;
-        if (has_length(&a[0], 2 * n, 0) && has_length(&a[2], even ? 2 : 2 * n, 0) &&
-            has_length(&a[3], n, 0) && has_length(&a[4], 2, 0) && has_length(&a[5], 2 * n, 0) &&
-            apart(&all)) {
-            Py_BEGIN_ALLOW_THREADS
-            run_resonance(n, numbers(&a[0]), numbers(&a[1]), numbers(&a[2]), even ? 0 : 2,
-                          a[3].view.buf, numbers(&a[4]), numbers(&a[5]));
-            Py_END_ALLOW_THREADS
-            result = Py_NewRef(Py_None);
-        }
-    }
-    release(&all);
-    return result;
+    const size_t n = count(&a[1]), decays = count(&a[2]) == 2 ? 2 : 2 * n;
+    return has_length(&a[0], 2 * n, 0) && has_length(&a[2], decays, 0) &&
+           has_length(&a[3], n, 0) && has_length(&a[4], 2, 0) && has_length(&a[5], 2 * n, 0);
+}
+
+static void resonance_runs(const array *a)
+{
+    run_resonance(count(&a[1]), numbers(&a[0]), numbers(&a[1]), numbers(&a[2]),
+                  count(&a[2]) == 2 ? 0 : 2, marks(&a[3]), numbers(&a[4]), numbers(&a[5]));
 }
 
 /* Sum of play operators: each stays within its radius of the torque, moved no farther than needed;
@@ -167,28 +133,70 @@ static void run_plays(size_t n, size_t m, const double *torque, const double *ra
     }
 }
 
-static PyObject *plays(PyObject *module, PyObject *args)
+static int plays_fit(const array *a)
+{
+    const size_t n = count(&a[0]);
+    return has_length(&a[2], n, 0) && has_length(&a[3], count(&a[1]), 0) && has_length(&a[4], n, 0);
+}
+
+static void plays_run(const array *a)
+{
+    run_plays(count(&a[0]), count(&a[1]), numbers(&a[0]), numbers(&a[1]), marks(&a[2]),
+              numbers(&a[3]), numbers(&a[4]));
+}
+
+static PyObject *called(const recursion *what, PyObject *args)
 {
     arrays all = {.n = 0};
-    PyObject *result = NULL;
-    (void)module;
-    if (!count_is(args, 5))
+    if (PyTuple_Size(args) != what->n) {
+        PyErr_Format(PyExc_TypeError, "found %zd arguments, needed %d", PyTuple_Size(args),
+                     what->n);
         return NULL;
-    if (TAKE(0, "torque", 0, 0) && TAKE(1, "radius", 0, 0) && TAKE(2, "starts", 0, 1) &&
-        TAKE(3, "state", 1, 0) && TAKE(4, "out", 1, 0)) {
-        const array *const a = all.item;
-        const size_t n = a[0].held ? length(&a[0]) : 0, m = a[1].held ? length(&a[1]) : 0;
-        if (has_length(&a[2], n, 0) && has_length(&a[3], m, 0) && has_length(&a[4], n, 0) &&
-            apart(&all)) {
-            Py_BEGIN_ALLOW_THREADS
-            run_plays(n, m, numbers(&a[0]), numbers(&a[1]), a[2].view.buf, numbers(&a[3]),
-                      numbers(&a[4]));
-            Py_END_ALLOW_THREADS
-            result = Py_NewRef(Py_None);
-        }
+    }
+    int good = 1;
+    for (int i = 0; good && i < what->n; ++i)
+        good = take(&all, PyTuple_GetItem(args, i), what->names[i], i >= what->written,
+                    i == what->marks) != NULL;
+    good = good && what->fits(all.item) && apart(&all);
+    if (good) {
+        Py_BEGIN_ALLOW_THREADS
+        what->run(all.item);
+        Py_END_ALLOW_THREADS
     }
     release(&all);
-    return result;
+    return good ? Py_NewRef(Py_None) : NULL;
+}
+
+static PyObject *first_order(PyObject *module, PyObject *args)
+{
+    static const recursion what = {{"decay", "drive", "out"}, 3, 2, -1, first_order_fits,
+                                   first_order_runs};
+    (void)module;
+    return called(&what, args);
+}
+
+static PyObject *second_order(PyObject *module, PyObject *args)
+{
+    static const recursion what = {{"above", "below", "starts", "values", "out"}, 5, 4, 2,
+                                   second_order_fits, second_order_runs};
+    (void)module;
+    return called(&what, args);
+}
+
+static PyObject *resonance(PyObject *module, PyObject *args)
+{
+    static const recursion what = {{"wave", "rate", "decay", "starts", "pole", "out"}, 6, 5, 3,
+                                   resonance_fits, resonance_runs};
+    (void)module;
+    return called(&what, args);
+}
+
+static PyObject *plays(PyObject *module, PyObject *args)
+{
+    static const recursion what = {{"torque", "radius", "starts", "state", "out"}, 5, 3, 2,
+                                   plays_fit, plays_run};
+    (void)module;
+    return called(&what, args);
 }
 
 static PyMethodDef methods[] = {
