@@ -41,6 +41,8 @@ METRICS = """## Definitions
   its level but inside the count is "missed, within chance".
 * Detection: any cause, unexplained place or flag of that fault. Exact: as many causes as effects,
   each reported set (name, group, rivals) inside the true group, nothing unexplained beside.
+* The first name is right: its own group is the true one, with any rivals beside it. Levels of
+  other tools that always say one name are of this kind.
 * In the set: the reported set of some cause holds the true group. Wrong without rivals: no
   set holds it and some cause stands without rivals.
 * Gain: share of the baseline's held-out variance that the extended model explains, over the

@@ -66,6 +66,13 @@ def test_second_name_is_a_phantom_and_spoils_the_exactness():
     assert verdict.covered
 
 
+def test_the_first_name_is_right_with_rivals_and_wrong_as_a_rival():
+    answers = [said(("coulomb-friction", (), ("presliding",))),
+               said(("presliding", (), ("coulomb-friction",))), said()]  # fmt: skip
+    rows = [Row((truth(COULOMB), one, judge(truth(COULOMB), one))) for one in answers]
+    assert figures(rows)["first_d10"] == (pytest.approx(1.0 / 3.0), 3)
+
+
 def test_two_effects_of_one_group_are_one():
     other = ("warm-up", {"zero-step": 0.004, "warm-up": 0.0})
     near = ("warm-up", {"zero-step": 0.02, "warm-up": 0.0})

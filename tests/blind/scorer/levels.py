@@ -53,6 +53,7 @@ LEVELS = (
     *_by_size("detection", "detection", (None, 0.80, 0.95, 0.99, None), (None,) * 5),
     *_by_size("name", "name, exact to the group", (None, 0.60, 0.85, 0.93, 0.97),
               (None, 0.65, 0.88, 0.93, 0.97)),
+    *_by_size("first", "the first name is right, rivals or not", (None,) * 5, (None,) * 5),
     *_by_size("cover", "true group in the reported set, given detection",
               (None, 0.95, 0.95, 0.95, 0.95), (None,) * 5),
     Level("set_size_d5", "names in the set, 5 sigma", 2.5, None, True, False),

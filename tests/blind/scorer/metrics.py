@@ -45,6 +45,13 @@ def _clean(rows, part="A"):
     return out
 
 
+def _first_right(row):
+    """The first cause's own name is the true one's, whatever stands beside it."""
+    alike = row.truth["hidden"][0]["alike"]
+    named = row.verdict.named
+    return bool(named) and alike.get(named[0], 1.0) < GROUP
+
+
 def _single(rows):
     """By size in sigmas, on records that move through speeds (one speed is told apart)."""
     out = {}
@@ -54,6 +61,7 @@ def _single(rows):
         found = [row for row in some if row.verdict.alarm]
         out[f"detection_{tier}"] = share(row.verdict.alarm for row in some)
         out[f"name_{tier}"] = share(row.verdict.exact for row in some)
+        out[f"first_{tier}"] = share(_first_right(row) for row in some)
         out[f"cover_{tier}"] = share(row.verdict.covered for row in found)
         sizes = [row.verdict.set_size for row in found if row.verdict.covered]
         out[f"set_size_{tier}"] = (statistics.fmean(sizes) if sizes else None, len(sizes))
