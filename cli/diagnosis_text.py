@@ -65,8 +65,9 @@ def show(console: Console, result: Mapping[str, Any], folder: Path | None = None
         console.print(result["reason"], markup=False)
     _show_part(console, result.get("part"))
     sketched = folder if len(result["causes"]) <= _SKETCHED else None
+    told: set[str] = set()
     for cause in result["causes"]:
-        _show_cause(console, cause, sketched)
+        _show_cause(console, cause, sketched, told)
     for place in result["unexplained"]:
         _show_place(console, place)
     small = [cause["name"] for cause in result["minor"]]
@@ -153,7 +154,10 @@ def _show_part(console: Console, part: Mapping[str, Any] | None) -> None:
     console.print(f"{'part':<{_LABEL}}{words}", markup=False)
 
 
-def _show_cause(console: Console, cause: Mapping[str, Any], folder: Path | None) -> None:
+def _show_cause(
+    console: Console, cause: Mapping[str, Any], folder: Path | None, told: set[str]
+) -> None:
+    """Show a cause; an experiment that was told with another one is not told again."""
     from rich.text import Text
 
     others = [name for name in (*cause["group"], *cause["rivals"]) if name != cause["name"]]
@@ -166,16 +170,18 @@ def _show_cause(console: Console, cause: Mapping[str, Any], folder: Path | None)
     low, high = gain["interval"]
     chance = probability(cause["false_alarm_probability"])
     console.print(
-        f"  held-out {gain['heldout_rms_before_nm']:.3g} -> "
-        f"{gain['heldout_rms_after_nm']:.3g} N m, explains "
-        f"{100.0 * gain['explained_fraction']:.1f} % ({100.0 * low:.1f} to {100.0 * high:.1f}), "
+        f"  explains {100.0 * gain['explained_fraction']:.1f} % "
+        f"({100.0 * low:.1f} to {100.0 * high:.1f}): {gain['heldout_rms_before_nm']:.3g} -> "
+        f"{gain['heldout_rms_after_nm']:.3g} N m, "
         f"false alarm {chance}",
         markup=False,
     )
     if folder is not None:
         _sketch(console, str(cause.get("domain")), folder)
-    if cause["separating_experiment"]:
-        console.print(f"  told apart by: {cause['separating_experiment']}", markup=False)
+    experiment = cause["separating_experiment"]
+    if experiment and experiment not in told:
+        told.add(experiment)
+        console.print(f"  told apart by: {experiment}", markup=False)
 
 
 def _sketch(console: Console, domain: str, folder: Path) -> None:
