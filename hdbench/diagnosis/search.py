@@ -232,7 +232,9 @@ def _step(
     seen = beyond_form(state, tuple(k for k in looks.looks if k.terms))
     ranked = rank_looks(space, state.record, state.survey, seen) if alarms else []
     named = with_names(state, space, seen, ranked)
-    if slow is not None and outweighs(slow, named or ranked) and outweighs(slow, ranked):
+    # a head that has a name is both
+    heads = [ranked] if not named or named is ranked else [named, ranked]
+    if slow is not None and all(outweighs(slow, head) for head in heads):
         accept_slow_noise(state, slow.likelier(), ranked, _slow_chance(slow))
         return True
     if not ranked or not ranked[0].score_nats > 0.0:

@@ -21,8 +21,6 @@ __all__ = ["Bank", "Gram", "Grams", "Member", "bank_gram", "build_bank"]
 # rows that are whitened at a time, and which of these chunks stand for all
 _CHUNK = 4096
 _SAMPLED = 6
-# columns that a kernel as long as the record whitens at a time
-_BRIDGED = 8
 # memory that the columns may take, bytes; families beyond it get fewer shapes
 _MEMORY = 3.2e8
 
@@ -207,11 +205,7 @@ def _long_gram(bank: Bank, whitener: Whitener) -> Gram:
     sample = np.empty((len(rows), bank.table.shape[1]), dtype=np.float32)
     blocks = []
     for place in bank.family_places:
-        white = np.empty((len(bank.table), place.stop - place.start), np.float32, order="F")
-        # a few columns at a time: what bridges the gaps is a copy of them
-        for at in range(0, white.shape[1], _BRIDGED):
-            columns = slice(place.start + at, min(place.start + at + _BRIDGED, place.stop))
-            white[:, at : at + _BRIDGED] = whitener.apply(bank.table[:, columns])
+        white = whitener.apply(bank.table[:, place])
         blocks.append((white.T @ white).astype(np.float64))
         sample[:, place] = white[rows]
     return Gram(tuple(blocks), rows, sample)

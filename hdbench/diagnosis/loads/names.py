@@ -237,7 +237,7 @@ def accept(
         share = _share(bent.score_nats, (v for name, v in beside.items() if name != bent.name))
         parts = (bent.terms[0], false_alarm, bent.score_nats, bent.terms[:1], tuple(near), (place,))
         return Accepted(*parts, probability=share, made_of=bent.terms)
-    if bent is not None and mine - bent.score_nats <= 0.0:
+    if bent is not None and bent.score_nats >= mine:
         rivals += [bent.terms[0]] if bent.name not in {r.cause.name for r in rivals} else []
         others[bent.name] = max(others.get(bent.name, -np.inf), bent.score_nats)
     probability = None if is_outlier(term) else _share(mine, others.values())

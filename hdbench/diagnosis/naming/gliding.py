@@ -121,6 +121,7 @@ class _Tiles:
 
 
 def _long_tiles(n_samples: int, period_s: float, length: int) -> _Tiles:
+    """Return the long tiles of a record whose short ones have `length` samples."""
     block = length // _BLOCKS
     seconds = block * period_s
     count = n_samples // block // _SUMMED

@@ -45,14 +45,19 @@ def drop_needless(state: State) -> bool:
         if _formed(state, index):
             continue
         place = n_known + index
-        others = state.fit.terms[:place] + state.fit.terms[place + 1 :]
         term = state.fit.terms[place]
         paid = len(term.cause.linear) + len(term.cause.shape)
         if score(state.fit.loss(place), paid, 1.0) < 0.0:
-            del state.accepted[index]
-            state.settle(others)
+            _take_out(state, index)
             return True
     return False
+
+
+def _take_out(state: State, index: int) -> None:
+    """Take one accepted cause out, and fit the others anew."""
+    place = state.n_known + index
+    del state.accepted[index]
+    state.settle(state.fit.terms[:place] + state.fit.terms[place + 1 :])
 
 
 def _evident(state: State) -> int:
@@ -94,9 +99,7 @@ def _drop_unsure(state: State) -> None:
     for index in reversed(range(_evident(state), len(state.accepted))):
         unsure = state.accepted[index].evidence_nats < RIVAL_NATS
         if unsure and len(state.accepted) > 1 and not _formed(state, index):
-            place = state.n_known + index
-            del state.accepted[index]
-            state.settle(state.fit.terms[:place] + state.fit.terms[place + 1 :])
+            _take_out(state, index)
 
 
 def _formed(state: State, index: int) -> bool:

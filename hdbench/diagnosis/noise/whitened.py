@@ -76,10 +76,7 @@ class Whitener:
         """
         table = columns[:, None] if columns.ndim == 1 else columns
         white = np.empty(table.shape, dtype=table.dtype, order="F")
-        if self.gaps is None:
-            self._filter(table, self.valid, white)
-        else:
-            self._filter(self.gaps.cross(table), None, white)
+        self._filter(table, self.valid, white, self.gaps)
         _scale_rows(white, self.used / self.std)
         return white[:, 0] if columns.ndim == 1 else white
 
@@ -110,17 +107,20 @@ class Whitener:
         _scale_rows(out, self.valid / self.std)
         return np.asarray(out[:, 0] if columns.ndim == 1 else out)
 
-    def _filter(self, table: Any, seen: NDArray[np.bool_] | None, out: Any) -> None:
+    def _filter(
+        self, table: Any, seen: NDArray[np.bool_], out: Any, gaps: Bridges | None = None
+    ) -> None:
         """Put the causal convolution of every column with the kernel into `out`.
 
-        What is not seen counts as zero; all is seen where None. A few columns at a time: what
+        What is not seen counts as zero, or is bridged by `gaps`. A few columns at a time: what
         stands beside is small.
         """
-        kept = None if seen is None or seen.all() else seen.astype(table.dtype)
+        kept = None if gaps is not None or seen.all() else seen.astype(table.dtype)
         same = self.spectrum if len(table) == len(self.valid) else None
         convolve = convolution(self.kernel.astype(table.dtype), len(table), same)
         for j in range(0, table.shape[1], _SIDE_BY_SIDE):
-            part = np.ascontiguousarray(table[:, j : j + _SIDE_BY_SIDE].T)
+            some = table[:, j : j + _SIDE_BY_SIDE]
+            part = np.ascontiguousarray((some if gaps is None else gaps.cross(some)).T)
             convolve(part if kept is None else part * kept, out[:, j : j + _SIDE_BY_SIDE].T)
 
     def power_gain(self, cycles_per_sample: FloatArray) -> NDArray[np.complex128]:

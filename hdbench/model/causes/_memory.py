@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hdbench.model.causes import _twins
-from hdbench.model.causes._twins import ComplexArray
+from hdbench.model.causes._twins import ComplexArray, Number
 from hdbench.model.motion import Motion
 from hdbench.records.trace import FloatArray
 
@@ -58,10 +58,13 @@ def _compiled() -> ModuleType | None:
     return _recursions
 
 
-def first_order(decay: FloatArray, drive: FloatArray) -> FloatArray:
-    """Return z with z[k] = decay[k] z[k-1] + drive[k] and z[-1] = 0; a start has decay 0."""
+def first_order(decay: NDArray[Number], drive: NDArray[Number]) -> NDArray[Number]:
+    """Return z with z[k] = decay[k] z[k-1] + drive[k] and z[-1] = 0; a start has decay 0.
+
+    Complex numbers, which only uneven samples bring, go the way of NumPy.
+    """
     native = _compiled()
-    if native is None:
+    if native is None or np.iscomplexobj(drive):
         return _twins.first_order(decay, drive)
     result = np.empty_like(drive)
     native.first_order(decay, drive, result)

@@ -7,7 +7,13 @@ from collections.abc import Callable, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from hdbench.model.causes._memory import even_step, remembered, second_order, spread_out
+from hdbench.model.causes._memory import (
+    even_step,
+    first_order,
+    remembered,
+    second_order,
+    spread_out,
+)
 from hdbench.model.causes._needs import all_of, loaded
 from hdbench.model.causes._parts import (
     RATIO_LIMIT,
@@ -15,7 +21,6 @@ from hdbench.model.causes._parts import (
     no_shape,
 )
 from hdbench.model.causes._twins import ComplexArray
-from hdbench.model.causes._twins import first_order as uneven_first_order
 from hdbench.model.definition import Cause, Parameter
 from hdbench.model.motion import Motion
 from hdbench.records.trace import FloatArray
@@ -58,7 +63,7 @@ def low_pass(time: FloatArray, starts: NDArray[np.bool_], natural: float) -> Law
         before = np.concatenate((torque[:1], torque[:-1]))
         drive = gain * before + ramp * (torque - before)
         drive[starts] = -torque[starts] / pole
-        return np.asarray((scale * uneven_first_order(decay, drive)).imag)
+        return np.asarray((scale * first_order(decay, drive)).imag)
 
     return passed
 
