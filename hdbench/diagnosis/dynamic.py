@@ -22,7 +22,7 @@ from hdbench.diagnosis.fit.terms import Term
 from hdbench.diagnosis.measured.baselineterms import parse_baseline
 from hdbench.diagnosis.measured.preflight import Preflight
 from hdbench.diagnosis.measured.record import Beyond, Record, prepare_record
-from hdbench.diagnosis.naming.challengers import CHALLENGERS
+from hdbench.diagnosis.naming.challengers import TESTS
 from hdbench.diagnosis.naming.jumps import rate_times_speed
 from hdbench.diagnosis.search import Found, search
 from hdbench.model import BenchModel, Cause
@@ -166,7 +166,7 @@ def _with_jumps(task: Task, clean: Clean, found: Found) -> Found:
     masked = ~clean.record.valid & ~clean.unresolved
     full = task.prepare(clean.inspected.trace, masked)
     left = rate_times_speed(found, full)
-    if left is None or not left.p_value * (len(CHALLENGERS) + 1) < task.alpha * SHARES["tests"]:
+    if left is None or not left.p_value * TESTS < task.alpha * SHARES["tests"]:
         return found
     return replace(found, left=(*found.left, left))
 
@@ -214,7 +214,7 @@ def _acquired(
     """Return the named faults of the acquisition, and the search's result beside them."""
     acquired = moving_causes(clean.inspected, task.prepare, rng)
     acquired += masked_causes(task, clean, rng)
-    law = noise_law(found)
+    law = noise_law(found, task.alpha * SHARES["tests"] / TESTS)
     if law is not None:
         square = baseline_residual(clean.record).mean_square
         acquired.append(speed_noise_cause(law, found, square, rng))

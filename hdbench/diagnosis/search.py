@@ -15,6 +15,11 @@ from hdbench.diagnosis.fit.again import weigh_again
 from hdbench.diagnosis.fit.choose import named_first, with_names
 from hdbench.diagnosis.fit.formterms import accept_form, best_form, beyond_form, formed_strength
 from hdbench.diagnosis.fit.jointfit import JointFit, fit_jointly
+from hdbench.diagnosis.fit.rounded import (
+    beyond_rounding,
+    left_beyond_rounding,
+    withdraw_small_steps,
+)
 from hdbench.diagnosis.fit.settle import Noise
 from hdbench.diagnosis.fit.swap import swap_for_pair
 from hdbench.diagnosis.fit.terms import Term
@@ -146,20 +151,18 @@ def search(
     if len(state.accepted) > 1:
         progress("going over the names again", 0.92)
         rename_all(state)
+    withdraw_small_steps(state)
     space = state.space()
     left = challenge(space, state.record, state.noise.model.innovation_std, alpha * SHARES["tests"])
     alarms = tuple(k for k in looks.looks if k.false_alarm < alpha and k.terms)
     passed = beyond_form(state, alarms)
     held_back = withheld_line(space, state.record, [k for k in alarms if k not in passed])
-    if state.rounding is not None:
-        # the scatter of rounded readings depends on where in a step the torque lies
-        left = [one for one in left if one.domain != "variance"]
     return Found(
         state.fit,
         state.noise,
         space,
         tuple(state.accepted),
-        (*left, *held_back),
+        (*left_beyond_rounding(state, left), *held_back),
         first_scans,
         looks,
         state.survey,
@@ -218,7 +221,8 @@ def _step(
     align: Callable[[Beyond], Record] | None,
 ) -> bool:
     """Accept the best name, or a noise that rises towards 0 Hz; False where nothing passes."""
-    alarms = tuple(look for look in looks.looks if look.false_alarm < alpha and look.terms)
+    every = beyond_rounding(state, space, tuple(look for look in looks.looks if look.terms))
+    alarms = tuple(look for look in every if look.false_alarm < alpha)
     slow = slow_noise(state, space)
     if slow is not None and slow.most_nats < _SLOW_FORM * formed_strength(state):
         slow = None
@@ -229,7 +233,7 @@ def _step(
     alarms = beyond_form(state, alarms)
     if not alarms and not _slow_chance(slow) < alpha:
         return False
-    seen = beyond_form(state, tuple(k for k in looks.looks if k.terms))
+    seen = beyond_form(state, every)
     ranked = rank_looks(space, state.record, state.survey, seen) if alarms else []
     named = with_names(state, space, seen, ranked)
     # a head that has a name is both
@@ -246,9 +250,10 @@ def _step(
     terms = (*state.fit.terms, naming.best.term)
     state.fit = fit_jointly(state.record, terms, state.noise.whitener)
     _settled(state, align)
-    if weigh_again(state, naming.best.statistic):
+    if weigh_again(state, naming.best.statistic, space.whitener):
         _settled(state, align)
     drop_needless(state)
+    withdraw_small_steps(state)
     return True
 
 

@@ -279,7 +279,7 @@ def test_noise_that_grows_with_speed_is_measured():
     speed = course(np.arange(40_000) * 1e-3)[0]
     white = np.sqrt(1.0 + (speed / 100.0) ** 2) * rng.standard_normal(len(speed))
     used = np.ones(len(speed), dtype=bool)
-    law = find_speed_noise(white, used, speed)
+    law = find_speed_noise(white, used, speed, 1e-4)
     assert law is not None
     # variance over its mean: slope 1e-4 over the mean of 1 + (w / 100)^2
     mean = 1.0 + float(np.mean(speed**2)) * 1e-4
@@ -296,7 +296,7 @@ def test_other_variances_are_not_named_after_the_speed(kind):
         "quieter with speed": 100.0 / speed,
     }[kind]
     white = size * rng.standard_normal(len(speed))
-    assert find_speed_noise(white, np.ones(len(speed), dtype=bool), speed) is None
+    assert find_speed_noise(white, np.ones(len(speed), dtype=bool), speed, 1e-4) is None
 
 
 # --- whole diagnosis

@@ -72,7 +72,7 @@ def test_one_name_gives_way_to_two_only_where_the_second_is_as_sure_as_a_finding
     assert [one.name for one in state.accepted] == ["gain-error"]
     present = swap.nats(state.fit, state.noise) - swap._paid(list(state.fit.terms))
     terms = tuple(Term(catalogue()[name], {}) for name in ("gain-error", "cubic-nonlinearity"))
-    pair = Pair(terms, 1.0, 0.0)
+    pair = Pair(terms, 1.0, 0.0, 10.0)
     monkeypatch.setattr(swap, "_pairs_beside", lambda *_: [pair])
     monkeypatch.setattr(swap, "_worth", lambda *_: present + swap._picked(pair, 1) + more_nats)
     # odds of a finding at a false-alarm rate of 1 %: ln 100 = 4.605 nats

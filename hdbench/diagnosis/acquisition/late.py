@@ -35,20 +35,22 @@ _REFERENCE_RAD_S = 100.0
 _DRIVEN = "constant speeds over at least 1:4 and rest, long enough for the variance at each"
 
 
-def noise_law(found: Found) -> SpeedNoise | None:
+def noise_law(found: Found, level: float) -> SpeedNoise | None:
     """Return the law of noise that grows with the speed, None where there is none.
 
     Parameters
     ----------
     found : Found
         Result of the search.
+    level : float
+        Probability of a law without any effect, in (0, 1).
 
     Returns
     -------
     SpeedNoise or None
     """
     space, motion = found.space, found.record.motion
-    law = find_speed_noise(space.residual, space.whitener.used, motion.velocity_rad_s)
+    law = find_speed_noise(space.residual, space.whitener.used, motion.velocity_rad_s, level)
     if law is None or motion.angle_source != "velocity":
         return law
     return None if _angle_is_off(found) else law

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtri
 
 from hdbench.diagnosis.acquisition.channels import robust_std
 from hdbench.records.trace import FloatArray
@@ -16,8 +17,6 @@ __all__ = ["SpeedNoise", "find_speed_noise", "speed_variance", "variance_score"]
 _BLOCKS = 24
 # Fisher scoring converges within ten rounds
 _ROUNDS = 50
-# statistic above which the law is named: one-sided 1e-5
-_SIGMA = 4.3
 # squares above this many times the median are outliers, no variance: 2e-7 of normal samples
 _OUTLIER = 60.0
 _LEAST_SAMPLES = 500
@@ -90,7 +89,7 @@ def _likelihood(squares: FloatArray, variance: FloatArray) -> float:
 
 
 def find_speed_noise(
-    white: FloatArray, used: NDArray[np.bool_], velocity_rad_s: FloatArray
+    white: FloatArray, used: NDArray[np.bool_], velocity_rad_s: FloatArray, level: float
 ) -> SpeedNoise | None:
     """Return the law of noise that grows with the speed.
 
@@ -102,13 +101,15 @@ def find_speed_noise(
         Its samples.
     velocity_rad_s : ndarray, shape (n,)
         Motor velocity, rad/s.
+    level : float
+        Probability of a law without any effect, in (0, 1).
 
     Returns
     -------
     SpeedNoise or None
-        None where the variance does not grow with the square of the speed by 4.3 standard
-        deviations, where that growth is not seen in both halves of the record, or where a variance
-        that changes with time alone is likelier.
+        None where the variance does not grow with the square of the speed as surely as that, where
+        that growth is not seen in both halves of the record, or where a variance that changes with
+        time alone is likelier.
 
     Notes
     -----
@@ -125,7 +126,7 @@ def find_speed_noise(
         return None
     squares = squares / mean
     sigmas = variance_score(squares, speed)
-    if not sigmas > _SIGMA or not _in_both_halves(squares, speed):
+    if not sigmas > -ndtri(level) or not _in_both_halves(squares, speed):
         return None
     still, slope, std = _fitted(squares, speed)
     law = SpeedNoise(still, slope, std, sigmas, 0.0)

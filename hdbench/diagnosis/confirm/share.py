@@ -13,6 +13,9 @@ from hdbench.records.trace import FloatArray
 
 __all__ = ["as_given_rms", "mean_square", "share_of"]
 
+# the others change their shapes until a round gains less than this share of what is lost
+_EXACT = 1e-3
+
 
 def mean_square(record: Record, fit: JointFit) -> float:
     """Return the mean square of a fit's residual.
@@ -75,7 +78,8 @@ def share_of(record: Record, found: Found, place: int, variance: float) -> float
         return _left(record, linear_fit(record, kept, found.noise.whitener))
 
     added = left_by(before) - left_by(terms[: place + 1])
-    beside = fit_jointly(record, others, found.noise.whitener)
+    enough = _EXACT * found.fit.loss(place)
+    beside = fit_jointly(record, others, found.noise.whitener, enough=enough)
     lost = mean_square(record, beside) - mean_square(record, found.fit)
     return float(np.clip(max(added, lost) / variance, 0.0, 1.0))
 

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hdbench.diagnosis.detect.shapes import chosen_shapes
-from hdbench.diagnosis.fit.terms import Term, fresh_columns
+from hdbench.diagnosis.fit.terms import Term, fresh_columns, harmonics
 from hdbench.diagnosis.measured.record import Record
 from hdbench.diagnosis.noise.convolution import DIRECT, convolution
 from hdbench.diagnosis.noise.whitened import Whitener
@@ -18,8 +19,9 @@ from hdbench.records.trace import FloatArray
 
 __all__ = ["Bank", "Gram", "Grams", "Member", "bank_gram", "build_bank"]
 
-# rows that are whitened at a time, and which of these chunks stand for all
+# rows that are whitened at a time
 _CHUNK = 4096
+# one of so many rows, picked at random, stands for all: what is slow and what is fast alike
 _SAMPLED = 6
 # memory that the columns may take, bytes; families beyond it get fewer shapes
 _MEMORY = 3.2e8
@@ -37,11 +39,14 @@ class Member:
         Its columns in the table.
     peak_nm : float
         Largest torque of its columns as they stand in the table, N m per unit of the norm.
+    whole : bool
+        False for one harmonic of several: a member of its own where the others are small.
     """
 
     term: Term
     place: slice
     peak_nm: float
+    whole: bool = True
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +56,7 @@ class Bank:
     Parameters
     ----------
     members : tuple of Member
-        Members, family by family.
+        Members, family by family; a member's harmonics follow it.
     table : ndarray of float32, shape (n_samples, n_columns)
         Their columns, each scaled to unit mean square.
     """
@@ -107,11 +112,22 @@ def build_bank(record: Record, causes: Iterable[Cause]) -> Bank:
         if not np.all((square > 0.0) & (square < np.inf)):
             continue
         columns /= np.sqrt(square / len(columns))
-        peak = float(np.sqrt(np.max(np.einsum("nk,nk->n", columns, columns))))
-        members.append(Member(term, slice(at, at + columns.shape[1]), peak))
+        members += _with_parts(term, columns, at)
+        table[:, at : at + columns.shape[1]] = columns
         at += columns.shape[1]
-        table[:, members[-1].place] = columns
     return Bank(tuple(members), table[:, :at])
+
+
+def _with_parts(term: Term, columns: FloatArray, at: int) -> list[Member]:
+    """Return a member with columns from a place on, and its harmonics where it has several."""
+    parts = harmonics(term.cause)
+    own = [list(range(columns.shape[1])), *(parts if len(parts) > 1 else [])]
+    members = []
+    for part in own:
+        some = columns[:, part[0] : part[-1] + 1]
+        peak = float(np.sqrt(np.max(np.einsum("nk,nk->n", some, some))))
+        members.append(Member(term, slice(at + part[0], at + part[-1] + 1), peak, part is own[0]))
+    return members
 
 
 def _n_columns(terms: list[list[Term]]) -> int:
@@ -128,7 +144,7 @@ class Gram:
     blocks : tuple of ndarray
         Gram matrix of each family's whitened columns.
     rows : ndarray of int, shape (m,)
-        Some samples, in runs spread over the record.
+        Some samples, picked at random.
     sample : ndarray, shape (m, n_columns)
         All whitened columns at these.
     """
@@ -182,26 +198,28 @@ def bank_gram(bank: Bank, whitener: Whitener) -> Gram:
         return _long_gram(bank, whitener)
     blocks = [np.zeros((p.stop - p.start,) * 2) for p in places]
     starts = range(0, len(bank.table), _CHUNK)
-    runs = [np.arange(s, min(s + _CHUNK, len(bank.table))) for s in starts[::_SAMPLED]]
-    rows = np.concatenate([np.zeros(0, dtype=np.int64), *runs])
+    rows = _sampled(len(bank.table))
+    edges = np.searchsorted(rows, [*starts, len(bank.table)])
     sample = np.empty((len(rows), bank.table.shape[1]), dtype=np.float32)
     # family by family, so that a chunk and its shifts stay in the cache
     for block, place in zip(blocks, places, strict=True):
-        at = 0
-        for number, start in enumerate(starts):
+        for start, (first, last) in zip(starts, pairwise(edges.tolist()), strict=True):
             stop = min(start + _CHUNK, len(bank.table))
             white = _white_rows(bank.table[:, place], whitener, start, stop)
             block += white.T @ white
-            if number % _SAMPLED == 0:
-                sample[at : at + len(white), place] = white
-                at += len(white)
+            sample[first:last, place] = white[rows[first:last] - start]
     return Gram(tuple(blocks), rows, sample)
+
+
+def _sampled(count: int) -> NDArray[np.int64]:
+    """Return the rows that stand for all of a table, in order; the same for as many rows."""
+    picked = np.random.default_rng(count).permutation(count)[: -(-count // _SAMPLED)]
+    return np.sort(picked)
 
 
 def _long_gram(bank: Bank, whitener: Whitener) -> Gram:
     """Return the same for a kernel that reaches over many chunks, family by family."""
-    starts = range(0, len(bank.table), _CHUNK * _SAMPLED)
-    rows = np.concatenate([np.arange(s, min(s + _CHUNK, len(bank.table))) for s in starts])
+    rows = _sampled(len(bank.table))
     sample = np.empty((len(rows), bank.table.shape[1]), dtype=np.float32)
     blocks = []
     for place in bank.family_places:

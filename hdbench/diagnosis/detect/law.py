@@ -45,7 +45,8 @@ class FamilyLaw:
     ----------
     slope : float
         Trials are ``1 + slope c^(shapes / 2)``, c the chi^2 of the local p-value: the law of the
-        maximum of a smooth chi^2 field over that many dimensions.
+        maximum of a smooth chi^2 field over that many dimensions. Harmonics that are tried alone
+        beside all together are some more of them at any level.
     shapes : int
         Shape parameters.
     dof : int
@@ -148,8 +149,9 @@ def _smallest_p(
         place, weight = bank.members[k].place, shape.weights[k]
         # the sampled covariance differs a little from the one that the weights are made for
         inner = weight.T @ covariance[place, place] @ weight
-        scale = np.sqrt(np.maximum(np.diag(inner), 1e-12))
-        value = np.sum(((weight / scale).T @ draws[place]) ** 2, axis=0)
+        values, vectors = np.linalg.eigh(inner)
+        even = weight @ (vectors / np.sqrt(np.maximum(values, 1e-12)))
+        value = np.sum((even.T @ draws[place]) ** 2, axis=0)
         before = largest.get(int(dof[k]))
         largest[int(dof[k])] = value if before is None else np.maximum(before, value)
     p = [local_p(value, np.full(len(value), float(k))) for k, value in largest.items()]
@@ -157,7 +159,7 @@ def _smallest_p(
 
 
 def _family_law(p: FloatArray, members: int, shapes: int, dof: int) -> FamilyLaw:
-    if members == 1 or shapes == 0:
+    if members == 1:
         return FamilyLaw(0.0, shapes, dof)
     level = float(np.quantile(p, _LEVEL))
     trials = max(1.0, _LEVEL / max(level, _SMALLEST))

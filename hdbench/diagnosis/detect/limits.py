@@ -88,12 +88,12 @@ def minimum_detectable(looks: Looks, survey: Survey, alpha: float) -> tuple[tupl
     unit variance; it passes the threshold c with 90 % from ``d = sqrt(c) + 1.28``.
     """
     limits = _lines(looks, survey, alpha)
-    dof = looks.bank.dof()
+    dof, members = looks.bank.dof(), survey.bank.members
     for name, index in survey.bank.families.items():
-        alive = [k for k in index if dof[k] > 0 and np.isfinite(looks.bank.sigma_nm[k])]
+        whole = [k for k in index if members[k].whole]
+        alive = [k for k in whole if dof[k] > 0 and np.isfinite(looks.bank.sigma_nm[k])]
         if not alive or name not in survey.law.families:
             continue
-        law = survey.law.families[name]
         half = 0.5 * int(dof[alive[0]])
         share = alpha * SHARES["families"] / survey.law.together
 
@@ -101,7 +101,6 @@ def minimum_detectable(looks: Looks, survey: Survey, alpha: float) -> tuple[tupl
             p = np.array([float(gammaincc(half, 0.5 * c))])
             return float(survey.law.families[name].probability(p)[0])
 
-        del law
         sigma = float(np.median(looks.bank.sigma_nm[alive]))
         limits.append((name, sigma * (float(np.sqrt(_threshold(chance, share))) + _POWER)))
     smallest: dict[str, float] = {}

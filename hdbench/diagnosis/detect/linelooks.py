@@ -128,7 +128,10 @@ def line_looks(
     looks, results, statistics = [], {}, []
 
     def add(name: str, scan: LineScan, kept: FloatArray, law: LineLaw, share: float) -> None:
-        place, best = _best_place(space, record, scan, kept)
+        place, best = float(scan.single.grid[np.argmax(kept)]), float(kept.max())
+        # what is no alarm by far needs no exact value
+        if law.probability(best) < share:
+            place, best = _best_place(space, record, scan, kept)
         terms = line_terms(scan.domain, place, survey.causes, record.motion, 1.0 / scan.span)
         chance = min(1.0, law.probability(best) / share)
         looks.append(Look(name, tuple(terms), best, law.trials(best), chance))

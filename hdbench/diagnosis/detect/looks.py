@@ -60,7 +60,7 @@ class Looks:
 def _bank_looks(
     bank: Bank, shape: Geometry, law: Law, space: Space, share: float, skip: set[str]
 ) -> list[Look]:
-    """Return the best member of every family."""
+    """Return the best member of every family, whole where one of its harmonics is the best."""
     if not bank.members:
         return []
     numerators = bank.table.T @ space.pull.astype(np.float32)
@@ -77,17 +77,11 @@ def _bank_looks(
         here = np.array([p[best]])
         chance = float(family.probability(here)[0]) * law.together / share
         term = bank.members[best].term
-        trials = _told_apart(statistics[alive], float(statistics[best]))
-        looks.append(
-            Look(
-                name,
-                (term,),
-                float(statistics[best]),
-                trials,
-                float(np.clip(chance, 1e-300, 1.0)),
-                int(dof[best]),
-            )
-        )
+        wholes = [k for k in alive if bank.members[k].whole]
+        own = next(k for k in wholes if bank.members[k].term is term)
+        trials = _told_apart(statistics[wholes], float(statistics[own]))
+        chance = float(np.clip(chance, 1e-300, 1.0))
+        looks.append(Look(name, (term,), float(statistics[own]), trials, chance, int(dof[own])))
     return looks
 
 

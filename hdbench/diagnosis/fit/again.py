@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from hdbench.diagnosis.detect.exact import exact_statistic
-from hdbench.diagnosis.detect.looks import look_at
+from hdbench.diagnosis.detect.looks import Look, look_at
 from hdbench.diagnosis.fit.choose import with_names
-from hdbench.diagnosis.fit.jointfit import fit_jointly
-from hdbench.diagnosis.fit.settle import nats, settle
+from hdbench.diagnosis.fit.jointfit import JointFit, fit_jointly
+from hdbench.diagnosis.fit.settle import Noise, nats, settle
 from hdbench.diagnosis.fit.terms import Term, term_columns
 from hdbench.diagnosis.naming.candidates import Candidate
 from hdbench.diagnosis.naming.evidence import score
 from hdbench.diagnosis.naming.nameless import unnamed
 from hdbench.diagnosis.naming.ranking import name_residual, rank_looks
-from hdbench.diagnosis.noise.whitened import Whitener, make_space, make_whitener
+from hdbench.diagnosis.noise.whitened import Space, Whitener, make_space, make_whitener
 from hdbench.diagnosis.state import State, accepted_as
 from hdbench.estimation import fit_noise
 
@@ -22,15 +24,15 @@ __all__ = ["weigh_again"]
 
 # a cause of this statistic, seventeen standard deviations, bends the noise that it is weighed in
 _STRONG = 300.0
-# rounds; the second finds what the first one's noise still hid
-_ROUNDS = 2
 # candidates whose own noise is fitted
 _MOST = 3
+# what a candidate pays at most for its trials when candidates are ranked: a hundred thousand
+_TRIALS = 12.0
 # a change of the name or of the shape must gain this many nats
 _BETTER = 3.0
 
 
-def weigh_again(state: State, statistic: float) -> bool:
+def weigh_again(state: State, statistic: float, found_in: Whitener) -> bool:
     """Weigh the last cause again where it was strong enough to stand in its own noise.
 
     Parameters
@@ -39,6 +41,8 @@ def weigh_again(state: State, statistic: float) -> bool:
         Where the search stands; changed where another name, or another shape, is likelier.
     statistic : float
         What the cause explained in the noise that it was found in.
+    found_in : Whitener
+        That noise.
 
     Returns
     -------
@@ -56,12 +60,16 @@ def weigh_again(state: State, statistic: float) -> bool:
     if not statistic > _STRONG:
         return False
     changed = _from_white(state)
-    whitener = _white(state)
-    for _ in range(_ROUNDS):
-        if not _weighed(state, whitener):
-            break
-        changed, whitener = True, state.noise.whitener
-    return changed
+    if len(found_in.kernel) == 1:
+        # it was found in white noise
+        return changed
+    if not _bettered(state, _view(state, _white(state), _TRIALS)):
+        return changed
+    view = _view(state, state.noise.whitener)
+    if _bettered(state, view):
+        view = _view(state, state.noise.whitener)
+    _name(state, view)
+    return True
 
 
 def _from_white(state: State) -> bool:
@@ -76,14 +84,69 @@ def _from_white(state: State) -> bool:
     return True
 
 
-def _weighed(state: State, whitener: Whitener) -> bool:
-    """Name the last cause again in a noise; True where another name or shape is likelier."""
-    tried = _promising(state, whitener)
-    valued = [(_own_noise(state, c), -k) for k, c in enumerate(tried)]
-    value, place = max(valued, default=(-np.inf, 0))
-    if not value > _present(state) + _BETTER:
+@dataclass(frozen=True, slots=True)
+class _View:
+    """What may stand in the place of the last term, as a noise shows it.
+
+    Parameters
+    ----------
+    space : Space
+        Residual without the last term.
+    looks : tuple of Look
+        Looks at it that have terms.
+    ranked : list of Candidate
+        Candidates, best first.
+    last : Candidate
+        The last term itself.
+    """
+
+    space: Space
+    looks: tuple[Look, ...]
+    ranked: list[Candidate]
+    last: Candidate
+
+    @property
+    def to_beat(self) -> float:
+        """Return what the last term explains, less what it pays, nats."""
+        return _less_paid(self.last)
+
+
+def _view(state: State, whitener: Whitener, spare: float = np.inf) -> _View:
+    """Rank what may stand in the place of the last term in a noise.
+
+    What is behind it by more than `spare` is left out.
+    """
+    record, terms, last = state.record, state.fit.terms[:-1], state.fit.terms[-1]
+    others = fit_jointly(record, terms, whitener, refine=False)
+    space = make_space(whitener, others.parts, record.response_nm)
+    found, grams = look_at(space, record, state.survey, terms, state.grams)
+    if whitener is state.noise.whitener:
+        state.grams = grams
+    looks = tuple(look for look in found.looks if look.terms)
+    statistic, dof, _ = exact_statistic(space, term_columns(last, record))
+    present = Candidate(last, statistic, dof, score(statistic, dof, 1.0))
+    ranked = rank_looks(space, record, state.survey, looks, _less_paid(present) - spare)
+    return _View(space, looks, ranked, present)
+
+
+def _bettered(state: State, view: _View) -> bool:
+    """Put a likelier candidate into the place of the last term; False where there is none.
+
+    The best ones of a view are held against the last term each in the noise that it leaves.
+    """
+    named = with_names(state, view.space, view.looks, view.ranked, view.to_beat - _TRIALS)
+    both = named is view.ranked
+    best = named[:_MOST] if both else [*view.ranked[:1], *named[: _MOST - 1]]
+    wanted = view.to_beat + _BETTER
+    tried = [c for c in best if _less_paid(c) > wanted]
+    settled = [_in_place(state, candidate.term) for candidate in tried]
+    values = [nats(*one) - _paid(c.term, c.dof) for one, c in zip(settled, tried, strict=True)]
+    last = state.fit.terms[-1]
+    present = nats(state.fit, state.noise) - _paid(last, len(last.cause.linear))
+    if not max(values, default=-np.inf) > present + _BETTER:
         return False
-    _take(state, tried[-place])
+    state.fit, state.noise = settled[int(np.argmax(values))]
+    state.settle(state.fit.terms)
     return True
 
 
@@ -93,23 +156,6 @@ def _white(state: State) -> Whitener:
     left = np.where(valid, record.response_nm - state.fit.fitted_nm, 0.0)
     model = fit_noise(left, valid, starts=record.starts, max_order=0, keep_lines=False)
     return make_whitener(model, valid, record.starts)
-
-
-def _promising(state: State, whitener: Whitener) -> list[Candidate]:
-    """Return the best candidates for the last term in a noise, of those better than it."""
-    record, terms = state.record, state.fit.terms[:-1]
-    others = fit_jointly(record, terms, whitener, refine=False)
-    space = make_space(whitener, others.parts, record.response_nm)
-    looks, _ = look_at(space, record, state.survey, terms, state.grams)
-    seen = tuple(look for look in looks.looks if look.terms)
-    ranked = rank_looks(space, record, state.survey, seen)
-    named = with_names(state, space, seen, ranked)
-    best = named[:_MOST] if named is ranked else [*ranked[:1], *named[: _MOST - 1]]
-    last = state.fit.terms[-1]
-    columns = term_columns(last, record)
-    statistic, dof, _ = exact_statistic(space, columns)
-    present = 0.5 * statistic - _paid(last, dof)
-    return [c for c in best if 0.5 * c.statistic - _paid(c.term, c.dof) > present + _BETTER]
 
 
 def _paid(term: Term, dof: int) -> float:
@@ -123,28 +169,19 @@ def _present(state: State) -> float:
     return nats(state.fit, state.noise) - _paid(term, len(term.cause.linear))
 
 
-def _own_noise(state: State, candidate: Candidate) -> float:
-    """Return the log likelihood with a candidate for the last term in the noise that it leaves."""
-    terms = (*state.fit.terms[:-1], candidate.term)
-    fit, noise = settle(state.record, terms, None, state.hidden, state.exponent)
-    return nats(fit, noise) - _paid(candidate.term, candidate.dof)
+def _less_paid(candidate: Candidate) -> float:
+    """Return half of what a candidate explains less what it pays, nats."""
+    return 0.5 * candidate.statistic - _paid(candidate.term, candidate.dof)
 
 
-def _take(state: State, candidate: Candidate) -> None:
-    """Put a candidate into the place of the last term, with the names that it may have there."""
-    terms = (*state.fit.terms[:-1], candidate.term)
-    parts = (state.record, terms, None, state.hidden, state.exponent)
-    state.fit, state.noise = settle(*parts)
-    state.settle(state.fit.terms)
-    record, whitener = state.record, state.noise.whitener
-    others = fit_jointly(record, state.fit.terms[:-1], whitener, refine=False)
-    space = make_space(whitener, others.parts, record.response_nm)
-    looks, state.grams = look_at(space, record, state.survey, others.terms, state.grams)
-    last = state.fit.terms[-1]
-    statistic = others.chi2 - state.fit.chi2
-    value = score(statistic, candidate.dof, 1.0)
-    rest = rank_looks(space, record, state.survey, tuple(k for k in looks.looks if k.terms))
-    first = Candidate(last, statistic, candidate.dof, value)
-    kept = [c for c in rest if c.term.cause.name != last.cause.name]
-    naming = name_residual(space, record, [first, *kept])
+def _in_place(state: State, term: Term) -> tuple[JointFit, Noise]:
+    """Fit another term in the place of the last one, in the noise that it leaves."""
+    terms = (*state.fit.terms[:-1], term)
+    return settle(state.record, terms, None, state.hidden, state.exponent)
+
+
+def _name(state: State, view: _View) -> None:
+    """Name the last term in the noise that it leaves, with what else it may be."""
+    rest = [c for c in view.ranked if c.term.cause.name != view.last.term.cause.name]
+    naming = name_residual(view.space, state.record, [view.last, *rest])
     state.accepted[-1] = accepted_as(naming, state.accepted[-1].false_alarm)

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from hdbench.diagnosis.detect.looks import Look, look_at
 from hdbench.diagnosis.fit.axes import axes_of
-from hdbench.diagnosis.fit.pairs import best_pairs
+from hdbench.diagnosis.fit.jointfit import fit_jointly
+from hdbench.diagnosis.fit.pairs import Pair, best_pairs
 from hdbench.diagnosis.fit.terms import term_columns
 from hdbench.diagnosis.naming.candidates import Candidate, refined_candidate
 from hdbench.diagnosis.naming.curves import is_law
@@ -17,10 +20,16 @@ __all__ = ["named_first", "with_names"]
 
 # a place without a name must explain more than one name or two by this, nats: a Bayes factor of 20
 _UNNAMED_BONUS = 3.0
+# shapes that are best each alone lose at most this share of what a pair explains
+_GRID_LOSS = 0.25
 
 
 def with_names(
-    state: State, space: Space, looks: tuple[Look, ...], ranked: list[Candidate]
+    state: State,
+    space: Space,
+    looks: tuple[Look, ...],
+    ranked: list[Candidate],
+    least: float = -np.inf,
 ) -> list[Candidate]:
     """Return the candidates that have names, best first.
 
@@ -34,6 +43,8 @@ def with_names(
         Looks that have terms.
     ranked : list of Candidate
         All candidates, best first.
+    least : float
+        Score that is of use, nats.
 
     Returns
     -------
@@ -43,7 +54,7 @@ def with_names(
     if not ranked or not unnamed(ranked[0].term):
         return ranked
     rest = tuple(k for k in looks if not all(map(unnamed, k.terms)))
-    found = rank_looks(space, state.record, state.survey, rest)
+    found = rank_looks(space, state.record, state.survey, rest, max(least, 0.0))
     return [c for c in found if not unnamed(c.term) and c.score_nats > 0.0]
 
 
@@ -92,11 +103,17 @@ def named_first(
             default=0.0,
         )
         if named[0].score_nats + max(second, 0.0) < wanted:
-            axes = axes_of(ranked[0].term)
-            along = [k for k in looks if axes_of(k.terms[0]) & axes]
-            pairs = best_pairs(space, state.record, along)
-            if not pairs or pairs[0].score_nats < wanted:
+            pairs = best_pairs(space, state.record, looks, axes_of(ranked[0].term))
+            if not pairs or _at_best(state, pairs[0], wanted) < wanted:
                 return ranked
             first = refined_candidate(space, state.record, pairs[0].terms[0], 1.0)
             return [first, *(c for c in named if c.term.cause is not first.term.cause)]
     return [*named, *ranked]
+
+
+def _at_best(state: State, pair: Pair, wanted: float) -> float:
+    """Return the score of a pair, at the shapes that are best for both where that may be enough."""
+    if pair.score_nats >= wanted or pair.score_nats + 0.5 * _GRID_LOSS * pair.statistic < wanted:
+        return pair.score_nats
+    both = fit_jointly(state.record, (*state.fit.terms, *pair.terms), state.noise.whitener)
+    return pair.score_nats + 0.5 * (state.fit.chi2 - both.chi2 - pair.statistic)

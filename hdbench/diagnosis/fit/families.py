@@ -33,6 +33,9 @@ __all__ = [
 
 # rounds of the refinement, halvings of a step, and gain that ends it: a hundredth of a nat
 _ROUNDS = 8
+# a term that needs this many times the gain that its slopes promise, and a nat more, is given up
+_PROMISED = 5.0
+_SPARE = 2.0
 # a delay is known to no better than this share of its standard deviation
 _OWN_DELAY = 0.3
 _HALVINGS = 4
@@ -52,7 +55,7 @@ class Refined:
     dof : int
         Linear parameters that the record can tell from what is explained.
     within : bool
-        True where the linear parameters lie in their domains.
+        True where the linear parameters lie in their domains; False too for a term given up.
     """
 
     term: Term
@@ -113,7 +116,7 @@ def family_causes(record: Record, causes: tuple[Cause, ...]) -> tuple[Cause, ...
     )
 
 
-def refine_term(space: Space, record: Record, term: Term) -> Refined:
+def refine_term(space: Space, record: Record, term: Term, wanted: float = -np.inf) -> Refined:
     """Move the shape of a term to where it explains most of a residual.
 
     Parameters
@@ -124,15 +127,21 @@ def refine_term(space: Space, record: Record, term: Term) -> Refined:
         Record.
     term : Term
         Term with a starting shape.
+    wanted : float
+        Statistic that is of use.
 
     Returns
     -------
     Refined
+        Given up, with ``within`` False, where its slopes show that it will not come near what is
+        wanted.
 
     Notes
     -----
     Variable projection by Gauss-Newton within the space: only the candidate moves.
     """
+    if one_by_definition(term.cause):
+        return Refined(*best_whole_share(space, record, term), 1, True)
     if "step_time_s" in term.shape:
         term = at_best_step(space, record, term)
     columns = term_columns(term, record)
@@ -143,7 +152,11 @@ def refine_term(space: Space, record: Record, term: Term) -> Refined:
         tangents = tangent_columns(term, best[2], columns, record)
         slopes = space.project(tangents)
         full = np.hstack([best[3], slopes])
-        moves = np.linalg.lstsq(full.T @ full, full.T @ space.residual, rcond=1e-10)[0]
+        right = full.T @ space.residual
+        moves = np.linalg.lstsq(full.T @ full, right, rcond=1e-10)[0]
+        promised = float(moves @ right) - best[0]
+        if best[0] + _PROMISED * promised + _SPARE < wanted:
+            return Refined(term, best[0], best[1], False)
         moved = _along(
             space,
             record,
@@ -157,8 +170,8 @@ def refine_term(space: Space, record: Record, term: Term) -> Refined:
         term, columns, best = moved
         if gain < _SETTLED:
             break
-    if one_by_definition(term.cause):
-        return Refined(*best_whole_share(space, record, term), 1, True)
+    if best[0] + _SPARE < wanted:
+        return Refined(term, best[0], best[1], False)
     if "delay_s" in term.shape:
         return _by_its_delay(space, record, term)
     if term.cause.possible is not None:

@@ -87,7 +87,12 @@ def _tangents(state: Solved, record: Record) -> tuple[FloatArray, ...]:
 
 
 def fit_jointly(
-    record: Record, terms: Sequence[Term], whitener: Whitener, *, refine: bool = True
+    record: Record,
+    terms: Sequence[Term],
+    whitener: Whitener,
+    *,
+    refine: bool = True,
+    enough: float = _GAINED,
 ) -> JointFit:
     """Fit baseline, nuisance and causes together.
 
@@ -101,6 +106,8 @@ def fit_jointly(
         Noise.
     refine : bool
         Refine the shape parameters too.
+    enough : float
+        Fall of the sum of squares in a round that ends the refinement.
 
     Returns
     -------
@@ -134,7 +141,7 @@ def fit_jointly(
             break
         gained = state.chi2 - better.chi2
         state = better
-        settled = gained < _GAINED
+        settled = gained < max(enough, _GAINED)
     return _collect(state, tangents, inverse, whitener, record)
 
 

@@ -9,6 +9,7 @@ from itertools import combinations, pairwise
 import numpy as np
 
 from hdbench.diagnosis.detect.looks import Look
+from hdbench.diagnosis.fit.axes import axes_of
 from hdbench.diagnosis.fit.families import is_line, is_step
 from hdbench.diagnosis.fit.terms import Term, fresh_columns
 from hdbench.diagnosis.fit.wholeshare import one_by_definition
@@ -35,14 +36,19 @@ class Pair:
         Their score, less `trials_nats`.
     trials_nats : float
         Logarithm of the pairs that were tried.
+    statistic : float
+        What both explain together, at the shapes that each has.
     """
 
     terms: tuple[Term, Term]
     score_nats: float
     trials_nats: float
+    statistic: float
 
 
-def best_pairs(space: Space, record: Record, looks: Sequence[Look]) -> list[Pair]:
+def best_pairs(
+    space: Space, record: Record, looks: Sequence[Look], axes: frozenset[str] | None = None
+) -> list[Pair]:
     """Return pairs of families by what they explain of a residual together.
 
     Parameters
@@ -53,6 +59,8 @@ def best_pairs(space: Space, record: Record, looks: Sequence[Look]) -> list[Pair
         Record.
     looks : sequence of Look
         Looks; those of families whose size is free take part, each at its best shape.
+    axes : frozenset of str or None
+        Axes of which one of the two at least goes along; any where None.
 
     Returns
     -------
@@ -72,10 +80,13 @@ def best_pairs(space: Space, record: Record, looks: Sequence[Look]) -> list[Pair
     tried = float(np.log(len(able) * (len(able) - 1) / 2.0))
     found = []
     for one, two in combinations(range(len(able)), 2):
+        if axes is not None and not any(axes_of(able[k].terms[0]) & axes for k in (one, two)):
+            continue
         solved = _together(gram, right, places[one], places[two], (able[one], able[two]))
         if solved is not None:
             pair = (able[one].terms[0], able[two].terms[0])
-            found.append(Pair(pair if solved[1] else (pair[1], pair[0]), solved[0] - tried, tried))
+            first = pair if solved[1] else (pair[1], pair[0])
+            found.append(Pair(first, solved[0] - tried, tried, solved[2]))
     return sorted(found, key=lambda pair: pair.score_nats, reverse=True)
 
 
@@ -98,8 +109,11 @@ def takes_part(term: Term) -> bool:
 
 def _together(
     gram: np.ndarray, right: np.ndarray, one: np.ndarray, two: np.ndarray, looks: tuple[Look, Look]
-) -> tuple[float, bool] | None:
-    """Return the score of two blocks of columns, and whether the first one would be missed more."""
+) -> tuple[float, bool, float] | None:
+    """Return what two blocks of columns score, and explain, and which would be missed more.
+
+    The score, whether the first one would be missed more, and the statistic.
+    """
     both = np.concatenate([one, two])
     size = np.sqrt(np.diag(gram)[both])
     if not np.all(size > 0.0):
@@ -119,4 +133,4 @@ def _together(
         for k in (one, two)
     ]
     trials = looks[0].trials * looks[1].trials
-    return score(statistic, len(both), trials), alone[0] >= alone[1]
+    return score(statistic, len(both), trials), alone[0] >= alone[1], statistic

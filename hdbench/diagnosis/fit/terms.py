@@ -14,6 +14,7 @@ from hdbench.records.trace import FloatArray
 __all__ = [
     "Term",
     "fresh_columns",
+    "harmonics",
     "moved_term",
     "smooth_shapes",
     "tangent_columns",
@@ -97,6 +98,29 @@ def fresh_columns(term: Term, record: Record) -> FloatArray:
     return np.where(seen[:, None], columns, 0.0)
 
 
+def harmonics(cause: Cause) -> list[list[int]]:
+    """Return the columns of each harmonic: parameters whose names hold its number.
+
+    Parameters
+    ----------
+    cause : Cause
+        Cause.
+
+    Returns
+    -------
+    list of list of int
+        Empty for a cause whose parameters are not all cosines and sines of numbered harmonics.
+    """
+    found: dict[str, list[int]] = {}
+    for place, parameter in enumerate(cause.linear):
+        pieces = parameter.name.split("_")
+        number = pieces[1] if len(pieces) > 1 else ""
+        if pieces[0] not in ("cosine", "sine") or not number.replace(".", "").isdigit():
+            return []
+        found.setdefault(number, []).append(place)
+    return list(found.values())
+
+
 def smooth_shapes(term: Term) -> tuple[str, ...]:
     """Return the shape parameters that have a slope: a step in time and a held form have none.
 
@@ -169,15 +193,17 @@ def moved_term(term: Term, moves: Mapping[str, float], record: Record) -> Term:
     -------
     Term
     """
-    bounds = shape_bounds(term.cause, record.motion)
+    motion, on_output = record.motion, term.cause.locked_to == "output"
+    bounds = shape_bounds(term.cause, motion)
     shape = dict(term.shape)
     for name, move in moves.items():
         value = shape[name]
         limit = _STRIDE * abs(value)
         if name == "order":
-            limit = np.pi / max(float(np.ptp(record.motion.angle_rad[record.valid])), 1e-9)
+            turned = motion.output_angle_rad if on_output else motion.angle_rad
+            limit = np.pi / max(float(np.ptp(turned[record.valid])), 1e-9)
         elif name == "frequency_hz":
-            limit = 0.5 / float(np.ptp(record.motion.time_s[record.valid]))
+            limit = 0.5 / float(np.ptp(motion.time_s[record.valid]))
         target = value + float(np.clip(move, -limit, limit))
         bands = bounds.get(name) or ((value, value),)
         inside = [float(np.clip(target, low, high)) for low, high in bands]

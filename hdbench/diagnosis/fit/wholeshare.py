@@ -7,8 +7,9 @@ from dataclasses import replace
 from itertools import product
 
 import numpy as np
+from numpy.typing import NDArray
 
-from hdbench.diagnosis.fit.terms import Term, term_columns
+from hdbench.diagnosis.fit.terms import Term, fresh_columns, term_columns
 from hdbench.diagnosis.measured.record import Record
 from hdbench.diagnosis.noise.whitened import Space
 from hdbench.model import Cause, shape_bounds
@@ -89,8 +90,13 @@ def best_whole_share(space: Space, record: Record, term: Term) -> tuple[Term, fl
         left = space.project(term_columns(at(point), record))[:, 0]
         return float(left @ left - 2.0 * (left @ space.residual))
 
-    values = {point: rise(point) for point in product(*(tuple(axis.tolist()) for axis in axes))}
+    points = [*product(*(tuple(axis.tolist()) for axis in axes))]
+    table = np.empty((len(record.valid), len(points)), dtype=np.float32, order="F")
+    for place, point in enumerate(points):
+        table[:, place] = fresh_columns(at(point), record)[:, 0]
+    values = dict(zip(points, _rises(space, table).tolist(), strict=True))
     start = min(values, key=lambda point: values[point])
+    values[start] = rise(start)
     limits = [(float(axis[0]), float(axis[-1])) for axis in axes]
 
     def slopes(point: tuple[float, ...]) -> FloatArray:
@@ -116,6 +122,13 @@ def best_whole_share(space: Space, record: Record, term: Term) -> tuple[Term, fl
         if done:
             break
     return at(point), max(-values[point], 0.0)
+
+
+def _rises(space: Space, table: NDArray[np.float32]) -> FloatArray:
+    """Return by how much each column of a table raises the whitened sum of squares."""
+    held = space.basis.astype(np.float32).T @ (white := space.whitener.apply(table))
+    squares = np.einsum("nk,nk->k", white, white) - np.einsum("qk,qk->k", held, held)
+    return np.asarray(squares - 2.0 * (space.residual.astype(np.float32) @ white), dtype=np.float64)
 
 
 def _first_lower(

@@ -45,7 +45,9 @@ class Candidate:
     score_nats: float
 
 
-def refined_candidate(space: Space, record: Record, term: Term, trials: float) -> Candidate:
+def refined_candidate(
+    space: Space, record: Record, term: Term, trials: float, wanted: float = -np.inf
+) -> Candidate:
     """Move a term to its best shape and score it.
 
     Parameters
@@ -58,12 +60,15 @@ def refined_candidate(space: Space, record: Record, term: Term, trials: float) -
         Term with a starting shape.
     trials : float
         Effective number of shapes that were tried.
+    wanted : float
+        Statistic that is of use.
 
     Returns
     -------
     Candidate
+        With a score of minus infinity where it will not come near what is wanted.
     """
-    best = refine_term(space, record, term)
+    best = refine_term(space, record, term, wanted)
     # what the catalogue calls impossible explains nothing
     value = evidence(space, record, best, trials) if best.within else -np.inf
     return Candidate(best.term, best.statistic, best.dof, value)

@@ -17,6 +17,7 @@ from hdbench.records.trace import FloatArray
 
 __all__ = [
     "CHALLENGERS",
+    "TESTS",
     "Left",
     "challenge",
     "outliers",
@@ -208,6 +209,8 @@ CHALLENGERS: tuple[Callable[[Space, Record, float], Left | None], ...] = (
     gliding_tones,
     outliers,
 )
+# two more are made elsewhere: where the acceleration jumps, and of a variance that grows with speed
+TESTS = len(CHALLENGERS) + 2
 
 
 def challenge(space: Space, record: Record, noise_nm: float, level: float) -> list[Left]:
@@ -229,6 +232,5 @@ def challenge(space: Space, record: Record, noise_nm: float, level: float) -> li
     list of Left
     """
     found = [left for test in CHALLENGERS if (left := test(space, record, noise_nm)) is not None]
-    # one more is made where the acceleration jumps
-    passed = [left for left in found if left.p_value * (len(CHALLENGERS) + 1) < level]
+    passed = [left for left in found if left.p_value * TESTS < level]
     return sorted(passed, key=lambda left: left.p_value)

@@ -9,7 +9,13 @@ import numpy as np
 
 from hdbench.diagnosis.detect.exact import solve_exactly
 from hdbench.diagnosis.fit.families import Refined, is_line
-from hdbench.diagnosis.fit.terms import Term, smooth_shapes, tangent_columns, term_columns
+from hdbench.diagnosis.fit.terms import (
+    Term,
+    harmonics,
+    smooth_shapes,
+    tangent_columns,
+    term_columns,
+)
 from hdbench.diagnosis.fit.wholeshare import one_by_definition
 from hdbench.diagnosis.measured.record import Record
 from hdbench.diagnosis.noise.whitened import Space
@@ -82,7 +88,7 @@ def evidence(space: Space, record: Record, found: Refined, trials: float) -> flo
     place that a scan found have the first one among them.
     """
     term = found.term
-    parts = _harmonics(term)
+    parts = harmonics(term.cause)
     places = _at_places(term)
     if places and len(parts) < 2:
         return score(found.statistic, found.dof, trials)
@@ -114,7 +120,7 @@ def _of_own(term: Term, left: FloatArray, residual: FloatArray) -> float:
 
 
 def _of_harmonics(
-    parts: list[Sequence[int]], left: FloatArray, residual: FloatArray, with_first: bool
+    parts: Sequence[Sequence[int]], left: FloatArray, residual: FloatArray, with_first: bool
 ) -> float:
     """Return the evidence for any subset of harmonics, nats: each as likely as any other."""
     right = left.T @ residual
@@ -147,25 +153,13 @@ def most_evidence(term: Term, statistic: float, dof: int, trials: float) -> floa
     -------
     float
     """
-    least = min((len(part) for part in _harmonics(term)), default=dof)
+    least = min((len(part) for part in harmonics(term.cause)), default=dof)
     return score(statistic, least, trials)
 
 
 def _at_places(term: Term) -> bool:
     """Return whether the shape of a term is a place that a scan found."""
     return is_line(term.cause) or "step_time_s" in term.shape
-
-
-def _harmonics(term: Term) -> list[Sequence[int]]:
-    """Return the columns of each harmonic: parameters whose names hold its number."""
-    found: dict[str, list[int]] = {}
-    for place, parameter in enumerate(term.cause.linear):
-        pieces = parameter.name.split("_")
-        number = pieces[1] if len(pieces) > 1 else ""
-        if pieces[0] not in ("cosine", "sine") or not number.replace(".", "").isdigit():
-            return []
-        found.setdefault(number, []).append(place)
-    return list(found.values())
 
 
 def _shape_cost(left: FloatArray, slopes: FloatArray) -> float:

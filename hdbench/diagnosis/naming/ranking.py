@@ -83,7 +83,11 @@ def _known_trials(survey: Survey, statistic: float) -> float:
 
 
 def rank_looks(
-    space: Space, record: Record, survey: Survey, looks: tuple[Look, ...]
+    space: Space,
+    record: Record,
+    survey: Survey,
+    looks: tuple[Look, ...],
+    least: float = -np.inf,
 ) -> list[Candidate]:
     """Refine the most promising looks, best score first.
 
@@ -97,21 +101,27 @@ def rank_looks(
         Plan of the looks.
     looks : tuple of Look
         Looks that have terms.
+    least : float
+        Score that is of use, nats.
 
     Returns
     -------
     list of Candidate
-        Among equal scores the name with fewer free shapes comes first.
+        Those within 3 nats of the best, those that may span its space, and what else was
+        refined on the way. Among equal scores the name with fewer free shapes comes first.
     """
     order = sorted((look for look in looks if look.terms), key=promise, reverse=True)
     done: list[Candidate] = []
     best, top = -np.inf, 0.0
     for look in order[:_MAX_CANDIDATES]:
         reach = look.statistic * (1.0 + _GRID_LOSS)
-        if promise(look) < best - RIVAL_NATS and reach < _TWIN * top:
+        hopeful = promise(look)
+        if hopeful < least or (hopeful < best - RIVAL_NATS and reach < _TWIN * top):
             continue
         for term in look.terms:
-            found = refined_candidate(space, record, term, look.trials)
+            paid = most_evidence(term, 0.0, look.dof, look.trials)
+            wanted = max(2.0 * (least - paid), min(2.0 * (best - RIVAL_NATS - paid), _TWIN * top))
+            found = refined_candidate(space, record, term, look.trials, wanted)
             found = whole_order(space, record, found, _known_trials(survey, found.statistic))
             done.append(found)
             best, top = max(best, found.score_nats), max(top, found.statistic)

@@ -14,7 +14,7 @@ from hdbench.diagnosis.naming.ranking import RIVAL_NATS, name_residual, rank_loo
 from hdbench.diagnosis.noise.whitened import make_space
 from hdbench.diagnosis.state import State, accepted_as
 
-__all__ = ["drop_needless", "rename_all", "strengths"]
+__all__ = ["drop_needless", "rename_all", "strengths", "take_out"]
 
 # rounds in which the names of several causes are gone over again
 _SWEEPS = 2
@@ -48,13 +48,21 @@ def drop_needless(state: State) -> bool:
         term = state.fit.terms[place]
         paid = len(term.cause.linear) + len(term.cause.shape)
         if score(state.fit.loss(place), paid, 1.0) < 0.0:
-            _take_out(state, index)
+            take_out(state, index)
             return True
     return False
 
 
-def _take_out(state: State, index: int) -> None:
-    """Take one accepted cause out, and fit the others anew."""
+def take_out(state: State, index: int) -> None:
+    """Take one accepted cause out, and fit the others anew.
+
+    Parameters
+    ----------
+    state : State
+        Where the search stands; changed.
+    index : int
+        Index among the accepted causes.
+    """
     place = state.n_known + index
     del state.accepted[index]
     state.settle(state.fit.terms[:place] + state.fit.terms[place + 1 :])
@@ -99,7 +107,7 @@ def _drop_unsure(state: State) -> None:
     for index in reversed(range(_evident(state), len(state.accepted))):
         unsure = state.accepted[index].evidence_nats < RIVAL_NATS
         if unsure and len(state.accepted) > 1 and not _formed(state, index):
-            _take_out(state, index)
+            take_out(state, index)
 
 
 def _formed(state: State, index: int) -> bool:

@@ -70,11 +70,14 @@ class Rounding:
         One of them, N m.
     held_nm : ndarray, shape (n_samples,), or None
         Mean error that a record holds fixed, N m.
+    hides_steps : bool
+        True once a step of the zero was found that the mean error explains as well.
     """
 
     step_nm: float
     level_nm: float
     held_nm: FloatArray | None = None
+    hides_steps: bool = False
 
     def taken_out(self, record: Record, fitted_nm: FloatArray) -> tuple[Record, Rounding]:
         """Return the record with the mean error of its readings held fixed.
