@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from hdbench.diagnosis.acquisition.codes import Comb
 from hdbench.diagnosis.detect.bank import Grams
 from hdbench.diagnosis.detect.scanplan import plan_scans
 from hdbench.diagnosis.detect.survey import Survey, make_survey
@@ -17,7 +18,7 @@ from hdbench.diagnosis.measured.record import Beyond, Record, with_simulated
 from hdbench.diagnosis.measured.skewed import signal_in_channel
 from hdbench.diagnosis.naming.ranking import Naming
 from hdbench.diagnosis.noise.coarse import coarse_basis
-from hdbench.diagnosis.noise.rounding import Rounding, coarse_rounding
+from hdbench.diagnosis.noise.rounding import Rounding, coarse_rounding, steps_of
 from hdbench.diagnosis.noise.slownoise import SlowNoise
 from hdbench.diagnosis.noise.whitened import Space, make_space
 from hdbench.model import Cause
@@ -111,6 +112,8 @@ class State:
         Causes, in the order of the fit's terms after those that were known.
     rounding : Rounding or None
         Coarse steps of the converter; their mean error is part of what the record holds fixed.
+    comb : Comb or None
+        Steps of the converter, coarse or fine.
     in_slow : InSlow or None
         What a slow noise was last found to be worth beside the terms.
     paid_nats : float
@@ -133,6 +136,7 @@ class State:
     walk: Walk | None = None
     accepted: list[Accepted] = field(default_factory=list)
     rounding: Rounding | None = None
+    comb: Comb | None = None
     in_slow: InSlow | None = None
     paid_nats: float = 0.0
     unwalked: State | None = None
@@ -150,7 +154,8 @@ class State:
         hidden = Hidden(coarse_basis(record), plan_scans(record))
         weight = _weight_terms(record, causes, known)
         fit, noise = settle(record, (*known, *weight[:1]), None, hidden)
-        coarse = coarse_rounding(record, fit.fitted_nm)
+        comb = steps_of(record)
+        coarse = coarse_rounding(record, fit.fitted_nm, comb)
         if coarse:
             record, coarse = coarse.taken_out(record, fit.fitted_nm)
             fit, noise = settle(record, (*known, *weight[:1]), None, hidden)
@@ -159,7 +164,7 @@ class State:
         space = make_space(noise.whitener, fit.parts, record.response_nm)
         survey, grams = make_survey(record, causes, space, hidden.scans, rng)
         parts = (record, causes, rng, hidden, fit, noise, survey, grams)
-        return cls(*parts, accepted=accepted, rounding=coarse)
+        return cls(*parts, accepted=accepted, rounding=coarse, comb=comb)
 
     @property
     def n_known(self) -> int:
@@ -173,6 +178,8 @@ class State:
     def settle(self, terms: tuple[Term, ...]) -> None:
         """Fit terms and noise anew."""
         self._settle(terms)
+        # a large effect may have hidden how coarse the steps are
+        self.rounding = self.rounding or coarse_rounding(self.record, self.fit.fitted_nm, self.comb)
         if self.rounding:
             self.record, self.rounding = self.rounding.taken_out(self.record, self.fit.fitted_nm)
             self._settle(self.fit.terms)

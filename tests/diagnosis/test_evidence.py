@@ -8,6 +8,7 @@ from hdbench.diagnosis.fit.families import refine_term
 from hdbench.diagnosis.fit.terms import Term
 from hdbench.diagnosis.measured.record import prepare_record
 from hdbench.diagnosis.naming.evidence import evidence
+from hdbench.diagnosis.naming.nameless import line_terms
 from hdbench.diagnosis.noise.whitened import Whitener, make_space
 from hdbench.model import BenchModel, catalogue
 from hdbench.profile import load_profile
@@ -75,6 +76,35 @@ def test_a_shape_is_integrated_over_its_domain():
     nats = np.array([gains(record, base, np.tanh(speed / q)[:, None]) for q in places])
     exact = np.logaddexp.reduce(nats) - np.log(len(nats)) - AMPLITUDE_NATS
     assert evidence(space, record, found, 1.0) == pytest.approx(exact, abs=0.5)
+
+
+def test_a_term_that_will_not_come_near_what_is_wanted_is_given_up():
+    record, space = record_and_space(trace_of(lambda a, w, load: 0.02 * np.tanh(w / 3.0)))
+    term = Term(catalogue()["coulomb-friction"], {"transition_rad_s": 6.0})
+    best = refine_term(space, record, term)
+    assert best.within
+    assert refine_term(space, record, term, best.statistic - 1.0) == best
+    assert not refine_term(space, record, term, 2.0 * best.statistic).within
+
+
+@pytest.mark.parametrize("order", [2.13, 4.9])
+def test_a_line_over_the_output_is_refined_to_its_order(order):
+    def extra(angle, _speed, _load):
+        return 0.02 * np.cos(order * angle / 100.0 + 0.4)
+
+    record, space = record_and_space(trace_of(extra, speed_of=120.0))
+    # three output turns: half a resolution cell away
+    cell = 1.0 / (np.ptp(record.motion.output_angle_rad) / (2.0 * np.pi))
+    near = order + 0.4 * cell
+    (line,) = (
+        term
+        for term in line_terms("output-order", near, (), record.motion, cell)
+        if "order" in term.shape
+    )
+    found = refine_term(space, record, line)
+    # the bound of a line's place in so many turns, sqrt(6) / (pi d) cells
+    bound = np.sqrt(6.0) / (np.pi * np.sqrt(found.statistic)) * cell
+    assert found.term.shape["order"] == pytest.approx(order, abs=4.0 * bound)
 
 
 def test_a_harmonic_that_is_not_there_costs_no_more_than_the_choice():

@@ -5,7 +5,7 @@ import pytest
 
 from hdbench.diagnosis import diagnose_trace
 from hdbench.diagnosis.measured.record import prepare_record
-from hdbench.diagnosis.noise.rounding import coarse_rounding, mean_rounding
+from hdbench.diagnosis.noise.rounding import coarse_rounding, mean_rounding, steps_of
 from hdbench.model import BenchModel
 from hdbench.profile import load_profile
 from hdbench.records import Trace
@@ -13,8 +13,8 @@ from hdbench.records import Trace
 PROFILE = load_profile("cim-tr-97-06")
 
 
-def rounded_trace(step_nm, noise_nm):
-    """A speed that swells and falls, its torque read in steps."""
+def rounded_trace(step_nm, noise_nm, zero_step_nm=0.0):
+    """A speed that swells and falls, its torque read in steps; the zero may move half way."""
     n, rng = 16_000, np.random.default_rng(5)
     time = np.arange(n) * 1e-3
     rate = 2.0 * np.pi / 8.0
@@ -22,6 +22,7 @@ def rounded_trace(step_nm, noise_nm):
     angle = angle + 40.0 / rate * (1.0 - np.cos(rate * time))
     torque = 0.8 * np.cos(2 * angle) + 0.4 * np.cos(4 * angle) + 0.9 * np.cos(angle / 100)
     torque += 1.725e-4 * 40.0 * rate * np.cos(rate * time) + noise_nm * rng.standard_normal(n)
+    torque[n // 2 :] += zero_step_nm
     columns = {
         "time_s": time,
         "motor_velocity_rad_s": speed,
@@ -54,7 +55,18 @@ def test_mean_error_is_that_of_rounded_readings(noise):
 def test_fine_steps_are_left_alone():
     record = prepared(rounded_trace(0.05, 0.05))
     fitted = record.response_nm - 0.05 * np.random.default_rng(1).standard_normal(16_000)
-    assert coarse_rounding(record, fitted) is None
+    assert coarse_rounding(record, fitted, steps_of(record)) is None
+
+
+@pytest.mark.parametrize("moved_nm", [0.4, 3.0])
+def test_a_step_of_the_zero_beside_coarse_readings_is_all_that_is_found(moved_nm):
+    found = diagnose_trace(rounded_trace(0.5, 0.05, moved_nm), PROFILE, materiality=0.0)
+    # beside 3 N m a rounding of 0.14 N m rms is nothing to tell, and still no line of its own
+    step = found.causes[-1]
+    assert {cause.name for cause in found.causes} - {"quantisation"} == {"zero-step"}
+    assert found.unexplained == ()
+    size = step.parameters["step_nm"]
+    assert size["value"] == pytest.approx(moved_nm, abs=4.0 * size["std"])
 
 
 def test_coarse_readings_make_no_lines():

@@ -19,17 +19,17 @@ __all__ = ["beyond_rounding", "left_beyond_rounding", "withdraw_small_steps"]
 # step, and changes by no more than two
 _LEFT = 1.0
 _CHANGE = 2.0
-
-# the scatter of rounded readings depends on where in a step the torque lies; and the torque itself
-# is held for a moment, or jumps by a step
+# domains in which a reading stands out that is held for a moment, or jumps by a step; how much
+# rounded readings scatter depends on where in a step the torque lies, however far apart the steps
 _OF_A_MOMENT = ("time", "outliers")
+_SCATTER = "variance"
 
 
 def beyond_rounding(state: State, space: Space, looks: tuple[Look, ...]) -> tuple[Look, ...]:
     """Return the looks that are more than a reading's rounding.
 
-    A step of the zero within two of the converter's may be a torque that passes from one level to
-    the next.
+    In noise that rises towards 0 Hz a step of the zero is seen at its moment alone. Within two of
+    the converter's it may be a torque that passes from one level to the next.
 
     Parameters
     ----------
@@ -43,9 +43,9 @@ def beyond_rounding(state: State, space: Space, looks: tuple[Look, ...]) -> tupl
     Returns
     -------
     tuple of Look
-        All of them where the steps are fine.
+        All of them where the steps are fine, or the noise is the same at all frequencies.
     """
-    if state.rounding is None:
+    if state.rounding is None or not state.exponent > 0.0:
         return looks
     if state.rounding.hides_steps:
         return tuple(look for look in looks if not is_step(look.terms[0].cause))
@@ -62,7 +62,7 @@ def withdraw_small_steps(state: State) -> None:
         Where the search stands; changed where there are such steps: no other is looked for then.
     """
     index = len(state.accepted)
-    while state.rounding is not None and index > 0:
+    while state.rounding is not None and state.exponent > 0.0 and index > 0:
         index -= 1
         place = state.n_known + index
         if not is_step(state.fit.terms[place].cause):
@@ -100,5 +100,5 @@ def left_beyond_rounding(state: State, left: list[Left]) -> list[Left]:
     if state.rounding is None:
         return left
     most_nm = _LEFT * state.rounding.step_nm
-    kept = [one for one in left if one.domain != "variance"]
+    kept = [one for one in left if one.domain != _SCATTER]
     return [one for one in kept if one.domain not in _OF_A_MOMENT or one.size_nm > most_nm]

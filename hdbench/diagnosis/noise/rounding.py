@@ -6,11 +6,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hdbench.diagnosis.acquisition.codes import find_comb
+from hdbench.diagnosis.acquisition.codes import Comb, find_comb
 from hdbench.diagnosis.measured.record import Record
 from hdbench.records.trace import FloatArray
 
-__all__ = ["Rounding", "coarse_rounding", "mean_rounding"]
+__all__ = ["Rounding", "coarse_rounding", "mean_rounding", "steps_of"]
 
 # noise ahead of the converter, in steps, over which the best is taken; half a step dithers it away
 _DITHERS = (0.02, 0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.5)
@@ -71,7 +71,7 @@ class Rounding:
     held_nm : ndarray, shape (n_samples,), or None
         Mean error that a record holds fixed, N m.
     hides_steps : bool
-        True once a step of the zero was found that the mean error explains as well.
+        True once a step of the zero was found that came down to a reading's rounding.
     """
 
     step_nm: float
@@ -114,7 +114,22 @@ class Rounding:
         return whole
 
 
-def coarse_rounding(record: Record, fitted_nm: FloatArray) -> Rounding | None:
+def steps_of(record: Record) -> Comb | None:
+    """Return the grid on which the readings of a record's torque lie, coarse or fine.
+
+    Parameters
+    ----------
+    record : Record
+        Record.
+
+    Returns
+    -------
+    Comb or None
+    """
+    return find_comb(record.torque_nm[record.valid])
+
+
+def coarse_rounding(record: Record, fitted_nm: FloatArray, comb: Comb | None) -> Rounding | None:
     """Return the steps of a record's torque where the noise does not dither them away.
 
     Parameters
@@ -123,15 +138,16 @@ def coarse_rounding(record: Record, fitted_nm: FloatArray) -> Rounding | None:
         Record.
     fitted_nm : ndarray, shape (n_samples,)
         What is fitted beside what is fixed, N m.
+    comb : Comb or None
+        As `steps_of` gives it.
 
     Returns
     -------
     Rounding or None
     """
-    valid = record.valid
-    comb = find_comb(record.torque_nm[valid])
     if comb is None:
         return None
+    valid = record.valid
     left = (record.response_nm - fitted_nm)[valid]
     # the median size of normal noise is 0.6745 standard deviations
     scatter = float(np.median(np.abs(left))) / 0.6745
