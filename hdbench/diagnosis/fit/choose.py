@@ -12,14 +12,12 @@ from hdbench.diagnosis.fit.terms import term_columns
 from hdbench.diagnosis.naming.candidates import Candidate, refined_candidate
 from hdbench.diagnosis.naming.curves import is_law
 from hdbench.diagnosis.naming.nameless import unnamed
-from hdbench.diagnosis.naming.ranking import promise, rank_looks
+from hdbench.diagnosis.naming.ranking import RIVAL_NATS, promise, rank_looks
 from hdbench.diagnosis.noise.whitened import Space, make_space
 from hdbench.diagnosis.state import State
 
 __all__ = ["named_first", "with_names"]
 
-# a place without a name must explain more than one name or two by this, nats: a Bayes factor of 20
-_UNNAMED_BONUS = 3.0
 # shapes that are best each alone lose at most this share of what a pair explains
 _GRID_LOSS = 0.25
 
@@ -89,7 +87,8 @@ def named_first(
     """
     if not unnamed(ranked[0].term) or not named:
         return ranked
-    wanted = ranked[0].score_nats - _UNNAMED_BONUS
+    # a place without a name must explain more than one name or two by what makes a rival
+    wanted = ranked[0].score_nats - RIVAL_NATS
     if named[0].score_nats < wanted:
         if is_law(ranked[0].term):
             return ranked

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hdbench.diagnosis.fit.terms import Term
-from hdbench.diagnosis.loads.bentarm import BENT_LIKE, bent_arm
+from hdbench.diagnosis.loads.bentarm import BENT_LIKE, BentArm, bent_arm
 from hdbench.diagnosis.loads.families import Family
 from hdbench.diagnosis.loads.fit import LoadFit, fit_loads, score_nats
 from hdbench.diagnosis.loads.pace import MEMORY, memory_share
@@ -202,47 +202,75 @@ def accept(
     -------
     Accepted
     """
-    term, table = fit.terms[place], fit.table
-    less = fit_loads(table, base, without(fit.terms, place), refine=False)
-    mine = score_nats(less, fit, parameters_of(term, less, fit))
+    term = fit.terms[place]
+    less = fit_loads(fit.table, base, without(fit.terms, place), refine=False)
     space = space_of(less)
-    group, rivals = [term], []
-    others: dict[str, float] = {}
     made = [] if is_outlier(term) else families(less, space)
-    memory = memory_share(table)
+    beside = _Beside(score_nats(less, fit, parameters_of(term, less, fit)), [term], [], {})
     for family in made:
         if family.name in (term.cause.name, "outlier"):
             continue
         trial = trial_fit(family, less, base, space)
-        if trial is None:
-            continue
-        other = trial.terms[-1]
+        if trial is not None:
+            beside.take(family, trial, less, fit, space)
+    bent = bent_arm(less, made, base) if term.cause.name in BENT_LIKE else None
+    if bent is not None and bent.score_nats - beside.mine > RIVAL_NATS:
+        return _as_bent(beside, bent, place, false_alarm)
+    if bent is not None and bent.score_nats >= beside.mine:
+        if bent.name not in {rival.cause.name for rival in beside.rivals}:
+            beside.rivals.append(bent.terms[0])
+        beside.others[bent.name] = max(beside.others.get(bent.name, -np.inf), bent.score_nats)
+    names = (tuple(beside.group), tuple(beside.rivals), (place,))
+    probability = None if is_outlier(term) else _share(beside.mine, beside.others.values())
+    return Accepted(term, false_alarm, beside.mine, *names, probability=probability)
+
+
+@dataclass(slots=True)
+class _Beside:
+    """A term and the names that are held against it.
+
+    Parameters
+    ----------
+    mine : float
+        Score of the term, nats.
+    group, rivals : list of Term
+        Names that nothing tells from it, the term first; names within 3 nats.
+    others : dict of str to float
+        Scores of all that were held against it, nats.
+    """
+
+    mine: float
+    group: list[Term]
+    rivals: list[Term]
+    others: dict[str, float]
+
+    def take(
+        self, family: Family, trial: LoadFit, less: LoadFit, fit: LoadFit, space: Space
+    ) -> None:
+        """Hold a family against the term: in its group, a rival, or neither."""
+        term, other, table = self.group[0], trial.terms[-1], fit.table
         held = any(p.name in HELD for p in other.cause.shape)
         alike = same_space(space, table, term, other)
         if alike or (not held and _holds(family, space, table, term)):
-            group.append(other)
-            continue
+            self.group.append(other)
+            return
         score = score_nats(less, trial, parameters_of(other, less, trial))
-        share = memory if {term.cause.name, other.cause.name} == MEMORY else _LIKE
+        share = memory_share(table) if {term.cause.name, other.cause.name} == MEMORY else _LIKE
         like = less.rss - trial.rss >= share * (less.rss - fit.rss)
         # what differs in form alone is never less likely than a rival is, whatever the noise says
-        others[family.name] = max(score, mine - RIVAL_NATS) if like else score
-        if mine - score <= RIVAL_NATS or like:
-            rivals.append(other)
-    bent = bent_arm(less, made, base) if term.cause.name in BENT_LIKE else None
-    if bent is not None and bent.score_nats - mine > RIVAL_NATS:
-        beside = {**others, term.cause.name: mine}
-        near = [t for t in (term, *rivals) if t.cause.name != bent.name]
-        near = [t for t in near if bent.score_nats - beside[t.cause.name] <= RIVAL_NATS]
-        share = _share(bent.score_nats, (v for name, v in beside.items() if name != bent.name))
-        parts = (bent.terms[0], false_alarm, bent.score_nats, bent.terms[:1], tuple(near), (place,))
-        return Accepted(*parts, probability=share, made_of=bent.terms)
-    if bent is not None and bent.score_nats >= mine:
-        rivals += [bent.terms[0]] if bent.name not in {r.cause.name for r in rivals} else []
-        others[bent.name] = max(others.get(bent.name, -np.inf), bent.score_nats)
-    probability = None if is_outlier(term) else _share(mine, others.values())
-    names = (tuple(group), tuple(rivals), (place,))
-    return Accepted(term, false_alarm, mine, *names, probability=probability)
+        self.others[family.name] = max(score, self.mine - RIVAL_NATS) if like else score
+        if self.mine - score <= RIVAL_NATS or like:
+            self.rivals.append(other)
+
+
+def _as_bent(beside: _Beside, bent: BentArm, place: int, false_alarm: float) -> Accepted:
+    """Return an arm that bends far as the name of a term that it looks like."""
+    scores = {**beside.others, beside.group[0].cause.name: beside.mine}
+    near = [t for t in (beside.group[0], *beside.rivals) if t.cause.name != bent.name]
+    near = [t for t in near if bent.score_nats - scores[t.cause.name] <= RIVAL_NATS]
+    share = _share(bent.score_nats, (v for name, v in scores.items() if name != bent.name))
+    parts = (bent.terms[0], false_alarm, bent.score_nats, bent.terms[:1], tuple(near), (place,))
+    return Accepted(*parts, probability=share, made_of=bent.terms)
 
 
 def _share(mine: float, others: Iterable[float]) -> float:

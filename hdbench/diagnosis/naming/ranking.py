@@ -119,8 +119,10 @@ def rank_looks(
         if hopeful < least or (hopeful < best - RIVAL_NATS and reach < _TWIN * top):
             continue
         for term in look.terms:
-            paid = most_evidence(term, 0.0, look.dof, look.trials)
-            wanted = max(2.0 * (least - paid), min(2.0 * (best - RIVAL_NATS - paid), _TWIN * top))
+            wanted = max(
+                _needed(look, term, least),
+                min(_needed(look, term, best - RIVAL_NATS), _TWIN * top),
+            )
             found = refined_candidate(space, record, term, look.trials, wanted)
             found = whole_order(space, record, found, _known_trials(survey, found.statistic))
             done.append(found)
@@ -128,6 +130,11 @@ def rank_looks(
     done = [c for c in done if np.isfinite(c.score_nats)]
     done = sorted(done, key=lambda c: (-round(c.score_nats, 6), len(c.term.cause.shape)))
     return _simpler_first(space, record, done)
+
+
+def _needed(look: Look, term: Term, score_nats: float) -> float:
+    """Return the statistic below which a term of a look cannot have a score."""
+    return 2.0 * (score_nats - most_evidence(term, 0.0, look.dof, look.trials))
 
 
 def _simpler_first(space: Space, record: Record, ranked: list[Candidate]) -> list[Candidate]:
