@@ -25,6 +25,7 @@ from hdbench.diagnosis.fit.swap import swap_for_pair
 from hdbench.diagnosis.fit.terms import Term
 from hdbench.diagnosis.measured.record import Beyond, Record
 from hdbench.diagnosis.naming.challengers import Left, challenge
+from hdbench.diagnosis.naming.nameless import unnamed
 from hdbench.diagnosis.naming.ranking import name_residual, rank_looks
 from hdbench.diagnosis.naming.renaming import drop_needless, rename_all, strengths
 from hdbench.diagnosis.naming.withheld import withheld_line
@@ -239,18 +240,20 @@ def _step(
     # a head that has a name is both
     heads = [ranked] if not named or named is ranked else [named, ranked]
     if slow is not None and all(outweighs(slow, head) for head in heads):
-        accept_slow_noise(state, slow.likelier(), ranked, _slow_chance(slow))
+        chance = min([_slow_chance(slow), *(look.false_alarm for look in alarms)])
+        accept_slow_noise(state, slow.likelier(), ranked, chance)
         return True
     if not ranked or not ranked[0].score_nats > 0.0:
         return False
-    ranked = named_first(state, space, seen, named, ranked)
+    before, ranked = ranked, named_first(state, space, seen, named, ranked)
+    put_first = unnamed(before[0].term) and not unnamed(ranked[0].term)
     naming = with_walk(state, name_residual(space, state.record, ranked), slow)
     state.accepted.append(accepted_as(naming, min(look.false_alarm for look in alarms)))
     state.paid_nats += 0.5 * naming.best.statistic - naming.best.score_nats
     terms = (*state.fit.terms, naming.best.term)
     state.fit = fit_jointly(state.record, terms, state.noise.whitener)
     _settled(state, align)
-    if weigh_again(state, naming.best.statistic, space.whitener):
+    if weigh_again(state, naming.best.statistic, space.whitener, only_named=put_first):
         _settled(state, align)
     drop_needless(state)
     withdraw_small_steps(state)

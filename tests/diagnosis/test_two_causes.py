@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy import signal
 
 from hdbench.diagnosis import diagnose_trace, search
 from hdbench.diagnosis.fit import swap
@@ -48,6 +49,21 @@ def test_a_gain_error_and_a_cube_that_nearly_cancel_are_both_named():
     names = {name for cause in found.causes for name in (cause.name, *cause.group)}
     assert len(found.causes) == 2
     assert {"gain-error", "cubic-nonlinearity"} <= names
+    assert found.unexplained == ()
+
+
+@pytest.mark.parametrize(("pole", "noise_nm"), [(0.0, 0.05), (0.9, 0.01)])
+def test_a_cube_and_an_asymmetry_are_two_names_and_no_table_however_strong(pole, noise_nm):
+    noise = np.random.default_rng(5).standard_normal(16_000)
+    noise = noise_nm * signal.lfilter([1.0], [1.0, -pole], noise)
+    trace = loaded_trace(3, lambda _time, load: 3e-4 * load**3 + 0.04 * np.abs(load) + noise)
+    quiet = np.random.default_rng(3).standard_normal(16_000)
+    trace = trace.with_columns(torque_nm=trace["torque_nm"] - NOISE_NM * quiet)
+    found = diagnose_trace(trace, PROFILE)
+    names = [{cause.name, *cause.group} for cause in found.causes]
+    assert len(names) == 2
+    assert any("cubic-nonlinearity" in one for one in names)
+    assert any(one & {"direction-asymmetry", "side-force"} for one in names)
     assert found.unexplained == ()
 
 

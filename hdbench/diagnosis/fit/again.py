@@ -32,7 +32,9 @@ _TRIALS = 12.0
 _BETTER = 3.0
 
 
-def weigh_again(state: State, statistic: float, found_in: Whitener) -> bool:
+def weigh_again(
+    state: State, statistic: float, found_in: Whitener, *, only_named: bool = False
+) -> bool:
     """Weigh the last cause again where it was strong enough to stand in its own noise.
 
     Parameters
@@ -43,6 +45,8 @@ def weigh_again(state: State, statistic: float, found_in: Whitener) -> bool:
         What the cause explained in the noise that it was found in.
     found_in : Whitener
         That noise.
+    only_named : bool
+        Hold nothing without a name against it: it came first of two names that explain as much.
 
     Returns
     -------
@@ -63,10 +67,10 @@ def weigh_again(state: State, statistic: float, found_in: Whitener) -> bool:
     if len(found_in.kernel) == 1:
         # it was found in white noise
         return changed
-    if not _bettered(state, _view(state, _white(state), _TRIALS)):
+    if not _bettered(state, _view(state, _white(state), _TRIALS), only_named):
         return changed
     view = _view(state, state.noise.whitener)
-    if _bettered(state, view):
+    if _bettered(state, view, only_named):
         view = _view(state, state.noise.whitener)
     _name(state, view)
     return True
@@ -129,7 +133,7 @@ def _view(state: State, whitener: Whitener, spare: float = np.inf) -> _View:
     return _View(space, looks, ranked, present)
 
 
-def _bettered(state: State, view: _View) -> bool:
+def _bettered(state: State, view: _View, only_named: bool) -> bool:
     """Put a likelier candidate into the place of the last term; False where there is none.
 
     The best ones of a view are held against the last term each in the noise that it leaves.
@@ -138,7 +142,7 @@ def _bettered(state: State, view: _View) -> bool:
     both = named is view.ranked
     best = named[:_MOST] if both else [*view.ranked[:1], *named[: _MOST - 1]]
     wanted = view.to_beat + _BETTER
-    tried = [c for c in best if _less_paid(c) > wanted]
+    tried = [c for c in best if _less_paid(c) > wanted and not (only_named and unnamed(c.term))]
     settled = [_in_place(state, candidate.term) for candidate in tried]
     values = [nats(*one) - _paid(c.term, c.dof) for one, c in zip(settled, tried, strict=True)]
     last = state.fit.terms[-1]
