@@ -145,9 +145,7 @@ def _bettered(state: State, view: _View, only_named: bool) -> bool:
     tried = [c for c in best if _less_paid(c) > wanted and not (only_named and unnamed(c.term))]
     settled = [_in_place(state, candidate.term) for candidate in tried]
     values = [nats(*one) - _paid(c.term, c.dof) for one, c in zip(settled, tried, strict=True)]
-    last = state.fit.terms[-1]
-    present = nats(state.fit, state.noise) - _paid(last, len(last.cause.linear))
-    if not max(values, default=-np.inf) > present + _BETTER:
+    if not max(values, default=-np.inf) > _present(state) + _BETTER:
         return False
     state.fit, state.noise = settled[int(np.argmax(values))]
     state.settle(state.fit.terms)

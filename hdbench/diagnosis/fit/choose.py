@@ -18,8 +18,9 @@ from hdbench.diagnosis.state import State
 
 __all__ = ["named_first", "with_names"]
 
-# shapes that are best each alone lose at most this share of what a pair explains
-_GRID_LOSS = 0.25
+# a pair that is behind by more than this share of what it explains is not worth a fit of both: two
+# shapes a tenth off each lose some fifth
+_PAIR_LOSS = 0.25
 
 
 def with_names(
@@ -112,7 +113,7 @@ def named_first(
 
 def _at_best(state: State, pair: Pair, wanted: float) -> float:
     """Return the score of a pair, at the shapes that are best for both where that may be enough."""
-    if pair.score_nats >= wanted or pair.score_nats + 0.5 * _GRID_LOSS * pair.statistic < wanted:
+    if pair.score_nats >= wanted or pair.score_nats + 0.5 * _PAIR_LOSS * pair.statistic < wanted:
         return pair.score_nats
     both = fit_jointly(state.record, (*state.fit.terms, *pair.terms), state.noise.whitener)
     return pair.score_nats + 0.5 * (state.fit.chi2 - both.chi2 - pair.statistic)

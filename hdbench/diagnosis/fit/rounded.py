@@ -74,12 +74,10 @@ def withdraw_small_steps(state: State) -> None:
 
 def _size_nm(state: State, space: Space, look: Look) -> float:
     """Return the size of a step of the zero, N m; infinite for anything else."""
-    steps = [term for term in look.terms if is_step(term.cause)]
-    if not steps:
+    (term, *_) = look.terms
+    if not is_step(term.cause):
         return float("inf")
-    return max(
-        abs(float(exact_statistic(space, term_columns(term, state.record))[2][0])) for term in steps
-    )
+    return abs(float(exact_statistic(space, term_columns(term, state.record))[2][0]))
 
 
 def left_beyond_rounding(state: State, left: list[Left]) -> list[Left]:

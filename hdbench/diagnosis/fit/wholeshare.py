@@ -87,8 +87,7 @@ def best_whole_share(space: Space, record: Record, term: Term) -> tuple[Term, fl
         )
 
     def rise(point: tuple[float, ...]) -> float:
-        left = space.project(term_columns(at(point), record))[:, 0]
-        return float(left @ left - 2.0 * (left @ space.residual))
+        return float(_rises(space, term_columns(at(point), record))[0])
 
     points = [*product(*(tuple(axis.tolist()) for axis in axes))]
     table = np.empty((len(record.valid), len(points)), dtype=np.float32, order="F")
@@ -96,6 +95,7 @@ def best_whole_share(space: Space, record: Record, term: Term) -> tuple[Term, fl
         table[:, place] = fresh_columns(at(point), record)[:, 0]
     values = dict(zip(points, _rises(space, table).tolist(), strict=True))
     start = min(values, key=lambda point: values[point])
+    # the grid is in single precision, what follows is not
     values[start] = rise(start)
     limits = [(float(axis[0]), float(axis[-1])) for axis in axes]
 
@@ -124,11 +124,13 @@ def best_whole_share(space: Space, record: Record, term: Term) -> tuple[Term, fl
     return at(point), max(-values[point], 0.0)
 
 
-def _rises(space: Space, table: NDArray[np.float32]) -> FloatArray:
-    """Return by how much each column of a table raises the whitened sum of squares."""
-    held = space.basis.astype(np.float32).T @ (white := space.whitener.apply(table))
+def _rises(space: Space, table: FloatArray | NDArray[np.float32]) -> FloatArray:
+    """Return by how much each column raises the whitened sum of squares, in its own precision."""
+    white = space.whitener.apply(table)
+    held = space.basis.astype(table.dtype, copy=False).T @ white
     squares = np.einsum("nk,nk->k", white, white) - np.einsum("qk,qk->k", held, held)
-    return np.asarray(squares - 2.0 * (space.residual.astype(np.float32) @ white), dtype=np.float64)
+    common = space.residual.astype(table.dtype, copy=False) @ white
+    return np.asarray(squares - 2.0 * common, dtype=np.float64)
 
 
 def _first_lower(
