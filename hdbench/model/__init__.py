@@ -22,7 +22,7 @@ from hdbench.model.kinematics import integrate_velocity
 from hdbench.model.modelfile import MODEL_SCHEMA, load_model, model_dict, save_model
 from hdbench.model.motion import Motion, motion_from_trace
 from hdbench.model.simulate import simulate_like, simulate_run, with_noise
-from hdbench.model.term import term_torque_nm
+from hdbench.model.term import term_torque_nm, with_signal
 from hdbench.model.usercauses import user_causes
 from hdbench.model.waves import ReferenceWave, reference_voltage
 
@@ -57,4 +57,5 @@ __all__ = [
     "term_torque_nm",
     "user_causes",
     "with_noise",
+    "with_signal",
 ]

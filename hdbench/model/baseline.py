@@ -21,7 +21,8 @@ __all__ = [
     "output_turns",
 ]
 
-# orders of the contract's baseline, relative to the gauges: report, section 4
+# orders of the contract's baseline where the profile says no others, relative to the gauges:
+# report, section 4
 _GAUGE_ORDERS = (2.0, 4.0)
 # orders closer than this are one: no record of this bench tells them apart
 _SAME_ORDER = 1e-6
@@ -38,13 +39,15 @@ def baseline_orders(profile: ProfileData) -> tuple[float, ...]:
     Returns
     -------
     tuple of float
-        2, 4 and every further ripple order of the profile's model, relative to the gauges, times
-        `gauge_order_factor`; increasing, each once.
+        The profile's `model.baseline_orders` (2 and 4 where it has none) and every further ripple
+        order of its model, relative to the gauges, times `gauge_order_factor`; increasing, each
+        once.
     """
-    orders = list(_GAUGE_ORDERS)
-    for component in profile.model.ripple:
-        if all(abs(component.order - order) > _SAME_ORDER for order in orders):
-            orders.append(component.order)
+    orders: list[float] = []
+    of_ripple = (component.order for component in profile.model.ripple)
+    for wanted in (*(profile.model.baseline_orders or _GAUGE_ORDERS), *of_ripple):
+        if all(abs(wanted - order) > _SAME_ORDER for order in orders):
+            orders.append(wanted)
     factor = gauge_order_factor(profile.drive)
     return tuple(order * factor for order in sorted(orders))
 

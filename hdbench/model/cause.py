@@ -132,8 +132,9 @@ def check_term(term: CauseTerm, *, where: str, extra: Sequence[Cause] = ()) -> C
     values = (*term.linear, *(term.shape[name] for name in needed))
     for parameter, value in zip((*cause.linear, *cause.shape), values, strict=True):
         if not parameter.contains(value):
-            bands = parameter.bands or ((parameter.lower, parameter.upper),)
-            allowed = " or ".join(f"{low:g} to {high:g}" for low, high in bands)
+            allowed = " or ".join(
+                f"{low:g} to {high:g}" for low, high in _nearest(parameter, value)
+            )
             raise DataError(
                 f"{parameter.name} of {cause.name} is {value!r} {parameter.unit}; needed: "
                 f"{allowed} {parameter.unit}",
@@ -141,6 +142,12 @@ def check_term(term: CauseTerm, *, where: str, extra: Sequence[Cause] = ()) -> C
                 fix=f"give {parameter.name} a value in its domain",
             )
     return cause
+
+
+def _nearest(parameter: Parameter, value: float) -> list[tuple[float, float]]:
+    """Return the two bands of a domain that are nearest to a value outside of it."""
+    bands = parameter.bands or ((parameter.lower, parameter.upper),)
+    return sorted(sorted(bands, key=lambda band: min(abs(value - end) for end in band))[:2])
 
 
 def cause_parameters(

@@ -12,7 +12,11 @@ from hdbench.model.cause import Cause, CauseTerm, check_term
 from hdbench.model.motion import Motion
 from hdbench.records.trace import FloatArray
 
-__all__ = ["summed_torque_nm", "term_torque_nm", "undone_faults"]
+__all__ = ["summed_torque_nm", "term_torque_nm", "undone_faults", "with_signal"]
+
+# angle over which the slope of a ripple is formed: 2e-6 off at order 360, the highest of any cause,
+# and as much by the rounding of an angle of 1e4 turns
+_ANGLE_STEP_RAD = 1e-5
 
 
 def term_torque_nm(term: CauseTerm, motion: Motion, *, extra: Sequence[Cause] = ()) -> FloatArray:
@@ -88,18 +92,42 @@ def summed_torque_nm(
     DataError
         As `term_torque_nm`.
     """
-    torque = np.zeros(len(motion))
+    early: list[CauseTerm] = []
     late: list[CauseTerm] = []
     for term in terms:
         cause = check_term(term, where=f"cause {term.name!r}", extra=extra)
-        if cause.whole_signal:
-            late.append(term)
-        else:
-            torque = torque + term_torque_nm(term, motion, extra=extra)
-    if late:
-        whole = replace(motion, simulated_nm=baseline_nm(motion) + torque)
-        torque = sum((term_torque_nm(term, whole, extra=extra) for term in late), torque)
-    return torque
+        (late if cause.whole_signal else early).append(term)
+
+    def summed(of: Iterable[CauseTerm], on: Motion) -> FloatArray:
+        return sum((term_torque_nm(term, on, extra=extra) for term in of), np.zeros(len(on)))
+
+    if not late:
+        return summed(early, motion)
+    whole = with_signal(motion, lambda on: baseline_nm(on) + summed(early, on))
+    return summed(early, motion) + summed(late, whole)
+
+
+def with_signal(motion: Motion, torque_nm: Callable[[Motion], FloatArray]) -> Motion:
+    """Return the motion with a simulated torque, for causes that act on the whole signal.
+
+    Parameters
+    ----------
+    motion : Motion
+        Motion at every sample.
+    torque_nm : callable
+        Simulated torque on a motion, N m, shape (n_samples,).
+
+    Returns
+    -------
+    Motion
+        With `simulated_nm`, and its slope over the motor angle at the same output angle.
+    """
+    ahead, behind = (
+        torque_nm(replace(motion, angle_rad=motion.angle_rad + step))
+        for step in (_ANGLE_STEP_RAD, -_ANGLE_STEP_RAD)
+    )
+    slope = (ahead - behind) / (2.0 * _ANGLE_STEP_RAD)
+    return replace(motion, simulated_nm=torque_nm(motion), ripple_slope_nm_per_rad=slope)
 
 
 def undone_faults(

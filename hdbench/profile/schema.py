@@ -46,7 +46,7 @@ class Drive(Table):
     """The harmonic drive and the load on it."""
 
     gear_ratio: Annotated[
-        float, Field(ge=2.0, le=1000.0, description="motor turns per output turn")
+        float, Field(ge=1.0, le=1000.0, description="motor turns per output turn")
     ]
     rated_torque_nm: Annotated[PositiveFloat, Field(description="rated output torque, N m")]
     load_inertia_kg_m2: Annotated[
@@ -231,6 +231,14 @@ class ModelParameters(Table):
     ripple: Annotated[
         tuple[HarmonicParameters, ...], Field(description="torque ripple components")
     ] = ()
+    baseline_orders: Annotated[
+        tuple[PositiveFloat, ...] | None,
+        Field(
+            min_length=1,
+            description="orders that every fit of a moving record holds beside those of `ripple`; "
+            "none: 2 and 4, those of a wave generator",
+        ),
+    ] = None
     misalignment: MisalignmentParameters
 
 

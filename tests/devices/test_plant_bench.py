@@ -300,6 +300,41 @@ def test_output_friction_is_in_torque_and_current() -> None:
     np.testing.assert_allclose(current, level / 100 / 0.05, rtol=0, atol=1.01 * V_PER_CODE)
 
 
+def test_a_wandering_encoder_leaves_torque_and_tacho_where_they_are() -> None:
+    effect = {"kind": "transmission-error", "order": 1.0, "amplitude_rad": 0.3, "phase_rad": 0.0}
+    wandering, true = (
+        _run(SimulatedBench(QUIET, plant(effects=effects), 5), _constant(2.0), 6000)
+        for effects in ([effect], [])
+    )
+    assert (wandering.torque_code == true.torque_code).all()
+    assert (wandering.tacho_code == true.tacho_code).all()
+    assert wandering.encoder_count[0] == 0
+    per_count = 2 * math.pi / QUIET.encoder.counts_per_turn
+    output = true.encoder_count * per_count / QUIET.drive.gear_ratio
+    # the angles are rounded to a count each
+    error = (wandering.encoder_count - true.encoder_count) * per_count
+    want = 0.3 * (np.cos(output) - 1)
+    np.testing.assert_allclose(error, want, rtol=0, atol=1.01 * per_count)
+
+
+def test_friction_by_direction_is_in_torque_and_current() -> None:
+    effect = {
+        "kind": "asymmetric-friction",
+        "coulomb_difference_nm": 4.0,
+        "viscous_difference_nm_s_per_rad": 0.0,
+        "transition_rad_s": 1e-3,
+    }
+    runs = [
+        _run(SimulatedBench(QUIET, plant(effects=effects), 5), _constant(-2.0), 1500)
+        for effects in ([effect], [])
+    ]
+    torque = (runs[0].torque_code - runs[1].torque_code.astype(float))[1000:] * NM_PER_CODE
+    # 1e-6 of the level at 1.1 rad/s; both are rounded to a code
+    np.testing.assert_allclose(torque, 4.0, rtol=0, atol=1.01 * NM_PER_CODE)
+    current = (runs[0].current_code - runs[1].current_code.astype(float))[1000:] * V_PER_CODE
+    np.testing.assert_allclose(current, 4.0 / 100 / 0.05, rtol=0, atol=1.01 * V_PER_CODE)
+
+
 def test_truth_is_json_and_states_what_the_profile_says() -> None:
     data = quiet_profile(drive={"flexspline": "turning"})
     bench = SimulatedBench(data, WORN, 5)

@@ -13,6 +13,12 @@ from plant_tools import WORN, plant
 
 import hdbench.devices.emulator
 from hdbench.devices.emulator.draw import draw_effects
+from hdbench.devices.emulator.drivetrain import (
+    AsymmetricFriction,
+    Cogging,
+    TransmissionError,
+    encoder_error_rad,
+)
 from hdbench.devices.emulator.effects import (
     GainError,
     MotorOrder,
@@ -81,6 +87,34 @@ def test_a_tooth_bump_returns_once_per_output_turn() -> None:
     np.testing.assert_allclose(torque[[0, 2, 3]], 0.3, rtol=1e-9, atol=0)
     assert torque[1] == pytest.approx(0.3 * math.exp(-0.5), rel=1e-9)
     assert torque[4] < 1e-100
+
+
+def test_friction_by_direction_is_even_and_half_way_at_the_transition() -> None:
+    friction = AsymmetricFriction(0.3, -0.1, 0.01)
+    speeds = np.array([-2.0, -0.01, 0.0, 0.01, 2.0])
+    still = np.zeros_like(speeds)
+    torque = friction.torque_nm(PlantMotion(still, still, 100 * speeds, still, speeds, still))
+    # closed form: rounding
+    want = [0.3 * 4 / 4.0001 - 0.2, 0.15 - 0.001, 0.0, 0.15 - 0.001, 0.3 * 4 / 4.0001 - 0.2]
+    np.testing.assert_allclose(torque, want, **EXACT)
+
+
+def test_cogging_is_a_row_of_harmonics_that_decays() -> None:
+    torque = Cogging(12.0, 0.2, 0.5, 0.3).torque_nm(MOTION)
+    x = 12 * ANGLE + 0.5
+    # 0.3^30 is 2e-16
+    row = sum(0.2 * 0.3 ** (k - 1) * np.cos(k * x) for k in range(1, 31))
+    np.testing.assert_allclose(torque, row, **EXACT)
+    pure = Cogging(12.0, 0.2, 0.5, 0.0).torque_nm(MOTION)
+    np.testing.assert_allclose(pure, 0.2 * np.cos(x), **EXACT)
+
+
+def test_a_transmission_error_is_no_torque_but_an_angle() -> None:
+    once, motor = TransmissionError(1.0, 0.02, 0.7), TransmissionError(100.0, 0.001, 0.0)
+    assert set(once.torque_nm(MOTION)) == {0.0}
+    error = encoder_error_rad((GainError(0.1), once, motor), ANGLE, 100.0)
+    want = 0.02 * (np.cos(ANGLE / 100 + 0.7) - math.cos(0.7)) + 0.001 * (np.cos(ANGLE) - 1)
+    np.testing.assert_allclose(error, want, **EXACT)
 
 
 def test_a_tone_without_phase_gets_a_new_one_in_every_acquisition() -> None:

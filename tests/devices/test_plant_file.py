@@ -103,3 +103,16 @@ def test_a_name_that_does_not_exist_gets_its_nearest_neighbour() -> None:
 def test_a_folder_is_no_plant(tmp_path: Path) -> None:
     with pytest.raises(ProfileError, match="cannot read"):
         load_plant(str(tmp_path))
+
+
+def test_poles_are_whole_and_a_decay_is_a_share(tmp_path: Path) -> None:
+    text = GOOD + (
+        '[[effects]]\nkind = "cogging"\norder = { any_of = [12, 18] }\namplitude_nm = 0.1\n'
+        "phase_rad = 0.0\ndecay = { min = 0.1, max = 0.3 }\n"
+    )
+    file = tmp_path / "mine.toml"
+    file.write_text(text, encoding="utf-8")
+    assert load_plant(str(file)).data.effects[-1].kind == "cogging"
+    assert "whole" in _bad(tmp_path, text.replace("[12, 18]", "[12, 18.5]")).what
+    assert "whole" in _bad(tmp_path, text.replace("any_of = [12, 18]", "min = 3, max = 5")).what
+    assert "[0, 1)" in _bad(tmp_path, text.replace("max = 0.3", "max = 1.0")).what

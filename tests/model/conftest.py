@@ -46,6 +46,7 @@ def make_motion() -> Callable[..., Motion]:
             "motor_current_a": rng.uniform(-5.0, 5.0, n),
             "temperature_c": rng.uniform(20.0, 40.0, n),
             "inertia_nm_s2": 1.725e-4,
+            "ripple_slope_nm_per_rad": rng.uniform(-4.0, 4.0, n),
         }
         return Motion(**{**values, **replaced})
 

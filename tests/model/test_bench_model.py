@@ -59,6 +59,17 @@ def test_further_orders_of_the_profile_join_the_baseline_once(bench: ProfileData
     assert baseline_orders(bench.model_copy(update={"model": none})) == (2.0, 4.0)
 
 
+def test_a_drive_of_another_kind_has_orders_of_its_own(
+    bench: ProfileData, turning: ProfileData
+) -> None:
+    more = (HarmonicParameters(order=6.0, amplitude_nm=0.1),)
+    own = {"baseline_orders": (21.0, 7.0), "ripple": more}
+    other = bench.model_copy(update={"model": bench.model.model_copy(update=own)})
+    assert baseline_orders(other) == (6.0, 7.0, 21.0)
+    turned = turning.model_copy(update={"model": other.model})
+    assert baseline_orders(turned) == pytest.approx((6.06, 7.07, 21.21), rel=1e-15, abs=0)
+
+
 def test_baseline_columns_are_those_of_the_contract(bench: ProfileData, make_motion: Make) -> None:
     motion = make_motion(load_torque_nm=None)
     fixed, names, columns = baseline_columns(motion, bench)

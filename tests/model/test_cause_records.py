@@ -27,6 +27,7 @@ def steady(make: Make, **replaced: Any) -> Motion:
         "output_angle_rad": 0.6 * time,
         "angle_source": "velocity",
         "load_torque_nm": None,
+        "ripple_slope_nm_per_rad": None,
     }
     return make(20_000, **{**values, **replaced})
 
@@ -40,6 +41,7 @@ def test_a_constant_speed_without_load_shows_what_it_can(make_motion: Make) -> N
         "load-dependent-friction", "presliding", "gain-error", "cubic-nonlinearity", "hysteresis",
         "backlash", "saturation", "side-force", "direction-asymmetry", "inertia-error",
         "time-skew", "cubic-stiffness", "piecewise-stiffness", "creep", "speed-dependent-noise",
+        "asymmetric-friction", "transmission-error",
     }  # fmt: skip
 
 
@@ -77,6 +79,27 @@ def test_a_constant_speed_without_load_shows_what_it_can(make_motion: Make) -> N
         ("coulomb-friction", {}, "keeps one direction"),
         ("viscous-friction", {}, "more than 5 %"),
         ("inertia-error", {}, "changes faster"),
+        ("asymmetric-friction", {}, "one direction alone"),
+        (
+            "asymmetric-friction",
+            {"velocity_rad_s": np.repeat([100.0, -100.0], 10_000)},
+            "varies by 0 rad/s of 100",
+        ),
+        ("cogging", {"angle_rad": np.linspace(0, 6, 20_000)}, "0.955 turns"),
+        ("transmission-error", {}, "needed: a ripple"),
+        (
+            "transmission-error",
+            {"ripple_slope_nm_per_rad": np.zeros(20_000)},
+            "does not follow the motor angle",
+        ),
+        (
+            "transmission-error",
+            {
+                "ripple_slope_nm_per_rad": np.ones(20_000),
+                "output_angle_rad": np.linspace(0, 3, 20_000),
+            },
+            "0.477 turns",
+        ),
         ("ripple-harmonic", {"angle_rad": np.linspace(0, 6, 20_000)}, "0.955 turns"),
         ("misalignment", {"output_angle_rad": np.linspace(0, 1.5, 20_000)}, "output covers 0.239"),
         ("mains-hum", {"time_s": np.arange(20_000) * 0.0125}, "80 samples/s"),

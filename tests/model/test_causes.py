@@ -28,11 +28,12 @@ Shape = dict[str, float]
 
 CONTRACT_LIST = """
 ripple-harmonic wave-generator-eccentricity motor-unbalance load-dependent-ripple
-torsional-resonance ripple-beat kinematic-error tooth-mesh bearing-defect gain-ripple
+torsional-resonance ripple-beat kinematic-error tooth-mesh bearing-defect gain-ripple cogging
+transmission-error
 misalignment angular-misalignment load-gravity position-dependent-gain mains-hum
 structural-tone coulomb-friction viscous-friction stribeck-friction load-dependent-friction
-presliding gain-error cubic-nonlinearity hysteresis backlash saturation arm-sag side-force
-direction-asymmetry inertia-error time-skew cubic-stiffness piecewise-stiffness zero-step
+presliding asymmetric-friction gain-error cubic-nonlinearity hysteresis backlash saturation arm-sag
+side-force direction-asymmetry inertia-error time-skew cubic-stiffness piecewise-stiffness zero-step
 zero-drift warm-up creep zero-random-walk quantisation missed-samples encoder-slip tacho-ripple
 spikes speed-dependent-noise crosstalk
 """
@@ -55,9 +56,14 @@ def second_derivative(k: int, a: float, w: float, alpha: float) -> list[float]:
     return [J * cosine, J * sine]
 
 
+def size(w: float) -> float:
+    return math.sqrt(w * w)
+
+
 # shape parameters to try, and the torque per unit of each linear parameter at one sample, in the
 # plain numbers t, w, a (motor angle), o (output angle), alpha, tau (load and expected torque), u
-# (current) and g (gauge factor); the record starts at t0. Causes that remember have no such formula
+# (current), g (gauge factor) and r (slope of the ripple); the record starts at t0. Causes that
+# remember have no such formula
 BY_HAND: dict[str, tuple[Shape, Callable[..., list[float]]]] = {
     "ripple-harmonic": ({"order": 3.37}, lambda a, s, **_: wave(s["order"] * a)),
     "wave-generator-eccentricity": ({}, lambda a, **_: wave(a)),
@@ -71,6 +77,14 @@ BY_HAND: dict[str, tuple[Shape, Callable[..., list[float]]]] = {
     "ripple-beat": ({}, lambda a, g, o, **_: wave(2 * g * a - o) + wave(2 * g * a + o)),
     "tooth-mesh": ({}, lambda a, **_: wave(202 * a)),
     "bearing-defect": ({"order": 4.95}, lambda a, s, **_: bearing(a, s["order"])),
+    "cogging": (
+        {"order": 12.0},
+        lambda a, **_: wave(12 * a) + wave(24 * a) + wave(36 * a) + wave(72 * a),
+    ),
+    "transmission-error": (
+        {},
+        lambda a, o, r, **_: wave(a, -r) + wave(o, -r) + wave(2 * o, -r),
+    ),
     "misalignment": ({}, lambda o, **_: wave(o)),
     "angular-misalignment": ({}, lambda o, **_: wave(2 * o)),
     "load-gravity": ({}, lambda o, **_: wave(o)),
@@ -88,6 +102,10 @@ BY_HAND: dict[str, tuple[Shape, Callable[..., list[float]]]] = {
         lambda w, s, **_: [1 - 2 / (math.exp(2 * w / s["transition_rad_s"]) + 1)],
     ),
     "viscous-friction": ({}, lambda w, **_: [w]),
+    "asymmetric-friction": (
+        {},
+        lambda w, **_: [1 - 2 / (math.exp(4 * size(w)) + 1), size(w)],
+    ),
     "stribeck-friction": (
         {"stribeck_rad_s": 15.0, "transition_rad_s": 1.5},
         lambda w, s, **_: [
@@ -133,7 +151,7 @@ NO_TORQUE = {
 
 def test_the_catalogue_is_the_contract_in_its_order() -> None:
     assert list(catalogue()) == CONTRACT_LIST.split()
-    assert len(CONTRACT_NAMES) == 45
+    assert len(CONTRACT_NAMES) == 48
 
 
 def test_every_cause_is_checked_somewhere() -> None:
@@ -159,6 +177,7 @@ def test_columns_follow_the_equation(name: str, gauge: float, make_motion: Make)
             tau=float(motion.load_torque_nm[k] + J / 100 * motion.acceleration_rad_s2[k]),
             u=float(motion.motor_current_a[k]),
             g=gauge,
+            r=float(motion.ripple_slope_nm_per_rad[k]),
             s=shape,
         )
         # the angle of order 202 reaches 4e5 rad, where doubles are 6e-11 apart; products of three

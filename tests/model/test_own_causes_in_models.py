@@ -133,10 +133,10 @@ def installed(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., None]]:
 def test_an_installed_package_brings_causes(installed: Callable[..., None]) -> None:
     a, b, c, d = (renamed(f"own-{k}") for k in "abcd")
     installed(a, [b], lambda: (c, d))
-    assert list(catalogue())[45:] == ["own-a", "own-b", "own-c", "own-d"]
+    assert list(catalogue())[48:] == ["own-a", "own-b", "own-c", "own-d"]
     assert cause_named("own-c", where="here") is c
     described = describe_causes()
-    assert [entry["group"] for entry in described[44:]] == ["acquisition", *["user's own"] * 4]
+    assert [entry["group"] for entry in described[47:]] == ["acquisition", *["user's own"] * 4]
 
 
 @pytest.mark.parametrize(

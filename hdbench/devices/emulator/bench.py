@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 from hdbench.devices.emulator.clamping import Fixture
 from hdbench.devices.emulator.converter import AnalogueSamples, RawSamples, to_code, to_count
 from hdbench.devices.emulator.draw import draw_effects
+from hdbench.devices.emulator.drivetrain import encoder_error_rad
 from hdbench.devices.emulator.effects import start_effect
 from hdbench.devices.emulator.extended import with_model
 from hdbench.devices.emulator.fixture import PositionGain, shunt_volts
@@ -276,13 +278,15 @@ class SimulatedBench:
                 where="simulated bench",
                 fix="begin an acquisition first",
             )
-        return read_out(
+        read = read_out(
             timeline,
             n_samples,
             profile=self._profile,
             noise=self._noise,
             added_v=self._added_volts,
         )
+        wander = encoder_error_rad(self._effects, read.angle_rad, self._profile.drive.gear_ratio)
+        return replace(read, angle_rad=read.angle_rad + wander)
 
     def set_fixture(
         self, *, locked: bool, position_rad: float, mass_kg: float, direction: int

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from hdbench.devices.emulator.drivetrain import AsymmetricFriction, Cogging, TransmissionError
 from hdbench.devices.emulator.truemotion import PlantMotion
 from hdbench.records.trace import FloatArray
 
@@ -205,7 +206,17 @@ class ToothBump:
 
 
 Effect = (
-    OutputFriction | MotorOrder | OutputOrder | Tone | GainError | ZeroStep | ZeroDrift | ToothBump
+    OutputFriction
+    | MotorOrder
+    | OutputOrder
+    | Tone
+    | GainError
+    | ZeroStep
+    | ZeroDrift
+    | ToothBump
+    | AsymmetricFriction
+    | Cogging
+    | TransmissionError
 )
 
 
@@ -219,6 +230,9 @@ EFFECT_KINDS: dict[str, type[Effect]] = {
     "zero-step": ZeroStep,
     "zero-drift": ZeroDrift,
     "tooth-bump": ToothBump,
+    "asymmetric-friction": AsymmetricFriction,
+    "cogging": Cogging,
+    "transmission-error": TransmissionError,
 }
 
 

@@ -76,9 +76,29 @@ def _domain(low: float, *, open_end: bool) -> Callable[[Draw], Draw]:
     return check
 
 
+def _whole(draw: Draw) -> Draw:
+    """Refuse a draw that can give anything but whole numbers of at least 1."""
+    for value in draw.values:
+        if draw.min != draw.max or not (value >= 1.0 and value == int(value)):
+            raise ValueError(f"{value} is not one of several whole numbers of at least 1")
+    return draw
+
+
+def _share(draw: Draw) -> Draw:
+    """Refuse a draw that can leave the range from 0 to below 1."""
+    for value in draw.values:
+        if not 0.0 <= value < 1.0:
+            raise ValueError(f"{value} is not in [0, 1)")
+    return draw
+
+
 AnyDraw = Annotated[Draw, BeforeValidator(_plain)]
 SizeDraw = Annotated[AnyDraw, AfterValidator(_domain(0.0, open_end=False))]
 AboveZeroDraw = Annotated[AnyDraw, AfterValidator(_domain(0.0, open_end=True))]
+
+
+WholeDraw = Annotated[AnyDraw, AfterValidator(_whole)]
+ShareDraw = Annotated[AnyDraw, AfterValidator(_share)]
 
 
 class _Effect(_Table):
@@ -156,6 +176,34 @@ class ToothBumpSpec(_Effect):
     height_nm: AnyDraw
 
 
+class AsymmetricFrictionSpec(_Effect):
+    """Friction that the output bearing has more of forward than backward."""
+
+    kind: Literal["asymmetric-friction"]
+    coulomb_difference_nm: AnyDraw
+    viscous_difference_nm_s_per_rad: AnyDraw
+    transition_rad_s: AboveZeroDraw
+
+
+class CoggingSpec(_Effect):
+    """Torque between the magnets and the slots of the motor."""
+
+    kind: Literal["cogging"]
+    order: WholeDraw
+    amplitude_nm: SizeDraw
+    phase_rad: AnyDraw
+    decay: ShareDraw
+
+
+class TransmissionErrorSpec(_Effect):
+    """A recorded motor angle that wanders about that of the wave generator."""
+
+    kind: Literal["transmission-error"]
+    order: AboveZeroDraw
+    amplitude_rad: SizeDraw
+    phase_rad: AnyDraw
+
+
 EffectSpec = Annotated[
     FrictionSpec
     | MotorOrderSpec
@@ -164,7 +212,10 @@ EffectSpec = Annotated[
     | GainErrorSpec
     | ZeroStepSpec
     | ZeroDriftSpec
-    | ToothBumpSpec,
+    | ToothBumpSpec
+    | AsymmetricFrictionSpec
+    | CoggingSpec
+    | TransmissionErrorSpec,
     Field(discriminator="kind"),
 ]
 

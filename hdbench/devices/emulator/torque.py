@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hdbench.devices.emulator.bridge import GaugeBridge, place_gauges
+from hdbench.devices.emulator.drivetrain import AsymmetricFriction
 from hdbench.devices.emulator.effects import (
     Effect,
     OutputFriction,
@@ -144,6 +145,6 @@ class AnalogueChannels:
         dry = np.arctan(speed / MOTOR_FRICTION_TRANSITION_RAD_S) * (2.0 / math.pi)
         friction = self.motor.coulomb_nm * dry + self.motor.viscous_nm_s_per_rad * speed
         for effect in self.effects:
-            if isinstance(effect, OutputFriction):
+            if isinstance(effect, OutputFriction | AsymmetricFriction):
                 friction += effect.torque_nm(full) / self.profile.drive.gear_ratio
         return friction

@@ -25,11 +25,13 @@ __all__ = [
 ]
 
 # Shapes of a cause before anything is known of it: an order that the baseline lacks, the bearing of
-# a wave generator (23 balls, d/D = 0.1), the load on a flexspline of 16 kN m/rad, mains of 50 Hz, a
-# tone away from it, a warming-up that a run of minutes shows, friction of a greased bearing.
+# a wave generator (23 balls, d/D = 0.1), a motor of 12 pole pairs, the load on a flexspline of
+# 16 kN m/rad, mains of 50 Hz, a tone away from it, a warming-up that a run of minutes shows,
+# friction of a greased bearing.
 _NOMINAL = {
     ("ripple-harmonic", "order"): 6.0,
     ("bearing-defect", "order"): 10.35,
+    ("cogging", "order"): 12.0,
     ("torsional-resonance", "resonance_hz"): 153.0,
     ("torsional-resonance", "damping"): 0.03,
     ("mains-hum", "frequency_hz"): 50.0,

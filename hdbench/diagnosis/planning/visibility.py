@@ -11,7 +11,7 @@ from hdbench.diagnosis.planning.imitation import Imitator, Target, make_target
 from hdbench.diagnosis.planning.lines import LineSpectra
 from hdbench.diagnosis.planning.signatures import Effect, fitted_shape, line_key
 from hdbench.diagnosis.planning.sketch import Sketch
-from hdbench.model import BenchModel, Cause, Motion, shape_bounds
+from hdbench.model import BenchModel, Cause, Motion, shape_bounds, with_signal
 from hdbench.records.trace import FloatArray
 
 __all__ = ["HELD", "SAME_SPACE", "Visibility", "line_tops", "look_at", "with_simulated"]
@@ -100,7 +100,7 @@ def with_simulated(motion: Motion, model: BenchModel) -> Motion:
     """
     if motion.simulated_nm is not None:
         return motion
-    return replace(motion, simulated_nm=model.torque_nm(motion))
+    return with_signal(motion, model.torque_nm)
 
 
 def look_at(

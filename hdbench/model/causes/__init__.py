@@ -40,6 +40,8 @@ CAUSE_GROUPS: Mapping[str, tuple[Cause, ...]] = MappingProxyType(
             motor.TOOTH_MESH,
             motor.BEARING,
             ripple.GAIN_RIPPLE,
+            motor.COGGING,
+            kinematic.TRANSMISSION_ERROR,
         ),
         "locked to the output": (
             output.MISALIGNMENT,
@@ -54,6 +56,7 @@ CAUSE_GROUPS: Mapping[str, tuple[Cause, ...]] = MappingProxyType(
             friction.STRIBECK,
             loadfriction.LOAD_FRICTION,
             loadfriction.PRESLIDING,
+            friction.ASYMMETRIC,
         ),
         "static sensor and arm": (
             sensor.GAIN_ERROR,

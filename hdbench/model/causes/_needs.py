@@ -86,6 +86,14 @@ def moves_and_reverses(motion: Motion) -> str | None:
     )
 
 
+def reverses(motion: Motion) -> str | None:
+    """Return why nothing can differ between the directions here, or None."""
+    velocity = motion.velocity_rad_s[motion.valid]
+    if bool((velocity > STANDING_RAD_S).any()) and bool((velocity < -STANDING_RAD_S).any()):
+        return None
+    return "the motor turns in one direction alone; needed: a reversal"
+
+
 def accelerates(motion: Motion) -> str | None:
     """Return why the acceleration carries no torque that could be told from its noise, or None."""
     largest = _largest(motion.acceleration_rad_s2, motion)
@@ -145,8 +153,17 @@ def torque_turns(motion: Motion) -> str | None:
 
 def speed_varies(motion: Motion) -> str | None:
     """Return why what follows the speed cannot be told from the zero, or None."""
-    velocity = motion.velocity_rad_s[motion.valid]
-    low, high = np.percentile(velocity, (1.0, 99.0)) if len(velocity) else (0.0, 0.0)
+    return _varies(motion.velocity_rad_s[motion.valid])
+
+
+def size_of_speed_varies(motion: Motion) -> str | None:
+    """Return why what follows the size of the speed cannot be told from the zero, or None."""
+    return _varies(np.abs(motion.velocity_rad_s[motion.valid]))
+
+
+def _varies(speed: FloatArray) -> str | None:
+    """Return why a speed counts as constant, or None."""
+    low, high = np.percentile(speed, (1.0, 99.0)) if len(speed) else (0.0, 0.0)
     spread, largest = float(high - low), float(max(abs(low), abs(high)))
     # 5 % of the speed: below it the torque of viscous friction is a constant, that is a zero
     if spread > 0.05 * largest and spread > 0.0:

@@ -3,16 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
-from hdbench.model.causes._needs import all_of, moves_and_reverses, speed_varies
+from hdbench.model.causes._needs import (
+    STANDING_RAD_S,
+    all_of,
+    moves_and_reverses,
+    reverses,
+    size_of_speed_varies,
+    speed_varies,
+)
 from hdbench.model.causes._parts import no_shape, single, torque_parameter
 from hdbench.model.definition import Cause, Parameter
 from hdbench.model.motion import Motion
 from hdbench.records.trace import FloatArray
 
-__all__ = ["COULOMB", "STRIBECK", "TRANSITION", "TUTTLE", "VISCOUS"]
+__all__ = ["ASYMMETRIC", "COULOMB", "STRIBECK", "TRANSITION", "TUTTLE", "VISCOUS"]
 
 TRANSITION = Parameter(
     "transition_rad_s", "rad/s", 0.05, 20.0, "motor speed over which the sign is smoothed"
@@ -35,6 +43,11 @@ def _stribeck(motion: Motion, shape: Mapping[str, float]) -> FloatArray:
     velocity = motion.velocity_rad_s
     excess = np.exp(-((velocity / shape["stribeck_rad_s"]) ** 2))
     return single(excess * np.tanh(velocity / shape["transition_rad_s"]))
+
+
+def _asymmetric(motion: Motion) -> FloatArray:
+    size = np.abs(motion.velocity_rad_s)
+    return np.column_stack((np.tanh(size / STANDING_RAD_S), size))
 
 
 def _moves_slowly(motion: Motion) -> str | None:
@@ -94,4 +107,35 @@ STRIBECK = Cause(
     columns=_stribeck,
     harmonic=False,
     applicable=all_of(moves_and_reverses, _moves_slowly),
+)
+ASYMMETRIC = Cause(
+    name="asymmetric-friction",
+    equation=f"D_c tanh(abs(w) / {STANDING_RAD_S:g} rad/s) + D_v abs(w): "
+    "forward F_c + D_c and F_v + D_v, backward F_c - D_c and F_v - D_v",
+    shape=(),
+    linear=(
+        # without standstill this one is the zero
+        replace(
+            torque_parameter(
+                "coulomb_difference_nm", "dry friction, forward less backward, halved, D_c"
+            ),
+            evident=False,
+        ),
+        Parameter(
+            "viscous_difference_nm_s_per_rad",
+            "N m s/rad",
+            -100.0,
+            100.0,
+            "torque per motor speed, forward less backward, halved, D_v",
+        ),
+    ),
+    locked_to="velocity",
+    parity="even in speed, even in load",
+    channel="mechanical",
+    look_alikes=("zero-step", "zero-drift", "warm-up", "hysteresis"),
+    experiment="both directions at two speeds or more, and standstill between them",
+    source="the even part of a friction law; seals and bearings under preload have one",
+    columns=no_shape(_asymmetric),
+    harmonic=False,
+    applicable=all_of(reverses, size_of_speed_varies),
 )

@@ -7,13 +7,13 @@ from collections.abc import Mapping
 import numpy as np
 
 from hdbench.model.causes._memory import even_step, remembered, resonance
-from hdbench.model.causes._needs import all_of, motor_turns, speed_varies
-from hdbench.model.causes._parts import lobe_angle, no_shape, pair_parameters
+from hdbench.model.causes._needs import all_of, motor_turns, output_turns, speed_varies
+from hdbench.model.causes._parts import lobe_angle, no_shape, pair, pair_parameters
 from hdbench.model.definition import Cause, Parameter
 from hdbench.model.motion import Motion
 from hdbench.records.trace import FloatArray
 
-__all__ = ["KINEMATIC_ERROR", "TORSIONAL_RESONANCE"]
+__all__ = ["KINEMATIC_ERROR", "TORSIONAL_RESONANCE", "TRANSMISSION_ERROR"]
 
 # harmonics of the motor angle in a harmonic drive's transmission error, each twice the last
 _HARMONICS = (1.0, 2.0, 4.0)
@@ -42,6 +42,21 @@ def _has_inertia(motion: Motion) -> str | None:
     if motion.inertia_nm_s2 > 0.0:
         return None
     return "the load has no inertia here; needed: load_inertia_kg_m2 of the profile, kg m^2"
+
+
+def _transmission(motion: Motion) -> FloatArray:
+    slope = motion.ripple_slope_nm_per_rad
+    if slope is None:
+        return np.zeros((len(motion), 6))
+    output = motion.output_angle_rad
+    return np.hstack([pair(angle, -slope) for angle in (motion.angle_rad, output, 2.0 * output)])
+
+
+def _has_ripple(motion: Motion) -> str | None:
+    slope = motion.ripple_slope_nm_per_rad
+    if slope is not None and bool(np.any(slope[motion.valid] != 0.0)):
+        return None
+    return "the simulated torque does not follow the motor angle; needed: a ripple in the model"
 
 
 def _resonance(motion: Motion, shape: Mapping[str, float]) -> FloatArray:
@@ -108,4 +123,35 @@ KINEMATIC_ERROR = Cause(
     columns=no_shape(_kinematic),
     harmonic=False,
     applicable=all_of(motor_turns(1.0), _has_inertia),
+)
+TRANSMISSION_ERROR = Cause(
+    name="transmission-error",
+    equation="-e dy/d theta_m, y the torque in the channel, recorded angle = theta_m + e, e = "
+    "A_m cos(theta_m + phase_m) + A_1 cos(theta_o + phase_1) + A_2 cos(2 theta_o + phase_2)",
+    shape=(),
+    linear=tuple(
+        Parameter(
+            f"{part}_{place}_rad",
+            "rad",
+            -_ANGLE_LIMIT_RAD,
+            _ANGLE_LIMIT_RAD,
+            f"{part} part of the recorded motor angle's error, {often}",
+        )
+        for place, often in (
+            ("motor", "once per motor turn"),
+            ("output_1", "once per output turn"),
+            ("output_2", "twice per output turn"),
+        )
+        for part in ("cosine", "sine")
+    ),
+    locked_to="motor",
+    parity="side lines of every strong order, in proportion to the order and its amplitude",
+    channel="kinematic",
+    look_alikes=("ripple-beat", "load-dependent-ripple", "encoder-slip"),
+    experiment="a second encoder at the motor; one error explains the side lines of all orders",
+    source="first term of the ripple in powers of the angle's error; Ghorbel, Gandhi, Alpeter 2001",
+    columns=no_shape(_transmission),
+    harmonic=False,
+    applicable=all_of(output_turns(1.0), _has_ripple),
+    whole_signal=True,
 )
