@@ -18,7 +18,8 @@ MODEL_SCHEMA = "hdbench/model/1"
 PRESETS = ("report-a1", "report-a2", "report-6")
 _MOTOR_ORDERS = {"wave-generator-eccentricity": 1.0, "motor-unbalance": 1.0}
 _OUTPUT_ORDERS = {"misalignment": 1.0, "angular-misalignment": 2.0, "load-gravity": 1.0}
-_HARMONICS = {"bearing-defect": 3}  # repeated impacts: the defect's order, twice and three times it
+# repeated impacts: the defect's order, twice and three times it; poles: currents, slots, windings
+_HARMONICS = {"bearing-defect": (1, 2, 3), "cogging": (1, 2, 3, 6)}
 _SOURCES = {
     "report-a1": "report CIM-TR-97-06, section 4 and listing A.1",
     "report-a2": "report CIM-TR-97-06, section 5 and listing A.2",
@@ -234,5 +235,4 @@ def _cause_blocks(
     value = entry.get("value") if isinstance(entry, dict) else entry
     order = _order(value, path, f"{where}.parameters.order")
     noise = profile.filter.ripple_process_noise
-    harmonics = range(1, _HARMONICS.get(name, 1) + 1)
-    return [OscillatorBlock(k * order, "ripple", noise) for k in harmonics]
+    return [OscillatorBlock(k * order, "ripple", noise) for k in _HARMONICS.get(name, (1,))]

@@ -12,7 +12,7 @@ from hdbench.model.baseline import baseline_numbers, expected_torque_nm
 from hdbench.model.cause import Cause, CauseTerm, catalogue, check_term
 from hdbench.model.gauges import gauge_order_factor
 from hdbench.model.motion import Motion
-from hdbench.model.term import summed_torque_nm, undone_faults
+from hdbench.model.term import signal_motion, summed_torque_nm, undone_faults
 from hdbench.profile.schema import ProfileData
 from hdbench.records.trace import FloatArray
 
@@ -170,6 +170,27 @@ class BenchModel:
         return summed_torque_nm(
             self.causes, motion, self.baseline_torque_nm, extra=self.extra_causes
         )
+
+    def signal_motion(self, motion: Motion) -> Motion:
+        """Return the motion with the signal that causes of the whole signal act on.
+
+        Parameters
+        ----------
+        motion : Motion
+            Motion at every sample, as the bench had it.
+
+        Returns
+        -------
+        Motion
+            With `simulated_nm` and its slope: the baseline and all causes that do not act on the
+            whole signal.
+
+        Raises
+        ------
+        DataError
+            As `torque_nm`.
+        """
+        return signal_motion(self.causes, motion, self.baseline_torque_nm, extra=self.extra_causes)
 
     def terms(self) -> tuple[str, ...]:
         """Return the names of the model's terms: baseline, then causes, in order.

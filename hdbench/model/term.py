@@ -12,7 +12,13 @@ from hdbench.model.cause import Cause, CauseTerm, check_term
 from hdbench.model.motion import Motion
 from hdbench.records.trace import FloatArray
 
-__all__ = ["summed_torque_nm", "term_torque_nm", "undone_faults", "with_signal"]
+__all__ = [
+    "signal_motion",
+    "summed_torque_nm",
+    "term_torque_nm",
+    "undone_faults",
+    "with_signal",
+]
 
 # angle over which the slope of a ripple is formed: 2e-6 off at order 360, the highest of any cause,
 # and as much by the rounding of an angle of 1e4 turns
@@ -92,19 +98,56 @@ def summed_torque_nm(
     DataError
         As `term_torque_nm`.
     """
-    early: list[CauseTerm] = []
-    late: list[CauseTerm] = []
+    early, late = _early_and_late(terms, extra)
+    torque = _summed(early, motion, extra)
+    if late:
+        torque = torque + _summed(
+            late, signal_motion(early, motion, baseline_nm, extra=extra), extra
+        )
+    return torque
+
+
+def signal_motion(
+    terms: Iterable[CauseTerm],
+    motion: Motion,
+    baseline_nm: Callable[[Motion], FloatArray],
+    *,
+    extra: Sequence[Cause] = (),
+) -> Motion:
+    """Return the motion with the signal that causes of the whole signal act on.
+
+    Parameters
+    ----------
+    terms, motion, baseline_nm, extra
+        As `summed_torque_nm` takes them.
+
+    Returns
+    -------
+    Motion
+        As `with_signal`, of the baseline and all causes that do not act on the whole signal.
+
+    Raises
+    ------
+    DataError
+        As `term_torque_nm`.
+    """
+    early, _ = _early_and_late(terms, extra)
+    return with_signal(motion, lambda on: baseline_nm(on) + _summed(early, on, extra))
+
+
+def _early_and_late(
+    terms: Iterable[CauseTerm], extra: Sequence[Cause]
+) -> tuple[list[CauseTerm], list[CauseTerm]]:
+    """Return the causes that are part of the signal, and those that act on all of it."""
+    parts: tuple[list[CauseTerm], list[CauseTerm]] = ([], [])
     for term in terms:
         cause = check_term(term, where=f"cause {term.name!r}", extra=extra)
-        (late if cause.whole_signal else early).append(term)
+        parts[cause.whole_signal].append(term)
+    return parts
 
-    def summed(of: Iterable[CauseTerm], on: Motion) -> FloatArray:
-        return sum((term_torque_nm(term, on, extra=extra) for term in of), np.zeros(len(on)))
 
-    if not late:
-        return summed(early, motion)
-    whole = with_signal(motion, lambda on: baseline_nm(on) + summed(early, on))
-    return summed(early, motion) + summed(late, whole)
+def _summed(terms: Iterable[CauseTerm], motion: Motion, extra: Sequence[Cause]) -> FloatArray:
+    return sum((term_torque_nm(t, motion, extra=extra) for t in terms), np.zeros(len(motion)))
 
 
 def with_signal(motion: Motion, torque_nm: Callable[[Motion], FloatArray]) -> Motion:

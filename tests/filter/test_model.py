@@ -159,6 +159,7 @@ def test_an_extended_bench_model_gives_its_orders_as_blocks(bench, tmp_path):
         {"name": "structural-tone", "parameters": {"frequency_hz": {"value": 31.0}}},
         {"name": "misalignment", "parameters": {}},
         {"name": "bearing-defect", "parameters": {"order": {"value": 3.1}}},
+        {"name": "cogging", "parameters": {"order": {"value": 12.0}}},
     ]
     file.write_text(json.dumps(bench_model(causes=causes)))
     found = load_filter_model(str(file), bench)
@@ -171,6 +172,7 @@ def test_an_extended_bench_model_gives_its_orders_as_blocks(bench, tmp_path):
         (3.1, "ripple"),
         (2 * 3.1, "ripple"),
         (3 * 3.1, "ripple"),
+        *((order, "ripple") for order in (12.0, 24.0, 36.0, 72.0)),
         (0.02, "misalignment"),
     }
     assert found.use_measured_angle

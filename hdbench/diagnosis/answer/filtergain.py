@@ -27,7 +27,7 @@ _SETTLING_S = 5.0
 _MOTOR_ORDERS = {"wave-generator-eccentricity": 1.0, "motor-unbalance": 1.0}
 _OUTPUT_ORDERS = {"misalignment": 1.0, "load-gravity": 1.0, "angular-misalignment": 2.0}
 # orders that are no torque ripple but tones of the clock need a block of another kind
-_RIPPLE_NAMES = ("ripple-harmonic", "bearing-defect")
+_RIPPLE_NAMES = ("ripple-harmonic", "bearing-defect", "cogging")
 
 
 @dataclass(frozen=True, slots=True)

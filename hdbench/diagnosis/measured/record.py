@@ -197,6 +197,9 @@ def prepare_record(
     """
     torque = torque_from_trace(trace, profile)
     motion = _aligned(motion_from_trace(trace, profile), profile, torque, masked, beyond)
+    if any(term.name == "transmission-error" for term in model.causes):
+        slope = model.signal_motion(motion).ripple_slope_nm_per_rad
+        motion = replace(motion, ripple_slope_nm_per_rad=slope)
     change = change or BaselineChange()
     load = 0.0 if "load" in change.without else load_share(motion, profile, torque, masked)
     fixed, names, columns = baseline_columns(motion, profile, load=load)
