@@ -69,12 +69,12 @@ class Motion:
     simulated_nm : ndarray or None
         Torque of the fitted or given baseline, N m, for causes that act on the whole signal (a time
         skew, a saturation); None where no baseline is known yet.
-    ripple_slope_nm_per_rad : ndarray or None
-        Change of `simulated_nm` with the motor angle alone, N m/rad, for causes that are an error
-        of that angle; None where `simulated_nm` is, or is given without it.
     load_smooth_nm : ndarray or None
         `load_torque_nm` without its fast noise, N m, for causes: the same noise stands in the
         residual, and what is made of it would find itself there. None where the load is exact.
+    ripple_slope_nm_per_rad : ndarray or None
+        Change of `simulated_nm` with the motor angle alone, N m/rad, for causes that are an error
+        of that angle; None where `simulated_nm` is, or is given without it.
     """
 
     time_s: FloatArray

@@ -118,8 +118,14 @@ def signal_motion(
 
     Parameters
     ----------
-    terms, motion, baseline_nm, extra
-        As `summed_torque_nm` takes them.
+    terms : iterable of CauseTerm
+        Causes with numbers; those that act on the whole signal are passed over.
+    motion : Motion
+        Motion at every sample.
+    baseline_nm : callable
+        Torque of the baseline on a motion, N m, shape (n_samples,).
+    extra : sequence of Cause
+        Causes beside the catalogue.
 
     Returns
     -------

@@ -54,6 +54,19 @@ def test_the_built_in_profile_holds_the_numbers_of_the_report(good):
     assert [part.order for part in data.model.ripple] == [2.0, 4.0]
 
 
+def test_a_drive_of_another_kind_names_its_orders_and_may_have_no_gear(good):
+    assert good.data.model.baseline_orders is None
+    orders = "[model]\nbaseline_orders = [1.0, 6]\n"
+    text = good.text.replace("gear_ratio = 100.0", "gear_ratio = 1.0").replace("[model]\n", orders)
+    assert parse_profile(text, "bench.toml").data.model.baseline_orders == (1.0, 6.0)
+    for wrong in ("[]", "[0.0]", "[-2.0]", "[nan]", '["2"]', "2.0"):
+        (one,) = problems(text.replace("[1.0, 6]", wrong))
+        assert "model.baseline_orders" in one.what
+        assert f":{line_of(text, 'baseline_orders')}" in one.where
+    (one,) = problems(text.replace("gear_ratio = 1.0", "gear_ratio = 0.5"))
+    assert "drive.gear_ratio" in one.what
+
+
 def test_every_value_of_the_built_in_profile_says_where_it_comes_from(good):
     for line in good.text.splitlines():
         key, _, rest = line.partition("=")
