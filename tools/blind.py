@@ -5,11 +5,13 @@ A few records of one family, at once and in one process::
     tools/blind.py --part B --family coulomb-friction --record protocol --d 10 --limit 5
 
 prints one line per record: what was hidden, what was answered, how it is scored. `--show` adds
-parameters, truth and bounds. Choose with `--part ABPCDEFL` (A clean, B single effects at 3 to 20
-sigma, P physical sizes, C two effects, D outside the catalogue, E look-alike duels, F bad data,
-L calibration loads), `--family NAME`, `--d N`, `--tier low|mid|high`, `--noise white|ar|flicker`,
-`--record constant|compact|mixed|short|protocol|long`, `--limit N`; the grid is mixed, so that any
-beginning of it is fair.
+parameters, truth and bounds. Choose with `--part ABPCDEFLTWUR` (A clean, B single effects at 3 to
+20 sigma, P physical sizes, C two effects, D outside the catalogue, E look-alike duels, F bad data,
+L calibration loads, T three to five causes, W pairs with and without nuisances of real logs, U
+unseen effects, R records of others in `HDBENCH_DATA`), `--family NAME`, `--d N`,
+`--tier low|mid|high`, `--noise white|ar|flicker`, `--record constant|compact|mixed|short|protocol|
+long` (for R the record's name), `--key KEY`, `--limit N`; the grid is mixed, so that any beginning
+of it is fair. To try another engine: PYTHONPATH=<its checkout>.
 
 The whole benchmark, resumable (answers already there are kept) and quiet::
 
@@ -37,11 +39,11 @@ from pathlib import Path
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
 
+from blind_real import real_cases  # noqa: E402
 from blind_runner import Options, answer_case, fresh_base, run  # noqa: E402
+from blind_wide import line_of, report_wide  # noqa: E402
 from injector.cases import PUBLIC_SEED, grid  # noqa: E402
 from injector.loadcases import load_cases  # noqa: E402
-from scorer.judge import judge  # noqa: E402
-from scorer.line import one_line  # noqa: E402
 from scorer.truth import open_truth  # noqa: E402
 
 
@@ -51,6 +53,7 @@ def _arguments() -> argparse.Namespace:
     )
     parser.add_argument("--part", default="")
     parser.add_argument("--family", action="append", default=[])
+    parser.add_argument("--key", action="append", default=[])
     parser.add_argument("--record", action="append", default=[])
     parser.add_argument("--noise", action="append", default=[])
     parser.add_argument("--d", type=float, action="append", default=[])
@@ -66,6 +69,12 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--show", action="store_true")
     parser.add_argument("--report", type=Path, metavar="FOLDER")
     parser.add_argument("--rivals", type=int, metavar="N", help="simpler methods on N records")
+    parser.add_argument(
+        "--keep-before",
+        metavar="ENGINE",
+        help="with --report: keep the figures "
+        "of T, W, U and R as those of this engine, the page's column `before`",
+    )
     parser.add_argument("--lines", action="store_true", help="with --report: a line per record")
     parser.add_argument("--write", action="store_true", help="with --report: write the page")
     return parser.parse_args()
@@ -74,10 +83,13 @@ def _arguments() -> argparse.Namespace:
 def _chosen(args: argparse.Namespace) -> list:  # type: ignore[type-arg]
     base = fresh_base() if args.fresh else (args.base or PUBLIC_SEED)
     tiers = {f"d{value:g}" for value in args.d} | set(args.tier)
-    parts = args.part or "ABPCDEFL"
+    parts = args.part or "ABPCDEFLTWUR"
+    old = "".join(part for part in parts if part in "ABPCDEF")
     lists = [
-        list(grid(base, parts.replace("L", ""), args.scale)),
+        list(grid(base, old, args.scale)),
         load_cases(base) if "L" in parts else [],
+        *(list(grid(base, part, args.scale)) for part in parts if part in "TWU"),
+        real_cases() if "R" in parts else [],
     ]
     # runs and calibrations side by side, so that an early end has its share of both
     placed = [
@@ -88,6 +100,7 @@ def _chosen(args: argparse.Namespace) -> list:  # type: ignore[type-arg]
         case
         for case in every
         if (not args.record or case.record in args.record)
+        and (not args.key or case.key in args.key)
         and (not args.noise or case.noise in args.noise)
         and (not tiers or any(hidden.tier in tiers for hidden in case.hidden))
         and (not args.family or _names(case) & set(args.family))
@@ -102,13 +115,18 @@ def _names(case: object) -> set[str]:
 
 def _at_once(args: argparse.Namespace) -> None:
     """Diagnose the chosen cases here and print one line each."""
+    done = []
     for case in _chosen(args):
         sealed, entry = answer_case(case)
         truth = open_truth(sealed, entry["seal"])
-        print(one_line(truth, entry, judge(truth, entry)), flush=True)
+        done.append((truth, entry))
+        print(line_of(truth, entry), flush=True)
         if args.show:
             shown = {key: entry.get("answer", {}).get(key) for key in ("causes", "unexplained")}
-            print(json.dumps({"truth": truth["hidden"], **shown}, indent=1), flush=True)
+            known = truth.get("known") or truth["hidden"]
+            print(json.dumps({"truth": known, **shown}, indent=1), flush=True)
+    for line in report_wide(done):
+        print(line)
 
 
 def main() -> int:
@@ -119,6 +137,11 @@ def main() -> int:
 
         if args.lines:
             list_lines(args.report, args.part)
+        elif args.keep_before:
+            from blind_report import load_pairs
+            from blind_wide import keep_before
+
+            keep_before(load_pairs(args.report), args.keep_before)
         else:
             report(args.report, args.write)
         return 0

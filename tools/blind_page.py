@@ -150,6 +150,7 @@ def page(
     shuffled: dict[str, Any],
     rivals: dict[str, Any],
     null: list[Any],
+    wide: list[str],
 ) -> str:
     """Return the page: figures beside pass levels and aims, failures included."""
     chance = shuffled["score"][0], shuffled["name_d10"][0], shuffled["name_d20"][0]
@@ -162,6 +163,7 @@ def page(
         "",
         *_counts(rows),
         "",
+        *wide,
         "## By family\n",
         *_families(families),
         "",

@@ -13,23 +13,31 @@ from blind_lines import read_lines
 from blind_page import page
 from blind_picture import draw_confusion
 from blind_runner import ROOT
+from blind_wide import WIDE, line_of, report_wide, wide_page
 from scorer.judge import judge
-from scorer.line import one_line
 from scorer.metrics import Row, figures
 from scorer.tables import by_family, by_load_family, by_outside, confusion, shuffled_rows
 from scorer.truth import open_truth
 
-__all__ = ["list_lines", "load_rows", "report"]
+__all__ = ["list_lines", "load_pairs", "load_rows", "report"]
+
+
+def load_pairs(folder: Path) -> list[tuple[dict[str, Any], dict[str, Any]]]:
+    """Open the truths of a campaign: (truth, answer) of every record."""
+    sealed = {entry["key"]: entry for entry in read_lines(folder / "truth.jsonl")}
+    return [
+        (open_truth(sealed[entry["key"]], entry["seal"]), entry)
+        for entry in read_lines(folder / "answers.jsonl")
+    ]
 
 
 def load_rows(folder: Path) -> list[Row]:
-    """Open the truths of a campaign and judge all its answers."""
-    sealed = {entry["key"]: entry for entry in read_lines(folder / "truth.jsonl")}
-    rows = []
-    for entry in read_lines(folder / "answers.jsonl"):
-        truth = open_truth(sealed[entry["key"]], entry["seal"])
-        rows.append(Row((truth, entry, judge(truth, entry))))
-    return rows
+    """Judge all answers of a campaign to the parts of single records, A to F, L and P."""
+    return [
+        Row((truth, entry, judge(truth, entry)))
+        for truth, entry in load_pairs(folder)
+        if truth["part"] not in (*WIDE, "R")
+    ]
 
 
 def _rivals(folder: Path, rows: list[Row]) -> dict[str, dict[str, Any]]:
@@ -64,9 +72,9 @@ def _printed(numbers: dict[str, Any]) -> Iterable[str]:
 
 def list_lines(folder: Path, parts: str) -> None:
     """Print one line for every record of `parts` (all if empty)."""
-    for row in sorted(load_rows(folder), key=lambda row: str(row.truth["key"])):
-        if not parts or row.truth["part"] in parts:
-            print(one_line(row.truth, row.entry, row.verdict))
+    for truth, entry in sorted(load_pairs(folder), key=lambda pair: str(pair[0]["key"])):
+        if not parts or truth["part"] in parts:
+            print(line_of(truth, entry))
 
 
 def report(folder: Path, write: bool) -> None:
@@ -82,6 +90,12 @@ def report(folder: Path, write: bool) -> None:
         for line in _printed(static):
             print(line)
     shuffled = figures(shuffled_rows(dynamic))
+    pairs = load_pairs(folder)
+    wide = [pair for pair in pairs if pair[0]["part"] in (*WIDE, "R")]
+    if wide:
+        print("\nseveral causes, nuisances, the unseen, records of others")
+        for line in report_wide(wide):
+            print(line)
     print("\ntruth shuffled within each part: must fall to chance")
     for line in _printed({key: shuffled[key] for key in ("score", "name_d10", "name_d20")}):
         print(line)
@@ -100,6 +114,7 @@ def report(folder: Path, write: bool) -> None:
         shuffled=shuffled,
         rivals=_rivals(folder, rows),
         null=read_lines(folder / "null.jsonl"),
+        wide=list(wide_page(wide)),
     )
     (ROOT / "docs" / "blind-benchmark.md").write_text(text)
     image = ROOT / "docs" / "images" / "blind-confusion.png"

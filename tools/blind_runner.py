@@ -28,10 +28,14 @@ sys.path.insert(0, str(ROOT / "tests" / "blind"))
 
 from blind_lines import end_line, read_lines  # noqa: E402
 from blind_proposal import proposal  # noqa: E402
-from injector.build import Case, Hidden, build  # noqa: E402
-from injector.loadcases import build_loads  # noqa: E402
+from blind_real import real_profile, real_trace, real_truth  # noqa: E402
+from injector.build import Case, Hidden, Made  # noqa: E402
+from injector.geometry import baseline  # noqa: E402
+from injector.parts import make  # noqa: E402
 from injector.seal import case_text, salt_of, seal, truth_text  # noqa: E402
+from injector.signatures import axes_of, signatures  # noqa: E402
 from rivals.oracle import oracle  # noqa: E402
+from scorer.spans import Spanned, axes_shares, names_share  # noqa: E402
 
 from hdbench.diagnosis import diagnose_loads, diagnose_trace  # noqa: E402
 from hdbench.errors import HdbenchError  # noqa: E402
@@ -44,7 +48,7 @@ __all__ = ["Options", "answer_case", "case_of", "fresh_base", "run"]
 _PATIENCE_S = 300
 _KEYS = (
     "verdict", "causes", "minor", "unexplained", "minor_unexplained", "data_flags",
-    "minimum_detectable", "simulated", "extended", "settings",
+    "minimum_detectable", "simulated", "extended", "settings", "left_out", "rest",
 )  # fmt: skip
 
 
@@ -102,7 +106,7 @@ def _expire(*_: object) -> None:
 
 
 def _diagnose(case: Case, made: Any, materiality: float) -> dict[str, Any]:
-    profile = _profile(case.bits)
+    profile = real_profile(case) if case.part == "R" else _profile(case.bits)
     seed = int(hashlib.sha256(case.key.encode()).hexdigest()[:8], 16)
     if case.part == "L":
         readings = tuple(LoadReading(**row) for row in made.columns["readings"])
@@ -116,13 +120,34 @@ def _diagnose(case: Case, made: Any, materiality: float) -> dict[str, Any]:
 
 def materiality_of(part: str) -> float:
     """Return the line between causes and minor ones: none where sizes are in sigmas."""
-    return 0.01 if part in "PF" else 0.0
+    return 0.01 if part in "PFTR" else 0.0
+
+
+def _made(case: Case) -> Made:
+    """Make the record of `case`, or read it where others measured it."""
+    if case.part != "R":
+        return make(case)
+    return Made(dict(real_trace(case).columns), real_truth(case), None, ())
+
+
+def _spans(made: Made, answer: dict[str, Any]) -> dict[str, Any]:
+    """Say which share of the hidden effect the answer's axes and names span on this record."""
+    scene = made.scene
+    known = baseline(scene.path.angle, scene.path.output)
+    spanned = Spanned(made.torques[0], known, axes_of(scene))
+    bursts = made.truth["hidden"][0]["shape"].get("recipe") == "bursts"
+    causes = [*answer["causes"], *answer.get("minor", ())]
+    told = [(name, cause["parameters"]) for cause in causes
+            for name in {cause["name"], *cause.get("group", ())}]  # fmt: skip
+    best, names, each = names_share(spanned, signatures(scene, told))
+    axes = axes_shares(spanned, answer["unexplained"], bursts)
+    return {"unexplained": axes, "names": best, "by": names, "each": each}
 
 
 def answer_case(case: Case, with_oracle: bool = True) -> tuple[dict[str, Any], dict[str, Any]]:
     """Make the record of `case`, seal its truth, diagnose it: (sealed truth, answer)."""
     begin = time.perf_counter()
-    made = build_loads(case) if case.part == "L" else build(case)
+    made = _made(case)
     truth = dict(made.truth)
     if with_oracle and made.truth["hidden"] and case.part in "BPC":
         truth["oracle"] = oracle(made)
@@ -147,6 +172,10 @@ def answer_case(case: Case, with_oracle: bool = True) -> tuple[dict[str, Any], d
     entry["peak_mb"] = round(_peak_mb(), 1)
     if case.note.endswith("|poor") and entry.get("answer", {}).get("causes"):
         entry["proposal"] = proposal(made, entry["answer"], _profile(case.bits).data, case.bits)
+    if case.part == "U" and "answer" in entry:
+        entry["spans"] = _spans(made, entry["answer"])
+    if case.part == "R":
+        entry["torque_rms_nm"] = float((made.columns["torque_nm"] ** 2).mean() ** 0.5)
     return sealed, entry
 
 

@@ -16,10 +16,14 @@ from .noise import Noise
 from .outside import ACCEPTED, OUTSIDE
 from .records import RECORDS
 from .scene import draw_scene
+from .unseen import UNSEEN
 
-__all__ = ["Case", "Hidden", "Made", "build", "family_of", "known_families", "reach"]
+__all__ = [
+    "Case", "Hidden", "Made", "build", "build_unseen", "described", "drawn_effect", "family_of",
+    "known_families", "reach", "scene_of",
+]  # fmt: skip
 
-_FAMILIES = {family.name: family for family in (*LINES, *MECHANICS, *OUTSIDE)}
+_FAMILIES = {family.name: family for family in (*LINES, *MECHANICS, *OUTSIDE, UNSEEN)}
 _FAULTS = {fault.name: fault for fault in ACQUISITION}
 _TIERS = ("low", "mid", "high")
 
@@ -102,7 +106,7 @@ def _size(family, scene, white, shape, tier, others):
     return reach(measure, middle, target)
 
 
-def _draw(case, which, scene):
+def drawn_effect(case, which, scene):
     """Family and shape of one of the hidden effects."""
     hidden = case.hidden[which]
     family = _FAMILIES[hidden.name]
@@ -115,27 +119,33 @@ def _others(case, which, scene, white):
     rests = []
     for k in range(len(case.hidden)):
         if k != which:
-            family, shape = _draw(case, k, scene)
+            family, shape = drawn_effect(case, k, scene)
             rests.append(white.rest(effect(family, scene, shape, family.physical[1])))
     return np.column_stack(rests) if rests else None
 
 
 def _torque_effect(case, which, scene, white):
     hidden = case.hidden[which]
-    family, shape = _draw(case, which, scene)
+    family, shape = drawn_effect(case, which, scene)
     others = _others(case, which, scene, white)
     size = _size(family, scene, white, shape, hidden.tier, others)
+    return described(hidden.name, hidden.tier, family, scene, shape, size, others, white)
+
+
+def described(name, tier, family, scene, shape, size, others, white, beside=None):
+    """(truth, torque) of one effect; names alike are judged beside the columns `beside`, if any."""
     torque = effect(family, scene, shape, size)
-    alike = sine_squares(scene, known_families(), shape, torque)
-    imitated = min((v for n, v in alike.items() if n != hidden.name), default=1.0)
-    if family not in OUTSIDE:
-        alike[hidden.name] = 0.0
+    alike = sine_squares(scene, known_families(), shape, torque, beside)
+    imitated = min((v for n, v in alike.items() if n != name), default=1.0)
+    outside = family in OUTSIDE or family is UNSEEN
+    if not outside:
+        alike[name] = 0.0
     weights = shape["weights"]
     sign = weights[0] if len(weights) == 1 else 1.0
     fitted = {"size": sign * size, **{k: v for k, v in shape.items() if isinstance(v, float)}}
     truth = {
-        "name": hidden.name,
-        "tier": hidden.tier,
+        "name": name,
+        "tier": tier,
         "size": size,
         "shape": {k: list(v) if isinstance(v, tuple) else v for k, v in shape.items()},
         "d": white.detectability(scene, family, shape, size, others),
@@ -147,8 +157,8 @@ def _torque_effect(case, which, scene, white):
         "reported": dict(family.reported),
         "values": fitted,
         "agrees": family.shape_agrees,
-        "outside": family in OUTSIDE,
-        "accept": ACCEPTED.get(hidden.name, []),
+        "outside": outside,
+        "accept": ACCEPTED.get(name, []),
     }
     return truth, torque
 
@@ -173,7 +183,9 @@ def _fault_effect(hidden, scene, white, rng, channels):
     }  # fmt: skip
 
 
-def _scene(case, rng):
+def scene_of(case):
+    """Draw the bench and the motion of `case`."""
+    rng = np.random.default_rng([case.seed, 1])
     pieces = None if case.record in RECORDS else duel_pieces(case.record, rng)
     noise = Noise(case.noise, case.sigma_nm)
     # twist in the angles would tell a bent spring from a bent sensor: not in these records
@@ -182,10 +194,12 @@ def _scene(case, rng):
     return draw_scene(case.record, noise, case.bits, rng, pieces, second)
 
 
-def build(case):
-    """Make the record of `case`."""
-    rng = np.random.default_rng([case.seed, 1])
-    scene = _scene(case, rng)
+def build(case, scene=None, tell=None):
+    """Make the record of `case`, on a scene that was drawn before where one is given.
+
+    `tell(which)` gives truth and torque of an effect whose size is set by its neighbours.
+    """
+    scene = scene or scene_of(case)
     white = Whitened(scene) if case.hidden else None
     channels = channels_of(scene, np.random.default_rng([case.seed, 2]))
     optional_rng = np.random.default_rng([case.seed, 3])
@@ -197,7 +211,7 @@ def build(case):
             draw = np.random.default_rng([case.seed, 10 + k])
             effects.append(_fault_effect(hidden, scene, white, draw, channels))
         else:
-            truth, torque = _torque_effect(case, k, scene, white)
+            truth, torque = tell(k) if tell else _torque_effect(case, k, scene, white)
             effects.append(truth)
             torques.append(torque)
             channels["torque"] += torque
@@ -218,3 +232,22 @@ def build(case):
         "note": case.note,
     }  # fmt: skip
     return Made(columns, truth, scene, tuple(torques))
+
+
+# sine squared below which a name is a right answer to an unseen effect: it spans .95 of it
+_NAMED = 0.05
+
+
+def build_unseen(case):
+    """Make a record of part U: what no name imitates has the sigmas, unless a name spans it all."""
+    scene = scene_of(case)
+    white = Whitened(scene)
+    family, shape = drawn_effect(case, 0, scene)
+    size = _size(family, scene, white, shape, case.hidden[0].tier, None)
+    alike = sine_squares(scene, known_families(), shape, effect(family, scene, shape, size))
+    free = min(alike.values())
+    if free > _NAMED:
+        size /= float(np.sqrt(free))
+    hidden = case.hidden[0]
+    told = described(hidden.name, hidden.tier, family, scene, shape, size, None, white)
+    return build(case, scene, lambda which: told)

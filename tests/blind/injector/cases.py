@@ -1,4 +1,4 @@
-"""The grid of cases: parts A to F, the public seeds and the fresh ones."""
+"""The grid of cases: parts A to F, T, W and U, the public seeds and the fresh ones."""
 
 from collections.abc import Iterator
 
@@ -9,6 +9,7 @@ from .build import Case, Hidden
 from .duels import DUELS
 from .faults import FAULTS
 from .lines import LINES
+from .many import GROUPS, groups_in_turn
 from .mechanics import MECHANICS
 from .outside import OUTSIDE
 
@@ -160,9 +161,50 @@ def _bad(base, scale):
             yield Case(key, "F", record, seed=_seed(base, key), fault=fault)
 
 
+def _many(base, scale):
+    """Several strong causes: all pairs of groups in turn."""
+    turns = groups_in_turn(np.random.default_rng([base, 21]), round(200 * scale))
+    for k, (count, groups) in enumerate(turns):
+        rng = np.random.default_rng([base, 22, k])
+        # reserves behind the chosen ones, for what is not seen on this record
+        hidden = tuple(Hidden(str(rng.choice(GROUPS[group])), "physical") for group in groups)
+        kinds = ["compact", "short", "mixed", "protocol"]
+        record = str(rng.choice(kinds, p=[0.7, 0.2, 0.07, 0.03]))
+        key = f"T-{k:03d}"
+        bench = {**_bench(rng), "bits": 16}
+        yield Case(key, "T", record, seed=_seed(base, key), hidden=hidden, note=str(count), **bench)
+
+
+def _wild(base, scale):
+    """Pairs of records, with and without the nuisances of real logs."""
+    names = _names()
+    for k in range(round(300 * scale)):
+        rng = np.random.default_rng([base, 23, k])
+        count = int(rng.choice([0, 1, 2], p=[0.3, 0.5, 0.2]))
+        pair = _pair(rng, False) if count == 2 else (str(rng.choice(names)),)
+        tier = str(rng.choice(["d12", "d20", "d40"]))
+        hidden = tuple(Hidden(name, tier) for name in pair[:count])
+        record = str(rng.choice(["compact", "short", "mixed"], p=[0.8, 0.1, 0.1]))
+        if any(record not in _RECORDS[entry.name] for entry in hidden):
+            record = "compact"
+        seed, bench = _seed(base, f"W-{k:03d}"), {**_bench(rng), "bits": 16}
+        for note in ("plain", "rough"):
+            yield Case(f"W-{k:03d}-{note}", "W", record, seed=seed, hidden=hidden, note=note,
+                       **bench)  # fmt: skip
+
+
+def _unseen(base, scale):
+    for k in range(round(200 * scale)):
+        rng = np.random.default_rng([base, 24, k])
+        record = str(rng.choice(["compact", "short", "mixed"], p=[0.8, 0.1, 0.1]))
+        key = f"U-{k:03d}"
+        hidden = (Hidden("unseen", ("d10", "d20")[k % 2]),)
+        yield Case(key, "U", record, seed=_seed(base, key), hidden=hidden, **_bench(rng))
+
+
 PARTS = {
     "A": _clean, "B": _single, "P": _physical, "C": _doubles, "D": _outside, "E": _duels,
-    "F": _bad,
+    "F": _bad, "T": _many, "W": _wild, "U": _unseen,
 }  # fmt: skip
 
 
@@ -185,6 +227,9 @@ def grid(base=PUBLIC_SEED, parts="ABPCDEF", scale=1.0) -> Iterator[Case]:
             family = "+".join(hidden.name for hidden in case.hidden[:1]) + case.fault
             rounds[family] = rounds.get(family, -1) + 1
             turns.append((rounds[family] if len(case.hidden) == 1 else 0, len(turns), case))
+        if cases[0].part == "W":
+            # a pair stays together
+            turns = [(0, 0, case) for case in sorted(cases, key=lambda case: case.key)]
         offset = np.random.default_rng([base, 9, *cell.encode()]).random()
         for k, (_, _, case) in enumerate(sorted(turns, key=lambda turn: turn[:2])):
             placed.append(((k + offset) / len(cases), case.key, case))
@@ -194,6 +239,8 @@ def grid(base=PUBLIC_SEED, parts="ABPCDEF", scale=1.0) -> Iterator[Case]:
 
 def _cell(case):
     """What a figure is about: records of one cell stand for each other."""
+    if case.part in "TW":
+        return case.part
     tier = case.hidden[0].tier if case.hidden else ""
     flat = "flat" if case.record == "constant" else "long" if case.record == "long" else ""
     noise = case.noise if case.part == "A" else ""

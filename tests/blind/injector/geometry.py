@@ -4,7 +4,7 @@ import numpy as np
 
 from .family import effect, waves
 
-__all__ = ["Whitened", "baseline", "places_of", "sine_squares"]
+__all__ = ["Whitened", "baseline", "candidates", "places_of", "sine_squares"]
 
 
 def baseline(angle, output):
@@ -104,7 +104,7 @@ def _is_mains(hertz):
     return min(abs(hertz - 50.0), abs(hertz - 60.0)) < 0.1
 
 
-def _candidates(scene, families, shape):
+def candidates(scene, families, shape):
     """(name, columns) of everything that may span the effect."""
     order, hertz = places_of(scene, shape)
     for family in families:
@@ -123,17 +123,21 @@ def _candidates(scene, families, shape):
                 yield family.name, waves(2.0 * np.pi * (hertz + offset) * scene.path.time)
 
 
-def sine_squares(scene, families, shape, torque):
-    """Share of the effect, by name, that the family of that name cannot imitate here."""
+def sine_squares(scene, families, shape, torque, beside=None):
+    """Share of the effect, by name, that the family of that name cannot imitate here.
+
+    `beside` are columns, N m, that are in the model already: other effects of the record.
+    """
     count = len(scene.path.time)
     # 40 000 samples at random give a sine squared of 0.01 to a few per cent of itself
     pick = np.sort(np.random.default_rng(count).permutation(count)[:40000])
     white = Whitened(scene, pick)
-    left = white.rest(torque)
+    others = None if beside is None else white.rest(beside)
+    left = white.rest(torque, others)
     energy = float(left @ left)
     out = {}
-    for name, columns in _candidates(scene, families, shape):
-        rest = white.rest(columns)
+    for name, columns in candidates(scene, families, shape):
+        rest = white.rest(columns, others)
         scale = np.sqrt((rest**2).sum(axis=0))
         if scale.max() <= 0.0:
             continue

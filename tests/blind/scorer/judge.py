@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from .parameters import deviations
 from .places import located
 
-__all__ = ["FAULT_NAMES", "GROUP", "Verdict", "judge", "names_of"]
+__all__ = ["FAULT_NAMES", "GROUP", "Verdict", "judge", "match", "names_of"]
 
 # sine squared below which names span the same space (contract, section 5) ...
 GROUP = 0.01
@@ -92,7 +92,7 @@ def _tells_fault(told, answer):
     return bool(told & flags) or any(names_of(cause) & told for cause in named)
 
 
-def _match(causes, hidden, fits):
+def match(causes, hidden, fits):
     """Give each effect one cause that fits, the fewest choices first; indices of causes."""
     out, taken = {}, set()
     options = [[k for k, cause in enumerate(causes) if fits(cause, entry)] for entry in hidden]
@@ -122,8 +122,8 @@ def judge(truth, entry):
         return _empty(hidden)
     causes, left = answer["causes"], answer["unexplained"]
     flagged = [_flagged(answer, effect) for effect in hidden]
-    matched = _match(causes, hidden, _fits)
-    exact = _match(causes, hidden, _is_exact)
+    matched = match(causes, hidden, _fits)
+    exact = match(causes, hidden, _is_exact)
     found = {k for k in range(len(hidden)) if k in matched or flagged[k]}
     right = {k for k in range(len(hidden)) if k in exact or flagged[k]}
     told = FAULT_NAMES.get(truth["fault"], set())

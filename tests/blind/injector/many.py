@@ -1,0 +1,129 @@
+"""Part T: three to five causes of physical size on one record, each of 10 sigma beside the rest."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from .build import Hidden, build, described, drawn_effect, family_of, known_families, scene_of
+from .family import effect
+from .geometry import Whitened, sine_squares
+
+__all__ = ["GROUPS", "build_many", "groups_in_turn"]
+
+_LEAST = 10.0
+# sine squared below which two names are one group on a record (contract, section 5)
+_GROUP = 0.01
+GROUPS = {
+    "lines": ("ripple-harmonic", "bearing-defect", "tooth-mesh", "wave-generator-eccentricity",
+              "motor-unbalance"),
+    "modulated lines": ("load-dependent-ripple", "gain-ripple", "ripple-beat",
+                        "torsional-resonance", "kinematic-error"),
+    "output": ("angular-misalignment", "position-dependent-gain", "arm-sag"),
+    "clock": ("mains-hum", "structural-tone"),
+    "sliding": ("coulomb-friction", "stribeck-friction"),
+    "viscous": ("viscous-friction",),
+    "other friction": ("load-dependent-friction", "presliding"),
+    "curve": ("gain-error", "cubic-nonlinearity", "saturation", "direction-asymmetry", "backlash",
+              "cubic-stiffness", "piecewise-stiffness"),
+    "memory": ("hysteresis", "creep"),
+    "dynamics": ("inertia-error", "time-skew"),
+    "slow": ("zero-step", "zero-drift", "warm-up", "zero-random-walk"),
+    "electrical": ("crosstalk",),
+}  # fmt: skip
+
+
+def groups_in_turn(rng, count):
+    """Lists of all groups, `count` of them: the first ones of each are pairs that came least."""
+    names = list(GROUPS)
+    seen = {}
+    for _ in range(count):
+        size = int(rng.integers(3, 6))
+        order = [str(name) for name in rng.permutation(names)]
+        chosen = [order[0]]
+        while len(chosen) < size:
+            rest = [name for name in order if name not in chosen]
+            chosen.append(min(rest, key=lambda n: sum(seen.get(frozenset((n, c)), 0)
+                                                      for c in chosen)))  # fmt: skip
+        for k, one in enumerate(chosen):
+            for two in chosen[:k]:
+                seen[frozenset((one, two))] = seen.get(frozenset((one, two)), 0) + 1
+        yield size, [*chosen, *(name for name in order if name not in chosen)]
+
+
+def _columns(family, scene, shape, size):
+    if family.linear:
+        return family.columns(scene, shape)
+    return effect(family, scene, shape, size)[:, None]
+
+
+class _Record:
+    """The effects of one record as they are chosen one by one."""
+
+    def __init__(self, scene):
+        self.scene, self.white, self.chosen = scene, Whitened(scene), []
+
+    def raw_beside(self, which, entries):
+        """Columns and tangents of all but one."""
+        others = [_columns(f, self.scene, shape, size)
+                  for k, (_, f, shape, size) in enumerate(entries) if k != which]  # fmt: skip
+        return np.column_stack(others) if others else None
+
+    def sigmas(self, which, entries):
+        """Sigmas of one beside the baseline, its own shape and all others with theirs."""
+        _, family, shape, size = entries[which]
+        parts = []
+        for k, (_, other, form, large) in enumerate(entries):
+            if k != which:
+                parts.append(self.white.rest(_columns(other, self.scene, form, large)))
+                parts.append(self.white.tangents(self.scene, other, form, large))
+        beside = np.column_stack(parts) if parts else None
+        return self.white.detectability(self.scene, family, shape, size, beside)
+
+    def group(self, which, entries):
+        name, family, shape, size = entries[which]
+        torque = effect(family, self.scene, shape, size)
+        beside = self.raw_beside(which, entries)
+        alike = sine_squares(self.scene, known_families(), shape, torque, beside)
+        return {other for other, value in alike.items() if value < _GROUP} | {name}
+
+    def told(self, which):
+        """(truth, torque) of one effect, its sigmas and its group beside all others."""
+        name, family, shape, size = self.chosen[which]
+        truth, torque = described(name, "physical", family, self.scene, shape, size, None,
+                                  self.white, self.raw_beside(which, self.chosen))  # fmt: skip
+        return {**truth, "d": self.sigmas(which, self.chosen)}, torque
+
+    def take(self, name, family, shape, size):
+        """Add the effect if all then keep their sigmas and stand in groups of their own."""
+        for larger in (size, family.physical[2]):
+            entries = [*self.chosen, (name, family, shape, larger)]
+            if all(self.sigmas(k, entries) >= _LEAST for k in range(len(entries))):
+                break
+        else:
+            return False
+        groups = [self.group(k, entries) for k in range(len(entries))]
+        names = [entry[0] for entry in entries]
+        if any(names[j] in groups[k] for k in range(len(names)) for j in range(len(names))
+               if j != k):  # fmt: skip
+            return False
+        self.chosen = entries
+        return True
+
+
+def build_many(case):
+    """Make a record of the first causes of `case.hidden` that go together, `case.note` of them."""
+    scene = scene_of(case)
+    record = _Record(scene)
+    rng = np.random.default_rng([case.seed, 40])
+    for hidden in case.hidden:
+        if len(record.chosen) == int(case.note):
+            break
+        if family_of(hidden.name).loaded and not scene.path.loaded:
+            continue
+        trial = replace(case, hidden=(*(Hidden(c[0], "mid") for c in record.chosen), hidden))
+        family, shape = drawn_effect(trial, len(record.chosen), scene)
+        low, _, high = family.physical
+        low, high = sorted((low, high))
+        record.take(hidden.name, family, shape, float(low * (high / low) ** rng.random()))
+    fixed = tuple(Hidden(entry[0], "physical") for entry in record.chosen)
+    return build(replace(case, hidden=fixed), scene, record.told)

@@ -1,0 +1,238 @@
+"""Nuisances of real logs: what a drive, its logger and the logger's clock do to a record."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.signal import bilinear, butter, lfilter, sosfilt, sosfiltfilt, welch
+
+from .path import EVERY, RATIO, STIFFNESS
+from .pieces import FINE_S
+
+__all__ = ["NEUTRAL", "Log", "disturbed", "draw_nuisances", "neutral_names", "transients"]
+
+_RATE = 1000.0
+_RANGE_RAD_S = 562.565
+# names of the catalogue that tell a nuisance by its own name: they count neither way
+NEUTRAL = {
+    "output-encoder": {"transmission-error"},
+    "velocity": {"tacho-ripple", "time-skew"},
+    "false-stamps": {"missed-samples", "time-skew"},
+    "held": {"missed-samples"},
+    "gaps": {"missed-samples"},
+    "low-pass": {"time-skew"},
+    "speed-ripple": set(),
+    "gain": {"gain-error"},
+    "inertia": {"inertia-error"},
+    "transients": set(),
+    "rate": set(),
+}
+
+
+def _signed(rng, low, high):
+    return float(rng.uniform(low, high) * rng.choice([-1.0, 1.0]))
+
+
+def _draw(name, rng):
+    uniform, flag = rng.uniform, bool(rng.random() < 0.5)
+    if name == "output-encoder":
+        phases = [float(value) for value in uniform(-np.pi, np.pi, 3)]
+        return {"error_rad": float(uniform(0.5e-3, 3e-3)), "phases": phases}
+    if name == "velocity":
+        return {"differences": flag, "delay_s": float(uniform(0.002, 0.02))}
+    if name == "false-stamps":
+        return {"jitter": float(uniform(0.1, 0.4))}
+    if name == "held":
+        return {"share": float(uniform(0.01, 0.05)), "torque_only": flag}
+    if name == "gaps":
+        return {"count": int(rng.integers(2, 7)), "stamped": flag}
+    if name == "low-pass":
+        return {"hertz": float(np.exp(uniform(np.log(5.0), np.log(200.0)))), "causal": flag}
+    if name == "speed-ripple":
+        return {"rms_rad_s": float(uniform(0.1, 0.6)), "loop_hz": float(uniform(8.0, 25.0))}
+    if name == "gain":
+        return {"error": _signed(rng, 0.05, 0.15)}
+    if name == "inertia":
+        return {"error": _signed(rng, 0.1, 0.3)}
+    if name == "transients":
+        return {"sigmas": float(uniform(1.0, 4.0)), "hertz": float(uniform(6.0, 30.0)),
+                "decay_s": float(uniform(0.03, 0.1))}  # fmt: skip
+    return {"hertz": float(rng.choice([50, 100, 125, 200, 250, 500])), "anti_alias": flag}
+
+
+def draw_nuisances(rng):
+    """Draw one to four nuisances: name to numbers."""
+    names = rng.choice(sorted(NEUTRAL), int(rng.integers(1, 5)), replace=False)
+    return {str(name): _draw(str(name), rng) for name in sorted(names)}
+
+
+def neutral_names(nuisances):
+    return sorted(set().union(*(NEUTRAL[name] for name in nuisances), set()))
+
+
+def _second_order(top, hertz, damping):
+    pole = 2.0 * np.pi * hertz
+    return bilinear(top, [1.0, 2.0 * damping * pole, pole**2], fs=1.0 / FINE_S)
+
+
+def disturbed(scene, nuisances, torque):
+    """The bench with its true inertia, turned by a velocity loop that gives way to `torque`."""
+    path, bench = scene.path, scene.bench
+    if "inertia" in nuisances:
+        bench = replace(bench, inertia=bench.inertia * (1.0 + nuisances["inertia"]["error"]))
+    if "speed-ripple" in nuisances:
+        drawn = nuisances["speed-ripple"]
+        fine_time = np.arange(len(path.fine_speed)) * FINE_S
+        over, under = _second_order([1.0, 0.0], drawn["loop_hz"], 0.5)
+
+        def answer(values):
+            return -lfilter(over, under, np.interp(fine_time, path.time, values - values[0]))
+
+        moving = np.clip(np.abs(path.fine_speed) - 1.0, 0.0, 1.0)
+        unit = float(np.sqrt(np.mean((moving * answer(scene.clean - path.load)) ** 2)))
+        speed = path.fine_speed + drawn["rms_rad_s"] / unit * moving * answer(torque - path.load)
+        path = _turned(path, speed)
+    clean = bench.torque(path.angle, path.output, path.accel, path.load)
+    return replace(scene, path=path, bench=bench, clean=clean)
+
+
+def _turned(path, speed):
+    """The same commands with another fine speed."""
+    accel = np.gradient(speed, FINE_S)
+    angle = np.empty_like(speed)
+    angle[0] = 0.0
+    np.cumsum(0.5 * FINE_S * (speed[1:] + speed[:-1]), out=angle[1:])
+    pick = slice(0, None, EVERY)
+    output = angle[pick] / RATIO - (path.load / STIFFNESS if path.second_encoder else 0.0)
+    return replace(
+        path, fine_angle=angle, fine_speed=speed, fine_accel=accel, angle=angle[pick],
+        speed=speed[pick], accel=accel[pick], output=output,
+    )  # fmt: skip
+
+
+def transients(scene, nuisances, rng):
+    """Decaying oscillations at every start and stop of the shaft, N m."""
+    path = scene.path
+    out = np.zeros(len(path.time))
+    if "transients" not in nuisances:
+        return out
+    drawn = nuisances["transients"]
+    moving = np.abs(path.speed) > 2.0
+    for k in np.flatnonzero(np.diff(moving.astype(int))):
+        after = path.time[k:] - path.time[k]
+        size = drawn["sigmas"] * scene.noise.sigma_nm * rng.uniform(0.6, 1.4)
+        wave = np.sin(2.0 * np.pi * drawn["hertz"] * after + rng.uniform(-np.pi, np.pi))
+        out[k:] += size * wave * np.exp(-after / drawn["decay_s"])
+    return out
+
+
+@dataclass(frozen=True)
+class Log:
+    """One logger: true instants, stamps and rows of its samples, and the torque's filter."""
+
+    nuisances: dict
+    instants: np.ndarray
+    stamps: np.ndarray
+    rows: np.ndarray
+    torque_rows: np.ndarray
+    step: int
+
+    @classmethod
+    def of(cls, scene, nuisances, rng):
+        """Draw the instants, held samples and gaps of one record."""
+        step = round(_RATE / nuisances["rate"]["hertz"]) if "rate" in nuisances else 1
+        even = scene.path.time[::step]
+        instants, stamps = even, even.copy()
+        if "false-stamps" in nuisances:
+            jitter = nuisances["false-stamps"]["jitter"]
+            gaps = np.exp(jitter * rng.standard_normal(len(even) - 1))
+            instants = np.concatenate([[0.0], np.cumsum(gaps) / gaps.sum()]) * even[-1]
+        rows = torque_rows = np.arange(len(even))
+        if "held" in nuisances:
+            fresh = rng.random(len(even)) >= nuisances["held"]["share"]
+            fresh[0] = True
+            torque_rows = np.maximum.accumulate(np.where(fresh, rows, 0))
+            if not nuisances["held"]["torque_only"]:
+                rows = torque_rows
+        if "gaps" in nuisances:
+            keep = np.ones(len(even), dtype=bool)
+            for _ in range(nuisances["gaps"]["count"]):
+                start = rng.uniform(0.05, 0.95) * even[-1]
+                keep[(even >= start) & (even < start + rng.uniform(0.002, 0.03))] = False
+            rows, torque_rows = rows[keep], torque_rows[keep]
+            stamps = stamps[keep] if nuisances["gaps"]["stamped"] else stamps[: len(rows)]
+        return cls(nuisances, instants, stamps, rows, torque_rows, step)
+
+    def filtered(self, values):
+        """Torque `values` (n,) or (n, k) at 1 kHz behind the filters, with the wrong gain."""
+        return (1.0 + self.nuisances.get("gain", {}).get("error", 0.0)) * self.smoothed(values)
+
+    def smoothed(self, values):
+        """`values` (n,) or (n, k) at 1 kHz behind the filters."""
+        out = values
+        low = self.nuisances.get("low-pass")
+        if low:
+            sos = butter(2, low["hertz"], fs=_RATE, output="sos")
+            if low["causal"]:
+                first = out[:1]
+                out = first + sosfilt(sos, out - first, axis=0)
+            else:
+                out = sosfiltfilt(sos, out, axis=0)
+        rate = self.nuisances.get("rate")
+        if rate and rate["anti_alias"]:
+            sos = butter(4, 0.4 * rate["hertz"], fs=_RATE, output="sos")
+            out = sosfiltfilt(sos, out, axis=0)
+        return out
+
+    def at_instants(self, time, values, rows=None):
+        """Sample `values` at the true instants of the rows."""
+        rows = self.rows if rows is None else rows
+        return _interpolated(self.instants[rows], time, values)
+
+    def noise(self, noise):
+        """Noise of the rows: each sample has its own, whatever its instant."""
+        return self.filtered(noise)[:: self.step][self.torque_rows]
+
+    def spectrum(self, noise, floor_nm):
+        """(frequency per sample, power) of the noise that a row of the torque has."""
+        long = self.filtered(noise.draw(2**18, np.random.default_rng(1)))[:: self.step]
+        place, power = welch(long, nperseg=512, detrend=False)
+        return place, 0.5 * power + floor_nm**2
+
+    def angle(self, scene):
+        """Motor angle as it is measured, rad."""
+        path = scene.path
+        drawn = self.nuisances.get("output-encoder")
+        if not drawn:
+            width = 2.0 * np.pi / 4000.0
+            return np.floor(self.at_instants(path.time, path.angle) / width) * width
+        one, two, motor = drawn["phases"]
+        error = drawn["error_rad"] * (
+            0.7 * np.cos(path.angle / RATIO + one)
+            + 0.25 * np.cos(2.0 * path.angle / RATIO + two)
+            + 0.05 * np.cos(path.angle + motor)
+        )
+        output = path.angle / RATIO - path.load / STIFFNESS + error
+        width = 2.0 * np.pi / 2**20
+        return RATIO * np.floor(self.at_instants(path.time, output) / width) * width
+
+    def speed(self, scene, angle, rng):
+        """Motor speed as the log has it, rad/s."""
+        drawn, path = self.nuisances.get("velocity"), scene.path
+        if not drawn:
+            tacho = self.at_instants(path.time, path.speed)
+            return np.round(tacho + 0.05 * rng.standard_normal(len(tacho)), 2)
+        if drawn["differences"]:
+            return np.gradient(angle, self.stamps)
+        # two equal poles whose delays add up
+        pole = np.exp(-2.0 / (_RATE * drawn["delay_s"]))
+        slow = path.speed
+        for _ in range(2):
+            slow = lfilter([1.0 - pole], [1.0, -pole], slow, zi=[slow[0] * pole])[0]
+        width = 2.0 * _RANGE_RAD_S / 2**12
+        return np.round(self.at_instants(path.time, slow) / width) * width
+
+
+def _interpolated(places, time, values):
+    if values.ndim == 1:
+        return np.interp(places, time, values)
+    return np.column_stack([np.interp(places, time, column) for column in values.T])

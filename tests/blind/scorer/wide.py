@@ -1,0 +1,265 @@
+"""Parts T (several causes), W (nuisances of real logs) and U (unseen effects)."""
+
+import statistics
+from collections import defaultdict
+from dataclasses import dataclass, field
+
+from .binning import share
+from .judge import GROUP, match, names_of
+from .parameters import deviations
+
+__all__ = ["Wide", "judge_wide", "wide_figures", "wide_line"]
+
+# share of an effect that an axis or names have to span to be the right answer
+SPANNED = 0.95
+# held-out error above the noise that has to be told: a tenth of the noise, as RMS
+_MARGIN = 1.1
+# an entry of `unexplained` accounts for a rest that is up to twice its size
+_TOLD = 0.5
+# relative and absolute distance at which a line stands at its place
+_ORDER, _HERTZ = 0.05, 0.2
+# domains in which starts and stops of the shaft may be told
+_TRANSIENT = {"time", "outliers", "variance", "acceleration", "frequency"}
+
+
+@dataclass(frozen=True)
+class Wide:
+    """What one answer is worth."""
+
+    answered: bool
+    alarm: bool = False
+    found: tuple = ()
+    exact: bool = False
+    false_causes: tuple = ()
+    false_unexplained: int = 0
+    rest_told: bool = True
+    right: bool = False
+    wrong_certain: bool = False
+    by: str = ""
+    deviations: tuple = field(default=())
+
+
+def _near_order(told, true):
+    return any(abs(told - ratio * true) <= _ORDER for ratio in (1.0, 2.0, 3.0, 0.5, 1.0 / 3.0))
+
+
+def _in_place(cause, effect):
+    """Whether a line that gives its place gives the right one."""
+    known, told = effect["shape"], cause.get("parameters") or {}
+    if "order" in told and "order" in known:
+        return _near_order(told["order"]["value"], known["order"])
+    if "frequency_hz" in told and "frequency_hz" in known:
+        return abs(told["frequency_hz"]["value"] - known["frequency_hz"]) <= _HERTZ
+    return True
+
+
+def _same(effect):
+    return {name for name, value in effect["alike"].items() if value < GROUP}
+
+
+def _fits(cause, effect):
+    return bool(names_of(cause) & _same(effect)) and _in_place(cause, effect)
+
+
+def _is_exact(cause, effect):
+    return _fits(cause, effect) and names_of(cause) <= _same(effect)
+
+
+def _refused(entry):
+    answer = entry.get("answer")
+    return answer is None or answer.get("verdict") == "data-bad"
+
+
+def unreported_rest(truth, answer):
+    """Whether the held-out error is above the noise and nothing accounts for it.
+
+    The answer's own `rest` where it has one, else the noise that was injected.
+    """
+    rest = answer.get("rest") or {}
+    noise, left = rest.get("noise_rms_nm"), rest.get("heldout_rms_nm")
+    if noise is None or left is None:
+        noise, left = truth["sigma_nm"], (answer.get("extended") or {}).get("heldout_rms_nm")
+    if left is None or left <= _MARGIN * noise:
+        return False
+    if rest.get("told"):
+        return False
+    excess = (left**2 - noise**2) ** 0.5
+    sizes = [entry.get("size_nm") or 0.0 for entry in answer["unexplained"]]
+    return not any(size >= _TOLD * excess for size in sizes)
+
+
+def _without_neutral(truth, answer):
+    """Causes and unexplained places but for those that tell a nuisance by its own name."""
+    neutral = set(truth.get("neutral", ()))
+    # a hidden effect of that very name is no nuisance
+    neutral -= {effect["name"] for effect in truth["hidden"]}
+    causes = [cause for cause in answer["causes"] if not names_of(cause) & neutral]
+    left = answer["unexplained"]
+    if "transients" in truth.get("nuisances", {}) and truth["note"] == "rough":
+        left = [entry for entry in left if entry["domain"] not in _TRANSIENT]
+    return causes, left
+
+
+def _several(truth, entry):
+    answer, hidden = entry["answer"], truth["hidden"]
+    causes, left = _without_neutral(truth, answer)
+    every = [*causes, *answer.get("minor", ())]
+    matched, exact = match(every, hidden, _fits), match(every, hidden, _is_exact)
+    strays = [c for k, c in enumerate(causes) if k not in matched.values()]
+    # all named, or a stray: what is told as unexplained beside all names is false
+    complete = len(matched) == len(hidden)
+    return Wide(
+        answered=not _refused(entry),
+        alarm=bool(causes or left),
+        found=tuple(k in matched for k in range(len(hidden))),
+        exact=complete and len(exact) == len(hidden) and not strays and not left,
+        false_causes=tuple(cause["name"] for cause in strays),
+        false_unexplained=len(left) if complete else 0,
+        rest_told=not unreported_rest(truth, answer),
+        right=complete and not strays and not left,
+        wrong_certain=any(not cause.get("rivals") for cause in strays) and not matched,
+        deviations=_stated(truth, matched, every),
+    )
+
+
+def _stated(truth, matched, causes):
+    """Deviations over stated standard deviations, of parameters that a nuisance leaves alone."""
+    nuisances = set(truth.get("nuisances", {})) if truth["note"] == "rough" else set()
+    # these change the size of what stands in the torque channel, or of a line in the log's angle
+    scaled = bool(nuisances & {"gain", "low-pass", "rate", "output-encoder", "inertia"})
+    out = []
+    for family, name, bound, own in deviations(truth, matched, causes):
+        place = name in ("order", "frequency_hz", "resonance_hz", "time_constant_s")
+        if own is not None and (place or not scaled):
+            out.append((family, name, bound, own))
+    return tuple(out)
+
+
+def _unseen(truth, entry):
+    answer, spans = entry["answer"], entry.get("spans") or {}
+    by_axis = any(value >= SPANNED for value in spans.get("unexplained", {}).values())
+    by_name = spans.get("names", 0.0) >= SPANNED
+    certain = [cause["name"] for cause in answer["causes"] if not cause.get("rivals")]
+    return Wide(
+        answered=not _refused(entry),
+        alarm=bool(answer["causes"] or answer["unexplained"]),
+        right=by_axis or by_name,
+        wrong_certain=bool(certain) and not (by_axis or by_name),
+        false_causes=tuple(certain) if not by_name else (),
+        by="axis" if by_axis else "name" if by_name else "",
+        rest_told=not unreported_rest(truth, answer),
+    )
+
+
+def judge_wide(truth, entry):
+    """Judge one answer of part T, W or U by the truth."""
+    if entry.get("answer") is None:
+        return Wide(answered=False, found=(False,) * len(truth["hidden"]))
+    return _unseen(truth, entry) if truth["part"] == "U" else _several(truth, entry)
+
+
+def _mean(values):
+    some = list(values)
+    return (statistics.fmean(some) if some else None, len(some))
+
+
+def _coverage(rows):
+    return share(abs(own) < 1.96 for row in rows for _, _, _, own in row[2].deviations)
+
+
+def _cpu(rows):
+    spent = [row[1].get("cpu_s", row[1]["seconds"]) for row in rows]
+    return (statistics.median(spent) if spent else None, len(spent))
+
+
+def _figures_t(rows):
+    return {
+        "T_named": share(found for row in rows for found in row[2].found),
+        "T_right": share(row[2].right for row in rows),
+        "T_exact": share(row[2].exact for row in rows),
+        "T_false_causes": _mean(len(row[2].false_causes) for row in rows),
+        "T_false_unexplained": _mean(row[2].false_unexplained for row in rows),
+        "T_unreported_rest": share(not row[2].rest_told for row in rows),
+        "T_coverage": _coverage(rows),
+        "T_cpu_s": _cpu(rows),
+    }
+
+
+def _pairs(rows):
+    """(plain, rough) rows of each pair of which both records were answered for."""
+    by = defaultdict(dict)
+    for row in rows:
+        by[row[0]["pair"]][row[0]["note"]] = row
+    return [(some["plain"], some["rough"]) for some in by.values() if len(some) == 2]
+
+
+def _figures_w(rows):
+    pairs = _pairs(rows)
+    compared = [pair for pair in pairs if pair[0][0]["hidden"] and pair[0][0]["compared"]]
+    clean = [pair for pair in pairs if not pair[0][0]["hidden"]]
+    out = {"W_pairs": (float(len(pairs)), len(pairs))}
+    for k, name in enumerate(("plain", "rough")):
+        some = [pair[k] for pair in compared]
+        out[f"W_detected_{name}"] = share(row[2].alarm for row in some)
+        out[f"W_named_{name}"] = share(found for row in some for found in row[2].found)
+        out[f"W_exact_{name}"] = share(row[2].exact for row in some)
+        out[f"W_false_causes_{name}"] = _mean(len(row[2].false_causes) for row in some)
+        out[f"W_false_alarms_{name}"] = share(pair[k][2].alarm for pair in clean)
+    out["W_refused"] = share(not pair[1][2].answered for pair in pairs)
+    out["W_coverage"] = _coverage([pair[1] for pair in compared])
+    out["W_cpu_s"] = _cpu([pair[1] for pair in pairs])
+    return out
+
+
+def _figures_u(rows):
+    certain = [row[2].wrong_certain for row in rows]
+    return {
+        "U_right": share(row[2].right for row in rows),
+        "U_by_axis": share(row[2].by == "axis" for row in rows),
+        "U_by_name": share(row[2].by == "name" for row in rows),
+        "U_detected": share(row[2].alarm for row in rows),
+        "U_wrong_certain": share(certain),
+        "U_names_beside": _mean(len(row[2].false_causes) for row in rows),
+        "U_cpu_s": _cpu(rows),
+    }
+
+
+def wide_figures(rows):
+    """Figures of T, W and U from (truth, entry, Wide) rows: name to (value, count)."""
+    parts = {"T": _figures_t, "W": _figures_w, "U": _figures_u}
+    out = {}
+    for part, of in parts.items():
+        some = [row for row in rows if row[0]["part"] == part]
+        if some:
+            out.update(of(some))
+    return out
+
+
+def wide_line(truth, entry, verdict):
+    """Marks of the record for one line of text."""
+    words = []
+    if truth["part"] == "U":
+        spans = entry.get("spans") or {}
+        best = max(spans.get("unexplained", {}).values(), default=0.0)
+        shape = truth["hidden"][0]["shape"]
+        order = f" x order {shape['order']:.3g}" if "order" in shape else ""
+        words.append(f"{shape['recipe']}({', '.join(shape['axes'])}){order}")
+        words.append(f"axis {best:.2f} names {spans.get('names', 0.0):.2f}")
+        words.append(f"RIGHT by {verdict.by}" if verdict.right else "not right")
+    else:
+        words.append(f"named {sum(verdict.found)}/{len(verdict.found)}")
+        words.append("RIGHT" if verdict.right else "not right")
+    if truth["part"] == "W":
+        sizes = ", ".join(truth["nuisances"]) if truth["note"] == "rough" else "none"
+        words.append(f"nuisances: {sizes}" + ("" if truth["compared"] else " (not compared)"))
+    if verdict.false_causes:
+        words.append("false: " + ", ".join(verdict.false_causes))
+    if verdict.false_unexplained:
+        words.append(f"false unexplained: {verdict.false_unexplained}")
+    if not verdict.rest_told:
+        words.append("REST NOT TOLD")
+    if verdict.wrong_certain:
+        words.append("WRONG-CERTAIN")
+    if not verdict.answered:
+        words.append("REFUSED")
+    return "; ".join(words)
