@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from .build import Hidden, build, described, drawn_effect, family_of, known_families, scene_of
+from .build import Hidden, build, described, drawn_effect, family_of, scene_of
 from .family import effect
 from .geometry import Whitened, sine_squares
 
@@ -61,6 +61,7 @@ class _Record:
 
     def __init__(self, scene):
         self.scene, self.white, self.chosen = scene, Whitened(scene), []
+        self._kept = {}
 
     def raw_beside(self, which, entries):
         """Columns and tangents of all but one."""
@@ -68,23 +69,32 @@ class _Record:
                   for k, (_, f, shape, size) in enumerate(entries) if k != which]  # fmt: skip
         return np.column_stack(others) if others else None
 
+    def _rests(self, entry):
+        """Whitened columns of an effect and of its shape's tangents, kept for the next question."""
+        name, family, shape, size = entry
+        if (name, size) not in self._kept:
+            columns = self.white.rest(_columns(family, self.scene, shape, size))
+            slopes = self.white.tangents(self.scene, family, shape, size)
+            self._kept[name, size] = np.column_stack([columns, slopes])
+        return self._kept[name, size]
+
     def sigmas(self, which, entries):
         """Sigmas of one beside the baseline, its own shape and all others with theirs."""
         _, family, shape, size = entries[which]
-        parts = []
-        for k, (_, other, form, large) in enumerate(entries):
-            if k != which:
-                parts.append(self.white.rest(_columns(other, self.scene, form, large)))
-                parts.append(self.white.tangents(self.scene, other, form, large))
+        parts = [self._rests(entry) for k, entry in enumerate(entries) if k != which]
         beside = np.column_stack(parts) if parts else None
         return self.white.detectability(self.scene, family, shape, size, beside)
 
-    def group(self, which, entries):
-        name, family, shape, size = entries[which]
-        torque = effect(family, self.scene, shape, size)
-        beside = self.raw_beside(which, entries)
-        alike = sine_squares(self.scene, known_families(), shape, torque, beside)
-        return {other for other, value in alike.items() if value < _GROUP} | {name}
+    def _one_group(self, entries):
+        """Whether one of the effects is what another's name spans beside the rest."""
+        families = [entry[1] for entry in entries]
+        for k, (name, family, shape, size) in enumerate(entries):
+            torque = effect(family, self.scene, shape, size)
+            beside = self.raw_beside(k, entries)
+            alike = sine_squares(self.scene, families, shape, torque, beside)
+            if any(value < _GROUP for other, value in alike.items() if other != name):
+                return True
+        return False
 
     def told(self, which):
         """(truth, torque) of one effect, its sigmas and its group beside all others."""
@@ -101,10 +111,7 @@ class _Record:
                 break
         else:
             return False
-        groups = [self.group(k, entries) for k in range(len(entries))]
-        names = [entry[0] for entry in entries]
-        if any(names[j] in groups[k] for k in range(len(names)) for j in range(len(names))
-               if j != k):  # fmt: skip
+        if self._one_group(entries):
             return False
         self.chosen = entries
         return True
