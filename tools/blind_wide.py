@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -85,14 +86,19 @@ def _order(order: str, told: tuple[bool, float | None]) -> str:
     return f"{order}:{'-' if told[1] is None else format(told[1], '.4f')}{'' if told[0] else '?'}"
 
 
+def _counted(names: Iterable[str]) -> str:
+    said = Counter(names).items()
+    return ", ".join(f"{count} x {name}" if count > 1 else name for name, count in said) or "-"
+
+
 def _real_words(verdict: Real) -> dict[str, str]:
     named = [f"{name}{'' if hit else '?'}" for name, hit in verdict.named.items()]
     held = " -> ".join(f"{value:.2f} %" for value in verdict.heldout)
     return {
         "names": ", ".join(named) or "-",
         "orders": " ".join(_order(*some) for some in verdict.orders.items()) or "-",
-        "must not": ", ".join(verdict.forbidden) or "-",
-        "other names": ", ".join(verdict.false_causes) or "-",
+        "must not": _counted(verdict.forbidden),
+        "other names": _counted(verdict.false_causes),
         "parameters": "; ".join(_parameter(*some) for some in verdict.parameters.items()) or "-",
         "unexplained": str(verdict.unexplained) if verdict.answered else "refused",
         "held out": held or "-",
@@ -141,23 +147,35 @@ def _shown(told: Sequence[Any] | None, percent: bool) -> str:
     return f"{100.0 * value:.1f} % ({100.0 * low:.1f}-{100.0 * high:.1f}), n {count}"
 
 
-def _limit(key: str, numbers: Mapping[str, Any]) -> tuple[str, bool | None]:
-    """Return the level's words and whether the figure keeps it (None: nothing to keep)."""
-    _, least, most, percent = _LEVELS[key]
+def _limits(key: str, numbers: Mapping[str, Any]) -> tuple[float | None, float | None]:
+    _, least, most, _ = _LEVELS[key]
     if key in ("W_detected_rough", "W_named_rough"):
         partner = numbers.get(key.replace("rough", "plain"), (None, 0))[0]
         least = None if partner is None else partner - _BEHIND
-    value = numbers.get(key, (None, 0))[0]
-    if least is None and most is None:
-        return "-", None
-    scale, unit = (100.0, " %") if percent else (1.0, "")
-    words = " and ".join(
-        f"{sign} {scale * limit:.4g}{unit}"
-        for sign, limit in ((">=", least), ("<=", most)) if limit is not None
-    )  # fmt: skip
-    if value is None:
-        return words, None
-    return words, (least is None or value >= least) and (most is None or value <= most)
+    return least, most
+
+
+def _level(key: str, numbers: Mapping[str, Any]) -> str:
+    scale, unit = (100.0, " %") if _LEVELS[key][3] else (1.0, "")
+    pairs = zip((">=", "<="), _limits(key, numbers), strict=True)
+    said = [f"{sign} {scale * limit:.4g}{unit}" for sign, limit in pairs if limit is not None]
+    return " and ".join(said) or "-"
+
+
+def _mark(key: str, numbers: Mapping[str, Any]) -> str:
+    """Return how a figure stands to its level; within chance: a 95 % interval that reaches it."""
+    least, most = _limits(key, numbers)
+    value, count = numbers.get(key, (None, 0))
+    if value is None or (least is None and most is None):
+        return "-"
+    percent = _LEVELS[key][3]
+    for low, high, words in (
+        (value, value, "pass"),
+        (*(interval(value, count) if percent else (value, value)), "missed, within chance"),
+    ):
+        if (least is None or high >= least) and (most is None or low <= most):
+            return words
+    return "**missed**"
 
 
 def wide_page(rows: Sequence[tuple[dict[str, Any], dict[str, Any]]]) -> Iterable[str]:
@@ -169,10 +187,9 @@ def wide_page(rows: Sequence[tuple[dict[str, Any], dict[str, Any]]]) -> Iterable
     yield "| figure | level | before | measured (95 % interval) | |"
     yield "|---|---|---|---|---|"
     for key, (words, _, _, percent) in _LEVELS.items():
-        level, kept = _limit(key, numbers)
-        mark = {None: "-", True: "pass", False: "**missed**"}[kept]
-        old, new = before["figures"].get(key), numbers.get(key)
-        yield f"| {words} | {level} | {_shown(old, percent)} | {_shown(new, percent)} | {mark} |"
+        old, new = (_shown(some.get(key), percent) for some in (before["figures"], numbers))
+        level, mark = _level(key, numbers), _mark(key, numbers)
+        yield f"| {words} | {level} | {old} | {new} | {mark} |"
     yield ""
     yield "### Records of others\n"
     yield "A `?` marks what is known and was not told, `OFF` a value beyond 3 standard deviations,"

@@ -32,6 +32,38 @@ the names whose effect spans the same space on that record (sine squared below 0
 injector's signatures. `make blind` runs it all; `tools/blind.py --fresh` takes seeds from commit
 and date. Cells (part, size, noise) are spread evenly over the list and families taken in turn, so
 that a campaign that ends early has the same share of every figure.
+
+**Part T** hides three to five causes of physical size (between the low and the high size of part P)
+on one record, from groups of effects whose pairs all come up in turn. Each has 10 sigma or more
+beside all others and their shapes, and no name of one spans another there; what does not fit is
+replaced by the next of the list. Default `--materiality`.
+
+**Part W** is pairs of records of one seed: a third clean, the others with one or two effects, sound
+and with one to four nuisances drawn at random. The size of an effect is set so that the smaller of
+its sigmas on both is 12, 20 or 40. Sigmas on a rough record are what the effect's own form, on the
+channels of the log, catches of it under the spectrum of the log's noise; names that catch as much
+are one group there. `--materiality 0`.
+
+| nuisance | drawn from |
+|---|---|
+| output-encoder | angle = output encoder x ratio: transmission error of 0.5 to 3 mrad, compliance |
+| velocity | differences of the angle, or the drive's filter: delay 2 to 20 ms, 12 bit |
+| false-stamps | even stamps on intervals that vary by 10 to 40 % |
+| held | 1 to 5 % of the rows, or of the torque samples, repeat the one before |
+| gaps | two to six of 2 to 30 ms, with and without stamps |
+| low-pass | torque (and load channel) at 5 to 200 Hz, causal or zero-phase |
+| speed-ripple | a velocity loop of 8 to 25 Hz that gives way to the torque, 0.1 to 0.6 rad/s |
+| gain, inertia | torque off by 5 to 15 %, inertia by 10 to 30 % |
+| transients | decaying oscillations of 1 to 4 sigma at every start and stop |
+| rate | 50 to 500 Hz, with and without a filter against aliases |
+
+**Part U** is a composer: a random Fourier series, kink, square root, threshold or exponential of
+speed, its size, time, output angle, motor angle, load or acceleration, or of two of them, or an
+order with such an envelope, or bursts. The part that no catalogue name imitates has 10 or 20 sigma,
+unless a name spans the effect.
+
+**Real** are records that others measured (`HDBENCH_DATA`), with what is known of each; values of
+the profile come from there too.
 """
 
 METRICS = """## Definitions
@@ -64,6 +96,20 @@ METRICS = """## Definitions
 * S: mean over parts B to E of 1 exact, 0.5 in a set of at most 3, -1 wrong without rivals, 0
   otherwise; less 5 times the false-alarm rate above 1 %.
 * Time: seconds of one core, record in memory to answer.
+* T: named, where the true group is in the reported set of a cause of its own (or of a minor one)
+  and a line stands at its order or frequency. Whole record right: all named, no other cause, no
+  unexplained place. A rest that is not told: held-out error 10 % above the noise, and no unexplained
+  entry of half its size (`rest` of the answer where it has one).
+* W: detection and names as in T, on pairs whose effects have 10 sigma on both records. Causes under
+  the catalogue's own name of a nuisance count neither way; nor do unexplained moments where starts
+  and stops ring. Refused: no answer, or `data-bad`.
+* U: right, where the table of an axis (or pair of axes) that is told as unexplained spans .95 of
+  the effect on this record, or the signatures of a reported name or of two do.
+* Intervals of T and W: value within 1.96 stated standard deviations; sizes only where no nuisance
+  scales what stands in the channel.
+* Real: orders within .1, amplitudes within 3 standard deviations and 10 %, in a cause or in the
+  fitted baseline; parameters within 3 combined standard deviations. Held out: error in per cent of
+  the torque without and with the cause that tells the directions apart.
 """
 
 LIMITS = """## What it does not show
