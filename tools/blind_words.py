@@ -98,8 +98,8 @@ METRICS = """## Definitions
 * Time: seconds of one core, record in memory to answer.
 * T: named, where the true group is in the reported set of a cause of its own (or of a minor one)
   and a line stands at its order or frequency. Whole record right: all named, no other cause, no
-  unexplained place. A rest that is not told: held-out error 10 % above the noise, and no unexplained
-  entry of half its size (`rest` of the answer where it has one).
+  unexplained place. A rest that is not told: held-out error 10 % above the noise, and nothing
+  unexplained of half its size (`rest` of the answer where it has one).
 * W: detection and names as in T, on pairs whose effects have 10 sigma on both records. Causes under
   the catalogue's own name of a nuisance count neither way; nor do unexplained moments where starts
   and stops ring. Refused: no answer, or `data-bad`.

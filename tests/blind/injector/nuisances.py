@@ -203,7 +203,7 @@ class Log:
         path = scene.path
         drawn = self.nuisances.get("output-encoder")
         if not drawn:
-            width = 2.0 * np.pi / 4000.0
+            width = 2.0 * np.pi / (2**16 if scene.noise.sigma_nm < 0.02 else 4000)
             return np.floor(self.at_instants(path.time, path.angle) / width) * width
         one, two, motor = drawn["phases"]
         error = drawn["error_rad"] * (
@@ -220,7 +220,8 @@ class Log:
         drawn, path = self.nuisances.get("velocity"), scene.path
         if not drawn:
             tacho = self.at_instants(path.time, path.speed)
-            return np.round(tacho + 0.05 * rng.standard_normal(len(tacho)), 2)
+            own = 0.05 * rng.standard_normal(len(self.instants))
+            return np.round(tacho + own[self.rows], 2)
         if drawn["differences"]:
             return np.gradient(angle, self.stamps)
         # two equal poles whose delays add up

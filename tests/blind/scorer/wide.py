@@ -196,7 +196,9 @@ def _pairs(rows):
 
 def _figures_w(rows):
     pairs = _pairs(rows)
-    compared = [pair for pair in pairs if pair[0][0]["hidden"] and pair[0][0]["compared"]]
+    compared = [
+        pair for pair in pairs if pair[0][0]["hidden"] and all(row[0]["compared"] for row in pair)
+    ]
     clean = [pair for pair in pairs if not pair[0][0]["hidden"]]
     out = {"W_pairs": (float(len(pairs)), len(pairs))}
     for k, name in enumerate(("plain", "rough")):
