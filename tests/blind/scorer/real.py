@@ -56,10 +56,10 @@ def _lines(answer):
             continue
         out.append((order[0], None if amplitude is None else amplitude[0], k))
         for name, entry in parameters.items():
-            # harmonics of a family of poles: amplitude_2_nm, harmonic_3_nm and the like
-            digits = "".join(c for c in name if c.isdigit())
-            if digits and name.endswith("_nm") and 1 < int(digits) < 400:
-                out.append((order[0] * int(digits), float(entry["value"]), k))
+            # harmonics of poles or slots: amplitude_1_nm is that of the order itself
+            words = name.split("_")
+            if len(words) == 3 and words[0] == "amplitude" and words[1].isdigit():
+                out.append((order[0] * int(words[1]), float(entry["value"]), k))
     settings = answer.get("settings") or {}
     for entry in settings.get("baseline_ripple") or ():
         out.append((float(entry["order"]), float(entry["amplitude_nm"]), None))
