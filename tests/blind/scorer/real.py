@@ -50,9 +50,7 @@ def _lines(answer):
     for k, cause in enumerate([*answer["causes"], *answer.get("minor", ())]):
         parameters = cause.get("parameters") or {}
         order, amplitude = _value(parameters, "order"), _value(parameters, "amplitude_nm")
-        if order is None and cause["name"] in ("wave-generator-eccentricity", "motor-unbalance"):
-            order = (1.0, None)
-        if order is None or not _names(cause) & (_AT_ORDER | {"bearing-defect"}):
+        if order is None or not _names(cause) & _AT_ORDER:
             continue
         out.append((order[0], None if amplitude is None else amplitude[0], k))
         for name, entry in parameters.items():
