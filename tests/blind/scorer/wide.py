@@ -53,6 +53,12 @@ def _in_place(cause, effect):
     return True
 
 
+def _is_harmonic(cause, effect):
+    """Whether the line is told by a multiple of its order: its order is then another number."""
+    told = (cause.get("parameters") or {}).get("order")
+    return told is not None and abs(told["value"] - effect["shape"].get("order", 1e9)) > _ORDER
+
+
 def _same(effect):
     return {name for name, value in effect["alike"].items() if value < GROUP}
 
@@ -128,8 +134,12 @@ def _stated(truth, matched, causes):
     nuisances = set(truth.get("nuisances", {})) if truth["note"] == "rough" else set()
     # these change the size of what stands in the torque channel, or of a line in the log's angle
     scaled = bool(nuisances & {"gain", "low-pass", "rate", "output-encoder", "inertia"})
+    plain = {
+        which: k for which, k in matched.items()
+        if not _is_harmonic(causes[k], truth["hidden"][which])
+    }  # fmt: skip
     out = []
-    for family, name, bound, own in deviations(truth, matched, causes):
+    for family, name, bound, own in deviations(truth, plain, causes):
         place = name in ("order", "frequency_hz", "resonance_hz", "time_constant_s")
         if own is not None and (place or not scaled):
             out.append((family, name, bound, own))
