@@ -70,7 +70,9 @@ def line_of(truth: dict[str, Any], entry: dict[str, Any]) -> str:
         return _real_line(truth, entry)
     line = one_line(truth, entry, judge(truth, entry))
     if truth["part"] in WIDE:
-        return f"{line} || {wide_line(truth, entry, judge_wide(truth, entry))}"
+        # the marks of the old parts are replaced by their own
+        said, _, machine = line.rsplit(" | ", 2)
+        return f"{said} | {wide_line(truth, entry, judge_wide(truth, entry))} | {machine}"
     return line
 
 

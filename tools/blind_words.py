@@ -60,7 +60,7 @@ are one group there. `--materiality 0`.
 **Part U** is a composer: a random Fourier series, kink, square root, threshold or exponential of
 speed, its size, time, output angle, motor angle, load or acceleration, or of two of them, or an
 order with such an envelope, or bursts. The part that no catalogue name imitates has 10 or 20 sigma,
-unless a name spans the effect.
+unless a name spans the effect; of bursts the strongest has them.
 
 **Real** are records that others measured (`HDBENCH_DATA`), with what is known of each; values of
 the profile come from there too.
@@ -105,8 +105,8 @@ METRICS = """## Definitions
   and stops ring. Refused: no answer, or `data-bad`.
 * U: right, where the table of an axis (or pair of axes) that is told as unexplained spans .95 of
   the effect on this record, or the signatures of a reported name or of two do.
-* Intervals of T and W: value within 1.96 stated standard deviations; sizes only where no nuisance
-  scales what stands in the channel.
+* Intervals of T and W (both records of a pair): value within 1.96 stated standard deviations; sizes
+  only where no nuisance scales what stands in the channel.
 * Real: orders within .1, amplitudes within 3 standard deviations and 10 %, in a cause or in the
   fitted baseline; parameters within 3 combined standard deviations. Held out: error in per cent of
   the torque without and with the cause that tells the directions apart.

@@ -238,14 +238,27 @@ def build(case, scene=None, tell=None):
 _NAMED = 0.05
 
 
+def _strongest(torque):
+    """Share of the strongest of separate bursts in their square."""
+    edges = np.flatnonzero(np.diff((np.abs(torque) > 0.0).astype(int))) + 1
+    parts = np.split(torque**2, edges)
+    return max(float(part.sum()) for part in parts) / float(torque @ torque)
+
+
 def build_unseen(case):
-    """Make a record of part U: what no name imitates has the sigmas, unless a name spans it all."""
+    """Make a record of part U.
+
+    What no name imitates has the sigmas, unless a name spans it all; of bursts the strongest has
+    them, for nobody knows where they are.
+    """
     scene = scene_of(case)
     white = Whitened(scene)
     family, shape = drawn_effect(case, 0, scene)
     size = _size(family, scene, white, shape, case.hidden[0].tier, None)
-    alike = sine_squares(scene, known_families(), shape, effect(family, scene, shape, size))
-    free = min(alike.values())
+    torque = effect(family, scene, shape, size)
+    free = min(sine_squares(scene, known_families(), shape, torque).values())
+    if shape["recipe"] == "bursts":
+        free = _strongest(torque)
     if free > _NAMED:
         size /= float(np.sqrt(free))
     hidden = case.hidden[0]

@@ -122,18 +122,23 @@ def _several(truth, entry):
         exact=complete and len(exact) == len(hidden) and not strays and not left,
         false_causes=tuple(cause["name"] for cause in strays),
         false_unexplained=len(left) if complete else 0,
-        rest_told=not unreported_rest(truth, answer),
+        rest_told=truth["part"] != "T" or not unreported_rest(truth, answer),
         right=complete and not strays and not left,
         wrong_certain=any(not cause.get("rivals") for cause in strays) and not matched,
         deviations=_stated(truth, matched, every),
     )
 
 
+def _scaled(truth):
+    """(all sizes, sizes of lines) that a nuisance changes in the torque or in the log's angle."""
+    nuisances = truth.get("nuisances", {}) if truth["note"] == "rough" else {}
+    filtered = nuisances.get("rate", {}).get("anti_alias", False)
+    return bool({"gain", "low-pass"} & set(nuisances)) or filtered, "output-encoder" in nuisances
+
+
 def _stated(truth, matched, causes):
     """Deviations over stated standard deviations, of parameters that a nuisance leaves alone."""
-    nuisances = set(truth.get("nuisances", {})) if truth["note"] == "rough" else set()
-    # these change the size of what stands in the torque channel, or of a line in the log's angle
-    scaled = bool(nuisances & {"gain", "low-pass", "rate", "output-encoder", "inertia"})
+    every, lines = _scaled(truth)
     plain = {
         which: k for which, k in matched.items()
         if not _is_harmonic(causes[k], truth["hidden"][which])
@@ -141,7 +146,8 @@ def _stated(truth, matched, causes):
     out = []
     for family, name, bound, own in deviations(truth, plain, causes):
         place = name in ("order", "frequency_hz", "resonance_hz", "time_constant_s")
-        if own is not None and (place or not scaled):
+        line = name == "amplitude_nm"
+        if own is not None and (place or not (every or (lines and line))):
             out.append((family, name, bound, own))
     return tuple(out)
 
@@ -158,7 +164,6 @@ def _unseen(truth, entry):
         wrong_certain=bool(certain) and not (by_axis or by_name),
         false_causes=tuple(certain) if not by_name else (),
         by="axis" if by_axis else "name" if by_name else "",
-        rest_told=not unreported_rest(truth, answer),
     )
 
 
@@ -219,7 +224,7 @@ def _figures_w(rows):
         out[f"W_false_causes_{name}"] = _mean(len(row[2].false_causes) for row in some)
         out[f"W_false_alarms_{name}"] = share(pair[k][2].alarm for pair in clean)
     out["W_refused"] = share(not pair[1][2].answered for pair in pairs)
-    out["W_coverage"] = _coverage([pair[1] for pair in compared])
+    out["W_coverage"] = _coverage([row for pair in compared for row in pair])
     out["W_cpu_s"] = _cpu([pair[1] for pair in pairs])
     return out
 
