@@ -144,9 +144,28 @@ causes[].false_alarm_probability | number | | chance of this evidence where ther
 causes[].gain | table | | held-out rms before and after, explained fraction with its interval
 causes[].separating_experiment | text | | run that tells it from its rivals
 minor | list | | significant causes below the materiality
-unexplained | list | | structure that no cause explains: domain, location, extent, size_nm
+unexplained | list | | structure that no cause explains
+unexplained[].domain | text | | axis on which it stands
+unexplained[].second_domain | text or null | | other axis where it depends on two
+unexplained[].location | number | | its centre
+unexplained[].extent | list | | its ends
+unexplained[].unit | text | | unit of place and ends
+unexplained[].size_nm | number | N m | its size
+unexplained[].share_of_variance | number | | share of the baseline's residual variance
 minor_unexplained | list | | the same below the materiality
 data_flags | list | | faults of the data: name, from_s, to_s, samples
+left_out | list | | samples that took no part
+left_out[].reason | text | | why, in a few words
+left_out[].samples | integer | | how many
+left_out[].share | number | | of all samples
+rest | table or null | | what the extended model leaves above the noise
+rest.heldout_rms_nm | number | N m | what the extended model leaves on held-out blocks
+rest.noise_rms_nm | number | N m | what the noise alone would leave
+rest.told | list | | entries of unexplained that account for the difference
+testable | list | | each name of the catalogue: can this record show it
+testable[].name | text | | name in the catalogue
+testable[].testable | true or false | | whether an effect of this name would be seen
+testable[].because | text | | why not; empty where it would
 minimum_detectable | list | | amplitude_nm that would have been found with 90 % probability
 simulated | table | | terms and held-out rms of the model
 extended | table | | terms and held-out rms of the extended model

@@ -2,52 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
+from hdbench.diagnosis.answer.records import DataFlag
 from hdbench.records.trace import FloatArray
 
 __all__ = ["DataFlag", "flag_runs", "flag_samples", "mask_runs"]
 
 # more stretches than this are told as one flag over all of them
 MANY = 20
-
-
-@dataclass(frozen=True, slots=True)
-class DataFlag:
-    """A stretch of doubtful samples.
-
-    Parameters
-    ----------
-    name : str
-        ``missed-samples``, ``saturation``, ``spikes``, ``stuck-value``, ``quantisation``,
-        ``encoder-slip``, ``tacho-ripple``, ``speed-dependent-noise``, ``encoder-scale``,
-        ``velocity-scale`` or ``wrong-channel``.
-    from_s, to_s : float
-        First and last of them, s.
-    samples : int
-        How many.
-    detail : str
-        One sentence for a person, with numbers and units; may be empty.
-    """
-
-    name: str
-    from_s: float
-    to_s: float
-    samples: int
-    detail: str = ""
-
-    def to_dict(self) -> dict[str, object]:
-        """Return the flag as the contract writes it."""
-        plain: dict[str, object] = {
-            "name": self.name,
-            "from_s": self.from_s,
-            "to_s": self.to_s,
-            "samples": self.samples,
-        }
-        return {**plain, "detail": self.detail} if self.detail else plain
 
 
 def mask_runs(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:

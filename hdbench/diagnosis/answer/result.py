@@ -9,14 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hdbench.diagnosis.confirm.conditions import LeftOut
-from hdbench.diagnosis.confirm.gain import Gain
-from hdbench.diagnosis.loads.pictures import LoadPictures
-from hdbench.diagnosis.measured.preflight import DataFlag
+from hdbench.diagnosis.answer.records import DataFlag, Gain, LeftOut, LeftOutSamples, Testable
 from hdbench.model import BenchModel
 from hdbench.records.trace import FloatArray
 
-__all__ = ["Diagnosis", "NamedCause", "Pictures", "Spectrum", "Unexplained"]
+__all__ = ["Diagnosis", "LoadPictures", "NamedCause", "Pictures", "Rest", "Spectrum", "Unexplained"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,6 +99,8 @@ class Unexplained:
         Part of the baseline's residual variance.
     false_alarm_probability : float
         As for a cause.
+    second_domain : str or None
+        The other axis where it depends on two.
     """
 
     domain: str
@@ -111,17 +110,46 @@ class Unexplained:
     size_nm: float
     share_of_variance: float
     false_alarm_probability: float
+    second_domain: str | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """Return it as the contract writes it."""
         return {
             "domain": self.domain,
+            "second_domain": self.second_domain,
             "location": self.location,
             "extent": list(self.extent),
             "unit": self.unit,
             "size_nm": self.size_nm,
             "share_of_variance": self.share_of_variance,
             "false_alarm_probability": self.false_alarm_probability,
+        }
+
+
+@dataclass(frozen=True, slots=True)
+class Rest:
+    """What the extended model leaves above the noise (contract section 5).
+
+    Parameters
+    ----------
+    heldout_rms_nm : float
+        What the extended model leaves on blocks it was not fitted to, N m.
+    noise_rms_nm : float
+        What the noise alone would leave, N m.
+    told : tuple of Unexplained
+        Entries of `unexplained` that account for the difference; empty where it is not located.
+    """
+
+    heldout_rms_nm: float
+    noise_rms_nm: float
+    told: tuple[Unexplained, ...] = ()
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return it as the contract writes it."""
+        return {
+            "heldout_rms_nm": self.heldout_rms_nm,
+            "noise_rms_nm": self.noise_rms_nm,
+            "told": [place.to_dict() for place in self.told],
         }
 
 
@@ -186,6 +214,46 @@ class Pictures:
 
 
 @dataclass(frozen=True, slots=True)
+class LoadPictures:
+    """Everything that a picture of readings needs; arrays of shape (n_readings,).
+
+    Parameters
+    ----------
+    reading : ndarray of int
+        Number of the reading, from 1.
+    experiment : tuple of str
+        Experiment of each reading.
+    time_s : ndarray
+        Time, s, or the reading's number from 0 where no time was written.
+    torque_nm : ndarray
+        Applied torque, N m.
+    position_rad : ndarray
+        Flexspline position, rad.
+    falling : ndarray of bool
+        True while unloading.
+    used : ndarray of bool
+        Readings that the fits used.
+    measured_nm, simulated_nm, extended_nm : ndarray
+        Readings, baseline and extended model through the fitted gain and zeros, N m.
+    residual_before_nm, residual_after_nm : ndarray
+        Readings less fitted baseline, and less baseline and causes, N m.
+    """
+
+    reading: NDArray[np.int64]
+    experiment: tuple[str, ...]
+    time_s: FloatArray
+    torque_nm: FloatArray
+    position_rad: FloatArray
+    falling: NDArray[np.bool_]
+    used: NDArray[np.bool_]
+    measured_nm: FloatArray
+    simulated_nm: FloatArray
+    extended_nm: FloatArray
+    residual_before_nm: FloatArray
+    residual_after_nm: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
 class Diagnosis:
     """Result of a diagnosis.
 
@@ -213,6 +281,12 @@ class Diagnosis:
         Data for pictures of a dynamic run; None where no baseline could be fitted.
     load_pictures : LoadPictures or None
         Data for pictures of calibration loads; None for a dynamic run, and as above.
+    left_out : tuple of LeftOutSamples
+        Samples that took no part, by reason.
+    rest : Rest or None
+        What is left above the noise; None where no model could be fitted.
+    testable : tuple of Testable
+        For each name of the catalogue, whether this record can show it.
     """
 
     verdict: str
@@ -229,6 +303,9 @@ class Diagnosis:
     reason: str = ""
     pictures: Pictures | None = None
     load_pictures: LoadPictures | None = None
+    left_out: tuple[LeftOutSamples, ...] = ()
+    rest: Rest | None = None
+    testable: tuple[Testable, ...] = ()
 
     def to_dict(self, header: Mapping[str, Any], model_file: str | None = None) -> dict[str, Any]:
         """Return the result object of the contract.
@@ -254,6 +331,9 @@ class Diagnosis:
             "unexplained": [place.to_dict() for place in self.unexplained],
             "minor_unexplained": [place.to_dict() for place in self.minor_unexplained],
             "data_flags": [flag.to_dict() for flag in self.data_flags],
+            "left_out": [one.to_dict() for one in self.left_out],
+            "rest": None if self.rest is None else self.rest.to_dict(),
+            "testable": [one.to_dict() for one in self.testable],
             "minimum_detectable": [
                 {"name": name, "amplitude_nm": amplitude}
                 for name, amplitude in self.minimum_detectable

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hdbench.diagnosis.answer.records import FORETOLD, Condition, LeftOut
 from hdbench.diagnosis.confirm.predicted import design_of, kept_columns
 from hdbench.diagnosis.fit.jointfit import JointFit
 from hdbench.diagnosis.measured.record import Record
@@ -28,71 +28,11 @@ _SAME_LOAD_NM = 1.0
 # directions whose share of the normal matrix is below this are as good as unknown
 _RANK = 1e-9
 # a condition can tell where the cause claims seven standard deviations in it and the other
-# conditions foretell these to a third of a standard deviation each ...
+# conditions foretell these to a third of a standard deviation each
 _CLAIMED = 50.0
-_FORETOLD = 0.1
-# ... and it speaks against the cause where the prediction is worse with it by three
-_LOST = 9.0
 # a cause that is foretold at thrice its size loses three times what it claims; a greater loss is of
 # the other terms, which the conditions that are left do not hold where the missing one is
 _OWN_LOSS = 3.0
-
-
-@dataclass(frozen=True, slots=True)
-class Condition:
-    """Samples of one level of speed or load, or of one direction.
-
-    Parameters
-    ----------
-    axis : str
-        ``velocity``, ``direction`` or ``torque``.
-    unit : str
-        Unit of the range.
-    low, high : float
-        Range of its samples; -1 or 1 for a direction.
-    inside : ndarray of bool, shape (n,)
-        Samples.
-    """
-
-    axis: str
-    unit: str
-    low: float
-    high: float
-    inside: NDArray[np.bool_]
-
-
-@dataclass(frozen=True, slots=True)
-class LeftOut:
-    """What a cause gains in a condition from which it was not fitted.
-
-    Parameters
-    ----------
-    condition : Condition
-        Condition.
-    gain_nats : float
-        Log likelihood gained there by the cause as the other conditions have it.
-    claimed_nats : float
-        The same of the cause as all conditions have it, without noise.
-    """
-
-    condition: Condition
-    gain_nats: float
-    claimed_nats: float
-
-    @property
-    def against(self) -> bool:
-        """True where the condition speaks against the cause."""
-        return self.gain_nats < -0.5 * max(_LOST, _FORETOLD * 2.0 * self.claimed_nats)
-
-    def to_dict(self) -> dict[str, object]:
-        """Return it as a JSON object."""
-        return {
-            "axis": self.condition.axis,
-            "unit": self.condition.unit,
-            "range": [self.condition.low, self.condition.high],
-            "gain_nats": self.gain_nats,
-            "claimed_nats": self.claimed_nats,
-        }
 
 
 def conditions_of(record: Record) -> tuple[Condition, ...]:
@@ -173,7 +113,7 @@ def left_out_gains(
             claimed = float(claim @ claim)
             without = _predict(own, trained, kept)
             spread = float(np.sum(part * with_all[1]) - np.sum(part * without[1]))
-            if not (claimed > _CLAIMED and spread < _FORETOLD * claimed):
+            if not (claimed > _CLAIMED and spread < FORETOLD * claimed):
                 continue
             left = [right[condition.inside] - rows @ p[0] for p in (without, with_all)]
             gain = float(left[0] @ left[0] - left[1] @ left[1])

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from hdbench.diagnosis.answer.records import Gain
 from hdbench.diagnosis.measured.record import Record
 from hdbench.records.trace import FloatArray
 
@@ -39,35 +40,6 @@ class HeldOut:
     def rms_nm(self) -> float:
         """Root mean square, N m."""
         return float(np.sqrt(np.mean(self.residual_nm[self.valid] ** 2)))
-
-
-@dataclass(frozen=True, slots=True)
-class Gain:
-    """Held-out residual without and with a cause.
-
-    Parameters
-    ----------
-    heldout_rms_before_nm, heldout_rms_after_nm : float
-        Root mean square without and with it, N m.
-    explained_fraction : float
-        One less the ratio of the mean squares.
-    interval : tuple of float
-        95 % interval of `explained_fraction` by a paired block bootstrap.
-    """
-
-    heldout_rms_before_nm: float
-    heldout_rms_after_nm: float
-    explained_fraction: float
-    interval: tuple[float, float]
-
-    def to_dict(self) -> dict[str, object]:
-        """Return the gain as the contract writes it."""
-        return {
-            "heldout_rms_before_nm": self.heldout_rms_before_nm,
-            "heldout_rms_after_nm": self.heldout_rms_after_nm,
-            "explained_fraction": self.explained_fraction,
-            "interval": list(self.interval),
-        }
 
 
 def _block_sums(values: FloatArray, length: int) -> FloatArray:
