@@ -170,7 +170,7 @@ class Testable:
     testable : bool
         True where an effect of this name would be seen.
     because : str
-        One sentence with numbers and units where it would not; empty otherwise.
+        Why it would not, or what of it would not, with numbers and units; may be empty.
     """
 
     name: str

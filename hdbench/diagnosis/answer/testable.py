@@ -1,0 +1,272 @@
+"""Testable names: which causes of the catalogue a record can show, and why not the others."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from hdbench.diagnosis.answer.records import Testable
+from hdbench.model import Cause, Motion, shape_bounds
+from hdbench.records.trace import FloatArray
+
+__all__ = ["testable"]
+
+# points at which columns are formed (1 ms a cause), in this many stretches of the motion at least
+_POINTS = 16_384
+_STRETCHES = 8
+# a stretch holds this many periods of the torque's bandwidth, to part what is below from above, and
+# has at most this many samples; without a limit of the torque it only has to change
+_PERIODS = 8.0
+_LONGEST = 4096
+_PLAIN = 256
+# points are finer than the samples by this much at most, and at random times: a line above half the
+# sampling rate is spread, not taken for its alias
+_FINER = 16
+# a torque with power up to here, of half its sampling rate, has no low-pass that hides anything:
+# filters against aliases end there
+_WHOLE = 0.8
+# with less than a tenth of its power inside the bandwidth, an effect must be three times as large
+_INSIDE = 0.1
+# an effect that changes by less than 1 % of its size is a zero
+_CHANGES = 1e-4
+# noise that is less than a fifth of a step of the readings moves one reading in eighty
+_DITHER = 0.2
+# middle, low and high of the shapes that this record can tell apart, as shares of their domain; not
+# its very ends, where a step is one sample
+_SHAPES = (0.5, 0.1, 0.9)
+# causes without columns whose power is spread up to half the sampling rate
+_WHITE = frozenset({"quantisation", "spikes", "speed-dependent-noise"})
+_ANGLES = frozenset({"motor_angle_rad", "encoder_count", "motor_velocity_rad_s", "tacho_v"})
+
+
+@dataclass(frozen=True, slots=True)
+class _Torque:
+    """What limits the torque channel: bandwidth, steps, and the words for them."""
+
+    bandwidth_hz: float
+    rate_hz: float
+    limit: str
+    step_nm: float
+    noise_nm: float
+
+    @property
+    def whole(self) -> bool:
+        """True where nothing is hidden by a low-pass."""
+        return not self.bandwidth_hz < _WHOLE * 0.5 * self.rate_hz
+
+    def hides(self, from_hz: float) -> str:
+        """Say that what stands above a frequency is not seen."""
+        return f"{self.limit}; nine tenths of it would stand above {from_hz:.3g} Hz here"
+
+
+def testable(
+    causes: Iterable[Cause],
+    motion: Motion,
+    *,
+    torque_bandwidth_hz: float,
+    rate_hz: float,
+    torque_step_nm: float,
+    torque_noise_nm: float,
+    held_share: float,
+    derived: tuple[tuple[str, str], ...],
+) -> tuple[Testable, ...]:
+    """Say of each cause whether this record can show it.
+
+    Parameters
+    ----------
+    causes : iterable of Cause
+        The catalogue.
+    motion : Motion
+        Motion of the record; `simulated_nm` where a baseline is known.
+    torque_bandwidth_hz : float
+        Frequency above which the torque has no power, Hz; infinite where it is not limited.
+    rate_hz : float
+        Samples per second.
+    torque_step_nm : float
+        Step of the readings, N m; 0 where none is seen.
+    torque_noise_nm : float
+        Scatter of one sample, N m.
+    held_share : float
+        Share of the torque's samples that repeat the one before, in [0, 1).
+    derived : tuple of (str, str)
+        Channels that were computed from another one: (channel, its source).
+
+    Returns
+    -------
+    tuple of Testable
+        In the order of `causes`.
+
+    Notes
+    -----
+    A cause must apply to the motion (`Cause.applicable`). Its columns, at a low, a middle and a
+    high shape, must change on stretches of this motion, and hold a tenth of their power below the
+    bandwidth of the torque. Causes without columns are noise, which is white, or faults of angle
+    and clock, which a ripple of order 2 or a second channel shows.
+    """
+    torque = _torque(torque_bandwidth_hz, rate_hz, held_share, torque_step_nm, torque_noise_nm)
+    # two channels of the motion that do not come from one another
+    second = motion.angle_source != "velocity" and not any(set(p) <= _ANGLES for p in derived)
+    part, points = _stretches(motion, torque)
+    told = []
+    for cause in causes:
+        reason = cause.applicable(motion)
+        if reason is not None:
+            told.append(Testable(cause.name, False, reason))
+        elif cause.additive:
+            told.append(_additive(cause, motion, part, points, torque))
+        else:
+            told.append(_other(cause, part, points, torque, second))
+    return tuple(told)
+
+
+def _torque(
+    bandwidth_hz: float, rate_hz: float, held: float, step_nm: float, noise_nm: float
+) -> _Torque:
+    """Return the limits of the torque; held samples leave a lower rate."""
+    left_hz = 0.5 * rate_hz * (1.0 - held)
+    if left_hz < bandwidth_hz:
+        words = f"{100.0 * held:.2g} % of the torque samples are held, it ends at {left_hz:.3g} Hz"
+        return _Torque(left_hz, rate_hz, words, step_nm, noise_nm)
+    words = f"torque low-passed at {bandwidth_hz:.3g} Hz"
+    return _Torque(bandwidth_hz, rate_hz, words, step_nm, noise_nm)
+
+
+def _stretches(motion: Motion, torque: _Torque) -> tuple[Motion, int]:
+    """Return stretches of the motion, one after the other, and the points of each."""
+    count = len(motion)
+    length = _PLAIN if torque.whole else int(_PERIODS * torque.rate_hz / torque.bandwidth_hz) + 2
+    length = min(length, _LONGEST, count)
+    most = _POINTS // (length * _STRETCHES)
+    finer = 1 if torque.whole else min(max(most, 1), _FINER)
+    parts = min(max(_STRETCHES, _POINTS // (length * finer)), count // length)
+    begins = np.linspace(0, count - length, parts).round()
+    inside = np.arange((length - 1) * finer) / finer
+    if not torque.whole:
+        inside = inside + np.random.default_rng(0).random(len(inside)) / finer
+    places = (begins[:, None] + inside).ravel()
+    low = np.floor(places).astype(int)
+    high = np.minimum(low + 1, count - 1)
+    share = places - low
+
+    def at(values: FloatArray) -> FloatArray:
+        return np.asarray(values[low] + share * (values[high] - values[low]))
+
+    arrays: dict[str, Any] = {
+        name: at(values)
+        for name in Motion.__dataclass_fields__
+        if isinstance(values := getattr(motion, name), np.ndarray) and values.dtype.kind == "f"
+    }
+    starts = np.zeros(len(places), dtype=bool)
+    starts[:: len(inside)] = True
+    valid = motion.valid[low] & motion.valid[high]
+    return replace(motion, **arrays, valid=valid, starts=starts, bridged=None), len(inside)
+
+
+def _shape(
+    cause: Cause, bounds: Mapping[str, tuple[tuple[float, float], ...]], at: float
+) -> dict[str, float]:
+    """Return the shape at a share of each domain: 0 its low, 1 its high end."""
+    shape = {}
+    for parameter in cause.shape:
+        bands = bounds[parameter.name]
+        low, high = bands[round(at * (len(bands) - 1))]
+        shape[parameter.name] = low * (high / low) ** at if low > 0.0 else low + at * (high - low)
+    return shape
+
+
+def _additive(cause: Cause, motion: Motion, part: Motion, points: int, torque: _Torque) -> Testable:
+    """Judge a cause by where its columns have their power."""
+    bounds = shape_bounds(cause, motion)
+    empty = next((name for name, bands in bounds.items() if not bands), None)
+    if empty is not None:
+        return Testable(cause.name, False, f"no {empty} of its domain can be seen on this record")
+    looks = []
+    for at in _SHAPES if cause.shape else _SHAPES[:1]:
+        looks.append(_look(cause.columns(part, _shape(cause, bounds, at)), part, points, torque))
+        if torque.whole and looks[-1].changes:
+            break
+    return _judged(cause.name, looks, torque)
+
+
+@dataclass(frozen=True, slots=True)
+class _Look:
+    """Whether columns change on this motion, their share in the band, where nine tenths begin."""
+
+    changes: bool
+    inside: float
+    from_hz: float
+
+
+def _look(columns: FloatArray, part: Motion, points: int, torque: _Torque) -> _Look:
+    """Return where the power of the column that is best seen stands."""
+    weight = (part.valid & np.isfinite(columns).all(axis=1)).astype(float)[:, None]
+    columns = np.where(weight > 0.0, columns, 0.0)
+    total = np.sum(columns**2, axis=0)
+    left = (columns - columns.sum(axis=0) / max(weight.sum(), 1.0)) * weight
+    changes = np.sum(left**2, axis=0) > _CHANGES * total
+    if not changes.any():
+        return _Look(False, 0.0, 0.0)
+    if torque.whole:
+        return _Look(True, 1.0, 0.0)
+    taper = np.hanning(points)[:, None]
+    waves = np.fft.rfft(taper * left.reshape(-1, points, left.shape[1]), axis=1)
+    power = np.sum(waves.real**2 + waves.imag**2, axis=0)[:, changes]
+    step_s = float(part.time_s[points - 1] - part.time_s[0]) / (points - 1)
+    frequency = np.fft.rfftfreq(points, step_s)
+    below = np.cumsum(power, axis=0) / power.sum(axis=0)
+    inside = below[np.searchsorted(frequency, torque.bandwidth_hz, side="right") - 1]
+    best = int(np.argmax(inside))
+    from_hz = frequency[int(np.searchsorted(below[:, best], 0.1))]
+    return _Look(True, float(inside[best]), float(from_hz))
+
+
+def _judged(name: str, looks: list[_Look], torque: _Torque) -> Testable:
+    """Return the answer for the shapes that were looked at, the typical one first."""
+    seen = [look for look in looks if look.changes]
+    if not seen:
+        return Testable(
+            name, False, "it is the same all along this record; needed: a change, else it is a zero"
+        )
+    hidden = [look for look in seen if look.inside < _INSIDE]
+    if len(hidden) == len(seen):
+        return Testable(name, False, torque.hides(min(one.from_hz for one in hidden)))
+    words = f"{torque.limit}; what stands above is not seen"
+    return Testable(name, True, words if hidden else "")
+
+
+def _other(cause: Cause, part: Motion, points: int, torque: _Torque, second: bool) -> Testable:
+    """Judge a cause without columns: noise, or a fault of angle, velocity or clock."""
+    if cause.change_motion is not None:
+        return _of_motion(cause, part, points, torque, second)
+    # steps that are seen are there at any bandwidth
+    stepped = cause.name == "quantisation" and torque.step_nm > 0.0
+    share = torque.bandwidth_hz / (0.5 * torque.rate_hz)
+    if cause.name in _WHITE and not stepped and not torque.whole and share < _INSIDE:
+        return Testable(cause.name, False, torque.hides(0.05 * torque.rate_hz))
+    if cause.locked_to == "velocity" and torque.noise_nm < _DITHER * torque.step_nm:
+        return Testable(
+            cause.name,
+            False,
+            f"torque in steps of {torque.step_nm:.3g} N m with a noise of {torque.noise_nm:.3g} "
+            "N m; needed: steps that show the noise",
+        )
+    return Testable(cause.name, True)
+
+
+def _of_motion(cause: Cause, part: Motion, points: int, torque: _Torque, second: bool) -> Testable:
+    """Judge a fault of angle, velocity or clock: a second channel or the ripple shows it."""
+    if second:
+        return Testable(cause.name, True)
+    alone = "motor angle and velocity are one channel here"
+    if "order" in {parameter.name for parameter in cause.shape}:
+        return Testable(cause.name, False, f"{alone}; needed: an angle beside the velocity")
+    angle = 2.0 * part.angle_rad
+    ripple = _look(np.column_stack((np.cos(angle), np.sin(angle))), part, points, torque)
+    if ripple.changes and ripple.inside >= _INSIDE:
+        return Testable(cause.name, True)
+    return Testable(
+        cause.name, False, f"{alone}; the torque shows no ripple whose phase would jump"
+    )
