@@ -32,12 +32,13 @@ def baseline_lines(settings: Mapping[str, Any], label: int) -> list[str]:
     ]
     if ripple:
         lines.append(f"{'baseline':<{label}}ripple of {', '.join(ripple)}")
-    alike = [
-        f"{one['cause']} ({100.0 * one['own_share']:.0f} % of its own)"
-        for one in settings.get("not_told_from_zero", ())
-    ]
+    alike = settings.get("not_told_from_zero", ())
     if alike:
-        lines.append(f"{'cannot tell':<{label}} the zero from {', '.join(alike)}")
+        shares = [100.0 * one["own_share"] for one in alike]
+        low, high = f"{min(shares):.0f}", f"{max(shares):.0f}"
+        own = f"{low} %" if low == high else f"{low} to {high} %"
+        names = ", ".join(one["cause"] for one in alike)
+        lines.append(f"{'cannot tell':<{label}} the zero from {names} ({own} of its own)")
     return lines
 
 

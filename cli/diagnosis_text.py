@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hdbench_cli.diagnosis_baseline import baseline_lines
+from hdbench_cli.diagnosis_limits import left_out_line, names_line, rest_line
 from hdbench_cli.numbers import probability, with_uncertainty
 from hdbench_cli.sketch import read_columns, span_of, sparkline
 
@@ -25,7 +26,7 @@ _WORDS = {
     "cannot-tell": "These data cannot tell.",
 }
 # effects listed with the smallest size that would have been found, beside causes and alone
-_SHOWN_LIMITS = 3
+_SHOWN_LIMITS = 2
 _SHOWN_LIMITS_ALONE = 12
 # more causes than this are drawn without their sketch, so that all fit on one screen
 _SKETCHED = 3
@@ -63,6 +64,7 @@ def show(console: Console, result: Mapping[str, Any], folder: Path | None = None
     console.print(_WORDS[result["verdict"]], style="bold", markup=False)
     if result["reason"]:
         console.print(result["reason"], markup=False)
+    _show_words(console, "left out", left_out_line(result))
     _show_part(console, result.get("part"))
     sketched = folder if len(result["causes"]) <= _SKETCHED else None
     told: set[str] = set()
@@ -77,6 +79,8 @@ def show(console: Console, result: Mapping[str, Any], folder: Path | None = None
     for line in baseline_lines(result["settings"], _LABEL):
         console.print(line, markup=False)
     _show_gain(console, result, folder)
+    alone = not result["causes"] and not result["unexplained"]
+    _show_words(console, "testable", names_line(result, None if alone else console.width - _LABEL))
     for flag in result["data_flags"]:
         console.print(
             f"{'flag':<{_LABEL}}{flag['name']}: {flag['samples']} samples, "
@@ -143,6 +147,12 @@ def _parameters(cause: Mapping[str, Any]) -> str:
         if not name.startswith(("cosine", "sine")) and entry["value"] is not None
     ]
     return ", ".join(shown)
+
+
+def _show_words(console: Console, label: str, words: str) -> None:
+    """Show a line of words behind its label, nothing where there are none."""
+    if words:
+        console.print(f"{label:<{_LABEL}}{words}", markup=False, highlight=False)
 
 
 def _show_part(console: Console, part: Mapping[str, Any] | None) -> None:
@@ -221,9 +231,10 @@ def _peaks(values: list[float], count: int) -> list[float]:
 def _show_place(console: Console, place: Mapping[str, Any]) -> None:
     low, high = place["extent"]
     unit = "" if place["unit"] == "1" else f" {place['unit']}"
+    second = f", with {place['second_domain']}" if place.get("second_domain") else ""
     console.print(
         f"unexplained at {place['domain']} {place['location']:.6g}{unit} "
-        f"({low:.6g} to {high:.6g})\n"
+        f"({low:.6g} to {high:.6g}){second}\n"
         f"  size {place['size_nm']:.3g} N m, "
         f"{100.0 * place['share_of_variance']:.1f} % of the residual variance",
         markup=False,
@@ -238,6 +249,7 @@ def _show_gain(console: Console, result: Mapping[str, Any], folder: Path | None)
             f"{'held-out':<{_LABEL}}{before:.4g} N m rms simulated, {after:.4g} N m rms extended",
             markup=False,
         )
+    _show_words(console, "rest", rest_line(result))
     gain = result.get("filter_gain")
     if gain:
         rms = gain["error_rms_nm"]
@@ -262,4 +274,4 @@ def _show_gain(console: Console, result: Mapping[str, Any], folder: Path | None)
     limits = result["minimum_detectable"][: _SHOWN_LIMITS_ALONE if alone else _SHOWN_LIMITS]
     if limits:
         words = [f"{limit['name']} {limit['amplitude_nm']:.2g}" for limit in limits]
-        console.print(f"{'limits':<{_LABEL}}90 % found from, N m: {', '.join(words)}", markup=False)
+        console.print(f"{'limits':<{_LABEL}}90 % seen from, N m: {', '.join(words)}", markup=False)

@@ -10,6 +10,7 @@ import pytest
 from rich.console import Console
 
 from hdbench.records import Trace, write_trace
+from hdbench_cli.diagnosis_limits import left_out_line, names_line, rest_line
 from hdbench_cli.diagnosis_text import show
 from hdbench_cli.main import main
 
@@ -23,10 +24,37 @@ KEYS = {
     "minor",
     "unexplained",
     "data_flags",
+    "left_out",
+    "rest",
+    "testable",
     "minimum_detectable",
     "simulated",
     "extended",
     "model_file",
+}
+LIMITS = {
+    "left_out": [
+        {"reason": "the acceleration is not resolved", "samples": 19000, "share": 19000 / 24841},
+        {"reason": "spikes", "samples": 289, "share": 289 / 24841},
+    ],
+    "rest": {
+        "heldout_rms_nm": 0.119,
+        "noise_rms_nm": 0.043,
+        "told": [{"domain": "velocity", "second_domain": None}],
+    },
+    "testable": [
+        {"name": name, "testable": not because, "because": because}
+        for name, because in (
+            ("spikes", ""),
+            ("zero-step", ""),
+            ("mains-hum", "torque low-passed at 10 Hz; nine tenths of it would stand above 50 Hz"),
+            ("tooth-mesh", "torque low-passed at 10 Hz; nine tenths of it would stand above 1 kHz"),
+            ("side-force", "the record has no load_torque_nm; needed: a known load"),
+            ("backlash", "the record has no load_torque_nm; needed: a known load"),
+            ("creep", "the record has no load_torque_nm; needed: a known load"),
+            ("crosstalk", "the record has no motor_current_a; needed: the motor current, A"),
+        )
+    ],
 }
 LOADS = """experiment,position_rad,range,direction,series,torque_nm,reading_v
 a,0,full,cw,up,0,0.01
@@ -149,15 +177,52 @@ def test_the_extended_model_continues(tmp_path, run):
     assert run("--check", "--model", body["model_file"], file)[0] == 0
 
 
+def screen(body):
+    """Return the lines of a result on a terminal of 80 columns."""
+    console = Console(width=80, record=True, file=io.StringIO())
+    show(console, body, Path(body["run_folder"]))
+    return console.export_text().splitlines()
+
+
 def test_two_findings_fit_a_terminal_of_80_by_30(tmp_path, run):
     body = json.loads(run("--json", str(trace_file(tmp_path, 0.1)))[1])
     body["causes"] *= 2
-    console = Console(width=80, record=True, file=io.StringIO())
-    show(console, body, Path(body["run_folder"]))
-    lines = console.export_text().splitlines()
+    body["testable"] = LIMITS["testable"]
+    assert len(screen(body)) <= 28
+    # nothing of a record that is not whole is lost at the top
+    lines = screen({**body, **LIMITS})
     assert lines[0].startswith("measured")
     assert lines[2].startswith("difference")
-    assert len(lines) <= 28
+    assert len(lines) <= 30
     # a command to copy stays on one line
     assert max(len(line) for line in lines if not line.startswith("next ")) <= 80
     assert sum("told apart by" in line for line in lines) == 1
+
+
+def test_what_was_left_out_left_over_and_not_testable_is_told():
+    assert left_out_line(LIMITS) == (
+        "19 289 of 24 841 samples (78 %): the acceleration is not resolved (19 000), spikes (289)"
+    )
+    assert rest_line(LIMITS) == ("0.119 N m left in noise of 0.043 N m: unexplained at velocity")
+    assert names_line(LIMITS) == (
+        "2 of 8 names can be tested here; not: side-force, backlash, creep (the record has no "
+        "load_torque_nm); mains-hum, tooth-mesh (torque low-passed at 10 Hz); crosstalk "
+        "(the record has no motor_current_a)"
+    )
+    assert names_line(LIMITS, 69) == (
+        "2 of 8 names; not: 3 (the record has no load_torque_nm); 3 more"
+    )
+
+
+def test_nothing_is_told_of_limits_that_a_record_has_not():
+    full = {
+        "left_out": [],
+        "rest": {"heldout_rms_nm": 0.0501, "noise_rms_nm": 0.05, "told": []},
+        "testable": [{"name": "spikes", "testable": True, "because": ""}],
+    }
+    assert (left_out_line(full), rest_line(full)) == ("", "")
+    assert names_line(full) == "1 of 1 names can be tested here"
+    # results of earlier versions hold none of them
+    assert (left_out_line({}), rest_line({}), names_line({})) == ("", "", "")
+    unknown = {"rest": {**full["rest"], "heldout_rms_nm": 0.1}}
+    assert rest_line(unknown).endswith(": not located")
