@@ -7,8 +7,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from hdbench.report.diagnosis_limits import left_out_line, rest_line
 from hdbench_cli.diagnosis_baseline import baseline_lines
-from hdbench_cli.diagnosis_limits import left_out_line, names_line, rest_line
+from hdbench_cli.diagnosis_names import names_line
 from hdbench_cli.numbers import probability, with_uncertainty
 from hdbench_cli.sketch import read_columns, span_of, sparkline
 

@@ -2,14 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 from hdbench.report.columns import read_columns
+from hdbench.report.diagnosis_limits import left_out_line, rest_line
 from hdbench.report.diagnosis_tables import tables
 from hdbench.report.elements import KeyNumber, Level, Picture, Verdict
 from hdbench.report.keynumbers import key_numbers
-from hdbench.report.numbers import name_words, parameter_words, plain, short, unit_of
+from hdbench.report.numbers import (
+    name_words,
+    parameter_words,
+    plain,
+    short,
+    stated,
+    unit_of,
+    unit_words,
+)
 from hdbench.report.source import Source
 
 __all__ = ["numbers", "pictures", "summary", "tables", "verdict"]
@@ -25,8 +34,8 @@ _VERDICTS: dict[str, tuple[Level, str]] = {
 
 # what says where a cause sits and how large it is; the rest stands in the table
 _TELLING = ("order", "frequency_hz", "amplitude_nm")
-# the same amplitude and phase once more
-_QUADRATURES = ("cosine_nm", "sine_nm")
+# findings that the verdict states with their size; of more it gives the names
+_SIZED = 3
 
 
 def verdict(result: Mapping[str, Any]) -> Verdict:
@@ -44,13 +53,27 @@ def verdict(result: Mapping[str, Any]) -> Verdict:
     level, words = _VERDICTS.get(
         str(result.get("verdict")), ("look", f"Verdict {result.get('verdict')}.")
     )
-    names = [_cause_words(cause) for cause in result.get("causes", ())]
-    places = [_place_words(place) for place in result.get("unexplained", ())]
+    causes, left = result.get("causes", ()), result.get("unexplained", ())
+    if len(causes) + len(left) > _SIZED:
+        names = [str(cause.get("name")) for cause in causes]
+        places = [f"unexplained at {place.get('domain')}" for place in left]
+    else:
+        names = [_cause_words(cause) for cause in causes]
+        places = [_place_words(place) for place in left]
     if names or places:
         words = words.rstrip(".") + ": " + "; ".join([*names, *places]) + "."
     elif result.get("reason"):
         words = f"{words} {result['reason']}"
-    return Verdict(level, words)
+    return Verdict(level, words, tuple(_limits(result)))
+
+
+def _limits(result: Mapping[str, Any]) -> Iterator[str]:
+    """Say what took no part and what is left above the noise."""
+    left_out, rest = left_out_line(result), rest_line(result)
+    if left_out:
+        yield f"Left out: {left_out}."
+    if rest:
+        yield f"Rest: {unit_words(rest)}."
 
 
 def _cause_words(cause: Mapping[str, Any]) -> str:
@@ -98,7 +121,7 @@ def summary(result: Mapping[str, Any], _source: Source) -> str:
     if causes:
         names = ", ".join(str(cause["name"]) for cause in causes)
         text += f"What is left over is explained by {names}. "
-        rivals = [str(r) for cause in causes for r in cause.get("rivals", ())]
+        rivals = dict.fromkeys(str(r) for cause in causes for r in cause.get("rivals", ()))
         if rivals:
             text += f"Nearly as likely on this record: {', '.join(rivals)}. "
     elif result.get("verdict") == "nothing-found":
@@ -154,8 +177,7 @@ def numbers(result: Mapping[str, Any], source: Source) -> tuple[KeyNumber, ...]:
     rows: list[tuple[Any, str, str, str]] = []
     for i, cause in enumerate(result.get("causes", ())):
         parameters = cause.get("parameters", {})
-        shown = [x for x in parameters if x not in _QUADRATURES or "amplitude_nm" not in parameters]
-        for name, body in ((x, parameters[x]) for x in shown):
+        for name, body in ((x, parameters[x]) for x in stated(parameters)):
             key = f"causes[{i}].parameters.{name}"
             rows.append((body, f"{cause['name']}: {name_words(str(name))}", key, unit_of(body)))
     rows += [

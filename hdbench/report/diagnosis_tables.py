@@ -5,25 +5,20 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from hdbench.report.diagnosis_limits import hidden_names
 from hdbench.report.elements import Table
-from hdbench.report.numbers import DASH, parameter_words, plain, probability
+from hdbench.report.numbers import DASH, name_words, plain, probability, stated, unit_of, unit_words
 
 __all__ = ["tables"]
 
-_CAUSE_HEAD = (
-    "cause",
-    "parameters",
-    "explains",
-    "false-alarm probability",
-    "same on this record",
-    "told apart by",
-)
-_PLACE_HEAD = ("domain", "place", "extent", "size (N·m)", "share of variance")
+_CAUSE_HEAD = ("cause", "parameters", "what speaks for it")
+_PLACE_HEAD = ("axis", "place", "size")
 _LEAST_HEAD = ("cause", "amplitude (N·m)")
+_NAMES_HEAD = ("can this record show it", "names")
 
 
 def tables(result: Mapping[str, Any]) -> tuple[Table, ...]:
-    """List causes, unexplained places and what could have been missed.
+    """List causes, unexplained places, what could have been missed and what cannot show.
 
     Parameters
     ----------
@@ -43,38 +38,59 @@ def tables(result: Mapping[str, Any]) -> tuple[Table, ...]:
         for m in result.get("minimum_detectable", ())
     )
     found = (
-        Table("Causes", _CAUSE_HEAD, causes),
-        Table("Smaller causes", _CAUSE_HEAD, minor),
-        Table("Unexplained", _PLACE_HEAD, places),
+        Table("Causes", _CAUSE_HEAD, causes, wide=True, stacked=True),
+        Table("Smaller causes", _CAUSE_HEAD, minor, wide=True, stacked=True),
+        Table("Unexplained", _PLACE_HEAD, places, stacked=True),
         Table("Smallest effect this record would have shown", _LEAST_HEAD, least),
+        _names(result),
     )
     return tuple(table for table in found if table.rows)
 
 
 def _cause_row(cause: Mapping[str, Any]) -> tuple[str, ...]:
-    parameters = "; ".join(
-        parameter_words(str(name), body) for name, body in cause.get("parameters", {}).items()
-    )
+    """Return a cause: its name and others, one parameter a line, what speaks for it."""
+    name, parameters = str(cause.get("name")), cause.get("parameters", {})
+    alike = [str(x) for x in (*cause.get("group", ()), *cause.get("rivals", ()))]
+    others = [f"or {x}" for x in dict.fromkeys(alike) if x != name]
+    sizes = [
+        f"{name_words(key)}: {plain(parameters[key])} {unit_words(unit_of(parameters[key]))}"
+        for key in stated(parameters)
+    ]
     gain = cause.get("gain") or {}
-    same = [str(x) for x in (*cause.get("group", ()), *cause.get("rivals", ()))]
-    return (
-        str(cause.get("name")),
-        parameters,
-        _percent(gain.get("explained_fraction")),
-        probability(cause.get("false_alarm_probability")),
-        ", ".join(name for name in dict.fromkeys(same) if name != cause.get("name")) or DASH,
-        plain(cause.get("separating_experiment")),
-    )
+    speaks = [
+        f"explains {_percent(gain.get('explained_fraction'))}",
+        f"false alarm {probability(cause.get('false_alarm_probability'))}",
+    ]
+    if cause.get("separating_experiment"):
+        speaks.append(f"told apart by: {cause['separating_experiment']}")
+    return "\n".join((name, *others)), "\n".join(sizes), "\n".join(speaks)
 
 
 def _place_row(place: Mapping[str, Any]) -> tuple[str, ...]:
-    return (
-        str(place.get("domain")),
-        f"{plain(place.get('location'))} {place.get('unit') or ''}",
-        plain(place.get("extent")),
-        plain(place.get("size_nm")),
-        _percent(place.get("share_of_variance")),
-    )
+    axes = [str(place.get("domain"))]
+    if place.get("second_domain"):
+        axes.append(f"with {place['second_domain']}")
+    unit = "" if place.get("unit") in (None, "1") else f" {place['unit']}"
+    low, high = place.get("extent") or (None, None)
+    where = f"{plain(place.get('location'))}{unit}\n{plain(low)} to {plain(high)}{unit}"
+    share = f"{_percent(place.get('share_of_variance'))} of the variance"
+    return "\n".join(axes), where, f"{plain(place.get('size_nm'))} N·m\n{share}"
+
+
+def _names(result: Mapping[str, Any]) -> Table:
+    """List by reason which names of the catalogue this record can show."""
+    told = result.get("testable") or ()
+    seen: dict[str, list[str]] = {}
+    for one in told:
+        if one["testable"]:
+            words = f"in part: {one['because']}" if one["because"] else "yes"
+            seen.setdefault(words, []).append(str(one["name"]))
+    rows = [(words, ", ".join(names)) for words, names in sorted(seen.items(), reverse=True)]
+    hidden = hidden_names(result)
+    rows += [(f"no: {reason}", ", ".join(names)) for reason, names in hidden.items()]
+    shown = sum(map(len, seen.values()))
+    title = f"What this record can test: {shown} of {len(told)} names"
+    return Table(title, _NAMES_HEAD, tuple(rows), wide=True, stacked=True, folded=True)
 
 
 def _percent(value: Any) -> str:

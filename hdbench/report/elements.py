@@ -78,10 +78,13 @@ class Verdict:
         Passed; worth a look; not to be relied on.
     text : str
         One sentence.
+    note : tuple of str
+        What limits it, one short sentence each.
     """
 
     level: Level
     text: str
+    note: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,6 +125,10 @@ class Table:
         One line below it.
     wide : bool
         Take the whole width of the page.
+    stacked : bool
+        On a narrow page the cells of a row stand below each other; a line feed in a cell is kept.
+    folded : bool
+        Shown when it is asked for.
     """
 
     title: str
@@ -129,6 +136,8 @@ class Table:
     rows: tuple[tuple[str, ...], ...]
     note: str = ""
     wide: bool = False
+    stacked: bool = False
+    folded: bool = False
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,6 +14,7 @@ __all__ = [
     "plain",
     "probability",
     "short",
+    "stated",
     "unit_of",
     "unit_words",
     "with_std",
@@ -144,6 +145,13 @@ def unit_of(body: Mapping[str, Any]) -> str:
     """
     unit = str(body.get("unit") or "")
     return "" if unit == "1" else unit
+
+
+def stated(parameters: Mapping[str, Any]) -> list[str]:
+    """Return the names of parameters without cosine and sine parts of what has an amplitude."""
+    waves = {name.removeprefix("amplitude") for name in parameters if name.startswith("amplitude")}
+    parts = {f"{part}{rest}" for rest in waves for part in ("cosine", "sine")}
+    return [name for name in parameters if name not in parts]
 
 
 def name_words(name: str) -> str:

@@ -1,17 +1,14 @@
-"""Limits of a diagnosis in words: samples that took no part, what is left, names not testable."""
+"""Limits of a diagnosis: samples that took no part, what is left, names that cannot show."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from typing import Any
 
-__all__ = ["left_out_line", "names_line", "rest_line"]
+__all__ = ["hidden_names", "left_out_line", "rest_line"]
 
 # a rest within 5 % of the noise is within what its two estimates differ by
 _ABOVE = 1.05
-# names of one reason, and characters of all, that are written out: three lines of 80
-_NAMES = 2
-_LONGEST = 210
 
 
 def left_out_line(result: Mapping[str, Any]) -> str:
@@ -44,36 +41,14 @@ def rest_line(result: Mapping[str, Any]) -> str:
     )
 
 
-def names_line(result: Mapping[str, Any], room: int | None = None) -> str:
-    """Say how many names of the catalogue this record can show, and why not the others.
-
-    With a room, in characters, reasons stand with counts instead of names, as many as fit.
-    """
-    names = result.get("testable") or ()
+def hidden_names(result: Mapping[str, Any]) -> dict[str, list[str]]:
+    """Return the names that the record cannot show by reason, the most frequent one first."""
     hidden: dict[str, list[str]] = {}
-    for one in names:
+    for one in result.get("testable") or ():
         if not one["testable"]:
             # what stands behind a semicolon is of this name alone
             hidden.setdefault(one["because"].partition(";")[0], []).append(one["name"])
-    count = sum(len(group) for group in hidden.values())
-    told = f"{len(names) - count} of {len(names)} names" if names else ""
-    if room is None and names:
-        told += " can be tested here"
-    lead, shown = "; not: ", 0
-    for reason, group in sorted(hidden.items(), key=lambda item: -len(item[1])):
-        words = _few(group) if room is None else str(len(group))
-        longer = f"{told}{lead}{words} ({reason})"
-        if len(longer) > (_LONGEST if room is None else room - len("; 99 more")):
-            break
-        told, lead, shown = longer, "; ", shown + len(group)
-    return told if shown == count else f"{told}{lead}{count - shown} more"
-
-
-def _few(names: list[str]) -> str:
-    """Return the first names and how many follow."""
-    if len(names) <= _NAMES + 1:
-        return ", ".join(names)
-    return f"{', '.join(names[:_NAMES])} and {len(names) - _NAMES} more"
+    return dict(sorted(hidden.items(), key=lambda item: -len(item[1])))
 
 
 def _count(number: int) -> str:
