@@ -26,6 +26,7 @@ _WORDS = {
     "data-bad": "The data do not allow a diagnosis.",
     "cannot-tell": "These data cannot tell.",
 }
+_LEFT = "Nothing found, but more is left than noise."
 # effects listed with the smallest size that would have been found, beside causes and alone
 _SHOWN_LIMITS = 2
 _SHOWN_LIMITS_ALONE = 12
@@ -62,7 +63,10 @@ def show(console: Console, result: Mapping[str, Any], folder: Path | None = None
     """
     if folder is not None:
         _comparison(console, folder)
-    console.print(_WORDS[result["verdict"]], style="bold", markup=False)
+    words = _WORDS[result["verdict"]]
+    if result["verdict"] == "nothing-found" and rest_line(result):
+        words = _LEFT
+    console.print(words, style="bold", markup=False)
     if result["reason"]:
         console.print(result["reason"], markup=False)
     _show_words(console, "left out", left_out_line(result))

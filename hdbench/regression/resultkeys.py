@@ -165,7 +165,7 @@ rest.told | list | | entries of unexplained that account for the difference
 testable | list | | each name of the catalogue: can this record show it
 testable[].name | text | | name in the catalogue
 testable[].testable | true or false | | whether an effect of this name would be seen
-testable[].because | text | | why not; empty where it would
+testable[].because | text | | why not, or what of it not; may be empty
 minimum_detectable | list | | amplitude_nm that would have been found with 90 % probability
 simulated | table | | terms and held-out rms of the model
 extended | table | | terms and held-out rms of the extended model

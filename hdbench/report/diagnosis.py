@@ -53,6 +53,8 @@ def verdict(result: Mapping[str, Any]) -> Verdict:
     level, words = _VERDICTS.get(
         str(result.get("verdict")), ("look", f"Verdict {result.get('verdict')}.")
     )
+    if level == "good" and rest_line(result):
+        level, words = "look", "Nothing found, but more is left than noise."
     causes, left = result.get("causes", ()), result.get("unexplained", ())
     if len(causes) + len(left) > _SIZED:
         names = [str(cause.get("name")) for cause in causes]

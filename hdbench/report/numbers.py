@@ -21,7 +21,10 @@ __all__ = [
 ]
 
 # units that a name ends in, the longest first: they stand beside the number anyway
-_UNIT_SUFFIXES = ("_rad_s", "_nm", "_hz", "_rad", "_s", "_v")
+_UNIT_SUFFIXES = (
+    *("_nm_per_sqrt_s", "_nm_s_per_rad", "_nm_per_s", "_nm_per_a", "_kg_m2"),
+    *("_rad_s", "_nm", "_hz", "_rad", "_s", "_v"),
+)
 MINUS, DASH = "\N{MINUS SIGN}", "\N{EN DASH}"
 
 
@@ -128,7 +131,7 @@ def unit_words(unit: str) -> str:
     -------
     str
     """
-    return unit.replace("N m", "N·m")
+    return unit.replace("N m", "N·m").replace("kg m^2", "kg·m²")
 
 
 def unit_of(body: Mapping[str, Any]) -> str:

@@ -1,0 +1,150 @@
+"""The tables of a diagnosis can be read at any width; its limits stand with the verdict."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parent))
+from browser import browser, browser_program
+
+from hdbench.model import CauseTerm, cause_parameters
+from hdbench.report import write_report
+from hdbench.report.diagnosis import verdict
+from hdbench.report.diagnosis_tables import tables
+
+needs_browser = pytest.mark.skipif(browser_program() is None, reason="no Chromium on this machine")
+
+# of each list of parameters: its height in lines, and its lines
+LINES = """[...document.querySelectorAll('.stacked td:nth-child(2):not(:last-child)')].map(c => {
+const s = getComputedStyle(c), [top, low, line] = [s.paddingTop, s.paddingBottom, s.lineHeight]
+.map(parseFloat);
+return [(c.clientHeight - top - low) / line, c.innerText.split('\\n').length]; })"""
+
+
+def cause(name: str, linear: tuple[float, ...], **shape: float) -> dict[str, object]:
+    """Return a cause of a result, with names of its group and a rival."""
+    return {
+        "name": name,
+        "group": [name, "wave-generator-eccentricity"],
+        "rivals": ["load-dependent-friction"],
+        "parameters": cause_parameters(CauseTerm(name, shape, linear)),
+        "false_alarm_probability": 1e-12,
+        "gain": {"explained_fraction": 0.312},
+        "separating_experiment": "four to six constant speeds over at least 1:4; a second encoder",
+    }
+
+
+def place(domain: str, second: str | None = None) -> dict[str, object]:
+    """Return a place without a name."""
+    return {
+        "domain": domain,
+        "second_domain": second,
+        "location": -124.691,
+        "extent": [-127.762, -60.8156],
+        "unit": "rad/s",
+        "size_nm": 0.1234,
+        "share_of_variance": 0.04,
+    }
+
+
+FOUND: dict[str, Any] = {
+    "verdict": "named-and-unexplained",
+    "causes": [
+        cause("kinematic-error", (1e-4, 2e-4, 3e-4, 1e-4, 5e-5, 2e-5)),
+        cause("bearing-defect", (0.1, 0.02, 0.03, 0.04, 0.01, 0.01), order=3.087),
+        cause("ripple-harmonic", (0.12, 0.05), order=10.0),
+    ],
+    "unexplained": [place("velocity", "output-order")],
+    "left_out": [
+        {"reason": "the acceleration is not resolved", "samples": 19000, "share": 19000 / 24841},
+        {"reason": "spikes", "samples": 289, "share": 289 / 24841},
+    ],
+    "rest": {"heldout_rms_nm": 0.119, "noise_rms_nm": 0.043, "told": [place("velocity")]},
+    "testable": [
+        {"name": "spikes", "testable": True, "because": ""},
+        {"name": "side-force", "testable": False, "because": "no load; needed: a load"},
+        {"name": "mains-hum", "testable": False, "because": "torque low-passed at 9 Hz; above it"},
+        {"name": "tooth-mesh", "testable": False, "because": "torque low-passed at 9 Hz; above"},
+    ],
+}
+
+
+def test_one_parameter_stands_on_a_line_and_a_wave_is_told_once() -> None:
+    table = tables(FOUND)[0]
+    name, parameters, speaks = table.rows[2]
+    assert name.splitlines() == [
+        "ripple-harmonic",
+        "or wave-generator-eccentricity",
+        "or load-dependent-friction",
+    ]
+    assert [line.partition(":")[0] for line in parameters.splitlines()] == [
+        "amplitude",
+        "phase",
+        "order",
+    ]
+    assert speaks.splitlines()[:2] == ["explains 31.2 %", "false alarm below 1e-9"]
+    assert not any("cosine" in row[1] or "sine" in row[1] for row in table.rows)
+    # what has no amplitude keeps its parts
+    tacho = {**FOUND, "causes": [cause("tacho-ripple", (), order=4.0, cosine=0.1, sine=0.2)]}
+    assert "cosine: 0.1" in tables(tacho)[0].rows[0][1]
+
+
+def test_names_that_the_record_cannot_show_fold_by_reason() -> None:
+    table = tables(FOUND)[-1]
+    assert table.folded
+    assert table.title == "What this record can test: 1 of 4 names"
+    assert table.rows == (
+        ("yes", "spikes"),
+        ("no: torque low-passed at 9 Hz", "mains-hum, tooth-mesh"),
+        ("no: no load", "side-force"),
+    )
+
+
+def test_limits_stand_with_the_verdict() -> None:
+    told = verdict(FOUND)
+    assert told.note == (
+        "Left out: 19 289 of 24 841 samples (78 %): the acceleration is not resolved (19 000), "
+        "spikes (289).",
+        "Rest: 0.119 N·m left in noise of 0.043 N·m: unexplained at velocity.",
+    )
+    # of many findings the names alone, else no one reads to the end
+    assert told.text.endswith(
+        "kinematic-error; bearing-defect; ripple-harmonic; unexplained at velocity."
+    )
+    quiet = verdict({"verdict": "nothing-found"})
+    assert (quiet.level, quiet.note) == ("good", ())
+    # a rest that nothing accounts for is never in order
+    rest = {**FOUND["rest"], "told": []}
+    assert verdict({"verdict": "nothing-found", "rest": rest}).level == "look"
+
+
+@needs_browser
+@pytest.mark.parametrize(
+    ("width", "scheme"), [(1200, "light"), (800, "dark"), (620, "light"), (400, "dark")]
+)
+def test_no_column_is_narrow_and_nothing_is_cut(
+    runs: dict[str, Path], tmp_path: Path, width: int, scheme: str
+) -> None:
+    pytest.importorskip("websocket")
+    run = shutil.copytree(runs["diagnosis"], tmp_path / runs["diagnosis"].name)
+    file = run / "result.json"
+    file.write_text(json.dumps({**json.loads(file.read_text()), **FOUND}))
+    report = write_report([run], tmp_path / "report.html").html
+    with browser() as tab:
+        tab.open(report, width=width, scheme=scheme)
+        tab.run("document.querySelector('details').open = true")
+        cells = "[...document.querySelectorAll('table.stacked td')]"
+        assert tab.run(f"Math.min(...{cells}.map(c => c.clientWidth))") >= 100
+        boxes = "[...document.querySelectorAll('.scroll:has(.stacked)')]"
+        assert tab.run(f"{boxes}.every(b => b.scrollWidth <= b.clientWidth)")
+        if width < 760:
+            # as high as it has lines: none is broken
+            assert all(abs(high - count) < 0.5 for high, count in tab.run(LINES))
+        assert tab.run("document.documentElement.scrollWidth <= window.innerWidth")
+        assert tab.complaints == []
