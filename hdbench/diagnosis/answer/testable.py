@@ -14,9 +14,11 @@ from hdbench.records.trace import FloatArray
 
 __all__ = ["testable"]
 
-# points at which columns are formed (1 ms a cause), in this many stretches of the motion at least
+# points at which columns are formed (1 ms a cause), in this many stretches of the motion, fewer
+# where these are long
 _POINTS = 16_384
-_STRETCHES = 8
+_STRETCHES = 32
+_FEWEST = 8
 # a stretch holds this many periods of the torque's bandwidth, to part what is below from above, and
 # has at most this many samples; without a limit of the torque it only has to change
 _PERIODS = 8.0
@@ -141,7 +143,7 @@ def _stretches(motion: Motion, torque: _Torque) -> tuple[Motion, int]:
     length = min(length, _LONGEST, count)
     most = _POINTS // (length * _STRETCHES)
     finer = 1 if torque.whole else min(max(most, 1), _FINER)
-    parts = min(max(_STRETCHES, _POINTS // (length * finer)), count // length)
+    parts = min(max(_FEWEST, _POINTS // (length * finer)), count // length)
     begins = np.linspace(0, count - length, parts).round()
     inside = np.arange((length - 1) * finer) / finer
     if not torque.whole:
