@@ -53,7 +53,7 @@ def told(where: Motion, **changed: object) -> dict[str, tuple[bool, str]]:
 def test_every_name_is_told_and_a_rich_record_shows_all_of_them() -> None:
     answer = told(motion())
     assert list(answer) == list(catalogue())
-    # an error of the angle shows in the slope of a simulated ripple, which this motion does not hold
+    # an error of the angle shows in the slope of a simulated ripple, which this motion lacks
     assert {name for name, (seen, _) in answer.items() if not seen} <= {"transmission-error"}
 
 
@@ -119,3 +119,11 @@ def test_a_long_record_is_judged_from_stretches_of_it() -> None:
     assert {k: v[0] for k, v in told(long, torque_bandwidth_hz=20.0).items()} == {
         k: v[0] for k, v in told(short, torque_bandwidth_hz=20.0).items()
     }
+
+
+def test_a_table_of_readings_is_judged_too() -> None:
+    few = motion(8 / RATE_HZ)
+    standing = replace(few, velocity_rad_s=np.zeros(8), load_torque_nm=np.linspace(-20.0, 20.0, 8))
+    answer = told(standing)
+    assert answer["cubic-nonlinearity"][0]
+    assert not answer["viscous-friction"][0]

@@ -145,9 +145,10 @@ def _stretches(motion: Motion, torque: _Torque) -> tuple[Motion, int]:
     finer = 1 if torque.whole else min(max(most, 1), _FINER)
     parts = min(max(_FEWEST, _POINTS // (length * finer)), count // length)
     begins = np.linspace(0, count - length, parts).round()
-    inside = np.arange((length - 1) * finer) / finer
+    inside = np.arange(float(length))
     if not torque.whole:
-        inside = inside + np.random.default_rng(0).random(len(inside)) / finer
+        at_random = np.random.default_rng(0).random((length - 1) * finer)
+        inside = (np.arange(len(at_random)) + at_random) / finer
     places = (begins[:, None] + inside).ravel()
     low = np.floor(places).astype(int)
     high = np.minimum(low + 1, count - 1)
