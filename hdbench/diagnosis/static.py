@@ -8,20 +8,14 @@ from dataclasses import replace
 import numpy as np
 
 from hdbench.diagnosis.answer.result import Diagnosis
-from hdbench.diagnosis.fit.terms import Term
-from hdbench.diagnosis.loads.answer import LoadAnswer
-from hdbench.diagnosis.loads.between import name_between
-from hdbench.diagnosis.loads.fit import LoadFit, fit_loads
-from hdbench.diagnosis.loads.forms import in_form, load_causes
-from hdbench.diagnosis.loads.left import challenge_loads
-from hdbench.diagnosis.loads.preflight import inspect_loads
-from hdbench.diagnosis.loads.scatter import GainScatter, find_scatter
-from hdbench.diagnosis.loads.search import LoadSearch, search_loads
-from hdbench.diagnosis.loads.table import LoadTable, base_columns, load_table
-from hdbench.diagnosis.loads.weigh import Weighing
-from hdbench.diagnosis.measured.preflight import DataFlag
+from hdbench.diagnosis.loads.answer import LoadAnswer, left_out
+from hdbench.diagnosis.loads.fit import fit_loads
+from hdbench.diagnosis.loads.forms import Term, form_named, load_forms, outliers, places
+from hdbench.diagnosis.loads.gains import find_scatter, name_between
+from hdbench.diagnosis.loads.search import Search, uneven_scatter
+from hdbench.diagnosis.loads.table import LoadTable, base_columns, inspect_loads, load_table
 from hdbench.errors import DataError
-from hdbench.model import BenchModel, catalogue, cause_named
+from hdbench.model import BenchModel, cause_named
 from hdbench.profile import Profile
 from hdbench.records import Loads
 
@@ -31,8 +25,8 @@ __all__ = ["diagnose_loads"]
 _LEAST_FREE = 3
 # the null is drawn over all readings at once: these take a minute and half a gigabyte
 _MOST_READINGS = 2000
-# shares of the false-alarm rate: names, and places without a name
-_NAMES, _PLACES = 0.7, 0.3
+# shares of the false-alarm rate: names, places without a name, scatter that changes
+_NAMES, _PLACES, _UNEVEN = 0.7, 0.15, 0.15
 
 
 def _silent(_what: str, _share: float) -> None:
@@ -65,7 +59,7 @@ def diagnose_loads(
     materiality : float
         Smallest share of the baseline's residual variance of a cause that counts, in [0, 1).
     seed : int
-        Seed of the draws of the null and the bootstrap.
+        Seed of the draws of the null and the bootstrap: the same input gives the same result.
     progress : callable or None
         Called with what is being done and the share done in [0, 1].
 
@@ -80,10 +74,6 @@ def diagnose_loads(
         If there are no readings or more than 2000, or a torque or position is not finite.
     ValueError
         If `alpha` or `materiality` is out of its domain.
-
-    Notes
-    -----
-    ``docs/diagnosis.md`` has the statistics. Two times the same input give the same result.
     """
     if not 0.0 < alpha < 1.0:
         raise ValueError(f"alpha {alpha!r} must be in (0, 1)")
@@ -95,66 +85,60 @@ def diagnose_loads(
             where=loads.source,
             fix="average the samples of each load to one reading",
         )
-    report = progress or _silent
+    report, rng = progress or _silent, np.random.default_rng(seed)
     given = model or BenchModel.from_profile(profile.data)
-    settings: dict[str, object] = {"alpha": alpha, "materiality": materiality, "seed": seed}
+    settings = {"alpha": alpha, "materiality": materiality, "seed": seed}
     report("inspecting the readings", 0.02)
     table, flags = inspect_loads(load_table(loads, profile.data), profile.data)
     reason = _unfit(table)
     if reason:
-        nothing: dict[str, object] = {"terms": [], "heldout_rms_nm": None}
+        none: dict[str, object] = {"terms": [], "heldout_rms_nm": None}
         return Diagnosis(
-            "data-bad", (), (), (), (), flags, (), nothing, nothing, given, settings, reason
-        )
-    return _diagnose(table, profile, given, flags, settings, report)
-
-
-def _diagnose(
-    table: LoadTable,
-    profile: Profile,
-    given: BenchModel,
-    flags: tuple[DataFlag, ...],
-    settings: dict[str, object],
-    report: Callable[[str, float], None],
-) -> Diagnosis:
-    alpha = float(str(settings["alpha"]))
-    rng = np.random.default_rng(int(str(settings["seed"])))
-    causes = load_causes(tuple(catalogue().values()), given.extra_causes, table.motion)
+            "data-bad", (), (), (), (), flags, (), none, none, given, settings, reason,
+            left_out=left_out(table, flags),
+        )  # fmt: skip
     known = _known_terms(given, table)
     base = base_columns(table)
     baseline = fit_loads(table, base, known, refine=False)
+    names = load_forms(table, given.extra_causes)
     report("looking for causes", 0.1)
-    search = LoadSearch(base, causes, _NAMES * alpha, rng)
-    found = search_loads(baseline.table, search, known)
-    expected = profile.data.sensor.gain_consistency
-    scatter: GainScatter | None = None
-    while (finer := find_scatter(found.fit, len(known), expected, scatter)) is not None:
+    search = Search(base, (*names, outliers(table)), _NAMES * alpha, len(known), rng)
+    fit, chances, looks = search.run(fit_loads(table, base, known))
+    scattered = find_scatter(fit, len(known), profile.data.sensor.gain_consistency)
+    scatter, between = None, None
+    if scattered is not None:
         report("looking for causes beside gains that scatter", 0.4)
-        scatter = finer[0]
+        scatter = scattered[0]
         base = base_columns(table, scatter.groups)
-        found = search_loads(baseline.table, replace(search, base=base), known)
+        search = replace(search, base=base)
+        fit, chances, looks = search.run(fit_loads(table, base, known))
+    accepted = search.accepted(fit, chances)
     if scatter is not None:
-        found, scatter, base = name_between(found, causes, scatter, _NAMES * alpha)
+        fit, scatter, between, base = name_between(fit, names, scatter, _NAMES * alpha)
+        accepted = accepted if between is None else (*accepted, between)
     report("looking for what has no name", 0.7)
-    left = challenge_loads(found.fit, found.space, _PLACES * alpha, rng)
+    rest = Search(base, places(table), _PLACES * alpha, len(fit.terms), rng)
+    with_places, chances, _ = rest.run(fit)
+    left = rest.accepted(with_places, chances)
+    uneven = uneven_scatter(with_places, baseline, _UNEVEN * alpha, rng)
     report("measuring the gain on held-out readings", 0.9)
-    weighing = Weighing(found.fit, base, baseline, rng)
-    return LoadAnswer(profile.data, given, found, weighing, left, scatter, flags, len(known)).build(
-        settings
-    )
+    return LoadAnswer(
+        profile.data, given, baseline, fit, with_places, base, accepted, left, scatter, uneven,
+        looks, flags, len(known), rng,
+    ).build(settings)  # fmt: skip
 
 
 def _known_terms(given: BenchModel, table: LoadTable) -> tuple[Term, ...]:
     """Return the causes of the model that the readings can show."""
-    extra = given.extra_causes
-    names = {cause.name for cause in load_causes(tuple(catalogue().values()), extra, table.motion)}
+    names = {form.name for form in load_forms(table, given.extra_causes)}
     forms = given.provenance.get("calibration", {}).get("forms", {})
     terms = []
     for term in given.causes:
         if term.name in names:
-            plain = cause_named(term.name, where="model", extra=extra)
-            cause = in_form(plain, forms.get(term.name, ""))
-            terms.append(Term(cause, dict(term.shape), True))
+            cause = cause_named(term.name, where="model", extra=given.extra_causes)
+            form = form_named(cause, forms.get(term.name, ""), term.shape)
+            free = {p.name: term.shape[p.name] for p in form.shape}
+            terms.append(Term(form, free, known=True))
     return tuple(terms)
 
 
@@ -168,9 +152,9 @@ def _unfit(table: LoadTable) -> str:
             f"{len(seen)} readings do not fix one gain and {len(table.names)} zeros; needed: "
             f"{len(table.names) + 1 + _LEAST_FREE} readings under different loads"
         )
-    fit: LoadFit = fit_loads(table, base_columns(table), (), refine=False)
+    slope = fit_loads(table, base_columns(table), ()).slope_v_per_nm
     spread = float(np.ptp(table.reading_v[table.used]))
-    if not (spread > 0.0 and abs(fit.slope_v_per_nm) * float(np.ptp(table.torque_nm)) > 0.0):
+    if not (spread > 0.0 and abs(slope) * float(np.ptp(table.torque_nm)) > 0.0):
         return (
             f"the readings are {float(table.reading_v[table.used][0]):.6g} V throughout; needed: a "
             "live channel"

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from hdbench.diagnosis import DiagnosisOptions, diagnose_run
-from hdbench.diagnosis.loads.simulate import simulate_loads
+from hdbench.diagnosis.loads.answer import simulate_loads
 from hdbench.diagnosis.static import diagnose_loads
 from hdbench.errors import DataError
 from hdbench.model import BenchModel

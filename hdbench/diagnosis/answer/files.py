@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from hdbench.diagnosis.answer.maps import residual_maps
-from hdbench.diagnosis.answer.result import Pictures
-from hdbench.diagnosis.loads.pictures import LoadPictures
+from hdbench.diagnosis.answer.result import LoadPictures, Pictures
 from hdbench.records import FloatArray, write_atomic
 
 __all__ = ["write_load_pictures", "write_pictures", "write_table"]

@@ -1,262 +1,323 @@
-"""Accept, refit, drop, swap, look again: the loop that names causes of readings."""
+"""Search: score, pick, refit all, prune, swap; names, groups and rivals from one table."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from hdbench.diagnosis.fit.terms import Term
-from hdbench.diagnosis.loads.elements import accept_elements, elements_of
-from hdbench.diagnosis.loads.families import Family, best_cell, family_cells
-from hdbench.diagnosis.loads.fit import LoadFit, fit_loads, score_nats
-from hdbench.diagnosis.loads.forms import outlier_cause
-from hdbench.diagnosis.loads.misfit import is_misfit
-from hdbench.diagnosis.loads.names import (
-    Accepted,
-    parameters_of,
-    same_space,
-    space_of,
-    without,
+from hdbench.diagnosis.answer.result import Unexplained
+from hdbench.diagnosis.evidence import (
+    SAME_SPACE,
+    probabilities,
+    rivals,
+    share_p_value,
+    sine_squared,
 )
-from hdbench.diagnosis.loads.null import FamilyLook, look_at_families
-from hdbench.diagnosis.loads.space import Space
-from hdbench.diagnosis.loads.table import LoadTable
-from hdbench.diagnosis.loads.trial import trial_fit
-from hdbench.model import Cause
+from hdbench.diagnosis.loads.fit import LoadFit, Space, fit_loads
+from hdbench.diagnosis.loads.forms import Form, Term
 from hdbench.records.trace import FloatArray
 
-__all__ = ["Found", "LoadSearch", "search_loads"]
+__all__ = ["Accepted", "Look", "Search", "uneven_scatter", "without"]
 
-_MAX_CAUSES = 8
-# candidates refined at most, strongest first
-_MAX_CANDIDATES = 8
+# draws of the null: more where few degrees of freedom make them cheap and tails count
+_LEAST_DRAWS, _MOST_DRAWS, _WORK = 2000, 10_000, 160_000
+# the number of independent trials is counted where this many draws lie beyond
+_BEYOND = 40
+_SMALLEST = 1e-300
+# candidates refined in a round, strongest first
+_CANDIDATES = 8
 # a swap must win by more than rounding
 _SWAP_NATS = 0.1
-_SWAP_ROUNDS = 3
-# a limit far above the torque bends as a cube: what its shape gains is less than a shape costs
-_SAME_NATS = 1.0
+_SWEEPS = 3
+# a further name beside others must be worth this, a Bayes factor of 20 000: form errors are known
+# by their order alone
+_FURTHER_NATS = 10.0
+# neighbours on a grid whose spaces differ by less than this (sine squared) are one
+_SAME_CELL = 1e-3
 
 
 @dataclass(frozen=True, slots=True)
-class Found:
-    """Result of the search.
+class Family:
+    """A form over its grid: members, and what the fit leaves of each."""
 
-    Parameters
-    ----------
-    fit : LoadFit
-        Final joint fit; terms that were known come first.
-    space : Space
-        Final residual.
-    accepted : tuple of Accepted
-        One for each cause that is not known, in order.
-    looks : tuple of FamilyLook
-        Looks at the final residual.
-    """
-
-    fit: LoadFit
-    space: Space
-    accepted: tuple[Accepted, ...]
-    looks: tuple[FamilyLook, ...]
+    form: Form
+    cells: tuple[tuple[Term, FloatArray], ...]
 
 
 @dataclass(frozen=True, slots=True)
-class _Candidate:
-    term: Term
-    fit: LoadFit
-    score_nats: float
+class Look:
+    """What a family shows of a residual, and how often noise shows as much."""
+
+    family: Family
+    best: int  # its best member
+    p_value: float  # in this family
+    false_alarm: float  # in all families
+    trials: float  # independent ones, of the family times all families
 
 
 @dataclass(frozen=True, slots=True)
-class LoadSearch:
-    """What a search goes by.
+class Accepted:
+    """A cause or place of the final fit."""
 
-    Parameters
-    ----------
-    base : ndarray, shape (n, p)
-        Columns of the baseline.
-    causes : tuple of Cause
-        Causes that may be named.
-    alpha : float
-        False-alarm rate of the whole search.
-    rng : Generator
-        For the draws of the null.
-    """
+    places: tuple[int, ...]  # its terms: several where one element does not do
+    false_alarm: float
+    nats: float  # against the fit without it
+    group: tuple[str, ...]  # names of the same space, its own first
+    rivals: tuple[str, ...]  # others within 3 nats
+    probability: float | None  # of the group among all names
+    alone: LoadFit | None = None  # one element in the place of several, last of its terms
+
+
+def without(terms: Sequence[Term], places: Sequence[int]) -> tuple[Term, ...]:
+    """Return the terms but for some."""
+    return tuple(term for i, term in enumerate(terms) if i not in places)
+
+
+@dataclass(frozen=True, slots=True)
+class Search:
+    """Search of a dictionary; the first `known` terms of a fit stay as they are."""
 
     base: FloatArray
-    causes: tuple[Cause, ...]
+    forms: tuple[Form, ...]
     alpha: float
+    known: int
     rng: np.random.Generator
+    grids: dict[int, list[tuple[Term, FloatArray]]] = field(default_factory=dict)
+
+    def run(self, fit: LoadFit) -> tuple[LoadFit, dict[str, float], tuple[Look, ...]]:
+        """Return the fit with all that is found, the chance of each name, and the last looks."""
+        chances: dict[str, float] = {}
+        while True:
+            looks = self.looks(fit)
+            alarms = [look for look in looks if look.false_alarm < self.alpha]
+            ranked = self._ranked(fit, looks) if alarms else []
+            needed = _FURTHER_NATS if len(fit.terms) > self.known else 0.0
+            if not ranked or ranked[0].nats <= fit.nats + needed:
+                return fit, chances, looks
+            fit = ranked[0]
+            chance = min(look.false_alarm for look in alarms)
+            chances.setdefault(fit.terms[-1].name, chance)
+            fit = self._swapped(self._pruned(fit))
 
     def families(self, fit: LoadFit, space: Space) -> list[Family]:
-        """Return every family that the residual of a fit could show.
-
-        Of a cause that the fit holds already only the form in which it does.
-        """
-        held = {term.cause.name: term.cause.locked_to for term in fit.terms}
-        causes = (c for c in self.causes if held.get(c.name, c.locked_to) == c.locked_to)
-        made = (family_cells(c, fit.table, space) for c in (*causes, outlier_cause()))
-        return [family for family in made if family is not None]
-
-    def candidates(self, fit: LoadFit, looks: Sequence[FamilyLook]) -> list[_Candidate]:
-        """Return the strongest looks refined with all that was accepted, best score first."""
-        worth = sorted(looks, key=lambda look: look.p_value)[:_MAX_CANDIDATES]
-        done = []
-        space = space_of(fit)
-        for look in worth:
-            trial = trial_fit(look.family, fit, self.base, space)
-            if trial is None or not _inside_domain(trial):
+        """Return what the residual could show; of a name that is held only its form."""
+        held = {term.name: term.form.label for term in fit.terms}
+        made = []
+        for number, form in enumerate(self.forms):
+            if held.get(form.name, form.label) != form.label:
                 continue
-            added = parameters_of(trial.terms[-1], fit, trial)
-            done.append(_Candidate(trial.terms[-1], trial, score_nats(fit, trial, added)))
-        # among equal scores the name with fewer free shapes comes first, then the catalogue's order
-        order = [cause.name for cause in self.causes]
-        return sorted(done, key=lambda c: (-round(c.score_nats, 3), _rank(c.term, order)))
+            cells: list[tuple[Term, FloatArray]] = []
+            for term, columns in self._grid(number, fit):
+                directions = space.directions(columns)
+                if not 0 < directions.shape[1] < space.dof:
+                    continue
+                if not cells or form.whole or sine_squared(cells[-1][1], directions) >= _SAME_CELL:
+                    cells.append((term, directions))
+            if cells:
+                made.append(Family(form, tuple(cells)))
+        return made
 
+    def _grid(self, number: int, fit: LoadFit) -> list[tuple[Term, FloatArray]]:
+        """Return the members of a form with their columns: most do not depend on the fit."""
+        form = self.forms[number]
+        if form.cause.whole_signal or number not in self.grids:
+            made = [(term, term.columns(fit.table)) for term in form.grid(fit.table)]
+            self.grids[number] = made
+        return self.grids[number]
 
-def search_loads(table: LoadTable, search: LoadSearch, known: Sequence[Term]) -> Found:
-    """Name causes until nothing passes the false-alarm rate, or eight were named.
+    def looks(self, fit: LoadFit) -> tuple[Look, ...]:
+        """Return what each family shows, and how often noise shows as much.
 
-    Parameters
-    ----------
-    table : LoadTable
-        Readings.
-    search : LoadSearch
-        Baseline, causes and false-alarm rate.
-    known : sequence of Term
-        Causes that the model already holds: fitted, not reported.
-
-    Returns
-    -------
-    Found
-    """
-    n_known = len(known)
-    fit = fit_loads(table, search.base, tuple(known))
-    chances: dict[str, float] = {}
-    while True:
-        space = space_of(fit)
-        looks = _looks(fit, space, search)
-        alarms = [look for look in looks if look.false_alarm < search.alpha]
-        if not alarms or len(fit.terms) - n_known >= _MAX_CAUSES:
-            break
-        ranked = search.candidates(fit, looks)
-        if not ranked or ranked[0].score_nats <= 0.0:
-            break
-        best = _simplest(ranked, space)
-        if is_misfit(best.term, best.fit, best.score_nats, fit, search.base):
-            break
-        chances.setdefault(best.term.cause.name, min(look.false_alarm for look in alarms))
-        fit = _dropped(best.fit, search, n_known)
-        fit = _swapped(fit, search, n_known)
-    common = max(chances.values(), default=1.0)
-    accepted = tuple(
-        accept_elements(
-            fit,
-            places,
-            search.base,
-            search.families,
-            chances.get(fit.terms[places[0]].cause.name, common),
+        The share of the residual along k directions of d has the law Beta(k/2, (d - k)/2) for noise
+        of any size: draws of unit noise are the exact null. The smallest p-value over a family's
+        members, and then over families, is a minimum of M trials, ``1 - (1 - p)^M``.
+        """
+        space = fit.space()
+        families = self.families(fit, space) if space.dof > 1 else []
+        if not families:
+            return ()
+        draws = int(np.clip(_WORK // space.dof, _LEAST_DRAWS, _MOST_DRAWS))
+        noise = self.rng.standard_normal((space.dof, draws))
+        noise /= np.sqrt(np.einsum("nd,nd->d", noise, noise))
+        drawn, counts, seen = [], [], []
+        for family in families:
+            ranks = np.array([directions.shape[1] for _, directions in family.cells])
+            edges = np.concatenate(([0], np.cumsum(ranks)[:-1]))
+            stacked = np.hstack([directions for _, directions in family.cells])
+            shares = np.add.reduceat((stacked.T @ noise) ** 2, edges, axis=0)
+            lowest = _lowest_p(shares, ranks, space.dof)
+            counts.append(_trials(lowest))
+            drawn.append(_any_of(lowest, counts[-1]))
+            mine = [space.share(directions) for _, directions in family.cells]
+            p = [share_p_value(s, int(k), space.dof) for s, k in zip(mine, ranks, strict=True)]
+            best = min(range(len(p)), key=lambda i: (p[i], -mine[i]))
+            seen.append((best, float(_any_of(np.array(p[best]), counts[-1]))))
+        total = _trials(np.min(drawn, axis=0))
+        return tuple(
+            Look(family, best, p, float(_any_of(np.array(p), total)), count * total)
+            for family, (best, p), count in zip(families, seen, counts, strict=True)
         )
-        for places in elements_of(fit, n_known)
-    )
-    return _with_made(Found(fit, space, accepted, looks), search)
 
+    def trial(self, family: Family, less: LoadFit, space: Space) -> LoadFit | None:
+        """Fit the best member of a family beside the terms of a fit; None outside its domain."""
+        if family.form.whole:
+            used, slope = space.used, less.slope_v_per_nm
 
-def _with_made(found: Found, search: LoadSearch) -> Found:
-    """Return what was found with causes that are made of other terms than the fit holds."""
-    gone = {place for one in found.accepted if one.made_of for place in one.places}
-    if not gone:
-        return found
-    kept = [place for place in range(len(found.fit.terms)) if place not in gone]
-    terms, accepted = [found.fit.terms[place] for place in kept], []
-    for one in found.accepted:
-        if one.made_of:
-            places = tuple(range(len(terms), len(terms) + len(one.made_of)))
-            terms += one.made_of
-            accepted.append(replace(one, places=places, alone=None))
+            def left(cell: tuple[Term, FloatArray]) -> float:
+                taken = slope * (space.basis.T @ cell[0].columns(less.table)[used, 0])
+                return float(np.sum((space.residual_v - taken) ** 2))
+
+            start = min(family.cells, key=left)[0]
         else:
-            accepted.append(replace(one, places=tuple(kept.index(place) for place in one.places)))
-    fit = fit_loads(found.fit.table, search.base, tuple(terms))
-    space = space_of(fit)
-    return Found(fit, space, tuple(accepted), _looks(fit, space, search))
+            start = max(family.cells, key=lambda cell: space.share(cell[1]))[0]
+        fit = fit_loads(less.table, self.base, (*less.terms, start))
+        values, form = fit.linear[-1].tolist(), family.form
+        own = zip(form.parameters, values, strict=False)
+        inside = all(p.contains(x) for p, x in own) and all(
+            x <= 0.0 for x in values[len(form.parameters) :]
+        )
+        return fit if inside else None
 
+    def _ranked(self, fit: LoadFit, looks: Sequence[Look]) -> list[LoadFit]:
+        """Return the strongest looks fitted with all that was accepted, best evidence first."""
+        space = fit.space()
+        worth = sorted(looks, key=lambda look: look.p_value)[:_CANDIDATES]
+        done = [t for look in worth if (t := self.trial(look.family, fit, space)) is not None]
+        # among equals the name with fewer free shapes
+        return sorted(done, key=lambda t: (-round(t.nats, 3), len(t.terms[-1].form.shape)))
 
-def _simplest(ranked: Sequence[_Candidate], space: Space) -> _Candidate:
-    """Return the best candidate, or one without a shape that is the same on these readings."""
-    best = ranked[0]
-    near = (c for c in ranked if best.score_nats - c.score_nats < _SAME_NATS)
-    plain = [c for c in near if not c.term.cause.shape] if best.term.cause.shape else []
-    table = best.fit.table
-    return next((c for c in plain if same_space(space, table, best.term, c.term)), best)
-
-
-def _rank(term: Term, order: Sequence[str]) -> tuple[int, int]:
-    """Return what decides between equal scores."""
-    name = term.cause.name
-    return len(term.cause.shape), order.index(name) if name in order else len(order)
-
-
-def _inside_domain(fit: LoadFit) -> bool:
-    """Return whether the last term's linear parameters lie in the domain of the catalogue."""
-    parameters = fit.terms[-1].cause.linear
-    return all(p.contains(x) for p, x in zip(parameters, fit.linear[-1].tolist(), strict=True))
-
-
-def _looks(fit: LoadFit, space: Space, search: LoadSearch) -> tuple[FamilyLook, ...]:
-    # a share needs a rest to be a share of
-    if space.dof < 2:
-        return ()
-    return look_at_families(space, search.families(fit, space), search.rng)
-
-
-def _dropped(fit: LoadFit, search: LoadSearch, n_known: int) -> LoadFit:
-    """Return the fit without the terms that a later one has made needless."""
-    place = n_known
-    while place < len(fit.terms) - 1:
-        less = fit_loads(fit.table, search.base, without(fit.terms, place))
-        if score_nats(less, fit, parameters_of(fit.terms[place], less, fit)) < 0.0:
-            fit = less
-        else:
-            place += 1
-    return fit
-
-
-def _swapped(fit: LoadFit, search: LoadSearch, n_known: int) -> LoadFit:
-    """Return the fit with terms replaced by names that explain more beside all others."""
-    if len(fit.terms) - n_known < 2:
+    def _pruned(self, fit: LoadFit) -> LoadFit:
+        """Return the fit without terms that a later one has made needless."""
+        place = self.known
+        while place < len(fit.terms) - 1:
+            less = fit_loads(fit.table, self.base, without(fit.terms, (place,)))
+            if less.nats > fit.nats:
+                fit = less
+            else:
+                place += 1
         return fit
-    for _ in range(_SWAP_ROUNDS):
-        before = fit
-        for place in range(n_known, len(fit.terms)):
-            less = fit_loads(fit.table, search.base, without(fit.terms, place))
-            mine = score_nats(less, fit, parameters_of(fit.terms[place], less, fit))
-            best = _best_instead(less, search)
-            if best is not None and best.score_nats > mine + _SWAP_NATS:
-                fit = best.fit
-        if fit is before:
-            break
-    return fit
+
+    def _swapped(self, fit: LoadFit) -> LoadFit:
+        """Return the fit with terms replaced by what explains more beside all others."""
+        if len(fit.terms) - self.known < 2:
+            return fit
+        for _ in range(_SWEEPS):
+            before = fit
+            for place in range(self.known, len(fit.terms)):
+                less, others = self.instead(fit, (place,))
+                best = max(others.values(), key=lambda other: other.nats, default=less)
+                if best.nats > fit.nats + _SWAP_NATS:
+                    fit = best
+            if fit is before:
+                break
+        return fit
+
+    def instead(self, fit: LoadFit, places: Sequence[int]) -> tuple[LoadFit, dict[str, LoadFit]]:
+        """Return the fit without some terms, and with each name's best form in their place."""
+        less = fit_loads(fit.table, self.base, without(fit.terms, places), refine=False)
+        space = less.space()
+        best: dict[str, LoadFit] = {}
+        for family in self.families(less, space):
+            done = self.trial(family, less, space)
+            if done is not None:
+                name = family.form.name
+                best[name] = max((done, best.get(name, done)), key=lambda one: one.nats)
+        return less, best
+
+    def accepted(self, fit: LoadFit, chances: dict[str, float]) -> tuple[Accepted, ...]:
+        """Return what was found with the names that it could also have."""
+        causes: dict[object, list[int]] = {}
+        for place, term in enumerate(fit.terms[self.known :], self.known):
+            causes.setdefault(place if term.form.discrete else term.name, []).append(place)
+        common = max(chances.values(), default=1.0)
+        return tuple(
+            self._named(fit, tuple(places), chances.get(fit.terms[places[0]].name, common))
+            for places in causes.values()
+        )
+
+    def _named(self, fit: LoadFit, places: tuple[int, ...], chance: float) -> Accepted:
+        term = fit.terms[places[0]]
+        less, others = self.instead(fit, places)
+        gain = fit.nats - less.nats
+        if "place" in term.shape:
+            return Accepted(places, chance, gain, (term.name,), (), None)
+        space = less.space()
+        mine = space.directions(term.columns(fit.table))
+        table = {k: o.nats for k, o in others.items() if "place" not in o.terms[-1].shape}
+        if len(places) > 1 and term.name in table:
+            # one element misses by more than form error: all are held against it without any
+            table = {name: others[name].plain_nats for name in table}
+        else:
+            table[term.name] = max(fit.nats, table.get(term.name, fit.nats))
+        same = [
+            name
+            for name in table
+            if name != term.name
+            and sine_squared(mine, space.directions(others[name].terms[-1].columns(fit.table)))
+            < SAME_SPACE
+        ]
+        share = probabilities(table)
+        near = tuple(name for name in rivals(table, term.name) if name not in same)
+        group = (term.name, *same)
+        alone = others.get(term.name) if len(places) > 1 else None
+        likely = sum(share[name] for name in group)
+        return Accepted(places, chance, gain, group, near, likely, alone)
 
 
-def _best_instead(less: LoadFit, search: LoadSearch) -> _Candidate | None:
-    """Return the best single addition to a fit by score."""
-    space = space_of(less)
-    if space.dof < 2:
+def _lowest_p(shares: FloatArray, ranks: FloatArray, dof: int) -> FloatArray:
+    """Return the smallest p-value over members, shape (n_draws,), of shares (n_cells, n_draws)."""
+    from scipy.special import betainc
+
+    best = np.ones(shares.shape[1])
+    for rank in np.unique(ranks):
+        # at equal rank the largest share has the smallest p-value
+        top = np.clip(1.0 - shares[ranks == rank].max(axis=0), 0.0, 1.0)
+        best = np.minimum(best, betainc((dof - rank) / 2.0, rank / 2.0, top))
+    return np.asarray(best)
+
+
+def _trials(p_values: FloatArray) -> float:
+    """Return how many independent trials a smallest p-value of these draws amounts to."""
+    beyond = _BEYOND / len(p_values)
+    level = float(np.quantile(p_values, beyond))
+    return max(1.0, -float(np.log1p(-beyond)) / max(level, _SMALLEST))
+
+
+def _any_of(p_value: FloatArray, trials: float) -> FloatArray:
+    """Return ``1 - (1 - p)^trials`` without loss for small p."""
+    return np.asarray(-np.expm1(trials * np.log1p(-np.minimum(p_value, 1.0 - 1e-16))))
+
+
+def uneven_scatter(
+    fit: LoadFit, baseline: LoadFit, alpha: float, rng: np.random.Generator
+) -> Unexplained | None:
+    """Return the scatter's change with the torque where noise of one size does not make it."""
+    from scipy.special import ndtr
+
+    used, space = fit.table.used, fit.space()
+    size = np.abs(fit.table.torque_nm[used])
+    if space.dof < 2 or not float(np.ptp(size)) > 0.0:
         return None
-    found = (
-        (family, best_cell(family, less.table, space, less.slope_v_per_nm))
-        for family in search.families(less, space)
-    )
-    tops = [(space.share(cell.directions), family) for family, cell in found if cell is not None]
-    tops.sort(key=lambda top: -top[0])
-    done: list[_Candidate] = []
-    for _, family in tops[:_MAX_CANDIDATES]:
-        trial = trial_fit(family, less, search.base, space)
-        if trial is None or not _inside_domain(trial):
-            continue
-        score = score_nats(less, trial, parameters_of(trial.terms[-1], less, trial))
-        done.append(_Candidate(trial.terms[-1], trial, score))
-    # the first of equal scores, as they are ordered by what they explain
-    done.sort(key=lambda one: -one.score_nats)
-    return _simplest(done, space) if done else None
+    weight = (size - size.mean()) / float(np.abs(size - size.mean()).max())
+
+    def odds(left: FloatArray) -> FloatArray:
+        square = (space.basis @ left) ** 2
+        trend = weight @ square / square.sum(axis=0)
+        # the law of the trend leans to one side: its logarithmic odds are nearer to normal
+        return np.asarray(np.log1p(trend) - np.log1p(-trend))
+
+    drawn = odds(rng.standard_normal((space.dof, _LEAST_DRAWS)))
+    place = float((odds(space.residual_v[:, None])[0] - drawn.mean()) / drawn.std())
+    # two sides, and twice that: beyond 1e-3 the odds lie up to 1.7 times as often as a normal value
+    chance = min(1.0, float(4.0 * ndtr(-abs(place))))
+    if not chance < alpha:
+        return None
+    square = (space.basis @ space.residual_v) ** 2 / fit.slope_v_per_nm**2
+    heavy = (size >= np.median(size)) == (place > 0.0)
+    extent = (float(size[heavy].min()), float(size[heavy].max()))
+    spread = float(np.sqrt(square[heavy].mean()))
+    whole = baseline.rss / baseline.slope_v_per_nm**2
+    share = min(1.0, float(square[heavy].sum()) / max(whole, 1e-300))
+    return Unexplained("variance", 0.5 * sum(extent), extent, "N m", spread, share, chance)
