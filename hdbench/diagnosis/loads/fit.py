@@ -16,8 +16,9 @@ from hdbench.records.trace import FloatArray
 
 __all__ = ["LoadFit", "Space", "fit_loads"]
 
-# form error, as a share of the effect, of each way in which it may differ from its form: no
-# simulated form of a sensor is exact to better than a few percent
+# form error, as a share of the effect, of each way in which it may differ from its form: a law of
+# a mechanism (a loop, a creep, a limit) is good to a few percent; a polynomial, which is its own
+# definition, to the curve of second order that an arm or a weight adds
 FORM_ERROR = 0.04
 PLAIN_ERROR = 0.003
 # part of an effect that may stand at other values of its shape: plays, limits, yields and time
@@ -29,6 +30,7 @@ _CURVES = 6
 _ROUNDING = 1e-12
 # relative change of a shape parameter, or of its domain, by which a slope is formed
 _STEP = 1e-4
+# refinement ends after this many steps: grids start it within a fifth of where it ends
 _CALLS = 30
 # a limit acts on the signal before it, which the fit gives: they settle in this many rounds
 _ROUNDS = 4
