@@ -1,0 +1,236 @@
+"""Inspection of a trace: what can be trusted, what takes no part, and which faults have a name."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import median_filter
+
+from hdbench.diagnosis.faults.converter import clipping, stuck_samples
+from hdbench.diagnosis.faults.fault import Fault, flag_runs, flag_samples, mask_runs, robust_std
+from hdbench.diagnosis.faults.jumps import find_glitches, find_jumps, later_from, turned_back
+from hdbench.diagnosis.faults.phase import Ripple
+from hdbench.diagnosis.faults.shaft import (
+    ANGLES,
+    VELOCITIES,
+    angle_of,
+    derivation,
+    shaft_of,
+    velocity_of,
+)
+from hdbench.diagnosis.faults.stamps import lost_samples, repeated_rows
+from hdbench.diagnosis.faults.tacho import find_tacho_ripple, without_ripple
+from hdbench.diagnosis.faults.units import check_channels, torque_of
+from hdbench.diagnosis.measured.preflight import DataFlag
+from hdbench.model import BenchModel, baseline_orders
+from hdbench.profile.schema import ProfileData
+from hdbench.records.trace import FloatArray, Trace
+
+__all__ = ["Inspected", "inspect_channels"]
+
+# an isolated sample leaves the median of five by this many times what one in a hundred does: the
+# largest of a million normal samples is twice the hundredth-largest of a hundred
+_OUT_RATIO = 2.5
+# and by this many robust standard deviations
+_OUT_SIGMA = 16.0
+# and by this part of the largest: rounding of a motion without noise is none
+_OUT_LEAST = 0.01
+_WINDOW = 5
+
+
+@dataclass(frozen=True, slots=True)
+class Inspected:
+    """A trace after its channels were inspected.
+
+    Parameters
+    ----------
+    trace : Trace
+        Channels as the rest of the diagnosis sees them: what can be trusted, named faults of
+        angle, tacho and clock taken out.
+    masked : ndarray of bool, shape (n,)
+        Samples that take no part.
+    left_out : tuple of (str, int)
+        Why samples take no part, and how many.
+    flags : tuple of DataFlag
+        Doubtful samples, those of the faults among them.
+    faults : tuple of Fault
+        Named faults.
+    reason : str
+        Why nothing can be said, with the margin; empty where something can.
+    derived : tuple of (str, str)
+        Channels that were made of another one, and of which.
+    angle_trusted : bool
+        Whether the motor angle is measured and of a sensor of its own.
+    """
+
+    trace: Trace
+    masked: NDArray[np.bool_]
+    left_out: tuple[tuple[str, int], ...] = ()
+    flags: tuple[DataFlag, ...] = ()
+    faults: tuple[Fault, ...] = ()
+    reason: str = ""
+    derived: tuple[tuple[str, str], ...] = ()
+    angle_trusted: bool = False
+
+
+def inspect_channels(
+    trace: Trace, profile: ProfileData, model: BenchModel, *, alpha: float
+) -> Inspected:
+    """Inspect every channel of a trace before anything is fitted.
+
+    Parameters
+    ----------
+    trace : Trace
+        Channels.
+    profile : ProfileData
+        Bench.
+    model : BenchModel
+        Model at hand; faults that it holds are taken out and not found again.
+    alpha : float
+        False-alarm rate of the record, in (0, 1): a fault that is less sure is not named.
+
+    Returns
+    -------
+    Inspected
+
+    Raises
+    ------
+    DataError
+        If the trace has no torque.
+    """
+    channels = check_channels(_finite(trace), profile)
+    none = np.zeros(len(trace), dtype=bool)
+    reason = channels.reason or _at_rest(channels.trace, profile)
+    if reason:
+        return Inspected(channels.trace, none, flags=channels.flags, reason=reason)
+    trace, flags = channels.trace, channels.flags
+    lost = lost_samples(trace)
+    torque = torque_of(trace, profile)
+    trace, glitches = _without_glitches(_known_out(trace, profile, model), profile)
+    clipped, saturation = clipping(trace, profile, torque)
+    stuck = stuck_samples(torque) & ~clipped
+    held = repeated_rows(trace) & ~clipped & ~stuck
+    masked = clipped | stuck
+    flags += flag_runs("stuck-value", trace.time_s, stuck) + glitches
+    flags += flag_samples(
+        "missed-samples", trace.time_s, held, "rows that repeat the one before; nothing is repaired"
+    )
+    faults = lost if saturation is None else (*lost, saturation)
+    moving, trace, derived = _moving(trace, profile, torque, masked)
+    faults += tuple(one for one in moving if one.false_alarm_probability < alpha)
+    flags += tuple(fault.flag() for fault in faults)
+    reasons = (
+        ("no value", int((~np.isfinite(torque)).sum())),
+        ("clipped", int(clipped.sum())),
+        ("stuck", int(stuck.sum())),
+    )
+    return Inspected(
+        trace,
+        masked,
+        tuple(one for one in reasons if one[1]),
+        tuple(sorted(flags, key=lambda flag: flag.from_s)),
+        faults,
+        "",
+        derived,
+        any(name in trace for name in ANGLES) and all(one not in ANGLES for one, _ in derived),
+    )
+
+
+def _moving(
+    trace: Trace, profile: ProfileData, torque: FloatArray, masked: NDArray[np.bool_]
+) -> tuple[tuple[Fault, ...], Trace, tuple[tuple[str, str], ...]]:
+    """Return faults of angle, tacho and clock, the trace without them, and what is derived."""
+    shaft = shaft_of(trace, profile)
+    if shaft is None:
+        return (), trace, ()
+    pair = derivation(shaft)
+    velocity = np.nan_to_num(shaft.velocity_rad_s)
+    ripple = Ripple(
+        np.nan_to_num(torque), np.isfinite(torque) & ~masked, baseline_orders(profile), velocity
+    )
+    independent = pair is None
+    derived = () if pair is None else (pair,)
+    # ripple of the tacho hides small jumps, and a jump turns the ripple's phase
+    lines, smooth = find_tacho_ripple(trace, shaft) if independent else ((), trace)
+    even = shaft_of(smooth, profile) if lines else shaft
+    jumps, repaired = find_jumps(smooth, even or shaft, profile, ripple, independent=independent)
+    return (*jumps, *lines), repaired, derived
+
+
+def _finite(trace: Trace) -> Trace:
+    """Return the trace with infinite samples lost."""
+    wrong = {
+        name: np.where(np.isfinite(values), values, np.nan)
+        for name, values in trace.columns.items()
+        if name != "time_s" and bool(np.isinf(values).any())
+    }
+    return trace.with_columns(**wrong) if wrong else trace
+
+
+def _at_rest(trace: Trace, profile: ProfileData) -> str:
+    """Return why a record without any motion says nothing, or nothing."""
+    parts = [
+        part for part in (angle_of(trace, profile), velocity_of(trace, profile)) if part is not None
+    ]
+    if not parts or any(np.nanmax(part) > np.nanmin(part) for part in parts):
+        return ""
+    return "neither angle nor velocity changes by a single step: the record holds no motion"
+
+
+def _known_out(trace: Trace, profile: ProfileData, model: BenchModel) -> Trace:
+    """Return the trace without the faults of angle, tacho and clock that the model holds."""
+    for term in model.causes:
+        shape = dict(term.shape)
+        angle = angle_of(trace, profile)
+        if term.name == "tacho-ripple" and angle is not None:
+            trace = without_ripple(trace, angle, shape)
+        elif term.name in ("encoder-slip", "missed-samples"):
+            first = int(np.searchsorted(trace.time_s, shape["step_time_s"]))
+            if term.name == "encoder-slip":
+                trace = turned_back(trace, profile, first, shape["slip_rad"])
+            else:
+                trace = later_from(trace, first, shape["missed_s"])
+    return trace
+
+
+def _isolated(values: FloatArray, least: float) -> NDArray[np.bool_]:
+    """Return single samples that leave the course of their neighbours and come back."""
+    out = np.zeros(len(values), dtype=bool)
+    at = np.flatnonzero(np.isfinite(values))
+    if len(at) < 10 * _WINDOW:
+        return out
+    known = values[at]
+    away = np.abs(known - median_filter(known, size=_WINDOW, mode="nearest"))
+    limit = max(_OUT_RATIO * float(np.quantile(away, 0.99)), _OUT_SIGMA * robust_std(away), least)
+    far = away > limit
+    for first, last in mask_runs(far):
+        out[at[first : last + 1]] = last - first < 2
+    return out
+
+
+def _without_glitches(trace: Trace, profile: ProfileData) -> tuple[Trace, tuple[DataFlag, ...]]:
+    """Return the trace without isolated wrong samples of velocity and angle, and their flags."""
+    flags: tuple[DataFlag, ...] = ()
+    velocity = velocity_of(trace, profile)
+    if velocity is not None:
+        known = np.abs(velocity[np.isfinite(velocity)])
+        least = _OUT_LEAST * float(np.quantile(known, 0.99)) if len(known) else 0.0
+        wrong = _isolated(velocity, least)
+        trace = _lost_at(trace, VELOCITIES, wrong)
+        flags += flag_samples("spikes", trace.time_s, wrong, "isolated samples of the velocity")
+    shaft = shaft_of(trace, profile)
+    if shaft is not None:
+        wrong = find_glitches(shaft)
+        trace = _lost_at(trace, ANGLES, wrong)
+        flags += flag_samples("spikes", trace.time_s, wrong, "isolated samples of the motor angle")
+    return trace, flags
+
+
+def _lost_at(trace: Trace, names: tuple[str, ...], mask: NDArray[np.bool_]) -> Trace:
+    """Return the trace with the marked samples of some channels lost."""
+    if not mask.any():
+        return trace
+    kept = {name: np.where(mask, np.nan, trace[name]) for name in names if name in trace}
+    return trace.with_columns(**kept)

@@ -1,0 +1,322 @@
+"""Jumps between angle and velocity: slips of the encoder, and samples that the stamps hide."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d, median_filter
+
+from hdbench.diagnosis.faults.fault import (
+    ACCEPT_NATS,
+    TELL_NATS,
+    Fault,
+    entry,
+    normal_tail,
+    robust_std,
+)
+from hdbench.diagnosis.faults.phase import Ripple, jump_nats
+from hdbench.diagnosis.faults.shaft import ANGLES, Shaft, disagreement
+from hdbench.profile.schema import ProfileData
+from hdbench.records.trace import FloatArray, Trace
+
+__all__ = ["find_glitches", "find_jumps", "later_from", "turned_back"]
+
+# samples on each side: there the averaged counting of a 4000-count encoder meets the walk that the
+# tacho's noise of 0.06 rad/s makes at 1 kHz
+_SIDE = 14
+# samples over which the scatter of the steps is taken
+_AROUND = 400
+_ROUNDS = 3
+# a counted angle is off by less than one count; 0.8 of one more is what bends within a period
+_COUNTS = 1.8
+# smallest jump, rad: it turns ripple of order 2 by a thousandth of its amplitude
+_SMALLEST_RAD = 5e-4
+# steps of the tacho's converter: three neighbours rounded alike are off by one and a half together
+_ROUNDING = 4.0
+# stamps may be wrong by twice as much as the oddest step around shows
+_LATE = 2.0
+# three intervals hold this part of a jump at least
+_SUDDEN = 0.5
+# a velocity that leaves the median of five three times as far as nine in ten do is integrated as
+# if it had lasted: the trapezoidal rule does not know
+_USUAL, _UNUSUAL = 0.9, 3.0
+# jumps that are judged at most, the largest first
+_MOST = 8
+# a jump this many standard deviations from a whole number of samples is none of lost samples
+_WHOLE_SIGMA = 4.0
+# times the loss at the faster side's speed that a loss may last, and samples that it may have
+_LONGEST, _MOST_LOST = 4.0, 5000
+# an isolated sample is this many times further out than one in a hundred, and this many standard
+# deviations: the largest of a million normal samples is twice the hundredth-largest of a hundred
+_OUT_RATIO, _OUT_SIGMA = 2.5, 16.0
+# and comes back to within this part of where it went
+_BACK = 0.3
+
+
+@dataclass(frozen=True, slots=True)
+class Jump:
+    """The angle moves against the velocity between samples `first` - 1 and `first`.
+
+    `before` and `after` are velocity, rad/s, and acceleration, rad/s^2, on its two sides.
+    """
+
+    first: int
+    angle_rad: float
+    std_rad: float
+    nats: float
+    chance: float
+    before: tuple[float, float]
+    after: tuple[float, float]
+
+
+def turned_back(trace: Trace, profile: ProfileData, first: int, angle_rad: float) -> Trace:
+    """Return the trace with its measured angle less `angle_rad` from one sample on."""
+    count = profile.encoder.counts_per_turn / (2.0 * np.pi)
+    columns = {}
+    for name, scale in zip(ANGLES, (1.0, count), strict=True):
+        if name in trace:
+            columns[name] = trace[name].copy()
+            columns[name][first:] -= angle_rad * scale
+    return trace.with_columns(**columns)
+
+
+def later_from(trace: Trace, first: int, delay_s: float) -> Trace:
+    """Return the trace with every sample from one on later by `delay_s`."""
+    time = trace.time_s.copy()
+    time[first:] += delay_s
+    return trace.with_columns(time_s=time)
+
+
+def find_glitches(shaft: Shaft) -> NDArray[np.bool_]:
+    """Return single samples, shape (n,), at which the angle leaves its course and comes back."""
+    wrong = np.zeros(len(shaft.time_s), dtype=bool)
+    if int(shaft.good.sum()) < 4 * _SIDE:
+        return wrong
+    left, scatter = disagreement(shaft)
+    usual = _OUT_RATIO * float(np.quantile(np.abs(left[shaft.good]), 0.99))
+    far = np.abs(left) > np.maximum(_least(shaft), max(_OUT_SIGMA * scatter, usual))
+    wrong[1:-1] = far[1:] & far[:-1] & (np.abs(left[1:] + left[:-1]) < _BACK * np.abs(left[1:]))
+    return wrong
+
+
+def find_jumps(
+    trace: Trace, shaft: Shaft, profile: ProfileData, ripple: Ripple, *, independent: bool
+) -> tuple[tuple[Fault, ...], Trace]:
+    """Return the jumps that evidence names, and the trace with them taken out.
+
+    Parameters
+    ----------
+    trace : Trace
+        Channels.
+    shaft : Shaft
+        Angle and velocity of the trace.
+    profile : ProfileData
+        Encoder counts.
+    ripple : Ripple
+        Torque, whose phase is the witness.
+    independent : bool
+        Whether angle and velocity are two sensors.
+
+    Returns
+    -------
+    faults : tuple of Fault
+        In order of time.
+    trace : Trace
+        Angle turned back after slips, later stamps after lost samples.
+
+    Notes
+    -----
+    With a slip the torque's ripple goes on over the angle turned back; with lost samples it goes
+    on over the recorded angle, and the jump is a whole number of samples' turning. Two sensors
+    that disagree are evidence enough where the torque does not contradict; of two channels of one
+    sensor only the torque can tell.
+    """
+    jumps = sorted(_found(shaft), key=lambda jump: -abs(jump.angle_rad))[:_MOST]
+    places = sorted([0, len(trace), *(jump.first for jump in jumps)])
+    needed = -TELL_NATS if independent else ACCEPT_NATS
+    named: list[tuple[Jump, str, int, float]] = []
+    for jump in jumps:
+        where = places.index(jump.first)
+        ends = (places[where - 1], places[where + 1])
+        nats = jump_nats(ripple, shaft.angle_rad, jump.first, jump.angle_rad, ends)
+        lost = _lost_samples(jump, shaft.period_s, shaft.count_rad)
+        is_lost = lost is not None and (lost.near or (independent and nats < -TELL_NATS))
+        is_lost = is_lost and -nats > needed
+        count = lost.samples if lost is not None and is_lost else 0
+        std = lost.std if lost is not None else 0.0
+        if nats > needed:
+            named.append((jump, "both" if is_lost else "encoder-slip", count, std))
+        elif is_lost:
+            named.append((jump, "missed-samples", count, std))
+    # later losses first: a loss moves the stamps of all samples after it
+    named.sort(key=lambda one: -one[0].first)
+
+    def repaired(every: list[tuple[Jump, str, int, float]]) -> Trace:
+        out = trace
+        for jump, name, count, _ in every:
+            if name == "encoder-slip":
+                out = turned_back(out, profile, jump.first, jump.angle_rad)
+            else:
+                out = later_from(out, jump.first, count * shaft.period_s)
+        return out
+
+    faults = []
+    for one in reversed(named):
+        undone = repaired([other for other in named if other is not one])
+        faults.append(_fault(one, shaft, undone))
+    return tuple(faults), repaired(named)
+
+
+def _fault(named: tuple[Jump, str, int, float], shaft: Shaft, undone: Trace) -> Fault:
+    jump, name, samples, std = named
+    time, last = shaft.time_s, len(shaft.time_s) - 1
+    place = 0.5 * float(time[jump.first - 1] + time[jump.first])
+    slip = entry(jump.angle_rad, jump.std_rad, "rad")
+    where = entry(place, None, "s")
+    used = ("torque_nm", *shaft.names)
+    if name == "encoder-slip":
+        return Fault(
+            name, {"slip_rad": slip, "step_time_s": where}, last - jump.first + 1,
+            float(time[jump.first]), float(time[-1]), jump.nats, jump.chance, used,
+            {"slip_rad": jump.angle_rad, "step_time_s": place}, undone=undone,
+        )  # fmt: skip
+    missed = samples * shaft.period_s
+    parameters = {
+        "samples": entry(samples, std, "1"),
+        "step_time_s": where,
+        "missed_s": entry(missed, std * shaft.period_s, "s"),
+    }
+    if name == "both":
+        parameters["slip_rad"] = slip
+    return Fault(
+        "missed-samples", parameters, samples, float(time[jump.first - 1]),
+        float(time[jump.first]), jump.nats, jump.chance, used,
+        {"missed_s": missed, "step_time_s": place},
+        ("encoder-slip",) if name == "both" else (), undone=undone,
+    )  # fmt: skip
+
+
+def _steps(left: FloatArray) -> FloatArray:
+    """Return the mean level after less the mean level before each increment."""
+    total = np.concatenate([[0.0], np.cumsum(left)])
+    sums = np.concatenate([[0.0], np.cumsum(total)])
+    at = np.arange(len(left))
+    low, high = np.maximum(at + 1 - _SIDE, 0), np.minimum(at + 1 + _SIDE, len(left) + 1)
+    before = (sums[at + 1] - sums[low]) / (at + 1 - low)
+    after = (sums[high] - sums[at + 1]) / (high - at - 1)
+    return np.asarray(after - before)
+
+
+def _scatter_around(steps: FloatArray, good: NDArray[np.bool_]) -> FloatArray:
+    """Return the robust scatter of the steps around each increment, at least that of all."""
+    everywhere = robust_std(steps[good])
+    edges = np.arange(0, len(steps), _AROUND)
+    parts = [steps[a : a + _AROUND][good[a : a + _AROUND]] for a in edges.tolist()]
+    local = np.array([robust_std(part) if len(part) > _SIDE else everywhere for part in parts])
+    return np.repeat(np.maximum(local, everywhere), _AROUND)[: len(steps)]
+
+
+def _least(shaft: Shaft) -> FloatArray:
+    """Return the step that counting, rounding, late stamps and the integration make, rad."""
+    steps = shaft.steps_s
+    rounding = _ROUNDING * shaft.tacho_step_rad_s * shaft.period_s
+    least = max(_COUNTS * shaft.count_rad, rounding, _SMALLEST_RAD)
+    odd = np.where(shaft.good, np.abs(steps - shaft.period_s), 0.0)
+    late = maximum_filter1d(odd, 2 * _SIDE + 1)
+    velocity = np.nan_to_num(shaft.velocity_rad_s)
+    pace = np.abs(0.5 * (velocity[1:] + velocity[:-1]))
+    away = np.abs(velocity - median_filter(velocity, size=5, mode="nearest"))
+    usual = float(np.quantile(away, _USUAL))
+    beyond = np.where(away > _UNUSUAL * usual, away, 0.0)
+    # the median of five follows two such samples half of the way: what it leaves counts twice
+    unknown = np.convolve((beyond[1:] + beyond[:-1]) * steps, np.ones(3), mode="same")
+    return np.asarray(np.maximum(least, _LATE * late * pace) + unknown)
+
+
+def _found(shaft: Shaft) -> list[Jump]:
+    """Return the moments where angle and velocity part for good within three samples."""
+    if int(shaft.good.sum()) < 4 * _SIDE:
+        return []
+    left, _ = disagreement(shaft)
+    scatter = _scatter_around(_steps(left), shaft.good)
+    count = len(left)
+    sigmas = float(np.sqrt(2.0 * (ACCEPT_NATS + 1.5 * np.log(count))))
+    floor = np.maximum(sigmas * scatter, _least(shaft))
+    sizes = np.zeros(count)
+    for _ in range(_ROUNDS):
+        found = _peaks(left - sizes, floor, shaft.good)
+        for at, size in found:
+            sizes[at] += size
+        if not found:
+            break
+    jumps = []
+    for at in np.flatnonzero(np.abs(sizes) > floor).tolist():
+        size, std = float(sizes[at]), max(float(scatter[at]), 1e-12)
+        nats, chance = normal_tail(size / std, count, 3, count)
+        sides = _pace(shaft, at, -1), _pace(shaft, at + 1, 1)
+        jumps.append(Jump(at + 1, size, std, nats, chance, *sides))
+    return jumps
+
+
+def _peaks(left: FloatArray, floor: FloatArray, good: NDArray[np.bool_]) -> list[tuple[int, float]]:
+    """Return place and size of the largest sudden step in each stretch where steps stand out."""
+    steps = _steps(left)
+    inside = np.zeros(len(steps), dtype=bool)
+    inside[_SIDE:-_SIDE] = True
+    far = np.flatnonzero(good & inside & (np.abs(steps) > floor))
+    if not len(far):
+        return []
+    around = np.convolve(left, np.ones(3), mode="same")
+    peaks = []
+    for part in np.split(far, np.flatnonzero(np.diff(far) > _SIDE) + 1):
+        at = int(part[np.argmax(np.abs(steps[part]) + np.abs(left[part]))])
+        # a ramp, such as a filter's, spreads over many intervals
+        if around[at] * steps[at] > 0.0 and abs(around[at]) > _SUDDEN * abs(steps[at]):
+            peaks.append((at, float(steps[at])))
+    return peaks
+
+
+def _pace(shaft: Shaft, at: int, side: int) -> tuple[float, float]:
+    """Return velocity and acceleration at a sample by a line through those on one side of it."""
+    rows = at + side * np.arange(_SIDE)
+    rows = rows[(rows >= 0) & (rows < len(shaft.time_s))]
+    rows = rows[np.isfinite(shaft.velocity_rad_s[rows])]
+    if len(rows) < 2:
+        return 0.0, 0.0
+    time = shaft.time_s[rows] - shaft.time_s[at]
+    slope, level = np.polyfit(time, shaft.velocity_rad_s[rows], 1)
+    return float(level), float(slope)
+
+
+@dataclass(frozen=True, slots=True)
+class _Lost:
+    """Samples that a jump can stand for, how well their number is known, whether they fit it."""
+
+    samples: int
+    std: float
+    near: bool
+
+
+def _lost_samples(jump: Jump, period_s: float, count_rad: float) -> _Lost | None:
+    """Return how many lost samples turn by a jump; None where the shaft went the other way.
+
+    In between the speed follows the cubic that has speed and acceleration of both sides.
+    """
+    (speed, slope), (later, later_slope) = jump.before, jump.after
+    fastest = max(abs(speed), abs(later))
+    if not fastest > 0.0:
+        return None
+    most = int(_LONGEST * abs(jump.angle_rad) / (fastest * period_s)) + 1
+    time = period_s * np.arange(1, min(most, _MOST_LOST) + 1)
+    turned = 0.5 * (speed + later) * time + (slope - later_slope) * time**2 / 12.0
+    away = np.abs(jump.angle_rad - turned)
+    best = int(np.argmin(away))
+    if not turned[best] * jump.angle_rad > 0.0:
+        return None
+    # the course of the speed in between is not known: half of the bend's share
+    bend = 0.5 * abs((slope - later_slope) * time[best] ** 2 / 12.0)
+    near = away[best] < _WHOLE_SIGMA * jump.std_rad + 0.5 * count_rad + bend
+    std = (bend + away[best]) / max(abs(0.5 * (speed + later)) * period_s, 1e-12)
+    return _Lost(best + 1, float(min(std, best + 1)), bool(near))

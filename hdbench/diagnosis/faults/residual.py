@@ -1,0 +1,347 @@
+"""Faults that show in what a model leaves: spikes, coarse steps, noise that grows with speed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d, median_filter, minimum_filter1d
+from scipy.special import ndtri
+
+from hdbench.diagnosis.faults.converter import quantisation
+from hdbench.diagnosis.faults.fault import Fault, entry, mask_runs, normal_tail, robust_std
+from hdbench.model import Motion
+from hdbench.profile.schema import ProfileData
+from hdbench.records.trace import FloatArray
+
+__all__ = ["ResidualFaults", "SpeedNoise", "faults_of_residual", "find_spikes", "speed_noise"]
+
+# probability of any such spike on a record of normal noise
+_CHANCE = 2e-5
+# a spike lasts this many samples at most, against the median of this many
+_LONG = 2
+_WINDOW = 5
+# isolated samples are rare: more of them than this share are another distribution, not spikes
+_RARE = 0.02
+# a loud stretch is judged by itself: samples over which the scatter is taken
+_AROUND = 400
+# the form of a cause is off where its torque changes most: a sample that lies no further out than
+# this share of what the model changes by within so many samples is none
+_FORM_SHARE = 0.5
+_NEAR = 7
+# law of the catalogue: noise at this speed, rad/s
+_REFERENCE_RAD_S = 100.0
+# cells of equal counts in which squares are summed: the law bends slowly
+_CELLS = 64
+# blocks in time: noise that changes with time alone must not be taken for a law of the speed
+_BLOCKS = 24
+# Fisher scoring converges within ten rounds
+_ROUNDS = 50
+# squares above this many times the median are outliers, no variance: 2e-7 of normal samples
+_OUTLIER = 60.0
+_LEAST_SAMPLES = 500
+# share of the record's range of squared speeds that a half has to show to have a say
+_VARIED = 0.2
+
+
+@dataclass(frozen=True, slots=True)
+class SpeedNoise:
+    """Variance ``still + slope w^2`` of a residual in units of its mean, w in rad/s."""
+
+    still: float
+    slope: float
+    slope_std: float
+    sigmas: float
+    nats: float
+
+    def variance(self, velocity_rad_s: FloatArray) -> FloatArray:
+        """Return the variance over its mean at each velocity."""
+        speed = np.where(np.isfinite(velocity_rad_s), velocity_rad_s, 0.0)
+        return np.asarray(self.still + self.slope * speed**2)
+
+
+@dataclass(frozen=True, slots=True)
+class ResidualFaults:
+    """Faults of a residual, its spikes (shape (n,)), and the law of its noise, if there is one."""
+
+    faults: tuple[Fault, ...]
+    spikes: NDArray[np.bool_]
+    law: SpeedNoise | None
+
+
+def faults_of_residual(
+    residual_nm: FloatArray,
+    whitened_residual: FloatArray | None,
+    motion: Motion,
+    valid: NDArray[np.bool_],
+    torque_nm: FloatArray,
+    profile: ProfileData,
+    *,
+    alpha: float,
+    volts: bool,
+) -> ResidualFaults:
+    """Return the faults of the acquisition that a residual shows.
+
+    Parameters
+    ----------
+    residual_nm : ndarray, shape (n,)
+        Measured less modelled torque, N m.
+    whitened_residual : ndarray, shape (n,), or None
+        The same with white noise, in any unit; None before the noise is known: then only spikes
+        and coarse steps are looked for.
+    motion : Motion
+        Motion of the record.
+    valid : ndarray of bool, shape (n,)
+        Samples that count.
+    torque_nm : ndarray, shape (n,)
+        Torque as read, N m.
+    profile : ProfileData
+        Converter of the bench.
+    alpha : float
+        False-alarm rate of the law of the noise, in (0, 1).
+    volts : bool
+        Whether the torque is the converter's own reading times the gain (``torque_v``).
+
+    Returns
+    -------
+    ResidualFaults
+    """
+    spikes = find_spikes(residual_nm, whitened_residual, valid, torque_nm)
+    faults = [*_spiky(spikes, residual_nm, valid, motion.time_s)]
+    kept = valid & ~spikes
+    scatter = robust_std(residual_nm[kept])
+    readings = np.where(valid, torque_nm, np.nan)
+    coarse = quantisation(motion.time_s, readings, scatter, profile, volts=volts)
+    if coarse is not None:
+        faults.append(coarse)
+    law = None
+    if whitened_residual is not None:
+        law = speed_noise(whitened_residual, kept, motion, torque_nm - residual_nm, alpha)
+        # readings of a coarse converter are rough where they cross levels fast
+        if law is not None and coarse is None:
+            faults.append(_rough(law, residual_nm, kept, motion.time_s))
+        law = law if coarse is None else None
+    return ResidualFaults(tuple(faults), spikes, law)
+
+
+def _local_std(values: FloatArray, used: NDArray[np.bool_]) -> FloatArray:
+    """Return the robust scatter of the used values around each sample, at least that of all."""
+    at = np.flatnonzero(used)
+    parts = np.array_split(at, max(1, len(at) // _AROUND))
+    centres = np.array([float(part.mean()) for part in parts])
+    sizes = np.array([robust_std(values[part]) for part in parts])
+    # a loud stretch between two quiet ones must not be judged by them: the larger neighbour counts
+    wide = maximum_filter1d(sizes, 3)
+    local = np.interp(np.arange(len(values)), centres, wide)
+    return np.asarray(np.maximum(local, max(robust_std(values[at]), 1e-300)))
+
+
+def find_spikes(
+    residual_nm: FloatArray,
+    whitened_residual: FloatArray | None,
+    valid: NDArray[np.bool_],
+    torque_nm: FloatArray,
+) -> NDArray[np.bool_]:
+    """Return one or two samples that stand out of the noise and of their neighbours.
+
+    Samples of the whitened residual beyond what one record in 50 000 shows, held against the
+    scatter around them; none where they come in runs, where the model itself changes as fast, or
+    where they are more than one in fifty.
+    """
+    spikes = np.zeros(len(valid), dtype=bool)
+    count = int(valid.sum())
+    if count < _AROUND:
+        return spikes
+    known = np.where(valid, residual_nm, 0.0)
+    away = np.abs(known - median_filter(known, size=_WINDOW, mode="nearest"))
+    sigmas = -float(ndtri(0.5 * _CHANCE / count))
+    far = valid & (away > sigmas * _local_std(known - _smooth(known), valid))
+    if whitened_residual is not None and far.any():
+        far &= np.abs(whitened_residual) > sigmas * _local_std(whitened_residual, valid)
+    if not far.any():
+        return spikes
+    modelled = np.where(valid, torque_nm - residual_nm, 0.0)
+    changes = maximum_filter1d(modelled, _NEAR) - minimum_filter1d(modelled, _NEAR)
+    far &= away > _FORM_SHARE * changes
+    for first, last in mask_runs(far):
+        if last - first < _LONG:
+            spikes[first : last + 1] = True
+    return spikes if int(spikes.sum()) <= _RARE * count else np.zeros(len(valid), dtype=bool)
+
+
+def _smooth(values: FloatArray) -> FloatArray:
+    return np.asarray(median_filter(values, size=_WINDOW, mode="nearest"))
+
+
+def _spiky(
+    spikes: NDArray[np.bool_],
+    residual_nm: FloatArray,
+    valid: NDArray[np.bool_],
+    time_s: FloatArray,
+) -> tuple[Fault, ...]:
+    """Return the spikes as one fault, none where nothing speaks for it."""
+    at = np.flatnonzero(spikes)
+    if not len(at):
+        return ()
+    scatter = robust_std(residual_nm[valid & ~spikes])
+    sizes, total = np.abs(residual_nm[at]), len(spikes)
+    sigmas = sizes / max(scatter, 1e-300)
+    # each has a place among all samples and a size of its own
+    nats = float(np.sum(0.5 * sigmas**2 - 1.5 * np.log(total)))
+    if not nats > 0.0:
+        return ()
+    size, share = float(np.sqrt(np.mean(sizes**2))), len(at) / total
+    parameters = {
+        "share": entry(share, float(np.sqrt(len(at))) / total, "1"),
+        "size_nm": entry(size, size / float(np.sqrt(2.0 * len(at))), "N m"),
+        "samples": entry(len(at), 0.0, "1"),
+        "largest_nm": entry(float(sizes.max()), scatter, "N m"),
+        "first_s": entry(float(time_s[at[0]]), None, "s"),
+    }
+    chance = normal_tail(float(sigmas.max()), total, 1, total)[1]
+    fault = Fault(
+        "spikes", parameters, len(at), float(time_s[at[0]]), float(time_s[at[-1]]), nats, chance,
+        ("torque_nm",), {"share": share, "size_nm": size}, masked=spikes, domain="outliers",
+    )  # fmt: skip
+    return (fault,)
+
+
+def _rough(
+    law: SpeedNoise, residual_nm: FloatArray, kept: NDArray[np.bool_], time_s: FloatArray
+) -> Fault:
+    """Return noise that grows with the speed as a fault."""
+    power = float(np.mean(residual_nm[kept] ** 2))
+    size = float(np.sqrt(law.slope * power)) * _REFERENCE_RAD_S
+    std = size * 0.5 * law.slope_std / law.slope
+    count = int(kept.sum())
+    parameters = {
+        "noise_nm": entry(size, std, "N m"),
+        "noise_at_rest_nm": entry(float(np.sqrt(law.still * power)), None, "N m"),
+    }
+    return Fault(
+        "speed-dependent-noise", parameters, count, float(time_s[0]), float(time_s[-1]),
+        law.nats - 0.5 * float(np.log(count)), normal_tail(law.sigmas, 1.0, 1, count)[1],
+        ("torque_nm",), {"noise_nm": size}, domain="variance",
+    )  # fmt: skip
+
+
+def _score(squares: FloatArray, regressor: FloatArray, beside: FloatArray | None) -> float:
+    """Return the score of a slope of the variance, in standard deviations.
+
+    With the spread of the squares as it is, and beside another regressor if one is given.
+    """
+    design = np.ones((len(squares), 1))
+    if beside is not None:
+        design = np.column_stack([design, beside / max(float(beside.max()), 1e-300)])
+    both = np.column_stack([regressor, squares])
+    both = both - design @ np.linalg.lstsq(design, both, rcond=None)[0]
+    spread = float(np.sqrt(np.sum(both[:, 0] ** 2 * both[:, 1] ** 2)))
+    return float(both[:, 0] @ both[:, 1]) / spread if spread > 0.0 else 0.0
+
+
+def speed_noise(
+    whitened: FloatArray,
+    used: NDArray[np.bool_],
+    motion: Motion,
+    modelled_nm: FloatArray,
+    alpha: float,
+) -> SpeedNoise | None:
+    """Return the law of noise that grows with the square of the speed.
+
+    Parameters
+    ----------
+    whitened : ndarray, shape (n,)
+        Whitened residual of the model.
+    used : ndarray of bool, shape (n,)
+        Its samples.
+    motion : Motion
+        Motion of the record.
+    modelled_nm : ndarray, shape (n,)
+        Torque of the model, N m: where it changes fastest over the angle, an angle that is off
+        makes a residual that grows with the speed and is no noise.
+    alpha : float
+        Probability of a law without any effect, in (0, 1).
+
+    Returns
+    -------
+    SpeedNoise or None
+        None where the variance does not grow as surely as that, does so in one half of the record
+        only, in what is slow only (a form that is off), or where a variance that changes with time
+        alone is likelier.
+
+    Notes
+    -----
+    The slope is that of greatest likelihood for normal noise, by Fisher scoring.
+    """
+    velocity = np.nan_to_num(motion.velocity_rad_s)
+    good = used & np.isfinite(motion.velocity_rad_s)
+    if int(good.sum()) < _LEAST_SAMPLES:
+        return None
+    squares, speed = whitened[good] ** 2, velocity[good] ** 2
+    # noise is as fast as the samples; what a wrong form leaves is slower
+    pairs = good[1:] & good[:-1]
+    fast = 0.5 * np.diff(whitened)[pairs] ** 2
+    slope = np.gradient(np.where(used, modelled_nm, 0.0))[good] ** 2
+    kept = squares < _OUTLIER * max(float(np.median(squares)), 1e-300)
+    squares, speed, slope = squares[kept], speed[kept], slope[kept]
+    mean = float(squares.mean())
+    if not mean > 0.0 or not float(np.ptp(speed)) > 0.0:
+        return None
+    squares = squares / mean
+    limit = -float(ndtri(alpha))
+    # the increments of the model over one sample grow with the speed by themselves: at the same
+    # speed those of the steep parts count
+    steep = slope * float(np.mean(speed)) / np.maximum(speed, 1e-3 * float(speed.max()))
+    sigmas = _score(squares, speed, steep)
+    usual = fast < _OUTLIER * max(float(np.median(fast)), 1e-300)
+    sure = _score(fast[usual], velocity[1:][pairs][usual] ** 2, None) > limit
+    if not sigmas > limit or not sure or not _in_both_halves(squares, speed):
+        return None
+    still, growth, std, nats = _fitted(squares, speed)
+    if nats < _over_time(squares):
+        return None
+    return SpeedNoise(still, growth, std, sigmas, nats)
+
+
+def _in_both_halves(squares: FloatArray, speed: FloatArray) -> bool:
+    """Return whether the variance grows in each half of the record that shows several speeds."""
+    half = len(squares) // 2
+    for part in (slice(0, half), slice(half, None)):
+        varied = float(np.ptp(speed[part])) > _VARIED * float(np.ptp(speed))
+        if varied and not _score(squares[part], speed[part], None) > 0.0:
+            return False
+    return True
+
+
+def _fitted(squares: FloatArray, speed: FloatArray) -> tuple[float, float, float, float]:
+    """Return s0^2, s1^2, its standard uncertainty and the gain in likelihood over even noise."""
+    order = np.argsort(speed)
+    parts = np.array_split(order, _CELLS)
+    count = np.array([len(part) for part in parts], dtype=float)
+    means = np.array([squares[part].mean() for part in parts])
+    scale = float(speed.max())
+    design = np.column_stack([np.ones(_CELLS), [speed[part].mean() / scale for part in parts]])
+    values = np.array([0.5, 0.5])
+    for _ in range(_ROUNDS):
+        variance = design @ values
+        weighted = design * (0.5 * count / variance**2)[:, None]
+        fisher = weighted.T @ design
+        # a variance stays positive: a thousandth of the mean is none
+        moved = np.maximum(np.linalg.solve(fisher, weighted.T @ means), 1e-3)
+        done = float(np.abs(moved - values).max()) < 1e-9
+        values = moved
+        if done:
+            break
+    variance = design @ values
+    even = float(np.sum(count * means))
+    nats = 0.5 * (even - float(np.sum(count * (np.log(variance) + means / variance))))
+    std = float(np.sqrt(np.linalg.inv(fisher)[1, 1])) / scale
+    return float(values[0]), float(values[1]) / scale, std, nats
+
+
+def _over_time(squares: FloatArray) -> float:
+    """Return the log likelihood that a variance for each of 24 blocks of time gains, paid for."""
+    blocks = np.array_split(squares, _BLOCKS)
+    gain = sum(0.5 * len(part) * float(np.log(max(float(part.mean()), 1e-12))) for part in blocks)
+    return -gain - 0.5 * (_BLOCKS - 1) * float(np.log(len(squares)))
