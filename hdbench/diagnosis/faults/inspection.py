@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
 from hdbench.diagnosis.faults.converter import clipping, stuck_samples
-from hdbench.diagnosis.faults.fault import Fault, flag_runs, flag_samples, mask_runs, robust_std
+from hdbench.diagnosis.faults.fault import Fault, flag_runs, flag_samples, robust_std
 from hdbench.diagnosis.faults.jumps import find_glitches, find_jumps, later_from, turned_back
 from hdbench.diagnosis.faults.phase import Ripple
 from hdbench.diagnosis.faults.shaft import (
@@ -20,11 +20,12 @@ from hdbench.diagnosis.faults.shaft import (
     shaft_of,
     velocity_of,
 )
-from hdbench.diagnosis.faults.stamps import lost_samples, repeated_rows
+from hdbench.diagnosis.faults.stamps import gap_steps, lost_samples, repeated_rows
 from hdbench.diagnosis.faults.tacho import find_tacho_ripple, without_ripple
 from hdbench.diagnosis.faults.units import check_channels, torque_of
 from hdbench.diagnosis.measured.preflight import DataFlag
 from hdbench.model import BenchModel, baseline_orders
+from hdbench.model.kinematics import velocity_slope
 from hdbench.profile.schema import ProfileData
 from hdbench.records.trace import FloatArray, Trace
 
@@ -35,8 +36,10 @@ __all__ = ["Inspected", "inspect_channels"]
 _OUT_RATIO = 2.5
 # and by this many robust standard deviations
 _OUT_SIGMA = 16.0
-# and by this part of the largest: rounding of a motion without noise is none
-_OUT_LEAST = 0.01
+# and this many of the smallest steps
+_OUT_STEPS = 4.0
+# and the two samples on each side differ by less than this part of it
+_FLAT = 0.2
 _WINDOW = 5
 
 
@@ -148,7 +151,10 @@ def _moving(
     pair = derivation(shaft)
     velocity = np.nan_to_num(shaft.velocity_rad_s)
     ripple = Ripple(
-        np.nan_to_num(torque), np.isfinite(torque) & ~masked, baseline_orders(profile), velocity
+        _rest(trace, profile, torque),
+        np.isfinite(torque) & ~masked,
+        baseline_orders(profile),
+        velocity,
     )
     independent = pair is None
     derived = () if pair is None else (pair,)
@@ -157,6 +163,18 @@ def _moving(
     even = shaft_of(smooth, profile) if lines else shaft
     jumps, repaired = find_jumps(smooth, even or shaft, profile, ripple, independent=independent)
     return (*jumps, *lines), repaired, derived
+
+
+def _rest(trace: Trace, profile: ProfileData, torque: FloatArray) -> FloatArray:
+    """Return the torque less what load and acceleration explain; 0 where it is lost."""
+    out = np.nan_to_num(torque)
+    velocity = velocity_of(trace, profile)
+    if velocity is not None:
+        inertia = profile.drive.load_inertia_kg_m2 / profile.drive.gear_ratio
+        out = out - inertia * np.nan_to_num(velocity_slope(trace.time_s, velocity))
+    if "load_torque_nm" in trace:
+        out = out - np.nan_to_num(trace["load_torque_nm"])
+    return np.asarray(out)
 
 
 def _finite(trace: Trace) -> Trace:
@@ -195,18 +213,21 @@ def _known_out(trace: Trace, profile: ProfileData, model: BenchModel) -> Trace:
     return trace
 
 
-def _isolated(values: FloatArray, least: float) -> NDArray[np.bool_]:
-    """Return single samples that leave the course of their neighbours and come back."""
+def _isolated(values: FloatArray) -> NDArray[np.bool_]:
+    """Return single samples far out of a course that is even on both sides of them."""
     out = np.zeros(len(values), dtype=bool)
-    at = np.flatnonzero(np.isfinite(values))
-    if len(at) < 10 * _WINDOW:
+    if len(values) < 10 * _WINDOW:
         return out
-    known = values[at]
+    known = np.nan_to_num(values)
     away = np.abs(known - median_filter(known, size=_WINDOW, mode="nearest"))
-    limit = max(_OUT_RATIO * float(np.quantile(away, 0.99)), _OUT_SIGMA * robust_std(away), least)
-    far = away > limit
-    for first, last in mask_runs(far):
-        out[at[first : last + 1]] = last - first < 2
+    steps = np.abs(np.diff(known))
+    # rounding of a motion without noise is no wrong sample
+    step = float(np.min(steps, where=steps > 0.0, initial=np.inf))
+    limit = max(_OUT_RATIO * float(np.quantile(away, 0.99)), _OUT_SIGMA * robust_std(away))
+    limit = max(limit, _OUT_STEPS * step if np.isfinite(step) else 0.0)
+    around = np.abs(known[np.array([[0], [1], [3], [4]]) + np.arange(len(known) - 4)] - known[2:-2])
+    flat = around.max(axis=0) - around.min(axis=0) < _FLAT * around.min(axis=0)
+    out[2:-2] = flat & (away[2:-2] > limit) & np.isfinite(values[2:-2])
     return out
 
 
@@ -215,9 +236,10 @@ def _without_glitches(trace: Trace, profile: ProfileData) -> tuple[Trace, tuple[
     flags: tuple[DataFlag, ...] = ()
     velocity = velocity_of(trace, profile)
     if velocity is not None:
-        known = np.abs(velocity[np.isfinite(velocity)])
-        least = _OUT_LEAST * float(np.quantile(known, 0.99)) if len(known) else 0.0
-        wrong = _isolated(velocity, least)
+        wrong = _isolated(velocity)
+        # beside a gap there is no course to leave
+        for at in gap_steps(trace.time_s).tolist():
+            wrong[max(0, at - _WINDOW) : at + _WINDOW] = False
         trace = _lost_at(trace, VELOCITIES, wrong)
         flags += flag_samples("spikes", trace.time_s, wrong, "isolated samples of the velocity")
     shaft = shaft_of(trace, profile)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter1d, median_filter
+from scipy.ndimage import binary_dilation, maximum_filter1d, median_filter, minimum_filter1d
 
 from hdbench.diagnosis.faults.fault import (
     ACCEPT_NATS,
@@ -14,10 +14,9 @@ from hdbench.diagnosis.faults.fault import (
     Fault,
     entry,
     normal_tail,
-    robust_std,
 )
 from hdbench.diagnosis.faults.phase import Ripple, jump_nats
-from hdbench.diagnosis.faults.shaft import ANGLES, Shaft, disagreement
+from hdbench.diagnosis.faults.shaft import ANGLES, REACH, Shaft, disagreement
 from hdbench.profile.schema import ProfileData
 from hdbench.records.trace import FloatArray, Trace
 
@@ -28,6 +27,8 @@ __all__ = ["find_glitches", "find_jumps", "later_from", "turned_back"]
 _SIDE = 14
 # samples over which the scatter of the steps is taken
 _AROUND = 400
+# share of them that no jump touches, and where it ends among normal values
+_SHARE, _SHARE_SIGMA = 0.85, 1.44
 _ROUNDS = 3
 # a counted angle is off by less than one count; 0.8 of one more is what bends within a period
 _COUNTS = 1.8
@@ -90,13 +91,18 @@ def later_from(trace: Trace, first: int, delay_s: float) -> Trace:
 
 
 def find_glitches(shaft: Shaft) -> NDArray[np.bool_]:
-    """Return single samples, shape (n,), at which the angle leaves its course and comes back."""
+    """Return single samples, shape (n,), at which the angle leaves its course and comes back.
+
+    None where a reading was held.
+    """
     wrong = np.zeros(len(shaft.time_s), dtype=bool)
-    if int(shaft.good.sum()) < 4 * _SIDE:
+    left, scatter = disagreement(shaft, free=False)
+    good = _whole(shaft)
+    if int(good.sum()) < 4 * _SIDE:
         return wrong
-    left, scatter = disagreement(shaft)
-    usual = _OUT_RATIO * float(np.quantile(np.abs(left[shaft.good]), 0.99))
-    far = np.abs(left) > np.maximum(_least(shaft), max(_OUT_SIGMA * scatter, usual))
+    usual = _OUT_RATIO * float(np.quantile(np.abs(left[good]), 0.99))
+    far = good & (np.abs(left) > np.maximum(_least(shaft), max(_OUT_SIGMA * scatter, usual)))
+    far &= shaft.moves_rad != 0.0
     wrong[1:-1] = far[1:] & far[:-1] & (np.abs(left[1:] + left[:-1]) < _BACK * np.abs(left[1:]))
     return wrong
 
@@ -135,12 +141,14 @@ def find_jumps(
     """
     jumps = sorted(_found(shaft), key=lambda jump: -abs(jump.angle_rad))[:_MOST]
     places = sorted([0, len(trace), *(jump.first for jump in jumps)])
-    needed = -TELL_NATS if independent else ACCEPT_NATS
     named: list[tuple[Jump, str, int, float]] = []
     for jump in jumps:
         where = places.index(jump.first)
         ends = (places[where - 1], places[where + 1])
-        nats = jump_nats(ripple, shaft.angle_rad, jump.first, jump.angle_rad, ends)
+        nats, able = jump_nats(ripple, shaft.angle_rad, jump.first, jump.angle_rad, ends)
+        # of two sensors the torque has to agree where it is able to
+        agrees = TELL_NATS if able > 2.0 * TELL_NATS else -TELL_NATS
+        needed = agrees if independent else ACCEPT_NATS
         lost = _lost_samples(jump, shaft.period_s, shaft.count_rad)
         is_lost = lost is not None and (lost.near or (independent and nats < -TELL_NATS))
         is_lost = is_lost and -nats > needed
@@ -198,24 +206,40 @@ def _fault(named: tuple[Jump, str, int, float], shaft: Shaft, undone: Trace) -> 
     )  # fmt: skip
 
 
-def _steps(left: FloatArray) -> FloatArray:
-    """Return the mean level after less the mean level before each increment."""
-    total = np.concatenate([[0.0], np.cumsum(left)])
-    sums = np.concatenate([[0.0], np.cumsum(total)])
-    at = np.arange(len(left))
-    low, high = np.maximum(at + 1 - _SIDE, 0), np.minimum(at + 1 + _SIDE, len(left) + 1)
-    before = (sums[at + 1] - sums[low]) / (at + 1 - low)
-    after = (sums[high] - sums[at + 1]) / (high - at - 1)
-    return np.asarray(after - before)
+def _steps(lefts: list[FloatArray]) -> FloatArray:
+    """Return the mean level after less that before each increment, as far as all agree."""
+    out = np.zeros(0)
+    for left in lefts:
+        total = np.concatenate([[0.0], np.cumsum(left)])
+        sums = np.concatenate([[0.0], np.cumsum(total)])
+        at = np.arange(len(left))
+        low, high = np.maximum(at + 1 - _SIDE, 0), np.minimum(at + 1 + _SIDE, len(left) + 1)
+        before = (sums[at + 1] - sums[low]) / (at + 1 - low)
+        step = (sums[high] - sums[at + 1]) / (high - at - 1) - before
+        least = np.minimum(np.abs(out), np.abs(step)) if len(out) else step
+        out = np.where(out * step > 0.0, np.sign(step) * least, 0.0) if len(out) else step
+    return np.asarray(out)
 
 
-def _scatter_around(steps: FloatArray, good: NDArray[np.bool_]) -> FloatArray:
-    """Return the robust scatter of the steps around each increment, at least that of all."""
-    everywhere = robust_std(steps[good])
-    edges = np.arange(0, len(steps), _AROUND)
-    parts = [steps[a : a + _AROUND][good[a : a + _AROUND]] for a in edges.tolist()]
-    local = np.array([robust_std(part) if len(part) > _SIDE else everywhere for part in parts])
-    return np.repeat(np.maximum(local, everywhere), _AROUND)[: len(steps)]
+def _scatter(shaft: Shaft, steps: FloatArray, good: NDArray[np.bool_]) -> FloatArray:
+    """Return the scatter of the steps at each increment: of those near in time, and as fast.
+
+    Where the velocity changes as fast as here, or is as large, the steps show what its filter and
+    the stamps are wrong by.
+    """
+    pace = np.abs(np.nan_to_num(shaft.velocity_rad_s))
+    change = maximum_filter1d(pace, 2 * _SIDE + 1) - minimum_filter1d(pace, 2 * _SIDE + 1)
+    out = np.full(len(steps), 1e-12)
+    at = np.flatnonzero(good)
+    for key in (at, pace[at], change[at]):
+        ranked = at[np.argsort(key, kind="stable")]
+        parts = np.array_split(np.abs(steps[ranked]), max(1, len(at) // _AROUND))
+        sizes = np.array([float(np.quantile(part, _SHARE)) / _SHARE_SIGMA for part in parts])
+        # the fastest are few: nothing is quieter than what is slower
+        sizes = sizes if key is at else np.maximum.accumulate(sizes)
+        wide = np.repeat(sizes, [len(part) for part in parts])
+        out[ranked] = np.maximum(out[ranked], wide)
+    return out
 
 
 def _least(shaft: Shaft) -> FloatArray:
@@ -235,20 +259,30 @@ def _least(shaft: Shaft) -> FloatArray:
     return np.asarray(np.maximum(least, _LATE * late * pace) + unknown)
 
 
+def _whole(shaft: Shaft) -> NDArray[np.bool_]:
+    """Return the increments around which the velocity is whole: no gap within its cells."""
+    return np.asarray(~binary_dilation(~shaft.good, iterations=REACH))
+
+
 def _found(shaft: Shaft) -> list[Jump]:
     """Return the moments where angle and velocity part for good within three samples."""
-    if int(shaft.good.sum()) < 4 * _SIDE:
+    good = _whole(shaft)
+    if int(good.sum()) < 4 * _SIDE:
         return []
-    left, _ = disagreement(shaft)
-    scatter = _scatter_around(_steps(left), shaft.good)
-    count = len(left)
+    # at one speed noise makes a free filter wider than it is, and a plain one knows no filter: a
+    # jump is what neither explains
+    lefts = [np.where(good, disagreement(shaft, free=free)[0], 0.0) for free in (False, True)]
+    scatter = _scatter(shaft, _steps(lefts), good)
+    count = len(good)
     sigmas = float(np.sqrt(2.0 * (ACCEPT_NATS + 1.5 * np.log(count))))
     floor = np.maximum(sigmas * scatter, _least(shaft))
     sizes = np.zeros(count)
     for _ in range(_ROUNDS):
-        found = _peaks(left - sizes, floor, shaft.good)
+        # one jump within reach of another is what is left of it
+        near = binary_dilation(sizes != 0.0, iterations=_SIDE)
+        found = _peaks([left - sizes for left in lefts], floor, good & ~near)
         for at, size in found:
-            sizes[at] += size
+            sizes[at] = size
         if not found:
             break
     jumps = []
@@ -260,9 +294,11 @@ def _found(shaft: Shaft) -> list[Jump]:
     return jumps
 
 
-def _peaks(left: FloatArray, floor: FloatArray, good: NDArray[np.bool_]) -> list[tuple[int, float]]:
+def _peaks(
+    lefts: list[FloatArray], floor: FloatArray, good: NDArray[np.bool_]
+) -> list[tuple[int, float]]:
     """Return place and size of the largest sudden step in each stretch where steps stand out."""
-    steps = _steps(left)
+    steps, left = _steps(lefts), lefts[0]
     inside = np.zeros(len(steps), dtype=bool)
     inside[_SIDE:-_SIDE] = True
     far = np.flatnonzero(good & inside & (np.abs(steps) > floor))

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import uniform_filter1d
+from scipy.ndimage import binary_dilation, uniform_filter1d
 
 from hdbench.diagnosis.faults.fault import robust_std
 from hdbench.diagnosis.faults.stamps import gap_steps
@@ -15,6 +15,7 @@ from hdbench.records.trace import FloatArray, Trace
 
 __all__ = [
     "ANGLES",
+    "REACH",
     "VELOCITIES",
     "Shaft",
     "angle_of",
@@ -32,8 +33,12 @@ _DECIMALS = 9
 # edges of the cells of samples over which a velocity is weighed freely: the trapezoidal rule, and
 # any filter of up to some 15 samples on each side
 _EDGES = (-15, -7, -3, -1, 0, 1, 2, 4, 8, 16)
+# samples from which such a filter takes
+REACH = 16
 # delays of the velocity that are tried, samples
 _DELAYS = 40
+# samples of a stretch that decides, and samples over which a filter of it may reach
+_STRETCH, _LAGS = 16384, 60
 # samples of the running mean that takes the motion out: what is left is the channels' own
 _FAST = 5
 # share of the fast part of one channel that the other explains where it was made of it; of
@@ -105,9 +110,7 @@ def shaft_of(trace: Trace, profile: ProfileData) -> Shaft | None:
     good = np.isfinite(moves) & np.isfinite(velocity[1:]) & np.isfinite(velocity[:-1])
     good[gap_steps(trace.time_s)] = False
     sizes = np.unique(np.round(moves[np.isfinite(moves)], _DECIMALS))
-    count = 2.0 * np.pi / profile.encoder.counts_per_turn
-    if len(sizes) > 1:
-        count = min(count, float(np.diff(sizes).min()))
+    count = float(np.diff(sizes).min()) if len(sizes) > 1 else 0.0
     changes = np.abs(np.diff(velocity))
     changes = changes[changes > 0.0]
     step = float(changes.min()) if len(changes) else 0.0
@@ -176,20 +179,26 @@ def _delay(shaft: Shaft) -> int:
     return best if off[best] < 0.9 * off[0] else 0
 
 
-def disagreement(shaft: Shaft) -> tuple[FloatArray, float]:
+def disagreement(shaft: Shaft, *, free: bool) -> tuple[FloatArray, float]:
     """Return increments of the angle that the velocity does not explain, rad, and their scatter.
 
-    The velocity is weighed freely over some samples on each side, so that gain, offset, delay and
-    filter of the tacho, or of a velocity that was made of the angle, are no disagreement.
+    Gain, offset and lag of the velocity are none. With `free` the velocity is weighed freely over
+    some samples on each side, so that its filter is none either, be it a tacho's or that of a
+    velocity that was made of the angle.
     """
     good, wanted = shaft.good, shaft.moves_rad
     left = np.zeros(len(good))
     if int(good.sum()) < 8 * len(_EDGES):
         return left, 0.0
     steps = shaft.steps_s
-    cells = _cells(_filled(shaft.velocity_rad_s), _delay(shaft), len(good))
-    design = np.column_stack([cells * steps[:, None], steps])
-    off, scatter = np.abs(wanted - shaft.by_velocity_rad()), 0.0
+    velocity = _filled(shaft.velocity_rad_s)
+    plain = 0.5 * (velocity[1:] + velocity[:-1]) * steps
+    if free:
+        cells = _cells(velocity, _delay(shaft), len(good)) * steps[:, None]
+        design = np.column_stack([cells, steps])
+    else:
+        design = np.column_stack([plain, np.diff(velocity), steps])
+    off, scatter = np.abs(wanted - plain), 0.0
     used = good & (off <= _TRIM * float(np.quantile(off[good], _USUAL)))
     for _ in range(_ROUNDS):
         solution = _solved(design[used], wanted[used])
@@ -199,18 +208,24 @@ def disagreement(shaft: Shaft) -> tuple[FloatArray, float]:
     return left, scatter
 
 
-def _explained(wanted: FloatArray, design: FloatArray, good: NDArray[np.bool_]) -> float:
-    """Return the share of the fast part of `wanted` that the columns explain."""
+def _explained(wanted: FloatArray, source: FloatArray, good: NDArray[np.bool_], lags: int) -> float:
+    """Return the share of the fast part of `wanted` that a free filter of `source` explains.
 
-    def fast(values: FloatArray) -> FloatArray:
-        return np.asarray(values - uniform_filter1d(values, _FAST, axis=0))
-
-    response, columns = fast(wanted)[good], fast(design)[good]
+    The filter takes from `lags` samples before each and one after it; the busiest stretch decides.
+    """
+    spans = np.concatenate([[0.0], np.cumsum(np.abs(source))])
+    size = min(_STRETCH, len(source))
+    first = int(np.argmax(spans[size:] - spans[:-size]))
+    part = slice(first, first + size)
+    fast = [one - uniform_filter1d(one, _FAST) for one in (wanted[part], source[part])]
+    columns = np.lib.stride_tricks.sliding_window_view(fast[1], lags + 2)
+    response = fast[0][lags:-1]
+    whole = ~binary_dilation(~good[part], iterations=_FAST)[lags:-1]
     # a few samples that stand out decide nothing
-    kept = np.abs(response) <= _TRIM * max(robust_std(response), 1e-300)
+    kept = whole & (np.abs(response) <= _TRIM * max(robust_std(response), 1e-300))
     response, columns = response[kept], columns[kept]
     power = float(response @ response)
-    if not power > 0.0 or len(response) < 8 * len(_EDGES):
+    if not power > 0.0 or len(response) < 8 * (lags + 2):
         return 0.0
     left = response - columns @ _solved(columns, response)
     return 1.0 - float(left @ left) / power
@@ -227,10 +242,8 @@ def derivation(shaft: Shaft) -> tuple[str, str] | None:
     velocity = _filled(shaft.velocity_rad_s)
     moves = _filled(np.where(good, shaft.moves_rad, np.nan))
     angle, tacho = shaft.names
-    pair = np.column_stack([velocity[:-1] * steps, velocity[1:] * steps])
-    if _explained(moves, pair, good) > _INTEGRATED:
+    if _explained(moves, velocity[1:] * steps, good, 1) > _INTEGRATED:
         return angle, tacho
-    cells = _cells(moves / steps, -_delay(shaft) - 1, len(velocity) - 1)
-    if _explained(velocity[:-1], cells, good) > _MADE_OF:
+    if _explained(velocity[1:], moves / steps, good, _LAGS) > _MADE_OF:
         return tacho, angle
     return None

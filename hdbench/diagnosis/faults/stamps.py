@@ -15,7 +15,7 @@ _GAP = 1.5
 # and this many times as long as 19 of 20 stamps are off a whole number of periods: a log with
 # stamps of a host has steps of three periods and more without a loss
 _JITTER = 12.0
-# samples on each side over which a late stamp is made up for, and what is missing then, periods
+# samples on each side whose median tells what is missing, and how much has to be, periods
 _AROUND = 5
 _MISSING = 0.5
 # channels that tell whether a row is the one before: what the bench measured at that moment
@@ -43,12 +43,18 @@ def gap_steps(time_s: FloatArray) -> NDArray[np.intp]:
     long = np.flatnonzero(part > max(_GAP, 1.0 + _JITTER * jitter))
     if not len(long):
         return long
-    # a stamp that was only late is followed by a short step: over some samples nothing is missing
-    low, high = np.maximum(long - _AROUND, 0), np.minimum(long + 1 + _AROUND, len(time_s) - 1)
+    # a stamp that was only late is followed by a short step: most samples around keep their places
     spans = time_s[2 * _AROUND + 1 :] - time_s[: -2 * _AROUND - 1]
     usual = float(np.median(spans)) / (2 * _AROUND + 1) if len(spans) else period
-    missing = (time_s[high] - time_s[low]) / usual - (high - low)
-    return np.asarray(long[missing > _MISSING])
+    late = time_s / usual - np.arange(len(time_s))
+    missing = [
+        float(
+            np.median(late[k + 1 : k + 1 + _AROUND])
+            - np.median(late[max(0, k + 1 - _AROUND) : k + 1])
+        )
+        for k in long.tolist()
+    ]
+    return np.asarray(long[np.array(missing) > _MISSING])
 
 
 def lost_samples(trace: Trace) -> tuple[Fault, ...]:
