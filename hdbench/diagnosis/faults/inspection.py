@@ -17,6 +17,7 @@ from hdbench.diagnosis.faults.shaft import (
     VELOCITIES,
     angle_of,
     derivation,
+    has_own_noise,
     shaft_of,
     velocity_of,
 )
@@ -156,7 +157,7 @@ def _moving(
         baseline_orders(profile),
         velocity,
     )
-    independent = pair is None
+    independent = pair is None and has_own_noise(shaft)
     derived = () if pair is None else (pair,)
     # ripple of the tacho hides small jumps, and a jump turns the ripple's phase
     lines, smooth = find_tacho_ripple(trace, shaft) if independent else ((), trace)

@@ -16,7 +16,7 @@ from hdbench.diagnosis.faults.fault import (
     normal_tail,
 )
 from hdbench.diagnosis.faults.phase import Ripple, jump_nats
-from hdbench.diagnosis.faults.shaft import ANGLES, REACH, Shaft, disagreement
+from hdbench.diagnosis.faults.shaft import ANGLES, DELAYS, REACH, Shaft, disagreement
 from hdbench.profile.schema import ProfileData
 from hdbench.records.trace import FloatArray, Trace
 
@@ -25,10 +25,9 @@ __all__ = ["find_glitches", "find_jumps", "later_from", "turned_back"]
 # samples on each side: there the averaged counting of a 4000-count encoder meets the walk that the
 # tacho's noise of 0.06 rad/s makes at 1 kHz
 _SIDE = 14
-# samples over which the scatter of the steps is taken
-_AROUND = 400
-# share of them that no jump touches, and where it ends among normal values
-_SHARE, _SHARE_SIGMA = 0.85, 1.44
+# samples over which the scatter of the steps is taken, near in time and alike in motion; the share
+# of them that no jump touches, and where it ends among normal values
+_NEAR, _ALIKE = (400, 0.85, 1.44), (1200, 0.95, 1.96)
 _ROUNDS = 3
 # a counted angle is off by less than one count; 0.8 of one more is what bends within a period
 _COUNTS = 1.8
@@ -93,7 +92,7 @@ def later_from(trace: Trace, first: int, delay_s: float) -> Trace:
 def find_glitches(shaft: Shaft) -> NDArray[np.bool_]:
     """Return single samples, shape (n,), at which the angle leaves its course and comes back.
 
-    None where a reading was held.
+    By its own course as well as by the velocity; none where a reading was held.
     """
     wrong = np.zeros(len(shaft.time_s), dtype=bool)
     left, scatter = disagreement(shaft, free=False)
@@ -102,7 +101,9 @@ def find_glitches(shaft: Shaft) -> NDArray[np.bool_]:
         return wrong
     usual = _OUT_RATIO * float(np.quantile(np.abs(left[good]), 0.99))
     far = good & (np.abs(left) > np.maximum(_least(shaft), max(_OUT_SIGMA * scatter, usual)))
-    far &= shaft.moves_rad != 0.0
+    course = median_filter(np.nan_to_num(shaft.moves_rad), size=5, mode="nearest")
+    own = np.abs(shaft.moves_rad - course) > 0.5 * np.abs(left)
+    far &= own & (shaft.moves_rad != 0.0)
     wrong[1:-1] = far[1:] & far[:-1] & (np.abs(left[1:] + left[:-1]) < _BACK * np.abs(left[1:]))
     return wrong
 
@@ -231,10 +232,10 @@ def _scatter(shaft: Shaft, steps: FloatArray, good: NDArray[np.bool_]) -> FloatA
     change = maximum_filter1d(pace, 2 * _SIDE + 1) - minimum_filter1d(pace, 2 * _SIDE + 1)
     out = np.full(len(steps), 1e-12)
     at = np.flatnonzero(good)
-    for key in (at, pace[at], change[at]):
+    for key, (count, share, sigma) in ((at, _NEAR), (pace[at], _ALIKE), (change[at], _ALIKE)):
         ranked = at[np.argsort(key, kind="stable")]
-        parts = np.array_split(np.abs(steps[ranked]), max(1, len(at) // _AROUND))
-        sizes = np.array([float(np.quantile(part, _SHARE)) / _SHARE_SIGMA for part in parts])
+        parts = np.array_split(np.abs(steps[ranked]), max(1, len(at) // count))
+        sizes = np.array([float(np.quantile(part, share)) / sigma for part in parts])
         # the fastest are few: nothing is quieter than what is slower
         sizes = sizes if key is at else np.maximum.accumulate(sizes)
         wide = np.repeat(sizes, [len(part) for part in parts])
@@ -254,14 +255,20 @@ def _least(shaft: Shaft) -> FloatArray:
     away = np.abs(velocity - median_filter(velocity, size=5, mode="nearest"))
     usual = float(np.quantile(away, _USUAL))
     beyond = np.where(away > _UNUSUAL * usual, away, 0.0)
+    # a velocity that was held is off by what it changes by around
+    held = np.diff(velocity, append=np.nan) == 0.0
+    beyond += np.where(held, maximum_filter1d(velocity, 5) - minimum_filter1d(velocity, 5), 0.0)
     # the median of five follows two such samples half of the way: what it leaves counts twice
     unknown = np.convolve((beyond[1:] + beyond[:-1]) * steps, np.ones(3), mode="same")
     return np.asarray(np.maximum(least, _LATE * late * pace) + unknown)
 
 
 def _whole(shaft: Shaft) -> NDArray[np.bool_]:
-    """Return the increments around which the velocity is whole: no gap within its cells."""
-    return np.asarray(~binary_dilation(~shaft.good, iterations=REACH))
+    """Return the increments around which the velocity is whole: no gap or end within its cells."""
+    good = ~binary_dilation(~shaft.good, iterations=REACH)
+    good[: DELAYS + REACH] = False
+    good[len(good) - DELAYS - REACH :] = False
+    return np.asarray(good)
 
 
 def _found(shaft: Shaft) -> list[Jump]:

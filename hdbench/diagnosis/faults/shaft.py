@@ -15,12 +15,14 @@ from hdbench.records.trace import FloatArray, Trace
 
 __all__ = [
     "ANGLES",
+    "DELAYS",
     "REACH",
     "VELOCITIES",
     "Shaft",
     "angle_of",
     "derivation",
     "disagreement",
+    "has_own_noise",
     "scaled",
     "shaft_of",
     "velocity_of",
@@ -36,7 +38,7 @@ _EDGES = (-15, -7, -3, -1, 0, 1, 2, 4, 8, 16)
 # samples from which such a filter takes
 REACH = 16
 # delays of the velocity that are tried, samples
-_DELAYS = 40
+DELAYS = 40
 # samples of a stretch that decides, and samples over which a filter of it may reach
 _STRETCH, _LAGS = 16384, 60
 # samples of the running mean that takes the motion out: what is left is the channels' own
@@ -44,6 +46,8 @@ _FAST = 5
 # share of the fast part of one channel that the other explains where it was made of it; of
 # channels with noise of their own it is next to 0
 _MADE_OF = 0.5
+# noise of its own that a velocity has to show, over that of its rounding
+_OWN = 2.0
 # an integrated angle holds nothing but the velocity
 _INTEGRATED = 0.99
 # even steps have to fit this much better than the stamps
@@ -171,7 +175,7 @@ def _delay(shaft: Shaft) -> int:
     """Return by how many samples the velocity lags behind the angle."""
     rate = _filled(np.where(shaft.good, shaft.moves_rad, np.nan)) / shaft.steps_s
     velocity = _filled(shaft.velocity_rad_s)[1:]
-    most = min(_DELAYS, len(rate) // 4)
+    most = min(DELAYS, len(rate) // 4)
     count = len(rate) - most
     off = [float(np.mean((velocity[k : k + count] - rate[:count]) ** 2)) for k in range(most)]
     best = int(np.argmin(off))
@@ -229,6 +233,16 @@ def _explained(wanted: FloatArray, source: FloatArray, good: NDArray[np.bool_], 
         return 0.0
     left = response - columns @ _solved(columns, response)
     return 1.0 - float(left @ left) / power
+
+
+def has_own_noise(shaft: Shaft) -> bool:
+    """Return whether the velocity shows noise above its rounding.
+
+    Where it does not, nobody can see whether it is a sensor of its own.
+    """
+    velocity = _filled(shaft.velocity_rad_s)
+    fast = robust_std(velocity - uniform_filter1d(velocity, _FAST))
+    return fast > _OWN * shaft.tacho_step_rad_s / float(np.sqrt(12.0))
 
 
 def derivation(shaft: Shaft) -> tuple[str, str] | None:

@@ -16,7 +16,7 @@ _GAP = 1.5
 # stamps of a host has steps of three periods and more without a loss
 _JITTER = 12.0
 # samples on each side whose median tells what is missing, and how much has to be, periods
-_AROUND = 5
+_AROUND = 7
 _MISSING = 0.5
 # channels that tell whether a row is the one before: what the bench measured at that moment
 _MEASURED = (
