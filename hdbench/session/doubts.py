@@ -34,7 +34,7 @@ def channel_doubts(records: Trace | Loads, source: Path, profile: Profile) -> li
     """
     if isinstance(records, Loads) or source.is_dir():
         return []
-    from hdbench.diagnosis.acquisition.units import check_channels
+    from hdbench.diagnosis.faults import check_channels
 
     checked = check_channels(records, profile.data)
     if checked.reason:
@@ -67,7 +67,7 @@ def channel_refusal(trace: Trace, source: Path, profile: Profile) -> str:
     """
     if source.is_dir():
         return ""
-    from hdbench.diagnosis.acquisition.units import check_channels
+    from hdbench.diagnosis.faults import check_channels
 
     return check_channels(trace, profile.data).reason
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter1d, median_filter, minimum_filter1d
+from scipy.ndimage import maximum_filter1d, median_filter
 from scipy.special import ndtri
 
 from hdbench.diagnosis.faults.converter import quantisation
@@ -26,9 +26,8 @@ _WINDOW = 5
 _RARE = 0.02
 # a loud stretch is judged by itself: samples over which the scatter is taken
 _AROUND = 400
-# the form of a cause is off where its torque changes most: a sample that lies no further out than
-# this share of what the model changes by within so many samples is none
-_FORM_SHARE = 0.5
+# a modelled jump may come a sample late: a sample no further out than what the model changes by
+# over two samples, within so many around, is none
 _NEAR = 7
 # law of the catalogue: noise at this speed, rad/s
 _REFERENCE_RAD_S = 100.0
@@ -162,8 +161,9 @@ def find_spikes(
     if not far.any():
         return spikes
     modelled = np.where(valid, torque_nm - residual_nm, 0.0)
-    changes = maximum_filter1d(modelled, _NEAR) - minimum_filter1d(modelled, _NEAR)
-    far &= away > _FORM_SHARE * changes
+    changes = np.zeros(len(modelled))
+    changes[1:-1] = np.abs(modelled[2:] - modelled[:-2])
+    far &= away > maximum_filter1d(changes, _NEAR)
     for first, last in mask_runs(far):
         if last - first < _LONG:
             spikes[first : last + 1] = True
