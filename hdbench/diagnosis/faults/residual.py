@@ -26,9 +26,8 @@ _WINDOW = 5
 _RARE = 0.02
 # a loud stretch is judged by itself: samples over which the scatter is taken
 _AROUND = 400
-# a modelled jump may come a sample late: a sample no further out than what the model changes by
-# over two samples, within so many around, is none
-_NEAR = 7
+# part of a spike by which it has to stand out of the torque's own samples on both sides
+_COMES_BACK = 0.5
 # law of the catalogue: noise at this speed, rad/s
 _REFERENCE_RAD_S = 100.0
 # cells of equal counts in which squares are summed: the law bends slowly
@@ -108,6 +107,7 @@ def faults_of_residual(
     """
     spikes = find_spikes(residual_nm, whitened_residual, valid, torque_nm)
     faults = [*_spiky(spikes, residual_nm, valid, motion.time_s)]
+    spikes = spikes if faults else np.zeros_like(spikes)
     kept = valid & ~spikes
     scatter = robust_std(residual_nm[kept])
     readings = np.where(valid, torque_nm, np.nan)
@@ -158,14 +158,13 @@ def find_spikes(
     far = valid & (away > sigmas * _local_std(known - _smooth(known), valid))
     if whitened_residual is not None and far.any():
         far &= np.abs(whitened_residual) > sigmas * _local_std(whitened_residual, valid)
-    if not far.any():
-        return spikes
-    modelled = np.where(valid, torque_nm - residual_nm, 0.0)
-    changes = np.zeros(len(modelled))
-    changes[1:-1] = np.abs(modelled[2:] - modelled[:-2])
-    far &= away > maximum_filter1d(changes, _NEAR)
+    torque = np.where(valid, torque_nm, 0.0)
     for first, last in mask_runs(far):
-        if last - first < _LONG:
+        beside = np.concatenate([torque[max(0, first - 2) : first], torque[last + 1 : last + 3]])
+        mine = torque[first : last + 1]
+        outside = max(float(mine.min() - beside.max()), float(beside.min() - mine.max()))
+        # what the torque itself does not come back from is a step, or the model's error at one
+        if last - first < _LONG and outside > _COMES_BACK * float(away[first : last + 1].min()):
             spikes[first : last + 1] = True
     return spikes if int(spikes.sum()) <= _RARE * count else np.zeros(len(valid), dtype=bool)
 
