@@ -36,11 +36,11 @@ _CELLS = 64
 _BLOCKS = 24
 # Fisher scoring converges within ten rounds
 _ROUNDS = 50
-# squares above this many times the median are outliers, no variance: 2e-7 of normal samples
-_OUTLIER = 60.0
 _LEAST_SAMPLES = 500
-# share of the record's range of squared speeds that a half has to show to have a say
-_VARIED = 0.2
+# samples before that predict, and samples over which they are weighed alike
+_ORDER, _BLOCK = 8, 512
+# times the median size that the bulk of normal noise ends at: 2.5 standard deviations
+_BULK = 3.7
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,7 +116,7 @@ def faults_of_residual(
         faults.append(coarse)
     law = None
     if whitened_residual is not None:
-        law = speed_noise(whitened_residual, kept, motion, torque_nm - residual_nm, alpha)
+        law = speed_noise(whitened_residual, kept, motion.velocity_rad_s, alpha)
         # readings of a coarse converter are rough where they cross levels fast
         if law is not None and coarse is None:
             faults.append(_rough(law, residual_nm, kept, motion.time_s))
@@ -220,31 +220,36 @@ def _rough(
     }
     return Fault(
         "speed-dependent-noise", parameters, count, float(time_s[0]), float(time_s[-1]),
-        law.nats - 0.5 * float(np.log(count)), normal_tail(law.sigmas, 1.0, 1, count)[1],
+        law.nats, normal_tail(law.sigmas, 1.0, 1, count)[1],
         ("torque_nm",), {"noise_nm": size}, domain="variance",
     )  # fmt: skip
 
 
-def _score(squares: FloatArray, regressor: FloatArray, beside: FloatArray | None) -> float:
-    """Return the score of a slope of the variance, in standard deviations.
+def _innovations(white: FloatArray, good: NDArray[np.bool_]) -> tuple[FloatArray, NDArray[np.intp]]:
+    """Return what the samples before do not predict, block by block, and its samples.
 
-    With the spread of the squares as it is, and beside another regressor if one is given.
+    What a wrong form or angle leaves is a line that wanders with the speed: it can be predicted,
+    noise cannot.
     """
-    design = np.ones((len(squares), 1))
-    if beside is not None:
-        design = np.column_stack([design, beside / max(float(beside.max()), 1e-300)])
-    both = np.column_stack([regressor, squares])
-    both = both - design @ np.linalg.lstsq(design, both, rcond=None)[0]
-    spread = float(np.sqrt(np.sum(both[:, 0] ** 2 * both[:, 1] ** 2)))
-    return float(both[:, 0] @ both[:, 1]) / spread if spread > 0.0 else 0.0
+    windows = np.lib.stride_tricks.sliding_window_view(np.where(good, white, 0.0), _ORDER + 1)
+    left, rows = [], []
+    for first in range(0, len(windows), _BLOCK):
+        part = windows[first : first + _BLOCK]
+        at = np.flatnonzero(good[first + _ORDER : first + _ORDER + len(part)])
+        if len(at) < 4 * _ORDER:
+            continue
+        before, now = part[at, :-1], part[at, -1]
+        gram = before.T @ before
+        gram[np.diag_indices_from(gram)] += 1e-9 * float(np.trace(gram)) + 1e-300
+        left.append(now - before @ np.linalg.solve(gram, before.T @ now))
+        rows.append(at + first + _ORDER)
+    if not left:
+        return np.zeros(0), np.zeros(0, dtype=np.intp)
+    return np.concatenate(left), np.concatenate(rows)
 
 
 def speed_noise(
-    whitened: FloatArray,
-    used: NDArray[np.bool_],
-    motion: Motion,
-    modelled_nm: FloatArray,
-    alpha: float,
+    whitened: FloatArray, used: NDArray[np.bool_], velocity_rad_s: FloatArray, alpha: float
 ) -> SpeedNoise | None:
     """Return the law of noise that grows with the square of the speed.
 
@@ -254,63 +259,43 @@ def speed_noise(
         Whitened residual of the model.
     used : ndarray of bool, shape (n,)
         Its samples.
-    motion : Motion
-        Motion of the record.
-    modelled_nm : ndarray, shape (n,)
-        Torque of the model, N m: where it changes fastest over the angle, an angle that is off
-        makes a residual that grows with the speed and is no noise.
+    velocity_rad_s : ndarray, shape (n,)
+        Motor velocity, rad/s.
     alpha : float
         Probability of a law without any effect, in (0, 1).
 
     Returns
     -------
     SpeedNoise or None
-        None where the variance does not grow as surely as that, does so in one half of the record
-        only, in what is slow only (a form that is off), or where a variance that changes with time
-        alone is likelier.
+        None where the variance does not grow as surely as that, or where a variance that changes
+        with time alone is likelier.
 
     Notes
     -----
     The slope is that of greatest likelihood for normal noise, by Fisher scoring.
     """
-    velocity = np.nan_to_num(motion.velocity_rad_s)
-    good = used & np.isfinite(motion.velocity_rad_s)
-    if int(good.sum()) < _LEAST_SAMPLES:
+    left, rows = _innovations(whitened, used & np.isfinite(velocity_rad_s))
+    speed = velocity_rad_s[rows] ** 2
+    if len(rows) < _LEAST_SAMPLES or not float(np.ptp(speed)) > 0.0:
         return None
-    squares, speed = whitened[good] ** 2, velocity[good] ** 2
-    # noise is as fast as the samples; what a wrong form leaves is slower
-    pairs = good[1:] & good[:-1]
-    fast = 0.5 * np.diff(whitened)[pairs] ** 2
-    slope = np.gradient(np.where(used, modelled_nm, 0.0))[good] ** 2
-    kept = squares < _OUTLIER * max(float(np.median(squares)), 1e-300)
-    squares, speed, slope = squares[kept], speed[kept], slope[kept]
-    mean = float(squares.mean())
-    if not mean > 0.0 or not float(np.ptp(speed)) > 0.0:
+    # the bulk decides: held samples and other outliers are none of the noise
+    cells = np.array_split(np.argsort(speed, kind="stable"), _CELLS)
+    kept = np.concatenate(
+        [cell[np.abs(left[cell]) < _BULK * float(np.median(np.abs(left[cell])))] for cell in cells]
+    )
+    kept.sort()
+    squares, speed = left[kept] ** 2, speed[kept]
+    squares = squares / float(squares.mean())
+    centred = speed - speed.mean()
+    spread = float(np.sqrt(np.sum((squares - 1.0) ** 2 * centred**2)))
+    sigmas = float((squares - 1.0) @ centred) / spread
+    if not sigmas > -float(ndtri(alpha)):
         return None
-    squares = squares / mean
-    limit = -float(ndtri(alpha))
-    # the increments of the model over one sample grow with the speed by themselves: at the same
-    # speed those of the steep parts count
-    steep = slope * float(np.mean(speed)) / np.maximum(speed, 1e-3 * float(speed.max()))
-    sigmas = _score(squares, speed, steep)
-    usual = fast < _OUTLIER * max(float(np.median(fast)), 1e-300)
-    sure = _score(fast[usual], velocity[1:][pairs][usual] ** 2, None) > limit
-    if not sigmas > limit or not sure or not _in_both_halves(squares, speed):
+    still, slope, std, nats = _fitted(squares, speed)
+    nats -= 0.5 * float(np.log(len(squares)))
+    if nats < max(0.0, _over_time(squares)):
         return None
-    still, growth, std, nats = _fitted(squares, speed)
-    if nats < _over_time(squares):
-        return None
-    return SpeedNoise(still, growth, std, sigmas, nats)
-
-
-def _in_both_halves(squares: FloatArray, speed: FloatArray) -> bool:
-    """Return whether the variance grows in each half of the record that shows several speeds."""
-    half = len(squares) // 2
-    for part in (slice(0, half), slice(half, None)):
-        varied = float(np.ptp(speed[part])) > _VARIED * float(np.ptp(speed))
-        if varied and not _score(squares[part], speed[part], None) > 0.0:
-            return False
-    return True
+    return SpeedNoise(still, slope, std, sigmas, nats)
 
 
 def _fitted(squares: FloatArray, speed: FloatArray) -> tuple[float, float, float, float]:

@@ -15,7 +15,7 @@ _GAP = 1.5
 # and this many times as long as 19 of 20 stamps are off a whole number of periods: a log with
 # stamps of a host has steps of three periods and more without a loss
 _JITTER = 12.0
-# samples on each side whose median tells what is missing, and how much has to be, periods
+# samples on each side whose earliest tells what is missing, and how much has to be, periods
 _AROUND = 7
 _MISSING = 0.5
 # channels that tell whether a row is the one before: what the bench measured at that moment
@@ -43,18 +43,13 @@ def gap_steps(time_s: FloatArray) -> NDArray[np.intp]:
     long = np.flatnonzero(part > max(_GAP, 1.0 + _JITTER * jitter))
     if not len(long):
         return long
-    # a stamp that was only late is followed by a short step: most samples around keep their places
+    # late stamps are made up for: the earliest ones on each side keep their places
     spans = time_s[2 * _AROUND + 1 :] - time_s[: -2 * _AROUND - 1]
     usual = float(np.median(spans)) / (2 * _AROUND + 1) if len(spans) else period
     late = time_s / usual - np.arange(len(time_s))
-    missing = [
-        float(
-            np.median(late[k + 1 : k + 1 + _AROUND])
-            - np.median(late[max(0, k + 1 - _AROUND) : k + 1])
-        )
-        for k in long.tolist()
-    ]
-    return np.asarray(long[np.array(missing) > _MISSING])
+    sides = [(late[max(0, k + 1 - _AROUND) : k + 1], late[k + 1 : k + 1 + _AROUND]) for k in long]
+    missing = np.array([float(after.min() - before.min()) for before, after in sides])
+    return np.asarray(long[missing > _MISSING])
 
 
 def lost_samples(trace: Trace) -> tuple[Fault, ...]:

@@ -1,0 +1,441 @@
+"""Faults of the acquisition: injected ones are named, sound and rough logs are left alone."""
+
+import gzip
+import json
+import os
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hdbench.diagnosis.faults import (
+    check_channels,
+    coarse_steps,
+    faults_of_residual,
+    inspect_channels,
+)
+from hdbench.model import BenchModel, CauseTerm, baseline_columns, motion_from_trace
+from hdbench.profile import load_profile
+from hdbench.records import Trace
+
+PROFILE = load_profile("cim-tr-97-06")
+MODEL = BenchModel.from_profile(PROFILE.data)
+COUNT = 2.0 * np.pi / 4000
+DATA = os.environ.get("HDBENCH_DATA")
+
+
+def course(time):
+    """Speed, angle and acceleration of 90 + 40 sin rad/s, in closed form."""
+    rate = 2.0 * np.pi / 9.0
+    speed = 90.0 + 40.0 * np.sin(rate * time)
+    angle = 90.0 * time + 40.0 / rate * (1.0 - np.cos(rate * time))
+    return speed, angle, 40.0 * rate * np.cos(rate * time)
+
+
+def bench(n=10_000, seed=0, lost=(), tacho=0.0, rough=0.0):
+    """Columns of a record; `lost`: (first sample, how many) that no stamp tells of."""
+    rng = np.random.default_rng(seed)
+    total = n + sum(count for _, count in lost)
+    time = np.arange(total) * 1e-3
+    speed, angle, drive = course(time)
+    torque = 0.4 * np.cos(2 * angle + 0.6) + 0.2 * np.cos(4 * angle - 1.1)
+    torque += 0.5 * np.cos(angle / 100 + 0.3) + 1.725e-4 * drive
+    torque += 0.05 * np.sqrt(1.0 + (rough * speed) ** 2) * rng.standard_normal(total)
+    read = speed * (1.0 + tacho * np.cos(22 * angle + 0.5)) + 0.056 * rng.standard_normal(total)
+    kept = np.ones(total, dtype=bool)
+    for first, count in lost:
+        kept[first : first + count] = False
+    return {
+        "time_s": np.arange(n) * 1e-3,
+        "torque_nm": torque[kept],
+        "motor_velocity_rad_s": read[kept],
+        "encoder_count": np.floor(angle[kept] / COUNT),
+    }
+
+
+def inspected(columns, profile=PROFILE, model=MODEL):
+    return inspect_channels(Trace(columns), profile.data, model, alpha=0.01)
+
+
+def slipped(columns, *slips):
+    moved = columns["encoder_count"].copy()
+    for first, counts in slips:
+        moved[first:] += counts
+    return {**columns, "encoder_count": moved}
+
+
+def value(fault, name):
+    return fault.parameters[name]["value"]
+
+
+# --- angle, tacho and clock
+
+
+def test_slips_are_found_to_the_sample_and_to_a_count_and_taken_out():
+    columns = bench()
+    found = inspected(slipped(columns, (3000, 200), (7000, -31)))
+    assert [fault.name for fault in found.faults] == ["encoder-slip", "encoder-slip"]
+    one, other = found.faults
+    assert value(one, "slip_rad") == pytest.approx(200 * COUNT, abs=COUNT)
+    assert value(other, "slip_rad") == pytest.approx(-31 * COUNT, abs=COUNT)
+    assert 2.999 <= value(one, "step_time_s") <= 3.0
+    assert one.evidence_nats > 8.0
+    restored = found.trace["encoder_count"] - columns["encoder_count"]
+    assert np.abs(restored).max() < 1.0
+    # without the repair of the first, the second is still taken out
+    undone = one.undone["encoder_count"] - columns["encoder_count"]
+    assert undone[5000] == 200.0
+    assert undone[8000] == pytest.approx(200.0, abs=1.0)
+
+
+def test_a_slip_that_the_model_holds_is_not_found_again():
+    columns = slipped(bench(seed=1), (4000, 150))
+    (fault,) = inspected(columns).faults
+    known = replace(MODEL, causes=(CauseTerm(fault.name, dict(fault.shape), ()),))
+    assert inspected(columns, model=known).faults == ()
+
+
+@pytest.mark.parametrize("samples", [4, 60])
+def test_samples_lost_behind_even_stamps_are_told_from_a_slip_by_the_torque(samples):
+    found = inspected(bench(9000, seed=9, lost=((3500, samples),)))
+    (fault,) = found.faults
+    assert (fault.name, fault.group) == ("missed-samples", ())
+    assert value(fault, "samples") == samples
+    gap = np.diff(found.trace.time_s)[3499]
+    assert gap == pytest.approx((samples + 1) * 1e-3)
+
+
+def test_ripple_of_the_tacho_is_measured_and_taken_out():
+    found = inspected(bench(tacho=0.01))
+    (fault,) = found.faults
+    assert (fault.name, value(fault, "order")) == ("tacho-ripple", 22.0)
+    amplitude = fault.parameters["relative_amplitude"]
+    assert abs(amplitude["value"] - 0.01) < 4.0 * amplitude["std"]
+    assert inspected(dict(found.trace.columns)).faults == ()
+
+
+@pytest.mark.parametrize("fault", ["gain", "offset", "lag", "ripple of the shaft"])
+def test_what_a_tacho_shows_or_gets_wrong_throughout_is_no_fault(fault):
+    columns = bench(seed=5)
+    speed = columns["motor_velocity_rad_s"]
+    if fault == "ripple of the shaft":
+        time = np.arange(10_000) * 1e-3
+        _, angle, _ = course(time)
+        uneven = angle + 0.01 / 4.0 * np.sin(4.0 * angle)
+        noise = 0.05 * np.random.default_rng(1).standard_normal(len(time))
+        changed = {
+            "encoder_count": np.floor(uneven / COUNT),
+            "motor_velocity_rad_s": np.gradient(uneven, 1e-3) + noise,
+        }
+    else:
+        wrong = {"gain": 1.02 * speed, "offset": speed + 1.5, "lag": np.r_[speed[:5], speed[:-5]]}
+        changed = {"motor_velocity_rad_s": wrong[fault]}
+    assert inspected({**columns, **changed}).faults == ()
+
+
+# --- one sensor
+
+
+@pytest.mark.parametrize("made", ["differences", "filtered", "integrated"])
+def test_two_channels_of_one_sensor_are_told_and_accuse_nobody(made):
+    columns = slipped(bench(seed=6), (5000, 300))
+    if made == "integrated":
+        speed = columns["motor_velocity_rad_s"]
+        columns["motor_angle_rad"] = np.concatenate([[0.0], np.cumsum(speed[:-1] * 1e-3)])
+        del columns["encoder_count"]
+        pair = ("motor_angle_rad", "motor_velocity_rad_s")
+    else:
+        speed = np.gradient(columns["encoder_count"] * COUNT, 1e-3)
+        kernel = np.ones(9) / 9.0 if made == "filtered" else np.ones(1)
+        columns["motor_velocity_rad_s"] = np.convolve(speed, kernel, mode="same")
+        # nothing moves against the ripple: the angle did not slip, it was read so
+        columns["torque_nm"] = 0.05 * np.random.default_rng(2).standard_normal(10_000)
+        pair = ("motor_velocity_rad_s", "encoder_count")
+    found = inspected(columns)
+    assert found.derived == (pair,)
+    assert found.faults == ()
+    assert found.angle_trusted is (made != "integrated")
+
+
+@pytest.mark.parametrize("bits", [None, 12])
+@pytest.mark.parametrize("delay", [2, 8, 20])
+def test_a_delayed_velocity_of_the_drive_makes_no_slip_where_the_speed_changes(delay, bits):
+    rng = np.random.default_rng(delay)
+    time = np.arange(20_000) * 1e-3
+    levels = np.repeat(rng.uniform(-200, 200, 20), 1000)
+    speed = np.convolve(np.pad(levels, 60, mode="edge"), np.ones(40) / 40, mode="same")[60:-60]
+    angle = np.cumsum(speed) * 1e-3
+    count = np.floor(angle / COUNT)
+    late = np.convolve(np.gradient(count * COUNT, 1e-3), np.ones(2 * delay) / (2 * delay))
+    step = 562.0 / 2**11
+    read = late[:20_000] if bits is None else step * np.round(late[:20_000] / step)
+    torque = 0.4 * np.cos(2 * angle) + 0.05 * rng.standard_normal(len(time))
+    found = inspected(
+        {
+            "time_s": time,
+            "torque_nm": torque,
+            "motor_velocity_rad_s": read,
+            "encoder_count": count,
+        }
+    )
+    assert (found.faults, found.reason) == ((), "")
+
+
+# --- stamps
+
+
+def test_gaps_of_the_stamps_are_told_and_jitter_is_none():
+    columns = bench()
+    kept = np.r_[0:3000, 3050:10_000]
+    (fault,) = inspected({name: v[kept] for name, v in columns.items()}).faults
+    assert (fault.name, value(fault, "samples")) == ("missed-samples", 50.0)
+    rng = np.random.default_rng(1)
+    shaken = columns["time_s"] + 0.3e-3 * rng.uniform(-1, 1, 10_000)
+    assert inspected({**columns, "time_s": shaken}).faults == ()
+    late = columns["time_s"] + 0.9e-3 * (rng.random(10_000) < 0.02)
+    assert inspected({**columns, "time_s": late}).faults == ()
+
+
+def test_rows_that_repeat_the_one_before_are_told_and_nothing_is_repaired():
+    columns = bench(6000)
+    held = np.flatnonzero(np.random.default_rng(3).random(6000) < 0.02)[1:]
+    for name in ("torque_nm", "motor_velocity_rad_s", "encoder_count"):
+        for at in held.tolist():
+            columns[name][at] = columns[name][at - 1]
+    found = inspected(columns)
+    assert found.faults == ()
+    assert {flag.name for flag in found.flags} == {"missed-samples"}
+    assert not found.masked.any()
+
+
+# --- converter
+
+
+def test_clipped_and_stuck_samples_take_no_part():
+    columns = bench(6000, seed=10)
+    columns["torque_nm"] = np.minimum(columns["torque_nm"], 0.5)
+    columns["torque_nm"][2000:2100] = columns["torque_nm"][2000]
+    found = inspected(columns)
+    (fault,) = found.faults
+    assert (fault.name, value(fault, "limit_nm")) == ("saturation", 0.5)
+    assert found.masked[2000:2100].all()
+    assert dict(found.left_out)["stuck"] == 100
+    assert dict(found.left_out)["clipped"] == int(np.sum(columns["torque_nm"] == 0.5))
+
+
+@pytest.mark.parametrize("step", [0.0317, 0.19])
+def test_the_step_of_coarse_readings_is_read_from_the_values(step):
+    torque = bench()["torque_nm"]
+    # the last stage rounds once more, to steps of 2 mN m
+    steps = coarse_steps(0.002 * np.round(step * np.round(torque / step) / 0.002))
+    assert steps is not None
+    assert abs(steps.step - step) < 1e-4 * step + 4.0 * steps.std
+    assert coarse_steps(torque) is None
+
+
+def test_the_mean_error_of_coarse_readings_is_predicted():
+    rng = np.random.default_rng(4)
+    true = np.linspace(0.0, 3.0, 20_000)
+    steps = coarse_steps(np.round(true + 0.1 * rng.standard_normal(true.size)))
+    read = np.round(true[:, None] + 0.1 * rng.standard_normal((true.size, 200))).mean(axis=1)
+    assert np.abs(read - true - steps.mean_error(true, 0.0, 0.1)).max() < 0.15
+    assert steps.noise == pytest.approx(1.0 / np.sqrt(12.0))
+
+
+# --- units
+
+
+def test_the_channel_that_the_ripple_disagrees_with_is_left_out_or_scaled():
+    columns = bench()
+    twice = inspected({**columns, "encoder_count": 4 * columns["encoder_count"]})
+    assert [flag.name for flag in twice.flags] == ["encoder-scale"]
+    assert "encoder_count" not in twice.trace
+    rpm = columns["motor_velocity_rad_s"] * 30.0 / np.pi
+    checked = check_channels(Trace({**columns, "motor_velocity_rad_s": rpm}), PROFILE.data)
+    assert [flag.name for flag in checked.flags] == ["velocity-scale"]
+    assert "rpm" in checked.flags[0].detail
+    scaled = checked.trace["motor_velocity_rad_s"]
+    assert scaled == pytest.approx(columns["motor_velocity_rad_s"], rel=1e-3)
+
+
+def test_a_noisy_velocity_is_of_the_same_shaft():
+    columns = bench()
+    noise = 30.0 * np.random.default_rng(0).standard_normal(10_000)
+    noisy = {**columns, "motor_velocity_rad_s": columns["motor_velocity_rad_s"] + noise}
+    assert inspected(noisy).reason == ""
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (lambda c: {"torque_nm": 1000.0 * c["torque_nm"]}, "times the 180 N m"),
+        (
+            lambda c: {
+                "torque_nm": c["motor_velocity_rad_s"],
+                "motor_velocity_rad_s": c["torque_nm"],
+            },
+            "each other's place",
+        ),
+        (
+            lambda c: {"encoder_count": np.cumsum(np.random.default_rng(0).normal(0, 40, 10_000))},
+            "not of the same shaft",
+        ),
+        (
+            lambda c: {
+                "motor_velocity_rad_s": np.zeros(10_000),
+                "encoder_count": np.zeros(10_000),
+            },
+            "no motion",
+        ),
+    ],
+)
+def test_a_record_that_says_nothing_is_refused_with_the_margin(change, says):
+    columns = bench()
+    found = inspected({**columns, **change(columns)})
+    assert says in found.reason
+    assert found.faults == ()
+
+
+# --- what a model leaves
+
+
+def left(columns, whitened=True):
+    """Faults of what the baseline leaves; the noise is white here."""
+    trace = Trace(columns)
+    motion = motion_from_trace(trace, PROFILE.data)
+    fixed, _, design = baseline_columns(motion, PROFILE.data)
+    torque = trace["torque_nm"]
+    valid = motion.valid & np.isfinite(fixed)
+    solution = np.linalg.lstsq(design[valid], (torque - fixed)[valid], rcond=None)[0]
+    residual = np.where(valid, torque - fixed - design @ solution, 0.0)
+    white = residual / 0.05 if whitened else None
+    return faults_of_residual(
+        residual, white, motion, valid, torque, PROFILE.data, alpha=1e-4, volts=False
+    )
+
+
+def test_spikes_are_counted_and_a_step_is_none():
+    columns = bench(seed=11)
+    at = np.array([900, 2100, 2101, 4444])
+    columns["torque_nm"][at] += (1.0, -1.2, -0.9, 0.8)
+    found = left(columns, whitened=False)
+    (fault,) = found.faults
+    assert (fault.name, fault.samples) == ("spikes", 4)
+    assert np.flatnonzero(found.spikes).tolist() == at.tolist()
+    columns = bench(seed=11)
+    columns["torque_nm"][3000:] += 1.0
+    assert left(columns).faults == ()
+
+
+def test_coarse_readings_are_a_fault_where_the_steps_are_above_the_noise():
+    columns = bench(seed=12)
+    torque = columns["torque_nm"]
+    (fault,) = left({**columns, "torque_nm": 0.25 * np.round(torque / 0.25)}).faults
+    assert fault.name == "quantisation"
+    assert value(fault, "step_nm") == pytest.approx(0.25, rel=1e-6)
+    assert left({**columns, "torque_nm": 0.02 * np.round(torque / 0.02)}).faults == ()
+
+
+def test_noise_that_grows_with_speed_is_measured_and_other_changes_are_none():
+    found = left(bench(40_000, seed=6, rough=0.01))
+    (fault,) = found.faults
+    assert fault.name == "speed-dependent-noise"
+    # 0.05 N m at rest, and as much at 100 rad/s
+    noise = fault.parameters["noise_nm"]
+    assert abs(noise["value"] - 0.05) < 4.0 * noise["std"] + 0.002
+    assert found.law.variance(np.array([0.0, 200.0]))[1] > found.law.still
+    columns = bench(40_000, seed=7)
+    assert left(columns).faults == ()
+    louder = 0.1 * np.linspace(0.0, 1.0, 40_000)
+    columns["torque_nm"] += louder * np.random.default_rng(8).standard_normal(40_000)
+    assert left(columns).faults == ()
+
+
+# --- clean and real
+
+
+@pytest.mark.parametrize("bits", [12, 16])
+@pytest.mark.parametrize("colour", ["white", "pole", "flicker"])
+def test_clean_records_have_no_fault(bits, colour):
+    from scipy.signal import lfilter
+
+    rng = np.random.default_rng(bits)
+    columns = bench(6000, seed=13 + bits)
+    white = rng.standard_normal(6000)
+    rates = np.maximum(np.fft.rfftfreq(6000), 1.0 / 6000)
+    noise = {
+        "white": white,
+        "pole": 0.44 * lfilter([1.0], [1.0, -0.9], white),
+        "flicker": np.fft.irfft(np.fft.rfft(white) / np.sqrt(rates), 6000) / 4.0,
+    }[colour]
+    step_v = 20.0 / 2**bits
+    torque = columns["torque_nm"] + 0.05 * noise
+    tacho = columns["motor_velocity_rad_s"] / 56.2565
+    found = inspected(
+        {
+            "time_s": columns["time_s"],
+            "torque_v": step_v * np.round(torque / 6.6 / step_v),
+            "tacho_v": step_v * np.round(tacho / step_v),
+            "encoder_count": columns["encoder_count"],
+        }
+    )
+    assert (found.reason, found.faults, found.flags, found.left_out) == ("", (), (), ())
+
+
+def real_profile(keys, folder):
+    """Return the bench with some keys set."""
+    table, lines = "", []
+    for line in (Path(__file__).parents[2] / "profiles/cim-tr-97-06.toml").read_text().splitlines():
+        table = line.strip("[] ") if line.startswith("[") else table
+        name = f"{table}.{line.split('=')[0].strip()}"
+        lines.append(f"{line.split('=')[0]} = {float(keys[name])!r}" if name in keys else line)
+    path = folder / "bench.toml"
+    path.write_text("\n".join(lines) + "\n")
+    return load_profile(str(path))
+
+
+@pytest.mark.skipif(DATA is None, reason="HDBENCH_DATA not set")
+@pytest.mark.parametrize(
+    ("name", "derived"),
+    [
+        ("emps", True),
+        ("emps_pulses", True),
+        ("cogging_1", False),
+        ("cogging_2", False),
+        ("ur10_shoulder_pan_joint", True),
+        ("ur10_wrist_2_joint", True),
+        ("ur10_wrist_3_joint", True),
+    ],
+)
+def test_logs_of_other_drives_have_no_fault_and_stay_as_they_are(name, derived, tmp_path):
+    folder = Path(str(DATA)) / "real"
+    truth = json.loads((folder / "truth.json").read_text())
+    keys = truth[name]["profile"]
+    keys = truth[keys]["profile"] if isinstance(keys, str) else keys
+    with gzip.open(folder / f"{name}.csv.gz", "rt") as file:
+        head = file.readline().strip().split(",")
+        rows = np.loadtxt(file, delimiter=",")
+    columns = dict(zip(head, rows.T.copy(), strict=True))
+    found = inspected(columns, real_profile(keys, tmp_path))
+    assert (found.reason, found.faults, found.left_out) == ("", (), ())
+    for channel in head:
+        np.testing.assert_array_equal(found.trace[channel], columns[channel])
+    assert bool(found.derived) is derived
+    assert {flag.name for flag in found.flags} <= {"missed-samples"}
+
+
+@pytest.mark.skipif(DATA is None, reason="HDBENCH_DATA not set")
+@pytest.mark.parametrize("side", ["loadinc", "motorinc"])
+def test_the_sweep_of_lara8_has_no_fault(side):
+    path = Path(str(DATA)) / "lara8_dual_encoder" / "validate_joint3_sweep.csv"
+    table = np.genfromtxt(path, delimiter=",", names=True)
+    ratio = 101.0 if side == "loadinc" else 1.0
+    columns = {
+        "time_s": table["Timestamp"] - table["Timestamp"][0],
+        "torque_nm": table["joint_torque_current_3"],
+        "motor_velocity_rad_s": 101.0 * table["joint_velocity_3"],
+        "motor_angle_rad": ratio * 2.0 * np.pi / 2**24 * table[f"encoder_{side}_3"],
+    }
+    found = inspected({name: np.asarray(v, dtype=float) for name, v in columns.items()})
+    assert (found.reason, found.faults, found.left_out) == ("", (), ())
