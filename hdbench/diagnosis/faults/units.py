@@ -11,7 +11,6 @@ from hdbench.diagnosis.faults.shaft import (
     ANGLES,
     VELOCITIES,
     Shaft,
-    angle_of,
     scaled,
     shaft_of,
     velocity_of,
@@ -74,7 +73,7 @@ _UNITS = (
 
 @dataclass(frozen=True, slots=True)
 class Channels:
-    """What the channels can be used for.
+    """What the channels of a trace can be used for.
 
     Parameters
     ----------
@@ -118,41 +117,31 @@ def check_channels(trace: Trace, profile: ProfileData) -> Channels:
     Returns
     -------
     Channels
-        Where angle and velocity differ by a factor, the one that the ripple agrees with is kept.
+        Where angle and velocity differ by a factor, the one that the torque agrees with is kept.
         `reason` is set where the torque does not tell which of them is wrong, a channel is beyond
         anything that the bench can reach, or torque and velocity are swapped.
     """
-    if _swapped(trace, profile):
-        return _refused(
-            trace, "torque and velocity stand in each other's place: the ripple is in the velocity"
-        )
-    reason = _too_coarse(trace, profile) or _beyond(trace, profile)
+    reason = _swapped(trace, profile) or _too_coarse(trace, profile) or _beyond(trace, profile)
     if reason:
-        return _refused(trace, reason)
-    checked = _compared(trace, profile)
+        return _told(trace, "wrong-channel", reason, refuse=True)
+    shaft = shaft_of(trace, profile)
+    checked = _velocity_unit(trace, profile) if shaft is None else _compared(trace, profile, shaft)
     fastest = profile.limits.velocity_rad_s * _BEYOND
     reason = _too_large(checked.trace, "motor_velocity_rad_s", fastest, "rad/s", "rpm or deg/s")
-    return _refused(trace, reason) if reason and not checked.reason else checked
+    if reason and not checked.reason:
+        return _told(trace, "wrong-channel", reason, refuse=True)
+    return checked
 
 
-def _whole(trace: Trace, name: str, detail: str) -> DataFlag:
+def _told(trace: Trace, name: str, detail: str, *, refuse: bool = False) -> Channels:
+    """Return the trace with one flag over all of it."""
     time = trace.time_s
-    return DataFlag(name, float(time[0]), float(time[-1]), len(time), detail)
-
-
-def _refused(trace: Trace, reason: str) -> Channels:
-    return Channels(trace, (_whole(trace, "wrong-channel", reason),), reason)
-
-
-def _without_angle(trace: Trace, why: str) -> Channels:
-    kept = {name: v for name, v in trace.columns.items() if name not in ANGLES}
-    flag = _whole(trace, "encoder-scale", why)
-    return Channels(Trace(kept, trace.source, trace.metadata), (flag,))
+    flag = DataFlag(name, float(time[0]), float(time[-1]), len(time), detail)
+    return Channels(trace, (flag,), detail if refuse else "")
 
 
 def _velocity_times(trace: Trace, factor: float, why: str) -> Channels:
-    flag = _whole(trace, "velocity-scale", why)
-    return Channels(scaled(trace, VELOCITIES, factor), (flag,))
+    return _told(scaled(trace, VELOCITIES, factor), "velocity-scale", why)
 
 
 def _beyond(trace: Trace, profile: ProfileData) -> str:
@@ -165,11 +154,14 @@ def _beyond(trace: Trace, profile: ProfileData) -> str:
     return next((text for end in ends if (text := _too_large(trace, *end))), "")
 
 
+def _usual(values: FloatArray) -> float:
+    """Return the size that one present value in a hundred exceeds; 0 of none."""
+    known = np.abs(values[np.isfinite(values)])
+    return float(np.quantile(known, _MOST)) if len(known) else 0.0
+
+
 def _too_large(trace: Trace, name: str, end: float, unit: str, guess: str) -> str:
-    if name not in trace:
-        return ""
-    known = np.abs(trace[name][np.isfinite(trace[name])])
-    reached = float(np.quantile(known, _MOST)) if len(known) else 0.0
+    reached = _usual(trace[name]) if name in trace else 0.0
     if not reached > end:
         return ""
     return (
@@ -180,17 +172,12 @@ def _too_large(trace: Trace, name: str, end: float, unit: str, guess: str) -> st
 
 def _too_coarse(trace: Trace, profile: ProfileData) -> str:
     """Return why the time cannot be in seconds, or nothing."""
-    velocity = velocity_of(trace, profile)
-    if velocity is None:
-        return ""
-    steps_s = np.diff(trace.time_s)
-    turns = np.abs(velocity[:-1] * steps_s) / (2.0 * np.pi)
-    turns = turns[np.isfinite(turns)]
-    most = float(np.quantile(turns, _MOST)) if len(turns) else 0.0
-    if not most > _MOST_TURNS:
+    velocity, steps_s = velocity_of(trace, profile), np.diff(trace.time_s)
+    turns = 0.0 if velocity is None else _usual(velocity[:-1] * steps_s) / (2.0 * np.pi)
+    if not turns > _MOST_TURNS:
         return ""
     return (
-        f"the motor turns {most:.3g} times between two samples, which are "
+        f"the motor turns {turns:.3g} times between two samples, which are "
         f"{float(np.median(steps_s)):.3g} s apart; more than {_MOST_TURNS:g} show no order: is "
         "time_s in ms, or the velocity in rpm?"
     )
@@ -206,68 +193,46 @@ def _fast(values: FloatArray) -> FloatArray:
     return values[_SLOW:-_SLOW]
 
 
-def _explained(torque: FloatArray, angle: FloatArray, orders: tuple[float, ...]) -> float:
+def _waves(angle: FloatArray, profile: ProfileData) -> list[FloatArray]:
+    orders = baseline_orders(profile)
+    return [_fast(wave(order * angle)) for order in orders for wave in (np.cos, np.sin)]
+
+
+def _explained(torque: FloatArray, angle: FloatArray, profile: ProfileData) -> float:
     """Return the share of the fast torque's variance that ripple over this angle explains."""
     good = np.isfinite(torque) & np.isfinite(angle)
     if int(good.sum()) < 4 * _SLOW:
         return 0.0
-    waves = [wave(order * angle[good]) for order in orders for wave in (np.cos, np.sin)]
-    design, response = np.column_stack([_fast(wave) for wave in waves]), _fast(torque[good])
+    design, response = np.column_stack(_waves(angle[good], profile)), _fast(torque[good])
     power = float(response @ response)
     solution = np.linalg.lstsq(design.T @ design, design.T @ response, rcond=None)[0]
     left = response - design @ solution
     return 1.0 - float(left @ left) / power if power > 0.0 else 0.0
 
 
-def _swapped(trace: Trace, profile: ProfileData) -> bool:
-    """Return whether the ripple is in the velocity, over the integral of the torque, alone."""
+def _swapped(trace: Trace, profile: ProfileData) -> str:
+    """Return that the ripple is in the velocity, over the integral of the torque, or nothing."""
     velocity = velocity_of(trace, profile)
     if velocity is None:
-        return False
-    torque, orders = torque_of(trace, profile), baseline_orders(profile)
+        return ""
+    torque = torque_of(trace, profile)
+    fast, slow = torque, velocity
     if "tacho_v" in trace and "torque_v" in trace:
         fast = trace["torque_v"] * profile.tacho.gain_rad_s_per_v
         slow = trace["tacho_v"] * profile.sensor.gain_nm_per_v
-    else:
-        fast, slow = torque, velocity
     known = np.abs(fast[np.isfinite(fast)])
     if not (len(known) and float(np.median(known)) > _TURNING):
-        return False
-    other = integrate_velocity(trace.time_s, fast)[0]
-    if not _explained(slow, other, orders) > _RIGHT:
-        return False
-    angle = integrate_velocity(trace.time_s, velocity)[0]
-    return _explained(torque, angle, orders) < _WRONG
-
-
-def _compared(trace: Trace, profile: ProfileData) -> Channels:
-    """Return what angle and velocity, or ripple and velocity, say of each other."""
-    shaft = shaft_of(trace, profile)
-    if shaft is None:
-        return _velocity_unit(trace, profile)
-    good = shaft.good
-    parts = [np.where(good, part, 0.0) for part in (shaft.moves_rad, shaft.by_velocity_rad())]
-    turned = max(float(np.abs(part).sum()) for part in parts)
-    if int(good.sum()) < 100 or turned < _TURNED:
-        return Channels(trace)
-    block = np.floor((shaft.time_s[:-1] - shaft.time_s[0]) / _BLOCK_S).astype(np.int64)
-    encoder, tacho = (np.bincount(block, part) for part in parts)
-    # one slip of some turns must not count for the scale of all: the median of large blocks
-    moving = np.abs(tacho) > 0.1 * float(np.quantile(np.abs(tacho), _MOST))
-    moving &= tacho != 0.0
-    ratio = float(np.median(encoder[moving] / tacho[moving])) if moving.any() else 1.0
-    sizes = float(np.linalg.norm(encoder) * np.linalg.norm(tacho))
-    alike = abs(float(encoder @ tacho)) / sizes if sizes > 0.0 else 0.0
-    close = np.abs(encoder - ratio * tacho) <= 0.1 * np.abs(ratio * tacho)
-    if alike < _SAME and not float(np.mean(close[moving])) > _SAME:
-        return _refused(
-            trace,
-            "angle and velocity are not of the same shaft: their increments have a correlation of "
-            f"{alike:.2f}; needed: {_SAME:g}",
-        )
-    if abs(ratio - 1.0) > _SCALE:
-        return _unlike(trace, profile, shaft, ratio)
-    return Channels(trace)
+        return ""
+    crossed = _explained(slow, integrate_velocity(trace.time_s, fast)[0], profile)
+    if not crossed > _RIGHT:
+        return ""
+    straight = _explained(torque, integrate_velocity(trace.time_s, velocity)[0], profile)
+    if not straight < _WRONG:
+        return ""
+    return (
+        "torque and velocity stand in each other's place: ripple explains "
+        f"{100.0 * crossed:.0f} % of the velocity and {100.0 * straight:.0f} % of the torque"
+    )
 
 
 def _velocity_unit(trace: Trace, profile: ProfileData) -> Channels:
@@ -275,82 +240,90 @@ def _velocity_unit(trace: Trace, profile: ProfileData) -> Channels:
     velocity = velocity_of(trace, profile)
     if velocity is None:
         return Channels(trace)
-    torque, orders = torque_of(trace, profile), baseline_orders(profile)
+    torque = torque_of(trace, profile)
     angle = integrate_velocity(trace.time_s, velocity)[0]
-    if _explained(torque, angle, orders) < _WRONG:
+    if _explained(torque, angle, profile) < _WRONG:
         for factor, _, says in _UNITS[1:]:
-            if _explained(torque, factor * angle, orders) > _RIGHT:
+            if _explained(torque, factor * angle, profile) > _RIGHT:
                 why = f"the ripple fits the velocity times {factor:.4g}, which it is multiplied by"
                 return _velocity_times(trace, factor, f"{why}: the velocity {says}")
     return Channels(trace)
 
 
+def _compared(trace: Trace, profile: ProfileData, shaft: Shaft) -> Channels:
+    """Return what angle and velocity say of each other."""
+    parts = [np.where(shaft.good, p, 0.0) for p in (shaft.moves_rad, shaft.by_velocity_rad())]
+    turned = max(float(np.abs(part).sum()) for part in parts)
+    if int(shaft.good.sum()) < 100 or turned < _TURNED:
+        return Channels(trace)
+    block = np.floor((shaft.time_s[:-1] - shaft.time_s[0]) / _BLOCK_S).astype(np.int64)
+    encoder, tacho = (np.bincount(block, part) for part in parts)
+    # one slip of some turns must not count for the scale of all: the median of large blocks
+    moving = np.abs(tacho) > max(0.1 * _usual(np.asarray(tacho, dtype=float)), 1e-300)
+    ratio = float(np.median(encoder[moving] / tacho[moving])) if moving.any() else 1.0
+    sizes = float(np.linalg.norm(encoder) * np.linalg.norm(tacho))
+    alike = abs(float(encoder @ tacho)) / sizes if sizes > 0.0 else 0.0
+    close = np.abs(encoder - ratio * tacho) <= 0.1 * np.abs(ratio * tacho)
+    if max(alike, float(np.mean(close[moving]))) < _SAME:
+        reason = (
+            "angle and velocity are not of the same shaft: their increments have a correlation of "
+            f"{alike:.2f}; needed: {_SAME:g}"
+        )
+        return _told(trace, "wrong-channel", reason, refuse=True)
+    return _unlike(trace, profile, shaft, ratio) if abs(ratio - 1.0) > _SCALE else Channels(trace)
+
+
 def _unlike(trace: Trace, profile: ProfileData, shaft: Shaft, ratio: float) -> Channels:
-    """Return what to do where encoder and tacho differ by a factor."""
-    if abs(ratio + 1.0) < _NAMED:
-        return _signed(trace, profile, shaft)
-    torque, orders = torque_of(trace, profile), baseline_orders(profile)
-    by_tacho = integrate_velocity(trace.time_s, shaft.velocity_rad_s)[0]
-    with_encoder = _explained(torque, shaft.angle_rad, orders)
-    with_tacho = _explained(torque, by_tacho, orders)
+    """Return what to do where angle and velocity differ by a factor: the torque decides.
+
+    By its ripple, or, where only the sign differs, by the expected torque, which is that of the
+    velocity that has the right sign.
+    """
     named = min(_UNITS, key=lambda unit: abs(ratio / unit[0] - 1.0))
     known = abs(ratio / named[0] - 1.0) < _NAMED
-    name = shaft.names[0]
-    text = f"{name} turns {ratio:.4g} times as far as the integrated velocity"
-    if with_tacho > _RIGHT and with_encoder < 0.5 * with_tacho:
+    text = f"{shaft.names[0]} turns {ratio:.4g} times as far as the integrated velocity"
+    if known and named[0] == -1.0:
+        sign, std = _drive_sign(trace, profile, shaft)
+        sure = abs(abs(sign) - 1.0) < 0.5 and std < _SIGN_STD
+        angle_right, velocity_right = sure and sign < 0.0, sure and sign > 0.0
+        seen = f"expected torque times {sign:.2f} +- {std:.2g}; needed: 1 or -1 to {_SIGN_STD:g}"
+    else:
+        torque = torque_of(trace, profile)
+        tacho = integrate_velocity(trace.time_s, shaft.velocity_rad_s)[0]
+        by_angle, by_tacho = (_explained(torque, a, profile) for a in (shaft.angle_rad, tacho))
+        velocity_right = by_tacho > _RIGHT and by_angle < 0.5 * by_tacho
+        angle_right = by_angle > _RIGHT and by_tacho < 0.5 * by_angle
+        seen = (
+            f"ripple explains {100.0 * by_angle:.0f} % over the angle, {100.0 * by_tacho:.0f} % "
+            f"over the velocity; needed: {100.0 * _RIGHT:.0f} % over one of them"
+        )
+    if velocity_right:
+        kept = {name: v for name, v in trace.columns.items() if name not in ANGLES}
         says = f"{named[1]}, and is left out" if known else "is left out"
-        return _without_angle(trace, f"{text}; the ripple agrees with the velocity: {name} {says}")
-    if with_encoder > _RIGHT and with_tacho < 0.5 * with_encoder:
+        why = f"{text}; the torque agrees with the velocity: {shaft.names[0]} {says}"
+        return _told(Trace(kept, trace.source, trace.metadata), "encoder-scale", why)
+    if angle_right:
         says = f"{named[2]}, and is multiplied by {ratio:.4g}" if known else "is scaled to it"
-        why = f"{text}; the ripple agrees with the angle: the velocity {says}"
+        why = f"{text}; the torque agrees with the angle: the velocity {says}"
         return _velocity_times(trace, ratio, why)
     if not known and abs(ratio - 1.0) < _GAIN:
         why = f"{text}: an encoder counts, a tacho has a gain; the velocity is scaled to the angle"
         return _velocity_times(trace, ratio, why)
-    guess = f"{name} {named[1]}, or the velocity {named[2]}; " if known else ""
-    reason = (
-        f"{text}: {guess}the torque does not tell which of them is right (ripple explains "
-        f"{100.0 * with_encoder:.0f} % over the angle, {100.0 * with_tacho:.0f} % over the "
-        f"velocity; needed: {100.0 * _RIGHT:.0f} % over one of them)"
-    )
-    return Channels(trace, (_whole(trace, "encoder-scale", reason),), reason)
-
-
-def _signed(trace: Trace, profile: ProfileData, shaft: Shaft) -> Channels:
-    """Return what to do where angle and velocity have opposite signs.
-
-    The expected torque is that of the velocity that has the right sign.
-    """
-    text = "angle and velocity turn in opposite directions"
-    sign, std = _drive_sign(trace, profile, shaft)
-    if not (abs(abs(sign) - 1.0) < 0.5 and std < _SIGN_STD):
-        reason = (
-            f"{text}: the torque does not tell which of them is right (expected torque times "
-            f"{sign:.2f} +- {std:.2g}; needed: 1 or -1 to within {_SIGN_STD:g})"
-        )
-        return Channels(trace, (_whole(trace, "encoder-scale", reason),), reason)
-    if sign > 0.0:
-        why = f"{text}; the expected torque agrees with the velocity: the angle is left out"
-        return _without_angle(trace, why)
-    why = f"{text}; the expected torque agrees with the angle: the velocity's sign is changed"
-    return _velocity_times(trace, -1.0, why)
+    guess = f"{shaft.names[0]} {named[1]}, or the velocity {named[2]}; " if known else ""
+    reason = f"{text}: {guess}the torque does not tell which of them is right ({seen})"
+    return _told(trace, "encoder-scale", reason, refuse=True)
 
 
 def _drive_sign(trace: Trace, profile: ProfileData, shaft: Shaft) -> tuple[float, float]:
     """Return the coefficient of the velocity's expected torque and its standard uncertainty."""
-    drive = profile.drive
-    slope = velocity_slope(shaft.time_s, shaft.velocity_rad_s)
-    expected = drive.load_inertia_kg_m2 / drive.gear_ratio * slope
-    torque, angle = torque_of(trace, profile), angle_of(trace, profile)
-    if angle is None:
-        return 0.0, np.inf
-    good = np.isfinite(torque) & np.isfinite(expected) & np.isfinite(angle)
+    inertia = profile.drive.load_inertia_kg_m2 / profile.drive.gear_ratio
+    expected = inertia * velocity_slope(shaft.time_s, shaft.velocity_rad_s)
+    torque = torque_of(trace, profile)
+    good = np.isfinite(torque) & np.isfinite(expected) & np.isfinite(shaft.angle_rad)
     if int(good.sum()) < 4 * _SLOW:
-        return 0.0, np.inf
-    orders = baseline_orders(profile)
-    waves = [wave(order * angle[good]) for order in orders for wave in (np.cos, np.sin)]
-    design = np.column_stack([_fast(expected[good]), *(_fast(wave) for wave in waves)])
-    response = _fast(torque[good])
+        return 0.0, float(np.inf)
+    waves = _waves(shaft.angle_rad[good], profile)
+    design, response = np.column_stack([_fast(expected[good]), *waves]), _fast(torque[good])
     inverse = np.linalg.pinv(design.T @ design)
     solution = inverse @ (design.T @ response)
     left = response - design @ solution
