@@ -40,8 +40,6 @@ _COARSE_SPAN = 4.0
 # bench have 12 bits at least
 _WHOLE = 0.01
 _FEWEST_BITS = 12
-# noise ahead of the converter, in steps, of which the best is taken; half a step hides the grid
-_DITHERS = (0.02, 0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.5)
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,15 +80,6 @@ class Steps:
                 break
             out += (-1.0) ** k / k * weight * np.sin(k * turn)
         return np.asarray(self.step / np.pi * out)
-
-    def best_error(self, residual: FloatArray, torque: FloatArray) -> FloatArray:
-        """Return the mean error that takes most off a residual of the readings."""
-        trials = [
-            self.mean_error(torque - residual, float(torque[0]), part * self.step)
-            for part in _DITHERS
-        ]
-        squares = [float(np.sum((residual - trial) ** 2)) for trial in trials]
-        return trials[int(np.argmin(squares))]
 
 
 def clipping(
@@ -258,16 +247,7 @@ def quantisation(
 ) -> Fault | None:
     """Return coarse steps of the torque as a fault, None where they are none.
 
-    Parameters
-    ----------
-    time_s, torque_nm : ndarray, shape (n,)
-        Time, s, and torque as read, N m.
-    scatter_nm : float
-        Robust scatter of what the model leaves, N m.
-    profile : ProfileData
-        Converter and gain.
-    volts : bool
-        Whether the torque is the converter's own reading times the gain.
+    `volts`: whether the torque is the converter's own reading times the gain.
     """
     steps = coarse_steps(torque_nm)
     if steps is None or not _too_coarse(steps, profile, scatter_nm, volts=volts):

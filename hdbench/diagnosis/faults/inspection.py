@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +10,7 @@ from scipy.ndimage import median_filter
 
 from hdbench.diagnosis.faults.converter import clipping, stuck_samples
 from hdbench.diagnosis.faults.fault import Fault, flag_runs, flag_samples, robust_std
-from hdbench.diagnosis.faults.jumps import find_glitches, find_jumps, later_from, turned_back
+from hdbench.diagnosis.faults.jumps import find_jumps, later_from, turned_back
 from hdbench.diagnosis.faults.phase import Ripple
 from hdbench.diagnosis.faults.shaft import (
     ANGLES,
@@ -122,18 +122,15 @@ def inspect_channels(
         "missed-samples", trace.time_s, held, "rows that repeat the one before; nothing is repaired"
     )
     faults = lost if saturation is None else (*lost, saturation)
-    moving, trace, derived = _moving(trace, profile, torque, masked)
-    faults += tuple(one for one in moving if one.false_alarm_probability < alpha)
+    moving, repaired, derived = _moving(trace, profile, torque, masked | ~np.isfinite(torque))
+    if all(one.false_alarm_probability < alpha for one in moving):
+        faults, trace = (*faults, *moving), repaired
     flags += tuple(fault.flag() for fault in faults)
-    reasons = (
-        ("no value", int((~np.isfinite(torque)).sum())),
-        ("clipped", int(clipped.sum())),
-        ("stuck", int(stuck.sum())),
-    )
+    reasons = {"no value": ~np.isfinite(torque), "clipped": clipped, "stuck": stuck}
     return Inspected(
         trace,
         masked,
-        tuple(one for one in reasons if one[1]),
+        tuple((name, int(mask.sum())) for name, mask in reasons.items() if mask.any()),
         tuple(sorted(flags, key=lambda flag: flag.from_s)),
         faults,
         "",
@@ -150,20 +147,18 @@ def _moving(
     if shaft is None:
         return (), trace, ()
     pair = derivation(shaft)
-    velocity = np.nan_to_num(shaft.velocity_rad_s)
-    ripple = Ripple(
-        _rest(trace, profile, torque),
-        np.isfinite(torque) & ~masked,
-        baseline_orders(profile),
-        velocity,
-    )
+    torque = _rest(trace, profile, torque)
+    ripple = Ripple(torque, ~masked, baseline_orders(profile), np.nan_to_num(shaft.velocity_rad_s))
     independent = pair is None and has_own_noise(shaft)
-    derived = () if pair is None else (pair,)
     # ripple of the tacho hides small jumps, and a jump turns the ripple's phase
     lines, smooth = find_tacho_ripple(trace, shaft) if independent else ((), trace)
     even = shaft_of(smooth, profile) if lines else shaft
     jumps, repaired = find_jumps(smooth, even or shaft, profile, ripple, independent=independent)
-    return (*jumps, *lines), repaired, derived
+    lines = tuple(
+        replace(one, undone=without_ripple(repaired, shaft.angle_rad, one.shape, -1))
+        for one in lines
+    )
+    return (*jumps, *lines), repaired, () if pair is None else (pair,)
 
 
 def _rest(trace: Trace, profile: ProfileData, torque: FloatArray) -> FloatArray:
@@ -190,10 +185,9 @@ def _finite(trace: Trace) -> Trace:
 
 def _at_rest(trace: Trace, profile: ProfileData) -> str:
     """Return why a record without any motion says nothing, or nothing."""
-    parts = [
-        part for part in (angle_of(trace, profile), velocity_of(trace, profile)) if part is not None
-    ]
-    if not parts or any(np.nanmax(part) > np.nanmin(part) for part in parts):
+    parts = (angle_of(trace, profile), velocity_of(trace, profile))
+    known = [part for part in parts if part is not None]
+    if not known or any(np.nanmax(part) > np.nanmin(part) for part in known):
         return ""
     return "neither angle nor velocity changes by a single step: the record holds no motion"
 
@@ -214,18 +208,14 @@ def _known_out(trace: Trace, profile: ProfileData, model: BenchModel) -> Trace:
     return trace
 
 
-def _isolated(values: FloatArray) -> NDArray[np.bool_]:
+def _isolated(values: FloatArray, least: float) -> NDArray[np.bool_]:
     """Return single samples far out of a course that is even on both sides of them."""
     out = np.zeros(len(values), dtype=bool)
     if len(values) < 10 * _WINDOW:
         return out
     known = np.nan_to_num(values)
     away = np.abs(known - median_filter(known, size=_WINDOW, mode="nearest"))
-    steps = np.abs(np.diff(known))
-    # rounding of a motion without noise is no wrong sample
-    step = float(np.min(steps, where=steps > 0.0, initial=np.inf))
-    limit = max(_OUT_RATIO * float(np.quantile(away, 0.99)), _OUT_SIGMA * robust_std(away))
-    limit = max(limit, _OUT_STEPS * step if np.isfinite(step) else 0.0)
+    limit = max(_OUT_RATIO * float(np.quantile(away, 0.99)), _OUT_SIGMA * robust_std(away), least)
     around = np.abs(known[np.array([[0], [1], [3], [4]]) + np.arange(len(known) - 4)] - known[2:-2])
     flat = around.max(axis=0) - around.min(axis=0) < _FLAT * around.min(axis=0)
     out[2:-2] = flat & (away[2:-2] > limit) & np.isfinite(values[2:-2])
@@ -235,19 +225,27 @@ def _isolated(values: FloatArray) -> NDArray[np.bool_]:
 def _without_glitches(trace: Trace, profile: ProfileData) -> tuple[Trace, tuple[DataFlag, ...]]:
     """Return the trace without isolated wrong samples of velocity and angle, and their flags."""
     flags: tuple[DataFlag, ...] = ()
-    velocity = velocity_of(trace, profile)
+    velocity, angle = velocity_of(trace, profile), angle_of(trace, profile)
+    courses = []
     if velocity is not None:
-        wrong = _isolated(velocity)
-        # beside a gap there is no course to leave
+        steps = np.abs(np.diff(velocity))
+        # rounding of a motion without noise is no wrong sample
+        step = float(np.min(steps, where=steps > 0.0, initial=np.inf))
+        courses.append((VELOCITIES, velocity, velocity, _OUT_STEPS * step, "velocity"))
+    if angle is not None:
+        # a wrong angle is out for one move and back for the next; a slip stays out
+        moves = np.nan_to_num(np.diff(angle, prepend=angle[:1]))
+        off = moves - median_filter(moves, size=_WINDOW, mode="nearest")
+        usual = float(np.quantile(np.abs(moves), 0.99))
+        courses.append((ANGLES, angle, np.cumsum(off), usual, "motor angle"))
+    for names, channel, course, least, what in courses:
+        # nor has a reading that was held left its course
+        wrong = _isolated(course, least) & (np.diff(channel, prepend=np.nan) != 0.0)
+        # beside a gap there is none
         for at in gap_steps(trace.time_s).tolist():
             wrong[max(0, at - _WINDOW) : at + _WINDOW] = False
-        trace = _lost_at(trace, VELOCITIES, wrong)
-        flags += flag_samples("spikes", trace.time_s, wrong, "isolated samples of the velocity")
-    shaft = shaft_of(trace, profile)
-    if shaft is not None:
-        wrong = find_glitches(shaft)
-        trace = _lost_at(trace, ANGLES, wrong)
-        flags += flag_samples("spikes", trace.time_s, wrong, "isolated samples of the motor angle")
+        trace = _lost_at(trace, names, wrong)
+        flags += flag_samples("spikes", trace.time_s, wrong, f"isolated samples of the {what}")
     return trace, flags
 
 

@@ -8,19 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation, maximum_filter1d, median_filter, minimum_filter1d
 
-from hdbench.diagnosis.faults.fault import (
-    ACCEPT_NATS,
-    TELL_NATS,
-    Fault,
-    entry,
-    normal_tail,
-)
+from hdbench.diagnosis.faults.fault import ACCEPT_NATS, TELL_NATS, Fault, entry, normal_tail
 from hdbench.diagnosis.faults.phase import Ripple, jump_nats
 from hdbench.diagnosis.faults.shaft import ANGLES, DELAYS, REACH, Shaft, disagreement
 from hdbench.profile.schema import ProfileData
 from hdbench.records.trace import FloatArray, Trace
 
-__all__ = ["find_glitches", "find_jumps", "later_from", "turned_back"]
+__all__ = ["find_jumps", "later_from", "turned_back"]
 
 # samples on each side: there the averaged counting of a 4000-count encoder meets the walk that the
 # tacho's noise of 0.06 rad/s makes at 1 kHz
@@ -48,11 +42,6 @@ _MOST = 8
 _WHOLE_SIGMA = 4.0
 # times the loss at the faster side's speed that a loss may last, and samples that it may have
 _LONGEST, _MOST_LOST = 4.0, 5000
-# an isolated sample is this many times further out than one in a hundred, and this many standard
-# deviations: the largest of a million normal samples is twice the hundredth-largest of a hundred
-_OUT_RATIO, _OUT_SIGMA = 2.5, 16.0
-# and comes back to within this part of where it went
-_BACK = 0.3
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,8 +54,6 @@ class Jump:
     first: int
     angle_rad: float
     std_rad: float
-    nats: float
-    chance: float
     before: tuple[float, float]
     after: tuple[float, float]
 
@@ -89,56 +76,15 @@ def later_from(trace: Trace, first: int, delay_s: float) -> Trace:
     return trace.with_columns(time_s=time)
 
 
-def find_glitches(shaft: Shaft) -> NDArray[np.bool_]:
-    """Return single samples, shape (n,), at which the angle leaves its course and comes back.
-
-    By its own course as well as by the velocity; none where a reading was held.
-    """
-    wrong = np.zeros(len(shaft.time_s), dtype=bool)
-    left, scatter = disagreement(shaft, free=False)
-    good = _whole(shaft)
-    if int(good.sum()) < 4 * _SIDE:
-        return wrong
-    usual = _OUT_RATIO * float(np.quantile(np.abs(left[good]), 0.99))
-    far = good & (np.abs(left) > np.maximum(_least(shaft), max(_OUT_SIGMA * scatter, usual)))
-    course = median_filter(np.nan_to_num(shaft.moves_rad), size=5, mode="nearest")
-    own = np.abs(shaft.moves_rad - course) > 0.5 * np.abs(left)
-    far &= own & (shaft.moves_rad != 0.0)
-    wrong[1:-1] = far[1:] & far[:-1] & (np.abs(left[1:] + left[:-1]) < _BACK * np.abs(left[1:]))
-    return wrong
-
-
 def find_jumps(
     trace: Trace, shaft: Shaft, profile: ProfileData, ripple: Ripple, *, independent: bool
 ) -> tuple[tuple[Fault, ...], Trace]:
-    """Return the jumps that evidence names, and the trace with them taken out.
+    """Return the jumps that evidence names, in order of time, and the trace without them.
 
-    Parameters
-    ----------
-    trace : Trace
-        Channels.
-    shaft : Shaft
-        Angle and velocity of the trace.
-    profile : ProfileData
-        Encoder counts.
-    ripple : Ripple
-        Torque, whose phase is the witness.
-    independent : bool
-        Whether angle and velocity are two sensors.
-
-    Returns
-    -------
-    faults : tuple of Fault
-        In order of time.
-    trace : Trace
-        Angle turned back after slips, later stamps after lost samples.
-
-    Notes
-    -----
     With a slip the torque's ripple goes on over the angle turned back; with lost samples it goes
     on over the recorded angle, and the jump is a whole number of samples' turning. Two sensors
-    that disagree are evidence enough where the torque does not contradict; of two channels of one
-    sensor only the torque can tell.
+    that disagree are evidence enough where the torque cannot tell; of two channels of one sensor
+    only the torque can.
     """
     jumps = sorted(_found(shaft), key=lambda jump: -abs(jump.angle_rad))[:_MOST]
     places = sorted([0, len(trace), *(jump.first for jump in jumps)])
@@ -150,14 +96,11 @@ def find_jumps(
         # of two sensors the torque has to agree where it is able to
         agrees = TELL_NATS if able > 2.0 * TELL_NATS else -TELL_NATS
         needed = agrees if independent else ACCEPT_NATS
-        lost = _lost_samples(jump, shaft.period_s, shaft.count_rad)
-        is_lost = lost is not None and (lost.near or (independent and nats < -TELL_NATS))
-        is_lost = is_lost and -nats > needed
-        count = lost.samples if lost is not None and is_lost else 0
-        std = lost.std if lost is not None else 0.0
+        count, std, near = _lost_samples(jump, shaft.period_s, shaft.count_rad)
+        lost = -nats > needed and (near or (independent and count > 0 and nats < -TELL_NATS))
         if nats > needed:
-            named.append((jump, "both" if is_lost else "encoder-slip", count, std))
-        elif is_lost:
+            named.append((jump, "both" if lost else "encoder-slip", count, std))
+        elif lost:
             named.append((jump, "missed-samples", count, std))
     # later losses first: a loss moves the stamps of all samples after it
     named.sort(key=lambda one: -one[0].first)
@@ -171,40 +114,33 @@ def find_jumps(
                 out = later_from(out, jump.first, count * shaft.period_s)
         return out
 
-    faults = []
-    for one in reversed(named):
-        undone = repaired([other for other in named if other is not one])
-        faults.append(_fault(one, shaft, undone))
+    faults = (
+        _fault(one, shaft, repaired([other for other in named if other is not one]))
+        for one in reversed(named)
+    )
     return tuple(faults), repaired(named)
 
 
 def _fault(named: tuple[Jump, str, int, float], shaft: Shaft, undone: Trace) -> Fault:
     jump, name, samples, std = named
-    time, last = shaft.time_s, len(shaft.time_s) - 1
+    time, count = shaft.time_s, len(shaft.time_s)
     place = 0.5 * float(time[jump.first - 1] + time[jump.first])
-    slip = entry(jump.angle_rad, jump.std_rad, "rad")
-    where = entry(place, None, "s")
+    tail = normal_tail(jump.angle_rad / jump.std_rad, count, 3, count)
+    parameters = {"step_time_s": entry(place, None, "s")}
+    if name != "missed-samples":
+        parameters["slip_rad"] = entry(jump.angle_rad, jump.std_rad, "rad")
     used = ("torque_nm", *shaft.names)
     if name == "encoder-slip":
-        return Fault(
-            name, {"slip_rad": slip, "step_time_s": where}, last - jump.first + 1,
-            float(time[jump.first]), float(time[-1]), jump.nats, jump.chance, used,
-            {"slip_rad": jump.angle_rad, "step_time_s": place}, undone=undone,
-        )  # fmt: skip
+        shape = {"slip_rad": jump.angle_rad, "step_time_s": place}
+        span = (count - jump.first, float(time[jump.first]), float(time[-1]))
+        return Fault(name, parameters, *span, *tail, used, shape, undone=undone)
     missed = samples * shaft.period_s
-    parameters = {
-        "samples": entry(samples, std, "1"),
-        "step_time_s": where,
-        "missed_s": entry(missed, std * shaft.period_s, "s"),
-    }
-    if name == "both":
-        parameters["slip_rad"] = slip
-    return Fault(
-        "missed-samples", parameters, samples, float(time[jump.first - 1]),
-        float(time[jump.first]), jump.nats, jump.chance, used,
-        {"missed_s": missed, "step_time_s": place},
-        ("encoder-slip",) if name == "both" else (), undone=undone,
-    )  # fmt: skip
+    parameters["samples"] = entry(samples, std, "1")
+    parameters["missed_s"] = entry(missed, std * shaft.period_s, "s")
+    span = (samples, float(time[jump.first - 1]), float(time[jump.first]))
+    shape = {"missed_s": missed, "step_time_s": place}
+    group = ("encoder-slip",) if name == "both" else ()
+    return Fault("missed-samples", parameters, *span, *tail, used, shape, group, undone=undone)
 
 
 def _steps(lefts: list[FloatArray]) -> FloatArray:
@@ -278,7 +214,7 @@ def _found(shaft: Shaft) -> list[Jump]:
         return []
     # at one speed noise makes a free filter wider than it is, and a plain one knows no filter: a
     # jump is what neither explains
-    lefts = [np.where(good, disagreement(shaft, free=free)[0], 0.0) for free in (False, True)]
+    lefts = [np.where(good, disagreement(shaft, free=free), 0.0) for free in (False, True)]
     scatter = _scatter(shaft, _steps(lefts), good)
     count = len(good)
     sigmas = float(np.sqrt(2.0 * (ACCEPT_NATS + 1.5 * np.log(count))))
@@ -292,13 +228,13 @@ def _found(shaft: Shaft) -> list[Jump]:
             sizes[at] = size
         if not found:
             break
-    jumps = []
-    for at in np.flatnonzero(np.abs(sizes) > floor).tolist():
-        size, std = float(sizes[at]), max(float(scatter[at]), 1e-12)
-        nats, chance = normal_tail(size / std, count, 3, count)
-        sides = _pace(shaft, at, -1), _pace(shaft, at + 1, 1)
-        jumps.append(Jump(at + 1, size, std, nats, chance, *sides))
-    return jumps
+    return [
+        Jump(
+            at + 1, float(sizes[at]), max(float(scatter[at]), 1e-12),
+            _pace(shaft, at, -1), _pace(shaft, at + 1, 1),
+        )
+        for at in np.flatnonzero(np.abs(sizes) > floor).tolist()
+    ]  # fmt: skip
 
 
 def _peaks(
@@ -333,33 +269,25 @@ def _pace(shaft: Shaft, at: int, side: int) -> tuple[float, float]:
     return float(level), float(slope)
 
 
-@dataclass(frozen=True, slots=True)
-class _Lost:
-    """Samples that a jump can stand for, how well their number is known, whether they fit it."""
+def _lost_samples(jump: Jump, period_s: float, count_rad: float) -> tuple[int, float, bool]:
+    """Return how many lost samples turn by a jump, how well that is known, and whether it fits.
 
-    samples: int
-    std: float
-    near: bool
-
-
-def _lost_samples(jump: Jump, period_s: float, count_rad: float) -> _Lost | None:
-    """Return how many lost samples turn by a jump; None where the shaft went the other way.
-
-    In between the speed follows the cubic that has speed and acceleration of both sides.
+    None where the shaft went the other way. In between the speed follows the cubic that has speed
+    and acceleration of both sides.
     """
     (speed, slope), (later, later_slope) = jump.before, jump.after
     fastest = max(abs(speed), abs(later))
     if not fastest > 0.0:
-        return None
+        return 0, 0.0, False
     most = int(_LONGEST * abs(jump.angle_rad) / (fastest * period_s)) + 1
     time = period_s * np.arange(1, min(most, _MOST_LOST) + 1)
     turned = 0.5 * (speed + later) * time + (slope - later_slope) * time**2 / 12.0
     away = np.abs(jump.angle_rad - turned)
     best = int(np.argmin(away))
     if not turned[best] * jump.angle_rad > 0.0:
-        return None
+        return 0, 0.0, False
     # the course of the speed in between is not known: half of the bend's share
     bend = 0.5 * abs((slope - later_slope) * time[best] ** 2 / 12.0)
     near = away[best] < _WHOLE_SIGMA * jump.std_rad + 0.5 * count_rad + bend
     std = (bend + away[best]) / max(abs(0.5 * (speed + later)) * period_s, 1e-12)
-    return _Lost(best + 1, float(min(std, best + 1)), bool(near))
+    return best + 1, float(min(std, best + 1)), bool(near)

@@ -35,30 +35,10 @@ def jump_nats(
 ) -> tuple[float, float]:
     """Return by how much the torque is likelier with the angle turned back than as it is, nats.
 
-    Parameters
-    ----------
-    ripple : Ripple
-        Torque.
-    angle_rad : ndarray, shape (n,)
-        Motor angle as recorded, rad.
-    first : int
-        First sample after the jump.
-    turn_rad : float
-        By how much the recorded angle jumps there, rad.
-    ends : tuple of int
-        Samples between which nothing else jumps.
+    And what such a jump, by `turn_rad` at the sample `first`, can make of it on this torque. It is
+    positive where the ripple keeps its phase over the angle turned back (a slip), negative where it
+    keeps its phase over the recorded angle (the shaft did turn). Nothing else jumps between `ends`.
 
-    Returns
-    -------
-    nats : float
-        Positive where the ripple keeps its phase over the angle turned back (a slip), negative
-        where it keeps its phase over the recorded angle (the shaft did turn); 0 where there are
-        too few turns to tell.
-    able : float
-        What such a jump makes of it on this torque, either way.
-
-    Notes
-    -----
     Each whole turn of the motor gives one complex amplitude for each order. Their scatter about a
     level and a slope over the velocity, which is what delays make, is the noise, whatever its
     colour: ``sum over orders of (n - 2) ln(RSS as it is / RSS turned back)``. A turn in which the

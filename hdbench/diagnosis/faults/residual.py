@@ -15,7 +15,7 @@ from hdbench.model import Motion
 from hdbench.profile.schema import ProfileData
 from hdbench.records.trace import FloatArray
 
-__all__ = ["ResidualFaults", "SpeedNoise", "faults_of_residual", "find_spikes", "speed_noise"]
+__all__ = ["ResidualFaults", "SpeedNoise", "faults_of_residual"]
 
 # probability of any such spike on a record of normal noise
 _CHANCE = 2e-5
@@ -35,7 +35,7 @@ _CELLS = 64
 # blocks in time: noise that changes with time alone must not be taken for a law of the speed
 _BLOCKS = 24
 # Fisher scoring converges within ten rounds
-_ROUNDS = 50
+_ROUNDS = 20
 _LEAST_SAMPLES = 500
 # samples before that predict, and samples over which they are weighed alike
 _ORDER, _BLOCK = 8, 512
@@ -105,7 +105,7 @@ def faults_of_residual(
     -------
     ResidualFaults
     """
-    spikes = find_spikes(residual_nm, whitened_residual, valid, torque_nm)
+    spikes = _find_spikes(residual_nm, whitened_residual, valid, torque_nm)
     faults = [*_spiky(spikes, residual_nm, valid, motion.time_s)]
     spikes = spikes if faults else np.zeros_like(spikes)
     kept = valid & ~spikes
@@ -116,7 +116,7 @@ def faults_of_residual(
         faults.append(coarse)
     law = None
     if whitened_residual is not None:
-        law = speed_noise(whitened_residual, kept, motion.velocity_rad_s, alpha)
+        law = _speed_noise(whitened_residual, kept, motion.velocity_rad_s, alpha)
         # readings of a coarse converter are rough where they cross levels fast
         if law is not None and coarse is None:
             faults.append(_rough(law, residual_nm, kept, motion.time_s))
@@ -136,7 +136,7 @@ def _local_std(values: FloatArray, used: NDArray[np.bool_]) -> FloatArray:
     return np.asarray(np.maximum(local, max(robust_std(values[at]), 1e-300)))
 
 
-def find_spikes(
+def _find_spikes(
     residual_nm: FloatArray,
     whitened_residual: FloatArray | None,
     valid: NDArray[np.bool_],
@@ -174,10 +174,7 @@ def _smooth(values: FloatArray) -> FloatArray:
 
 
 def _spiky(
-    spikes: NDArray[np.bool_],
-    residual_nm: FloatArray,
-    valid: NDArray[np.bool_],
-    time_s: FloatArray,
+    spikes: NDArray[np.bool_], residual_nm: FloatArray, valid: NDArray[np.bool_], time_s: FloatArray
 ) -> tuple[Fault, ...]:
     """Return the spikes as one fault, none where nothing speaks for it."""
     at = np.flatnonzero(spikes)
@@ -248,31 +245,13 @@ def _innovations(white: FloatArray, good: NDArray[np.bool_]) -> tuple[FloatArray
     return np.concatenate(left), np.concatenate(rows)
 
 
-def speed_noise(
+def _speed_noise(
     whitened: FloatArray, used: NDArray[np.bool_], velocity_rad_s: FloatArray, alpha: float
 ) -> SpeedNoise | None:
-    """Return the law of noise that grows with the square of the speed.
+    """Return the law of noise that grows with the square of the speed, if there is one.
 
-    Parameters
-    ----------
-    whitened : ndarray, shape (n,)
-        Whitened residual of the model.
-    used : ndarray of bool, shape (n,)
-        Its samples.
-    velocity_rad_s : ndarray, shape (n,)
-        Motor velocity, rad/s.
-    alpha : float
-        Probability of a law without any effect, in (0, 1).
-
-    Returns
-    -------
-    SpeedNoise or None
-        None where the variance does not grow as surely as that, or where a variance that changes
-        with time alone is likelier.
-
-    Notes
-    -----
-    The slope is that of greatest likelihood for normal noise, by Fisher scoring.
+    By greatest likelihood for normal noise (Fisher scoring). None where the variance does not grow
+    as surely as alpha asks, or where a variance that changes with time alone is likelier.
     """
     left, rows = _innovations(whitened, used & np.isfinite(velocity_rad_s))
     speed = velocity_rad_s[rows] ** 2
@@ -300,26 +279,19 @@ def speed_noise(
 
 def _fitted(squares: FloatArray, speed: FloatArray) -> tuple[float, float, float, float]:
     """Return s0^2, s1^2, its standard uncertainty and the gain in likelihood over even noise."""
-    order = np.argsort(speed)
-    parts = np.array_split(order, _CELLS)
-    count = np.array([len(part) for part in parts], dtype=float)
-    means = np.array([squares[part].mean() for part in parts])
+    cells = np.array_split(np.argsort(speed), _CELLS)
+    count = np.array([len(cell) for cell in cells], dtype=float)
+    means, design = np.array([squares[cell].mean() for cell in cells]), np.ones((_CELLS, 2))
     scale = float(speed.max())
-    design = np.column_stack([np.ones(_CELLS), [speed[part].mean() / scale for part in parts]])
+    design[:, 1] = [speed[cell].mean() / scale for cell in cells]
     values = np.array([0.5, 0.5])
     for _ in range(_ROUNDS):
-        variance = design @ values
-        weighted = design * (0.5 * count / variance**2)[:, None]
+        weighted = design * (0.5 * count / (design @ values) ** 2)[:, None]
         fisher = weighted.T @ design
         # a variance stays positive: a thousandth of the mean is none
-        moved = np.maximum(np.linalg.solve(fisher, weighted.T @ means), 1e-3)
-        done = float(np.abs(moved - values).max()) < 1e-9
-        values = moved
-        if done:
-            break
+        values = np.maximum(np.linalg.solve(fisher, weighted.T @ means), 1e-3)
     variance = design @ values
-    even = float(np.sum(count * means))
-    nats = 0.5 * (even - float(np.sum(count * (np.log(variance) + means / variance))))
+    nats = 0.5 * float(np.sum(count * (means - np.log(variance) - means / variance)))
     std = float(np.sqrt(np.linalg.inv(fisher)[1, 1])) / scale
     return float(values[0]), float(values[1]) / scale, std, nats
 

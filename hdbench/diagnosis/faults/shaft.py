@@ -14,19 +14,9 @@ from hdbench.profile.schema import ProfileData
 from hdbench.records.trace import FloatArray, Trace
 
 __all__ = [
-    "ANGLES",
-    "DELAYS",
-    "REACH",
-    "VELOCITIES",
-    "Shaft",
-    "angle_of",
-    "derivation",
-    "disagreement",
-    "has_own_noise",
-    "scaled",
-    "shaft_of",
-    "velocity_of",
-]
+    "ANGLES", "DELAYS", "REACH", "VELOCITIES", "Shaft", "angle_of", "derivation", "disagreement",
+    "has_own_noise", "scaled", "shaft_of", "velocity_of",
+]  # fmt: skip
 
 ANGLES = ("motor_angle_rad", "encoder_count")
 VELOCITIES = ("motor_velocity_rad_s", "tacho_v")
@@ -132,8 +122,7 @@ def _true_steps(
     steps = np.diff(time_s)
     even = np.where(good, float(np.median(steps)), steps)
     pace = 0.5 * (velocity[1:] + velocity[:-1])
-    off = [float(np.mean(np.abs(moves - pace * one)[good])) if good.any() else 0.0
-           for one in (steps, even)]  # fmt: skip
+    off = [float(np.sum(np.abs(moves - pace * one)[good])) for one in (steps, even)]
     return even if off[1] < _EVEN * off[0] else steps
 
 
@@ -183,8 +172,8 @@ def _delay(shaft: Shaft) -> int:
     return best if off[best] < 0.9 * off[0] else 0
 
 
-def disagreement(shaft: Shaft, *, free: bool) -> tuple[FloatArray, float]:
-    """Return increments of the angle that the velocity does not explain, rad, and their scatter.
+def disagreement(shaft: Shaft, *, free: bool) -> FloatArray:
+    """Return increments of the angle that the velocity does not explain, rad.
 
     Gain, offset and lag of the velocity are none. With `free` the velocity is weighed freely over
     some samples on each side, so that its filter is none either, be it a tacho's or that of a
@@ -193,7 +182,7 @@ def disagreement(shaft: Shaft, *, free: bool) -> tuple[FloatArray, float]:
     good, wanted = shaft.good, shaft.moves_rad
     left = np.zeros(len(good))
     if int(good.sum()) < 8 * len(_EDGES):
-        return left, 0.0
+        return left
     steps = shaft.steps_s
     velocity = _filled(shaft.velocity_rad_s)
     plain = 0.5 * (velocity[1:] + velocity[:-1]) * steps
@@ -202,14 +191,14 @@ def disagreement(shaft: Shaft, *, free: bool) -> tuple[FloatArray, float]:
         design = np.column_stack([cells, steps])
     else:
         design = np.column_stack([plain, np.diff(velocity), steps])
-    off, scatter = np.abs(wanted - plain), 0.0
+    off = np.abs(wanted - plain)
     used = good & (off <= _TRIM * float(np.quantile(off[good], _USUAL)))
     for _ in range(_ROUNDS):
         solution = _solved(design[used], wanted[used])
         left[good] = wanted[good] - design[good] @ solution
-        scatter = robust_std(left[good])
-        used = good & (np.abs(left) <= max(_TRIM * scatter, 2.0 * shaft.count_rad))
-    return left, scatter
+        limit = max(_TRIM * robust_std(left[good]), 2.0 * shaft.count_rad)
+        used = good & (np.abs(left) <= limit)
+    return left
 
 
 def _explained(wanted: FloatArray, source: FloatArray, good: NDArray[np.bool_], lags: int) -> float:
@@ -251,9 +240,7 @@ def derivation(shaft: Shaft) -> tuple[str, str] | None:
     What is fast in a channel is its own noise and rounding. Where the other channel explains it,
     both come from one sensor: an integrated velocity, or a differentiated and filtered angle.
     """
-    steps = shaft.steps_s
-    good = shaft.good
-    velocity = _filled(shaft.velocity_rad_s)
+    steps, good, velocity = shaft.steps_s, shaft.good, _filled(shaft.velocity_rad_s)
     moves = _filled(np.where(good, shaft.moves_rad, np.nan))
     angle, tacho = shaft.names
     if _explained(moves, velocity[1:] * steps, good, 1) > _INTEGRATED:

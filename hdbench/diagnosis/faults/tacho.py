@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
@@ -36,11 +38,16 @@ _ROUNDING = 0.5
 _LINES = 4
 
 
-def without_ripple(trace: Trace, angle_rad: FloatArray, shape: dict[str, float]) -> Trace:
-    """Return the trace with its velocity divided by ``1 + c cos(k theta) + s sin(k theta)``."""
+def without_ripple(
+    trace: Trace, angle_rad: FloatArray, shape: Mapping[str, float], power: int = 1
+) -> Trace:
+    """Return the trace with its velocity over ``1 + c cos(k theta) + s sin(k theta)``.
+
+    With power -1 the ripple is put back.
+    """
     angle = shape["order"] * np.where(np.isfinite(angle_rad), angle_rad, 0.0)
     factor = 1.0 + shape["cosine"] * np.cos(angle) + shape["sine"] * np.sin(angle)
-    return scaled(trace, VELOCITIES, 1.0 / factor)
+    return scaled(trace, VELOCITIES, factor ** float(-power))
 
 
 def _fast(values: FloatArray, size: int) -> FloatArray:
@@ -87,44 +94,23 @@ class _Folded:
 def find_tacho_ripple(trace: Trace, shaft: Shaft) -> tuple[tuple[Fault, ...], Trace]:
     """Return the ripple of the tacho, one fault for each line, and the trace without it.
 
-    Parameters
-    ----------
-    trace : Trace
-        Channels, jumps taken out.
-    shaft : Shaft
-        Angle and velocity of the trace, from two sensors.
-
-    Returns
-    -------
-    faults : tuple of Fault
-        Lines whose power is above the mean of the places between the orders around by what chance
-        does not make on any order, and that the angle does not show.
-    trace : Trace
-        Velocity divided by the ripple.
+    Lines whose power is above the mean of the places between the orders around by what chance
+    does not make on any order, and that the angle does not show.
     """
     folded = _Folded(shaft)
     if not folded.turns > _TURNS or not folded.power > 0.0:
         return (), trace
-    shapes: list[tuple[dict[str, float], float, float, complex]] = []
-    rest = folded.by_tacho
+    faults, rest = [], folded.by_tacho
     for _ in range(_LINES):
         line = _strongest(folded, rest, shaft.tacho_step_rad_s)
         if line is None:
             break
         order, amplitude, std, nats = line
-        shape = {"order": order, "cosine": amplitude.real, "sine": -amplitude.imag}
-        shapes.append((shape, std, nats, amplitude))
+        faults.append(_fault(shaft, order, amplitude, std, nats))
         wave = folded.speed * np.real(amplitude * np.exp(1j * order * folded.angle))
         rest = rest - _fast(wave, folded.size)
-    faults = []
-    for one in shapes:
-        undone = trace
-        for other in shapes:
-            if other is not one:
-                undone = without_ripple(undone, shaft.angle_rad, other[0])
-        faults.append(_fault(shaft, one, undone))
-    for shape, *_ in shapes:
-        trace = without_ripple(trace, shaft.angle_rad, shape)
+    for fault in faults:
+        trace = without_ripple(trace, shaft.angle_rad, fault.shape)
     return tuple(faults), trace
 
 
@@ -161,18 +147,15 @@ def _strongest(
     return None
 
 
-def _fault(
-    shaft: Shaft, line: tuple[dict[str, float], float, float, complex], undone: Trace
-) -> Fault:
-    shape, std, nats, amplitude = line
-    size = abs(amplitude)
-    time, count = shaft.time_s, len(shaft.time_s)
+def _fault(shaft: Shaft, order: float, amplitude: complex, std: float, nats: float) -> Fault:
+    size, time, count = abs(amplitude), shaft.time_s, len(shaft.time_s)
+    shape = {"order": order, "cosine": amplitude.real, "sine": -amplitude.imag}
     parameters = {
-        "order": entry(shape["order"], None, "1"),
+        "order": entry(order, None, "1"),
         "relative_amplitude": entry(size, std, "1"),
         "phase_rad": entry(float(np.angle(amplitude)), std / size, "rad"),
     }
     return Fault(
         "tacho-ripple", parameters, count, float(time[0]), float(time[-1]), nats,
-        float(np.exp(-min(nats, 700.0))), shaft.names, shape, undone=undone, domain="motor-order",
+        float(np.exp(-min(nats, 700.0))), shaft.names, shape, domain="motor-order",
     )  # fmt: skip
