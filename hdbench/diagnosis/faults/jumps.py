@@ -40,6 +40,8 @@ _USUAL, _UNUSUAL = 0.9, 3.0
 _MOST = 8
 # a jump this many standard deviations from a whole number of samples is none of lost samples
 _WHOLE_SIGMA = 4.0
+# how well a large number of lost samples has to be known
+_KNOWN = 0.1
 # times the loss at the faster side's speed that a loss may last, and samples that it may have
 _LONGEST, _MOST_LOST = 4.0, 5000
 
@@ -99,7 +101,9 @@ def find_jumps(
         count, std, near = _lost_samples(jump, shaft.period_s, shaft.count_rad)
         lost = -nats > needed and (near or (independent and count > 0 and nats < -TELL_NATS))
         if nats > needed:
-            named.append((jump, "both" if lost else "encoder-slip", count, std))
+            # a whole number of samples' turning, and the torque hardly tells
+            both = near and nats < max(ACCEPT_NATS, 0.5 * able)
+            named.append((jump, "both" if both else "encoder-slip", count, std))
         elif lost:
             named.append((jump, "missed-samples", count, std))
     # later losses first: a loss moves the stamps of all samples after it
@@ -290,4 +294,4 @@ def _lost_samples(jump: Jump, period_s: float, count_rad: float) -> tuple[int, f
     bend = 0.5 * abs((slope - later_slope) * time[best] ** 2 / 12.0)
     near = away[best] < _WHOLE_SIGMA * jump.std_rad + 0.5 * count_rad + bend
     std = (bend + away[best]) / max(abs(0.5 * (speed + later)) * period_s, 1e-12)
-    return best + 1, float(min(std, best + 1)), bool(near)
+    return best + 1, float(min(std, best + 1)), bool(near and std < max(1.0, _KNOWN * best))

@@ -38,6 +38,8 @@ _FAST = 5
 _MADE_OF = 0.5
 # noise of its own that a velocity has to show, over that of its rounding
 _OWN = 2.0
+# a tacho lags by less than so many samples; what lags more was filtered or computed
+_PROMPT = 2
 # an integrated angle holds nothing but the velocity
 _INTEGRATED = 0.99
 # even steps have to fit this much better than the stamps
@@ -225,13 +227,14 @@ def _explained(wanted: FloatArray, source: FloatArray, good: NDArray[np.bool_], 
 
 
 def has_own_noise(shaft: Shaft) -> bool:
-    """Return whether the velocity shows noise above its rounding.
+    """Return whether the velocity shows noise above its rounding, and does not lag.
 
-    Where it does not, nobody can see whether it is a sensor of its own.
+    Where it does not, or lags, nobody can see whether it is a sensor of its own.
     """
     velocity = _filled(shaft.velocity_rad_s)
     fast = robust_std(velocity - uniform_filter1d(velocity, _FAST))
-    return fast > _OWN * shaft.tacho_step_rad_s / float(np.sqrt(12.0))
+    rounding = shaft.tacho_step_rad_s / float(np.sqrt(12.0))
+    return fast > _OWN * rounding and _delay(shaft) <= _PROMPT
 
 
 def derivation(shaft: Shaft) -> tuple[str, str] | None:

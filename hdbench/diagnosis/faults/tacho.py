@@ -61,13 +61,12 @@ class _Folded:
     """Speeds by tacho and angle without what is slow, folded over four turns of the motor."""
 
     def __init__(self, shaft: Shaft) -> None:
-        angle, steps = shaft.angle_rad, shaft.steps_s
-        central = np.full(len(angle), np.nan)
-        central[1:-1] = (angle[2:] - angle[:-2]) / (steps[1:] + steps[:-1])
+        self.shaft = shaft
+        central = self.central(shaft.angle_rad)
         central[1:-1][~(shaft.good[1:] & shaft.good[:-1])] = np.nan
-        valid = np.isfinite(central) & np.isfinite(shaft.velocity_rad_s)
+        valid = self.valid = np.isfinite(central) & np.isfinite(shaft.velocity_rad_s)
         size = 2 * max(2, round(0.5 * ACCELERATION_WINDOW_S / shaft.period_s)) + 1
-        self.angle = angle[valid]
+        self.angle = shaft.angle_rad[valid]
         self.speed = shaft.velocity_rad_s[valid]
         self.size = min(size, max(1, len(self.angle)))
         self.by_tacho = _fast(self.speed, self.size)
@@ -83,12 +82,28 @@ class _Folded:
         cells = np.bincount(self.cell, values * self.speed, _CELLS * _FOLD)
         return np.asarray(2.0 * np.fft.rfft(cells)[: _ORDERS * _FOLD + _FOLD * _NEAR] / self.power)
 
-    def fit(self, values: FloatArray, order: float) -> complex:
-        """Return a - i b of a cos + b sin at one order, beside the filter's own share."""
-        waves = [w(order * self.angle) * self.speed for w in (np.cos, np.sin)]
-        design = np.column_stack([_fast(wave, self.size) for wave in waves])
-        a, b = np.linalg.lstsq(design.T @ design, design.T @ values, rcond=None)[0].tolist()
-        return complex(a, -b)
+    def central(self, angle: FloatArray) -> FloatArray:
+        """Return the speed by central differences of an angle."""
+        out, steps = np.full(len(angle), np.nan), self.shaft.steps_s
+        out[1:-1] = (angle[2:] - angle[:-2]) / (steps[1:] + steps[:-1])
+        return out
+
+    def fit(self, order: float, rest: FloatArray) -> tuple[complex, complex, float]:
+        """Return a - i b of a cos + b sin of the speed at one order, by tacho and by angle.
+
+        And how much of its power differences of the angle show; both beside the filter's share.
+        """
+        angle, sizes, power = np.nan_to_num(self.shaft.angle_rad), [], []
+        by_tacho = [w(order * self.angle) * self.speed for w in (np.cos, np.sin)]
+        turned = (np.sin(order * angle) / order, -np.cos(order * angle) / order)
+        by_angle = [self.central(wave)[self.valid] for wave in turned]
+        for waves, values in ((by_tacho, rest), (by_angle, self.by_angle)):
+            design = np.column_stack([_fast(wave, self.size) for wave in waves])
+            gram = design.T @ design
+            a, b = np.linalg.lstsq(gram, design.T @ values, rcond=None)[0].tolist()
+            sizes.append(complex(a, -b))
+            power.append(float(np.trace(gram)))
+        return sizes[0], sizes[1], power[1] / max(power[0], 1e-300)
 
 
 def find_tacho_ripple(trace: Trace, shaft: Shaft) -> tuple[tuple[Fault, ...], Trace]:
@@ -137,10 +152,11 @@ def _strongest(
         if rests[at] or not nats[at] > ACCEPT_NATS:
             continue
         order = float(whole[at])
-        amplitude, shown = folded.fit(rest, order), folded.fit(folded.by_angle, order)
+        amplitude, shown, part = folded.fit(order, rest)
         seen_size = float(np.sqrt(powers[_FOLD * whole[at]]))
-        # an angle too noisy to show the line cannot deny it
-        denied = seen_size**2 / max(float(unsure[at]), 1e-300) - np.log(_ORDERS) > ACCEPT_NATS
+        # an angle too noisy, or too rarely read, to show the line cannot deny it
+        able = part * seen_size**2 / max(float(unsure[at]), 1e-300)
+        denied = able - np.log(_ORDERS) > ACCEPT_NATS
         if abs(amplitude) > least and denied and abs(shown) < _SHAFT * abs(amplitude):
             std = float(np.sqrt(0.5 * background[at])) * abs(amplitude) / max(seen_size, 1e-300)
             return order, amplitude, std, float(min(nats[at], 1e12))
