@@ -104,8 +104,10 @@ def inspect_channels(
     DataError
         If the trace has no torque.
     """
-    channels = check_channels(_finite(trace), profile)
     none = np.zeros(len(trace), dtype=bool)
+    if len(trace) < _WINDOW:
+        return Inspected(trace, none, reason=f"{len(trace)} samples; needed: at least {_WINDOW}")
+    channels = check_channels(_finite(trace), profile)
     reason = channels.reason or _at_rest(channels.trace, profile)
     if reason:
         return Inspected(channels.trace, none, flags=channels.flags, reason=reason)
@@ -186,8 +188,8 @@ def _finite(trace: Trace) -> Trace:
 def _at_rest(trace: Trace, profile: ProfileData) -> str:
     """Return why a record without any motion says nothing, or nothing."""
     parts = (angle_of(trace, profile), velocity_of(trace, profile))
-    known = [part for part in parts if part is not None]
-    if not known or any(np.nanmax(part) > np.nanmin(part) for part in known):
+    known = [part[np.isfinite(part)] for part in parts if part is not None]
+    if not known or any(len(part) and float(np.ptp(part)) > 0.0 for part in known):
         return ""
     return "neither angle nor velocity changes by a single step: the record holds no motion"
 

@@ -145,7 +145,7 @@ def _find_spikes(
     """Return one or two samples that stand out of the noise and of their neighbours.
 
     Samples of the whitened residual beyond what one record in 50 000 shows, held against the
-    scatter around them; none where they come in runs, where the model itself changes as fast, or
+    scatter around them; none where they come in runs, where the torque does not come back, or
     where they are more than one in fifty.
     """
     spikes = np.zeros(len(valid), dtype=bool)
@@ -153,9 +153,10 @@ def _find_spikes(
     if count < _AROUND:
         return spikes
     known = np.where(valid, residual_nm, 0.0)
-    away = np.abs(known - median_filter(known, size=_WINDOW, mode="nearest"))
+    off = known - median_filter(known, size=_WINDOW, mode="nearest")
+    away = np.abs(off)
     sigmas = -float(ndtri(0.5 * _CHANCE / count))
-    far = valid & (away > sigmas * _local_std(known - _smooth(known), valid))
+    far = valid & (away > sigmas * _local_std(off, valid))
     if whitened_residual is not None and far.any():
         far &= np.abs(whitened_residual) > sigmas * _local_std(whitened_residual, valid)
     torque = np.where(valid, torque_nm, 0.0)
@@ -167,10 +168,6 @@ def _find_spikes(
         if last - first < _LONG and outside > _COMES_BACK * float(away[first : last + 1].min()):
             spikes[first : last + 1] = True
     return spikes if int(spikes.sum()) <= _RARE * count else np.zeros(len(valid), dtype=bool)
-
-
-def _smooth(values: FloatArray) -> FloatArray:
-    return np.asarray(median_filter(values, size=_WINDOW, mode="nearest"))
 
 
 def _spiky(

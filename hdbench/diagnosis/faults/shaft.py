@@ -210,6 +210,8 @@ def _explained(wanted: FloatArray, source: FloatArray, good: NDArray[np.bool_], 
     """
     spans = np.concatenate([[0.0], np.cumsum(np.abs(source))])
     size = min(_STRETCH, len(source))
+    if size < 8 * (lags + 2):
+        return 0.0
     first = int(np.argmax(spans[size:] - spans[:-size]))
     part = slice(first, first + size)
     fast = [one - uniform_filter1d(one, _FAST) for one in (wanted[part], source[part])]
@@ -220,7 +222,7 @@ def _explained(wanted: FloatArray, source: FloatArray, good: NDArray[np.bool_], 
     kept = whole & (np.abs(response) <= _TRIM * max(robust_std(response), 1e-300))
     response, columns = response[kept], columns[kept]
     power = float(response @ response)
-    if not power > 0.0 or len(response) < 8 * (lags + 2):
+    if not power > 0.0 or len(response) < 4 * (lags + 2):
         return 0.0
     left = response - columns @ _solved(columns, response)
     return 1.0 - float(left @ left) / power
