@@ -182,6 +182,21 @@ def test_a_delayed_velocity_of_the_drive_makes_no_slip_where_the_speed_changes(d
     assert (found.faults, found.reason) == ((), "")
 
 
+@pytest.mark.parametrize("late", [(4000,), (2000, 5000, 8000)])
+def test_a_velocity_formed_over_a_late_stamp_is_no_slip(late):
+    time = np.arange(12_000) * 5e-3
+    _, angle, _ = course(time)
+    stamps = time.copy()
+    stamps[list(late)] += 2e-3
+    velocity = np.gradient(angle, time)
+    for at in late:
+        for k in (at, at + 1):
+            velocity[k] = (angle[k] - angle[k - 1]) / (stamps[k] - stamps[k - 1])
+    noise = 0.05 * np.random.default_rng(0).standard_normal(time.size)
+    columns = {"time_s": time, "motor_angle_rad": angle, "motor_velocity_rad_s": velocity}
+    assert inspected({**columns, "torque_nm": 0.4 * np.cos(2.0 * angle) + noise}).faults == ()
+
+
 # --- stamps
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import binary_dilation, maximum_filter1d, median_filter, minimum_filter1d
+from scipy.ndimage import binary_dilation, maximum_filter1d, minimum_filter1d
 
 from hdbench.diagnosis.faults.fault import ACCEPT_NATS, TELL_NATS, Fault, entry, normal_tail
 from hdbench.diagnosis.faults.phase import Ripple, jump_nats
@@ -33,9 +33,6 @@ _ROUNDING = 4.0
 _LATE = 2.0
 # three intervals hold this part of a jump at least
 _SUDDEN = 0.5
-# a velocity that leaves the median of five three times as far as nine in ten do is integrated as
-# if it had lasted: the trapezoidal rule does not know
-_USUAL, _UNUSUAL = 0.9, 3.0
 # jumps that are judged at most, the largest first
 _MOST = 8
 # a jump this many standard deviations from a whole number of samples is none of lost samples
@@ -192,13 +189,10 @@ def _least(shaft: Shaft) -> FloatArray:
     late = maximum_filter1d(odd, 2 * _SIDE + 1)
     velocity = np.nan_to_num(shaft.velocity_rad_s)
     pace = np.abs(0.5 * (velocity[1:] + velocity[:-1]))
-    away = np.abs(velocity - median_filter(velocity, size=5, mode="nearest"))
-    usual = float(np.quantile(away, _USUAL))
-    beyond = np.where(away > _UNUSUAL * usual, away, 0.0)
     # a velocity that was held is off by what it changes by around
     held = np.diff(velocity, append=np.nan) == 0.0
-    beyond += np.where(held, maximum_filter1d(velocity, 5) - minimum_filter1d(velocity, 5), 0.0)
-    # the median of five follows two such samples half of the way: what it leaves counts twice
+    change = maximum_filter1d(velocity, 5) - minimum_filter1d(velocity, 5)
+    beyond = np.where(held, change, 0.0)
     unknown = np.convolve((beyond[1:] + beyond[:-1]) * steps, np.ones(3), mode="same")
     return np.asarray(np.maximum(least, _LATE * late * pace) + unknown)
 
