@@ -27,8 +27,6 @@ _ROUNDS = 3
 _COUNTS = 1.8
 # smallest jump, rad: it turns ripple of order 2 by a thousandth of its amplitude
 _SMALLEST_RAD = 5e-4
-# steps of the tacho's converter: three neighbours rounded alike are off by one and a half together
-_ROUNDING = 4.0
 # stamps may be wrong by twice as much as the oddest step around shows
 _LATE = 2.0
 # three intervals hold this part of a jump at least
@@ -181,10 +179,9 @@ def _scatter(shaft: Shaft, steps: FloatArray, good: NDArray[np.bool_]) -> FloatA
 
 
 def _least(shaft: Shaft) -> FloatArray:
-    """Return the step that counting, rounding, late stamps and the integration make, rad."""
+    """Return the step that counting, late stamps and the integration make, rad."""
     steps = shaft.steps_s
-    rounding = _ROUNDING * shaft.tacho_step_rad_s * shaft.period_s
-    least = max(_COUNTS * shaft.count_rad, rounding, _SMALLEST_RAD)
+    least = max(_COUNTS * shaft.count_rad, _SMALLEST_RAD)
     odd = np.where(shaft.good, np.abs(steps - shaft.period_s), 0.0)
     late = maximum_filter1d(odd, 2 * _SIDE + 1)
     velocity = np.nan_to_num(shaft.velocity_rad_s)
