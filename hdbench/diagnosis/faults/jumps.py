@@ -33,6 +33,9 @@ _LATE = 2.0
 _SUDDEN = 0.5
 # jumps that are judged at most, the largest first
 _MOST = 8
+# times the nats that tell names apart a torque has to be able to say: its own scatter is then small
+# beside what it says
+_ABLE = 6.0
 # a jump this many standard deviations from a whole number of samples is none of lost samples
 _WHOLE_SIGMA = 4.0
 # how well a large number of lost samples has to be known
@@ -91,7 +94,7 @@ def find_jumps(
         ends = (places[where - 1], places[where + 1])
         nats, able = jump_nats(ripple, shaft.angle_rad, jump.first, jump.angle_rad, ends)
         # of two sensors the torque has to agree where it is able to
-        agrees = TELL_NATS if able > 2.0 * TELL_NATS else -TELL_NATS
+        agrees = TELL_NATS if able > _ABLE * TELL_NATS else -TELL_NATS
         needed = agrees if independent else ACCEPT_NATS
         count, std, near = _lost_samples(jump, shaft.period_s, shaft.count_rad)
         lost = -nats > needed and (near or (independent and count > 0 and nats < -TELL_NATS))
