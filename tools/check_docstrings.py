@@ -1,4 +1,4 @@
-"""Validate the docstring of every public name of the library with numpydoc."""
+"""Docstrings: numpydoc for what a room exports, a summary line for every other public name."""
 
 from __future__ import annotations
 
@@ -18,8 +18,22 @@ import hdbench
 CODES = {"GL08", "SS03", "SS06", "PR01", "PR02", "PR03", "PR04", "RT01", "YD01"}
 
 
-def public_names() -> Iterator[str]:
-    """Yield the dotted name of every public function and class."""
+# what a public name owes that only its own room uses
+SUMMARY = {"GL08", "SS03", "SS06"}
+
+
+def exported() -> set[int]:
+    """Return the identity of every thing that a room exports in its package."""
+    things: set[int] = set()
+    for info in pkgutil.walk_packages(hdbench.__path__, "hdbench."):
+        if info.ispkg:
+            room = importlib.import_module(info.name)
+            things |= {id(getattr(room, name)) for name in getattr(room, "__all__", ())}
+    return things
+
+
+def public_names() -> Iterator[tuple[str, object]]:
+    """Yield the dotted name of every public function and class, and the thing itself."""
     for info in pkgutil.walk_packages(hdbench.__path__, "hdbench."):
         if info.name.endswith(("__main__", "_kernel", "_recursions")):
             continue
@@ -27,7 +41,7 @@ def public_names() -> Iterator[str]:
         for name in getattr(module, "__all__", ()):
             thing = getattr(module, name)
             if getattr(thing, "__module__", None) == info.name and _has_parameters(thing):
-                yield f"{info.name}.{name}"
+                yield f"{info.name}.{name}", thing
 
 
 def _has_parameters(thing: object) -> bool:
@@ -44,10 +58,11 @@ def _has_parameters(thing: object) -> bool:
 
 def main() -> int:
     """Print what is wrong; return 1 if anything is."""
-    found = 0
-    for name in public_names():
+    found, rooms = 0, exported()
+    for name, thing in public_names():
+        owed = CODES if id(thing) in rooms else SUMMARY
         for code, message in validate(name)["errors"]:
-            if code in CODES:
+            if code in owed:
                 found += 1
                 print(f"{name}: {code} {message}")
     return 1 if found else 0

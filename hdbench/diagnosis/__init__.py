@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from hdbench.diagnosis.answer.records import DataFlag
 from hdbench.diagnosis.answer.result import Diagnosis, NamedCause, Pictures, Spectrum, Unexplained
 from hdbench.diagnosis.dynamic import diagnose_trace
-from hdbench.diagnosis.measured.preflight import DataFlag
 from hdbench.diagnosis.run import DiagnosisOptions, diagnose_run
 from hdbench.diagnosis.static import diagnose_loads
 

@@ -3,37 +3,62 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hdbench.diagnosis.acquisition.acquire import inspect_channels, moving_causes
-from hdbench.diagnosis.acquisition.late import noise_law, speed_noise_cause, still_left
-from hdbench.diagnosis.acquisition.latespikes import explained_spikes, late_spikes
-from hdbench.diagnosis.acquisition.masked import masked_causes
-from hdbench.diagnosis.acquisition.measure import baseline_residual
-from hdbench.diagnosis.acquisition.named import Acquired
-from hdbench.diagnosis.acquisition.task import Clean, Task, cleaned, task_of, unfit, with_terms
-from hdbench.diagnosis.answer.assemble import Answer
+from hdbench.diagnosis.answer.assemble import Findings, assemble, data_bad
 from hdbench.diagnosis.answer.result import Diagnosis
-from hdbench.diagnosis.detect.looks import SHARES
-from hdbench.diagnosis.fit.terms import Term
-from hdbench.diagnosis.measured.baselineterms import parse_baseline
-from hdbench.diagnosis.measured.preflight import Preflight
-from hdbench.diagnosis.measured.record import Beyond, Record, prepare_record
-from hdbench.diagnosis.naming.challengers import TESTS
-from hdbench.diagnosis.naming.jumps import rate_times_speed
-from hdbench.diagnosis.search import Found, search
-from hdbench.model import BenchModel, Cause
+from hdbench.diagnosis.discovery.baseline import BaselineChange, parse_baseline
+from hdbench.diagnosis.discovery.fit import Fit
+from hdbench.diagnosis.discovery.record import Record, prepare_record, torque_from_trace
+from hdbench.diagnosis.discovery.rest import residual_nm, whitened_nm
+from hdbench.diagnosis.discovery.search import Search, search
+from hdbench.diagnosis.discovery.term import Term
+from hdbench.diagnosis.faults import (
+    Inspected,
+    ResidualFaults,
+    coarse_steps,
+    faults_of_residual,
+    inspect_channels,
+)
+from hdbench.model import BenchModel, Cause, catalogue
 from hdbench.profile import Profile
 from hdbench.records.trace import Trace
 
 __all__ = ["diagnose_trace"]
 
+# fewest usable samples for each coefficient of the baseline
+_SAMPLES_PER_COEFFICIENT = 10
+# noise ahead of a coarse converter, in steps, of which the likeliest is taken
+_DITHERS = (0.02, 0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.5)
+# samples that fade in and out at the ends say nothing of the noise
+_UNFADED = 0.999
+# causes down to this part of the materiality line are looked for
+_MINOR = 0.1
+# a torque of which a current explains all but this share of the variance was made of that current
+_OWN_SHARE = 1e-3
 
-def _silent(_what: str, _share: float) -> None:
-    return None
+
+@dataclass(frozen=True, slots=True)
+class _Task:
+    """What is asked: bench, model, catalogue, false-alarm rate and change of the baseline."""
+
+    profile: Profile
+    given: BenchModel
+    causes: dict[str, Cause]
+    alpha: float
+    change: BaselineChange
+    least_share: float
+
+    def known(self) -> tuple[Term, ...]:
+        """Return the causes that the model already holds, as terms of the fit."""
+        return tuple(
+            Term(self.causes[term.name], dict(term.shape), known=True)
+            for term in self.given.causes
+            if self.causes[term.name].additive
+        )
 
 
 def diagnose_trace(
@@ -85,160 +110,172 @@ def diagnose_trace(
 
     Notes
     -----
-    ``docs/diagnosis.md`` has the statistics. Two times the same input give the same result.
+    ``docs/diagnosis.md`` has the model. Two times the same input give the same result.
     """
     if not 0.0 < alpha < 1.0:
         raise ValueError(f"alpha {alpha!r} must be in (0, 1)")
     if not 0.0 <= materiality < 1.0:
         raise ValueError(f"materiality {materiality!r} must be in [0, 1)")
-    task = replace(task_of(profile, model, causes, alpha), change=parse_baseline(baseline))
-    report = _rising(progress or _silent)
+    given = (model or BenchModel.from_profile(profile.data)).with_extra(causes)
+    every = dict(catalogue(given.extra_causes))
+    least = _MINOR * materiality
+    task = _Task(profile, given, every, alpha, parse_baseline(baseline), least)
+    report = progress or (lambda what, share: None)
     settings: dict[str, object] = {"alpha": alpha, "materiality": materiality, "seed": seed}
     if baseline:
         settings["baseline"] = list(baseline)
-    rng = np.random.default_rng(seed)
-    inspected = inspect_channels(trace, profile.data, task.given, task.prepare, report)
+    report("inspecting the channels", 0.0)
+    inspected = inspect_channels(trace, profile.data, given, alpha=alpha)
+    inspected = _without_own_current(inspected, profile)
     if inspected.reason:
-        return _data_bad(task.given, inspected.preflight, settings, inspected.reason)
-    report("fitting the baseline", 0.04)
-    clean = cleaned(task, inspected, settings)
-    reason = unfit(clean.record)
+        return data_bad(given, inspected, settings, inspected.reason)
+    record = _prepared(task, inspected.trace, inspected.masked)
+    reason = _unfit(record)
     if reason:
-        return _data_bad(task.given, clean.preflight, settings, reason)
-    known = task.known_terms()
-    found, clean = _searched(task, clean, known, rng, report)
-    report("naming faults of the acquisition", 0.94)
-    acquired, found = _acquired(task, clean, found, rng)
-    report("measuring the gain on held-out blocks", 0.95)
-    told = tuple(one.cause for one in acquired)
-    flagged = clean.flagged(acquired)
-    parts = (found.record, task.of_the_torque(), flagged, found, len(known), materiality, rng, told)
-    answer = Answer(*parts).build(settings)
+        return data_bad(given, inspected, settings, reason)
+    report("fitting the baseline", 0.05)
+    rng = np.random.default_rng(seed)
+    record, spikes = _cleaned(task, inspected, record)
+    found, late = _searched(task, inspected, record, spikes, rng, report)
+    report("measuring the gain on held-out blocks", 0.9)
+    undone = {
+        fault.name: _residual_of(task, fault.undone, inspected.masked)
+        for fault in inspected.faults
+        if fault.undone is not None
+    }
+    findings = Findings(found, given, profile, inspected, late, undone, materiality, alpha, every)
+    answer = assemble(findings, settings, rng)
     report("done", 1.0)
-    return _complete(answer, task, acquired)
+    return answer
 
 
-def _complete(answer: Diagnosis, task: Task, acquired: list[Acquired]) -> Diagnosis:
-    """Return the answer with faults of the acquisition among the terms of its models."""
-    model = with_terms(answer.model, task.held_terms(), acquired)
-    return replace(
-        answer,
-        model=model,
-        simulated={**answer.simulated, "terms": list(task.given.terms())},
-        extended={**answer.extended, "terms": list(model.terms())},
+def _prepared(task: _Task, trace: Trace, masked: NDArray[np.bool_]) -> Record:
+    record = prepare_record(trace, task.profile.data, task.given, masked, task.change)
+    return replace(record, motion=task.given.signal_motion(record.motion))
+
+
+def _without_own_current(inspected: Inspected, profile: Profile) -> Inspected:
+    """Return the channels without a current of which the torque was computed."""
+    trace = inspected.trace
+    if "motor_current_a" not in trace or inspected.reason:
+        return inspected
+    torque = torque_from_trace(trace, profile.data)
+    both = np.column_stack([torque, trace["motor_current_a"]])
+    good = np.isfinite(both).all(axis=1)
+    if good.sum() < _SAMPLES_PER_COEFFICIENT or not both[good].std(axis=0).all():
+        return inspected
+    like = float(np.corrcoef(both[good].T)[0, 1])
+    if 1.0 - like**2 > _OWN_SHARE:
+        return inspected
+    kept = {k: v for k, v in trace.columns.items() if k != "motor_current_a"}
+    derived = (*inspected.derived, ("torque_nm", "motor_current_a"))
+    return replace(inspected, trace=Trace(kept, source=trace.source), derived=derived)
+
+
+def _unfit(record: Record) -> str:
+    """Return why no baseline can be fitted; empty where one can."""
+    usable, columns = int(record.valid.sum()), record.columns.shape[1]
+    needed = _SAMPLES_PER_COEFFICIENT * columns
+    if usable < needed:
+        return f"{usable} usable samples for {columns} baseline coefficients; needed: {needed}"
+    torque = record.torque_nm[record.valid]
+    if not float(np.ptp(torque)) > 0.0:
+        return f"the torque is {float(torque[0]):.6g} N m throughout; needed: a live channel"
+    return ""
+
+
+def _faults(task: _Task, record: Record, fit: Fit, white: bool, volts: bool) -> ResidualFaults:
+    return faults_of_residual(
+        residual_nm(fit),
+        whitened_nm(fit) if white else None,
+        record.motion,
+        record.valid & (fit.bands.fade > _UNFADED),
+        np.where(record.valid, record.torque_nm, 0.0),
+        task.profile.data,
+        alpha=0.03 * task.alpha,
+        volts=volts,
     )
 
 
-def _rising(report: Callable[[str, float], None]) -> Callable[[str, float], None]:
-    """Return a callback that never hands on a share below one handed on before."""
-    highest = 0.0
+def _cleaned(task: _Task, inspected: Inspected, record: Record) -> tuple[Record, NDArray[np.bool_]]:
+    """Return the record without spikes, and with what coarse readings add on average."""
+    volts = "torque_v" in inspected.trace
+    fit = Fit.start(record, task.known())
+    early = _faults(task, record, fit, False, volts)
+    spikes = early.spikes
+    if spikes.any():
+        record = _prepared(task, inspected.trace, inspected.masked | spikes)
+    if any(fault.name == "quantisation" for fault in early.faults):
+        record = _rounded(task, record)
+    return record, spikes
 
-    def rising(what: str, share: float) -> None:
-        nonlocal highest
-        highest = min(1.0, max(highest, share))
-        report(what, highest)
 
-    return rising
+def _rounded(task: _Task, record: Record) -> Record:
+    """Return the record with the mean error of coarse readings held fixed."""
+    for _ in range(2):
+        left = residual_nm(Fit.start(record, task.known()))
+        torque = np.where(record.valid, record.torque_nm, 0.0)
+        steps = coarse_steps(torque[record.valid])
+        if steps is None:
+            return record
+        first = float(torque[record.valid][0])
+        errors = [steps.mean_error(torque - left, first, part * steps.step) for part in _DITHERS]
+        error = min(errors, key=lambda e: float(np.sum((left - e)[record.valid] ** 2)))
+        record = replace(record, fixed_nm=record.fixed_nm + np.where(record.valid, error, 0.0))
+    return record
 
 
 def _searched(
-    task: Task,
-    clean: Clean,
-    known: tuple[Term, ...],
+    task: _Task,
+    inspected: Inspected,
+    record: Record,
+    spikes: NDArray[np.bool_],
     rng: np.random.Generator,
     report: Callable[[str, float], None],
-) -> tuple[Found, Clean]:
+) -> tuple[Search, ResidualFaults]:
     """Return what the search finds, once more where spikes only show in its residual."""
-    found = _search(task, clean, known, rng, report)
-    spikes = clean.above_steps(late_spikes(found))
-    if spikes.any():
-        report("searching again without spikes", 0.9)
-        clean = clean.without(spikes)
-        found = _search(task, clean, known, rng, report)
-    clean = clean.restored(_explained(task, clean, found))
-    return _with_jumps(task, clean, found), clean
-
-
-def _with_jumps(task: Task, clean: Clean, found: Found) -> Found:
-    """Return the result with what is left where the acceleration jumps."""
-    if found.record.motion.angle_source == "velocity":
-        return found
-    masked = ~clean.record.valid & ~clean.unresolved
-    full = task.prepare(clean.inspected.trace, masked)
-    left = rate_times_speed(found, full)
-    if left is None or not left.p_value * TESTS < task.alpha * SHARES["tests"]:
-        return found
-    return replace(found, left=(*found.left, left))
-
-
-def _explained(task: Task, clean: Clean, found: Found) -> NDArray[np.bool_]:
-    """Return the spikes that are none beside the causes; none where the motion was aligned."""
-    none = np.zeros(len(clean.spikes), dtype=bool)
-    if (
-        not (clean.spikes.any() and found.accepted)
-        or found.record.motion.angle_source == "velocity"
-    ):
-        return none
-    masked = ~clean.record.valid & ~clean.spikes
-    return explained_spikes(found, task.prepare(clean.inspected.trace, masked), clean.spikes)
-
-
-def _search(
-    task: Task,
-    clean: Clean,
-    known: tuple[Term, ...],
-    rng: np.random.Generator,
-    report: Callable[[str, float], None],
-) -> Found:
-    record = clean.record
-    unused = ~record.valid
-
-    def align(beyond: Beyond) -> Record:
-        trace = clean.inspected.trace
-        return prepare_record(trace, task.profile.data, task.given, unused, beyond, task.change)
-
-    return search(
+    volts = "torque_v" in inspected.trace
+    found = search(
         record,
         task.causes,
-        known,
+        task.known(),
         alpha=task.alpha,
         rng=rng,
         progress=report,
-        align=align if record.motion.angle_source == "velocity" else None,
+        least_share=task.least_share,
     )
+    late = _faults(task, record, found.fit, True, volts)
+    if late.spikes.any():
+        report("searching again without spikes", 0.8)
+        again = replace(record, valid=record.valid & ~late.spikes)
+        again = replace(again, columns=np.where(again.valid[:, None], record.columns, 0.0))
+        found = search(
+            again,
+            task.causes,
+            task.known(),
+            alpha=task.alpha,
+            rng=rng,
+            least_share=task.least_share,
+        )
+        rest = _faults(task, again, found.fit, True, volts)
+        late = replace(
+            rest,
+            faults=(
+                *(f for f in late.faults if f.name == "spikes"),
+                *(f for f in rest.faults if f.name != "spikes"),
+            ),
+            spikes=late.spikes | rest.spikes,
+        )
+    if spikes.any() and not any(f.name == "spikes" for f in late.faults):
+        fit = Fit.start(_prepared(task, inspected.trace, inspected.masked), task.known())
+        early = _faults(task, fit.record, fit, False, volts)
+        late = replace(late, faults=(*early.faults, *late.faults))
+    return found, replace(late, spikes=late.spikes | spikes)
 
 
-def _acquired(
-    task: Task, clean: Clean, found: Found, rng: np.random.Generator
-) -> tuple[list[Acquired], Found]:
-    """Return the named faults of the acquisition, and the search's result beside them."""
-    acquired = moving_causes(clean.inspected, task.prepare, rng)
-    acquired += masked_causes(task, clean, rng)
-    law = noise_law(found, task.alpha * SHARES["tests"] / TESTS)
-    if law is not None:
-        square = baseline_residual(clean.record).mean_square
-        acquired.append(speed_noise_cause(law, found, square, rng))
-        found = still_left(found, law)
-    held = {term.name for term in task.held_terms()}
-    taken_out = {fault.name for fault in clean.inspected.faults}
-    return [one for one in acquired if one.cause.name not in held - taken_out], found
-
-
-def _data_bad(
-    model: BenchModel, preflight: Preflight, settings: dict[str, object], reason: str
-) -> Diagnosis:
-    nothing = {"terms": list(model.terms()), "heldout_rms_nm": None}
-    return Diagnosis(
-        "data-bad",
-        (),
-        (),
-        (),
-        (),
-        preflight.flags,
-        (),
-        nothing,
-        nothing,
-        model,
-        settings,
-        reason,
-    )
+def _residual_of(task: _Task, trace: Trace | None, masked: NDArray[np.bool_]) -> float:
+    """Return the root mean square that the baseline leaves of a trace, N m."""
+    if trace is None:
+        return 0.0
+    fit = Fit.start(_prepared(task, trace, masked), task.known())
+    return float(np.sqrt(np.mean(residual_nm(fit)[fit.record.valid] ** 2)))

@@ -12,7 +12,7 @@ from hdbench.diagnosis.answer.filtergain import filter_gain
 from hdbench.diagnosis.answer.maps import code_map
 from hdbench.diagnosis.answer.result import Diagnosis
 from hdbench.diagnosis.dynamic import diagnose_trace
-from hdbench.diagnosis.measured.part import Part, part_of
+from hdbench.diagnosis.part import Part, part_of
 from hdbench.diagnosis.planning import Proposal, plan_for_result, write_plan
 from hdbench.diagnosis.static import diagnose_loads
 from hdbench.errors import UsageError

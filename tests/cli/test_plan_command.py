@@ -105,6 +105,11 @@ def test_what_a_diagnosis_leaves_open_is_planned_with_its_noise(tmp_path: Path, 
     body = json.loads(hdbench("plan", "--for", file, "--no-loads", "--json")[0])
     assert {pair["first"] for pair in body["pairs"]} == {"structural-tone", "ripple-harmonic"}
     assert all(pair["separated"] for pair in body["pairs"])
+    falling = {"frequency_hz": [0.1, 1.0, 500.0], "power_nm2": [0.1, 1e-3, 1e-4]}
+    for known in (falling, {"std_nm": 0.02}):
+        file.write_text(json.dumps(result | {"settings": {"noise": known}}))
+        body = json.loads(hdbench("plan", "--for", file, "--no-loads", "--json")[0])
+        assert all(pair["separated"] for pair in body["pairs"])
     for broken in ({"innovation_std": 0.0, "coefficients": []}, {"coefficients": [1.0]}, 3):
         result["settings"] = {"noise": broken}
         file.write_text(json.dumps(result))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hdbench.diagnosis import diagnose_trace
-from hdbench.diagnosis.measured.baselineterms import parse_baseline
+from hdbench.diagnosis.discovery.baseline import parse_baseline
 from hdbench.errors import UsageError
 from hdbench.profile import load_profile
 from hdbench.records import Trace

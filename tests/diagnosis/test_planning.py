@@ -20,7 +20,7 @@ from hdbench.diagnosis.planning import (
     planned_motion,
     planned_trace,
 )
-from hdbench.diagnosis.planning.sketch import make_sketch
+from hdbench.diagnosis.planning.frame import make_frame
 from hdbench.model import Motion, catalogue, motion_from_trace
 from hdbench.profile import load_profile
 from hdbench.records.trace import Trace
@@ -76,7 +76,9 @@ def test_red_noise_hides_slow_effects_by_its_spectrum_at_zero() -> None:
     # an AR(1) of 0.9 has 1 / (1 - 0.9) = 10 times the innovation's density (in amplitude) at 0 Hz
     motion, effects = motion_at((50.0, -50.0), 10.0), effects_named(("zero-drift",))
     white = compare(motion, effects, PROFILE, noise=Noise.white(0.01)).visibility[0]
-    red = compare(motion, effects, PROFILE, noise=Noise(0.01, np.array([0.9]))).visibility[0]
+    red = compare(
+        motion, effects, PROFILE, noise=Noise.autoregression(0.01, np.array([0.9]), PERIOD_S)
+    ).visibility[0]
     assert white.std_nm is not None
     assert red.std_nm is not None
     assert red.std_nm / white.std_nm == pytest.approx(10.0, rel=0.05)
@@ -97,15 +99,15 @@ def test_a_sketch_gives_the_shares_of_all_samples() -> None:
     effects = effects_named(names)
     few = compare(motion, effects, PROFILE)
     whole = compare(motion, effects, PROFILE, n_rows=len(motion))
-    # the error that the sketch states for itself
+    # the error that the frame states for itself
     assert np.nanmax(np.abs(few.sin2 - whole.sin2)) < 0.02
 
 
-def test_what_remembers_is_the_same_on_the_course_of_a_sketch_as_on_all_samples() -> None:
+def test_what_remembers_is_the_same_on_few_samples_as_on_all() -> None:
     sweep = (Segment("ramp", 8.0, 150.0), Segment("ramp", 8.0, -150.0), Segment("ramp", 4.0, 0.0))
     motion = planned_motion(MotionPlan("sweep", sweep), PROFILE)
-    sketch = make_sketch(motion, PROFILE, Noise.white(0.05), n_rows=2000)
-    assert len(sketch.course) < 0.3 * len(motion)
+    frame = make_frame(motion, PROFILE, Noise.white(0.05), n_rows=2000)
+    assert len(frame.course) < 0.3 * len(motion)
     for name, shape in (
         ("torsional-resonance", {"resonance_hz": 12.0, "damping": 0.03}),
         ("presliding", {"presliding_angle_rad": 0.1}),
@@ -113,10 +115,25 @@ def test_what_remembers_is_the_same_on_the_course_of_a_sketch_as_on_all_samples(
     ):
         cause = catalogue()[name]
         named = {p.name: shape.get(p.name, 0.1) for p in cause.shape}
-        quick = sketch.columns(cause, named, remembers=True)
-        exact = sketch.whiten(cause.columns(motion, named))
-        # the agreement that the sketch asks for before it uses its course
+        quick = frame.white(cause, named).T
+        exact = cause.columns(frame.motion, named)[frame.rows] * (frame.weights / 0.05)[:, None]
+        # the agreement that the frame asks for before it leaves samples out
         assert np.linalg.norm(quick - exact) <= 3e-3 * np.linalg.norm(exact), name
+
+
+def test_in_a_flat_spectrum_shares_are_those_of_white_noise() -> None:
+    sweep = (Segment("ramp", 8.0, 150.0), Segment("ramp", 8.0, -150.0), Segment("ramp", 4.0, 0.0))
+    motion = planned_motion(MotionPlan("sweep", sweep), PROFILE)
+    effects = effects_named(("coulomb-friction", "viscous-friction", "zero-drift", "zero-step"))
+    # flat but for a corner where none of them has power: all samples are transformed
+    steep = Noise(np.array([0.0, 490.0, 500.0]), np.array([1e-4, 1e-4, 2.5e-4]))
+    assert not steep.is_white
+    found = compare(motion, effects, PROFILE, noise=steep)
+    white = compare(motion, effects, PROFILE, noise=Noise.white(0.01), n_rows=len(motion))
+    # the transform fades a hundredth of the record out at either end
+    assert np.nanmax(np.abs(found.sin2 - white.sin2)) < 0.05
+    for one, other in zip(found.visibility, white.visibility, strict=True):
+        assert one.std_nm == pytest.approx(other.std_nm, rel=0.05)
 
 
 def test_at_one_speed_names_look_alike_that_the_full_protocol_tells_apart() -> None:

@@ -14,7 +14,6 @@ from hdbench.diagnosis.planning import (
     plan_for_result,
     planned_motion,
     propose,
-    separating_plan,
     settled_by,
 )
 from hdbench.diagnosis.planning.segments import LoadStep
@@ -22,6 +21,13 @@ from hdbench.model import Motion, catalogue
 from hdbench.profile import load_profile
 
 PROFILE = load_profile("cim-tr-97-06").data
+
+
+def separating_plan(names: tuple[str, ...], *, loads: bool = True) -> MotionPlan | None:
+    """Return the run that tells names apart; None where none of this bench does."""
+    pairs = tuple((a, b) for a in names for b in names if a != b)
+    found = propose(effects_named(names), pairs, PROFILE, loads=loads)
+    return found.plan if any(pair.separated for pair in found.pairs) else None
 
 
 def moved(*steps: Segment | LoadStep) -> Motion:
@@ -88,7 +94,7 @@ LOOK_ALIKES = [
 def test_the_proposed_run_separates_what_the_run_at_hand_cannot(
     first: str, second: str, at_hand, most: float, least: float
 ) -> None:
-    found = propose(effects_named((first, second)), ((first, second),), PROFILE, motion=at_hand())
+    found = propose(effects_named((first, second)), ((first, second),), PROFILE, at_hand=at_hand())
     (pair,) = found.pairs
     # None: the baseline holds the effect there, or the run does not show it at all
     assert pair.before is None or pair.before < most
@@ -113,7 +119,7 @@ def test_a_resonance_stands_out_of_the_kinematic_error_in_a_sweep_and_not_below_
 
 
 def test_gravity_or_misalignment_gets_no_run_but_the_channel_that_settles_it() -> None:
-    assert separating_plan(("misalignment", "load-gravity"), PROFILE) is None
+    assert separating_plan(("misalignment", "load-gravity")) is None
     known = catalogue()
     text = settled_by(known["misalignment"], known["load-gravity"])
     assert "motor_current_a" in text
@@ -121,7 +127,7 @@ def test_gravity_or_misalignment_gets_no_run_but_the_channel_that_settles_it() -
 
 
 def test_without_an_operator_no_load_is_asked_for() -> None:
-    plan = separating_plan(("ripple-harmonic", "structural-tone"), PROFILE, loads=False)
+    plan = separating_plan(("ripple-harmonic", "structural-tone"), loads=False)
     assert plan is not None
     assert not plan.needs_operator
     assert not full_protocol(PROFILE, loads=False).needs_operator

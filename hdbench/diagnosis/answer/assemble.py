@@ -1,250 +1,355 @@
-"""What was found, put together as the answer of a diagnosis."""
+"""The answer of a diagnosis of a dynamic run, put together."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from hdbench.diagnosis.answer.baselinetold import baseline_told
-from hdbench.diagnosis.answer.extend import cause_term, extended_model
-from hdbench.diagnosis.answer.pictures import pictures_of
-from hdbench.diagnosis.answer.result import Diagnosis, NamedCause, Unexplained
-from hdbench.diagnosis.confirm.conditions import left_out_gains
-from hdbench.diagnosis.confirm.demoted import spoken_against
-from hdbench.diagnosis.confirm.gain import Gain, HeldOut, gain_between
-from hdbench.diagnosis.confirm.predicted import held_out_residuals
-from hdbench.diagnosis.confirm.share import as_given_rms, mean_square, share_of
-from hdbench.diagnosis.detect.limits import minimum_detectable
-from hdbench.diagnosis.fit.jointfit import JointFit, fit_jointly
-from hdbench.diagnosis.fit.terms import Term
-from hdbench.diagnosis.measured.preflight import Preflight
-from hdbench.diagnosis.measured.record import Record
-from hdbench.diagnosis.naming.curveplaces import curve_place, is_curve
-from hdbench.diagnosis.naming.nameless import unnamed
-from hdbench.diagnosis.naming.walk import WALK, walk_cause, walk_shape
-from hdbench.diagnosis.search import Found
-from hdbench.diagnosis.state import Accepted
-from hdbench.model import BenchModel, CauseTerm, cause_parameters
+from hdbench.diagnosis.answer.records import Gain, LeftOutSamples
+from hdbench.diagnosis.answer.result import Diagnosis, NamedCause, Pictures, Rest, Unexplained
+from hdbench.diagnosis.answer.testable import testable
+from hdbench.diagnosis.discovery.fit import Fit
+from hdbench.diagnosis.discovery.rest import noise_rms_nm, residual_nm
+from hdbench.diagnosis.discovery.search import Search
+from hdbench.diagnosis.discovery.told import Told, minimum_detectable, spectra, tell
+from hdbench.diagnosis.faults import Fault, Inspected, ResidualFaults, coarse_steps
+from hdbench.model import BenchModel, Cause, CauseTerm
+from hdbench.profile import Profile
 
-__all__ = ["Answer"]
+__all__ = ["Findings", "assemble", "data_bad"]
 
-_DOMAINS = {
-    "motor": "motor-order",
-    "output": "output-order",
-    "clock": "frequency",
-    "velocity": "velocity",
-    "acceleration": "acceleration",
-    "load": "torque",
-    "time": "time",
-}
+# share of a motor effect that a zero does not imitate, below which it is told as not seen
+_LIKE_ZERO = 0.25
 
 
 @dataclass(frozen=True, slots=True)
-class Answer:
-    """Everything from which the answer is put together.
+class Findings:
+    """Everything from which an answer is put together.
 
     Parameters
     ----------
-    record : Record
-        Record.
+    search : Search
+        Search that has ended.
     given : BenchModel
-        Model that was held against it.
-    preflight : Preflight
-        Flags and masked samples.
-    found : Found
-        What the search found.
-    n_known : int
-        Causes that `given` already held; they come first in the fit.
+        Model that was held against the record.
+    profile : Profile
+        Bench.
+    inspected : Inspected
+        Channels after inspection.
+    late : ResidualFaults
+        Faults that the residual shows.
+    undone : mapping of str to float
+        What the baseline leaves with each repaired fault put back, N m.
     materiality : float
         Smallest share of the residual variance of a cause that counts, in [0, 1).
-    rng : Generator
-        For the bootstrap.
-    acquired : tuple of NamedCause
-        Causes of the acquisition that were named before the search; the same materiality line
-        parts them.
+    alpha : float
+        Probability of any finding without an effect.
+    causes : mapping of str to Cause
+        Catalogue.
     """
 
-    record: Record
+    search: Search
     given: BenchModel
-    preflight: Preflight
-    found: Found
-    n_known: int
+    profile: Profile
+    inspected: Inspected
+    late: ResidualFaults
+    undone: Mapping[str, float]
     materiality: float
-    rng: np.random.Generator
-    acquired: tuple[NamedCause, ...] = ()
+    alpha: float
+    causes: Mapping[str, Cause]
 
-    def build(self, settings: dict[str, object]) -> Diagnosis:
-        """Return the diagnosis."""
-        record, found = self.record, self.found
-        whitener = found.noise.whitener
-        baseline = fit_jointly(record, found.fit.terms[: self.n_known], whitener, refine=False)
-        variance = mean_square(record, baseline)
-        named, places, held_out = self._findings(variance)
-        causes = tuple(c for c in named if c.share_of_variance >= self.materiality)
-        unexplained = tuple(u for u in places if u.share_of_variance >= self.materiality)
-        extended = extended_model(record, self.given, found.fit, whitener)
-        if found.walk is not None:
-            extended = extended.with_cause(CauseTerm(WALK, walk_shape(found), ()))
-        noise = found.noise.model
-        return Diagnosis(
-            _verdict(causes, unexplained),
-            causes,
-            tuple(c for c in named if c not in causes),
-            unexplained,
-            tuple(u for u in places if u not in unexplained),
-            self.preflight.flags,
-            minimum_detectable(found.last, found.survey, float(str(settings["alpha"]))),
-            {
-                "terms": list(self.given.terms()),
-                "heldout_rms_nm": held_out[1].rms_nm,
-                "as_given_rms_nm": as_given_rms(record, self.given),
-            },
-            {"terms": list(extended.terms()), "heldout_rms_nm": held_out[0].rms_nm},
-            extended,
-            {
-                **settings,
-                "noise": noise.to_dict(),
-                "slow_noise": None if found.noise.slow is None else found.noise.slow.to_dict(),
-                "load_coefficient": record.load,
-                "samples_used": int(record.valid.sum()),
-                **baseline_told(record, found.fit, named),
-            },
-            "",
-            pictures_of(record, (self.given, extended), found, baseline),
-        )
 
-    def _findings(
-        self, variance: float
-    ) -> tuple[list[NamedCause], list[Unexplained], list[HeldOut]]:
-        """Return causes, places without a name, and residuals with and without all causes."""
-        found, first = self.found, self.n_known
-        count = len(found.accepted)
-        left_out = [None, -1, *range(first, first + count)]
-        whitener = found.noise.whitener
-        walking = found.walk is not None
-        held_out = held_out_residuals(self.record, found.fit, whitener, left_out, walking=walking)
-        still = (
-            held_out_residuals(self.record, found.fit, whitener, left_out[:2])
-            if walking
-            else held_out
-        )
-        conditions = left_out_gains(self.record, found.fit, whitener, range(first, first + count))
-        named = list(self.acquired)
-        places: list[Unexplained] = []
-        for index, accepted in enumerate(found.accepted):
-            if accepted.form:
-                continue
-            share = share_of(self.record, found, first + index, variance)
-            before = held_out[2 + index]
-            if unnamed(found.fit.terms[first + index]):
-                places.append(self._unnamed(first + index, accepted, share))
-            elif before.chi2 > held_out[0].chi2:
-                gain = gain_between(before, held_out[0], self.record, self.rng)
-                cause = self._named(first + index, accepted, share, gain)
-                cause = replace(cause, left_out=conditions[index])
-                against = spoken_against(cause)
-                named += [] if against else [cause]
-                places += [] if against is None else [against]
-        if found.walk is not None:
-            gain = gain_between(still[0], held_out[0], self.record, self.rng)
-            named.append(walk_cause(found, found.walk, variance, gain))
-        places += [
-            Unexplained(
-                left.domain,
-                left.location,
-                left.extent,
-                left.unit,
-                left.size_nm,
-                min(1.0, left.variance_nm2 / variance),
-                left.p_value,
+def data_bad(
+    model: BenchModel, inspected: Inspected, settings: Mapping[str, object], reason: str
+) -> Diagnosis:
+    """Return the answer for a record of which nothing can be said."""
+    nothing = {"terms": list(model.terms()), "heldout_rms_nm": None}
+    return Diagnosis(
+        "data-bad", (), (), (), (), inspected.flags, (), nothing, nothing, model, settings, reason
+    )
+
+
+def assemble(
+    findings: Findings, settings: Mapping[str, object], rng: np.random.Generator
+) -> Diagnosis:
+    """Return the answer of a diagnosis.
+
+    Parameters
+    ----------
+    findings : Findings
+        What was found.
+    settings : mapping
+        What was asked for.
+    rng : Generator
+        For the bootstrap.
+
+    Returns
+    -------
+    Diagnosis
+    """
+    first = Fit.start(findings.search.fit.record, _known(findings.search.fit))
+    baseline_left = residual_nm(first)
+    law = findings.late.law
+    motion = findings.search.fit.record.motion
+    noise_variance = None if law is None else law.variance(motion.velocity_rad_s)
+    told = tell(findings.search, findings.given, rng, noise_variance)
+    fit = told.fit
+    faults = (*findings.inspected.faults, *findings.late.faults)
+    named = [*_of_faults(findings, faults, told), *told.causes]
+    limit = findings.materiality
+    causes = tuple(c for c in named if c.share_of_variance >= limit)
+    places = tuple(u for u in told.places if u.share_of_variance >= limit)
+    extended = _extended(findings, told, faults)
+    motion = fit.record.motion
+    noise = noise_rms_nm(fit)
+    rest = Rest(told.after.rms_nm, noise, places)
+    given = findings.given
+    return Diagnosis(
+        _verdict(causes, places),
+        causes,
+        tuple(c for c in named if c not in causes),
+        places,
+        tuple(u for u in told.places if u not in places),
+        tuple(
+            sorted(
+                (*findings.inspected.flags, *(f.flag() for f in findings.late.faults)),
+                key=lambda flag: flag.from_s,
             )
-            for left in found.left
-        ]
-        return named, places, [held_out[0], still[1]]
-
-    def _named(self, place: int, accepted: Accepted, share: float, gain: Gain) -> NamedCause:
-        term = self.found.fit.terms[place]
-        fit, where = self._alone(place)
-        parameters = dict(cause_parameters(cause_term(fit, where), extra=self.given.extra_causes))
-        for other in accepted.group[1:]:
-            for name, value in other.shape.items():
-                unit = next(p.unit for p in other.cause.shape if p.name == name)
-                std = self._alternative_std(term, name)
-                parameters.setdefault(name, {"value": value, "std": std, "unit": unit})
-        group = _names(accepted.group)
-        rivals = tuple(n for n in _names(accepted.rivals) if n not in group)
-        several = len(group) > 1 or bool(rivals)
-        return NamedCause(
-            term.cause.name,
-            group,
-            rivals,
-            parameters,
-            accepted.evidence_nats,
-            accepted.false_alarm,
-            gain,
-            term.cause.experiment if several else None,
-            share,
-            _DOMAINS.get(term.cause.locked_to, term.cause.locked_to),
-            probability=accepted.probability,
-        )
-
-    def _alone(self, place: int) -> tuple[JointFit, int]:
-        """Return a fit in which a term has one shape, and its place in it."""
-        fit = self.found.fit
-        name = fit.terms[place].cause.name
-        kept = [
-            k for k, term in enumerate(fit.terms) if not (term.form and term.cause.name == name)
-        ]
-        if len(kept) == len(fit.terms):
-            return fit, place
-        terms = tuple(fit.terms[k] for k in kept)
-        return fit_jointly(self.record, terms, self.found.noise.whitener), kept.index(place)
-
-    def _alternative_std(self, term: Term, name: str) -> float | None:
-        """Return the uncertainty of a place carried from the other axis by the mean speed."""
-        place = self.found.fit.terms.index(term)
-        covariance = self.found.fit.covariances[place]
-        if len(term.shape) != 1 or name in term.shape:
-            return None
-        (value,) = term.shape.values()
-        relative = float(np.sqrt(float(covariance[-1, -1]))) / abs(value)
-        other = {"order": "frequency_hz", "frequency_hz": "order"}.get(next(iter(term.shape)))
-        if other != name:
-            return None
-        turns = float(np.abs(np.diff(self.record.motion.angle_rad[self.record.valid])).sum())
-        ratio = turns / (2.0 * np.pi * float(np.ptp(self.record.motion.time_s)))
-        scaled = value * ratio if name == "frequency_hz" else value / ratio
-        return float(relative * scaled)
-
-    def _unnamed(self, place: int, accepted: Accepted, share: float) -> Unexplained:
-        fit = self.found.fit
-        if is_curve(fit.terms[place]):
-            curve = curve_place(self.record, fit, place)
-            size, chance = curve.size_nm, accepted.false_alarm
-            return Unexplained(
-                curve.domain, curve.location, curve.extent, curve.unit, size, share, chance
-            )
-        term, covariance = fit.terms[place], fit.covariances[place]
-        (key, value), std = next(iter(term.shape.items())), float(np.sqrt(covariance[-1, -1]))
-        return Unexplained(
-            "frequency" if key == "frequency_hz" else "output-order",
-            value,
-            (value - 1.96 * std, value + 1.96 * std),
-            term.cause.shape[0].unit,
-            float(np.hypot(*fit.linear[place])),
-            share,
-            accepted.false_alarm,
-        )
+        ),
+        minimum_detectable(findings.search),
+        {
+            "terms": list(given.terms()),
+            "heldout_rms_nm": told.before.rms_nm,
+            "as_given_rms_nm": _as_given(fit, given),
+        },
+        {"terms": list(extended.terms()), "heldout_rms_nm": told.after.rms_nm},
+        extended,
+        {**settings, **_settings(fit, told, named)},
+        "",
+        _pictures(findings, fit, extended, baseline_left),
+        left_out=_left_out(findings),
+        rest=rest,
+        testable=testable(
+            findings.causes.values(),
+            motion,
+            torque_bandwidth_hz=_bandwidth(fit),
+            rate_hz=1.0 / fit.record.period_s,
+            torque_step_nm=_step(fit),
+            torque_noise_nm=noise,
+            held_share=_held_share(fit),
+            derived=findings.inspected.derived,
+        ),
+    )
 
 
-def _names(terms: tuple[Term, ...]) -> tuple[str, ...]:
-    return tuple(dict.fromkeys(term.cause.name for term in terms))
+def _known(fit: Fit) -> list[Any]:
+    return [part.term for part in fit.parts if part.term is not None and part.term.known]
 
 
-def _verdict(causes: tuple[NamedCause, ...], unexplained: tuple[Unexplained, ...]) -> str:
-    if causes and unexplained:
+def _verdict(causes: tuple[NamedCause, ...], places: tuple[Unexplained, ...]) -> str:
+    if causes and places:
         return "named-and-unexplained"
     if causes:
         return "named"
-    return "unexplained" if unexplained else "nothing-found"
+    return "unexplained" if places else "nothing-found"
+
+
+def _of_faults(findings: Findings, faults: tuple[Fault, ...], told: Told) -> list[NamedCause]:
+    """Return faults of the acquisition as named causes, with what taking them out gains."""
+    held = {term.name for term in findings.given.causes}
+    record = told.fit.record
+    after = told.before.rms_nm
+    out = []
+    for fault in faults:
+        if fault.name in held and fault.undone is None:
+            continue
+        before = findings.undone.get(fault.name, after)
+        if fault.masked is not None:
+            before = _with_masked(told.fit, fault.masked, after)
+        before = max(before, after)
+        fraction = 1.0 - (after / before) ** 2 if before > 0.0 else 0.0
+        share = fault.samples / len(record) if fault.name == "speed-dependent-noise" else fraction
+        gain = Gain(before, after, fraction, (fraction, fraction))
+        several = bool(fault.group or fault.rivals)
+        cause = findings.causes.get(fault.name)
+        out.append(
+            NamedCause(
+                fault.name,
+                tuple(dict.fromkeys((fault.name, *fault.group))),
+                fault.rivals,
+                fault.parameters,
+                fault.evidence_nats,
+                fault.false_alarm_probability,
+                gain,
+                cause.experiment if several and cause is not None else None,
+                float(np.clip(share, 0.0, 1.0)),
+                fault.domain,
+            )
+        )
+    return out
+
+
+def _with_masked(fit: Fit, masked: NDArray[np.bool_], after: float) -> float:
+    """Return the residual's root mean square with masked samples among the others, N m."""
+    record = fit.record
+    torque = np.where(np.isfinite(record.torque_nm), record.torque_nm, 0.0)
+    if not np.isfinite(record.torque_nm[masked]).any():
+        return after
+    near = np.interp(
+        np.flatnonzero(masked), np.flatnonzero(record.valid), record.torque_nm[record.valid]
+    )
+    off = (torque[masked] - near) ** 2
+    return float(np.sqrt((after**2 * record.valid.sum() + off.sum()) / len(record)))
+
+
+def _extended(findings: Findings, told: Told, faults: tuple[Fault, ...]) -> BenchModel:
+    """Return the given model with the fitted baseline and every cause that has a name."""
+    fit = told.fit
+    names: list[str] = []
+    values: list[float] = []
+    for index, part in enumerate(fit.parts):
+        if part.term is None and len(part.scale):
+            own = [n for n in fit.record.names if (n.rpartition(":")[0] or n) == part.name]
+            names += own
+            values += fit.linear(index).tolist()
+    if any(np.isfinite(fit.record.prior_nm)):
+        # the correction is to the given misalignment
+        amplitude, phase = findings.given.misalignment
+        for name, given in (("cosine", np.cos(phase)), ("sine", -np.sin(phase))):
+            values[names.index(f"misalignment:{name}")] += amplitude * float(given)
+    kept = {cause.name for cause in told.causes}
+    held = [t for t in findings.given.causes if not findings.causes[t.name].additive]
+    terms = [t for t in told.terms if t.name in kept or _was_given(findings, t)]
+    new = [
+        CauseTerm(fault.name, dict(fault.shape), ())
+        for fault in faults
+        if fault.shape and fault.name not in {t.name for t in held}
+    ]
+    model = findings.given.with_baseline(tuple(names), values)
+    return replace(model, causes=(*terms, *held, *new), load=fit.record.load)
+
+
+def _was_given(findings: Findings, term: CauseTerm) -> bool:
+    return any(t.name == term.name for t in findings.given.causes)
+
+
+def _as_given(fit: Fit, given: BenchModel) -> float:
+    """Return what the model leaves with the numbers it was handed in with, N m."""
+    left = fit.record.torque_nm - given.torque_nm(fit.record.motion)
+    good = fit.record.valid & np.isfinite(left)
+    return float(np.sqrt(np.mean(left[good] ** 2)))
+
+
+def _settings(fit: Fit, told: Told, named: list[NamedCause]) -> dict[str, Any]:
+    """Return how the answer came about: noise, baseline, form errors, effects like the zero."""
+    amounts = fit.spectrum.power
+    ripple = []
+    information = np.linalg.pinv(fit.information[np.ix_(fit.active, fit.active)], hermitian=True)
+    active = np.flatnonzero(fit.active)
+    for index, part in enumerate(fit.parts):
+        if part.term is None and part.name.startswith("ripple:"):
+            flat = np.searchsorted(active, fit.flat(index))
+            value = fit.linear(index)
+            amplitude = float(np.hypot(*value))
+            along = value / max(amplitude, 1e-300) / part.scale
+            variance = float(along @ information[np.ix_(flat, flat)] @ along)
+            ripple.append(
+                {
+                    "order": float(part.name.partition(":")[2]),
+                    "amplitude_nm": amplitude,
+                    "std_nm": float(np.sqrt(max(variance, 0.0))),
+                }
+            )
+    return {
+        "noise": {
+            "kind": "spectrum",
+            "rms_nm": noise_rms_nm(fit),
+            "frequency_hz": fit.bands.frequency_hz.tolist(),
+            "power_nm2": amounts.tolist(),
+        },
+        "torque_bandwidth_hz": None if not np.isfinite(_bandwidth(fit)) else _bandwidth(fit),
+        "load_coefficient": fit.record.load,
+        "samples_used": int(fit.record.valid.sum()),
+        "form_errors": [
+            {"name": part.name, "scale": part.form_scale}
+            for part in fit.parts
+            if part.form_scale > 0.0
+        ],
+        "baseline_ripple": ripple,
+        "not_told_from_zero": _like_zero(fit, named),
+    }
+
+
+def _like_zero(fit: Fit, named: list[NamedCause]) -> list[dict[str, Any]]:
+    """Return the effects of the speed that a zero imitates on this motion."""
+    told = []
+    names = {name for cause in named for name in (*cause.group, *cause.rivals)}
+    speed = fit.record.motion.velocity_rad_s[fit.record.valid]
+    largest = max(float(np.abs(speed).max()), 1e-12)
+    for name, column in (
+        ("coulomb-friction", np.tanh(speed / (0.01 * largest))),
+        ("viscous-friction", speed),
+    ):
+        square = float(np.mean(column**2))
+        own = float(column.var()) / square if square > 0.0 else 0.0
+        if own < _LIKE_ZERO and name not in names:
+            told.append({"cause": name, "own_share": own})
+    return told
+
+
+def _bandwidth(fit: Fit) -> float:
+    """Return the frequency above which the torque has no power, Hz; infinite without one."""
+    whole = fit.bands.size >= fit.bands.length
+    return float("inf") if whole else float(fit.bands.frequency_hz[-1])
+
+
+def _step(fit: Fit) -> float:
+    steps = coarse_steps(fit.record.torque_nm[fit.record.valid])
+    return 0.0 if steps is None else float(steps.step)
+
+
+def _held_share(fit: Fit) -> float:
+    torque = fit.record.torque_nm[fit.record.valid]
+    return float(np.mean(np.diff(torque) == 0.0)) if len(torque) > 1 else 0.0
+
+
+def _left_out(findings: Findings) -> tuple[LeftOutSamples, ...]:
+    record = findings.search.fit.record
+    n = len(record)
+    reasons = dict(findings.inspected.left_out)
+    spikes = int(findings.late.spikes.sum())
+    if spikes:
+        reasons["spikes"] = spikes
+    other = n - int(record.valid.sum()) - sum(reasons.values())
+    if other > 0:
+        reasons["no motion or no value"] = other
+    return tuple(LeftOutSamples(why, count, count / n) for why, count in reasons.items())
+
+
+def _pictures(
+    findings: Findings, fit: Fit, extended: BenchModel, before: np.ndarray[Any, Any]
+) -> Pictures:
+    record, motion = fit.record, fit.record.motion
+
+    def unused(values: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
+        return np.where(record.valid, values, np.nan)
+
+    return Pictures(
+        motion.time_s,
+        motion.velocity_rad_s,
+        record.torque_nm,
+        findings.given.torque_nm(motion),
+        extended.torque_nm(motion),
+        unused(before),
+        unused(residual_nm(fit)),
+        ~record.valid,
+        spectra(findings.search, findings.search.first),
+        motion.acceleration_rad_s2,
+        motion.angle_rad,
+        motion.output_angle_rad,
+        motion.applied_nm,
+    )

@@ -44,7 +44,15 @@ _FEWEST_BITS = 12
 
 @dataclass(frozen=True, slots=True)
 class Steps:
-    """Values of a channel on a grid: step and its uncertainty, number of levels that occur."""
+    """Values of a channel on a grid.
+
+    Parameters
+    ----------
+    step, std : float
+        Step and its uncertainty, unit of the channel.
+    levels : int
+        Levels that occur.
+    """
 
     step: float
     std: float

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import log_ndtr
 
-from hdbench.diagnosis.measured.preflight import DataFlag
+from hdbench.diagnosis.answer.records import DataFlag
 from hdbench.records.trace import FloatArray, Trace
 
 __all__ = [

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
+from hdbench.diagnosis.answer.records import DataFlag
 from hdbench.diagnosis.faults.converter import clipping, stuck_samples
 from hdbench.diagnosis.faults.fault import Fault, flag_runs, flag_samples, robust_std
 from hdbench.diagnosis.faults.jumps import find_jumps, later_from, turned_back
@@ -24,7 +25,6 @@ from hdbench.diagnosis.faults.shaft import (
 from hdbench.diagnosis.faults.stamps import gap_steps, lost_samples, repeated_rows
 from hdbench.diagnosis.faults.tacho import find_tacho_ripple, without_ripple
 from hdbench.diagnosis.faults.units import check_channels, torque_of
-from hdbench.diagnosis.measured.preflight import DataFlag
 from hdbench.model import BenchModel, baseline_orders
 from hdbench.model.kinematics import velocity_slope
 from hdbench.profile.schema import ProfileData

@@ -45,7 +45,15 @@ _BULK = 3.7
 
 @dataclass(frozen=True, slots=True)
 class SpeedNoise:
-    """Variance ``still + slope w^2`` of a residual in units of its mean, w in rad/s."""
+    """Variance ``still + slope w^2`` of a residual in units of its mean, w in rad/s.
+
+    Parameters
+    ----------
+    still, slope, slope_std : float
+        Its two numbers, and the uncertainty of the second, s^2/rad^2.
+    sigmas, nats : float
+        How far the slope is from none, in standard deviations and in evidence.
+    """
 
     still: float
     slope: float
@@ -61,7 +69,17 @@ class SpeedNoise:
 
 @dataclass(frozen=True, slots=True)
 class ResidualFaults:
-    """Faults of a residual, its spikes (shape (n,)), and the law of its noise, if there is one."""
+    """Faults of a residual.
+
+    Parameters
+    ----------
+    faults : tuple of Fault
+        Faults with a name.
+    spikes : ndarray of bool, shape (n,)
+        Spikes.
+    law : SpeedNoise or None
+        How the noise grows with speed, where it does.
+    """
 
     faults: tuple[Fault, ...]
     spikes: NDArray[np.bool_]

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
+from hdbench.diagnosis.answer.records import DataFlag
 from hdbench.diagnosis.faults.shaft import (
     ANGLES,
     VELOCITIES,
@@ -15,7 +16,6 @@ from hdbench.diagnosis.faults.shaft import (
     shaft_of,
     velocity_of,
 )
-from hdbench.diagnosis.measured.preflight import DataFlag
 from hdbench.errors import DataError
 from hdbench.model import baseline_orders, integrate_velocity
 from hdbench.model.kinematics import velocity_slope

@@ -13,12 +13,15 @@ from hdbench.model.program import program_voltage
 from hdbench.profile.schema import ProfileData
 from hdbench.records.trace import FloatArray, Trace
 
-__all__ = ["planned_motion", "planned_trace", "step_share"]
+__all__ = ["planned_motion", "planned_trace"]
 
 # time that a person takes to hang a weight and step back; only slow effects notice its length
 _OPERATOR_S = 60.0
 # samples of a plan that still fit a gigabyte with everything that is computed from them
 _MAX_SAMPLES = 2_000_000
+# what is left of a command after so many time constants is rounding; a servo that is slower than so
+# many samples is followed step by step
+_FADED, _MOST_TAPS = 40.0, 1000
 
 
 def planned_trace(plan: MotionPlan, profile: ProfileData) -> Trace:
@@ -34,9 +37,8 @@ def planned_trace(plan: MotionPlan, profile: ProfileData) -> Trace:
     Returns
     -------
     Trace
-        ``time_s``, ``reference_v``, ``motor_velocity_rad_s``, ``motor_angle_rad``,
-        ``output_angle_rad``, ``motor_current_a`` (of a motor without friction) and
-        ``load_torque_nm``; a minute passes at each load step.
+        Time, reference, velocity, both angles, load, and the current of a motor without friction; a
+        minute passes at each load step.
 
     Raises
     ------
@@ -78,36 +80,15 @@ def planned_motion(plan: MotionPlan, profile: ProfileData) -> Motion:
     Parameters
     ----------
     plan : MotionPlan
-        A plan within the limits.
+        Plan.
     profile : ProfileData
         Bench.
 
     Returns
     -------
     Motion
-
-    Raises
-    ------
-    UsageError
-        If the plan has no segment or too many samples.
     """
     return motion_from_trace(planned_trace(plan, profile), profile)
-
-
-def step_share(profile: ProfileData) -> float:
-    """Return the share of the way to a constant command that the servo goes in one sample.
-
-    Parameters
-    ----------
-    profile : ProfileData
-        Servo and sampling period.
-
-    Returns
-    -------
-    float
-        In (0, 1).
-    """
-    return -math.expm1(-2.0 * math.pi * profile.servo.bandwidth_hz * profile.daq.sample_period_s)
 
 
 def _stage_columns(
@@ -143,18 +124,28 @@ def _stage_columns(
 def _servo(profile: ProfileData, volts: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return velocity, rad/s, and angle travelled, rad, at every sample."""
     period, servo = profile.daq.sample_period_s, profile.servo
-    rate = 2.0 * math.pi * servo.bandwidth_hz
-    share, most = step_share(profile), servo.max_acceleration_rad_s2
+    rate, most = 2.0 * math.pi * servo.bandwidth_hz, servo.max_acceleration_rad_s2
+    decay = math.exp(-rate * period)
+    target = servo.velocity_gain_rad_s_per_v * volts
+    # below the limit of acceleration each command fades away like any other: one convolution
+    taps = min(len(volts), math.ceil(_FADED / (rate * period)))
+    if taps <= _MOST_TAPS:
+        response = -math.expm1(-rate * period) * decay ** np.arange(taps)
+        velocity = np.concatenate([[0.0], np.convolve(target, response)[: len(target) - 1]])
+        gap = target - velocity
+        if float(np.abs(gap).max()) * rate <= most:
+            steps = target * period - gap * (1.0 - decay) / rate
+            return velocity, np.concatenate([[0.0], np.cumsum(steps[:-1])])
     velocity, angle = np.empty(len(volts)), np.empty(len(volts))
     now, turned = 0.0, 0.0
-    for index, target in enumerate((servo.velocity_gain_rad_s_per_v * volts).tolist()):
+    for index, wanted in enumerate(target.tolist()):
         velocity[index], angle[index] = now, turned
-        gap = target - now
-        if abs(gap) * rate <= most:
-            step = share * gap
-            turned += target * period - (gap - gap * (1.0 - share)) / rate
+        away = wanted - now
+        if abs(away) * rate <= most:
+            turned += wanted * period - away * (1.0 - decay) / rate
+            now += (1.0 - decay) * away
         else:
-            step = math.copysign(min(most * period, abs(gap)), gap)
+            step = math.copysign(min(most * period, abs(away)), away)
             turned += (now + 0.5 * step) * period
-        now += step
+            now += step
     return velocity, angle

@@ -26,21 +26,14 @@ _LIMIT_BYTES = 256_000
 _MAX_STEPS = 1000
 _MAX_TEXT = 400
 # far outside of what any bench does: bounds errors of the file; the profile's limits come later
-_LARGEST = {
-    "duration_s": 86_400.0,
-    "speed_rad_s": 1e5,
-    "frequency_hz": 1e4,
-    "torque_nm": 1e5,
-    "position_rad": 1e4,
+_NUMBERS = {
+    "duration_s": (86_400.0, "s"),
+    "speed_rad_s": (1e5, "rad/s"),
+    "frequency_hz": (1e4, "Hz"),
+    "torque_nm": (1e5, "N m"),
+    "position_rad": (1e4, "rad"),
 }
 _POSITIVE = ("duration_s", "frequency_hz")
-_UNITS = {
-    "duration_s": "s",
-    "speed_rad_s": "rad/s",
-    "frequency_hz": "Hz",
-    "torque_nm": "N m",
-    "position_rad": "rad",
-}
 _NEEDED = {
     "hold": ("speed_rad_s", "duration_s"),
     "ramp": ("speed_rad_s", "duration_s"),
@@ -49,22 +42,20 @@ _NEEDED = {
     "rest": ("duration_s",),
     "load": ("text", "torque_nm"),
 }
-_OPTIONAL = {"load": ("locked", "position_rad")}
 _HELP = "docs/plan.md lists kinds, keys and units"
 
 
 def plan_to_dict(plan: MotionPlan) -> dict[str, Any]:
-    """Return a plan as its file holds it.
+    """Return a plan as its file holds it, JSON-able.
 
     Parameters
     ----------
     plan : MotionPlan
-        A plan.
+        Plan.
 
     Returns
     -------
     dict
-        JSON-able.
     """
     head = {"schema": PLAN_SCHEMA, "name": plan.name, "purpose": plan.purpose}
     return {**head, "segments": [_step_dict(step) for step in plan.steps]}
@@ -73,25 +64,23 @@ def plan_to_dict(plan: MotionPlan) -> dict[str, Any]:
 def _step_dict(step: Segment | LoadStep) -> dict[str, Any]:
     if isinstance(step, LoadStep):
         body: dict[str, Any] = {"kind": "load", "text": step.text, "torque_nm": step.torque_nm}
-        if step.locked:
-            body |= {"locked": True, "position_rad": step.position_rad}
-        return body
+        lock = {"locked": True, "position_rad": step.position_rad} if step.locked else {}
+        return body | lock
     body = {"kind": step.kind} | {key: getattr(step, key) for key in _NEEDED[step.kind]}
     return body | ({"note": step.note} if step.note else {})
 
 
 def plan_text(plan: MotionPlan) -> str:
-    """Return a plan as TOML.
+    """Return a plan as TOML, which `read_plan` reads back as the same plan.
 
     Parameters
     ----------
     plan : MotionPlan
-        A plan.
+        Plan.
 
     Returns
     -------
     str
-        Text that `read_plan` reads back as the same plan.
     """
     body = plan_to_dict(plan)
     lines = [f"{key} = {_toml(body[key])}" for key in ("schema", "name", "purpose")]
@@ -112,14 +101,9 @@ def write_plan(path: Path, plan: MotionPlan) -> None:
     Parameters
     ----------
     path : Path
-        File to write or replace.
+        File.
     plan : MotionPlan
-        A plan.
-
-    Raises
-    ------
-    StorageError
-        If the disk is full or failed.
+        Plan.
     """
     as_json = Path(path).suffix.lower() == ".json"
     text = dumps(plan_to_dict(plan)) if as_json else plan_text(plan)
@@ -182,14 +166,9 @@ class _Reader:
             raise self.error(("segments",), f"found {shown}; needed: {needed}")
         steps = [self.step(index, entry, found) for index, entry in enumerate(entries)]
         if found:
-            raise DataError(
-                f"{len(found)} problems: " + "; ".join(each.what for each in found[:5])
-                if len(found) > 1
-                else found[0].what,
-                where=found[0].where,
-                fix=found[0].fix,
-                problems=tuple(found),
-            )
+            first, what = found[0], "; ".join(each.what for each in found[:5])
+            what = f"{len(found)} problems: {what}" if len(found) > 1 else what
+            raise DataError(what, where=first.where, fix=first.fix, problems=tuple(found))
         return MotionPlan(name, tuple(step for step in steps if step is not None), purpose)
 
     def step(self, index: int, entry: Any, found: list[DataError]) -> Segment | LoadStep | None:
@@ -203,28 +182,28 @@ class _Reader:
             found.append(self.error((*base, "kind"), f"found {kind!r:.40}; needed: one of {kinds}"))
             return None
         before = len(found)
-        numbers = [key for key in _NEEDED[kind] if key != "text"]
-        extra = _OPTIONAL.get(kind, ("note",))
+        load = kind == "load"
+        extra = ("locked", "position_rad") if load else ("note",)
         self.unknown(base, entry, ("kind", *_NEEDED[kind], *extra), found)
-        values = {key: self.number(base, entry, key, found) for key in numbers}
-        if kind == "load":
-            text = self.text(base, entry, "text", found)
-            locked = entry.get("locked", False)
-            if not isinstance(locked, bool):
-                what = f"found {locked!r:.40}; needed: true or false"
-                found.append(self.error((*base, "locked"), what))
-            place = 0.0
-            if "position_rad" in entry:
-                place = self.number(base, entry, "position_rad", found)
-            step = LoadStep(text, values["torque_nm"], bool(locked), place)
-            return step if len(found) == before else None
-        note = self.text(base, entry, "note", found, default="")
-        return Segment(kind, note=note, **values) if len(found) == before else None
+        given = [key for key in (*_NEEDED[kind], *extra) if key in entry or key in _NEEDED[kind]]
+        values = {k: self.number(base, entry, k, found) for k in given if k in _NUMBERS}
+        words = self.text(base, entry, "text" if load else "note", found, None if load else "")
+        locked = entry.get("locked", False)
+        if load and not isinstance(locked, bool):
+            what = f"found {locked!r:.40}; needed: true or false"
+            found.append(self.error((*base, "locked"), what))
+        if len(found) > before:
+            return None
+        return (
+            LoadStep(words, locked=locked, **values)
+            if load
+            else Segment(kind, note=words, **values)
+        )
 
     def number(
         self, base: Key, entry: Mapping[str, Any], key: str, found: list[DataError]
     ) -> float:
-        value, unit, largest = entry.get(key), _UNITS[key], _LARGEST[key]
+        value, (largest, unit) = entry.get(key), _NUMBERS[key]
         low = "above 0" if key in _POSITIVE else f"{-largest:g}"
         needed = f"a number from {low} to {largest:g} {unit}"
         if key not in entry:

@@ -8,15 +8,7 @@ from dataclasses import dataclass
 from hdbench.model.program import ProgramPart, ReferenceProgram
 from hdbench.profile.schema import ProfileData
 
-__all__ = [
-    "KINDS",
-    "LoadStep",
-    "MotionPlan",
-    "Segment",
-    "Stage",
-    "plan_stages",
-    "program_of",
-]
+__all__ = ["KINDS", "LoadStep", "MotionPlan", "Segment", "Stage", "plan_stages", "program_of"]
 
 KINDS = ("hold", "ramp", "sine", "sweep", "rest")
 
@@ -53,15 +45,10 @@ class Segment:
 
     def acceleration_rad_s2(self, before_rad_s: float) -> float:
         """Return the largest acceleration that it asks for, rad/s^2."""
-        change = abs(self.speed_rad_s - before_rad_s)
-        match self.kind:
-            case "ramp":
-                return change / self.duration_s
-            case "sweep":
-                return 2.0 * change / self.duration_s
-            case "sine":
-                return 2.0 * math.pi * self.frequency_hz * abs(self.speed_rad_s)
-        return 0.0
+        if self.kind == "sine":
+            return 2.0 * math.pi * self.frequency_hz * abs(self.speed_rad_s)
+        ways = {"ramp": 1.0, "sweep": 2.0}.get(self.kind, 0.0)
+        return ways * abs(self.speed_rad_s - before_rad_s) / self.duration_s if ways else 0.0
 
     def describe(self, before_rad_s: float) -> str:
         """Return the segment in words, for the speed before it."""
@@ -112,11 +99,11 @@ class MotionPlan:
     Parameters
     ----------
     name : str
-        What it is called.
+        Its name.
     steps : tuple of Segment or LoadStep
         What happens, in order; the motor stands at the start and at the end.
     purpose : str
-        Why, in words.
+        Why it is done, in words.
     """
 
     name: str
@@ -157,15 +144,7 @@ class MotionPlan:
 
 @dataclass(frozen=True, slots=True)
 class Stage:
-    """What is measured in one acquisition: one load, segments without a pause.
-
-    Parameters
-    ----------
-    load : LoadStep or None
-        Load that the operator has put on; None before the first load step.
-    segments : tuple of Segment
-        At least one.
-    """
+    """One acquisition: its load, None before the first load step, and segments without a pause."""
 
     load: LoadStep | None
     segments: tuple[Segment, ...]
@@ -177,47 +156,22 @@ class Stage:
 
 
 def plan_stages(plan: MotionPlan) -> tuple[Stage, ...]:
-    """Return a plan as acquisitions.
-
-    Parameters
-    ----------
-    plan : MotionPlan
-        A plan.
-
-    Returns
-    -------
-    tuple of Stage
-        In order; a load step without segments after it has none.
-    """
+    """Return a plan as acquisitions; a load step without segments after it has none."""
     stages: list[Stage] = []
     load: LoadStep | None = None
     held: list[Segment] = []
-    for step in plan.steps:
+    for step in (*plan.steps, LoadStep("end", 0.0)):
         if isinstance(step, Segment):
             held.append(step)
             continue
         if held:
             stages.append(Stage(load, tuple(held)))
         load, held = step, []
-    if held:
-        stages.append(Stage(load, tuple(held)))
     return tuple(stages)
 
 
 def program_of(stage: Stage, profile: ProfileData) -> ReferenceProgram:
-    """Return the reference generator's program of a stage.
-
-    Parameters
-    ----------
-    stage : Stage
-        Segments that `check_motion_plan` accepts.
-    profile : ProfileData
-        Gain of the reference and sampling period.
-
-    Returns
-    -------
-    ReferenceProgram
-    """
+    """Return the reference generator's program of a stage that `check_motion_plan` accepts."""
     gain, period = profile.servo.velocity_gain_rad_s_per_v, profile.daq.sample_period_s
     speed, parts = 0.0, list[ProgramPart]()
     for segment in stage.segments:

@@ -1,0 +1,1 @@
+"""Discovery: one model of a dynamic record, and the search for what it lacks."""

@@ -1,0 +1,167 @@
+"""Bands of frequency: cosine transforms of columns, and what a spectrum makes of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hdbench.records.trace import FloatArray
+
+__all__ = ["Bands", "make_bands"]
+
+# narrow bands at the slow end, where a spectrum bends, and even ones above
+_SLOW_BANDS, _EVEN_BANDS = 16, 41
+_SLOW_SHARE = 0.03
+# share of the record that fades in and out: a transform takes a jump between both ends for noise
+_FADE = 0.01
+
+
+@dataclass(frozen=True, slots=True)
+class Bands:
+    """Bands of the cosine transform of a record.
+
+    Parameters
+    ----------
+    edges : ndarray of int, shape (n_bands + 1,)
+        First coefficient of each band, and the end.
+    counts : ndarray, shape (n_bands,)
+        Independent coefficients of each band: fewer where samples were lost or faded.
+    frequency_hz : ndarray, shape (n_bands,)
+        Centre of each band, Hz.
+    fade : ndarray, shape (n_samples,)
+        Window of the record.
+    length : int
+        Length of the transform.
+    passed : ndarray, shape (size,)
+        What the torque channel passes of each coefficient that is kept, 0 to 1: 1 throughout unless
+        the torque was low-passed before it was stored.
+    lost, before, after : ndarray of int
+        Lost samples, and the last present sample before and after each.
+    weight : ndarray
+        Weight of the one before.
+    """
+
+    edges: NDArray[np.int64]
+    counts: FloatArray
+    frequency_hz: FloatArray
+    fade: FloatArray
+    length: int
+    passed: FloatArray
+    lost: NDArray[np.int64]
+    before: NDArray[np.int64]
+    after: NDArray[np.int64]
+    weight: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.counts)
+
+    @property
+    def size(self) -> int:
+        """Coefficients that are kept: up to the bandwidth of the torque."""
+        return int(self.edges[-1])
+
+    def transform(self, columns: FloatArray, *, measured: bool = False) -> FloatArray:
+        """Return the cosine transform of columns as the torque channel passes them.
+
+        Lost samples are bridged by straight lines, in the data and in every column alike.
+        `measured` is for what went through the channel already.
+        """
+        from scipy.fft import dct
+
+        rows = np.array(columns.T, dtype=np.float64, order="C", ndmin=2)
+        if len(self.lost):
+            bridged = self.weight * rows[:, self.before]
+            rows[:, self.lost] = bridged + (1.0 - self.weight) * rows[:, self.after]
+        rows *= self.fade
+        out = np.asarray(dct(rows, n=self.length, norm="ortho", axis=1, overwrite_x=True))
+        out = out[:, : self.size]
+        return out if measured else out * self.passed
+
+    def inverse(self, row: FloatArray) -> FloatArray:
+        """Return what the transform of a column makes of coefficients: its transpose."""
+        from scipy.fft import idct
+
+        whole = np.zeros(self.length)
+        whole[: self.size] = row * self.passed
+        column = np.asarray(idct(whole, norm="ortho"))[: len(self.fade)] * self.fade
+        if len(self.lost):
+            held = column[self.lost]
+            column[self.lost] = 0.0
+            np.add.at(column, self.before, self.weight * held)
+            np.add.at(column, self.after, (1.0 - self.weight) * held)
+        return column
+
+    def up_to(self, band: int) -> Bands:
+        """Return the bands up to and with this one."""
+        return replace(
+            self,
+            edges=self.edges[: band + 2],
+            counts=self.counts[: band + 1],
+            frequency_hz=self.frequency_hz[: band + 1],
+            passed=self.passed[: self.edges[band + 1]],
+        )
+
+    def low_passed(self, corner_hz: float) -> Bands:
+        """Return the bands of a channel with a fourth-order low-pass without delay."""
+        f = np.arange(self.size) * (self.frequency_hz[-1] / max(self._last_centre, 1.0))
+        return replace(self, passed=1.0 / (1.0 + (f / corner_hz) ** 4))
+
+    @property
+    def _last_centre(self) -> float:
+        return float(np.sqrt(self.edges[-2] * self.edges[-1]))
+
+    def spread(self, per_band: FloatArray) -> FloatArray:
+        """Return a value of each band at each of its coefficients."""
+        return np.repeat(per_band, np.diff(self.edges))
+
+    def gram(self, one: FloatArray, other: FloatArray) -> FloatArray:
+        """Return the products of rows in each band, shape (n_bands, n_one, n_other)."""
+        out = np.empty((len(self), len(one), len(other)))
+        for k, (a, b) in enumerate(zip(self.edges[:-1], self.edges[1:], strict=True)):
+            out[k] = one[:, a:b] @ other[:, a:b].T
+        return out
+
+    def power(self, row: FloatArray) -> FloatArray:
+        """Return the sum of squares of a row in each band."""
+        return np.asarray(np.add.reduceat(row * row, self.edges[:-1]))
+
+
+def make_bands(valid: NDArray[np.bool_], period_s: float) -> Bands:
+    """Return the bands of a record.
+
+    Parameters
+    ----------
+    valid : ndarray of bool, shape (n_samples,)
+        Samples that are used.
+    period_s : float
+        Median sampling period, s.
+
+    Returns
+    -------
+    Bands
+    """
+    from scipy.fft import next_fast_len
+
+    n = len(valid)
+    size = int(next_fast_len(n, real=True))
+    slow = np.geomspace(3, max(4.0, size * _SLOW_SHARE), _SLOW_BANDS).astype(int)
+    even = np.linspace(size * _SLOW_SHARE, size, _EVEN_BANDS + 1).astype(int)
+    edges = np.unique(np.concatenate([[0], slow, even[1:]]))
+    ramp = max(2, int(n * _FADE))
+    fade = np.ones(n)
+    fade[:ramp] = 0.5 - 0.5 * np.cos(np.pi * (np.arange(ramp) + 0.5) / ramp)
+    fade[-ramp:] = fade[:ramp][::-1]
+    present = np.flatnonzero(valid)
+    lost = np.flatnonzero(~valid)
+    place = np.searchsorted(present, lost)
+    before = present[np.maximum(place - 1, 0)]
+    after = present[np.minimum(place, len(present) - 1)]
+    span = np.maximum(after - before, 1)
+    weight = np.where(after > before, (after - lost) / span, 1.0)
+    share = float(np.sum(fade[valid] ** 2)) / size
+    counts = np.diff(edges) * share
+    frequency = np.sqrt(np.maximum(edges[:-1], 0.5) * edges[1:]) / (2.0 * size * period_s)
+    passed = np.ones(size)
+    return Bands(edges, counts, frequency, fade, size, passed, lost, before, after, weight)

@@ -1,0 +1,170 @@
+"""Naming: one table of evidence for each cause, its group, rivals and probability."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from hdbench.diagnosis.discovery.dictionary import Look
+from hdbench.diagnosis.discovery.fit import Beside
+from hdbench.diagnosis.discovery.lines import scan_looks
+from hdbench.diagnosis.discovery.refine import Candidate, candidate_of, refined, weighed
+from hdbench.diagnosis.discovery.search import Search, settled
+from hdbench.diagnosis.discovery.tables import is_table
+from hdbench.diagnosis.discovery.term import is_line
+from hdbench.records.trace import FloatArray
+
+__all__ = ["Named", "name_causes"]
+
+# names within this of the best one are its rivals: odds of 20 to 1 (contract)
+RIVAL_NATS = 3.0
+# names whose effects span the same space (contract)
+SAME_SPACE = 0.01
+# names that are weighed against a cause
+_NAMES = 7
+# a look this far behind cannot become a rival by a better shape
+_BEHIND_NATS = 12.0
+
+
+@dataclass(frozen=True, slots=True)
+class Named:
+    """A cause and what it could also be.
+
+    Parameters
+    ----------
+    best : Candidate
+        The cause itself, beside all others.
+    group, rivals : tuple of Candidate
+        Other names that span the same space, and that are nearly as likely.
+    probability : float
+        Of the group, among all names.
+    """
+
+    best: Candidate
+    group: tuple[Candidate, ...]
+    rivals: tuple[Candidate, ...]
+    probability: float
+
+
+def name_causes(search: Search) -> dict[int, Named]:
+    """Name every cause of a fit against all others; a better name takes its place.
+
+    Parameters
+    ----------
+    search : Search
+        A search that has ended.
+
+    Returns
+    -------
+    dict
+        For each part of the fit that is a cause.
+    """
+    fit = search.fit
+    for _ in range(2):
+        changed = False
+        named = {}
+        for part in fit.causes():
+            table = _table(search, part)
+            own, others = table[0], table[1:]
+            better = max(others, key=lambda c: c.evidence_nats, default=None)
+            if (
+                better is not None
+                and better.evidence_nats > own.evidence_nats + 1.0
+                and (not is_table(better.term.cause))
+            ):
+                accepted = search.accepted.get(id(fit.parts[part]))
+                search.log.append(
+                    f"renamed {own.name} {own.evidence_nats:.1f} -> {better.name} "
+                    f"{better.evidence_nats:.1f}"
+                )
+                search.replace_term(part, better, accepted)
+                changed = True
+                break
+            named[part] = _named(fit.beside(part), table)
+        if not changed:
+            return named
+    return {part: _named(fit.beside(part), _table(search, part)) for part in fit.causes()}
+
+
+def _table(search: Search, part: int) -> list[Candidate]:
+    """Return the cause itself, then every other name with its evidence beside all other causes."""
+    fit = search.fit
+    term = fit.term(part)
+    beside = fit.beside(part)
+    base = settled(beside, fit)
+    accepted = search.accepted.get(id(fit.parts[part]))
+    trials = accepted.trials if accepted else 1.0
+    own = candidate_of(beside, fit.record, term, trials, 0.0)
+    own = weighed(beside, fit.record, own, fit.shapes, base)
+    if is_table(term.cause):
+        return [own]
+    looks = _looks(search, beside, part)
+    best = 0.5 * own.statistic
+    table = [own]
+    for look in looks:
+        if 0.5 * look.statistic < best - _BEHIND_NATS - 0.15 * best:
+            continue
+        start = candidate_of(beside, fit.record, look.term, look.trials, 1.0)
+        shaped = refined(beside, fit.record, start)
+        table.append(weighed(beside, fit.record, shaped, fit.shapes, base))
+    return table
+
+
+def _looks(search: Search, beside: Beside, part: int) -> list[Look]:
+    """Return one look of each other name, the best first."""
+    fit = search.fit
+    term = fit.term(part)
+    present = {p.name for p in fit.parts if p.term is not None and not is_line(p.term.cause)}
+    present.add(term.name)
+    chosen: dict[str, Look] = {}
+    for look in search.names.looks(beside):
+        if look.term.name not in present and look.term.name not in chosen:
+            chosen[look.term.name] = look
+    looks = sorted(chosen.values(), key=lambda x: -x.statistic)[:_NAMES]
+    if is_line(term.cause) or term.cause.locked_to in ("motor", "clock"):
+        view = fit.without_view(part)
+        for look in scan_looks(view, search.scans, search.causes):
+            if look.term.name not in present and not is_table(look.term.cause):
+                looks.append(look)
+    return looks
+
+
+def _named(beside: Beside, table: list[Candidate]) -> Named:
+    """Return group, rivals and probability from a table of evidence; the first is the cause."""
+    own = table[0]
+    best: dict[str, Candidate] = {}
+    for one in table[1:]:
+        held = best.get(one.name)
+        if one.name != own.name and (held is None or one.evidence_nats > held.evidence_nats):
+            best[one.name] = one
+    others = [c for c in best.values() if np.isfinite(c.evidence_nats)]
+    group = tuple(c for c in others if _same_space(beside, own, c))
+    names = {c.name for c in group}
+    rivals = tuple(
+        c
+        for c in sorted(others, key=lambda c: -c.evidence_nats)
+        if c.name not in names and c.evidence_nats > own.evidence_nats - RIVAL_NATS
+    )
+    nats = np.array([c.evidence_nats for c in (own, *others)])
+    weights = np.exp(nats - nats.max())
+    mine = weights[0] + sum(w for w, c in zip(weights[1:], others, strict=True) if c.name in names)
+    return Named(own, group, rivals, float(mine / weights.sum()))
+
+
+def _same_space(beside: Beside, one: Candidate, other: Candidate) -> bool:
+    """Return whether the largest angle between two effects has a sine squared below a hundredth."""
+    matrix, _ = beside.project(np.concatenate([one.rows, other.rows]))
+    k = len(one.rows)
+    a, b, c = matrix[:k, :k], matrix[k:, k:], matrix[:k, k:]
+    la, lb = _inverse_root(a), _inverse_root(b)
+    if len(la) != len(lb) or not len(la):
+        return False
+    cosines = np.linalg.svd(la @ c @ lb.T, compute_uv=False)
+    return float(1.0 - cosines.min() ** 2) < SAME_SPACE
+
+
+def _inverse_root(matrix: FloatArray) -> FloatArray:
+    value, vector = np.linalg.eigh(matrix)
+    kept = value > 1e-6 * max(float(value[-1]), 1e-300)
+    return np.asarray((vector[:, kept] / np.sqrt(value[kept])).T)

@@ -1,0 +1,226 @@
+"""One dynamic record as the diagnosis sees it: torque, motion, baseline and usable samples."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hdbench.diagnosis.discovery.baseline import BaselineChange
+from hdbench.errors import DataError
+from hdbench.model import BenchModel, Motion, baseline_columns, motion_from_trace
+from hdbench.profile.schema import ProfileData
+from hdbench.records.trace import FloatArray, Trace
+
+__all__ = ["Record", "prepare_record", "torque_from_trace", "with_simulated"]
+
+# a step longer than this many median periods is a gap in time: one lost sample makes 2
+_GAP = 1.5
+# the misalignment of a bench that is clamped again may be this many times the model's
+_MISALIGNED = 3.0
+
+
+@dataclass(frozen=True, slots=True)
+class Record:
+    """A record ready for regression; arrays of shape (n_samples,).
+
+    Parameters
+    ----------
+    motion : Motion
+        Motion at every sample.
+    torque_nm : ndarray
+        Measured torque, N m; NaN where lost.
+    valid : ndarray of bool
+        Samples with torque and motion that are not masked.
+    fixed_nm : ndarray
+        What the baseline holds fixed, N m.
+    names : tuple of str
+        Baseline terms with free coefficients.
+    columns : ndarray, shape (n_samples, n_names)
+        Their columns.
+    prior_nm : ndarray, shape (n_names,)
+        Standard deviation of each coefficient beforehand, N m; infinite where free.
+    period_s : float
+        Median sampling period, s.
+    load : float
+        Coefficient of the measured load torque in `fixed_nm`.
+    """
+
+    motion: Motion
+    torque_nm: FloatArray
+    valid: NDArray[np.bool_]
+    fixed_nm: FloatArray
+    names: tuple[str, ...]
+    columns: FloatArray
+    prior_nm: FloatArray
+    period_s: float
+    load: float
+
+    def __len__(self) -> int:
+        return len(self.valid)
+
+    @property
+    def response_nm(self) -> FloatArray:
+        """Measured torque less what is fixed, N m, zero where not valid."""
+        return np.where(self.valid, self.torque_nm - self.fixed_nm, 0.0)
+
+    @property
+    def span_s(self) -> float:
+        """Duration, s."""
+        return float(self.motion.time_s[-1] - self.motion.time_s[0])
+
+
+def torque_from_trace(trace: Trace, profile: ProfileData) -> FloatArray:
+    """Return the torque of a trace, N m: its column, or volts times the profile's gain."""
+    if "torque_nm" in trace:
+        return trace["torque_nm"]
+    if "torque_v" in trace:
+        return np.asarray(trace["torque_v"] * profile.sensor.gain_nm_per_v)
+    raise DataError(
+        f"no torque among the columns {', '.join(trace.columns)}; needed: torque_nm in N m, or "
+        "torque_v in V",
+        where=f"{trace.source}: header",
+        fix="add the column, or name it with `hdbench import --map torque_nm=COLUMN`",
+    )
+
+
+def prepare_record(
+    trace: Trace,
+    profile: ProfileData,
+    model: BenchModel,
+    masked: NDArray[np.bool_],
+    change: BaselineChange | None = None,
+) -> Record:
+    """Return the record with its baseline.
+
+    Parameters
+    ----------
+    trace : Trace
+        Channels.
+    profile : ProfileData
+        Bench.
+    model : BenchModel
+        Model whose misalignment is expected where the output covers less than a turn.
+    masked : ndarray of bool, shape (n_samples,)
+        Samples that take no part.
+    change : BaselineChange or None
+        What is added to the baseline and taken out of it; nothing where None.
+
+    Returns
+    -------
+    Record
+
+    Raises
+    ------
+    DataError
+        If a channel is missing or the motion cannot be formed.
+
+    Notes
+    -----
+    On less than an output turn the torque once per turn is expected near the model's: its
+    correction has a prior of three times the model's amplitude.
+
+    An angle that is integrated from the velocity by the contract's rule lies half a sample behind
+    the shaft wherever the speed changes. Where the baseline fits better with the half sample put
+    back, that angle is used.
+    """
+    torque = torque_from_trace(trace, profile)
+    motion = _aligned(motion_from_trace(trace, profile), profile, torque, masked)
+    change = change or BaselineChange()
+    load = 0.0 if "load" in change.without else _load_share(motion, profile, torque, masked)
+    fixed, names, columns = baseline_columns(motion, profile, load=load)
+    whole_turn = "misalignment:cosine" in names
+    fixed, names, columns = change.apply(motion, fixed, names, columns)
+    prior = np.full(len(names), np.inf)
+    if not whole_turn and "misalignment" not in change.without:
+        amplitude, phase = model.misalignment
+        fixed = fixed + amplitude * np.cos(motion.output_angle_rad + phase)
+        once = [np.cos(motion.output_angle_rad), np.sin(motion.output_angle_rad)]
+        columns = np.column_stack([columns, *once])
+        names = (*names, "misalignment:cosine", "misalignment:sine")
+        expected = max(_MISALIGNED * amplitude, 1e-6 * profile.drive.rated_torque_nm)
+        prior = np.append(prior, [expected, expected])
+    valid = motion.valid & np.isfinite(torque) & np.isfinite(fixed) & ~masked
+    valid &= np.isfinite(columns).all(axis=1)
+    steps = np.diff(motion.time_s)
+    period = float(np.median(steps))
+    starts = np.concatenate([[True], steps > _GAP * period])
+    return Record(
+        replace(motion, starts=starts),
+        torque,
+        valid,
+        fixed,
+        names,
+        np.where(valid[:, None], columns, 0.0),
+        prior,
+        period,
+        load,
+    )
+
+
+def _load_share(
+    motion: Motion, profile: ProfileData, torque: FloatArray, masked: NDArray[np.bool_]
+) -> float:
+    """Return 1, 0 or -1: the coefficient of the measured load that leaves least."""
+    if motion.load_torque_nm is None:
+        return 1.0
+    usable = motion.valid & np.isfinite(torque) & np.isfinite(motion.load_torque_nm) & ~masked
+    load = motion.load_torque_nm[usable]
+    fixed, _, columns = baseline_columns(motion, profile, load=0.0)
+    speed = motion.velocity_rad_s[usable]
+    design = np.column_stack([columns[usable], speed, np.sign(speed)])
+    if not len(load) > design.shape[1] or not float(np.abs(load).max()) > 0.0:
+        return 1.0
+    both = np.column_stack([(torque - fixed)[usable], load])
+    left = both - design @ np.linalg.lstsq(design, both, rcond=None)[0]
+    return min((1.0, 0.0, -1.0), key=lambda x: float(np.sum((left[:, 0] - x * left[:, 1]) ** 2)))
+
+
+def _aligned(
+    motion: Motion, profile: ProfileData, torque: FloatArray, masked: NDArray[np.bool_]
+) -> Motion:
+    """Return the motion with an integrated angle in step with the baseline."""
+    if motion.angle_source != "velocity":
+        return motion
+    velocity = np.where(motion.valid, motion.velocity_rad_s, 0.0)
+    period = float(np.median(np.diff(motion.time_s)))
+    half = 0.5 * period * (velocity - velocity[0])
+    moved = replace(
+        motion,
+        angle_rad=motion.angle_rad + half,
+        output_angle_rad=motion.output_angle_rad
+        + (half / motion.gear_ratio if motion.output_source == "motor" else 0.0),
+    )
+    left = []
+    for candidate in (motion, moved):
+        fixed, _, columns = baseline_columns(candidate, profile)
+        usable = motion.valid & np.isfinite(torque - fixed) & ~masked
+        design, response = columns[usable], (torque - fixed)[usable]
+        if len(response) <= design.shape[1]:
+            return motion
+        solution = np.linalg.lstsq(design, response, rcond=None)[0]
+        left.append(float(np.sum((response - design @ solution) ** 2)))
+    return moved if left[1] < left[0] else motion
+
+
+def with_simulated(record: Record, fitted_nm: FloatArray, slope_nm_per_rad: FloatArray) -> Record:
+    """Return the record with a simulated torque, for causes that act on all of it.
+
+    Parameters
+    ----------
+    record : Record
+        Record.
+    fitted_nm : ndarray, shape (n_samples,)
+        Fitted torque without what is fixed, N m.
+    slope_nm_per_rad : ndarray, shape (n_samples,)
+        Its change with the motor angle alone, N m/rad.
+
+    Returns
+    -------
+    Record
+    """
+    simulated = np.where(record.valid, record.fixed_nm + fitted_nm, np.nan)
+    slope = np.where(record.valid, slope_nm_per_rad, np.nan)
+    motion = replace(record.motion, simulated_nm=simulated, ripple_slope_nm_per_rad=slope)
+    return replace(record, motion=motion)

@@ -1,0 +1,310 @@
+"""Refinement of a candidate's shape beside a fit, and the evidence for it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import chain, combinations
+
+import numpy as np
+
+from hdbench.diagnosis.discovery.dictionary import explained
+from hdbench.diagnosis.discovery.fit import Beside, scaled_rows
+from hdbench.diagnosis.discovery.moments import solve_best
+from hdbench.diagnosis.discovery.record import Record
+from hdbench.diagnosis.discovery.spectrum import Shapes
+from hdbench.diagnosis.discovery.term import (
+    Term,
+    follows_motion,
+    harmonics,
+    is_line,
+    is_whole_share,
+    moved_term,
+    smooth_shapes,
+    tangent_columns,
+    term_columns,
+)
+from hdbench.model import shape_bounds
+from hdbench.records.trace import FloatArray
+
+__all__ = ["Candidate", "candidate_of", "gain_of", "log_evidence", "price", "refined", "weighed"]
+
+# rounds of Gauss-Newton, steps back in each, and the gain that ends them: a hundredth of a nat
+_ROUNDS, _SHORTER, _SETTLED = 6, 3, 0.02
+# harmonics of impacts and of poles are at least this share of the first
+_HARMONIC_SHARE = 0.2
+# amplitudes of a weak effect are expected within seven standard deviations: e^4 = 7.4^2
+_LEAST_WIDTH = float(np.exp(4.0))
+# a domain wider than this ratio is even in its logarithm
+_WIDE = 10.0
+# a table has no name: any name goes before it where it explains as much, at odds of 150 to 1
+_TABLE_PRICE = 5.0
+# an order that is not whole is no lobe, tooth or pole: 20 to 1
+_NOT_WHOLE_PRICE = 3.0
+
+
+@dataclass(frozen=True, slots=True)
+class Candidate:
+    """A term at its best shape beside a fit.
+
+    Parameters
+    ----------
+    term : Term
+        Cause with its shape.
+    rows : ndarray, shape (k, size)
+        Its rows.
+    scale : ndarray, shape (k,)
+        Root mean square of its columns.
+    statistic : float
+        Fall of the weighted sum of squares, in the fit's noise.
+    dof : int
+        Directions that it has.
+    linear : ndarray, shape (k,)
+        Its linear parameters.
+    trials : float
+        Independent places that were tried.
+    false_alarm : float
+        Probability of such a look without an effect.
+    gain_nats : float
+        Log likelihood that it gains with coefficients and noise fitted anew.
+    evidence_nats : float
+        The same less what its parameters, shape and place cost.
+    """
+
+    term: Term
+    rows: FloatArray
+    scale: FloatArray
+    statistic: float
+    dof: int
+    linear: FloatArray
+    trials: float
+    false_alarm: float
+    gain_nats: float = 0.0
+    evidence_nats: float = -np.inf
+
+    @property
+    def name(self) -> str:
+        """Name of the cause."""
+        return self.term.name
+
+
+def candidate_of(
+    beside: Beside, record: Record, term: Term, trials: float, false_alarm: float
+) -> Candidate:
+    """Return a term as it is beside a fit."""
+    rows, scale = scaled_rows(beside.bands, term_columns(term, record))
+    matrix, right = beside.project(rows)
+    before = np.einsum("kn,kn->k", rows * beside.whitening, rows)
+    if is_whole_share(term.cause):
+        value = float(scale[0])
+        gain = 2.0 * value * float(right[0]) - value**2 * float(matrix[0, 0])
+        return Candidate(term, rows, scale, max(gain, 0.0), 1, np.ones(1), trials, false_alarm)
+    statistic, dof = explained(matrix, right, before)
+    amount = np.linalg.lstsq(matrix, right, rcond=1e-9)[0]
+    linear = amount / scale
+    if is_line(term.cause) and len(rows) > 2 and _nearly_a_sine(linear):
+        # repeated impacts and poles have harmonics: what is nearly a sine is one line
+        return replace(
+            candidate_of_rows(beside, term, rows[:2], scale[:2], trials, false_alarm),
+            rows=rows,
+            scale=scale,
+            linear=linear,
+        )
+    outside = [
+        not p.contains(float(x)) and (p.lower == 0.0 or p.upper == 0.0)
+        for p, x in zip(term.cause.linear, linear, strict=True)
+    ]
+    if any(outside):
+        statistic = 0.0
+    if statistic > 0.0 and not _possible(term, record, linear):
+        statistic = 0.0
+    return Candidate(term, rows, scale, statistic, dof, linear, trials, false_alarm)
+
+
+def candidate_of_rows(
+    beside: Beside, term: Term, rows: FloatArray, scale: FloatArray, trials: float, chance: float
+) -> Candidate:
+    """Return a term of which only some rows speak for its name."""
+    matrix, right = beside.project(rows)
+    before = np.einsum("kn,kn->k", rows * beside.whitening, rows)
+    statistic, dof = explained(matrix, right, before)
+    linear = np.linalg.lstsq(matrix, right, rcond=1e-9)[0] / scale
+    return Candidate(term, rows, scale, statistic, dof, linear, trials, chance)
+
+
+def _nearly_a_sine(linear: FloatArray) -> bool:
+    """Return whether the harmonics of a line are all far smaller than the first."""
+    amplitudes = np.hypot(linear[::2], linear[1::2])
+    return float(amplitudes[1:].max()) < _HARMONIC_SHARE * float(amplitudes[0])
+
+
+def _possible(term: Term, record: Record, linear: FloatArray) -> bool:
+    """Return whether linear parameters can be: sums of the cause's directions of one sign."""
+    if term.cause.possible is None:
+        return True
+    directions = term.cause.possible(record.motion, term.shape)
+    weights = np.linalg.lstsq(directions, linear, rcond=None)[0]
+    small = 1e-9 * float(np.abs(weights).max())
+    return bool(np.all(weights >= -small) or np.all(weights <= small))
+
+
+def refined(beside: Beside, record: Record, start: Candidate, rounds: int = _ROUNDS) -> Candidate:
+    """Return a candidate with its shape at the nearest maximum of the likelihood."""
+    best = start
+    names = smooth_shapes(best.term)
+    # lobes, poles and teeth repeat a whole number of times in a turn
+    whole = best.term.shape.get("order", 0.5) % 1.0 == 0.0 and is_line(best.term.cause)
+    if not names or whole or best.name.startswith("table:motor-order"):
+        return best
+    for _ in range(rounds):
+        slopes = tangent_columns(best.term, best.linear, record)
+        rows, scale = scaled_rows(beside.bands, slopes)
+        free = not is_whole_share(best.term.cause)
+        joint = np.concatenate([best.rows, rows]) if free else rows
+        matrix, right = beside.project(joint)
+        if not free:
+            right = right - (
+                beside.project(np.concatenate([best.rows, rows]))[0][1:, :1] @ best.scale
+            )
+        solution = np.linalg.lstsq(matrix + 1e-9 * np.diag(np.diag(matrix)), right, rcond=1e-10)[0]
+        moves = solution[-len(names) :] / scale
+        ahead = _along(beside, record, best, dict(zip(names, moves.tolist(), strict=True)))
+        if ahead is None:
+            break
+        done = ahead.statistic - best.statistic < _SETTLED
+        best = ahead
+        if done:
+            break
+    return best
+
+
+def _along(
+    beside: Beside, record: Record, best: Candidate, moves: dict[str, float]
+) -> Candidate | None:
+    """Return the first candidate along a step that explains more."""
+    length = 1.0
+    for _ in range(_SHORTER):
+        moved = moved_term(best.term, {n: length * m for n, m in moves.items()}, record)
+        if moved.shape == best.term.shape:
+            return None
+        ahead = candidate_of(beside, record, moved, best.trials, best.false_alarm)
+        if ahead.statistic > best.statistic:
+            return ahead
+        length *= 0.3
+    return None
+
+
+def weighed(
+    beside: Beside, record: Record, found: Candidate, shapes: Shapes, base: float
+) -> Candidate:
+    """Return a candidate with its evidence: the noise is fitted again with it.
+
+    Parameters
+    ----------
+    beside : Beside
+        Fit without the candidate.
+    record : Record
+        Record.
+    found : Candidate
+        Candidate at its best shape.
+    shapes : Shapes
+        Shapes of the noise.
+    base : float
+        Log likelihood without it, fitted alike.
+
+    Returns
+    -------
+    Candidate
+    """
+    rows = found.rows if found.dof > 2 or not is_line(found.term.cause) else found.rows[:2]
+    gain = gain_of(beside, rows, shapes, base, follows_motion(found.term.cause))
+    if is_whole_share(found.term.cause):
+        gain = min(gain, 0.5 * found.statistic)
+    statistic = 2.0 * max(gain, 0.0)
+    evidence = amplitude_evidence(beside, found, statistic) - price(beside, record, found)
+    return replace(found, gain_nats=gain, evidence_nats=evidence)
+
+
+def gain_of(
+    beside: Beside, rows: FloatArray, shapes: Shapes, base: float, moving: bool = False
+) -> float:
+    """Return the log likelihood that rows gain with coefficients and noise fitted anew, nats."""
+    cross = beside.bands.gram(rows, beside.rows)
+    own = beside.bands.gram(rows, rows)
+    edges = beside.bands.edges[:-1]
+    right = np.stack([np.add.reduceat(row * beside.residual, edges) for row in rows], 1)
+    moments = beside.moments.enlarged(cross, own, right, moving)
+    return solve_best(moments, shapes, beside.spectrum).likelihood - base
+
+
+def log_evidence(statistic: float, dof: int) -> float:
+    """Return the log evidence of linear parameters whose prior is as wide as they are found.
+
+    ``T/2 g/(1+g) - k/2 ln(1+g)``, g the larger of e^4 and T/k - 1.
+    """
+    if dof == 0:
+        return -np.inf
+    g = max(_LEAST_WIDTH, statistic / dof - 1.0)
+    return 0.5 * statistic * g / (1.0 + g) - 0.5 * dof * float(np.log1p(g))
+
+
+def amplitude_evidence(beside: Beside, found: Candidate, statistic: float) -> float:
+    """Return the evidence of the amplitudes; of harmonics any subset is as likely as any other."""
+    parts = harmonics(found.term.cause)
+    if is_whole_share(found.term.cause):
+        return 0.5 * statistic
+    sine = is_line(found.term.cause) and found.dof <= 2
+    if len(parts) < 2 or found.statistic <= 0.0 or sine:
+        return log_evidence(statistic, found.dof) - (
+            float(np.log(2 ** (len(parts) - 1))) if sine and len(parts) > 1 else 0.0
+        )
+    matrix, right = beside.project(found.rows)
+    ratio = statistic / found.statistic
+    scores = []
+    for some in chain.from_iterable(combinations(parts, n + 1) for n in range(len(parts))):
+        if is_line(found.term.cause) and some[0] is not parts[0]:
+            continue
+        own = list(chain.from_iterable(some))
+        solution = np.linalg.lstsq(matrix[np.ix_(own, own)], right[own], rcond=1e-9)[0]
+        scores.append(log_evidence(ratio * float(solution @ right[own]), len(own)))
+    return float(np.logaddexp.reduce(scores)) - float(np.log(len(scores)))
+
+
+def price(beside: Beside, record: Record, found: Candidate) -> float:
+    """Return what shape and place of a candidate cost, nats."""
+    term = found.term
+    if term.name.startswith("table:"):
+        return _TABLE_PRICE + float(np.log(max(found.trials, 1.0)))
+    if is_line(term.cause) or "step_time_s" in term.shape:
+        extra = 0.0
+        if "order" in term.shape and term.shape["order"] % 1.0 != 0.0:
+            extra = _NOT_WHOLE_PRICE
+        return float(np.log(max(found.trials, 1.0))) + extra
+    names = smooth_shapes(term)
+    if not names:
+        return 0.0
+    slopes = tangent_columns(term, found.linear, record) * _domains(record, term)
+    information = _beside_own(beside, found, beside.bands.transform(slopes))
+    values = np.linalg.eigvalsh(information) / (2.0 * np.pi)
+    laplace = 0.5 * float(np.sum(np.log(np.maximum(values, 1.0))))
+    return max(laplace, float(np.log(max(found.trials, 1.0))))
+
+
+def _beside_own(beside: Beside, found: Candidate, rows: FloatArray) -> FloatArray:
+    """Return the information of rows beside the fit and the candidate's own amplitudes."""
+    matrix, _ = beside.project(np.concatenate([found.rows, rows]))
+    k = len(found.rows)
+    own, cross, rest = matrix[:k, :k], matrix[:k, k:], matrix[k:, k:]
+    return np.asarray(rest - cross.T @ np.linalg.lstsq(own, cross, rcond=1e-9)[0])
+
+
+def _domains(record: Record, term: Term) -> FloatArray:
+    """Return the width of each shape's domain, in the shape's own unit about its value."""
+    bounds = shape_bounds(term.cause, record.motion)
+    widths = []
+    for name in smooth_shapes(term):
+        bands = bounds[name]
+        low = min((a for a, _ in bands), default=0.0)
+        high = max((b for _, b in bands), default=0.0)
+        wide = low > 0.0 and high > _WIDE * low
+        widths.append(abs(term.shape[name]) * np.log(high / low) if wide else high - low)
+    return np.array(widths)

@@ -1,0 +1,160 @@
+"""Rest: what the noise holds beyond noise: bursts in time, and humps of its spectrum."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from hdbench.diagnosis.discovery.chance import chi2_tail
+from hdbench.diagnosis.discovery.fit import Fit
+from hdbench.records.trace import FloatArray
+
+__all__ = ["Burst", "Hump", "find_burst", "find_humps", "noise_rms_nm", "whitened_nm"]
+
+# lengths of a burst, samples; the share of the record that the longest may take
+_LENGTHS = (4, 16, 64, 256, 1024, 4096)
+_SHARE = 0.1
+# power above the falling part of the spectrum by this factor is a hump
+_ABOVE = 2.0
+# fourteen bumps fit the scatter of fifty bands to some ten nats; a hump must gain more than twice
+# as much
+_HUMP_NATS = 25.0
+
+
+@dataclass(frozen=True, slots=True)
+class Burst:
+    """A stretch with more power than the noise has.
+
+    Parameters
+    ----------
+    from_s, to_s : float
+        Its ends, s.
+    samples : int
+        Its length.
+    power_nm2 : float
+        Mean square beyond the noise over the whole record, (N m)^2.
+    chance : float
+        Probability of one anywhere without it.
+    """
+
+    from_s: float
+    to_s: float
+    samples: int
+    power_nm2: float
+    chance: float
+
+
+@dataclass(frozen=True, slots=True)
+class Hump:
+    """A range of frequencies with more power than a noise that falls with frequency.
+
+    Parameters
+    ----------
+    low_hz, high_hz : float
+        Its ends, Hz.
+    power_nm2 : float
+        Mean square beyond that noise, (N m)^2.
+    """
+
+    low_hz: float
+    high_hz: float
+    power_nm2: float
+
+
+def whitened_nm(fit: Fit) -> FloatArray:
+    """Return the residual with white noise of unit variance, in time; 0 where not valid."""
+    from scipy.fft import idct
+
+    bands = fit.bands
+    buffer = np.zeros(bands.length)
+    buffer[: bands.size] = fit.residual * np.sqrt(bands.spread(1.0 / fit.spectrum.power))
+    white = np.asarray(idct(buffer, norm="ortho"))[: len(fit.record)]
+    return np.where(fit.record.valid, white, 0.0)
+
+
+def residual_nm(fit: Fit) -> FloatArray:
+    """Return the residual in time, N m; 0 where not valid."""
+    from scipy.fft import idct
+
+    buffer = np.zeros(fit.bands.length)
+    buffer[: fit.bands.size] = fit.residual
+    left = np.asarray(idct(buffer, norm="ortho"))[: len(fit.record)]
+    return np.where(fit.record.valid, left, 0.0)
+
+
+def falling_noise(fit: Fit) -> tuple[FloatArray, float]:
+    """Return the power of a noise that only falls with frequency, and what bumps add, nats."""
+    power = fit.bands.power(fit.residual) / np.maximum(fit.bands.counts, 1e-9)
+    dof = fit.bands.counts
+    falling = fit.shapes.rising().without_bumps().fit(power, dof).power
+    nats = [
+        -0.5 * float(np.sum(dof * (np.log(s) + power / s))) for s in (fit.spectrum.power, falling)
+    ]
+    return falling, nats[0] - nats[1]
+
+
+def noise_rms_nm(fit: Fit) -> float:
+    """Return the root mean square of the part of the noise that falls with frequency, N m."""
+    counts = np.diff(fit.bands.edges)
+    falling = falling_noise(fit)[0]
+    return float(np.sqrt(np.sum(counts * falling) / fit.bands.length))
+
+
+def find_burst(fit: Fit, variance: FloatArray | None = None) -> Burst | None:
+    """Return the stretch whose power is least likely to be noise, of a known variance if given."""
+    white = whitened_nm(fit)
+    if variance is not None:
+        white = white / np.sqrt(variance)
+    n = len(white)
+    # a channel that passes half of the band has half of the independent samples
+    share = fit.bands.size / fit.bands.length
+    total = np.concatenate([[0.0], np.cumsum(white**2)])
+    best: Burst | None = None
+    tried = [m for m in _LENGTHS if m <= _SHARE * n and m * share >= 2.0]
+    for m in tried:
+        starts = np.arange(0, n - m, max(1, m // 2))
+        energy = (total[starts + m] - total[starts]) / share
+        at = int(np.argmax(energy))
+        dof = m * share
+        chance = chi2_tail(float(energy[at]) * share, dof) * len(starts) * len(tried)
+        if best is None or chance < best.chance:
+            left = residual_nm(fit)[starts[at] : starts[at] + m]
+            time = fit.record.motion.time_s
+            beyond = max(0.0, float(np.sum(left**2)) * (1.0 - dof / max(energy[at] * share, 1e-9)))
+            best = Burst(
+                float(time[starts[at]]),
+                float(time[starts[at] + m - 1]),
+                m,
+                beyond / n,
+                min(1.0, chance),
+            )
+    return best
+
+
+def find_humps(fit: Fit) -> list[Hump]:
+    """Return the ranges of frequency that hold more than a falling noise."""
+    spectrum, bands = fit.spectrum, fit.bands
+    falling, nats = falling_noise(fit)
+    if nats < _HUMP_NATS:
+        return []
+    high = spectrum.power > _ABOVE * falling
+    counts = np.diff(bands.edges)
+    edges_hz = (
+        bands.edges
+        * bands.frequency_hz[-1]
+        / max(float(np.sqrt(bands.edges[-2] * bands.edges[-1])), 1.0)
+    )
+    humps = []
+    start = None
+    for k in range(len(high) + 1):
+        inside = k < len(high) and bool(high[k])
+        if inside and start is None:
+            start = k
+        if not inside and start is not None:
+            beyond = counts[start:k] * (spectrum.power - falling)[start:k]
+            humps.append(
+                Hump(float(edges_hz[start]), float(edges_hz[k]), float(beyond.sum()) / bands.length)
+            )
+            start = None
+    return humps

@@ -1,0 +1,537 @@
+"""Search: what a record holds beyond its baseline, one cause at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from hdbench.diagnosis.discovery.chance import chi2_tail
+from hdbench.diagnosis.discovery.dictionary import Dictionary, Look, make_dictionary
+from hdbench.diagnosis.discovery.fit import Beside, Fit, Part
+from hdbench.diagnosis.discovery.form import attach_forms, best_form_move
+from hdbench.diagnosis.discovery.lines import Scan, plan_scans, scan_looks, scan_power, step_look
+from hdbench.diagnosis.discovery.modulated import modulated_looks
+from hdbench.diagnosis.discovery.moments import solve, solve_best
+from hdbench.diagnosis.discovery.record import Record, with_simulated
+from hdbench.diagnosis.discovery.refine import (
+    Candidate,
+    candidate_of,
+    gain_of,
+    log_evidence,
+    price,
+    refined,
+    weighed,
+)
+from hdbench.diagnosis.discovery.tables import is_table, table_causes
+from hdbench.diagnosis.discovery.term import Term, follows_motion, is_line, term_columns
+from hdbench.model import Cause
+from hdbench.records.trace import FloatArray
+
+__all__ = ["SHARES", "Accepted", "Search", "fitted_nm", "search", "settled"]
+
+# share of the false-alarm rate of each kind of look
+SHARES = {"name": 0.5, "line": 0.28, "step": 0.05, "table": 0.14, "burst": 0.03}
+# looks of each kind that are weighed in one round
+_NAMES, _LINES, _TABLES, _PAIRS = 5, 8, 2, 3
+# a look this many nats behind the best cannot overtake it by a better shape or noise
+_BEHIND = 0.5
+_BEHIND_NATS = 15.0
+# a name goes before a table wherever it has this evidence: odds of 150 to 1
+_NAME_NATS = 5.0
+# rounds of a search that finds ever more, and small causes in a row that end it
+_MOST_ROUNDS, _SMALL = 60, 2
+# evidence that a cause must keep where slow noise, which imitates it, is accepted after it
+_IN_SLOW_NATS = 8.0
+# a law of the motion goes first where it has at least one half of the evidence of a line
+_LAWS_FIRST = 2.0
+# rounds in which the noise without a candidate is fitted: a candidate must not gain by what its
+# noise alone would have gained
+_BASE_ROUNDS = 6
+# a line is so many cells wide and wanders by this share of its order: what stands there is its form
+_BESIDE_CELLS, _BESIDE_SHARE = 3.0, 0.004
+# a gain that the noise, fitted again, cannot give by chance: only then may it speak for a candidate
+# that the present noise hides
+_PLAIN_NATS = 20.0
+# slow noise has some two parameters of its own
+SLOW_PRICE = 4.0
+# a name that was dropped this often beside others is not tried again
+_AGAIN = 2
+# a cause that has less evidence than this beside the others is dropped
+_LEAST_NATS = 1.0
+
+
+@dataclass(slots=True)
+class Accepted:
+    """What is known of an accepted part.
+
+    Parameters
+    ----------
+    false_alarm : float
+        Probability of such a look on this record without an effect.
+    trials : float
+        Places that were tried.
+    evidence_nats : float
+        Evidence when it was accepted.
+    """
+
+    false_alarm: float
+    trials: float
+    evidence_nats: float
+
+
+@dataclass(slots=True)
+class Search:
+    """State of a search.
+
+    Parameters
+    ----------
+    fit : Fit
+        Joint fit.
+    names, tables : Dictionary
+        Names of the catalogue, and tables.
+    scans : tuple of Scan
+        Axes of lines.
+    causes : mapping
+        Catalogue by name.
+    alpha : float
+        Probability of any finding without an effect.
+    catalogue : mapping of str to Cause
+        All causes by name, those that are no torque among them.
+    accepted : dict
+        What is known of each cause of the fit, by the identity of its part.
+    """
+
+    fit: Fit
+    names: Dictionary
+    tables: Dictionary
+    scans: tuple[Scan, ...]
+    causes: Mapping[str, Cause]
+    alpha: float
+    catalogue: Mapping[str, Cause]
+    accepted: dict[int, Accepted] = field(default_factory=dict)
+    dropped: dict[str, int] = field(default_factory=dict)
+    log: list[str] = field(default_factory=list)
+    first: dict[str, FloatArray] = field(default_factory=dict)
+    first_power: float = 0.0
+
+    def _views(self) -> list[Fit]:
+        """Return the fit, and the same in a noise that does not rise towards 0 Hz."""
+        flat = self.fit.flat_view()
+        return [self.fit] if flat is None else [self.fit, flat]
+
+    def looks(self, view: Fit) -> list[tuple[str, Look]]:
+        """Return the looks at a residual that are worth weighing, by kind."""
+        present = {part.name for part in view.parts}
+        found: list[tuple[str, Look]] = []
+        for kind, dictionary, most in (
+            ("name", self.names, _NAMES),
+            ("table", self.tables, _TABLES),
+        ):
+            seen: set[str] = set()
+            for look in dictionary.looks(view.beside()):
+                if look.term.name in seen or look.term.name in present:
+                    continue
+                seen.add(look.term.name)
+                found.append((kind, look))
+                if len(seen) == most:
+                    break
+        return found
+
+    def _places(self) -> list[tuple[str, Look]]:
+        """Return lines and the best step."""
+        lines = scan_looks(self.fit, self.scans, self.causes)
+        found = [("line", look) for look in lines if not self._beside_line(look)]
+        found += [("table", look) for look in modulated_looks(self.fit, self.scans)]
+        if "zero-step" in self.causes:
+            step = step_look(self.fit, self.causes["zero-step"])
+            if step is not None:
+                found.append(("step", step))
+        return found
+
+    def _beside_line(self, look: Look) -> bool:
+        """Return whether a line stands within the width of one that is explained already.
+
+        A whole order is a line of its own.
+        """
+        for key, value in look.term.shape.items():
+            scan = next((s for s in self.scans if _key(s) == key), None)
+            if scan is None:
+                continue
+            width = max(_BESIDE_CELLS * scan.cell, _BESIDE_SHARE * value)
+            for part in self.fit.parts:
+                other = _place_of(part, key)
+                if other is None or (key == "order" and value % 1.0 == 0.0 and value != other):
+                    continue
+                if abs(other - value) < width:
+                    return True
+        return False
+
+    def round(self) -> tuple[Candidate, ...]:
+        """Return the best candidate, or pair, that passes the false-alarm rate; empty for none."""
+        fit = self.fit
+        views = self._views()
+        looks = [self.looks(view) for view in views]
+        first = looks[0] + self._places()
+        passing = [x for k, x in first if x.false_alarm < self.alpha * SHARES[k]]
+        if not passing and len(views) == 1:
+            return ()
+        chosen = _nearest(first) if passing else []
+        known = {_identity(look.term) for _, look in chosen}
+        for entry in looks[-1] if len(views) > 1 else []:
+            hopeful = 0.5 * entry[1].statistic > _PLAIN_NATS
+            if hopeful and _identity(entry[1].term) not in known:
+                chosen.append((entry[0], replace(entry[1], false_alarm=1.0)))
+        beside = fit.beside()
+        base = settled(beside, fit)
+        tried: list[tuple[Candidate, ...]] = []
+        for kind, look in chosen:
+            chance = min(1.0, look.false_alarm / SHARES[kind])
+            start = candidate_of(beside, fit.record, look.term, look.trials, chance)
+            shaped = refined(beside, fit.record, start)
+            tried.append((self._judged(weighed(beside, fit.record, shaped, fit.shapes, base)),))
+        for view, some in zip(views, looks, strict=True):
+            if not passing and not any(0.5 * x.statistic > _PLAIN_NATS for _, x in some):
+                continue
+            tried += self._pairs(view, beside, base, some)
+        tried = [e for e in tried if all(self.dropped.get(c.name, 0) < _AGAIN for c in e)]
+        tried = [e for e in tried if e[0].false_alarm < self.alpha and _nats(e) > _LEAST_NATS]
+        self.log.append(
+            "  "
+            + "; ".join(
+                f"{'+'.join(c.name for c in e)} {_nats(e):.0f}"
+                for e in sorted(tried, key=_nats, reverse=True)[:6]
+            )
+        )
+        named = [e for e in tried if not is_table(e[0].term.cause) and _nats(e) > _NAME_NATS]
+        return max(named or tried, key=_turn, default=())
+
+    def _judged(self, found: Candidate) -> Candidate:
+        """Return a candidate with the chance of its gain in likelihood where that is smaller."""
+        place = is_line(found.term.cause) or "step_time_s" in found.term.shape
+        if place or found.gain_nats < _PLAIN_NATS:
+            return found
+        table = is_table(found.term.cause)
+        trials = found.trials * (self.tables if table else self.names).all_trials
+        chance = chi2_tail(2.0 * max(found.gain_nats, 0.0), max(found.dof, 1))
+        chance = min(1.0, chance * trials / SHARES["table" if table else "name"])
+        return replace(found, false_alarm=min(found.false_alarm, chance))
+
+    def _pairs(
+        self, view: Fit, beside: Beside, base: float, looks: list[tuple[str, Look]]
+    ) -> list[tuple[Candidate, ...]]:
+        """Return the most promising pairs of names, weighed together."""
+        fit = self.fit
+        present = {part.name for part in fit.parts}
+        names = [x for k, x in looks if k == "name"]
+        out = []
+        for pair in self.names.pairs(view.beside(), names):
+            if any(look.term.name in present for look in pair):
+                continue
+            both = pair_of(beside, fit, pair, base)
+            if both[0].gain_nats > _PLAIN_NATS:
+                out.append(self._judged_pair(both))
+            if len(out) == _PAIRS:
+                break
+        return out
+
+    def _judged_pair(self, pair: tuple[Candidate, ...]) -> tuple[Candidate, ...]:
+        one, other = pair
+        trials = one.trials * other.trials * self.names.all_trials**2
+        chance = chi2_tail(2.0 * max(one.gain_nats, 0.0), one.dof + other.dof)
+        chance = min(1.0, chance * trials / SHARES["name"])
+        return replace(one, false_alarm=chance), replace(other, false_alarm=chance)
+
+    def accept_slow(self, evidence: float) -> bool:
+        """Accept slow noise where it explains more than anything else; return whether it does."""
+        fit = self.fit
+        if fit.shapes.with_slow:
+            return False
+        rising = fit.shapes.rising()
+        base = solve_best(fit.moments(), fit.shapes, fit.spectrum).likelihood
+        start = rising.fit(fit.spectrum.power, fit.bands.counts)
+        tried = solve(fit.moments(), rising, start, rounds=4, anew=True, reference=fit.spectrum)
+        gain = tried.likelihood - base
+        if gain - SLOW_PRICE < max(evidence, 0.0):
+            return False
+        self.log.append(f"slow noise E={gain - SLOW_PRICE:.0f}")
+        fit.shapes = rising
+        fit.settle(4, anew=True)
+        self.prune(_IN_SLOW_NATS, 0)
+        return True
+
+    def accept(self, found: Candidate) -> int:
+        """Add a candidate to the fit and settle."""
+        part = self.fit.add_term(found.term)
+        self.accepted[id(self.fit.parts[part])] = Accepted(
+            found.false_alarm, found.trials, found.evidence_nats
+        )
+        self.fit.settle(3)
+        self.log.append(
+            f"+ {found.name} {_short(found.term)} E={found.evidence_nats:.0f}"
+            f" T={found.statistic:.0f}"
+        )
+        return part
+
+    def replace_term(self, part: int, better: Candidate, accepted: Accepted | None) -> None:
+        """Put another name in the place of a cause."""
+        fit = self.fit
+        fit.remove(part)
+        new = fit.add_term(better.term)
+        kept = accepted or Accepted(better.false_alarm, better.trials, better.evidence_nats)
+        self.accepted[id(fit.parts[new])] = replace(
+            kept, trials=better.trials, evidence_nats=better.evidence_nats
+        )
+        fit.settle(3)
+        attach_forms(fit)
+
+    def explained(self, before: float) -> float:
+        """Return the share of the baseline's residual power that was explained since `before`."""
+        now = float(self.fit.bands.power(self.fit.residual).sum())
+        return (before - now) / max(self.first_power, 1e-300)
+
+    def reshape_all(self) -> None:
+        """Refine the shapes of all accepted causes, each beside the others."""
+        fit = self.fit
+        for part in fit.causes():
+            term = fit.parts[part].term
+            if term is None or not term.shape:
+                continue
+            beside = fit.beside(part)
+            start = candidate_of(beside, fit.record, term, 1.0, 0.0)
+            moved = refined(beside, fit.record, start, 3)
+            if moved.term.shape != term.shape and moved.statistic > start.statistic:
+                fit.reshape(part, moved.term)
+                fit.settle(1)
+
+    def prune(self, needed: float = _LEAST_NATS, most: int = 1) -> None:
+        """Drop causes that the others, or another noise, made needless."""
+        fit = self.fit
+        while len(fit.causes()) > most:
+            worst, least = None, needed
+            for part in fit.causes():
+                value = self.evidence_of(part)
+                if value < least:
+                    worst, least = part, value
+            if worst is None:
+                return
+            self.log.append(f"- {fit.parts[worst].name} E={least:.1f}")
+            name = fit.parts[worst].name
+            self.dropped[name] = self.dropped.get(name, 0) + 1
+            fit.remove(worst)
+            fit.settle(3)
+
+    def evidence_of(self, part: int) -> float:
+        """Return the evidence of an accepted cause beside all others, nats."""
+        fit = self.fit
+        term = fit.term(part)
+        beside = fit.beside(part)
+        base = settled(beside, fit)
+        kept = self.accepted.get(id(fit.parts[part]))
+        trials = kept.trials if kept else 1.0
+        start = candidate_of(beside, fit.record, term, trials, 0.0)
+        return weighed(beside, fit.record, start, fit.shapes, base).evidence_nats
+
+
+def _place_of(part: Part, key: str) -> float | None:
+    """Return the order or frequency of a line of the fit, None for any other part."""
+    kind, _, order = part.name.partition(":")
+    if key == "order" and kind == "ripple" and part.term is None:
+        return float(order)
+    return None if part.term is None else part.term.shape.get(key)
+
+
+def settled(beside: Beside, fit: Fit) -> float:
+    """Return the log likelihood without a candidate, its noise settled further than with one."""
+    return solve_best(beside.moments, fit.shapes, fit.spectrum, rounds=_BASE_ROUNDS).likelihood
+
+
+def _turn(entry: tuple[Candidate, ...]) -> float:
+    """Return evidence, doubled for what follows the motion: a true line loses nothing by waiting.
+
+    A motion that repeats makes a law of speed look like lines over the angle, not the reverse.
+    """
+    law = any(follows_motion(c.term.cause) for c in entry)
+    return round(_nats(entry) * (_LAWS_FIRST if law else 1.0), 1)
+
+
+def _nats(entry: tuple[Candidate, ...]) -> float:
+    return sum(c.evidence_nats for c in entry)
+
+
+def pair_of(
+    beside: Beside, fit: Fit, pair: tuple[Look, Look], base: float
+) -> tuple[Candidate, ...]:
+    """Return two names together: their joint evidence stands with the first."""
+    one, other = (candidate_of(beside, fit.record, x.term, x.trials, 1.0) for x in pair)
+    rows = np.concatenate([one.rows, other.rows])
+    scale = np.concatenate([one.scale, other.scale])
+    matrix, right = beside.project(rows)
+    amount = np.linalg.lstsq(matrix, right, rcond=1e-9)[0]
+    joint = replace(
+        one,
+        rows=rows,
+        scale=scale,
+        linear=amount / scale,
+        dof=len(rows),
+        statistic=float(amount @ right),
+    )
+    moving = any(follows_motion(x.term.cause) for x in pair)
+    gain = gain_of(beside, joint.rows, fit.shapes, base, moving)
+    k = len(one.rows)
+    one = replace(one, linear=joint.linear[:k])
+    other = replace(other, linear=joint.linear[k:])
+    evidence = log_evidence(2.0 * max(gain, 0.0), len(rows))
+    evidence -= price(beside, fit.record, one) + price(beside, fit.record, other)
+    return (
+        replace(one, evidence_nats=evidence, gain_nats=gain),
+        replace(other, evidence_nats=0.0, gain_nats=0.0),
+    )
+
+
+def _nearest(looks: list[tuple[str, Look]]) -> list[tuple[str, Look]]:
+    """Return the looks that a better shape or noise may make the best."""
+    chosen: list[tuple[str, Look]] = []
+    for tables, most in ((False, _NAMES + _LINES), (True, _TABLES)):
+        some = [entry for entry in looks if is_table(entry[1].term.cause) is tables]
+        # equals keep the order of the catalogue
+        some.sort(key=lambda entry: -round(_quick(entry[1]), 1))
+        best = _quick(some[0][1]) if some else 0.0
+        least = best - max(_BEHIND_NATS, _BEHIND * best)
+        chosen += [entry for entry in some if _quick(entry[1]) > least][:most]
+    return chosen
+
+
+def _identity(term: Term) -> tuple[str, tuple[tuple[str, float], ...]]:
+    return term.name, tuple(term.shape.items())
+
+
+def _quick(look: Look) -> float:
+    return (
+        0.5 * look.statistic
+        - 2.0 * look.dof
+        - float(np.log(max(look.trials, 1.0)))
+        - (5.0 if is_table(look.term.cause) else 0.0)
+    )
+
+
+def _key(scan: Scan) -> str:
+    return {"motor-order": "order", "frequency": "frequency_hz"}.get(scan.domain, "output_order")
+
+
+def _short(term: Term) -> str:
+    return ",".join(f"{v:.4g}" for v in term.shape.values())
+
+
+def fitted_nm(fit: Fit, *, whole: bool = True) -> FloatArray:
+    """Return the fitted torque, N m; without what acts on the whole signal where asked."""
+    record = fit.record
+    torque = np.zeros(len(record))
+    for index, part in enumerate(fit.parts):
+        if part.term is not None:
+            if whole or not part.term.cause.whole_signal:
+                torque += term_columns(part.term, record) @ fit.linear(index)
+        elif len(part.scale):
+            places = [
+                i for i, n in enumerate(record.names) if (n.rpartition(":")[0] or n) == part.name
+            ]
+            torque += record.columns[:, places] @ fit.linear(index)
+    return torque
+
+
+def signal_nm(fit: Fit) -> tuple[FloatArray, FloatArray]:
+    """Return the fitted torque of the channel, N m, and its slope over the motor angle, N m/rad."""
+    record = fit.record
+    slope = np.zeros(len(record))
+    for index, part in enumerate(fit.parts):
+        kind, _, order = part.name.partition(":")
+        if part.term is None and kind == "ripple":
+            cosine, sine = fit.linear(index)
+            places = [i for i, n in enumerate(record.names) if n.startswith(f"{part.name}:")]
+            wave = record.columns[:, places]
+            slope += float(order) * (sine * wave[:, 0] - cosine * wave[:, 1])
+    return fitted_nm(fit, whole=False), slope
+
+
+def search(
+    record: Record,
+    causes: Mapping[str, Cause],
+    known: tuple[Term, ...],
+    *,
+    alpha: float,
+    rng: np.random.Generator,
+    progress: Callable[[str, float], None] | None = None,
+    least_share: float = 0.0,
+) -> Search:
+    """Return what a record holds beyond its baseline and the known causes.
+
+    Parameters
+    ----------
+    record : Record
+        Record.
+    causes : mapping of str to Cause
+        Catalogue.
+    known : tuple of Term
+        Causes that the model already holds.
+    alpha : float
+        Probability of any finding without an effect, in (0, 1).
+    rng : Generator
+        For the draws of the null.
+    progress : callable or None
+        Called with what is being done and the share done.
+    least_share : float
+        The search ends after causes that explain less than this share of the baseline's residual
+        variance; what they leave is told as rest.
+
+    Returns
+    -------
+    Search
+    """
+    report = progress or (lambda what, share: None)
+    fit = Fit.start(record, known)
+    record = with_simulated(record, *signal_nm(fit))
+    fit.record = record
+    held = {term.name for term in known}
+    usable = {
+        name: cause
+        for name, cause in causes.items()
+        if cause.additive
+        and cause.applicable(record.motion) is None
+        and (name not in held or is_line(cause) or name == "zero-step")
+    }
+    attach_forms(fit)
+    report("forming the dictionary", 0.1)
+    names = make_dictionary(record, usable.values(), fit)
+    tables = make_dictionary(record, table_causes(record), fit)
+    report("drawing the null", 0.3)
+    names.calibrate(fit, rng)
+    tables.calibrate(fit, rng)
+    state = Search(fit, names, tables, plan_scans(record), usable, alpha, causes)
+    state.first_power = float(fit.bands.power(fit.residual).sum())
+    state.first = {scan.domain: scan_power(fit, scan)[1] for scan in state.scans}
+    small = 0
+    for count in range(_MOST_ROUNDS):
+        report("searching", 0.35 + 0.5 * (1.0 - 0.8**count))
+        found = state.round()
+        form = best_form_move(fit)
+        evidence = sum(c.evidence_nats for c in found)
+        if state.accept_slow(max(evidence, form[0] if form else 0.0)):
+            continue
+        if form is not None and form[0] > max(evidence, _LEAST_NATS):
+            fit.parts[form[1]].form_scale = form[2]
+            fit.settle(3)
+            state.log.append(f"form {fit.parts[form[1]].name} {form[2]} E={form[0]:.0f}")
+        elif found:
+            before = fit.bands.power(fit.residual).sum()
+            for one in found:
+                state.accept(one)
+            small = small + 1 if state.explained(before) < least_share else 0
+            if small > _SMALL:
+                break
+        else:
+            break
+        state.reshape_all()
+        attach_forms(fit)
+        state.prune()
+    return state

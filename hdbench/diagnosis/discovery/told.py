@@ -1,0 +1,440 @@
+"""Told: what a search found, as causes, places without a name and numbers of the answer."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from hdbench.diagnosis.answer.records import Gain
+from hdbench.diagnosis.answer.result import NamedCause, Spectrum, Unexplained
+from hdbench.diagnosis.discovery.chance import chi2_level, chi2_tail
+from hdbench.diagnosis.discovery.fit import Fit, scaled_rows
+from hdbench.diagnosis.discovery.heldout import Prediction, gain_between, hold_out
+from hdbench.diagnosis.discovery.lines import scan_power
+from hdbench.diagnosis.discovery.moments import solve
+from hdbench.diagnosis.discovery.naming import Named, name_causes
+from hdbench.diagnosis.discovery.rest import find_burst, find_humps
+from hdbench.diagnosis.discovery.search import SHARES, Search
+from hdbench.diagnosis.discovery.tables import axes_of, is_table
+from hdbench.diagnosis.discovery.term import smooth_shapes, tangent_columns, term_columns
+from hdbench.model import BenchModel, CauseTerm, cause_parameters
+from hdbench.records.trace import FloatArray
+
+__all__ = ["Told", "minimum_detectable", "spectra", "tell"]
+
+DOMAINS = {
+    "motor": "motor-order",
+    "output": "output-order",
+    "clock": "frequency",
+    "velocity": "velocity",
+    "acceleration": "acceleration",
+    "load": "torque",
+    "time": "time",
+}
+# an effect is found with 90 % where its size is so many standard deviations above the threshold
+_POWER = 1.28
+# cells of a spectrum that a picture can show
+_SPECTRUM_POINTS = 2000
+# a random walk has power like 1/f^2, flicker like 1/f: what is steeper than halfway is a walk;
+# bands with three times the power of faster noise tell
+_STEEP, _ABOVE_FAST = 1.5, 3.0
+# humps that hold less than this share of what is left are no rest
+_HUMP_SHARE = 0.1
+
+
+@dataclass(slots=True)
+class Told:
+    """What a search found, in the words of the answer.
+
+    Parameters
+    ----------
+    fit : Fit
+        Joint fit.
+    causes : list of NamedCause
+        Every cause, material or not.
+    places : list of Unexplained
+        Every place without a name.
+    before, after : Prediction
+        Held-out blocks predicted by the baseline, and by all that was found.
+    terms : list of CauseTerm
+        Causes as the model file writes them.
+    variance_nm2 : float
+        Mean square of the baseline's residual, (N m)^2.
+    """
+
+    fit: Fit
+    causes: list[NamedCause]
+    places: list[Unexplained]
+    before: Prediction
+    after: Prediction
+    terms: list[CauseTerm]
+    variance_nm2: float
+    log: list[str] = field(default_factory=list)
+
+
+def tell(
+    search: Search,
+    model: BenchModel,
+    rng: np.random.Generator,
+    noise_variance: FloatArray | None = None,
+) -> Told:
+    """Return what a search found as the answer says it.
+
+    Parameters
+    ----------
+    search : Search
+        A search that has ended.
+    model : BenchModel
+        Model that was held against the record, with causes of the user's own.
+    rng : Generator
+        For the bootstrap.
+    noise_variance : ndarray or None, shape (n_samples,)
+        Variance of the noise at each sample over its mean, where it is known to change.
+
+    Returns
+    -------
+    Told
+    """
+    named = name_causes(search)
+    fit = search.fit
+    held = hold_out(fit)
+    everything = set(range(len(fit.parts)))
+    base = {i for i in everything if i not in fit.causes()}
+    before, after = held.predict(base), held.predict(everything)
+    variance = _mean_square(fit, base)
+    covariances = _covariances(fit)
+    causes: list[NamedCause] = []
+    places: list[Unexplained] = []
+    terms: list[CauseTerm] = []
+    shares = _shares(fit, base, variance)
+    for index, part in enumerate(fit.parts):
+        term = part.term
+        if term is None:
+            continue
+        if not is_table(term.cause):
+            linear = tuple(
+                float(np.clip(x, p.lower, p.upper))
+                for x, p in zip(fit.linear(index), term.cause.linear, strict=True)
+            )
+            matrix = tuple(tuple(map(float, row)) for row in covariances[index])
+            terms.append(CauseTerm(term.name, dict(term.shape), linear, matrix))
+        if term.known:
+            continue
+        one = named[index]
+        accepted = search.accepted.get(id(part))
+        chance = accepted.false_alarm if accepted else 1.0
+        if is_table(term.cause):
+            places.append(_place(fit, index, shares[index], chance))
+            continue
+        without = held.predict(everything - {index})
+        if without.chi2 <= after.chi2:
+            search.log.append(f"{term.name} predicts nothing")
+            continue
+        gain = gain_between(without, after, rng)
+        causes.append(_cause(one, terms[-1], model, gain, shares[index], chance))
+    walk = _walk(search, variance)
+    if walk is not None:
+        causes.append(walk[0])
+        terms.append(walk[1])
+    places += _rest_places(search, variance, noise_variance)
+    return Told(fit, causes, places, before, after, terms, variance, search.log)
+
+
+def _walk(search: Search, variance: float) -> tuple[NamedCause, CauseTerm] | None:
+    """Return a random walk of the zero where the slow noise is steeper than 1/f; None without."""
+    fit = search.fit
+    cause = search.catalogue.get("zero-random-walk")
+    if cause is None or not fit.shapes.with_slow or cause.applicable(fit.record.motion) is not None:
+        return None
+    power = fit.bands.power(fit.residual) / np.maximum(fit.bands.counts, 1e-9)
+    fast = fit.shapes.with_only(0).fit(power, fit.bands.counts).power
+    exponent, std, chance = _slope(fit, power, fast)
+    if exponent - std < _STEEP or chance > search.alpha * SHARES["burst"]:
+        return None
+    gain = -float(np.log(max(chance, 1e-300)))
+    f = fit.bands.frequency_hz
+    slow = slice(0, max(4, int(np.argmin(np.abs(f - 30.0 * f[0])))))
+    walk = np.maximum(power - fast, 0.0)[slow]
+    steps = 2.0 * np.pi * f[slow] * np.sqrt(walk * fit.record.period_s)
+    intensity = float(np.clip(np.median(steps), 1e-6, 100.0))
+    std = intensity / float(np.sqrt(2.0 * max(float(fit.bands.counts[slow].sum()), 1.0)))
+    share = float(np.sum(np.diff(fit.bands.edges) * np.maximum(power - fast, 0.0)))
+    share = min(1.0, share / fit.bands.length / variance)
+    shape = {"intensity_nm_per_sqrt_s": intensity}
+    left = float(np.sqrt(variance))
+    told = NamedCause(
+        cause.name,
+        (cause.name,),
+        (),
+        {"intensity_nm_per_sqrt_s": {"value": intensity, "std": std, "unit": "N m/s^0.5"}},
+        gain,
+        chance / SHARES["burst"],
+        Gain(left, left * float(np.sqrt(1.0 - share)), share, (0.0, share)),
+        None,
+        share,
+        "time",
+    )
+    return told, CauseTerm(cause.name, shape, ())
+
+
+def _slope(fit: Fit, power: FloatArray, fast: FloatArray) -> tuple[float, float, float]:
+    """Return the exponent of the slow noise, its standard deviation, and the chance of none."""
+    counts, f = fit.bands.counts, fit.bands.frequency_hz
+    slow = np.flatnonzero((counts >= 2.0) & (power > _ABOVE_FAST * fast))
+    slow = slow[slow <= (slow[0] + 20 if len(slow) else 0)]
+    if len(slow) < 3:
+        return 0.0, 1.0, 1.0
+    # log of a mean of n squares of normal values scatters by sqrt(2 / n)
+    x, y, w = np.log(f[slow]), np.log(power[slow]), counts[slow] / 2.0
+    centre = float(np.sum(w * x) / w.sum())
+    exponent = -float(np.sum(w * (x - centre) * y) / np.sum(w * (x - centre) ** 2))
+    std = 1.0 / float(np.sqrt(np.sum(w * (x - centre) ** 2)))
+    total = float(np.sum(counts[slow] * power[slow] / fast[slow]))
+    return exponent, std, (chi2_tail(total, counts[slow].sum())) * len(counts)
+
+
+def _cause(
+    one: Named, term: CauseTerm, model: BenchModel, gain: Gain, share: float, chance: float
+) -> NamedCause:
+    """Return a named cause as the result states it."""
+    parameters = dict(cause_parameters(term, extra=model.extra_causes))
+    cause = one.best.term.cause
+    for other in one.group:
+        for name, value in other.term.shape.items():
+            unit = next(p.unit for p in other.term.cause.shape if p.name == name)
+            parameters.setdefault(name, {"value": value, "std": None, "unit": unit})
+    group = (cause.name, *(c.name for c in one.group))
+    rivals = tuple(c.name for c in one.rivals)
+    several = len(group) > 1 or bool(rivals)
+    return NamedCause(
+        cause.name,
+        group,
+        rivals,
+        parameters,
+        one.best.evidence_nats,
+        chance,
+        gain,
+        cause.experiment if several else None,
+        share,
+        DOMAINS.get(cause.locked_to, cause.locked_to),
+        probability=one.probability,
+    )
+
+
+def _mean_square(fit: Fit, parts: set[int]) -> float:
+    """Return the mean square that these parts leave, fitted in the present noise, (N m)^2."""
+    dropped = ~np.isin(fit.owner, list(parts)) | ~fit.active
+    moments = fit.all_moments().without(dropped)
+    step = solve(moments, fit.shapes, fit.spectrum, rounds=0).step
+    power = moments.power - 2.0 * moments.right @ step + moments.gram @ step @ step
+    return float(max(power.sum(), 1e-300)) / len(fit.record)
+
+
+def _shares(fit: Fit, base: set[int], variance: float) -> dict[int, float]:
+    """Return the share of the baseline's residual variance that each cause explains.
+
+    The larger of what it adds to the causes accepted before it, and of what its loss would cost.
+    """
+    everything = set(range(len(fit.parts)))
+    whole = _mean_square(fit, everything)
+    shares, so_far = {}, set(base)
+    last = _mean_square(fit, so_far)
+    for part in fit.causes():
+        so_far = so_far | {part}
+        now = _mean_square(fit, so_far)
+        lost = _mean_square(fit, everything - {part}) - whole
+        shares[part] = float(np.clip(max(last - now, lost) / variance, 0.0, 1.0))
+        last = now
+    return shares
+
+
+def _covariances(fit: Fit) -> dict[int, FloatArray]:
+    """Return the covariance of linear and shape parameters of each cause, all fitted jointly."""
+    active = np.flatnonzero(fit.active)
+    rows, scales, owner = [fit.rows[active]], [], []
+    for index, part in enumerate(fit.parts):
+        if part.term is None or is_table(part.term.cause) or not smooth_shapes(part.term):
+            continue
+        slopes = tangent_columns(part.term, fit.linear(index), fit.record)
+        new, scale = scaled_rows(fit.bands, slopes)
+        rows.append(new)
+        scales.append(scale)
+        owner += [index] * len(scale)
+    every = np.concatenate(rows)
+    weight = fit.bands.spread(1.0 / fit.spectrum.power)
+    matrix = (every * weight) @ every.T
+    penalty = np.concatenate([fit.penalty[active], np.zeros(len(owner))])
+    matrix[np.diag_indices_from(matrix)] += penalty
+    root = 1.0 / np.sqrt(np.maximum(np.diag(matrix), 1e-300))
+    inverse = np.linalg.pinv(matrix * np.outer(root, root), rcond=1e-10, hermitian=True)
+    inverse *= np.outer(root, root)
+    tangent_scale = np.concatenate(scales) if scales else np.zeros(0)
+    found = {}
+    for index, part in enumerate(fit.parts):
+        if part.term is None:
+            continue
+        flat = np.searchsorted(active, fit.flat(index))
+        slope = len(active) + np.flatnonzero(np.array(owner, dtype=int) == index)
+        at = np.concatenate([flat, slope]).astype(int)
+        scale = np.concatenate([part.scale, tangent_scale[slope - len(active)]])
+        own = inverse[np.ix_(at, at)] / np.outer(scale, scale)
+        found[index] = _whole_shape(part.term, own, len(flat))
+    return found
+
+
+def _whole_shape(term: object, matrix: FloatArray, n_linear: int) -> FloatArray:
+    """Return a covariance with a row for every shape: one without a slope is not known."""
+    shape = [p.name for p in term.cause.shape]  # type: ignore[attr-defined]
+    smooth = smooth_shapes(term)  # type: ignore[arg-type]
+    if len(smooth) == len(shape):
+        return matrix
+    return matrix[:n_linear, :n_linear]
+
+
+def _place(fit: Fit, index: int, share: float, chance: float) -> Unexplained:
+    """Return a table or a line without a name as a place."""
+    term = fit.term(index)
+    if term.shape and "*" not in term.name:
+        (key, value) = next(iter(term.shape.items()))
+        domain = "frequency" if key == "frequency_hz" else "output-order"
+        scan_cell = 1.0 / max(fit.record.span_s, 1e-9) if key == "frequency_hz" else 0.05
+        size = float(np.hypot(*fit.linear(index)))
+        return Unexplained(
+            domain,
+            value,
+            (value - 0.5 * scan_cell, value + 0.5 * scan_cell),
+            term.cause.shape[0].unit,
+            size,
+            share,
+            chance,
+        )
+    domains = term.name.partition(":")[2].split("*")
+    if term.shape:
+        value = term.shape["order"]
+        torque = term_columns(term, fit.record) @ fit.linear(index)
+        half = np.pi / max(float(np.ptp(fit.record.motion.angle_rad[fit.record.valid])), 1e-9)
+        return Unexplained(
+            "motor-order",
+            value,
+            (value - half, value + half),
+            "1",
+            float(np.sqrt(2.0 * np.mean(torque[fit.record.valid] ** 2))),
+            share,
+            chance,
+            domains[1],
+        )
+    axis = next(a for a in axes_of(fit.record) if a.domain == domains[0])
+    torque = term_columns(term, fit.record) @ fit.linear(index)
+    torque = torque - torque[fit.record.valid].mean()
+    values = np.mod(axis.values, axis.period) if axis.period else axis.values
+    valid = fit.record.valid
+    order = np.argsort(values[valid])
+    pieces = np.array_split(order, 24)
+    energy = np.array([float(np.mean(torque[valid][p] ** 2)) if len(p) else 0.0 for p in pieces])
+    place = np.array([float(values[valid][p].mean()) if len(p) else 0.0 for p in pieces])
+    high = np.flatnonzero(energy > 0.5 * energy.max())
+    size = float(np.sqrt(np.mean(torque[valid] ** 2)))
+    return Unexplained(
+        axis.domain,
+        float(place[int(np.argmax(energy))]),
+        (float(place[high[0]]), float(place[high[-1]])),
+        axis.unit,
+        size,
+        share,
+        chance,
+        domains[1] if len(domains) > 1 else None,
+    )
+
+
+def _rest_places(
+    search: Search, variance: float, noise_variance: FloatArray | None
+) -> list[Unexplained]:
+    """Return bursts, and humps of the noise that hold a tenth of what is left."""
+    fit = search.fit
+    out = []
+    burst = find_burst(fit, noise_variance)
+    if burst is not None and burst.chance < search.alpha * SHARES["burst"]:
+        out.append(
+            Unexplained(
+                "time",
+                0.5 * (burst.from_s + burst.to_s),
+                (burst.from_s, burst.to_s),
+                "s",
+                float(np.sqrt(burst.power_nm2 * len(fit.record) / burst.samples)),
+                min(1.0, burst.power_nm2 / variance),
+                burst.chance / SHARES["burst"],
+            )
+        )
+    left = float(fit.bands.power(fit.residual).sum()) / len(fit.record)
+    for hump in find_humps(fit):
+        if hump.power_nm2 > _HUMP_SHARE * left:
+            out.append(
+                Unexplained(
+                    "frequency",
+                    float(np.sqrt(max(hump.low_hz, 1e-9) * hump.high_hz)),
+                    (hump.low_hz, hump.high_hz),
+                    "Hz",
+                    float(np.sqrt(2.0 * hump.power_nm2)),
+                    min(1.0, hump.power_nm2 / variance),
+                    0.0,
+                )
+            )
+    return out
+
+
+def minimum_detectable(search: Search) -> tuple[tuple[str, float], ...]:
+    """Return the amplitude of each name, N m, that would have been found with 90 %."""
+    fit = search.fit
+    beside = fit.beside()
+    information, _ = search.names.projected(beside)
+    limits: dict[str, float] = {}
+    for member, matrix in zip(search.names.members, information, strict=True):
+        name = member.term.name
+        trials = search.names.family_trials.get(name, 1.0) * search.names.all_trials
+        level = chi2_level(search.alpha * SHARES["name"] / trials, len(matrix))
+        largest = float(np.max(np.diag(matrix), initial=0.0))
+        if largest > 0.0:
+            amplitude = (np.sqrt(level) + _POWER) / np.sqrt(largest) * np.sqrt(2.0)
+            limits[name] = min(limits.get(name, np.inf), float(amplitude))
+    for scan in search.scans:
+        statistic, amplitude = scan_power(fit, scan)
+        good = statistic > 0.0
+        if not good.any():
+            continue
+        per_sigma = float(np.median(amplitude[good] / np.sqrt(statistic[good])))
+        trials = max(2.0, scan.density)
+        level = chi2_level(min(0.5, search.alpha * SHARES["line"] / trials), 2)
+        names = {
+            "motor-order": ("ripple-harmonic", "bearing-defect", "cogging"),
+            "frequency": ("structural-tone", "mains-hum"),
+        }.get(scan.domain, ())
+        for name in names:
+            if name in search.causes:
+                limits[name] = (float(np.sqrt(level)) + _POWER) * per_sigma
+    return tuple(sorted(limits.items()))
+
+
+def spectra(search: Search, first: Mapping[str, FloatArray]) -> tuple[Spectrum, ...]:
+    """Return amplitudes of lines along every axis, with the baseline alone and with all causes."""
+    found = []
+    for scan in search.scans:
+        after = scan_power(search.fit, scan)[1]
+        before = first.get(scan.domain, after)
+        grid = scan.transform.grid
+        width = max(1, -(-len(grid) // _SPECTRUM_POINTS))
+        starts = np.arange(0, len(grid), width)
+        higher = np.maximum(before, after)
+        # a cell is placed at its largest line, so that a peak stands where it was found
+        places = [int(s + np.argmax(higher[s : s + width])) for s in starts]
+        found.append(
+            Spectrum(
+                scan.domain,
+                scan.unit,
+                grid[places],
+                np.maximum.reduceat(before, starts),
+                np.maximum.reduceat(after, starts),
+            )
+        )
+    return tuple(found)

@@ -1,1 +1,0 @@
-"""The noise of a record, and the space in which it is white."""

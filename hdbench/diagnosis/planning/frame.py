@@ -1,0 +1,263 @@
+"""Frame of a motion: few rows that keep all products of effects, white in the noise."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hdbench.diagnosis.discovery.bands import Bands, make_bands
+from hdbench.model import BenchModel, Cause, Motion, baseline_columns, shape_bounds, with_signal
+from hdbench.profile.schema import ProfileData
+from hdbench.records.trace import FloatArray
+
+__all__ = ["ROWS", "Bounds", "Frame", "Noise", "make_frame"]
+
+Bounds = tuple[tuple[float, float], ...]
+
+# rows that stand for a motion in white noise: on the built-in profile's 172 s protocol the largest
+# change of any sin^2 against all samples is 0.02 (tests/diagnosis/test_planning.py)
+ROWS = 8_000
+# half of the rows evenly over the record, a quarter where the motor accelerates, a quarter where it
+# is slow: there friction, hysteresis and inertia differ from everything else
+_EVENLY, _ACCELERATING, _SLOW = 0.5, 0.25, 0.25
+_SLOW_RAD_S = 20.0
+_SEED = 20250101
+# a cause that remembers is computed on the rows, every so many samples between them, and wherever
+# the load jumps by this share of its range or a stretch begins ...
+_COURSE = 8
+_JUMP = 0.01
+# ... where that agrees with more samples to this share of its size: sin^2 changes by twice as much
+_AGREES = 3e-3
+# noise is white where no power is further from the mean than this share of it, as that of white
+# noise does in the narrow bands of a short record
+_FLAT = 0.5
+# frequencies at which the spectrum of an autoregression is tabled
+_TABLED = 513
+
+
+@dataclass(frozen=True, slots=True)
+class Noise:
+    """Noise of the torque channel by its spectrum.
+
+    Parameters
+    ----------
+    frequency_hz : ndarray
+        Frequencies, Hz, increasing; a single one for white noise.
+    power_nm2 : ndarray
+        Variance of an orthonormal cosine coefficient at each, (N m)^2; of every sample where white.
+    """
+
+    frequency_hz: FloatArray
+    power_nm2: FloatArray
+
+    @classmethod
+    def white(cls, std_nm: float) -> Noise:
+        """Return white noise of a standard deviation, N m."""
+        return cls(np.zeros(1), np.array([std_nm**2]))
+
+    @classmethod
+    def autoregression(cls, std_nm: float, coefficients: FloatArray, period_s: float) -> Noise:
+        """Return the noise x_n = a_1 x_(n-1) + ... + e_n, e_n of a standard deviation, N m."""
+        phase = np.linspace(0.0, np.pi, _TABLED)
+        lags = np.arange(1, len(coefficients) + 1)
+        gain = np.abs(1.0 - np.exp(-1j * np.outer(phase, lags)) @ coefficients) ** 2
+        power = std_nm**2 / np.maximum(gain, 1e-12)
+        return cls(phase / (2.0 * np.pi * period_s), power) if len(lags) else cls.white(std_nm)
+
+    @property
+    def std_nm(self) -> float:
+        """Root of the mean power, N m."""
+        return float(np.sqrt(np.mean(self.power_nm2)))
+
+    @property
+    def is_white(self) -> bool:
+        """Whether all frequencies have about the same power."""
+        return float(np.abs(self.power_nm2 / self.std_nm**2 - 1.0).max()) <= _FLAT
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """A motion in blocks, with all that brings columns of a cause to white rows.
+
+    `few` are the drawn samples alone, `course` these with what of the others causes that remember
+    need; `rows` and `places` say where they are in `motion` and in `course`, `weights` the inverse
+    root of the probability with which each was drawn. `edges` are the first sample of each block
+    and the end. Where the noise is not white, `bands` hold the cosine transform of each block.
+    `base` are the white rows of the baseline, the zero first. `homes` and `domains` keep on which
+    motion each cause is computed, and the bounds of its shapes.
+    """
+
+    motion: Motion
+    few: Motion
+    course: Motion
+    rows: NDArray[np.intp]
+    places: NDArray[np.intp]
+    weights: FloatArray
+    noise: Noise
+    edges: NDArray[np.intp]
+    bands: tuple[Bands, ...]
+    base: FloatArray
+    homes: dict[str, int] = field(default_factory=dict)
+    domains: dict[str, dict[str, Bounds]] = field(default_factory=dict)
+
+    def bounds(self, cause: Cause) -> dict[str, Bounds]:
+        """Return where each shape parameter of a cause can lie on this motion."""
+        if cause.name not in self.domains:
+            self.domains[cause.name] = shape_bounds(cause, self.motion)
+        return self.domains[cause.name]
+
+    def drawn(self, cause: Cause, shape: Mapping[str, float]) -> FloatArray:
+        """Return columns on the drawn samples, weighted, as rows of shape (k, m), N m per unit."""
+        return self._on(self.home(cause, shape), cause, shape) * self.weights
+
+    def white(self, cause: Cause, shape: Mapping[str, float]) -> FloatArray:
+        """Return the white rows of a cause, shape (k, m_white), per unit of each coefficient."""
+        if self.noise.is_white:
+            return np.asarray(self.drawn(cause, shape) / self.noise.std_nm)
+        return _transformed(_finite(cause.columns(self.motion, shape)), self)
+
+    def peak(self, cause: Cause, shape: Mapping[str, float]) -> float:
+        """Return the largest row of a cause's columns, N m per unit: its peak torque."""
+        columns = self._on(self.home(cause, shape), cause, shape)
+        return float(np.sqrt(np.sum(columns**2, axis=0)).max(initial=0.0))
+
+    def products(self, one: FloatArray, other: FloatArray) -> FloatArray:
+        """Return the Gram matrix of white rows (..., k, m) and (l, m) in each block."""
+        if self.noise.is_white:
+            ends = np.searchsorted(self.rows, self.edges)
+        else:
+            ends = np.cumsum([0, *(b.size for b in self.bands)])
+        across = np.swapaxes(other, -1, -2)
+        return np.stack([one[..., a:b] @ across[..., a:b, :] for a, b in pairwise(ends)])
+
+    def home(self, cause: Cause, shape: Mapping[str, float]) -> int:
+        """Return 0, 1 or 2: the fewest samples on which the columns of a cause are right."""
+        if cause.name not in self.homes:
+            self.homes[cause.name] = 2
+            # a delay is interpolated between neighbours
+            if "delay_s" not in shape:
+                more = self._on(1, cause, shape)
+                if _alike(self._on(0, cause, shape), more, self.weights):
+                    self.homes[cause.name] = 0
+                elif _alike(more, self._on(2, cause, shape), self.weights):
+                    self.homes[cause.name] = 1
+        return self.homes[cause.name]
+
+    def _on(self, home: int, cause: Cause, shape: Mapping[str, float]) -> FloatArray:
+        """Return columns at the drawn samples, computed on one of the motions, as rows."""
+        motion = (self.few, self.course, self.motion)[home]
+        columns = _finite(cause.columns(motion, shape))
+        return columns if home == 0 else columns[:, (self.places, self.rows)[home - 1]]
+
+
+def _finite(columns: FloatArray) -> FloatArray:
+    """Return columns as rows; a sample in which a cause cannot be formed shows nothing of it."""
+    rows = np.array(columns.T, dtype=np.float64, order="C")
+    rows[~np.isfinite(rows)] = 0.0
+    return rows
+
+
+def _alike(one: FloatArray, other: FloatArray, weights: FloatArray) -> bool:
+    apart = float(np.sum(((one - other) * weights) ** 2))
+    return apart <= _AGREES**2 * float(np.sum((other * weights) ** 2))
+
+
+def _transformed(rows: FloatArray, frame: Frame) -> FloatArray:
+    """Return the cosine transform of each block over the root of the noise's power."""
+    parts = []
+    for band, (a, b) in zip(frame.bands, pairwise(frame.edges), strict=True):
+        power = np.interp(band.frequency_hz, frame.noise.frequency_hz, frame.noise.power_nm2)
+        parts.append(band.transform(rows[:, a:b].T) / np.sqrt(band.spread(power)))
+    return np.hstack(parts)
+
+
+def make_frame(
+    motion: Motion,
+    profile: ProfileData,
+    noise: Noise | None = None,
+    *,
+    n_rows: int = ROWS,
+    edges: Sequence[int] = (),
+) -> Frame:
+    """Return the frame of a motion, in blocks that begin at `edges` where there are any.
+
+    One row is drawn from every stretch of equal probability, and weighted by the inverse root of
+    its own, so that products of rows are those of the whole record on average. The draw has a
+    fixed seed. In noise that is not white every sample of a block is transformed instead.
+    """
+    if motion.simulated_nm is None:
+        # for causes that act on the whole signal
+        motion = with_signal(motion, BenchModel.from_profile(profile).torque_nm)
+    noise = noise or Noise.white(max(profile.sensor.noise_nm, np.finfo(float).tiny))
+    chance = _chance(motion, n_rows)
+    reached = np.cumsum(chance)
+    strata = np.arange(max(1, round(reached[-1])))
+    places = strata + np.random.default_rng(_SEED).random(len(strata))
+    index = np.searchsorted(reached, places * (reached[-1] / len(strata)), side="right")
+    rows, times = np.unique(np.minimum(index, len(motion) - 1), return_counts=True)
+    course = _course(motion, rows)
+    few = _picked(motion, rows)
+    sides = np.asarray(edges if len(edges) else (0, len(motion)), dtype=np.intp)
+    raw = Frame(
+        motion, few, _picked(motion, course), rows, np.searchsorted(course, rows),
+        np.sqrt(times / chance[rows]), noise, sides, (), np.zeros((0, 0)),
+    )  # fmt: skip
+    if noise.is_white:
+        return replace(raw, base=_baseline(few, profile) * (raw.weights / noise.std_nm))
+    period = float(np.median(np.diff(motion.time_s)))
+    bands = tuple(make_bands(motion.valid[a:b], period) for a, b in pairwise(sides))
+    raw = replace(raw, bands=bands)
+    return replace(raw, base=_transformed(_baseline(motion, profile), raw))
+
+
+def _baseline(motion: Motion, profile: ProfileData) -> FloatArray:
+    """Return all that a diagnosis explains before it looks for a cause, as rows."""
+    _, names, base = baseline_columns(motion, profile)
+    if "misalignment:cosine" not in names:
+        # below an output turn the diagnosis projects output order 1 out as well
+        turn = motion.output_angle_rad
+        base = np.column_stack([base, np.cos(turn), np.sin(turn)])
+    return _finite(base)
+
+
+def _chance(motion: Motion, n_rows: int) -> FloatArray:
+    """Return the probability with which each sample is drawn."""
+    count = int(motion.valid.sum())
+    if count <= n_rows:
+        return motion.valid.astype(np.float64)
+    acceleration = np.where(motion.valid, np.abs(motion.acceleration_rad_s2), 0.0)
+    slow = motion.valid & (np.abs(motion.velocity_rad_s) < _SLOW_RAD_S)
+    chance = _EVENLY * motion.valid / count
+    for share, where in ((_ACCELERATING, acceleration), (_SLOW, slow.astype(np.float64))):
+        total = float(where.sum())
+        chance = chance + share * (where / total if total > 0.0 else motion.valid / count)
+    return np.minimum(1.0, n_rows * chance)
+
+
+def _course(motion: Motion, rows: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Return the samples on which a cause that remembers is computed."""
+    needed = np.zeros(len(motion), dtype=bool)
+    needed[::_COURSE] = True
+    needed[rows] = True
+    load, step = motion.applied_nm, np.diff(motion.time_s)
+    jumps = np.abs(np.diff(load)) > _JUMP * float(np.ptp(load[np.isfinite(load)]))
+    # a sample that comes after 1.5 periods and more follows a pause
+    breaks = np.flatnonzero(jumps | (step > 1.5 * float(np.median(step))))
+    needed[breaks] = True
+    needed[breaks + 1] = True
+    return np.flatnonzero(needed)
+
+
+def _picked(motion: Motion, rows: NDArray[np.intp]) -> Motion:
+    """Return some samples of a motion, as samples without neighbours."""
+    arrays: dict[str, Any] = {
+        name: value[rows]
+        for name in motion.__dataclass_fields__
+        if isinstance(value := getattr(motion, name), np.ndarray)
+    }
+    return replace(motion, **arrays)

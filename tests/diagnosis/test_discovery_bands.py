@@ -1,0 +1,92 @@
+"""Cosine transform in bands: against the definition, bridged samples, and its transpose."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hdbench.diagnosis.discovery.bands import make_bands
+
+PERIOD_S = 2e-3
+
+
+def cosines(size):
+    """Return the matrix of the orthonormal cosine transform, by its definition."""
+    k, m = np.arange(size)[:, None], np.arange(size)[None, :]
+    matrix = np.sqrt(2.0 / size) * np.cos(np.pi * k * (2 * m + 1) / (2 * size))
+    matrix[0] /= np.sqrt(2.0)
+    return matrix
+
+
+# 577 is a prime: its transform is longer than the record
+@pytest.mark.parametrize("n", [600, 577])
+def test_coefficients_are_those_of_the_definition(n):
+    bands = make_bands(np.ones(n, dtype=bool), PERIOD_S)
+    columns = np.random.default_rng(0).standard_normal((n, 3))
+    wanted = (cosines(bands.length)[:, :n] @ (bands.fade[:, None] * columns)).T
+    np.testing.assert_allclose(bands.transform(columns), wanted, atol=1e-11)
+
+
+def test_without_fading_products_of_columns_stay():
+    n = 577
+    bands = replace(make_bands(np.ones(n, dtype=bool), PERIOD_S), fade=np.ones(n))
+    columns = np.random.default_rng(1).standard_normal((n, 4))
+    rows = bands.transform(columns)
+    np.testing.assert_allclose(rows @ rows.T, columns.T @ columns, atol=1e-10)
+    np.testing.assert_allclose(
+        bands.gram(rows, rows[:2]).sum(axis=0), columns.T @ columns[:, :2], atol=1e-10
+    )
+    assert bands.power(rows[0]).sum() == pytest.approx(np.sum(columns[:, 0] ** 2))
+
+
+def lossy(n):
+    valid = np.ones(n, dtype=bool)
+    valid[:3] = valid[100:117] = valid[118] = valid[-2:] = False
+    return valid
+
+
+def test_lost_samples_are_bridged_by_straight_lines():
+    n, valid = 500, lossy(500)
+    bands = make_bands(valid, PERIOD_S)
+    column = np.random.default_rng(2).standard_normal(n)
+    at = np.arange(n)
+    bridged = np.interp(at, at[valid], column[valid])
+    column[~valid] = 1e6
+    full = make_bands(np.ones(n, dtype=bool), PERIOD_S)
+    found = bands.transform(column[:, None])[0]
+    np.testing.assert_allclose(found, full.transform(bridged[:, None])[0], atol=1e-10)
+
+
+@pytest.mark.parametrize("kind", ["full", "lossy", "lossy and low-passed"])
+def test_the_inverse_is_the_transpose(kind):
+    n = 331
+    bands = make_bands(np.ones(n, dtype=bool) if kind == "full" else lossy(n), PERIOD_S)
+    if kind == "lossy and low-passed":
+        bands = bands.low_passed(20.0).up_to(len(bands) // 2)
+    # row i is the transform of the i-th unit vector
+    matrix = bands.transform(np.eye(n))
+    row = np.random.default_rng(3).standard_normal(bands.size)
+    np.testing.assert_allclose(bands.inverse(row), matrix @ row, atol=1e-11)
+
+
+def test_what_a_low_pass_leaves_of_a_tone_is_its_gain():
+    n, hertz, corner = 4000, 40.0, 25.0
+    bands = make_bands(np.ones(n, dtype=bool), PERIOD_S)
+    tone = np.cos(2.0 * np.pi * hertz * np.arange(n) * PERIOD_S)[:, None]
+    open_, passed = bands.transform(tone)[0], bands.low_passed(corner).transform(tone)[0]
+    gain = np.sqrt(np.sum(passed**2) / np.sum(open_**2))
+    # a coefficient is 1 / (2 n T) = 0.06 Hz wide
+    assert gain == pytest.approx(1.0 / (1.0 + (hertz / corner) ** 4), rel=0.02)
+    already = bands.low_passed(corner).transform(tone, measured=True)[0]
+    np.testing.assert_array_equal(already, open_)
+
+
+def test_bands_cover_the_coefficients_and_count_what_is_independent():
+    valid = lossy(500)
+    bands = make_bands(valid, PERIOD_S)
+    assert bands.edges[0] == 0
+    assert bands.edges[-1] == bands.length
+    assert np.all(np.diff(bands.edges) > 0)
+    # the fade at both ends and 23 lost samples are no information
+    assert bands.counts.sum() == pytest.approx(np.sum(bands.fade[valid] ** 2))
+    assert bands.frequency_hz[-1] == pytest.approx(0.5 / PERIOD_S, rel=0.05)

@@ -1,0 +1,118 @@
+"""Groups, form errors and held-out gains of a fit, against brute force."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from discovery_records import NOISE_NM, fitted, swinging
+
+from hdbench.diagnosis.discovery.heldout import gain_between, hold_out
+from hdbench.diagnosis.discovery.naming import _named, _same_space
+from hdbench.diagnosis.discovery.term import Term
+from hdbench.model import catalogue
+
+
+@pytest.fixture(scope="module", name="beside")
+def baseline():
+    return fitted(swinging(3000)).beside()
+
+
+def candidate(name, rows, nats=0.0):
+    cause = SimpleNamespace(name="cause")
+    return SimpleNamespace(
+        name=name, rows=np.atleast_2d(rows), term=SimpleNamespace(cause=cause), evidence_nats=nats
+    )
+
+
+def own_rows(beside, count):
+    """Return rows that are orthonormal in the noise beside what is explained."""
+    rows = np.random.default_rng(2).standard_normal((count, beside.bands.size))
+    weight = np.sqrt(beside.whitening)
+    q = np.linalg.qr((beside.rows * weight).T)[0]
+    white = rows * weight
+    white = np.linalg.qr((white - (white @ q) @ q.T).T)[0].T
+    return white / weight
+
+
+def test_the_same_columns_in_other_units_and_turned_are_one_space(beside):
+    rows = own_rows(beside, 2)
+    turned = np.array([[3.0, 1.0], [-20.0, 40.0]]) @ rows
+    assert _same_space(beside, candidate("one", rows), candidate("other", turned))
+
+
+def test_what_the_baseline_explains_makes_no_difference(beside):
+    (row,) = own_rows(beside, 1)
+    other = 1e3 * row + beside.rows[0]
+    assert _same_space(beside, candidate("one", row), candidate("other", other))
+
+
+@pytest.mark.parametrize(("share", "same"), [(0.009, True), (0.011, False), (1.0, False)])
+def test_a_hundredth_of_the_energy_parts_two_spaces(beside, share, same):
+    a, b = own_rows(beside, 2)
+    other = np.sqrt(1.0 - share) * a + np.sqrt(share) * b
+    assert _same_space(beside, candidate("one", a), candidate("other", other)) is same
+
+
+def test_groups_rivals_and_probability_of_a_table(beside):
+    a, b, c, d = own_rows(beside, 4)
+    table = [
+        candidate("own", a, 20.0),
+        candidate("twin", 2.0 * a, 19.0),
+        candidate("near", b, 17.5),
+        candidate("far", c, 16.5),
+        candidate("near", d, 10.0),
+    ]
+    named = _named(beside, table)
+    assert [one.name for one in named.group] == ["twin"]
+    # within 3 nats: odds of 20 to 1
+    assert [one.name for one in named.rivals] == ["near"]
+    odds = np.exp([20.0, 19.0, 17.5, 16.5])
+    assert named.probability == pytest.approx(odds[:2].sum() / odds.sum())
+
+
+def held_out(extra, term, seed=0, n=6000):
+    fit = fitted(swinging(n, extra, seed))
+    base = set(range(len(fit.parts)))
+    part = fit.add_term(term)
+    fit.settle(3)
+    held = hold_out(fit)
+    return held.predict(base), held.predict(base | {part}), fit, held
+
+
+def test_held_out_errors_are_those_of_the_noise_with_and_without_a_cause():
+    term = Term(catalogue()["ripple-harmonic"], {"order": 6.0})
+    before, after, *_ = held_out(lambda t, a, w: 0.1 * np.cos(6.0 * a + 1.0), term)
+    # scatter of an rms of 6000 samples is 0.9 %
+    assert before.rms_nm == pytest.approx(np.hypot(NOISE_NM, 0.1 / np.sqrt(2.0)), rel=0.03)
+    assert after.rms_nm == pytest.approx(NOISE_NM, rel=0.03)
+    gain = gain_between(before, after, np.random.default_rng(0))
+    wanted = 0.005 / (0.005 + NOISE_NM**2)
+    assert gain.explained_fraction == pytest.approx(wanted, abs=0.02)
+    assert gain.interval[0] < wanted < gain.interval[1]
+
+
+def test_a_cause_that_is_not_there_gains_nothing_where_it_was_not_fitted():
+    term = Term(catalogue()["ripple-harmonic"], {"order": 6.0})
+    falls = []
+    for seed in range(6):
+        before, after, *_ = held_out(lambda t, a, w: 0.0, term, seed, 3000)
+        falls.append(before.chi2 - after.chi2)
+    # two free numbers cost 2 (1 + 1/4) of chi^2 held out, give or take 2 sqrt(2 * 2) each
+    assert np.mean(falls) < 2.0
+
+
+def test_held_out_blocks_are_predicted_as_by_plain_regression_on_the_others():
+    term = Term(catalogue()["ripple-harmonic"], {"order": 6.0})
+    _, after, fit, held = held_out(lambda t, a, w: 0.1 * np.cos(6.0 * a), term)
+    record = fit.record
+    n = len(record)
+    columns = np.column_stack([record.columns, term.cause.columns(record.motion, term.shape)])
+    squares, folds = 0.0, np.arange(n) * 20 // n % 5
+    for fold in range(5):
+        # the noise is white: plain least squares
+        train, test = folds != fold, (folds == fold) & held.used
+        solution = np.linalg.lstsq(columns[train], record.response_nm[train], rcond=None)[0]
+        squares += float(np.sum((record.response_nm[test] - columns[test] @ solution) ** 2))
+    assert after.counts.sum() == held.used.sum()
+    # the fitted spectrum is not quite white
+    assert after.squares.sum() == pytest.approx(squares, rel=0.01)
