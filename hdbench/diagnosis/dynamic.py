@@ -12,7 +12,7 @@ from hdbench.diagnosis.answer.assemble import Findings, assemble, data_bad
 from hdbench.diagnosis.answer.result import Diagnosis
 from hdbench.diagnosis.discovery.baseline import BaselineChange, parse_baseline
 from hdbench.diagnosis.discovery.fit import Fit
-from hdbench.diagnosis.discovery.record import Record, prepare_record, torque_from_trace
+from hdbench.diagnosis.discovery.record import Record, prepare_record
 from hdbench.diagnosis.discovery.rest import residual_nm, whitened_nm
 from hdbench.diagnosis.discovery.search import Search, search
 from hdbench.diagnosis.discovery.term import Term
@@ -24,6 +24,7 @@ from hdbench.diagnosis.faults import (
     inspect_channels,
 )
 from hdbench.model import BenchModel, Cause, catalogue
+from hdbench.model.motion import torque_from_trace
 from hdbench.profile import Profile
 from hdbench.records.trace import Trace
 

@@ -18,7 +18,7 @@ from hdbench.model.localfit import smoothed
 from hdbench.profile.schema import ProfileData
 from hdbench.records.trace import FloatArray, Trace
 
-__all__ = ["ACCELERATION_WINDOW_S", "Motion", "motion_from_trace"]
+__all__ = ["ACCELERATION_WINDOW_S", "Motion", "motion_from_trace", "torque_from_trace"]
 
 # degree of the polynomial that smooths a measured load: passes a ramp and a bend
 _LOAD_DEGREE = 2
@@ -176,6 +176,20 @@ def motion_from_trace(trace: Trace, profile: ProfileData) -> Motion:
         trace.columns.get("temperature_c"),
         profile.drive.load_inertia_kg_m2 / profile.drive.gear_ratio,
         load_smooth_nm=_smooth_load(trace, time),
+    )
+
+
+def torque_from_trace(trace: Trace, profile: ProfileData) -> FloatArray:
+    """Return the torque of a trace, N m: its column, or volts times the profile's gain."""
+    if "torque_nm" in trace:
+        return trace["torque_nm"]
+    if "torque_v" in trace:
+        return np.asarray(trace["torque_v"] * profile.sensor.gain_nm_per_v)
+    raise DataError(
+        f"no torque among the columns {', '.join(trace.columns)}; needed: torque_nm in N m, or "
+        "torque_v in V",
+        where=f"{trace.source}: header",
+        fix="add the column, or name it with `hdbench import --map torque_nm=COLUMN`",
     )
 
 

@@ -34,7 +34,7 @@ def with_noise(fit, noise_nm):
     """Return a fit of the same baseline to another noise, its spectrum known: white."""
     view = fit.copy()
     power = np.full(len(fit.bands), NOISE_NM**2)
-    view.spectrum = Spectrum(power, fit.spectrum.amounts, power)
+    view.spectrum = Spectrum(power, fit.spectrum.amounts)
     view.coefficients = np.zeros_like(fit.coefficients)
     view.measured = fit.bands.transform(noise_nm[:, None])[0]
     view.residual = view.measured.copy()

@@ -15,7 +15,7 @@ EDGES = np.array([0, 7, 20, 44, 80])
 COUNTS = np.diff(EDGES).astype(float)
 POWER = np.array([9.0, 4.0, 1.0, 0.25])
 NOISE = np.repeat(POWER, np.diff(EDGES))
-SPECTRUM = Spectrum(POWER, np.zeros(0), POWER)
+SPECTRUM = Spectrum(POWER, np.zeros(0))
 SHAPES = make_shapes(np.array([1.0, 3.0, 8.0, 20.0]), 1e-9)
 
 

@@ -283,11 +283,6 @@ class Fit:
         self.parts.pop(part)
         self.owner = np.where(self.owner > part, self.owner - 1, self.owner)
 
-    def drop_form(self, part: int) -> None:
-        """Take the directions of form error of a part out."""
-        self.keep(~((self.owner == part) & self.form))
-        self.parts[part].form_scale = 0.0
-
     def reshape(self, part: int, term: Term) -> None:
         """Give a cause another shape."""
         rows, scale = scaled_rows(self.bands, term_columns(term, self.record))

@@ -173,7 +173,7 @@ def _fast_angle(record: Record) -> FloatArray:
 
 
 def attach_forms(fit: Fit) -> None:
-    """Give every strong part that has none its directions of form error, at scale zero."""
+    """Give every strong part that has none its directions of form error, at its usual scale."""
     held = any(part.name == FIXED for part in fit.parts)
     if not held and fit.record.motion.inertia_nm_s2 > 0.0 and _accelerates(fit.record):
         fit.parts.append(Part(FIXED, None, np.zeros(0)))

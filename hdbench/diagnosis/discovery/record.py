@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hdbench.diagnosis.discovery.baseline import BaselineChange
-from hdbench.errors import DataError
 from hdbench.model import BenchModel, Motion, baseline_columns, motion_from_trace
+from hdbench.model.motion import torque_from_trace
 from hdbench.profile.schema import ProfileData
 from hdbench.records.trace import FloatArray, Trace
 
-__all__ = ["Record", "prepare_record", "torque_from_trace", "with_simulated"]
+__all__ = ["Record", "prepare_record", "with_simulated"]
 
 # a step longer than this many median periods is a gap in time: one lost sample makes 2
 _GAP = 1.5
@@ -69,20 +69,6 @@ class Record:
     def span_s(self) -> float:
         """Duration, s."""
         return float(self.motion.time_s[-1] - self.motion.time_s[0])
-
-
-def torque_from_trace(trace: Trace, profile: ProfileData) -> FloatArray:
-    """Return the torque of a trace, N m: its column, or volts times the profile's gain."""
-    if "torque_nm" in trace:
-        return trace["torque_nm"]
-    if "torque_v" in trace:
-        return np.asarray(trace["torque_v"] * profile.sensor.gain_nm_per_v)
-    raise DataError(
-        f"no torque among the columns {', '.join(trace.columns)}; needed: torque_nm in N m, or "
-        "torque_v in V",
-        where=f"{trace.source}: header",
-        fix="add the column, or name it with `hdbench import --map torque_nm=COLUMN`",
-    )
 
 
 def prepare_record(

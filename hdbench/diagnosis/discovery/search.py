@@ -29,7 +29,7 @@ from hdbench.diagnosis.discovery.term import Term, follows_motion, is_line, term
 from hdbench.model import Cause
 from hdbench.records.trace import FloatArray
 
-__all__ = ["SHARES", "Accepted", "Search", "fitted_nm", "search", "settled"]
+__all__ = ["SHARES", "Accepted", "Search", "search", "settled"]
 
 # share of the false-alarm rate of each kind of look
 SHARES = {"name": 0.5, "line": 0.28, "step": 0.05, "table": 0.14, "burst": 0.03}

@@ -38,13 +38,10 @@ class Spectrum:
         Sum of all shapes.
     amounts : ndarray, shape (n_shapes,)
         Amount of each shape.
-    smooth : ndarray, shape (n_bands,)
-        The part that falls with frequency: white, poles, 1/f to 1/f^3. The rest are bumps.
     """
 
     power: FloatArray
     amounts: FloatArray
-    smooth: FloatArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,8 +153,7 @@ class Shapes:
             inverse = 1.0 / (amounts @ table + self.floor)
             rise = (table @ (nup * inverse * inverse)) / (table @ (nu * inverse))
             amounts = np.minimum(amounts * np.sqrt(rise), caps)
-        smooth = amounts[: self.n_smooth] @ self.table[: self.n_smooth] + self.floor
-        return Spectrum(amounts @ whole + self.floor, amounts[:count], smooth)
+        return Spectrum(amounts @ whole + self.floor, amounts[:count])
 
 
 def make_shapes(frequency_hz: FloatArray, floor: float) -> Shapes:

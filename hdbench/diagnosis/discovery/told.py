@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -60,8 +60,6 @@ class Told:
         Held-out blocks predicted by the baseline, and by all that was found.
     terms : list of CauseTerm
         Causes as the model file writes them.
-    variance_nm2 : float
-        Mean square of the baseline's residual, (N m)^2.
     """
 
     fit: Fit
@@ -70,8 +68,6 @@ class Told:
     before: Prediction
     after: Prediction
     terms: list[CauseTerm]
-    variance_nm2: float
-    log: list[str] = field(default_factory=list)
 
 
 def tell(
@@ -139,7 +135,7 @@ def tell(
         causes.append(walk[0])
         terms.append(walk[1])
     places += _rest_places(search, variance, noise_variance)
-    return Told(fit, causes, places, before, after, terms, variance, search.log)
+    return Told(fit, causes, places, before, after, terms)
 
 
 def _walk(search: Search, variance: float) -> tuple[NamedCause, CauseTerm] | None:

@@ -24,9 +24,10 @@ from hdbench.diagnosis.faults.shaft import (
 )
 from hdbench.diagnosis.faults.stamps import gap_steps, lost_samples, repeated_rows
 from hdbench.diagnosis.faults.tacho import find_tacho_ripple, without_ripple
-from hdbench.diagnosis.faults.units import check_channels, torque_of
+from hdbench.diagnosis.faults.units import check_channels
 from hdbench.model import BenchModel, baseline_orders
 from hdbench.model.kinematics import velocity_slope
+from hdbench.model.motion import torque_from_trace
 from hdbench.profile.schema import ProfileData
 from hdbench.records.trace import FloatArray, Trace
 
@@ -113,7 +114,7 @@ def inspect_channels(
         return Inspected(channels.trace, none, flags=channels.flags, reason=reason)
     trace, flags = channels.trace, channels.flags
     lost = lost_samples(trace)
-    torque = torque_of(trace, profile)
+    torque = torque_from_trace(trace, profile)
     trace, glitches = _without_glitches(_known_out(trace, profile, model), profile)
     clipped, saturation = clipping(trace, profile, torque)
     stuck = stuck_samples(torque) & ~clipped

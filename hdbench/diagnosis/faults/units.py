@@ -16,13 +16,13 @@ from hdbench.diagnosis.faults.shaft import (
     shaft_of,
     velocity_of,
 )
-from hdbench.errors import DataError
 from hdbench.model import baseline_orders, integrate_velocity
 from hdbench.model.kinematics import velocity_slope
+from hdbench.model.motion import torque_from_trace
 from hdbench.profile.schema import ProfileData
 from hdbench.records.trace import FloatArray, Trace
 
-__all__ = ["Channels", "check_channels", "torque_of"]
+__all__ = ["Channels", "check_channels"]
 
 # beyond this many times the bench's limit a channel is in another unit
 _BEYOND = 3.0
@@ -88,20 +88,6 @@ class Channels:
     trace: Trace
     flags: tuple[DataFlag, ...] = ()
     reason: str = ""
-
-
-def torque_of(trace: Trace, profile: ProfileData) -> FloatArray:
-    """Return the torque, N m, measured or from the converter's volts."""
-    if "torque_nm" in trace:
-        return trace["torque_nm"]
-    if "torque_v" in trace:
-        return np.asarray(trace["torque_v"] * profile.sensor.gain_nm_per_v)
-    raise DataError(
-        f"no torque among the columns {', '.join(trace.columns)}; needed: torque_nm in N m, or "
-        "torque_v in V",
-        where=f"{trace.source}: header",
-        fix="add the column, or name it with `hdbench import --map torque_nm=COLUMN`",
-    )
 
 
 def check_channels(trace: Trace, profile: ProfileData) -> Channels:
@@ -215,7 +201,7 @@ def _swapped(trace: Trace, profile: ProfileData) -> str:
     velocity = velocity_of(trace, profile)
     if velocity is None:
         return ""
-    torque = torque_of(trace, profile)
+    torque = torque_from_trace(trace, profile)
     fast, slow = torque, velocity
     if "tacho_v" in trace and "torque_v" in trace:
         fast = trace["torque_v"] * profile.tacho.gain_rad_s_per_v
@@ -240,7 +226,7 @@ def _velocity_unit(trace: Trace, profile: ProfileData) -> Channels:
     velocity = velocity_of(trace, profile)
     if velocity is None:
         return Channels(trace)
-    torque = torque_of(trace, profile)
+    torque = torque_from_trace(trace, profile)
     angle = integrate_velocity(trace.time_s, velocity)[0]
     if _explained(torque, angle, profile) < _WRONG:
         for factor, _, says in _UNITS[1:]:
@@ -288,7 +274,7 @@ def _unlike(trace: Trace, profile: ProfileData, shaft: Shaft, ratio: float) -> C
         angle_right, velocity_right = sure and sign < 0.0, sure and sign > 0.0
         seen = f"expected torque times {sign:.2f} +- {std:.2g}; needed: 1 or -1 to {_SIGN_STD:g}"
     else:
-        torque = torque_of(trace, profile)
+        torque = torque_from_trace(trace, profile)
         tacho = integrate_velocity(trace.time_s, shaft.velocity_rad_s)[0]
         by_angle, by_tacho = (_explained(torque, a, profile) for a in (shaft.angle_rad, tacho))
         velocity_right = by_tacho > _RIGHT and by_angle < 0.5 * by_tacho
@@ -318,7 +304,7 @@ def _drive_sign(trace: Trace, profile: ProfileData, shaft: Shaft) -> tuple[float
     """Return the coefficient of the velocity's expected torque and its standard uncertainty."""
     inertia = profile.drive.load_inertia_kg_m2 / profile.drive.gear_ratio
     expected = inertia * velocity_slope(shaft.time_s, shaft.velocity_rad_s)
-    torque = torque_of(trace, profile)
+    torque = torque_from_trace(trace, profile)
     good = np.isfinite(torque) & np.isfinite(expected) & np.isfinite(shaft.angle_rad)
     if int(good.sum()) < 4 * _SLOW:
         return 0.0, float(np.inf)
