@@ -15,8 +15,6 @@ from hdbench_cli.parameters import StoredPath
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from hdbench.diagnosis.planning import PlanReport, Proposal
-
 __all__ = ["command"]
 
 # lines of each table that fit one screen together with the rest
@@ -85,51 +83,41 @@ def command(
     Shows what the run at hand can tell apart and what not, and proposes the run that can, ready for
     `hdbench run-ripple --plan FILE`. Every number is computed from signatures on the motion itself.
     """
-    from hdbench.diagnosis.planning import PlanRequest, make_report, report_dict, write_plan
+    from hdbench.diagnosis.planning import plan_report, write_plan
     from hdbench.records import result_header
     from hdbench_cli.experiment import choose_profile
     from hdbench_cli.progress import progress_bar
 
-    request = PlanRequest(causes, of, result, protocol, duration_s, loads=not no_loads)
     profile = choose_profile(profile_name, of or result)
     with progress_bar("plan") as told:
-        report = make_report(request, profile, told)
-    plan = report.proposal.plan
+        report, plan = plan_report(
+            profile, told, causes=causes, of=of, result=result, protocol=protocol,
+            duration_s=duration_s, loads=not no_loads,
+        )  # fmt: skip
     if out is not None:
         if plan is None:
+            settled = (pair["settled_by"] for pair in report["pairs"] if pair["settled_by"])
             raise UsageError(
                 "no run of this bench tells these causes apart; no plan file was written",
                 where="hdbench plan --out",
-                fix=_settled(report.proposal) or "name other causes, or allow more --duration",
+                fix=next(settled, "name other causes, or allow more --duration"),
             )
         write_plan(out, plan)
-    body = report_dict(report, result_header("plan-report", profile))
+    body = {**result_header("plan-report", profile), **report}
     body["plan_file"] = None if out is None else str(out)
     body["command"] = None if out is None else f"hdbench run-ripple --plan {out}"
-    output.result(body, lambda console: _show(console, report, body))
+    output.result(body, lambda console: _show(console, body))
 
 
-def _settled(proposal: Proposal) -> str:
-    """Return what settles the first pair that no run tells apart."""
-    from hdbench.diagnosis.planning import settled_by
-    from hdbench.model import catalogue
-
-    known = catalogue()
-    for pair in proposal.pairs:
-        if not pair.separated and pair.first in known and pair.second in known:
-            return settled_by(known[pair.first], known[pair.second])
-    return ""
-
-
-def _show(console: Console, report: PlanReport, body: dict[str, Any]) -> None:
+def _show(console: Console, body: dict[str, Any]) -> None:
     """Draw the report on one screen."""
 
     def line(text: str, style: str | None = None) -> None:
         console.print(text, markup=False, style=style, highlight=False)
 
     at_hand = body["at_hand"]
-    total = len(report.at_hand.names)
-    line(f"{report.source}", "bold")
+    total = len(at_hand["visible"]) + len(at_hand["invisible"])
+    line(f"{body['source']}", "bold")
     line(f"  shows {len(at_hand['visible'])} of {total} causes")
     for group in at_hand["inseparable"][:_SHOWN]:
         line(f"  exactly alike: {', '.join(group)}")

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from hdbench.diagnosis.answer.assemble import Findings, assemble, data_bad
 from hdbench.diagnosis.answer.result import Diagnosis
+from hdbench.diagnosis.discovery.bands import LowPass
 from hdbench.diagnosis.discovery.baseline import BaselineChange, parse_baseline
 from hdbench.diagnosis.discovery.fit import Fit
 from hdbench.diagnosis.discovery.record import Record, prepare_record
@@ -140,7 +141,7 @@ def diagnose_trace(
     found, late = _searched(task, inspected, record, spikes, rng, report)
     report("measuring the gain on held-out blocks", 0.9)
     undone = {
-        fault.name: _residual_of(task, fault.undone, inspected.masked)
+        fault.name: _residual_of(task, fault.undone, inspected.masked, record.low_pass)
         for fault in inspected.faults
         if fault.undone is not None
     }
@@ -204,8 +205,10 @@ def _cleaned(task: _Task, inspected: Inspected, record: Record) -> tuple[Record,
     fit = Fit.start(record, task.known())
     early = _faults(task, record, fit, False, volts)
     spikes = early.spikes
+    low_pass = fit.bands.low_pass
     if spikes.any():
         record = _prepared(task, inspected.trace, inspected.masked | spikes)
+    record = record.behind(low_pass)
     if any(fault.name == "quantisation" for fault in early.faults):
         record = _rounded(task, record)
     return record, spikes
@@ -268,15 +271,18 @@ def _searched(
             spikes=late.spikes | rest.spikes,
         )
     if spikes.any() and not any(f.name == "spikes" for f in late.faults):
-        fit = Fit.start(_prepared(task, inspected.trace, inspected.masked), task.known())
+        whole = _prepared(task, inspected.trace, inspected.masked)
+        fit = Fit.start(whole.behind(record.low_pass), task.known())
         early = _faults(task, fit.record, fit, False, volts)
         late = replace(late, faults=(*early.faults, *late.faults))
     return found, replace(late, spikes=late.spikes | spikes)
 
 
-def _residual_of(task: _Task, trace: Trace | None, masked: NDArray[np.bool_]) -> float:
+def _residual_of(
+    task: _Task, trace: Trace | None, masked: NDArray[np.bool_], low_pass: LowPass | None
+) -> float:
     """Return the root mean square that the baseline leaves of a trace, N m."""
     if trace is None:
         return 0.0
-    fit = Fit.start(_prepared(task, trace, masked), task.known())
+    fit = Fit.start(_prepared(task, trace, masked).behind(low_pass), task.known())
     return float(np.sqrt(np.mean(residual_nm(fit)[fit.record.valid] ** 2)))

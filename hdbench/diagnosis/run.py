@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from hdbench.diagnosis.answer.files import write_load_pictures, write_pictures, write_table
+from hdbench.diagnosis.answer.files import write_pictures, write_table
 from hdbench.diagnosis.answer.filtergain import filter_gain
 from hdbench.diagnosis.answer.maps import code_map
 from hdbench.diagnosis.answer.result import Diagnosis
@@ -220,7 +220,8 @@ def _given(options: DiagnosisOptions, profile: Profile) -> BenchModel | None:
 def _write_tables(folder: Path, done: _Done, profile: Profile) -> list[str]:
     """Write every table of the diagnosis and return the names."""
     if done.answer.load_pictures is not None:
-        return write_load_pictures(folder, done.answer.load_pictures)
+        write_table(folder / "residual.csv", done.answer.load_pictures)
+        return ["residual.csv"]
     if done.answer.pictures is None:
         return []
     files = write_pictures(folder, done.answer.pictures)

@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 
 from hdbench.diagnosis.answer.result import Diagnosis
-from hdbench.diagnosis.loads.answer import LoadAnswer, left_out
+from hdbench.diagnosis.loads.answer import LoadAnswer
 from hdbench.diagnosis.loads.fit import fit_loads
 from hdbench.diagnosis.loads.forms import Term, form_named, load_forms, outliers, places
-from hdbench.diagnosis.loads.gains import find_scatter, name_between
+from hdbench.diagnosis.loads.gains import LEAST_DOF, find_scatter, name_between
 from hdbench.diagnosis.loads.search import Search, uneven_scatter
-from hdbench.diagnosis.loads.table import LoadTable, base_columns, inspect_loads, load_table
+from hdbench.diagnosis.loads.table import (
+    LoadTable,
+    base_columns,
+    left_out,
+    load_table,
+)
 from hdbench.errors import DataError
 from hdbench.model import BenchModel, cause_named
 from hdbench.profile import Profile
@@ -21,16 +25,10 @@ from hdbench.records import Loads
 
 __all__ = ["diagnose_loads"]
 
-# readings beyond the zeros and the gain that a residual needs before anything can be read from it
-_LEAST_FREE = 3
 # the null is drawn over all readings at once: these take a minute and half a gigabyte
 _MOST_READINGS = 2000
 # shares of the false-alarm rate: names, places without a name, scatter that changes
 _NAMES, _PLACES, _UNEVEN = 0.7, 0.15, 0.15
-
-
-def _silent(_what: str, _share: float) -> None:
-    return None
 
 
 def diagnose_loads(
@@ -85,11 +83,11 @@ def diagnose_loads(
             where=loads.source,
             fix="average the samples of each load to one reading",
         )
-    report, rng = progress or _silent, np.random.default_rng(seed)
+    report, rng = progress or (lambda _what, _share: None), np.random.default_rng(seed)
     given = model or BenchModel.from_profile(profile.data)
     settings = {"alpha": alpha, "materiality": materiality, "seed": seed}
     report("inspecting the readings", 0.02)
-    table, flags = inspect_loads(load_table(loads, profile.data), profile.data)
+    table, flags = load_table(loads, profile.data)
     reason = _unfit(table)
     if reason:
         none: dict[str, object] = {"terms": [], "heldout_rms_nm": None}
@@ -102,29 +100,26 @@ def diagnose_loads(
     baseline = fit_loads(table, base, known, refine=False)
     names = load_forms(table, given.extra_causes)
     report("looking for causes", 0.1)
-    search = Search(base, (*names, outliers(table)), _NAMES * alpha, len(known), rng)
+    search = Search((*names, outliers(table)), _NAMES * alpha, len(known), rng)
     fit, chances, looks = search.run(fit_loads(table, base, known))
-    scattered = find_scatter(fit, len(known), profile.data.sensor.gain_consistency)
-    scatter, between = None, None
-    if scattered is not None:
+    scatter = find_scatter(fit, profile.data.sensor.gain_consistency)
+    if scatter is not None:
         report("looking for causes beside gains that scatter", 0.4)
-        scatter = scattered[0]
         base = base_columns(table, scatter.groups)
-        search = replace(search, base=base)
         fit, chances, looks = search.run(fit_loads(table, base, known))
     accepted = search.accepted(fit, chances)
     if scatter is not None:
-        fit, scatter, between, base = name_between(fit, names, scatter, _NAMES * alpha)
-        accepted = accepted if between is None else (*accepted, between)
+        fit, scatter, between = name_between(fit, names, scatter, _NAMES * alpha)
+        accepted += between
     report("looking for what has no name", 0.7)
-    rest = Search(base, places(table), _PLACES * alpha, len(fit.terms), rng)
+    rest = Search(places(table), _PLACES * alpha, len(fit.terms), rng)
     with_places, chances, _ = rest.run(fit)
     left = rest.accepted(with_places, chances)
     uneven = uneven_scatter(with_places, baseline, _UNEVEN * alpha, rng)
     report("measuring the gain on held-out readings", 0.9)
     return LoadAnswer(
-        profile.data, given, baseline, fit, with_places, base, accepted, left, scatter, uneven,
-        looks, flags, len(known), rng,
+        profile.data, given, baseline, fit, with_places, accepted, left, scatter, uneven, looks,
+        flags, rng,
     ).build(settings)  # fmt: skip
 
 
@@ -144,19 +139,14 @@ def _known_terms(given: BenchModel, table: LoadTable) -> tuple[Term, ...]:
 
 def _unfit(table: LoadTable) -> str:
     """Return why gain and zeros cannot be fitted, or an empty text."""
-    base = base_columns(table)[table.used]
-    seen = base[:, base.any(axis=0)] if len(base) else base
-    enough = len(seen) >= seen.shape[1] + _LEAST_FREE
-    if not (enough and np.linalg.matrix_rank(seen) == seen.shape[1] and base[:, 0].any()):
+    base, volts = base_columns(table)[table.used], table.reading_v[table.used]
+    seen = base[:, base.any(axis=0)]
+    enough = len(seen) >= seen.shape[1] + LEAST_DOF and base[:, 0].any()
+    if not (enough and np.linalg.matrix_rank(seen) == seen.shape[1]):
         return (
             f"{len(seen)} readings do not fix one gain and {len(table.names)} zeros; needed: "
-            f"{len(table.names) + 1 + _LEAST_FREE} readings under different loads"
+            f"{len(table.names) + 1 + LEAST_DOF} readings under different loads"
         )
-    slope = fit_loads(table, base_columns(table), ()).slope_v_per_nm
-    spread = float(np.ptp(table.reading_v[table.used]))
-    if not (spread > 0.0 and abs(slope) * float(np.ptp(table.torque_nm)) > 0.0):
-        return (
-            f"the readings are {float(table.reading_v[table.used][0]):.6g} V throughout; needed: a "
-            "live channel"
-        )
+    if not float(np.ptp(volts)) > 0.0:
+        return f"the readings are {float(volts[0]):.6g} V throughout; needed: a live channel"
     return ""

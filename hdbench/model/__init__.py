@@ -14,6 +14,7 @@ from hdbench.model.cause import (
     check_term,
     shape_bounds,
 )
+from hdbench.model.causes._memory import first_order
 from hdbench.model.declared import load_causes
 from hdbench.model.describe import describe_cause, describe_causes
 from hdbench.model.gauges import gauge_order_factor
@@ -43,6 +44,7 @@ __all__ = [
     "check_term",
     "describe_cause",
     "describe_causes",
+    "first_order",
     "gauge_order_factor",
     "integrate_velocity",
     "load_causes",

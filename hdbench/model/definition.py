@@ -142,6 +142,8 @@ class Cause:
         record can tell their values apart; a search stays inside of them.
     whole_signal : bool
         True where `columns` acts on all of the torque in the channel, `Motion.simulated_nm`.
+    common : bool
+        Whether nearly every drive has it, so that it goes before a rarer name that says as much.
     possible : callable or None
         ``possible(motion, shape)`` gives the directions of the linear parameters whose sums with
         weights of one sign can be, as columns; None where every value in the domains can be.
@@ -168,6 +170,7 @@ class Cause:
     change_motion: Callable[[Motion, Mapping[str, float]], Motion] | None = None
     reach: Callable[[Motion], Mapping[str, tuple[float, float]]] = unbounded
     whole_signal: bool = False
+    common: bool = False
     possible: Callable[[Motion, Mapping[str, float]], FloatArray] | None = None
     definition: Mapping[str, Any] | None = None
 

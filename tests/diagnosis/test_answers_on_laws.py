@@ -1,6 +1,7 @@
 """Answers on laws of speed and load: strong ones, two at once, ones that no entry has."""
 
 import os
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -37,7 +38,6 @@ def reversing(extra=lambda time, speed, load: 0.0, channel=lambda torque: torque
     return Trace(columns)
 
 
-@pytest.mark.xfail(strict=False, reason="a second friction takes what the form of the first leaves")
 def test_a_strong_friction_of_another_form_is_one_cause():
     def friction(time, speed, load):
         return 0.8 * 2.0 / np.pi * np.arctan(speed / 1.3)
@@ -47,6 +47,20 @@ def test_a_strong_friction_of_another_form_is_one_cause():
     assert found.unexplained == ()
     # what its form leaves is taken up too: the noise is all that stays
     assert found.extended["heldout_rms_nm"] == pytest.approx(NOISE_NM, rel=0.05)
+
+
+@pytest.mark.parametrize("causal", [False, True])
+def test_a_smoothed_torque_is_told_as_a_filter_and_nothing_else(causal):
+    sections = signal.butter(2, 30.0, fs=1000.0, output="sos")
+    smooth = partial(signal.sosfilt if causal else signal.sosfiltfilt, sections)
+    found = diagnose_trace(reversing(channel=smooth), PROFILE)
+    assert found.causes == ()
+    assert found.unexplained == ()
+    low_pass = found.settings["torque_low_pass"]
+    assert low_pass["delayed"] is causal
+    assert low_pass["order"] == 2
+    # the last step of the search for the corner is 2 %, and ripple of 38 Hz says the rest
+    assert low_pass["corner_hz"] == pytest.approx(30.0, rel=0.05)
 
 
 def test_a_limit_is_told_by_its_own_size():
@@ -260,7 +274,6 @@ def test_an_arm_that_bends_far_is_never_a_certain_limit():
         assert "arm-sag" in names
 
 
-@pytest.mark.xfail(strict=False, reason="the weight is left as a table")
 @pytest.mark.skipif(not DATA, reason="HDBENCH_DATA is not set")
 def test_the_weight_of_a_robot_arm_is_named_on_one_sweep_and_its_twin_beside_it():
     source = Path(DATA) / "lara8_dual_encoder" / "validate_joint3_sweep.csv"

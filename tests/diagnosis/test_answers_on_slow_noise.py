@@ -83,7 +83,6 @@ def test_a_walk_in_a_record_with_gaps_is_a_walk_and_nothing_else(seed):
     assert result.unexplained == ()
 
 
-@pytest.mark.xfail(strict=False, reason="one of drift and friction is missed beside the other")
 @pytest.mark.parametrize("seed", [4])
 def test_a_drift_beside_friction_is_no_walk(seed):
     trace = walking_record(seed, 0.0)

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
+from load_readings import simulate_loads
 
-from hdbench.diagnosis.loads.answer import simulate_loads
 from hdbench.diagnosis.static import diagnose_loads
 from hdbench.model import catalogue
 from hdbench.model.statics import motion_from_loads

@@ -13,11 +13,11 @@ from hdbench.diagnosis.planning import (
     MotionPlan,
     Segment,
     check_motion_plan,
-    full_protocol,
-    plan_text,
     read_plan,
     write_plan,
 )
+from hdbench.diagnosis.planning.blocks import full_protocol
+from hdbench.diagnosis.planning.planfile import plan_text
 from hdbench.errors import DataError
 from hdbench.profile import load_profile
 

@@ -5,18 +5,16 @@ from __future__ import annotations
 import pytest
 
 from hdbench.diagnosis.planning import (
+    LoadStep,
     MotionPlan,
     Segment,
     check_motion_plan,
-    compare,
-    effects_named,
-    full_protocol,
     plan_for_result,
-    planned_motion,
-    propose,
-    settled_by,
 )
-from hdbench.diagnosis.planning.segments import LoadStep
+from hdbench.diagnosis.planning.blocks import full_protocol
+from hdbench.diagnosis.planning.confusability import compare
+from hdbench.diagnosis.planning.motion import planned_motion
+from hdbench.diagnosis.planning.proposal import effects_named, propose, settled_by
 from hdbench.model import Motion, catalogue
 from hdbench.profile import load_profile
 

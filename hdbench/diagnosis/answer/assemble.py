@@ -10,7 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hdbench.diagnosis.answer.records import Gain, LeftOutSamples
-from hdbench.diagnosis.answer.result import Diagnosis, NamedCause, Pictures, Rest, Unexplained
+from hdbench.diagnosis.answer.result import (
+    Diagnosis,
+    NamedCause,
+    Pictures,
+    Rest,
+    verdict_of,
+)
 from hdbench.diagnosis.answer.testable import testable
 from hdbench.diagnosis.discovery.fit import Fit
 from hdbench.diagnosis.discovery.rest import noise_rms_nm, residual_nm
@@ -109,7 +115,7 @@ def assemble(
     rest = Rest(told.after.rms_nm, noise, places)
     given = findings.given
     return Diagnosis(
-        _verdict(causes, places),
+        verdict_of(causes, places),
         causes,
         tuple(c for c in named if c not in causes),
         places,
@@ -150,14 +156,6 @@ def _known(fit: Fit) -> list[Any]:
     return [part.term for part in fit.parts if part.term is not None and part.term.known]
 
 
-def _verdict(causes: tuple[NamedCause, ...], places: tuple[Unexplained, ...]) -> str:
-    if causes and places:
-        return "named-and-unexplained"
-    if causes:
-        return "named"
-    return "unexplained" if places else "nothing-found"
-
-
 def _of_faults(findings: Findings, faults: tuple[Fault, ...], told: Told) -> list[NamedCause]:
     """Return faults of the acquisition as named causes, with what taking them out gains."""
     held = {term.name for term in findings.given.causes}
@@ -174,18 +172,17 @@ def _of_faults(findings: Findings, faults: tuple[Fault, ...], told: Told) -> lis
         fraction = 1.0 - (after / before) ** 2 if before > 0.0 else 0.0
         share = fault.samples / len(record) if fault.name == "speed-dependent-noise" else fraction
         gain = Gain(before, after, fraction, (fraction, fraction))
-        several = bool(fault.group or fault.rivals)
         cause = findings.causes.get(fault.name)
         out.append(
             NamedCause(
                 fault.name,
                 tuple(dict.fromkeys((fault.name, *fault.group))),
-                fault.rivals,
+                (),
                 fault.parameters,
                 fault.evidence_nats,
                 fault.false_alarm_probability,
                 gain,
-                cause.experiment if several and cause is not None else None,
+                cause.experiment if fault.group and cause is not None else None,
                 float(np.clip(share, 0.0, 1.0)),
                 fault.domain,
             )
@@ -272,6 +269,7 @@ def _settings(fit: Fit, told: Told, named: list[NamedCause]) -> dict[str, Any]:
             "power_nm2": amounts.tolist(),
         },
         "torque_bandwidth_hz": None if not np.isfinite(_bandwidth(fit)) else _bandwidth(fit),
+        "torque_low_pass": _low_pass(fit),
         "load_coefficient": fit.record.load,
         "samples_used": int(fit.record.valid.sum()),
         "form_errors": [
@@ -299,6 +297,19 @@ def _like_zero(fit: Fit, named: list[NamedCause]) -> list[dict[str, Any]]:
         if own < _LIKE_ZERO and name not in names:
             told.append({"cause": name, "own_share": own})
     return told
+
+
+def _low_pass(fit: Fit) -> dict[str, object] | None:
+    """Return the low-pass of the torque channel that was found, None for none."""
+    found = fit.bands.low_pass
+    if found is None:
+        return None
+    return {
+        "corner_hz": found.corner * 0.5 / fit.record.period_s,
+        "order": found.order,
+        "delayed": found.causal,
+        "load_too": found.load,
+    }
 
 
 def _bandwidth(fit: Fit) -> float:

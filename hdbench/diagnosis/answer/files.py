@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 
 from hdbench.diagnosis.answer.maps import residual_maps
-from hdbench.diagnosis.answer.result import LoadPictures, Pictures
+from hdbench.diagnosis.answer.result import Pictures
 from hdbench.records import FloatArray, write_atomic
 
-__all__ = ["write_load_pictures", "write_pictures", "write_table"]
+__all__ = ["write_pictures", "write_table"]
 
 _SPECTRUM_FILES = {
     "motor-order": ("order_spectrum.csv", "motor_order"),
@@ -62,43 +62,6 @@ def write_pictures(folder: Path, pictures: Pictures) -> list[str]:
     for name, columns in tables.items():
         write_table(folder / name, columns)
     return list(tables)
-
-
-def write_load_pictures(folder: Path, pictures: LoadPictures) -> list[str]:
-    """Write the residual of calibration readings into a run folder.
-
-    Parameters
-    ----------
-    folder : Path
-        The run folder.
-    pictures : LoadPictures
-        What is to be drawn.
-
-    Returns
-    -------
-    list of str
-        ``residual.csv``, one row per reading.
-
-    Raises
-    ------
-    StorageError
-        If the file cannot be written.
-    """
-    columns = {
-        "reading": pictures.reading.astype(float),
-        "time_s": pictures.time_s,
-        "torque_nm": pictures.torque_nm,
-        "position_rad": pictures.position_rad,
-        "falling": pictures.falling.astype(float),
-        "used": pictures.used.astype(float),
-        "measured_nm": pictures.measured_nm,
-        "simulated_nm": pictures.simulated_nm,
-        "extended_nm": pictures.extended_nm,
-        "residual_before_nm": pictures.residual_before_nm,
-        "residual_after_nm": pictures.residual_after_nm,
-    }
-    write_table(folder / "residual.csv", columns)
-    return ["residual.csv"]
 
 
 def write_table(path: Path, columns: Mapping[str, FloatArray]) -> None:

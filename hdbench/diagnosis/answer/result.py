@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -13,7 +13,15 @@ from hdbench.diagnosis.answer.records import DataFlag, Gain, LeftOut, LeftOutSam
 from hdbench.model import BenchModel
 from hdbench.records.trace import FloatArray
 
-__all__ = ["Diagnosis", "LoadPictures", "NamedCause", "Pictures", "Rest", "Spectrum", "Unexplained"]
+__all__ = [
+    "Diagnosis",
+    "NamedCause",
+    "Pictures",
+    "Rest",
+    "Spectrum",
+    "Unexplained",
+    "verdict_of",
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -214,46 +222,6 @@ class Pictures:
 
 
 @dataclass(frozen=True, slots=True)
-class LoadPictures:
-    """Everything that a picture of readings needs; arrays of shape (n_readings,).
-
-    Parameters
-    ----------
-    reading : ndarray of int
-        Number of the reading, from 1.
-    experiment : tuple of str
-        Experiment of each reading.
-    time_s : ndarray
-        Time, s, or the reading's number from 0 where no time was written.
-    torque_nm : ndarray
-        Applied torque, N m.
-    position_rad : ndarray
-        Flexspline position, rad.
-    falling : ndarray of bool
-        True while unloading.
-    used : ndarray of bool
-        Readings that the fits used.
-    measured_nm, simulated_nm, extended_nm : ndarray
-        Readings, baseline and extended model through the fitted gain and zeros, N m.
-    residual_before_nm, residual_after_nm : ndarray
-        Readings less fitted baseline, and less baseline and causes, N m.
-    """
-
-    reading: NDArray[np.int64]
-    experiment: tuple[str, ...]
-    time_s: FloatArray
-    torque_nm: FloatArray
-    position_rad: FloatArray
-    falling: NDArray[np.bool_]
-    used: NDArray[np.bool_]
-    measured_nm: FloatArray
-    simulated_nm: FloatArray
-    extended_nm: FloatArray
-    residual_before_nm: FloatArray
-    residual_after_nm: FloatArray
-
-
-@dataclass(frozen=True, slots=True)
 class Diagnosis:
     """Result of a diagnosis.
 
@@ -279,8 +247,9 @@ class Diagnosis:
         One sentence for a verdict that is none; empty otherwise.
     pictures : Pictures or None
         Data for pictures of a dynamic run; None where no baseline could be fitted.
-    load_pictures : LoadPictures or None
-        Data for pictures of calibration loads; None for a dynamic run, and as above.
+    load_pictures : mapping of str to ndarray, shape (n_readings,), or None
+        Data for pictures of calibration loads, columns of ``residual.csv``; None for a dynamic run,
+        and as above.
     left_out : tuple of LeftOutSamples
         Samples that took no part, by reason.
     rest : Rest or None
@@ -302,7 +271,7 @@ class Diagnosis:
     settings: Mapping[str, Any] = field(default_factory=dict)
     reason: str = ""
     pictures: Pictures | None = None
-    load_pictures: LoadPictures | None = None
+    load_pictures: Mapping[str, FloatArray] | None = None
     left_out: tuple[LeftOutSamples, ...] = ()
     rest: Rest | None = None
     testable: tuple[Testable, ...] = ()
@@ -343,3 +312,12 @@ class Diagnosis:
             "model_file": model_file,
             "settings": dict(self.settings),
         }
+
+
+def verdict_of(causes: Sequence[NamedCause], places: Sequence[Unexplained]) -> str:
+    """Return the verdict of the contract on what was found."""
+    if causes and places:
+        return "named-and-unexplained"
+    if causes:
+        return "named"
+    return "unexplained" if places else "nothing-found"

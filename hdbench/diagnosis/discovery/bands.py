@@ -9,13 +9,60 @@ from numpy.typing import NDArray
 
 from hdbench.records.trace import FloatArray
 
-__all__ = ["Bands", "make_bands"]
+__all__ = ["Bands", "LowPass", "make_bands"]
 
 # narrow bands at the slow end, where a spectrum bends, and even ones above
 _SLOW_BANDS, _EVEN_BANDS = 16, 41
 _SLOW_SHARE = 0.03
 # share of the record that fades in and out: a transform takes a jump between both ends for noise
 _FADE = 0.01
+# a filter is undone to some thirty times, so that noise behind it does not take over
+_UNDONE = 1e-3
+
+
+@dataclass(frozen=True, slots=True)
+class LowPass:
+    """Butterworth low-pass of a torque channel.
+
+    Parameters
+    ----------
+    corner : float
+        Corner relative to the Nyquist frequency, in (0, 1).
+    order : int
+        Order.
+    causal : bool
+        Whether it has the delay of a filter that runs once; without one it runs both ways.
+    load : bool
+        Whether the measured load was logged behind the same filter.
+    """
+
+    corner: float
+    order: int = 2
+    causal: bool = False
+    load: bool = False
+
+    def sections(self) -> FloatArray:
+        """Return the filter in sections of second order, shape (sections, 6)."""
+        from scipy.signal import butter
+
+        return np.asarray(butter(self.order, self.corner, output="sos"))
+
+    def gain(self, place: FloatArray) -> NDArray[np.complex128]:
+        """Return the gain at frequencies relative to the Nyquist frequency."""
+        from scipy.signal import sosfreqz
+
+        once = np.asarray(sosfreqz(self.sections(), np.pi * place)[1])
+        return once if self.causal else np.abs(once) ** 2 + 0j
+
+    def undone(self, values: FloatArray) -> FloatArray:
+        """Return what the filter made `values` of, as far as its noise allows; NaN stays."""
+        known = np.isfinite(values)
+        held = np.interp(np.arange(len(values)), np.flatnonzero(known), values[known])
+        # mirrored, so that both ends meet
+        lines = np.fft.rfft(np.concatenate([held, held[::-1]]))
+        gain = self.gain(np.arange(len(lines)) / (len(lines) - 1.0))
+        lines *= np.conj(gain) * (1.0 + _UNDONE) / (np.abs(gain) ** 2 + _UNDONE)
+        return np.where(known, np.fft.irfft(lines, 2 * len(held))[: len(held)], np.nan)
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,6 +84,8 @@ class Bands:
     passed : ndarray, shape (size,)
         What the torque channel passes of each coefficient that is kept, 0 to 1: 1 throughout unless
         the torque was low-passed before it was stored.
+    low_pass : LowPass or None
+        What holds the rest back; None where nothing does.
     lost, before, after : ndarray of int
         Lost samples, and the last present sample before and after each.
     weight : ndarray
@@ -53,9 +102,15 @@ class Bands:
     before: NDArray[np.int64]
     after: NDArray[np.int64]
     weight: FloatArray
+    low_pass: LowPass | None = None
 
     def __len__(self) -> int:
         return len(self.counts)
+
+    @property
+    def delay(self) -> LowPass | None:
+        """Low-pass with a delay, which acts in time; None where `passed` says all."""
+        return self.low_pass if self.low_pass is not None and self.low_pass.causal else None
 
     @property
     def size(self) -> int:
@@ -69,23 +124,33 @@ class Bands:
         `measured` is for what went through the channel already.
         """
         from scipy.fft import dct
+        from scipy.signal import sosfilt
 
         rows = np.array(columns.T, dtype=np.float64, order="C", ndmin=2)
         if len(self.lost):
             bridged = self.weight * rows[:, self.before]
             rows[:, self.lost] = bridged + (1.0 - self.weight) * rows[:, self.after]
+        if self.delay is not None and not measured:
+            sections = self.delay.sections()
+            rows = rows[:, :1] + sosfilt(sections, rows - rows[:, :1], axis=1)
         rows *= self.fade
         out = np.asarray(dct(rows, n=self.length, norm="ortho", axis=1, overwrite_x=True))
         out = out[:, : self.size]
-        return out if measured else out * self.passed
+        return out if measured or self.delay is not None else out * self.passed
 
     def inverse(self, row: FloatArray) -> FloatArray:
         """Return what the transform of a column makes of coefficients: its transpose."""
         from scipy.fft import idct
+        from scipy.signal import sosfilt
 
         whole = np.zeros(self.length)
-        whole[: self.size] = row * self.passed
+        whole[: self.size] = row if self.delay is not None else row * self.passed
         column = np.asarray(idct(whole, norm="ortho"))[: len(self.fade)] * self.fade
+        if self.delay is not None:
+            total = float(column.sum())
+            column = np.asarray(sosfilt(self.delay.sections(), column[::-1]))[::-1].copy()
+            # the filter begins at rest at the first sample
+            column[0] += total - float(column.sum())
         if len(self.lost):
             held = column[self.lost]
             column[self.lost] = 0.0
@@ -103,14 +168,15 @@ class Bands:
             passed=self.passed[: self.edges[band + 1]],
         )
 
-    def low_passed(self, corner_hz: float) -> Bands:
-        """Return the bands of a channel with a fourth-order low-pass without delay."""
-        f = np.arange(self.size) * (self.frequency_hz[-1] / max(self._last_centre, 1.0))
-        return replace(self, passed=1.0 / (1.0 + (f / corner_hz) ** 4))
-
-    @property
-    def _last_centre(self) -> float:
-        return float(np.sqrt(self.edges[-2] * self.edges[-1]))
+    def low_passed(self, low_pass: LowPass | None) -> Bands:
+        """Return the bands of a channel with a low-pass."""
+        if low_pass is None:
+            return self
+        return replace(
+            self,
+            passed=np.abs(low_pass.gain(np.arange(self.size) / self.length)),
+            low_pass=low_pass,
+        )
 
     def spread(self, per_band: FloatArray) -> FloatArray:
         """Return a value of each band at each of its coefficients."""

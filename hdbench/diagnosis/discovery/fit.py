@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hdbench.diagnosis.discovery.bands import Bands, make_bands
+from hdbench.diagnosis.discovery.bands import Bands, LowPass, make_bands
 from hdbench.diagnosis.discovery.moments import (
     RISES,
     Moments,
@@ -37,11 +37,19 @@ _PASSED = 0.1
 # relative to the last frequency with power
 _NARROW = 0.3
 _CORNERS = (0.3, 0.45, 0.6, 0.8, 1.1, 1.5)
+# noise that falls below this share between this part of the band and its end may be low-passed
+# too; in a record of less than so many samples that costs little to try
+_FALLS, _FLAT, _SHORT = 0.3, 0.15, 40_000
+# corners that are tried then, relative to Nyquist, the highest, and ratios about the best
+_WIDE_CORNERS = (0.015, 0.04, 0.1, 0.2, 0.4, 0.75)
+_HIGHEST, _FINER = 0.95, (1.4, 1.2, 1.1, 1.05, 1.02)
+# order of a low-pass, and whether it has a delay
+_KINDS = ((2, False), (2, True), (4, False))
 # dry friction turns over within a hundredth of the largest speed
 _SHARP = 100.0
 # name of the columns that stand for slow motion where the channel is judged
 SLOW = "slow-motion"
-# a low-pass has one corner of six, and is seldom: 150 to 1
+# a low-pass is one of eighteen that are tried, and is seldom: 60 to 1
 _LOW_PASS_PRICE = 7.0
 # directions of which less than this share of their energy is their own are taken as dependent
 _OWN_SHARE = 1e-6
@@ -61,12 +69,15 @@ class Part:
         Root mean square of each column, N m per unit, by which its row was divided.
     form_scale : float
         Standard deviation of the form error relative to the part's own size; 0 without one.
+    form_size_nm : float
+        Size of the part for which the rows of its form error were made; 0 where none are.
     """
 
     name: str
     term: Term | None
     scale: FloatArray
     form_scale: float = 0.0
+    form_size_nm: float = 0.0
 
     @property
     def moving(self) -> bool:
@@ -183,22 +194,31 @@ class Fit:
     def start(cls, record: Record, known: Iterable[Term] = ()) -> Fit:
         """Return the fit of the baseline and the causes that the model already holds."""
         bands = make_bands(record.valid, record.period_s)
-        measured = bands.transform(record.response_nm[:, None], measured=True)[0]
+        measured = _response(record, bands)
         floor = (_FLOOR * float(np.std(record.response_nm[record.valid])) + 1e-12) ** 2
         power = bands.power(measured) / np.maximum(bands.counts, 1e-9)
         top = int(np.flatnonzero(power > _EMPTY * floor).max(initial=3))
-        if bands.frequency_hz[top] < _NARROW * bands.frequency_hz[-1]:
+        last = bands.frequency_hz[top] / bands.frequency_hz[-1]
+        corners: Sequence[float] = _WIDE_CORNERS
+        if last < _NARROW:
             floor *= (_FILTERED_FLOOR / _FLOOR) ** 2
             top = int(np.flatnonzero(power > _EMPTY * floor).max(initial=3))
-            bands = _channel(record, bands.up_to(top), measured, floor)
-        return cls.begun(record, bands, measured, floor, known)
+            corners = [
+                share * bands.frequency_hz[top] / bands.frequency_hz[-1] for share in _CORNERS
+            ]
+            bands = bands.up_to(top)
+        fit = cls.begun(record, bands.low_passed(record.low_pass), floor, known)
+        if record.channel_known or (corners is _WIDE_CORNERS and _is_open(fit)):
+            return fit
+        low_pass = _channel(record, bands, floor, corners)
+        if low_pass is None:
+            return fit
+        return cls.begun(record.behind(low_pass), bands.low_passed(low_pass), floor, known)
 
     @classmethod
-    def begun(
-        cls, record: Record, bands: Bands, measured: FloatArray, floor: float, known: Iterable[Term]
-    ) -> Fit:
+    def begun(cls, record: Record, bands: Bands, floor: float, known: Iterable[Term]) -> Fit:
         """Return the fit of baseline and known causes in these bands."""
-        measured = measured[: bands.size]
+        measured = _response(record, bands)
         power = bands.power(measured) / np.maximum(bands.counts, 1e-9)
         shapes = make_shapes(bands.frequency_hz, floor)
         # the first weights fall with frequency: a strong effect must not hide behind itself
@@ -254,6 +274,18 @@ class Fit:
     def add_form(self, part: int, rows: FloatArray) -> None:
         """Give a part directions in which its form may differ; rows per unit of the form scale."""
         self._append(rows, part, True, np.ones(len(rows)))
+        self.parts[part].form_size_nm = self.size_nm(part)
+
+    def rescale_forms(self) -> None:
+        """Let the form errors follow the sizes of their parts."""
+        ratio = np.ones(len(self.owner))
+        for index, part in enumerate(self.parts):
+            size = self.size_nm(index)
+            if part.form_size_nm > 0.0 and size > 0.0:
+                ratio[self.form & (self.owner == index)] = size / part.form_size_nm
+                part.form_size_nm = size
+        # only the prior of the coefficients changes: the rows stay
+        self.variance = self.variance * ratio**2
 
     def _append(self, rows: FloatArray, part: int, form: bool, variance: FloatArray) -> None:
         k, extra = len(self.rows), len(rows)
@@ -435,8 +467,26 @@ class Fit:
         )
 
 
-def _channel(record: Record, bands: Bands, measured: FloatArray, floor: float) -> Bands:
-    """Return the bands with the low-pass that a narrow torque channel most likely has.
+def _is_open(fit: Fit) -> bool:
+    """Return whether the noise of a long record goes on to the end of the band."""
+    bands = fit.bands
+    left = bands.power(fit.residual) / np.maximum(bands.counts, 1e-9)
+    share = bands.frequency_hz / bands.frequency_hz[-1]
+    last = np.median(left[share > 1.0 - _FLAT])
+    return bool(len(fit.record) > _SHORT and last > _FALLS * left[np.searchsorted(share, _FLAT)])
+
+
+def _response(record: Record, bands: Bands) -> FloatArray:
+    """Return the transform of the torque less what the channel makes of the fixed one."""
+    torque, fixed = (np.where(record.valid, x, 0.0) for x in (record.torque_nm, record.fixed_nm))
+    measured = bands.transform(torque[:, None], measured=True)[0]
+    return np.asarray(measured - bands.transform(fixed[:, None])[0])
+
+
+def _channel(
+    record: Record, bands: Bands, floor: float, corners: Sequence[float]
+) -> LowPass | None:
+    """Return the low-pass that a torque channel most likely has; None for none.
 
     Motion is explained by dry and viscous friction and an inertia, so that its own spectrum is not
     taken for the channel's.
@@ -446,15 +496,28 @@ def _channel(record: Record, bands: Bands, measured: FloatArray, floor: float) -
     largest = max(float(np.abs(speed).max()), 1e-12)
     acceleration = np.where(record.valid, motion.acceleration_rad_s2, 0.0)
     slow = np.column_stack([speed, np.tanh(_SHARP * speed / largest), acceleration])
-    tried = []
-    for corner in (None, *_CORNERS):
-        chosen = bands if corner is None else bands.low_passed(corner * bands.frequency_hz[-1])
-        fit = Fit.begun(record, chosen, measured, floor, ())
+
+    def value(low_pass: LowPass | None) -> float:
+        fit = Fit.begun(record.behind(low_pass), bands.low_passed(low_pass), floor, ())
         fit.add(SLOW, None, slow)
         fit.settle(5)
-        price = 0.0 if corner is None else _LOW_PASS_PRICE
-        tried.append((fit.likelihood - price, chosen))
-    return max(tried, key=lambda entry: entry[0])[1]
+        return fit.likelihood - (0.0 if low_pass is None else _LOW_PASS_PRICE)
+
+    none = value(None)
+    tried = [LowPass(min(c, _HIGHEST), order, causal) for c in corners for order, causal in _KINDS]
+    best = max((value(one), place) for place, one in enumerate(tried))
+    likelihood, found = best[0], tried[best[1]]
+    if record.load != 0.0:
+        other = replace(found, load=True)
+        likelihood, found = max((likelihood, found), (value(other), other), key=lambda x: x[0])
+    for ratio in _FINER:
+        for factor in (ratio, 1.0 / ratio):
+            other = replace(found, corner=min(factor * found.corner, _HIGHEST))
+            gained = value(other)
+            if gained > likelihood:
+                likelihood, found = gained, other
+                break
+    return found if likelihood > none else None
 
 
 def scaled_rows(bands: Bands, columns: FloatArray) -> tuple[FloatArray, FloatArray]:

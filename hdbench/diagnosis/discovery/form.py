@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from hdbench.diagnosis.discovery.fit import Fit, Part
-from hdbench.diagnosis.discovery.moments import solve
+from hdbench.diagnosis.discovery.moments import Moments, solve
 from hdbench.diagnosis.discovery.record import Record
 from hdbench.diagnosis.discovery.term import Term, moved_term, smooth_shapes, term_columns
-from hdbench.model import shape_bounds
+from hdbench.model import first_order, shape_bounds
 from hdbench.records.trace import FloatArray
 
-__all__ = ["attach_forms", "best_form_move", "form_rows"]
+__all__ = ["FormMove", "attach_forms", "best_form_move", "form_cost", "form_rows", "joined"]
 
 # scales of a form error relative to its part, equally likely; zero is one of them
 SCALES = (0.0, 0.003, 0.01, 0.03, 0.1, 0.3)
@@ -34,6 +35,13 @@ _LINE_WAVES, _OTHER_WAVES = 8, 3
 _TURN = 0.02
 # delay between channels that a part may have at the largest scale, s
 _DELAY_S = 0.02
+# ways of the motor over which friction may build up after a reversal, rad
+_REACHES_RAD = (0.01, 0.1, 1.0)
+# a direction of which less than this share of the power is its own is left out
+_OWN_SHARE = 0.0025
+# changes of form errors that are tried without what they could say themselves, and the share of a
+# cause's torque that they must span for that
+_WITHOUT, _SPANNED = 4, 0.3
 # an acceleration that never leaves its own noise by this much carries no torque
 _ABOVE_NOISE = 10.0
 # ratios at which other shapes of a family are taken
@@ -89,6 +97,7 @@ def _directions(
         out.append(_DELAY_S / SCALES[-1] * rate)
         curve = np.gradient(rate, record.motion.time_s)
         out.append((_DELAY_S**2) / SCALES[-1] * curve)
+        out += [(lagged - torque) / SCALES[-1] for lagged in _lagged(record, torque)]
     if term is not None and not line:
         for moved in _other_shapes(term, record):
             other = term_columns(moved, record)
@@ -97,7 +106,48 @@ def _directions(
                 other = other @ np.linalg.lstsq(other, torque, rcond=None)[0]
                 out.append(other - torque)
     kept = [np.clip(c, -30.0 * size, 30.0 * size) for c in out if np.any(c)]
-    return np.column_stack(kept) if kept else np.zeros((len(torque), 0))
+    if not kept:
+        return np.zeros((len(torque), 0))
+    directions = np.column_stack(kept)
+    return directions if line else _beyond_plain(record, directions)
+
+
+def _beyond_plain(record: Record, directions: FloatArray) -> FloatArray:
+    """Return what directions hold beyond plain laws of motion, time and place.
+
+    What has a plain form is a cause of its own, and no error of another one's form.
+    """
+    motion, valid = record.motion, record.valid
+    speed = np.where(valid, motion.velocity_rad_s, 0.0)
+    largest = max(float(np.abs(speed).max()), 1e-12)
+    share = speed / largest
+    turn = np.where(valid, motion.output_angle_rad, 0.0)
+    plain = [np.ones(len(record)), share, np.abs(share), share * np.abs(share)]
+    plain += [np.tanh(share / _TURN), np.linspace(-1.0, 1.0, len(record))]
+    plain.append(np.where(np.isfinite(motion.acceleration_rad_s2), motion.acceleration_rad_s2, 0.0))
+    if float(np.ptp(turn[valid])) > 1.0:
+        plain += [f(k * turn) for k in (1.0, 2.0, 3.0) for f in (np.cos, np.sin)]
+    columns = np.where(valid[:, None], np.column_stack(plain), 0.0)
+    size = np.sqrt(np.mean(columns**2, axis=0))
+    columns = columns[:, size > 0.0] / size[size > 0.0]
+    value, vector = np.linalg.eigh(columns.T @ columns / len(record))
+    kept = value > 1e-6
+    basis = columns @ (vector[:, kept] / np.sqrt(value[kept] * len(record)))
+    held = np.where(valid[:, None], directions, 0.0)
+    left = held - basis @ (basis.T @ held)
+    own = np.sum(left**2, axis=0) > _OWN_SHARE * np.sum(held**2, axis=0)
+    return np.where(own, left, 0.0)
+
+
+def _lagged(record: Record, torque: FloatArray) -> list[FloatArray]:
+    """Return a torque that follows over the way moved, as friction does after a reversal."""
+    way = np.abs(np.diff(record.motion.angle_rad, prepend=record.motion.angle_rad[:1]))
+    way = np.where(np.isfinite(way), way, 0.0)
+    out = []
+    for reach in _REACHES_RAD:
+        left = np.exp(-way / reach)
+        out.append(first_order(left, (1.0 - left) * torque))
+    return out
 
 
 def _other_shapes(term: Term, record: Record) -> list[Term]:
@@ -193,32 +243,126 @@ def attach_forms(fit: Fit) -> None:
     fit.settle(1)
 
 
+def joined(fit: Fit, terms: Sequence[Term]) -> Fit:
+    """Return a copy of a fit with further terms and their form errors.
+
+    It is settled from the present noise and from one that does not rise: a large effect whose
+    details are not exact looks small in a noise that has taken those details in.
+    """
+    tried = []
+    for even in (False, True):
+        new = fit.copy()
+        for term in terms:
+            new.add_term(term)
+        if even:
+            flat = new.flat_view()
+            if flat is None:
+                continue
+            new = flat
+        else:
+            new.settle(2)
+        attach_forms(new)
+        new.rescale_forms()
+        new.settle(3)
+        tried.append(new)
+    return max(tried, key=lambda x: x.likelihood)
+
+
 def _accelerates(record: Record) -> bool:
     motion = record.motion
     largest = float(np.abs(motion.acceleration_rad_s2[record.valid]).max())
     return largest > _ABOVE_NOISE * motion.acceleration_noise_rad_s2
 
 
-def best_form_move(fit: Fit) -> tuple[float, int, float] | None:
-    """Return the change of one form scale that gains most: nats, part, scale; None without one."""
+@dataclass(frozen=True, slots=True)
+class FormMove:
+    """A change of form errors.
+
+    Parameters
+    ----------
+    gain_nats : float
+        Gain in evidence.
+    scales : dict of int to float
+        New form scales by part.
+    needless : tuple of int
+        Causes that go because the form error says the same.
+    """
+
+    gain_nats: float
+    scales: dict[int, float]
+    needless: tuple[int, ...] = ()
+
+
+def best_form_move(fit: Fit, paid: Mapping[int, float]) -> FormMove | None:
+    """Return the change of form errors that gains most; None where there are none.
+
+    Parameters
+    ----------
+    fit : Fit
+        Fit with form errors attached.
+    paid : mapping of int to float
+        What each cause cost when it was accepted, by part, nats.
+
+    Returns
+    -------
+    FormMove or None
+
+    Notes
+    -----
+    Tried are the scales of each part alone and of all lines together, since an angle that is not
+    quite the shaft's spoils all of them. Satellites of a line that a larger form error explains
+    are taken out at once: one by one each of them is needed as long as the others stand.
+    """
     moments = fit.all_moments()
+    present = [part.form_scale for part in fit.parts]
 
-    def value() -> float:
-        tried = moments.with_penalty(fit.penalty).without(~fit.active)
-        return solve(tried, fit.shapes, fit.spectrum, rounds=1).likelihood - _cost(fit)
+    def value(scales: Mapping[int, float], needless: Sequence[int] = (), rounds: int = 1) -> float:
+        for index, scale in scales.items():
+            fit.parts[index].form_scale = scale
+        active = fit.active & ~np.isin(fit.owner, needless)
+        tried = moments.with_penalty(fit.penalty).without(~active)
+        cost = form_cost(fit) - sum(paid[part] for part in needless)
+        for index in scales:
+            fit.parts[index].form_scale = present[index]
+        return solve(tried, fit.shapes, fit.spectrum, rounds=rounds).likelihood - cost
 
-    base, best = value(), None
-    for index, part in enumerate(fit.parts):
-        if not np.any((fit.owner == index) & fit.form):
+    held = sorted(set(fit.owner[fit.form].tolist()))
+    moves = [{index: scale} for index in held for scale in _neighbours(present[index])]
+    lines = [i for i in held if usual_scale(fit.parts[i]) == 0.0 and fit.parts[i].name != FIXED]
+    if len(lines) > 1:
+        moves += [dict.fromkeys(lines, scale) for scale in SCALES[1:]]
+    if not moves:
+        return None
+    base = value({})
+    moves.sort(key=lambda scales: -value(scales, rounds=0))
+    tried = [FormMove(value(scales) - base, scales) for scales in moves[:_WITHOUT]]
+    for move in tuple(tried):
+        satellites = _spanned(fit, moments, tuple(move.scales), paid)
+        for count in range(1, len(satellites) + 1):
+            gain = value(move.scales, satellites[:count]) - base
+            tried.append(FormMove(gain, move.scales, tuple(satellites[:count])))
+    return max(tried, key=lambda move: move.gain_nats)
+
+
+def _spanned(
+    fit: Fit, moments: Moments, parts: tuple[int, ...], causes: Iterable[int]
+) -> list[int]:
+    """Return the causes whose torque the form errors of some parts can say, the nearest first."""
+    weight = 1.0 / fit.spectrum.power
+    gram = np.tensordot(weight, moments.gram, 1)
+    rows = np.flatnonzero(np.isin(fit.owner, parts) & fit.form)
+    own = gram[np.ix_(rows, rows)] + np.eye(len(rows))
+    shares = {}
+    for cause in causes:
+        if cause in parts:
             continue
-        before = part.form_scale
-        for scale in _neighbours(before):
-            part.form_scale = scale
-            gain = value() - base
-            if best is None or gain > best[0]:
-                best = (gain, index, scale)
-        part.form_scale = before
-    return best
+        flat = fit.flat(cause)
+        torque = fit.coefficients[flat]
+        size = float(torque @ gram[np.ix_(flat, flat)] @ torque)
+        cross = gram[np.ix_(rows, flat)] @ torque
+        shares[cause] = float(cross @ np.linalg.solve(own, cross)) / max(size, 1e-300)
+    near = [cause for cause, share in shares.items() if share > _SPANNED]
+    return sorted(near, key=lambda cause: -shares[cause])
 
 
 def _neighbours(scale: float) -> tuple[float, ...]:
@@ -237,9 +381,13 @@ def usual_scale(part: Part) -> float:
     return USUAL if law else 0.0
 
 
-def _cost(fit: Fit) -> float:
-    held = np.zeros(len(fit.parts), dtype=bool)
-    held[np.unique(fit.owner[fit.form])] = True
-    return _SCALE_PRICE * sum(
-        part.form_scale != usual_scale(part) for part, h in zip(fit.parts, held, strict=True) if h
-    )
+def form_cost(fit: Fit) -> float:
+    """Return what the scales of all form errors cost, nats; a scale that lines share costs once."""
+    laws, lines = 0, set()
+    for index in set(fit.owner[fit.form].tolist()):
+        part = fit.parts[index]
+        if usual_scale(part) == 0.0:
+            lines.add(part.form_scale)
+        else:
+            laws += part.form_scale != USUAL
+    return _SCALE_PRICE * (laws + len(lines - {0.0}))

@@ -77,10 +77,11 @@ class Moments:
     def without(self, dropped: NDArray[np.bool_]) -> Moments:
         """Return the moments where some columns are taken out, and their part is residual again."""
         back, kept = self.coefficients[dropped], ~dropped
+        places = np.flatnonzero(kept)
         moved = self.gram[:, :, dropped] @ back
         power = self.power + 2.0 * self.right[:, dropped] @ back + moved[:, dropped] @ back
         return Moments(
-            self.gram[:, kept][:, :, kept],
+            self.gram.take(places, 1).take(places, 2),
             (self.right + moved)[:, kept],
             power,
             self.counts,
@@ -94,16 +95,21 @@ class Moments:
         """Return the same with another prior."""
         return replace(self, penalty=penalty)
 
-    def modelled(self, step: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the power per coefficient of all that is modelled, and of what moves."""
+    def left(self, step: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return the power left after a step; per coefficient what is modelled, and what moves."""
         free = np.where(self.penalty > 0.0, 0.0, self.coefficients + step)
         moving = np.where(self.moving, free, 0.0)
-        whole, moved = (
-            np.einsum("i,bij,j->b", a, self.gram, a, optimize=True) + self.fixed
-            for a in (free, moving)
-        )
+        vectors = np.stack([step, free, moving], axis=1)
+        n_bands, k = self.right.shape
+        products = (self.gram.reshape(n_bands * k, k) @ vectors).reshape(n_bands, k, 3)
+        squares = np.einsum("bki,ki->bi", products, vectors)
+        power = self.power - 2.0 * self.right @ step + squares[:, 0]
         counts = np.maximum(self.counts, 1e-9)
-        return whole / counts, moved / counts
+        return (
+            np.maximum(power, 1e-12 * self.power),
+            (squares[:, 1] + self.fixed) / counts,
+            (squares[:, 2] + self.fixed) / counts,
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,14 +174,14 @@ def solve(
     spectrum, held = start, reference or start
     for _ in range(rounds):
         step, information = _normal(moments, spectrum)
-        taken = np.einsum("bij,ji->b", moments.gram, _inverse(information)) / spectrum.power
+        taken = moments.gram.reshape(len(moments.counts), -1) @ _inverse(information).ravel()
         counts = np.maximum(moments.counts, 1e-9)
-        dof = np.clip(counts - taken, _LEAST_DOF * counts, counts)
+        dof = np.clip(counts - taken / spectrum.power, _LEAST_DOF * counts, counts)
         amounts = None if anew else spectrum.amounts
-        extra = moments.modelled(step)
-        spectrum = shapes.fit(_power(moments, step) / dof, dof, amounts, *extra)
+        power, *modelled = moments.left(step)
+        spectrum = shapes.fit(power / dof, dof, amounts, *modelled)
     step, information = _normal(moments, spectrum)
-    power = _power(moments, step)
+    power = moments.left(step)[0]
     total = moments.coefficients + step
     quadratic = float(np.sum(power / spectrum.power) + total @ (moments.penalty * total))
     logs = float(moments.counts @ np.log(spectrum.power))
@@ -218,17 +224,10 @@ def solve_best(moments: Moments, shapes: Shapes, start: Spectrum, *, rounds: int
     return other if other.likelihood > first.likelihood else first
 
 
-def _power(moments: Moments, step: FloatArray) -> FloatArray:
-    moved = moments.gram @ step
-    power = moments.power - 2.0 * moments.right @ step + moved @ step
-    return np.maximum(power, 1e-12 * moments.power)
-
-
 def _normal(moments: Moments, spectrum: Spectrum) -> tuple[FloatArray, FloatArray]:
     """Return the step and the information."""
     weight = 1.0 / spectrum.power
-    k = moments.gram.shape[1]
-    matrix = (weight @ moments.gram.reshape(len(weight), -1)).reshape(k, k)
+    matrix = _weighted(moments.gram, spectrum)
     matrix[np.diag_indices_from(matrix)] += moments.penalty
     right = weight @ moments.right - moments.penalty * moments.coefficients
     scale = inverse_scale(np.diag(matrix))

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from hdbench.diagnosis.discovery.dictionary import Look
 from hdbench.diagnosis.discovery.fit import Beside
+from hdbench.diagnosis.discovery.form import STRONG
 from hdbench.diagnosis.discovery.lines import scan_looks
 from hdbench.diagnosis.discovery.refine import Candidate, candidate_of, refined, weighed
-from hdbench.diagnosis.discovery.search import Search, settled
+from hdbench.diagnosis.discovery.search import Search, settled, value_of
 from hdbench.diagnosis.discovery.tables import is_table
 from hdbench.diagnosis.discovery.term import is_line
 from hdbench.records.trace import FloatArray
@@ -23,6 +24,8 @@ RIVAL_NATS = 3.0
 SAME_SPACE = 0.01
 # names that are weighed against a cause
 _NAMES = 7
+# names that are fitted with their form errors against a strong cause
+_FITTED = 3
 # a look this far behind cannot become a rival by a better shape
 _BEHIND_NATS = 12.0
 
@@ -70,7 +73,7 @@ def name_causes(search: Search) -> dict[int, Named]:
             better = max(others, key=lambda c: c.evidence_nats, default=None)
             if (
                 better is not None
-                and better.evidence_nats > own.evidence_nats + 1.0
+                and better.evidence_nats > own.evidence_nats + RIVAL_NATS
                 and (not is_table(better.term.cause))
             ):
                 accepted = search.accepted.get(id(fit.parts[part]))
@@ -108,7 +111,25 @@ def _table(search: Search, part: int) -> list[Candidate]:
         start = candidate_of(beside, fit.record, look.term, look.trials, 1.0)
         shaped = refined(beside, fit.record, start)
         table.append(weighed(beside, fit.record, shaped, fit.shapes, base))
-    return table
+    return _with_forms(search, part, table) if own.gain_nats > 0.5 * STRONG else table
+
+
+def _with_forms(search: Search, part: int, table: list[Candidate]) -> list[Candidate]:
+    """Return a table with the evidence that the likeliest names have with their form errors."""
+    view = search.fit.without_view(part)
+    base = value_of(view)
+    ranked = sorted(table[1:], key=lambda c: -c.evidence_nats)
+    out = []
+    for found in (table[0], *ranked[:_FITTED]):
+        new, (term,) = search.best_joined(view, (found.term,))
+        gain = value_of(new) - base
+        cost = found.gain_nats - found.evidence_nats
+        moved = found
+        if found is not table[0] and term != found.term:
+            beside = search.fit.beside(part)
+            moved = candidate_of(beside, view.record, term, found.trials, found.false_alarm)
+        out.append(replace(moved, gain_nats=gain, evidence_nats=gain - cost))
+    return out
 
 
 def _looks(search: Search, beside: Beside, part: int) -> list[Look]:

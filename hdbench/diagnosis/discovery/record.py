@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from hdbench.diagnosis.discovery.bands import LowPass
 from hdbench.diagnosis.discovery.baseline import BaselineChange
 from hdbench.model import BenchModel, Motion, baseline_columns, motion_from_trace
 from hdbench.model.motion import torque_from_trace
@@ -45,6 +46,10 @@ class Record:
         Median sampling period, s.
     load : float
         Coefficient of the measured load torque in `fixed_nm`.
+    low_pass : LowPass or None
+        Low-pass of the torque channel; None for none.
+    channel_known : bool
+        Whether `low_pass` was found already.
     """
 
     motion: Motion
@@ -56,6 +61,8 @@ class Record:
     prior_nm: FloatArray
     period_s: float
     load: float
+    low_pass: LowPass | None = None
+    channel_known: bool = False
 
     def __len__(self) -> int:
         return len(self.valid)
@@ -64,6 +71,25 @@ class Record:
     def response_nm(self) -> FloatArray:
         """Measured torque less what is fixed, N m, zero where not valid."""
         return np.where(self.valid, self.torque_nm - self.fixed_nm, 0.0)
+
+    def behind(self, low_pass: LowPass | None) -> Record:
+        """Return the record with a torque channel behind a low-pass.
+
+        Where the measured load was logged behind the same filter, it is what the filter makes of a
+        sharper one, which takes its place.
+        """
+        found = replace(self, low_pass=low_pass, channel_known=True)
+        load = self.motion.load_torque_nm
+        if low_pass is None or not low_pass.load or load is None:
+            return found
+        smooth = self.motion.load_smooth_nm
+        sharp = low_pass.undone(load)
+        motion = replace(
+            self.motion,
+            load_torque_nm=sharp,
+            load_smooth_nm=None if smooth is None else low_pass.undone(smooth),
+        )
+        return replace(found, motion=motion, fixed_nm=self.fixed_nm + self.load * (sharp - load))
 
     @property
     def span_s(self) -> float:

@@ -8,7 +8,7 @@ from itertools import chain, combinations
 import numpy as np
 
 from hdbench.diagnosis.discovery.dictionary import explained
-from hdbench.diagnosis.discovery.fit import Beside, scaled_rows
+from hdbench.diagnosis.discovery.fit import Beside, Fit, scaled_rows
 from hdbench.diagnosis.discovery.moments import solve_best
 from hdbench.diagnosis.discovery.record import Record
 from hdbench.diagnosis.discovery.spectrum import Shapes
@@ -30,14 +30,19 @@ __all__ = ["Candidate", "candidate_of", "gain_of", "log_evidence", "price", "ref
 
 # rounds of Gauss-Newton, steps back in each, and the gain that ends them: a hundredth of a nat
 _ROUNDS, _SHORTER, _SETTLED = 6, 3, 0.02
-# harmonics of impacts and of poles are at least this share of the first
-_HARMONIC_SHARE = 0.2
+# multiples of a shape that are tried where it alone gives the size of the effect
+_MULTIPLES = (0.3, 0.55, 1.8, 3.2, 5.6)
+# impacts and poles have this many harmonics of at least this share of the first; a wave with one
+# harmonic is two lines
+_HARMONIC_SHARE, _IMPACTS = 0.2, 2
 # amplitudes of a weak effect are expected within seven standard deviations: e^4 = 7.4^2
 _LEAST_WIDTH = float(np.exp(4.0))
 # a domain wider than this ratio is even in its logarithm
 _WIDE = 10.0
 # a table has no name: any name goes before it where it explains as much, at odds of 150 to 1
 _TABLE_PRICE = 5.0
+# nearly every drive has dry and viscous friction: 150 to 1 against a name that says as much
+_COMMON = 5.0
 # an order that is not whole is no lobe, tooth or pole: 20 to 1
 _NOT_WHOLE_PRICE = 3.0
 
@@ -68,6 +73,8 @@ class Candidate:
         Log likelihood that it gains with coefficients and noise fitted anew.
     evidence_nats : float
         The same less what its parameters, shape and place cost.
+    joined : Fit or None
+        The whole fit with it and its form error, where that was made.
     """
 
     term: Term
@@ -80,6 +87,7 @@ class Candidate:
     false_alarm: float
     gain_nats: float = 0.0
     evidence_nats: float = -np.inf
+    joined: Fit | None = None
 
     @property
     def name(self) -> str:
@@ -132,9 +140,9 @@ def candidate_of_rows(
 
 
 def _nearly_a_sine(linear: FloatArray) -> bool:
-    """Return whether the harmonics of a line are all far smaller than the first."""
+    """Return whether fewer than two harmonics of a line stand out beside the first."""
     amplitudes = np.hypot(linear[::2], linear[1::2])
-    return float(amplitudes[1:].max()) < _HARMONIC_SHARE * float(amplitudes[0])
+    return int(np.sum(amplitudes[1:] > _HARMONIC_SHARE * amplitudes[0])) < _IMPACTS
 
 
 def _possible(term: Term, record: Record, linear: FloatArray) -> bool:
@@ -155,6 +163,8 @@ def refined(beside: Beside, record: Record, start: Candidate, rounds: int = _ROU
     whole = best.term.shape.get("order", 0.5) % 1.0 == 0.0 and is_line(best.term.cause)
     if not names or whole or best.name.startswith("table:motor-order"):
         return best
+    if is_whole_share(best.term.cause) and best.statistic <= 0.0:
+        best = _of_right_size(beside, record, best)
     for _ in range(rounds):
         slopes = tangent_columns(best.term, best.linear, record)
         rows, scale = scaled_rows(beside.bands, slopes)
@@ -175,6 +185,20 @@ def refined(beside: Beside, record: Record, start: Candidate, rounds: int = _ROU
         if done:
             break
     return best
+
+
+def _of_right_size(beside: Beside, record: Record, start: Candidate) -> Candidate:
+    """Return a candidate whose shape alone gives its size, at the best multiple of its shape."""
+    term, name = start.term, smooth_shapes(start.term)[0]
+    bounds = shape_bounds(term.cause, record.motion)[name]
+    values = [m * term.shape[name] for m in _MULTIPLES]
+    moved = [
+        replace(term, shape={**term.shape, name: value})
+        for value in values
+        if any(low <= value <= high for low, high in bounds)
+    ]
+    tried = [candidate_of(beside, record, t, start.trials, start.false_alarm) for t in moved]
+    return max((start, *tried), key=lambda c: c.statistic)
 
 
 def _along(
@@ -216,9 +240,10 @@ def weighed(
     Candidate
     """
     rows = found.rows if found.dof > 2 or not is_line(found.term.cause) else found.rows[:2]
-    gain = gain_of(beside, rows, shapes, base, follows_motion(found.term.cause))
     if is_whole_share(found.term.cause):
-        gain = min(gain, 0.5 * found.statistic)
+        gain = _gain_of_torque(beside, found.scale @ rows, shapes, base)
+    else:
+        gain = gain_of(beside, rows, shapes, base, follows_motion(found.term.cause))
     statistic = 2.0 * max(gain, 0.0)
     evidence = amplitude_evidence(beside, found, statistic) - price(beside, record, found)
     return replace(found, gain_nats=gain, evidence_nats=evidence)
@@ -233,6 +258,15 @@ def gain_of(
     edges = beside.bands.edges[:-1]
     right = np.stack([np.add.reduceat(row * beside.residual, edges) for row in rows], 1)
     moments = beside.moments.enlarged(cross, own, right, moving)
+    return solve_best(moments, shapes, beside.spectrum).likelihood - base
+
+
+def _gain_of_torque(beside: Beside, torque: FloatArray, shapes: Shapes, base: float) -> float:
+    """Return the log likelihood that a torque without free amplitude gains, nats."""
+    left = beside.residual - torque
+    moved = beside.bands.gram(torque[None, :], beside.rows)[:, 0]
+    moments = beside.moments
+    moments = replace(moments, right=moments.right - moved, power=beside.bands.power(left))
     return solve_best(moments, shapes, beside.spectrum).likelihood - base
 
 
@@ -270,7 +304,11 @@ def amplitude_evidence(beside: Beside, found: Candidate, statistic: float) -> fl
 
 
 def price(beside: Beside, record: Record, found: Candidate) -> float:
-    """Return what shape and place of a candidate cost, nats."""
+    """Return what shape and place of a candidate cost, nats; a common cause costs less."""
+    return _place_price(beside, record, found) - (_COMMON if found.term.cause.common else 0.0)
+
+
+def _place_price(beside: Beside, record: Record, found: Candidate) -> float:
     term = found.term
     if term.name.startswith("table:"):
         return _TABLE_PRICE + float(np.log(max(found.trials, 1.0)))

@@ -10,7 +10,14 @@ import numpy as np
 from hdbench.diagnosis.discovery.chance import chi2_tail
 from hdbench.diagnosis.discovery.dictionary import Dictionary, Look, make_dictionary
 from hdbench.diagnosis.discovery.fit import Beside, Fit, Part
-from hdbench.diagnosis.discovery.form import attach_forms, best_form_move
+from hdbench.diagnosis.discovery.form import (
+    STRONG,
+    FormMove,
+    attach_forms,
+    best_form_move,
+    form_cost,
+    joined,
+)
 from hdbench.diagnosis.discovery.lines import Scan, plan_scans, scan_looks, scan_power, step_look
 from hdbench.diagnosis.discovery.modulated import modulated_looks
 from hdbench.diagnosis.discovery.moments import solve, solve_best
@@ -25,11 +32,17 @@ from hdbench.diagnosis.discovery.refine import (
     weighed,
 )
 from hdbench.diagnosis.discovery.tables import is_table, table_causes
-from hdbench.diagnosis.discovery.term import Term, follows_motion, is_line, term_columns
+from hdbench.diagnosis.discovery.term import (
+    Term,
+    follows_motion,
+    is_line,
+    smooth_shapes,
+    term_columns,
+)
 from hdbench.model import Cause
 from hdbench.records.trace import FloatArray
 
-__all__ = ["SHARES", "Accepted", "Search", "search", "settled"]
+__all__ = ["SHARES", "Accepted", "Search", "search", "settled", "value_of"]
 
 # share of the false-alarm rate of each kind of look
 SHARES = {"name": 0.5, "line": 0.28, "step": 0.05, "table": 0.14, "burst": 0.03}
@@ -38,10 +51,10 @@ _NAMES, _LINES, _TABLES, _PAIRS = 5, 8, 2, 3
 # a look this many nats behind the best cannot overtake it by a better shape or noise
 _BEHIND = 0.5
 _BEHIND_NATS = 15.0
-# a name goes before a table wherever it has this evidence: odds of 150 to 1
-_NAME_NATS = 5.0
+# a name goes before a table wherever it has this evidence, odds of 150 to 1, and this share of its
+_NAME_NATS, _NAME_SHARE = 5.0, 0.1
 # rounds of a search that finds ever more, and small causes in a row that end it
-_MOST_ROUNDS, _SMALL = 60, 2
+_MOST_ROUNDS, _SMALL = 30, 2
 # evidence that a cause must keep where slow noise, which imitates it, is accepted after it
 _IN_SLOW_NATS = 8.0
 # a law of the motion goes first where it has at least one half of the evidence of a line
@@ -58,6 +71,10 @@ _PLAIN_NATS = 20.0
 SLOW_PRICE = 4.0
 # a name that was dropped this often beside others is not tried again
 _AGAIN = 2
+# changes of form errors in a row
+_FORM_MOVES = 12
+# entries of a round that are fitted with their form errors
+_JOINED = 3
 # a cause that has less evidence than this beside the others is dropped
 _LEAST_NATS = 1.0
 
@@ -74,11 +91,14 @@ class Accepted:
         Places that were tried.
     evidence_nats : float
         Evidence when it was accepted.
+    cost_nats : float
+        What its parameters, shape and place cost then.
     """
 
     false_alarm: float
     trials: float
     evidence_nats: float
+    cost_nats: float = 0.0
 
 
 @dataclass(slots=True)
@@ -178,11 +198,6 @@ class Search:
         if not passing and len(views) == 1:
             return ()
         chosen = _nearest(first) if passing else []
-        known = {_identity(look.term) for _, look in chosen}
-        for entry in looks[-1] if len(views) > 1 else []:
-            hopeful = 0.5 * entry[1].statistic > _PLAIN_NATS
-            if hopeful and _identity(entry[1].term) not in known:
-                chosen.append((entry[0], replace(entry[1], false_alarm=1.0)))
         beside = fit.beside()
         base = settled(beside, fit)
         tried: list[tuple[Candidate, ...]] = []
@@ -190,12 +205,14 @@ class Search:
             chance = min(1.0, look.false_alarm / SHARES[kind])
             start = candidate_of(beside, fit.record, look.term, look.trials, chance)
             shaped = refined(beside, fit.record, start)
-            tried.append((self._judged(weighed(beside, fit.record, shaped, fit.shapes, base)),))
+            tried.append((weighed(beside, fit.record, shaped, fit.shapes, base),))
+        plain = self._plain(views[-1], looks[-1], beside, base) if len(views) > 1 else []
         for view, some in zip(views, looks, strict=True):
             if not passing and not any(0.5 * x.statistic > _PLAIN_NATS for _, x in some):
                 continue
             tried += self._pairs(view, beside, base, some)
-        tried = [e for e in tried if all(self.dropped.get(c.name, 0) < _AGAIN for c in e)]
+        tried, plain = self._different(tried), self._different(plain)
+        tried = [self._judged(e) for e in self._joined(tried, plain)]
         tried = [e for e in tried if e[0].false_alarm < self.alpha and _nats(e) > _LEAST_NATS]
         self.log.append(
             "  "
@@ -204,19 +221,102 @@ class Search:
                 for e in sorted(tried, key=_nats, reverse=True)[:6]
             )
         )
-        named = [e for e in tried if not is_table(e[0].term.cause) and _nats(e) > _NAME_NATS]
+        most = max((_nats(e) for e in tried), default=0.0)
+        least = max(_NAME_NATS, _NAME_SHARE * most)
+        named = [e for e in tried if not is_table(e[0].term.cause) and _nats(e) > least]
         return max(named or tried, key=_turn, default=())
 
-    def _judged(self, found: Candidate) -> Candidate:
-        """Return a candidate with the chance of its gain in likelihood where that is smaller."""
-        place = is_line(found.term.cause) or "step_time_s" in found.term.shape
-        if place or found.gain_nats < _PLAIN_NATS:
-            return found
-        table = is_table(found.term.cause)
-        trials = found.trials * (self.tables if table else self.names).all_trials
-        chance = chi2_tail(2.0 * max(found.gain_nats, 0.0), max(found.dof, 1))
+    def _different(self, tried: list[tuple[Candidate, ...]]) -> list[tuple[Candidate, ...]]:
+        """Return the best entry of each set of names, without names that were dropped often."""
+        best: dict[tuple[object, ...], tuple[Candidate, ...]] = {}
+        for entry in sorted(tried, key=_nats, reverse=True):
+            if all(self.dropped.get(c.name, 0) < _AGAIN for c in entry):
+                place = _identity(entry[0].term) if is_line(entry[0].term.cause) else ()
+                best.setdefault((*sorted(c.name for c in entry), *place), entry)
+        return list(best.values())
+
+    def _plain(
+        self, view: Fit, looks: list[tuple[str, Look]], beside: Beside, base: float
+    ) -> list[tuple[Candidate, ...]]:
+        """Return the names that explain most in a plain noise, at their shapes there."""
+        record, fit, even = self.fit.record, self.fit, view.beside()
+        out: list[tuple[Candidate, ...]] = []
+        for look in [x for k, x in looks if k == "name"][:_JOINED]:
+            if 0.5 * look.statistic < _PLAIN_NATS:
+                break
+            shaped = refined(even, record, candidate_of(even, record, look.term, look.trials, 1.0))
+            here = candidate_of(beside, record, shaped.term, look.trials, 1.0)
+            out.append((weighed(beside, record, here, fit.shapes, base),))
+        return out
+
+    def _joined(
+        self, tried: list[tuple[Candidate, ...]], plain: list[tuple[Candidate, ...]]
+    ) -> list[tuple[Candidate, ...]]:
+        """Return entries, the strong ones with the evidence that they have with their form errors.
+
+        Fitted so are the likeliest ones, and those that explain most in a plain noise.
+        """
+        ranked = sorted(tried, key=_nats, reverse=True)
+        likely = [e for e in ranked[:_JOINED] if e[0].gain_nats > 0.5 * STRONG]
+        chosen = {id(e): e for e in (*likely, *plain)}
+        if not chosen:
+            return ranked
+        base = max(
+            settled(self.fit.beside(), self.fit) - form_cost(self.fit),
+            value_of(joined(self.fit, ())),
+        )
+        out = [e for e in ranked if id(e) not in chosen]
+        for entry in chosen.values():
+            new, terms = self.best_joined(self.fit, tuple(c.term for c in entry))
+            more = max(value_of(new) - base - entry[0].gain_nats, 0.0)
+            better = replace(
+                entry[0],
+                gain_nats=entry[0].gain_nats + more,
+                evidence_nats=entry[0].evidence_nats + more,
+                joined=new,
+            )
+            found = (better, *entry[1:])
+            out.append(tuple(replace(c, term=t) for c, t in zip(found, terms, strict=True)))
+        return out
+
+    def best_joined(self, fit: Fit, terms: tuple[Term, ...]) -> tuple[Fit, tuple[Term, ...]]:
+        """Return a fit with further terms, their form errors and their shapes refined in it."""
+        new = joined(fit, terms)
+        again = self._reshaped(new, terms)
+        if again != terms:
+            other = joined(fit, again)
+            if value_of(other) > value_of(new):
+                return other, again
+        return new, terms
+
+    def _reshaped(self, new: Fit, terms: tuple[Term, ...]) -> tuple[Term, ...]:
+        """Return the last terms of a fit at the shapes that are best in its noise."""
+        out = []
+        for place, term in enumerate(terms):
+            if not smooth_shapes(term) or is_line(term.cause):
+                out.append(term)
+                continue
+            beside = new.beside(len(new.parts) - len(terms) + place)
+            starts = [x.term for x in self.names.looks(beside) if x.term.name == term.name][:1]
+            tried = [
+                refined(beside, new.record, candidate_of(beside, new.record, t, 1.0, 1.0))
+                for t in (term, *starts)
+            ]
+            out.append(max(tried, key=lambda c: c.statistic).term)
+        return tuple(out)
+
+    def _judged(self, entry: tuple[Candidate, ...]) -> tuple[Candidate, ...]:
+        """Return an entry with the chance of its gain in likelihood where that is smaller."""
+        first = entry[0]
+        place = is_line(first.term.cause) or "step_time_s" in first.term.shape
+        if place or first.gain_nats < _PLAIN_NATS:
+            return entry
+        table = is_table(first.term.cause)
+        every = (self.tables if table else self.names).all_trials
+        trials = float(np.prod([c.trials * every for c in entry]))
+        chance = chi2_tail(2.0 * max(first.gain_nats, 0.0), max(sum(c.dof for c in entry), 1))
         chance = min(1.0, chance * trials / SHARES["table" if table else "name"])
-        return replace(found, false_alarm=min(found.false_alarm, chance))
+        return tuple(replace(c, false_alarm=min(c.false_alarm, chance)) for c in entry)
 
     def _pairs(
         self, view: Fit, beside: Beside, base: float, looks: list[tuple[str, Look]]
@@ -231,17 +331,10 @@ class Search:
                 continue
             both = pair_of(beside, fit, pair, base)
             if both[0].gain_nats > _PLAIN_NATS:
-                out.append(self._judged_pair(both))
+                out.append(both)
             if len(out) == _PAIRS:
                 break
         return out
-
-    def _judged_pair(self, pair: tuple[Candidate, ...]) -> tuple[Candidate, ...]:
-        one, other = pair
-        trials = one.trials * other.trials * self.names.all_trials**2
-        chance = chi2_tail(2.0 * max(one.gain_nats, 0.0), one.dof + other.dof)
-        chance = min(1.0, chance * trials / SHARES["name"])
-        return replace(one, false_alarm=chance), replace(other, false_alarm=chance)
 
     def accept_slow(self, evidence: float) -> bool:
         """Accept slow noise where it explains more than anything else; return whether it does."""
@@ -261,18 +354,48 @@ class Search:
         self.prune(_IN_SLOW_NATS, 0)
         return True
 
-    def accept(self, found: Candidate) -> int:
-        """Add a candidate to the fit and settle."""
-        part = self.fit.add_term(found.term)
-        self.accepted[id(self.fit.parts[part])] = Accepted(
-            found.false_alarm, found.trials, found.evidence_nats
-        )
-        self.fit.settle(3)
-        self.log.append(
-            f"+ {found.name} {_short(found.term)} E={found.evidence_nats:.0f}"
-            f" T={found.statistic:.0f}"
-        )
-        return part
+    def accept(self, entry: tuple[Candidate, ...]) -> None:
+        """Add candidates to the fit and settle."""
+        old, new = self.fit, entry[0].joined
+        if new is None:
+            for found in entry:
+                old.add_term(found.term)
+            old.settle(3)
+        else:
+            known = {
+                id(b): self.accepted.get(id(a)) for a, b in zip(old.parts, new.parts, strict=False)
+            }
+            self.accepted = {key: value for key, value in known.items() if value is not None}
+            self.fit = new
+        for found, part in zip(entry, self.fit.parts[-len(entry) :], strict=True):
+            self.accepted[id(part)] = Accepted(
+                found.false_alarm,
+                found.trials,
+                found.evidence_nats,
+                (entry[0].gain_nats - entry[0].evidence_nats) / len(entry),
+            )
+            self.log.append(
+                f"+ {found.name} {_short(found.term)} E={found.evidence_nats:.0f}"
+                f" T={found.statistic:.0f}"
+            )
+
+    def paid(self) -> dict[int, float]:
+        """Return what each cause of the fit cost when it was accepted, nats."""
+        every = {part: self.accepted.get(id(self.fit.parts[part])) for part in self.fit.causes()}
+        return {part: known.cost_nats for part, known in every.items() if known is not None}
+
+    def change_form(self, move: FormMove) -> None:
+        """Take over a change of form errors, without the causes that it makes needless."""
+        fit = self.fit
+        names = "+".join(fit.parts[index].name for index in move.scales)
+        gone = "".join(f" -{fit.parts[index].name}" for index in move.needless)
+        size = max(move.scales.values())
+        self.log.append(f"form {names} {size} E={move.gain_nats:.0f}{gone}")
+        for index, scale in move.scales.items():
+            fit.parts[index].form_scale = scale
+        for index in sorted(move.needless, reverse=True):
+            fit.remove(index)
+        fit.settle(3)
 
     def replace_term(self, part: int, better: Candidate, accepted: Accepted | None) -> None:
         """Put another name in the place of a cause."""
@@ -354,6 +477,11 @@ def _turn(entry: tuple[Candidate, ...]) -> float:
     """
     law = any(follows_motion(c.term.cause) for c in entry)
     return round(_nats(entry) * (_LAWS_FIRST if law else 1.0), 1)
+
+
+def value_of(fit: Fit) -> float:
+    """Return the log likelihood of a fit less what the scales of its form errors cost."""
+    return fit.likelihood - form_cost(fit)
 
 
 def _nats(entry: tuple[Candidate, ...]) -> float:
@@ -514,18 +642,20 @@ def search(
     for count in range(_MOST_ROUNDS):
         report("searching", 0.35 + 0.5 * (1.0 - 0.8**count))
         found = state.round()
-        form = best_form_move(fit)
+        form = best_form_move(fit, state.paid())
         evidence = sum(c.evidence_nats for c in found)
-        if state.accept_slow(max(evidence, form[0] if form else 0.0)):
+        if state.accept_slow(max(evidence, form.gain_nats if form else 0.0)):
             continue
-        if form is not None and form[0] > max(evidence, _LEAST_NATS):
-            fit.parts[form[1]].form_scale = form[2]
-            fit.settle(3)
-            state.log.append(f"form {fit.parts[form[1]].name} {form[2]} E={form[0]:.0f}")
+        if form is not None and form.gain_nats > max(evidence, _LEAST_NATS):
+            for _ in range(_FORM_MOVES):
+                state.change_form(form)
+                form = best_form_move(fit, state.paid())
+                if form is None or form.gain_nats < max(evidence, _LEAST_NATS):
+                    break
         elif found:
             before = fit.bands.power(fit.residual).sum()
-            for one in found:
-                state.accept(one)
+            state.accept(found)
+            fit = state.fit
             small = small + 1 if state.explained(before) < least_share else 0
             if small > _SMALL:
                 break

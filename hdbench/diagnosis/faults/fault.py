@@ -1,4 +1,4 @@
-"""Fault: a fault of the acquisition with its evidence, and the marks that samples get."""
+"""Fault of the acquisition with its evidence, and what an inspection of the channels found."""
 
 from __future__ import annotations
 
@@ -7,32 +7,17 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import log_ndtr
 
 from hdbench.diagnosis.answer.records import DataFlag
+from hdbench.diagnosis.faults.scatter import mask_runs
 from hdbench.records.trace import FloatArray, Trace
 
-__all__ = [
-    "ACCEPT_NATS",
-    "TELL_NATS",
-    "Entry",
-    "Fault",
-    "entry",
-    "flag_runs",
-    "flag_samples",
-    "mask_runs",
-    "normal_tail",
-    "robust_std",
-]
+__all__ = ["Fault", "Inspected", "entry", "fault_over", "flag_runs", "flag_samples"]
 
-# evidence that a fault needs: as for causes, a Bayes factor of 3000
-ACCEPT_NATS = 8.0
-# names within this many nats are not told apart: a Bayes factor of 20
-TELL_NATS = 3.0
 # more stretches than this are told as one flag over all of them
 _MANY = 20
 
-Entry = dict[str, float | str | None]
+_Entry = dict[str, float | str | None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,15 +35,13 @@ class Fault:
     from_s, to_s : float
         Time of the first and of the last of them, s.
     evidence_nats : float
-        Log likelihood ratio less half a log of the samples for each parameter.
+        Gain of the log likelihood less its price.
     false_alarm_probability : float
-        Probability of such evidence anywhere on a record without the fault, in [0, 1].
-    channels_used : tuple of str
-        Channels that speak for it.
+        Probability of such evidence on a record without the fault, in [0, 1].
     shape : dict of str to float
         Shape parameters of the catalogue, for the model file.
-    group, rivals : tuple of str
-        Other names that these data cannot tell from it, or hardly.
+    group : tuple of str
+        Other names that these data cannot tell from it.
     undone : Trace or None
         Trace with every fault taken out but this one; None where nothing was taken out.
     masked : ndarray of bool, shape (n,), or None
@@ -68,16 +51,14 @@ class Fault:
     """
 
     name: str
-    parameters: Mapping[str, Entry]
+    parameters: Mapping[str, _Entry]
     samples: int
     from_s: float
     to_s: float
     evidence_nats: float
     false_alarm_probability: float
-    channels_used: tuple[str, ...]
     shape: Mapping[str, float] = field(default_factory=dict)
     group: tuple[str, ...] = ()
-    rivals: tuple[str, ...] = ()
     undone: Trace | None = None
     masked: NDArray[np.bool_] | None = None
     domain: str = "time"
@@ -87,37 +68,69 @@ class Fault:
         return DataFlag(self.name, self.from_s, self.to_s, self.samples)
 
 
-def entry(value: float, std: float | None, unit: str) -> Entry:
+@dataclass(frozen=True, slots=True)
+class Inspected:
+    """A trace after its channels were inspected.
+
+    Parameters
+    ----------
+    trace : Trace
+        Channels as the rest of the diagnosis sees them: what can be trusted, named faults of
+        angle, tacho and clock taken out.
+    masked : ndarray of bool, shape (n,)
+        Samples that take no part.
+    left_out : tuple of (str, int)
+        Why samples take no part, and how many.
+    flags : tuple of DataFlag
+        Doubtful samples, those of the faults among them.
+    faults : tuple of Fault
+        Named faults.
+    reason : str
+        Why nothing can be said, with the margin; empty where something can.
+    derived : tuple of (str, str)
+        Channels that were made of another one, and of which.
+    """
+
+    trace: Trace
+    masked: NDArray[np.bool_]
+    left_out: tuple[tuple[str, int], ...] = ()
+    flags: tuple[DataFlag, ...] = ()
+    faults: tuple[Fault, ...] = ()
+    reason: str = ""
+    derived: tuple[tuple[str, str], ...] = ()
+
+
+def entry(value: float, std: float | None, unit: str) -> _Entry:
     """Return a parameter as the contract writes it."""
     return {"value": float(value), "std": None if std is None else float(std), "unit": unit}
 
 
-def normal_tail(sigmas: float, trials: float, parameters: int, samples: int) -> tuple[float, float]:
-    """Return evidence and false-alarm probability of the largest of many normal statistics."""
-    nats = 0.5 * sigmas**2 - 0.5 * parameters * float(np.log(samples))
-    log_chance = float(np.log(2.0 * trials) + log_ndtr(-abs(sigmas)))
-    return nats, float(np.exp(min(0.0, log_chance)))
+def fault_over(
+    name: str,
+    parameters: Mapping[str, _Entry],
+    times_s: FloatArray,
+    nats: float,
+    *,
+    shape: Mapping[str, float] | None = None,
+    masked: NDArray[np.bool_] | None = None,
+    domain: str = "time",
+) -> Fault:
+    """Return a fault of the samples at some times.
 
-
-def robust_std(values: FloatArray) -> float:
-    """Return half the width that holds 68.27 %: the standard deviation of normal values."""
-    return float(np.quantile(np.abs(values - np.median(values)), 0.6827)) if len(values) else 0.0
-
-
-def mask_runs(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """Return first and last index of each run of True."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(np.int8), [0]])))
-    return [(int(a), int(b) - 1) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+    Evidence that is paid for is the log of a Bayes factor: chance reaches it with less than its
+    inverse.
+    """
+    chance = float(np.exp(-max(nats, 0.0)))
+    span = (len(times_s), float(times_s[0]), float(times_s[-1]))
+    return Fault(name, parameters, *span, nats, chance, shape or {}, masked=masked, domain=domain)
 
 
 def flag_samples(
     name: str, time_s: FloatArray, mask: NDArray[np.bool_], detail: str = ""
 ) -> tuple[DataFlag, ...]:
     """Return one flag from the first to the last marked sample; none where none is marked."""
-    at = np.flatnonzero(mask)
-    if not len(at):
-        return ()
-    return (DataFlag(name, float(time_s[at[0]]), float(time_s[at[-1]]), len(at), detail),)
+    at = time_s[mask]
+    return (DataFlag(name, float(at[0]), float(at[-1]), len(at), detail),) if len(at) else ()
 
 
 def flag_runs(name: str, time_s: FloatArray, mask: NDArray[np.bool_]) -> tuple[DataFlag, ...]:

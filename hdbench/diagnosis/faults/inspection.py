@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
 from hdbench.diagnosis.answer.records import DataFlag
 from hdbench.diagnosis.faults.converter import clipping, stuck_samples
-from hdbench.diagnosis.faults.fault import Fault, flag_runs, flag_samples, robust_std
-from hdbench.diagnosis.faults.jumps import find_jumps, later_from, turned_back
-from hdbench.diagnosis.faults.phase import Ripple
+from hdbench.diagnosis.faults.fault import Fault, Inspected, flag_runs, flag_samples
+from hdbench.diagnosis.faults.jumps import find_jumps
+from hdbench.diagnosis.faults.repair import without_faults
+from hdbench.diagnosis.faults.scatter import find_outliers, smallest_step
 from hdbench.diagnosis.faults.shaft import (
     ANGLES,
     VELOCITIES,
@@ -22,62 +22,22 @@ from hdbench.diagnosis.faults.shaft import (
     shaft_of,
     velocity_of,
 )
-from hdbench.diagnosis.faults.stamps import gap_steps, lost_samples, repeated_rows
-from hdbench.diagnosis.faults.tacho import find_tacho_ripple, without_ripple
-from hdbench.diagnosis.faults.units import check_channels
+from hdbench.diagnosis.faults.stamps import lost_samples, repeated_rows
+from hdbench.diagnosis.faults.tacho import find_tacho_ripple
+from hdbench.diagnosis.faults.units import check_channels, expected_nm
 from hdbench.model import BenchModel, baseline_orders
-from hdbench.model.kinematics import velocity_slope
 from hdbench.model.motion import torque_from_trace
 from hdbench.profile.schema import ProfileData
 from hdbench.records.trace import FloatArray, Trace
 
-__all__ = ["Inspected", "inspect_channels"]
+__all__ = ["inspect_channels"]
 
-# an isolated sample leaves the median of five by this many times what one in a hundred does: the
-# largest of a million normal samples is twice the hundredth-largest of a hundred
-_OUT_RATIO = 2.5
-# and by this many robust standard deviations
-_OUT_SIGMA = 16.0
-# and this many of the smallest steps
-_OUT_STEPS = 4.0
-# and the two samples on each side differ by less than this part of it
-_FLAT = 0.2
-_WINDOW = 5
-
-
-@dataclass(frozen=True, slots=True)
-class Inspected:
-    """A trace after its channels were inspected.
-
-    Parameters
-    ----------
-    trace : Trace
-        Channels as the rest of the diagnosis sees them: what can be trusted, named faults of
-        angle, tacho and clock taken out.
-    masked : ndarray of bool, shape (n,)
-        Samples that take no part.
-    left_out : tuple of (str, int)
-        Why samples take no part, and how many.
-    flags : tuple of DataFlag
-        Doubtful samples, those of the faults among them.
-    faults : tuple of Fault
-        Named faults.
-    reason : str
-        Why nothing can be said, with the margin; empty where something can.
-    derived : tuple of (str, str)
-        Channels that were made of another one, and of which.
-    angle_trusted : bool
-        Whether the motor angle is measured and of a sensor of its own.
-    """
-
-    trace: Trace
-    masked: NDArray[np.bool_]
-    left_out: tuple[tuple[str, int], ...] = ()
-    flags: tuple[DataFlag, ...] = ()
-    faults: tuple[Fault, ...] = ()
-    reason: str = ""
-    derived: tuple[tuple[str, str], ...] = ()
-    angle_trusted: bool = False
+# samples below which a record shows nothing
+_FEWEST = 5
+# an isolated wrong sample leaves a course that is so many times as even beside it
+_EVEN = 5.0
+# and is out by this many of the channel's smallest steps: rounding makes one or two
+_STEPS = 4.0
 
 
 def inspect_channels(
@@ -105,75 +65,70 @@ def inspect_channels(
     DataError
         If the trace has no torque.
     """
-    none = np.zeros(len(trace), dtype=bool)
-    if len(trace) < _WINDOW:
-        return Inspected(trace, none, reason=f"{len(trace)} samples; needed: at least {_WINDOW}")
-    channels = check_channels(_finite(trace), profile)
-    reason = channels.reason or _at_rest(channels.trace, profile)
+    if len(trace) < _FEWEST:
+        reason = f"{len(trace)} samples; needed: at least {_FEWEST}"
+        return Inspected(trace, np.zeros(len(trace), dtype=bool), reason=reason)
+    checked = check_channels(_finite(trace), profile)
+    trace, reason = checked.trace, checked.reason or _at_rest(checked.trace, profile)
     if reason:
-        return Inspected(channels.trace, none, flags=channels.flags, reason=reason)
-    trace, flags = channels.trace, channels.flags
-    lost = lost_samples(trace)
-    torque = torque_from_trace(trace, profile)
-    trace, glitches = _without_glitches(_known_out(trace, profile, model), profile)
+        return replace(checked, reason=reason)
+    torque, lost = torque_from_trace(trace, profile), lost_samples(trace)
+    known = [(term.name, dict(term.shape)) for term in model.causes]
+    trace, glitches = _without_glitches(without_faults(trace, profile, known), profile)
     clipped, saturation = clipping(trace, profile, torque)
     stuck = stuck_samples(torque) & ~clipped
-    held = repeated_rows(trace) & ~clipped & ~stuck
-    masked = clipped | stuck
-    flags += flag_runs("stuck-value", trace.time_s, stuck) + glitches
-    flags += flag_samples(
-        "missed-samples", trace.time_s, held, "rows that repeat the one before; nothing is repaired"
+    masked, missing = clipped | stuck, ~np.isfinite(torque)
+    held = repeated_rows(trace, angle_of(trace, profile)) & ~masked
+    moving, repaired, derived = _moving(trace, profile, np.where(masked, np.nan, torque))
+    if any(one.false_alarm_probability >= alpha for one in moving):
+        moving, repaired = (), trace
+    faults = (*lost, *saturation, *moving)
+    flags = (
+        *checked.flags,
+        *flag_runs("stuck-value", trace.time_s, stuck),
+        *glitches,
+        *flag_samples(
+            "missed-samples",
+            trace.time_s,
+            held,
+            "rows that repeat the one before; nothing is repaired",
+        ),
+        *(fault.flag() for fault in faults),
     )
-    faults = lost if saturation is None else (*lost, saturation)
-    moving, repaired, derived = _moving(trace, profile, torque, masked | ~np.isfinite(torque))
-    if all(one.false_alarm_probability < alpha for one in moving):
-        faults, trace = (*faults, *moving), repaired
-    flags += tuple(fault.flag() for fault in faults)
-    reasons = {"no value": ~np.isfinite(torque), "clipped": clipped, "stuck": stuck}
+    reasons = {"no value": missing, "clipped": clipped, "stuck": stuck}
     return Inspected(
-        trace,
+        repaired,
         masked,
         tuple((name, int(mask.sum())) for name, mask in reasons.items() if mask.any()),
         tuple(sorted(flags, key=lambda flag: flag.from_s)),
         faults,
-        "",
-        derived,
-        any(name in trace for name in ANGLES) and all(one not in ANGLES for one, _ in derived),
+        derived=derived,
     )
 
 
 def _moving(
-    trace: Trace, profile: ProfileData, torque: FloatArray, masked: NDArray[np.bool_]
+    trace: Trace, profile: ProfileData, torque_nm: FloatArray
 ) -> tuple[tuple[Fault, ...], Trace, tuple[tuple[str, str], ...]]:
     """Return faults of angle, tacho and clock, the trace without them, and what is derived."""
     shaft = shaft_of(trace, profile)
     if shaft is None:
         return (), trace, ()
     pair = derivation(shaft)
-    torque = _rest(trace, profile, torque)
-    ripple = Ripple(torque, ~masked, baseline_orders(profile), np.nan_to_num(shaft.velocity_rad_s))
     independent = pair is None and has_own_noise(shaft)
     # ripple of the tacho hides small jumps, and a jump turns the ripple's phase
-    lines, smooth = find_tacho_ripple(trace, shaft) if independent else ((), trace)
-    even = shaft_of(smooth, profile) if lines else shaft
-    jumps, repaired = find_jumps(smooth, even or shaft, profile, ripple, independent=independent)
-    lines = tuple(
-        replace(one, undone=without_ripple(repaired, shaft.angle_rad, one.shape, -1))
-        for one in lines
-    )
-    return (*jumps, *lines), repaired, () if pair is None else (pair,)
+    faults = find_tacho_ripple(shaft) if independent else ()
+    smooth = without_faults(trace, profile, [(one.name, one.shape) for one in faults])
+    load = trace.columns.get("load_torque_nm", np.zeros(len(trace)))
+    rest = torque_nm - np.nan_to_num(expected_nm(trace, profile, shaft.velocity_rad_s) + load)
+    even, orders = shaft_of(smooth, profile) or shaft, baseline_orders(profile)
+    faults = (*find_jumps(even, orders, rest, independent=independent), *faults)
 
+    def without(kept: Fault | None) -> Trace:
+        out = [(one.name, one.shape) for one in faults if one is not kept]
+        return without_faults(trace, profile, out)
 
-def _rest(trace: Trace, profile: ProfileData, torque: FloatArray) -> FloatArray:
-    """Return the torque less what load and acceleration explain; 0 where it is lost."""
-    out = np.nan_to_num(torque)
-    velocity = velocity_of(trace, profile)
-    if velocity is not None:
-        inertia = profile.drive.load_inertia_kg_m2 / profile.drive.gear_ratio
-        out = out - inertia * np.nan_to_num(velocity_slope(trace.time_s, velocity))
-    if "load_torque_nm" in trace:
-        out = out - np.nan_to_num(trace["load_torque_nm"])
-    return np.asarray(out)
+    told = tuple(replace(one, undone=without(one)) for one in faults)
+    return told, without(None), () if pair is None else (pair,)
 
 
 def _finite(trace: Trace) -> Trace:
@@ -183,7 +138,7 @@ def _finite(trace: Trace) -> Trace:
         for name, values in trace.columns.items()
         if name != "time_s" and bool(np.isinf(values).any())
     }
-    return trace.with_columns(**wrong) if wrong else trace
+    return trace.with_columns(**wrong)
 
 
 def _at_rest(trace: Trace, profile: ProfileData) -> str:
@@ -195,66 +150,25 @@ def _at_rest(trace: Trace, profile: ProfileData) -> str:
     return "neither angle nor velocity changes by a single step: the record holds no motion"
 
 
-def _known_out(trace: Trace, profile: ProfileData, model: BenchModel) -> Trace:
-    """Return the trace without the faults of angle, tacho and clock that the model holds."""
-    for term in model.causes:
-        shape = dict(term.shape)
-        angle = angle_of(trace, profile)
-        if term.name == "tacho-ripple" and angle is not None:
-            trace = without_ripple(trace, angle, shape)
-        elif term.name in ("encoder-slip", "missed-samples"):
-            first = int(np.searchsorted(trace.time_s, shape["step_time_s"]))
-            if term.name == "encoder-slip":
-                trace = turned_back(trace, profile, first, shape["slip_rad"])
-            else:
-                trace = later_from(trace, first, shape["missed_s"])
-    return trace
-
-
-def _isolated(values: FloatArray, least: float) -> NDArray[np.bool_]:
-    """Return single samples far out of a course that is even on both sides of them."""
-    out = np.zeros(len(values), dtype=bool)
-    if len(values) < 10 * _WINDOW:
-        return out
-    known = np.nan_to_num(values)
-    away = np.abs(known - median_filter(known, size=_WINDOW, mode="nearest"))
-    limit = max(_OUT_RATIO * float(np.quantile(away, 0.99)), _OUT_SIGMA * robust_std(away), least)
-    around = np.abs(known[np.array([[0], [1], [3], [4]]) + np.arange(len(known) - 4)] - known[2:-2])
-    flat = around.max(axis=0) - around.min(axis=0) < _FLAT * around.min(axis=0)
-    out[2:-2] = flat & (away[2:-2] > limit) & np.isfinite(values[2:-2])
-    return out
-
-
 def _without_glitches(trace: Trace, profile: ProfileData) -> tuple[Trace, tuple[DataFlag, ...]]:
     """Return the trace without isolated wrong samples of velocity and angle, and their flags."""
     flags: tuple[DataFlag, ...] = ()
     velocity, angle = velocity_of(trace, profile), angle_of(trace, profile)
     courses = []
     if velocity is not None:
-        steps = np.abs(np.diff(velocity))
-        # rounding of a motion without noise is no wrong sample
-        step = float(np.min(steps, where=steps > 0.0, initial=np.inf))
-        courses.append((VELOCITIES, velocity, velocity, _OUT_STEPS * step, "velocity"))
+        rounding = _STEPS * smallest_step(velocity)
+        courses.append((VELOCITIES, velocity, velocity, rounding, "velocity"))
     if angle is not None:
         # a wrong angle is out for one move and back for the next; a slip stays out
         moves = np.nan_to_num(np.diff(angle, prepend=angle[:1]))
-        off = moves - median_filter(moves, size=_WINDOW, mode="nearest")
+        course = np.cumsum(moves - median_filter(moves, size=_FEWEST, mode="nearest"))
         usual = float(np.quantile(np.abs(moves), 0.99))
-        courses.append((ANGLES, angle, np.cumsum(off), usual, "motor angle"))
+        courses.append((ANGLES, angle, course, usual, "motor angle"))
     for names, channel, course, least, what in courses:
-        # nor has a reading that was held left its course
-        wrong = _isolated(course, least) & (np.diff(channel, prepend=np.nan) != 0.0)
-        # beside a gap there is none
-        for at in gap_steps(trace.time_s).tolist():
-            wrong[max(0, at - _WINDOW) : at + _WINDOW] = False
-        trace = _lost_at(trace, names, wrong)
+        wrong = find_outliers(course, np.isfinite(channel), course, least=least, even=_EVEN)
+        # a reading that was held has not left its course
+        wrong &= np.diff(channel, prepend=np.nan) != 0.0
+        lost = {name: np.where(wrong, np.nan, trace[name]) for name in names if name in trace}
+        trace = trace.with_columns(**lost)
         flags += flag_samples("spikes", trace.time_s, wrong, f"isolated samples of the {what}")
     return trace, flags
-
-
-def _lost_at(trace: Trace, names: tuple[str, ...], mask: NDArray[np.bool_]) -> Trace:
-    """Return the trace with the marked samples of some channels lost."""
-    if not mask.any():
-        return trace
-    kept = {name: np.where(mask, np.nan, trace[name]) for name in names if name in trace}
-    return trace.with_columns(**kept)

@@ -8,27 +8,18 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation, uniform_filter1d
 
-from hdbench.diagnosis.faults.fault import robust_std
+from hdbench.diagnosis.faults.scatter import least_squares, robust_std, smallest_step
 from hdbench.diagnosis.faults.stamps import gap_steps
 from hdbench.profile.schema import ProfileData
 from hdbench.records.trace import FloatArray, Trace
 
 __all__ = [
-    "ANGLES", "DELAYS", "REACH", "VELOCITIES", "Shaft", "angle_of", "derivation", "disagreement",
+    "ANGLES", "VELOCITIES", "Shaft", "angle_of", "derivation", "disagreement",
     "has_own_noise", "scaled", "shaft_of", "velocity_of",
 ]  # fmt: skip
 
 ANGLES = ("motor_angle_rad", "encoder_count")
 VELOCITIES = ("motor_velocity_rad_s", "tacho_v")
-# rounding of an angle, rad: far below any encoder, far above 8-byte numbers
-_DECIMALS = 9
-# edges of the cells of samples over which a velocity is weighed freely: the trapezoidal rule, and
-# any filter of up to some 15 samples on each side
-_EDGES = (-15, -7, -3, -1, 0, 1, 2, 4, 8, 16)
-# samples from which such a filter takes
-REACH = 16
-# delays of the velocity that are tried, samples
-DELAYS = 40
 # samples of a stretch that decides, and samples over which a filter of it may reach
 _STRETCH, _LAGS = 16384, 60
 # samples of the running mean that takes the motion out: what is left is the channels' own
@@ -36,14 +27,12 @@ _FAST = 5
 # share of the fast part of one channel that the other explains where it was made of it; of
 # channels with noise of their own it is next to 0
 _MADE_OF = 0.5
-# noise of its own that a velocity has to show, over that of its rounding
-_OWN = 2.0
-# a tacho lags by less than so many samples; what lags more was filtered or computed
-_PROMPT = 2
 # an integrated angle holds nothing but the velocity
 _INTEGRATED = 0.99
+# noise of its own that a velocity has to show, over that of its rounding
+_OWN = 2.0
 # even steps have to fit this much better than the stamps
-_EVEN = 0.8
+_BETTER = 0.8
 # rounds in which what stands out of the noise is left out of the fit, and its limit
 _ROUNDS = 3
 _TRIM = 5.0
@@ -57,8 +46,8 @@ class Shaft:
 
     `moves_rad` are the n - 1 increments of the angle, `good` those between present neighbours
     without a gap, `steps_s` the times between the samples: those of the stamps, or even ones where
-    the shaft says that the sampling was even and the stamps were not. `count_rad` and
-    `tacho_step_rad_s` are the smallest steps that are seen.
+    the shaft says that the sampling was even and the stamps were not. `count_rad` is the angle's
+    smallest step, `names` are angle and velocity.
     """
 
     time_s: FloatArray
@@ -68,7 +57,6 @@ class Shaft:
     moves_rad: FloatArray
     good: NDArray[np.bool_]
     count_rad: float
-    tacho_step_rad_s: float
     names: tuple[str, str]
 
     @property
@@ -76,10 +64,10 @@ class Shaft:
         """Median sampling period, s."""
         return float(np.median(np.diff(self.time_s)))
 
-    def by_velocity_rad(self) -> FloatArray:
-        """Return the increments by the velocity, by the trapezoidal rule, rad."""
-        mean = 0.5 * (self.velocity_rad_s[1:] + self.velocity_rad_s[:-1])
-        return np.asarray(mean * self.steps_s)
+    @property
+    def pace_rad_s(self) -> FloatArray:
+        """Mean velocity between neighbouring samples, rad/s."""
+        return np.asarray(0.5 * (self.velocity_rad_s[1:] + self.velocity_rad_s[:-1]))
 
 
 def velocity_of(trace: Trace, profile: ProfileData) -> FloatArray | None:
@@ -102,30 +90,20 @@ def shaft_of(trace: Trace, profile: ProfileData) -> Shaft | None:
     angle, velocity = angle_of(trace, profile), velocity_of(trace, profile)
     if angle is None or velocity is None:
         return None
-    moves = np.diff(angle)
-    good = np.isfinite(moves) & np.isfinite(velocity[1:]) & np.isfinite(velocity[:-1])
-    good[gap_steps(trace.time_s)] = False
-    sizes = np.unique(np.round(moves[np.isfinite(moves)], _DECIMALS))
-    count = float(np.diff(sizes).min()) if len(sizes) > 1 else 0.0
-    changes = np.abs(np.diff(velocity))
-    changes = changes[changes > 0.0]
-    step = float(changes.min()) if len(changes) else 0.0
-    names = tuple(next(n for n in some if n in trace) for some in (ANGLES, VELOCITIES))
-    return Shaft(
-        trace.time_s, _true_steps(trace.time_s, moves, velocity, good), angle, velocity, moves,
-        good, count, step, (names[0], names[1]),
-    )  # fmt: skip
-
-
-def _true_steps(
-    time_s: FloatArray, moves: FloatArray, velocity: FloatArray, good: NDArray[np.bool_]
-) -> FloatArray:
-    """Return the steps of the stamps, or even ones where the angle's moves fit those better."""
-    steps = np.diff(time_s)
-    even = np.where(good, float(np.median(steps)), steps)
+    moves, steps = np.diff(angle), np.diff(trace.time_s)
     pace = 0.5 * (velocity[1:] + velocity[:-1])
+    good = np.isfinite(moves) & np.isfinite(pace)
+    good[gap_steps(trace.time_s)] = False
+    even = np.where(good, float(np.median(steps)), steps)
     off = [float(np.sum(np.abs(moves - pace * one)[good])) for one in (steps, even)]
-    return even if off[1] < _EVEN * off[0] else steps
+    steps = even if off[1] < _BETTER * off[0] else steps
+    angle_name, velocity_name = (
+        next(name for name in some if name in trace) for some in (ANGLES, VELOCITIES)
+    )
+    return Shaft(
+        trace.time_s, steps, angle, velocity, moves, good, smallest_step(moves),
+        (angle_name, velocity_name),
+    )  # fmt: skip
 
 
 def scaled(trace: Trace, names: tuple[str, ...], factor: FloatArray | float) -> Trace:
@@ -143,60 +121,19 @@ def _filled(values: FloatArray) -> FloatArray:
     return np.interp(at, at[known], values[known])
 
 
-def _cells(values: FloatArray, delay: int, count: int) -> FloatArray:
-    """Return the mean of values over each cell of samples around i + delay, one column each."""
-    total = np.concatenate([[0.0], np.cumsum(values - values.mean())])
-    at = np.arange(count) + delay
-    reach = [total[np.clip(at + edge, 0, len(values))] for edge in _EDGES]
-    widths = np.diff(_EDGES)
-    means = [(b - a) / w for a, b, w in zip(reach, reach[1:], widths, strict=False)]
-    return np.asarray(np.column_stack(means) + values.mean())
-
-
-def _solved(design: FloatArray, wanted: FloatArray) -> FloatArray:
-    """Return the least squares' coefficients by the normal equations, columns at one size."""
-    size = np.sqrt(np.mean(design**2, axis=0)) + 1e-300
-    part = design / size
-    gram = part.T @ part
-    gram[np.diag_indices_from(gram)] *= 1.0 + 1e-10
-    return np.asarray(np.linalg.lstsq(gram, part.T @ wanted, rcond=None)[0] / size)
-
-
-def _delay(shaft: Shaft) -> int:
-    """Return by how many samples the velocity lags behind the angle."""
-    rate = _filled(np.where(shaft.good, shaft.moves_rad, np.nan)) / shaft.steps_s
-    velocity = _filled(shaft.velocity_rad_s)[1:]
-    most = min(DELAYS, len(rate) // 4)
-    count = len(rate) - most
-    off = [float(np.mean((velocity[k : k + count] - rate[:count]) ** 2)) for k in range(most)]
-    best = int(np.argmin(off))
-    # a delay has to show: at one speed every delay fits
-    return best if off[best] < 0.9 * off[0] else 0
-
-
-def disagreement(shaft: Shaft, *, free: bool) -> FloatArray:
+def disagreement(shaft: Shaft) -> FloatArray:
     """Return increments of the angle that the velocity does not explain, rad.
 
-    Gain, offset and lag of the velocity are none. With `free` the velocity is weighed freely over
-    some samples on each side, so that its filter is none either, be it a tacho's or that of a
-    velocity that was made of the angle.
+    Gain, offset and lag of the velocity are none.
     """
-    good, wanted = shaft.good, shaft.moves_rad
+    good, wanted, steps = shaft.good, shaft.moves_rad, shaft.steps_s
     left = np.zeros(len(good))
-    if int(good.sum()) < 8 * len(_EDGES):
-        return left
-    steps = shaft.steps_s
     velocity = _filled(shaft.velocity_rad_s)
-    plain = 0.5 * (velocity[1:] + velocity[:-1]) * steps
-    if free:
-        cells = _cells(velocity, _delay(shaft), len(good)) * steps[:, None]
-        design = np.column_stack([cells, steps])
-    else:
-        design = np.column_stack([plain, np.diff(velocity), steps])
-    off = np.abs(wanted - plain)
+    design = np.column_stack([_filled(shaft.pace_rad_s) * steps, np.diff(velocity), steps])
+    off = np.abs(wanted - shaft.pace_rad_s * steps)
     used = good & (off <= _TRIM * float(np.quantile(off[good], _USUAL)))
     for _ in range(_ROUNDS):
-        solution = _solved(design[used], wanted[used])
+        solution = least_squares(design[used], wanted[used])
         left[good] = wanted[good] - design[good] @ solution
         limit = max(_TRIM * robust_std(left[good]), 2.0 * shaft.count_rad)
         used = good & (np.abs(left) <= limit)
@@ -224,19 +161,19 @@ def _explained(wanted: FloatArray, source: FloatArray, good: NDArray[np.bool_], 
     power = float(response @ response)
     if not power > 0.0 or len(response) < 4 * (lags + 2):
         return 0.0
-    left = response - columns @ _solved(columns, response)
+    left = response - columns @ least_squares(columns, response)
     return 1.0 - float(left @ left) / power
 
 
 def has_own_noise(shaft: Shaft) -> bool:
-    """Return whether the velocity shows noise above its rounding, and does not lag.
+    """Return whether the velocity shows noise above its rounding.
 
-    Where it does not, or lags, nobody can see whether it is a sensor of its own.
+    Where it does not, nobody can see whether it is a sensor of its own.
     """
     velocity = _filled(shaft.velocity_rad_s)
     fast = robust_std(velocity - uniform_filter1d(velocity, _FAST))
-    rounding = shaft.tacho_step_rad_s / float(np.sqrt(12.0))
-    return fast > _OWN * rounding and _delay(shaft) <= _PROMPT
+    rounding = smallest_step(shaft.velocity_rad_s) / float(np.sqrt(12.0))
+    return fast > _OWN * rounding
 
 
 def derivation(shaft: Shaft) -> tuple[str, str] | None:

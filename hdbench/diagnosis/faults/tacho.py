@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import uniform_filter1d
 
-from hdbench.diagnosis.faults.fault import ACCEPT_NATS, Fault, entry
-from hdbench.diagnosis.faults.shaft import VELOCITIES, Shaft, scaled
+from hdbench.diagnosis.faults.fault import Fault, entry, fault_over
+from hdbench.diagnosis.faults.scatter import (
+    ACCEPT_NATS,
+    CERTAIN_NATS,
+    fast_part,
+    least_squares,
+)
+from hdbench.diagnosis.faults.shaft import Shaft
 from hdbench.model.kinematics import ACCELERATION_WINDOW_S
-from hdbench.records.trace import FloatArray, Trace
+from hdbench.records.trace import FloatArray
 
-__all__ = ["find_tacho_ripple", "without_ripple"]
+__all__ = ["find_tacho_ripple"]
 
 # commutators have some tens of segments and ripple at twice their number; a gear before the tacho
 # or an eccentric rotor makes low orders
@@ -22,39 +25,34 @@ _ORDERS = 128
 _TURNS = 10.0
 # turns over which the angle is folded: places between whole orders show what chance makes
 _FOLD = 4
-# cells of a turn: eight for the highest order
-_CELLS = 8 * _ORDERS
+# cells of the fold: eight for each turn of the highest order
+_CELLS = 8 * _ORDERS * _FOLD
 # whole orders on each side whose places in between are the background
 _NEAR = 3
-# an order's own wave at rest has 2; it wanders by far less over ten turns
-_STILL = 0.2
 # the angle shows this part of the line at most, else the shaft itself turns unevenly
 _SHAFT = 0.33
 # relative ripple below which it is not worth a name: a tenth of what commutators have
 _LEAST = 1e-3
-# rounding of a speed that ripples makes lines of this part of a step
-_ROUNDING = 0.5
 # lines of one tacho at most
 _LINES = 4
 
 
-def without_ripple(
-    trace: Trace, angle_rad: FloatArray, shape: Mapping[str, float], power: int = 1
-) -> Trace:
-    """Return the trace with its velocity over ``1 + c cos(k theta) + s sin(k theta)``.
+def find_tacho_ripple(shaft: Shaft) -> tuple[Fault, ...]:
+    """Return the ripple of the tacho, one fault for each line.
 
-    With power -1 the ripple is put back.
+    Lines whose power is above the mean of the places between the orders around by what chance
+    does not make on any order, and that the angle does not show.
     """
-    angle = shape["order"] * np.where(np.isfinite(angle_rad), angle_rad, 0.0)
-    factor = 1.0 + shape["cosine"] * np.cos(angle) + shape["sine"] * np.sin(angle)
-    return scaled(trace, VELOCITIES, factor ** float(-power))
-
-
-def _fast(values: FloatArray, size: int) -> FloatArray:
-    """Return values less their running mean, twice."""
-    for _ in range(2):
-        values = values - uniform_filter1d(values, size, mode="nearest")
-    return values
+    folded = _Folded(shaft)
+    faults: list[Fault] = []
+    while folded.turns > _TURNS and len(faults) < _LINES:
+        fault = folded.strongest()
+        if fault is None:
+            break
+        faults.append(fault)
+        cosine, sine = folded.waves(fault.shape["order"])[0].T
+        folded.by_tacho -= fault.shape["cosine"] * cosine + fault.shape["sine"] * sine
+    return tuple(faults)
 
 
 class _Folded:
@@ -64,23 +62,21 @@ class _Folded:
         self.shaft = shaft
         central = self.central(shaft.angle_rad)
         central[1:-1][~(shaft.good[1:] & shaft.good[:-1])] = np.nan
-        valid = self.valid = np.isfinite(central) & np.isfinite(shaft.velocity_rad_s)
-        size = 2 * max(2, round(0.5 * ACCELERATION_WINDOW_S / shaft.period_s)) + 1
-        self.angle = shaft.angle_rad[valid]
-        self.speed = shaft.velocity_rad_s[valid]
-        self.size = min(size, max(1, len(self.angle)))
-        self.by_tacho = _fast(self.speed, self.size)
-        self.by_angle = _fast(central[valid], self.size)
-        moves = np.abs(np.diff(self.angle))
-        self.turns = float(moves.sum()) / (2.0 * np.pi) if len(moves) else 0.0
+        self.valid = np.isfinite(central) & np.isfinite(shaft.velocity_rad_s)
+        self.angle = shaft.angle_rad[self.valid]
+        self.speed = shaft.velocity_rad_s[self.valid]
+        self.turns = float(np.abs(np.diff(self.angle)).sum()) / (2.0 * np.pi)
         turn = np.mod(self.angle / (2.0 * np.pi * _FOLD), 1.0)
-        self.cell = np.minimum((turn * _CELLS * _FOLD).astype(np.int64), _CELLS * _FOLD - 1)
-        self.power = float(self.speed @ self.speed)
+        self.cell = np.minimum((turn * _CELLS).astype(np.int64), _CELLS - 1)
+        self.size = 2 * max(2, round(0.5 * ACCELERATION_WINDOW_S / shaft.period_s)) + 1
+        self.by_tacho = fast_part(self.speed, self.size)
+        self.by_angle = fast_part(central[self.valid], self.size)
 
     def lines(self, values: FloatArray) -> NDArray[np.complex128]:
         """Return the amplitude relative to the speed at every quarter order."""
-        cells = np.bincount(self.cell, values * self.speed, _CELLS * _FOLD)
-        return np.asarray(2.0 * np.fft.rfft(cells)[: _ORDERS * _FOLD + _FOLD * _NEAR] / self.power)
+        cells = np.bincount(self.cell, values * self.speed, _CELLS)
+        sizes = np.fft.rfft(cells)[: (_ORDERS + _NEAR) * _FOLD]
+        return np.asarray(2.0 * sizes / max(float(self.speed @ self.speed), 1e-300))
 
     def central(self, angle: FloatArray) -> FloatArray:
         """Return the speed by central differences of an angle."""
@@ -88,90 +84,53 @@ class _Folded:
         out[1:-1] = (angle[2:] - angle[:-2]) / (steps[1:] + steps[:-1])
         return out
 
-    def fit(self, order: float, rest: FloatArray) -> tuple[complex, complex, float]:
-        """Return a - i b of a cos + b sin of the speed at one order, by tacho and by angle.
-
-        And how much of its power differences of the angle show; both beside the filter's share.
-        """
-        angle, sizes, power = np.nan_to_num(self.shaft.angle_rad), [], []
-        by_tacho = [w(order * self.angle) * self.speed for w in (np.cos, np.sin)]
-        turned = (np.sin(order * angle) / order, -np.cos(order * angle) / order)
+    def waves(self, order: float) -> tuple[FloatArray, FloatArray]:
+        """Return cosine and sine of one order of the speed, as tacho and angle show them."""
+        angle = order * np.nan_to_num(self.shaft.angle_rad)
+        by_tacho = [wave(order * self.angle) * self.speed for wave in (np.cos, np.sin)]
+        turned = (np.sin(angle) / order, -np.cos(angle) / order)
         by_angle = [self.central(wave)[self.valid] for wave in turned]
-        for waves, values in ((by_tacho, rest), (by_angle, self.by_angle)):
-            design = np.column_stack([_fast(wave, self.size) for wave in waves])
-            gram = design.T @ design
-            a, b = np.linalg.lstsq(gram, design.T @ values, rcond=None)[0].tolist()
-            sizes.append(complex(a, -b))
-            power.append(float(np.trace(gram)))
-        return sizes[0], sizes[1], power[1] / max(power[0], 1e-300)
+        first, second = (
+            np.column_stack([fast_part(wave, self.size) for wave in waves])
+            for waves in (by_tacho, by_angle)
+        )
+        return first, second
 
+    def strongest(self) -> Fault | None:
+        """Return the strongest line of the tacho alone."""
+        whole = _FOLD * np.arange(1, _ORDERS + 1)
+        around = np.arange(-_FOLD * _NEAR, _FOLD * _NEAR + 1)
+        places = np.abs(whole[:, None] + around[around % _FOLD != 0])
+        powers, shown = (np.abs(self.lines(one)) ** 2 for one in (self.by_tacho, self.by_angle))
+        # power of chance is exponential: its mean is the median over ln 2
+        chance, unsure = (
+            np.maximum(np.median(some[places], axis=1) / np.log(2.0), 1e-300)
+            for some in (powers, shown)
+        )
+        powers = powers[whole]
+        nats = np.minimum(powers / chance - np.log(_ORDERS), CERTAIN_NATS)
+        for at in np.argsort(-np.where(nats > ACCEPT_NATS, powers, 0.0))[:_LINES].tolist():
+            if not nats[at] > ACCEPT_NATS:
+                break
+            tacho, angle = self.waves(at + 1.0)
+            size = least_squares(tacho, self.by_tacho)
+            seen = least_squares(angle, self.by_angle)
+            # an angle too noisy, or too rarely read, to show the line cannot deny it
+            part = float(np.sum(angle**2) / max(np.sum(tacho**2), 1e-300))
+            denied = part * powers[at] / unsure[at] - np.log(_ORDERS) > ACCEPT_NATS
+            small = np.linalg.norm(seen) < _SHAFT * np.linalg.norm(size)
+            if np.linalg.norm(size) > _LEAST and denied and small:
+                return self.fault(at + 1.0, size, float(chance[at] / powers[at]), float(nats[at]))
+        return None
 
-def find_tacho_ripple(trace: Trace, shaft: Shaft) -> tuple[tuple[Fault, ...], Trace]:
-    """Return the ripple of the tacho, one fault for each line, and the trace without it.
-
-    Lines whose power is above the mean of the places between the orders around by what chance
-    does not make on any order, and that the angle does not show.
-    """
-    folded = _Folded(shaft)
-    if not folded.turns > _TURNS or not folded.power > 0.0:
-        return (), trace
-    faults, rest = [], folded.by_tacho
-    for _ in range(_LINES):
-        line = _strongest(folded, rest, shaft.tacho_step_rad_s)
-        if line is None:
-            break
-        order, amplitude, std, nats = line
-        faults.append(_fault(shaft, order, amplitude, std, nats))
-        wave = folded.speed * np.real(amplitude * np.exp(1j * order * folded.angle))
-        rest = rest - _fast(wave, folded.size)
-    for fault in faults:
-        trace = without_ripple(trace, shaft.angle_rad, fault.shape)
-    return tuple(faults), trace
-
-
-def _strongest(
-    folded: _Folded, rest: FloatArray, step: float
-) -> tuple[float, complex, float, float] | None:
-    """Return order, amplitude, its uncertainty and evidence of the strongest line of the tacho."""
-    seen = folded.lines(rest)
-    powers = np.abs(seen) ** 2
-    whole = np.arange(1, _ORDERS + 1)
-    # at one speed an order that aliases to rest is a wrong gain
-    rests = np.abs(folded.lines(folded.speed))[_FOLD * whole] > _STILL
-    around = np.concatenate([np.arange(-_FOLD * _NEAR, 0), np.arange(1, _FOLD * _NEAR + 1)])
-    around = around[around % _FOLD != 0]
-    places = np.abs(_FOLD * whole[:, None] + around)
-    # power of chance is exponential: its mean is the median over ln 2
-    background, unsure = (
-        np.median(some[places], axis=1) / np.log(2.0)
-        for some in (powers, np.abs(folded.lines(folded.by_angle)) ** 2)
-    )
-    nats = powers[_FOLD * whole] / np.maximum(background, 1e-300) - np.log(_ORDERS)
-    least = max(_LEAST, _ROUNDING * step / float(np.sqrt(np.mean(folded.speed**2))))
-    for at in np.argsort(-np.where(rests, 0.0, powers[_FOLD * whole]))[:_LINES].tolist():
-        if rests[at] or not nats[at] > ACCEPT_NATS:
-            continue
-        order = float(whole[at])
-        amplitude, shown, part = folded.fit(order, rest)
-        seen_size = float(np.sqrt(powers[_FOLD * whole[at]]))
-        # an angle too noisy, or too rarely read, to show the line cannot deny it
-        able = part * seen_size**2 / max(float(unsure[at]), 1e-300)
-        denied = able - np.log(_ORDERS) > ACCEPT_NATS
-        if abs(amplitude) > least and denied and abs(shown) < _SHAFT * abs(amplitude):
-            std = float(np.sqrt(0.5 * background[at])) * abs(amplitude) / max(seen_size, 1e-300)
-            return order, amplitude, std, float(min(nats[at], 1e12))
-    return None
-
-
-def _fault(shaft: Shaft, order: float, amplitude: complex, std: float, nats: float) -> Fault:
-    size, time, count = abs(amplitude), shaft.time_s, len(shaft.time_s)
-    shape = {"order": order, "cosine": amplitude.real, "sine": -amplitude.imag}
-    parameters = {
-        "order": entry(order, None, "1"),
-        "relative_amplitude": entry(size, std, "1"),
-        "phase_rad": entry(float(np.angle(amplitude)), std / size, "rad"),
-    }
-    return Fault(
-        "tacho-ripple", parameters, count, float(time[0]), float(time[-1]), nats,
-        float(np.exp(-min(nats, 700.0))), shaft.names, shape, domain="motor-order",
-    )  # fmt: skip
+    def fault(self, order: float, size: FloatArray, doubt: float, nats: float) -> Fault:
+        """Return a line as a fault; `doubt` is the power of chance over its own."""
+        amplitude, std = float(np.hypot(*size)), float(np.sqrt(0.5 * doubt))
+        shape = {"order": order, "cosine": float(size[0]), "sine": float(size[1])}
+        parameters = {
+            "order": entry(order, None, "1"),
+            "relative_amplitude": entry(amplitude, std * amplitude, "1"),
+            "phase_rad": entry(float(np.arctan2(-size[1], size[0])), std, "rad"),
+        }
+        time = self.shaft.time_s
+        return fault_over("tacho-ripple", parameters, time, nats, shape=shape, domain="motor-order")

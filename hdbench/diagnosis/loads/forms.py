@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 
-from hdbench.diagnosis.loads.table import LoadTable, levels
+from hdbench.diagnosis.loads.table import IntArray, LoadTable, levels, one_hot
 from hdbench.model import Cause, Motion, Parameter, catalogue, shape_bounds
 from hdbench.model.statics import preloaded_motion
 from hdbench.records.trace import FloatArray
 
-__all__ = ["DISCRETE", "NAMES", "Form", "Term", "form_named", "load_forms", "outliers", "places"]
+__all__ = ["NAMES", "Form", "Term", "form_named", "load_forms", "outliers", "places"]
 
 Columns = Callable[[Motion, Mapping[str, float]], FloatArray]
 
@@ -25,10 +24,16 @@ NAMES = (
     "zero-drift", "warm-up",
 )  # fmt: skip
 # shape parameters that have values but no slope
-DISCRETE = ("step_time_s", "place")
+_DISCRETE = ("step_time_s", "place")
 # readings at a few levels do not give a sharpness of their own: the limiter is tanh itself, has a
-# knee, is within 2 % of a hard stop, or is one
-_SHARPNESS = {"": 1.0, "with a knee": 2.0, "with a sharp knee": 6.0, "with a hard stop": 64.0}
+# knee, is within 2 % of a hard stop, or is one; tanh far above the torque bends as a cube: at 1 nat
+# less the cube is the name
+_SHARPNESS = (
+    ("", 1.0, 1.0),
+    ("with a knee", 2.0, 0.0),
+    ("with a sharp knee", 6.0, 0.0),
+    ("with a hard stop", 64.0, 0.0),
+)
 # points of a grid over one shape parameter, and over each of more: neighbours are alike
 _POINTS, _POINTS_OF_TWO = 24, 10
 # bounds further apart than this ratio are stepped in equal ratios
@@ -37,8 +42,6 @@ _WIDE = 5.0
 _RATIOS = (0.35, 0.6, 1.6, 3.0)
 # an arm that bends so far that it loses lever arm is one in twenty that sag
 _RARE_NATS = 3.0
-# a soft limit far above the torque bends as a cube: at this much less the cube is the name
-_SOFT_NATS = 1.0
 # time is looked at in stretches of this many readings
 _STRETCH = 4
 
@@ -48,13 +51,13 @@ class Form:
     """One form in which a cause is looked for."""
 
     cause: Cause
-    columns: Columns  # for `linear` of the cause, then `beside`
-    linear: tuple[int, ...]
+    columns: Columns  # for `parameters`, then `beside`
+    parameters: tuple[Parameter, ...]  # linear ones
     label: str = ""  # empty for the catalogue's own
     fixed: Mapping[str, float] = field(default_factory=dict)  # shapes that it holds
-    whole: bool = False  # its share is 1
     beside: tuple[Cause, ...] = ()  # causes that go with it, never positive
-    axes: Mapping[str, FloatArray] = field(default_factory=dict)  # values of discrete shapes
+    prior_nats: float = 0.0  # what it costs beside its parameters
+    places: Sequence[int] = ()  # values of the shape ``place``
 
     @property
     def name(self) -> str:
@@ -62,11 +65,9 @@ class Form:
         return self.cause.name
 
     @property
-    def prior_nats(self) -> float:
-        """What this form costs beside its parameters."""
-        if self.beside:
-            return _RARE_NATS
-        return _SOFT_NATS if self.fixed.get("sharpness") == 1.0 else 0.0
+    def whole(self) -> bool:
+        """Whether its share is 1: it takes all of what is beyond or inside its shape."""
+        return self.name in ("saturation", "backlash")
 
     @property
     def shape(self) -> tuple[Parameter, ...]:
@@ -74,34 +75,28 @@ class Form:
         return tuple(p for p in self.cause.shape if p.name not in self.fixed)
 
     @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        """Linear parameters."""
-        return tuple(self.cause.linear[i] for i in self.linear)
-
-    @property
-    def discrete(self) -> int:
-        """Shape parameters without a slope."""
-        return sum(p.name in DISCRETE for p in self.shape)
+    def smooth(self) -> tuple[Parameter, ...]:
+        """Free shape parameters that have a slope."""
+        return tuple(p for p in self.shape if p.name not in _DISCRETE)
 
     def grid(self, table: LoadTable) -> list[Term]:
         """Return the members of the family on these readings."""
-        smooth = sum(p.name not in DISCRETE for p in self.shape)
-        points = _POINTS if smooth < 2 else _POINTS_OF_TWO
+        points = _POINTS if len(self.smooth) < 2 else _POINTS_OF_TWO
         axes = [self._axis(p, table, points) for p in self.shape]
         names = [p.name for p in self.shape]
         return [Term(self, dict(zip(names, map(float, v), strict=True))) for v in product(*axes)]
 
-    def _axis(self, parameter: Parameter, table: LoadTable, points: int) -> FloatArray:
-        if parameter.name in self.axes:
-            return self.axes[parameter.name]
+    def _axis(self, parameter: Parameter, table: LoadTable, points: int) -> Sequence[float]:
+        if parameter.name == "place":
+            return self.places
         if parameter.name == "step_time_s":
             time = np.unique(table.motion.time_s)
-            return np.asarray(0.5 * (time[1:] + time[:-1]))
-        parts = []
+            return list(0.5 * (time[1:] + time[:-1]))
+        values: list[float] = []
         for low, high in self.bounds(parameter, table):
             wide = low > 0.0 and high > _WIDE * low
-            parts.append((np.geomspace if wide else np.linspace)(low, high, points))
-        return np.concatenate(parts) if parts else np.zeros(0)
+            values += list((np.geomspace if wide else np.linspace)(low, high, points))
+        return values
 
     def bounds(self, parameter: Parameter, table: LoadTable) -> list[tuple[float, float]]:
         """Return the bands of a smooth shape parameter on these readings.
@@ -109,15 +104,15 @@ class Form:
         Beyond twice the largest torque and ten times the record nothing of a shape is left to see;
         a limit of less than half of the torque is a gain, one of 30 times takes a thousandth.
         """
-        top, span = table.top_nm, float(np.ptp(table.motion.time_s))
-        least, most = {"N m": (0.0, 2.0 * top), "s": (0.0, 10.0 * span)}.get(
-            parameter.unit, (-np.inf, np.inf)
-        )
+        top = table.top_nm
         if parameter.name == "limit_nm":
             bands: Sequence[tuple[float, float]] = ((parameter.lower, parameter.upper),)
             least, most = 0.5 * top, 30.0 * top
         else:
             bands = shape_bounds(self.cause, table.motion)[parameter.name]
+            span = float(np.ptp(table.motion.time_s))
+            ends = {"N m": (0.0, 2.0 * top), "s": (0.0, 10.0 * span)}
+            least, most = ends.get(parameter.unit, (-np.inf, np.inf))
         cut = [(max(low, least), min(high, most)) for low, high in bands]
         return [(low, high) for low, high in cut if low < high]
 
@@ -135,16 +130,21 @@ class Term:
         """Name of the cause."""
         return self.form.name
 
+    @property
+    def unnamed(self) -> bool:
+        """Whether it is a place without a name."""
+        return "place" in self.shape
+
     def neighbours(self) -> list[Term]:
-        """Return the term at other values of each smooth shape parameter."""
-        moved = []
-        for p in self.form.cause.shape:
-            if p.name in DISCRETE:
-                continue
-            values = ({**self.shape, **self.form.fixed}[p.name] * ratio for ratio in _RATIOS)
-            inside = (value for value in values if p.contains(value))
-            moved += [Term(self.form, {**self.shape, p.name: value}) for value in inside]
-        return moved
+        """Return the term at other values of each smooth shape parameter, held ones too."""
+        held = {**self.shape, **self.form.fixed}
+        return [
+            Term(self.form, {**self.shape, p.name: held[p.name] * ratio})
+            for p in self.form.cause.shape
+            if p.name not in _DISCRETE
+            for ratio in _RATIOS
+            if p.contains(held[p.name] * ratio)
+        ]
 
     def columns(self, table: LoadTable) -> FloatArray:
         """Return N m per unit of each linear parameter, shape (n_readings, n_linear)."""
@@ -152,50 +152,11 @@ class Term:
         return np.asarray(self.form.columns(table.motion, shape), dtype=np.float64)
 
 
-def _part(columns: Columns, index: Sequence[int]) -> Columns:
-    return lambda motion, shape: columns(motion, shape)[:, index]
-
-
-def _forms(cause: Cause, beside: Mapping[str, Cause]) -> tuple[Form, ...]:
-    """Return the forms in which a cause is looked for.
-
-    Hysteresis from rest, after a preload, and then with one branch straight, as where a gain was
-    set by the readings of the other; its second column is a gain, which readings have anyway.
-    Saturation of four sharpnesses. A gain with its first harmonic over the position, its second or
-    both. An arm that sags without and with a tilt under no load, and one that bends so far that it
-    loses lever arm: a cube that is never positive. Any other cause as it is.
-    """
-    every = tuple(range(len(cause.linear)))
-    own = Form(cause, cause.columns, every, whole=cause.name in ("saturation", "backlash"))
-    if cause.name == "hysteresis":
-        loop = _part(cause.columns, (0,))
-        after = _preloaded(loop)
-        labels = {"after a preload, loading straight": True}
-        labels["after a preload, unloading straight"] = False
-        sided = (Form(cause, _one_sided(after, down), (0,), k) for k, down in labels.items())
-        return (Form(cause, loop, (0,)), Form(cause, after, (0,), "after a preload"), *sided)
-    if cause.name == "saturation":
-        return tuple(
-            Form(cause, cause.columns, every, label, {"sharpness": power}, whole=True)
-            for label, power in _SHARPNESS.items()
-        )
-    if cause.name == "position-dependent-gain":
-        return (*(Form(cause, _part(cause.columns, i), i) for i in ((0, 1), (2, 3))), own)
-    if cause.name == "arm-sag":
-        level, cube = _part(cause.columns, (0,)), beside["cubic-nonlinearity"]
-
-        def bent(motion: Motion, shape: Mapping[str, float]) -> FloatArray:
-            return np.hstack((level(motion, shape), cube.columns(motion, {})))
-
-        return (Form(cause, level, (0,)), own, Form(cause, bent, (0,), beside=(cube,)))
-    return (own,)
-
-
 def load_forms(table: LoadTable, extra: Sequence[Cause]) -> tuple[Form, ...]:
     """Return every form in which these readings are searched, causes of the user's own last."""
     known = catalogue()
     chosen = [form for name in NAMES for form in _forms(known[name], known)]
-    chosen += [Form(c, c.columns, tuple(range(len(c.linear)))) for c in extra if c.additive]
+    chosen += [Form(cause, cause.columns, cause.linear) for cause in extra if cause.additive]
     return tuple(form for form in chosen if form.cause.applicable(table.motion) is None)
 
 
@@ -205,54 +166,51 @@ def form_named(cause: Cause, label: str, shape: Mapping[str, float]) -> Form:
         forms = _forms(cause, catalogue())
         return next((form for form in forms if form.label == label), forms[0])
     held = {name: value for name, value in shape.items() if name == "sharpness"}
-    whole = cause.name in ("saturation", "backlash")
-    return Form(cause, cause.columns, tuple(range(len(cause.linear))), label, held, whole)
+    return Form(cause, cause.columns, cause.linear, label, held)
 
 
-def _place(name: str, blocks: Sequence[FloatArray]) -> Form:
-    """Return places of one kind: one block of columns for each value of ``place``."""
-    width = blocks[0].shape[1]
-    which = Parameter("place", "1", 0.0, 1e9, "index of the place")
-    sizes = tuple(Parameter("offset_nm", "N m", -np.inf, np.inf, "size") for _ in range(width))
+def _forms(cause: Cause, known: Mapping[str, Cause]) -> tuple[Form, ...]:
+    """Return the forms in which a cause is looked for.
+
+    Hysteresis from rest, after a preload, and then with one branch straight, as where a gain was
+    set by the readings of the other; its second column is a gain, which readings have anyway.
+    Saturation of four sharpnesses. A gain with its first harmonic over the position, its second or
+    both. An arm that sags without and with a tilt under no load, and one that bends so far that it
+    loses lever arm: a cube that is never positive. Any other cause as it is.
+    """
+    own = Form(cause, cause.columns, cause.linear)
+    if cause.name == "hysteresis":
+        loop = _part(cause, slice(1))
+        after = replace(loop, columns=_preloaded(loop.columns), label="after a preload")
+        sided = (
+            replace(after, columns=_branch(after.columns, falling), label=f"{after.label}, {words}")
+            for falling, words in ((True, "loading straight"), (False, "unloading straight"))
+        )
+        return loop, after, *sided
+    if cause.name == "saturation":
+        return tuple(
+            replace(own, label=label, fixed={"sharpness": power}, prior_nats=nats)
+            for label, power, nats in _SHARPNESS
+        )
+    if cause.name == "position-dependent-gain":
+        return _part(cause, slice(2)), _part(cause, slice(2, 4)), own
+    if cause.name == "arm-sag":
+        level, cube = _part(cause, slice(1)), known["cubic-nonlinearity"]
+
+        def bent(motion: Motion, shape: Mapping[str, float]) -> FloatArray:
+            return np.hstack((level.columns(motion, shape), cube.columns(motion, {})))
+
+        return level, own, replace(level, columns=bent, beside=(cube,), prior_nats=_RARE_NATS)
+    return (own,)
+
+
+def _part(cause: Cause, which: slice) -> Form:
+    """Return the form of a cause with some of its linear parameters."""
 
     def columns(motion: Motion, shape: Mapping[str, float]) -> FloatArray:
-        return blocks[round(shape["place"])]
+        return cause.columns(motion, shape)[:, which]
 
-    cause = Cause(name, "", (which,), sizes, "", "", "", (), "", "", columns, False)
-    axes = {"place": np.arange(len(blocks), dtype=np.float64)}
-    return Form(cause, columns, tuple(range(width)), axes=axes)
-
-
-def outliers(table: LoadTable) -> Form:
-    """Return every used reading as one that stands apart."""
-    form = _place("outlier", list(np.eye(len(table))[:, :, None]))
-    return Form(
-        form.cause, form.columns, form.linear,
-        axes={"place": np.flatnonzero(table.used).astype(np.float64)},
-    )  # fmt: skip
-
-
-def _members(numbers: NDArray[np.int64]) -> list[FloatArray]:
-    return [np.asarray(numbers == k, dtype=np.float64)[:, None] for k in np.unique(numbers)]
-
-
-def places(table: LoadTable) -> tuple[Form, ...]:
-    """Return the places without a name.
-
-    Each load level, each level of each branch, a curve over the torque (powers 2 to 5), a gain and
-    a drift of each experiment, stretches of four readings.
-    """
-    level, torque = levels(table), table.torque_nm
-    inside = _members(table.experiment)
-    blocks = {
-        "level": _members(level),
-        "branch": _members(2 * level + table.falling),
-        "curve": [torque[:, None] ** np.arange(2, 6) / table.top_nm ** np.arange(1, 5)],
-        "gain": [one * torque[:, None] for one in inside],
-        "drift": [np.where(one > 0.0, table.motion.time_s[:, None], 0.0) for one in inside],
-        "stretch": _members(np.arange(len(table)) // _STRETCH),
-    }
-    return tuple(_place(name, some) for name, some in blocks.items())
+    return Form(cause, columns, cause.linear[which])
 
 
 def _preloaded(columns: Columns) -> Columns:
@@ -263,33 +221,73 @@ def _preloaded(columns: Columns) -> Columns:
     return after
 
 
-def _one_sided(columns: Columns, falling: bool) -> Columns:
-    """Return the columns of a loop whose `falling` branch, or the other, holds all of it."""
+def _branch(columns: Columns, falling: bool) -> Columns:
+    """Return the columns of a loop whose `falling` branch, or the other, holds all of it.
+
+    That is twice its distance from the chord of the loop; zero in experiments whose torque changes
+    its sign: there the loop has no such chord.
+    """
 
     def one(motion: Motion, shape: Mapping[str, float]) -> FloatArray:
-        torque = motion.applied_nm
-        begun = np.zeros(len(motion), dtype=bool) if motion.starts is None else motion.starts
-        ends = np.flatnonzero(begun[1:]) + 1
-        parts = zip(
-            np.split(columns(motion, shape)[:, 0], ends), np.split(torque, ends), strict=True
-        )
-        return np.concatenate([_branch(loop, load, falling) for loop, load in parts])[:, None]
+        loop, size = columns(motion, shape)[:, 0], np.abs(motion.applied_nm)
+        starts = np.arange(len(motion)) == 0 if motion.starts is None else motion.starts
+        number, first = np.cumsum(starts) - 1, np.flatnonzero(starts)
+        signs = np.sign(motion.applied_nm)
+        turns = np.minimum.reduceat(signs, first) * np.maximum.reduceat(signs, first) < 0.0
+        least, most = np.minimum.reduceat(size, first), np.maximum.reduceat(size, first)
+
+        def mean_at(load: FloatArray) -> FloatArray:
+            there = (size == load[number]).astype(float)
+            return np.asarray(np.bincount(number, loop * there) / np.bincount(number, there))
+
+        low, width = mean_at(least), np.where(most > least, most - least, np.inf)
+        slope = (mean_at(most) - low) / width
+        chord = low[number] + slope[number] * (size - least[number])
+        change = np.where(starts, 0.0, np.diff(size, prepend=size[0]))
+        # a load that is read twice belongs to the branch before
+        at = np.maximum.accumulate(np.where(starts | (change != 0.0), np.arange(len(size)), 0))
+        inside = ((change[at] < 0.0) == falling) & (~turns & (most > least))[number]
+        return np.where(inside, 2.0 * (loop - chord), 0.0)[:, None]
 
     return one
 
 
-def _branch(loop: FloatArray, torque: FloatArray, falling: bool) -> FloatArray:
-    """Return twice the distance of one branch of an experiment from the chord of its loop.
+def _place(name: str, blocks: Mapping[int, FloatArray]) -> Form:
+    """Return places of one kind: one block of columns for each value of ``place``."""
+    which = Parameter("place", "1", 0.0, 1e9, "index of the place")
+    size = Parameter("offset_nm", "N m", -np.inf, np.inf, "size")
+    sizes = (size,) * next(iter(blocks.values())).shape[1]
 
-    Zero where the torque changes its sign: there the loop has no such chord.
+    def columns(_motion: Motion, shape: Mapping[str, float]) -> FloatArray:
+        return blocks[round(shape["place"])]
+
+    cause = Cause(name, "", (which,), sizes, "", "", "", (), "", "", columns, False)
+    return Form(cause, columns, sizes, places=tuple(blocks))
+
+
+def outliers(table: LoadTable) -> Form:
+    """Return every used reading as one that stands apart."""
+    apart = np.eye(len(table))
+    return _place("outlier", {int(i): apart[:, [i]] for i in np.flatnonzero(table.used)})
+
+
+def places(table: LoadTable) -> tuple[Form, ...]:
+    """Return the places without a name.
+
+    Each load level, each level of each branch, a curve over the torque (powers 2 to 5), a gain and
+    a drift of each experiment, stretches of four readings.
     """
-    size = np.abs(torque)
-    least, most = float(size.min()), float(size.max())
-    if not most > least or float(torque.min()) * float(torque.max()) < 0.0:
-        return np.zeros(len(loop))
-    low, high = (float(loop[size == end].mean()) for end in (least, most))
-    chord = low + (high - low) / (most - least) * (size - least)
-    change = np.diff(size, prepend=size[0])
-    # a load that is read twice belongs to the branch before
-    at = np.maximum.accumulate(np.where(change != 0.0, np.arange(len(size)), 0))
-    return np.asarray(np.where((change[at] < 0.0) == falling, 2.0 * (loop - chord), 0.0))
+    level, torque = levels(table), table.torque_nm
+
+    def each(numbers: IntArray, values: FloatArray | float = 1.0) -> dict[int, FloatArray]:
+        columns = (one_hot(numbers).T * values).T
+        return {i: columns[:, [i]] for i in range(columns.shape[1])}
+
+    return (
+        _place("level", each(level)),
+        _place("branch", each(2 * level + table.falling)),
+        _place("curve", {0: torque[:, None] ** np.arange(2, 6) / table.top_nm ** np.arange(1, 5)}),
+        _place("gain", each(table.experiment, torque)),
+        _place("drift", each(table.experiment, table.motion.time_s)),
+        _place("stretch", each(np.arange(len(table)) // _STRETCH)),
+    )

@@ -15,46 +15,40 @@ from hdbench.diagnosis.evidence import (
     share_p_value,
     sine_squared,
 )
-from hdbench.diagnosis.loads.fit import LoadFit, Space, fit_loads
+from hdbench.diagnosis.loads.fit import LoadFit, Space
 from hdbench.diagnosis.loads.forms import Form, Term
 from hdbench.records.trace import FloatArray
 
-__all__ = ["Accepted", "Look", "Search", "uneven_scatter", "without"]
+__all__ = ["Accepted", "Look", "Search", "uneven_scatter"]
 
 # draws of the null: more where few degrees of freedom make them cheap and tails count
 _LEAST_DRAWS, _MOST_DRAWS, _WORK = 2000, 10_000, 160_000
 # the number of independent trials is counted where this many draws lie beyond
 _BEYOND = 40
-_SMALLEST = 1e-300
 # candidates refined in a round, strongest first
 _CANDIDATES = 8
 # a swap must win by more than rounding
 _SWAP_NATS = 0.1
-_SWEEPS = 3
 # a further name beside others must be worth this, a Bayes factor of 20 000: form errors are known
 # by their order alone
 _FURTHER_NATS = 10.0
 # neighbours on a grid whose spaces differ by less than this (sine squared) are one
 _SAME_CELL = 1e-3
 
-
-@dataclass(frozen=True, slots=True)
-class Family:
-    """A form over its grid: members, and what the fit leaves of each."""
-
-    form: Form
-    cells: tuple[tuple[Term, FloatArray], ...]
+# a member of a form, and what a fit leaves of its columns
+Cell = tuple[Term, FloatArray]
 
 
 @dataclass(frozen=True, slots=True)
 class Look:
-    """What a family shows of a residual, and how often noise shows as much."""
+    """What a form shows of a residual, and how often noise shows as much."""
 
-    family: Family
-    best: int  # its best member
-    p_value: float  # in this family
-    false_alarm: float  # in all families
-    trials: float  # independent ones, of the family times all families
+    form: Form
+    cells: Sequence[Cell]
+    rank: int  # of its best member
+    p_value: float  # in this form
+    false_alarm: float  # in all forms
+    trials: float  # independent ones, of the form times all forms
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,24 +59,18 @@ class Accepted:
     false_alarm: float
     nats: float  # against the fit without it
     group: tuple[str, ...]  # names of the same space, its own first
-    rivals: tuple[str, ...]  # others within 3 nats
-    probability: float | None  # of the group among all names
+    rivals: tuple[str, ...] = ()  # others within 3 nats
+    probability: float | None = None  # of the group among all names
     alone: LoadFit | None = None  # one element in the place of several, last of its terms
-
-
-def without(terms: Sequence[Term], places: Sequence[int]) -> tuple[Term, ...]:
-    """Return the terms but for some."""
-    return tuple(term for i, term in enumerate(terms) if i not in places)
 
 
 @dataclass(frozen=True, slots=True)
 class Search:
-    """Search of a dictionary; the first `known` terms of a fit stay as they are."""
+    """Search of a dictionary; the first `held` terms of a fit stay as they are."""
 
-    base: FloatArray
     forms: tuple[Form, ...]
     alpha: float
-    known: int
+    held: int
     rng: np.random.Generator
     grids: dict[int, list[tuple[Term, FloatArray]]] = field(default_factory=dict)
 
@@ -91,24 +79,23 @@ class Search:
         chances: dict[str, float] = {}
         while True:
             looks = self.looks(fit)
-            alarms = [look for look in looks if look.false_alarm < self.alpha]
-            ranked = self._ranked(fit, looks) if alarms else []
-            needed = _FURTHER_NATS if len(fit.terms) > self.known else 0.0
+            alarm = min((look.false_alarm for look in looks), default=1.0)
+            ranked = self._ranked(fit, looks) if alarm < self.alpha else []
+            needed = _FURTHER_NATS if len(fit.terms) > self.held else 0.0
             if not ranked or ranked[0].nats <= fit.nats + needed:
                 return fit, chances, looks
             fit = ranked[0]
-            chance = min(look.false_alarm for look in alarms)
-            chances.setdefault(fit.terms[-1].name, chance)
-            fit = self._swapped(self._pruned(fit))
+            chances.setdefault(fit.terms[-1].name, alarm)
+            fit = self._settled(fit)
 
-    def families(self, fit: LoadFit, space: Space) -> list[Family]:
+    def members(self, fit: LoadFit, space: Space) -> list[tuple[Form, list[Cell]]]:
         """Return what the residual could show; of a name that is held only its form."""
         held = {term.name: term.form.label for term in fit.terms}
         made = []
         for number, form in enumerate(self.forms):
             if held.get(form.name, form.label) != form.label:
                 continue
-            cells: list[tuple[Term, FloatArray]] = []
+            cells: list[Cell] = []
             for term, columns in self._grid(number, fit):
                 directions = space.directions(columns)
                 if not 0 < directions.shape[1] < space.dof:
@@ -116,7 +103,7 @@ class Search:
                 if not cells or form.whole or sine_squared(cells[-1][1], directions) >= _SAME_CELL:
                     cells.append((term, directions))
             if cells:
-                made.append(Family(form, tuple(cells)))
+                made.append((form, cells))
         return made
 
     def _grid(self, number: int, fit: LoadFit) -> list[tuple[Term, FloatArray]]:
@@ -128,109 +115,92 @@ class Search:
         return self.grids[number]
 
     def looks(self, fit: LoadFit) -> tuple[Look, ...]:
-        """Return what each family shows, and how often noise shows as much.
+        """Return what each form shows, and how often noise shows as much.
 
         The share of the residual along k directions of d has the law Beta(k/2, (d - k)/2) for noise
-        of any size: draws of unit noise are the exact null. The smallest p-value over a family's
-        members, and then over families, is a minimum of M trials, ``1 - (1 - p)^M``.
+        of any size: draws of unit noise are the exact null. The smallest p-value over a form's
+        members, and then over forms, is a minimum of M trials, ``1 - (1 - p)^M``.
         """
         space = fit.space()
-        families = self.families(fit, space) if space.dof > 1 else []
-        if not families:
+        members = self.members(fit, space) if space.dof > 1 else []
+        if not members:
             return ()
         draws = int(np.clip(_WORK // space.dof, _LEAST_DRAWS, _MOST_DRAWS))
         noise = self.rng.standard_normal((space.dof, draws))
         noise /= np.sqrt(np.einsum("nd,nd->d", noise, noise))
-        drawn, counts, seen = [], [], []
-        for family in families:
-            ranks = np.array([directions.shape[1] for _, directions in family.cells])
+        drawn, seen = [], []
+        for _, cells in members:
+            ranks = np.array([directions.shape[1] for _, directions in cells])
             edges = np.concatenate(([0], np.cumsum(ranks)[:-1]))
-            stacked = np.hstack([directions for _, directions in family.cells])
+            stacked = np.hstack([directions for _, directions in cells])
             shares = np.add.reduceat((stacked.T @ noise) ** 2, edges, axis=0)
-            lowest = _lowest_p(shares, ranks, space.dof)
-            counts.append(_trials(lowest))
-            drawn.append(_any_of(lowest, counts[-1]))
-            mine = [space.share(directions) for _, directions in family.cells]
-            p = [share_p_value(s, int(k), space.dof) for s, k in zip(mine, ranks, strict=True)]
-            best = min(range(len(p)), key=lambda i: (p[i], -mine[i]))
-            seen.append((best, float(_any_of(np.array(p[best]), counts[-1]))))
+            mine = np.array([[space.share(directions)] for _, directions in cells])
+            lowest, _ = _lowest_p(shares, ranks, space.dof)
+            own, rank = _lowest_p(mine, ranks, space.dof)
+            count = _trials(lowest)
+            drawn.append(_any_of(lowest, count))
+            seen.append((rank, float(_any_of(own, count)[0]), count))
         total = _trials(np.min(drawn, axis=0))
         return tuple(
-            Look(family, best, p, float(_any_of(np.array(p), total)), count * total)
-            for family, (best, p), count in zip(families, seen, counts, strict=True)
+            Look(form, cells, rank, p, float(_any_of(p, total)), count * total)
+            for (form, cells), (rank, p, count) in zip(members, seen, strict=True)
         )
 
-    def trial(self, family: Family, less: LoadFit, space: Space) -> LoadFit | None:
-        """Fit the best member of a family beside the terms of a fit; None outside its domain."""
-        if family.form.whole:
-            used, slope = space.used, less.slope_v_per_nm
+    def trial(
+        self, form: Form, cells: Sequence[Cell], less: LoadFit, space: Space
+    ) -> LoadFit | None:
+        """Fit the best member of a form beside the terms of a fit; None outside its domain."""
 
-            def left(cell: tuple[Term, FloatArray]) -> float:
-                taken = slope * (space.basis.T @ cell[0].columns(less.table)[used, 0])
-                return float(np.sum((space.residual_v - taken) ** 2))
+        def left(cell: Cell) -> float:
+            if not form.whole:
+                return -space.share(cell[1])
+            taken = less.slope_v_per_nm * cell[0].columns(less.table)[space.used, 0]
+            return float(np.sum((space.residual_v - space.basis.T @ taken) ** 2))
 
-            start = min(family.cells, key=left)[0]
-        else:
-            start = max(family.cells, key=lambda cell: space.share(cell[1]))[0]
-        fit = fit_loads(less.table, self.base, (*less.terms, start))
-        values, form = fit.linear[-1].tolist(), family.form
-        own = zip(form.parameters, values, strict=False)
-        inside = all(p.contains(x) for p, x in own) and all(
-            x <= 0.0 for x in values[len(form.parameters) :]
-        )
-        return fit if inside else None
+        fit = less.refit((*less.terms, min(cells, key=left)[0]), refine=True)
+        values = fit.linear[-1].tolist()
+        own, beside = values[: len(form.parameters)], values[len(form.parameters) :]
+        inside = all(p.contains(x) for p, x in zip(form.parameters, own, strict=True))
+        return fit if inside and max(beside, default=0.0) <= 0.0 else None
 
     def _ranked(self, fit: LoadFit, looks: Sequence[Look]) -> list[LoadFit]:
         """Return the strongest looks fitted with all that was accepted, best evidence first."""
         space = fit.space()
         worth = sorted(looks, key=lambda look: look.p_value)[:_CANDIDATES]
-        done = [t for look in worth if (t := self.trial(look.family, fit, space)) is not None]
+        tried = (self.trial(look.form, look.cells, fit, space) for look in worth)
         # among equals the name with fewer free shapes
-        return sorted(done, key=lambda t: (-round(t.nats, 3), len(t.terms[-1].form.shape)))
+        return sorted(
+            (one for one in tried if one is not None),
+            key=lambda one: (-round(one.nats, 3), len(one.terms[-1].form.shape)),
+        )
 
-    def _pruned(self, fit: LoadFit) -> LoadFit:
-        """Return the fit without terms that a later one has made needless."""
-        place = self.known
-        while place < len(fit.terms) - 1:
-            less = fit_loads(fit.table, self.base, without(fit.terms, (place,)))
-            if less.nats > fit.nats:
-                fit = less
-            else:
-                place += 1
+    def _settled(self, fit: LoadFit) -> LoadFit:
+        """Return the fit with terms dropped or replaced where the rest explains more."""
+        place = self.held
+        while place < len(fit.terms) > self.held + 1:
+            less, others = self._instead(fit, (place,))
+            best = max((less, *others.values()), key=lambda one: one.nats)
+            better = best.nats > fit.nats + _SWAP_NATS
+            fit, place = (best, self.held) if better else (fit, place + 1)
         return fit
 
-    def _swapped(self, fit: LoadFit) -> LoadFit:
-        """Return the fit with terms replaced by what explains more beside all others."""
-        if len(fit.terms) - self.known < 2:
-            return fit
-        for _ in range(_SWEEPS):
-            before = fit
-            for place in range(self.known, len(fit.terms)):
-                less, others = self.instead(fit, (place,))
-                best = max(others.values(), key=lambda other: other.nats, default=less)
-                if best.nats > fit.nats + _SWAP_NATS:
-                    fit = best
-            if fit is before:
-                break
-        return fit
-
-    def instead(self, fit: LoadFit, places: Sequence[int]) -> tuple[LoadFit, dict[str, LoadFit]]:
+    def _instead(self, fit: LoadFit, places: Sequence[int]) -> tuple[LoadFit, dict[str, LoadFit]]:
         """Return the fit without some terms, and with each name's best form in their place."""
-        less = fit_loads(fit.table, self.base, without(fit.terms, places), refine=False)
+        less = fit.refit(fit.others(places))
         space = less.space()
         best: dict[str, LoadFit] = {}
-        for family in self.families(less, space):
-            done = self.trial(family, less, space)
-            if done is not None:
-                name = family.form.name
-                best[name] = max((done, best.get(name, done)), key=lambda one: one.nats)
+        for form, cells in self.members(less, space):
+            done = self.trial(form, cells, less, space)
+            if done is not None and (form.name not in best or done.nats > best[form.name].nats):
+                best[form.name] = done
         return less, best
 
     def accepted(self, fit: LoadFit, chances: dict[str, float]) -> tuple[Accepted, ...]:
         """Return what was found with the names that it could also have."""
         causes: dict[object, list[int]] = {}
-        for place, term in enumerate(fit.terms[self.known :], self.known):
-            causes.setdefault(place if term.form.discrete else term.name, []).append(place)
+        for place, term in enumerate(fit.terms[self.held :], self.held):
+            one = term.form.smooth == term.form.shape
+            causes.setdefault(term.name if one else place, []).append(place)
         common = max(chances.values(), default=1.0)
         return tuple(
             self._named(fit, tuple(places), chances.get(fit.terms[places[0]].name, common))
@@ -239,53 +209,52 @@ class Search:
 
     def _named(self, fit: LoadFit, places: tuple[int, ...], chance: float) -> Accepted:
         term = fit.terms[places[0]]
-        less, others = self.instead(fit, places)
+        name = term.name
+        less, others = self._instead(fit, places)
         gain = fit.nats - less.nats
-        if "place" in term.shape:
-            return Accepted(places, chance, gain, (term.name,), (), None)
+        if term.unnamed:
+            return Accepted(places, chance, gain, (name,))
+        others = {k: other for k, other in others.items() if not other.terms[-1].unnamed}
+        table = {k: other.nats for k, other in others.items()}
+        alone = others.get(name) if len(places) > 1 else None
+        if alone is not None:
+            # one element misses by more than form error: all are held against it without any
+            table = {k: other.plain_nats for k, other in others.items()}
+        else:
+            table[name] = max(fit.nats, table.get(name, fit.nats))
         space = less.space()
         mine = space.directions(term.columns(fit.table))
-        table = {k: o.nats for k, o in others.items() if "place" not in o.terms[-1].shape}
-        if len(places) > 1 and term.name in table:
-            # one element misses by more than form error: all are held against it without any
-            table = {name: others[name].plain_nats for name in table}
-        else:
-            table[term.name] = max(fit.nats, table.get(term.name, fit.nats))
         same = [
-            name
-            for name in table
-            if name != term.name
-            and sine_squared(mine, space.directions(others[name].terms[-1].columns(fit.table)))
+            k
+            for k, other in others.items()
+            if k != name
+            and sine_squared(mine, space.directions(other.terms[-1].columns(fit.table)))
             < SAME_SPACE
         ]
+        near = tuple(k for k in rivals(table, name) if k not in same)
         share = probabilities(table)
-        near = tuple(name for name in rivals(table, term.name) if name not in same)
-        group = (term.name, *same)
-        alone = others.get(term.name) if len(places) > 1 else None
-        likely = sum(share[name] for name in group)
-        return Accepted(places, chance, gain, group, near, likely, alone)
+        likely = sum(share[k] for k in (name, *same))
+        return Accepted(places, chance, gain, (name, *same), near, likely, alone)
 
 
-def _lowest_p(shares: FloatArray, ranks: FloatArray, dof: int) -> FloatArray:
-    """Return the smallest p-value over members, shape (n_draws,), of shares (n_cells, n_draws)."""
-    from scipy.special import betainc
+def _lowest_p(shares: FloatArray, ranks: FloatArray, dof: int) -> tuple[FloatArray, int]:
+    """Return the smallest p-value over members of shares (n_cells, n_draws), and the rank of one.
 
-    best = np.ones(shares.shape[1])
-    for rank in np.unique(ranks):
-        # at equal rank the largest share has the smallest p-value
-        top = np.clip(1.0 - shares[ranks == rank].max(axis=0), 0.0, 1.0)
-        best = np.minimum(best, betainc((dof - rank) / 2.0, rank / 2.0, top))
-    return np.asarray(best)
+    At equal rank the largest share has the smallest p-value.
+    """
+    kinds = np.unique(ranks).tolist()
+    best = [share_p_value(shares[ranks == rank].max(axis=0), rank, dof) for rank in kinds]
+    return np.min(best, axis=0), kinds[int(np.argmin(np.array(best)[:, 0]))]
 
 
 def _trials(p_values: FloatArray) -> float:
     """Return how many independent trials a smallest p-value of these draws amounts to."""
     beyond = _BEYOND / len(p_values)
     level = float(np.quantile(p_values, beyond))
-    return max(1.0, -float(np.log1p(-beyond)) / max(level, _SMALLEST))
+    return max(1.0, -float(np.log1p(-beyond)) / max(level, float(np.finfo(float).tiny)))
 
 
-def _any_of(p_value: FloatArray, trials: float) -> FloatArray:
+def _any_of(p_value: FloatArray | float, trials: float) -> FloatArray:
     """Return ``1 - (1 - p)^trials`` without loss for small p."""
     return np.asarray(-np.expm1(trials * np.log1p(-np.minimum(p_value, 1.0 - 1e-16))))
 
@@ -296,8 +265,8 @@ def uneven_scatter(
     """Return the scatter's change with the torque where noise of one size does not make it."""
     from scipy.special import ndtr
 
-    used, space = fit.table.used, fit.space()
-    size = np.abs(fit.table.torque_nm[used])
+    space = fit.space()
+    size = np.abs(fit.table.torque_nm[space.used])
     if space.dof < 2 or not float(np.ptp(size)) > 0.0:
         return None
     weight = (size - size.mean()) / float(np.abs(size - size.mean()).max())

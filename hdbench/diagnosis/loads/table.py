@@ -2,19 +2,29 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hdbench.diagnosis.answer.records import DataFlag
+from hdbench.diagnosis.answer.records import DataFlag, LeftOutSamples
 from hdbench.model.motion import Motion
 from hdbench.model.statics import experiment_numbers, motion_from_loads, reading_times
 from hdbench.profile.schema import ProfileData
-from hdbench.records import LoadReading, Loads
+from hdbench.records import Loads
 from hdbench.records.trace import FloatArray
 
-__all__ = ["LoadTable", "base_columns", "groupings", "inspect_loads", "levels", "load_table"]
+__all__ = [
+    "IntArray",
+    "LoadTable",
+    "base_columns",
+    "groupings",
+    "left_out",
+    "levels",
+    "load_table",
+    "one_hot",
+]
 
 # positions closer than this are one: a sixth of a tooth of 200, above what an encoder at the
 # output or a mark made by hand repeats
@@ -23,6 +33,12 @@ _POSITION_RAD = 5e-3
 _LEVEL_SHARE = 1e-3
 # this many equal readings in a row under different loads do not come from a live channel
 _STUCK = 3
+# flags of readings that take no part, and the reason that is told
+_REASONS = {
+    "missed-samples": "the reading is lost",
+    "saturation": "at the end of the converter's range",
+    "stuck-value": "equal readings under different loads",
+}
 
 IntArray = NDArray[np.int64]
 
@@ -32,6 +48,7 @@ class LoadTable:
     """Readings as arrays of shape (n_readings,)."""
 
     motion: Motion
+    torque_nm: FloatArray  # applied
     reading_v: FloatArray
     mean_std_v: FloatArray  # by its own samples; NaN where not written
     used: NDArray[np.bool_]
@@ -46,24 +63,57 @@ class LoadTable:
         return len(self.reading_v)
 
     @property
-    def torque_nm(self) -> FloatArray:
-        """Applied torque, N m."""
-        load = self.motion.load_torque_nm
-        return np.zeros(len(self)) if load is None else load
-
-    @property
     def top_nm(self) -> float:
         """Largest applied torque, N m."""
         return float(np.abs(self.torque_nm).max())
 
-    @property
-    def time_unit(self) -> str:
-        """Unit of the time."""
-        return "s" if self.time_measured else "reading"
-
     def with_signal(self, signal_nm: FloatArray) -> LoadTable:
         """Return the readings with the torque in the channel, for causes that act on all of it."""
         return replace(self, motion=replace(self.motion, simulated_nm=signal_nm))
+
+
+def load_table(loads: Loads, profile: ProfileData) -> tuple[LoadTable, tuple[DataFlag, ...]]:
+    """Return readings as arrays, and what is wrong with some; `DataError` as `motion_from_loads`.
+
+    Lost and stuck readings and those at the end of the converter's range are not used.
+    """
+    motion = motion_from_loads(loads, profile)
+    readings = loads.readings
+    volts = np.array([r.reading_v for r in readings], dtype=np.float64)
+    torque = np.array([r.torque_nm for r in readings], dtype=np.float64)
+    std = np.array([r.reading_std_v or np.nan for r in readings], dtype=np.float64)
+    samples = np.array([r.n_samples or np.nan for r in readings], dtype=np.float64)
+    place = _places(motion.output_angle_rad)
+    # preloads and shunt readings of a calibration record are no readings
+    kinds = loads.extra_columns.get("kind") or ("",) * len(loads)
+    used = np.array([kind.strip() in ("", "reading") for kind in kinds])
+    lost = ~np.isfinite(volts)
+    step = 2.0 * profile.daq.range_v / 2**profile.daq.resolution_bits
+    ends = np.abs(np.where(lost, 0.0, volts)) >= profile.daq.range_v - 1.5 * step
+    # equal to their neighbours although the load changed
+    same = (np.diff(volts) == 0.0) & (np.diff(torque) != 0.0)
+    run = np.cumsum(np.concatenate(([True], ~same)))
+    stuck = np.bincount(run)[run] >= _STUCK
+    flags = []
+    for name, where in zip(_REASONS, (lost, ends, stuck), strict=True):
+        used &= ~where
+        if where.any():
+            time = motion.time_s[where]
+            flags.append(DataFlag(name, float(time[0]), float(time[-1]), int(where.sum())))
+    table = LoadTable(
+        motion=motion,
+        torque_nm=torque,
+        reading_v=volts,
+        mean_std_v=std / np.sqrt(samples),
+        used=used,
+        experiment=experiment_numbers(loads),
+        place=place,
+        cell=2 * place + np.array([r.direction == "ccw" for r in readings]),
+        names=tuple(dict.fromkeys(r.experiment for r in readings)),
+        falling=np.array([r.series == "down" for r in readings]),
+        time_measured=reading_times(loads)[1],
+    )
+    return table, tuple(flags)
 
 
 def _places(position_rad: FloatArray) -> IntArray:
@@ -79,37 +129,6 @@ def _places(position_rad: FloatArray) -> IntArray:
     return np.array(numbers, dtype=np.int64)
 
 
-def load_table(loads: Loads, profile: ProfileData) -> LoadTable:
-    """Return readings as arrays; `DataError` as `motion_from_loads`."""
-    motion = motion_from_loads(loads, profile)
-    readings = loads.readings
-    volts = np.array([r.reading_v for r in readings], dtype=np.float64)
-    place = _places(motion.output_angle_rad)
-    ccw = np.array([r.direction == "ccw" for r in readings])
-    _, cell = np.unique(2 * place + ccw, return_inverse=True)
-    # preloads and shunt readings of a calibration record are no readings
-    kinds = loads.extra_columns.get("kind") or ("",) * len(loads)
-    return LoadTable(
-        motion=motion,
-        reading_v=volts,
-        mean_std_v=np.array([_mean_std(r) for r in readings]),
-        used=np.isfinite(volts) & np.array([k.strip() in ("", "reading") for k in kinds]),
-        experiment=experiment_numbers(loads),
-        place=place,
-        cell=cell.astype(np.int64),
-        names=tuple(dict.fromkeys(r.experiment for r in readings)),
-        falling=np.array([r.series == "down" for r in readings]),
-        time_measured=reading_times(loads)[1],
-    )
-
-
-def _mean_std(reading: LoadReading) -> float:
-    """Return the standard deviation of a mean of independent samples, V; NaN where not known."""
-    if reading.reading_std_v is None or not reading.n_samples:
-        return float("nan")
-    return float(reading.reading_std_v / np.sqrt(reading.n_samples))
-
-
 def one_hot(numbers: IntArray) -> FloatArray:
     """Return one column per number, 1.0 where it stands."""
     return np.asarray(numbers[:, None] == np.unique(numbers)[None, :], dtype=np.float64)
@@ -120,19 +139,25 @@ def levels(table: LoadTable) -> IntArray:
     torque = table.torque_nm
     order = np.argsort(torque, kind="stable")
     numbers = np.zeros(len(torque), dtype=np.int64)
-    far = np.diff(torque[order]) > _LEVEL_SHARE * max(table.top_nm, 1e-300)
+    far = np.diff(torque[order]) > _LEVEL_SHARE * table.top_nm
     numbers[order] = np.concatenate(([0], np.cumsum(far)))
     return numbers
 
 
 def groupings(table: LoadTable) -> list[tuple[str, IntArray]]:
     """Return the ways in which gains may differ, the coarsest first."""
-    kinds = (("positions", table.place), ("clampings", table.cell))
+    kinds = (
+        ("positions", table.place),
+        ("clampings", table.cell),
+        ("experiments", table.experiment),
+    )
     found: list[tuple[str, IntArray]] = []
-    for name, groups in (*kinds, ("experiments", table.experiment)):
+    most = 1
+    for name, groups in kinds:
         count = len(np.unique(groups))
-        if count > 1 and all(count > len(np.unique(other)) for _, other in found):
+        if count > most:
             found.append((name, groups))
+            most = count
     return found
 
 
@@ -144,23 +169,10 @@ def base_columns(table: LoadTable, groups: IntArray | None = None) -> FloatArray
     return np.hstack(columns)
 
 
-def inspect_loads(table: LoadTable, profile: ProfileData) -> tuple[LoadTable, tuple[DataFlag, ...]]:
-    """Leave out lost and stuck readings and those at the end of the converter's range."""
-    volts = table.reading_v
-    lost = ~np.isfinite(volts)
-    step = 2.0 * profile.daq.range_v / 2**profile.daq.resolution_bits
-    ends = np.abs(np.where(lost, 0.0, volts)) >= profile.daq.range_v - 1.5 * step
-    stuck = _stuck(table)
-    flags = []
-    for name, where in (("missed-samples", lost), ("saturation", ends), ("stuck-value", stuck)):
-        if where.any():
-            time = table.motion.time_s[where]
-            flags.append(DataFlag(name, float(time[0]), float(time[-1]), int(where.sum())))
-    return replace(table, used=table.used & ~(lost | ends | stuck)), tuple(flags)
-
-
-def _stuck(table: LoadTable) -> NDArray[np.bool_]:
-    """Return the readings that equal their neighbours although the load changed."""
-    same = (np.diff(table.reading_v) == 0.0) & (np.diff(table.torque_nm) != 0.0)
-    run = np.cumsum(np.concatenate(([True], ~same)))
-    return np.asarray(np.bincount(run)[run] >= _STUCK)
+def left_out(table: LoadTable, flags: Sequence[DataFlag]) -> tuple[LeftOutSamples, ...]:
+    """Return which readings took no part, and why."""
+    counts = {_REASONS[flag.name]: flag.samples for flag in flags}
+    others = int((~table.used).sum()) - sum(counts.values())
+    if others > 0:
+        counts["a preload or shunt reading"] = others
+    return tuple(LeftOutSamples(why, n, n / len(table)) for why, n in counts.items())

@@ -1,22 +1,25 @@
-"""Which effects a motion shows, how large they must be, and which of them look alike."""
+"""Effects that a motion shows, how large they must be, and which of them look alike."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise, permutations
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtri
 
+from hdbench.diagnosis.discovery.chance import chi2_level
+from hdbench.diagnosis.evidence import SAME_SPACE
 from hdbench.diagnosis.planning.frame import ROWS, Frame, Noise, make_frame
 from hdbench.diagnosis.planning.signatures import (
-    Axis,
     Effect,
+    Shape,
     fitted_shape,
     line_key,
-    line_places,
-    line_spectrum,
+    line_length,
+    line_shapes,
     shape_axes,
     shape_grid,
 )
@@ -24,12 +27,12 @@ from hdbench.model import Cause, Motion
 from hdbench.profile.schema import ProfileData
 from hdbench.records.trace import FloatArray
 
-__all__ = ["CONFUSABLE", "HELD", "Confusability", "Grams", "Target", "Visibility", "compare"]
+__all__ = ["CONFUSABLE", "HELD", "Confusability", "Grams", "Told", "compare", "silent", "unfit"]
+
+Told = Callable[[str, float], None]
 
 # the literature's line between what is told apart and what is not, by share of the effect
 CONFUSABLE = 0.25
-# contract: names whose effect spans the same space
-SAME_SPACE = 0.01
 # one name contains another where this little of it is left: the rounding of projections
 _CONTAINED = 1e-6
 # directions with less than this share of a column's energy are rounding
@@ -39,19 +42,18 @@ _ROUNDING = 1e-10
 _SURELY_APART = 0.6
 # times that a step of the grid is halved, by the samples that a cause needs: few, more, all; and
 # that a resolution cell of a line is: 1/8000 of it leaves less than a millionth of three lines
-_HALVINGS = (5, 4, 2)
-_LINE_HALVINGS = 12
-# places of lines that are tried for each effect on a motion; one on each of several blocks
-_PEAKS = 3
+_HALVINGS, _LINE_HALVINGS = (5, 4, 2), 12
 # numbers that are multiplied at once: 16 MB, and more would not be faster
 _AT_ONCE = 2_000_000
-# probability of any finding on a record without effects, and power, as in the diagnosis
-_ALPHA = 0.01
-_POWER = 1.2815515655446004
+# probability of any finding on a record without effects, and of finding one, as in the diagnosis;
 # independent trials along each shape that is no place on an axis
-_TRIALS = 10.0
+_ALPHA, _POWER, _TRIALS = 0.01, 0.9, 10.0
 # why an effect is not seen that the baseline holds already
 HELD = "the baseline imitates it"
+
+
+def silent(_what: str, _share: float) -> None:
+    """Tell nobody how far a computation is."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,14 +66,9 @@ class Visibility:
 
     name: str
     reason: str
-    baseline_share: float
-    std_nm: float | None
-    detectable_nm: float | None
-
-    @property
-    def visible(self) -> bool:
-        """Whether the motion shows it."""
-        return not self.reason
+    baseline_share: float = 1.0
+    std_nm: float | None = None
+    detectable_nm: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,46 +86,32 @@ class Confusability:
 
     def share(self, first: str, second: str) -> float | None:
         """Return the share of the first that the second cannot imitate; None if not compared."""
-        if first not in self.names or second not in self.names:
-            return None
         value = float(self.sin2[self.names.index(first), self.names.index(second)])
         return value if np.isfinite(value) else None
 
+    @property
+    def _contained(self) -> NDArray[np.bool_]:
+        return (self.sin2 <= _CONTAINED) & (self.sin2.T > SAME_SPACE)
+
     def contained(self) -> tuple[tuple[str, str], ...]:
         """Return pairs (i, j) where i is a special case of j: j imitates it, not the reverse."""
-        pairs = self._pairs()
-        return tuple((a, b) for a, b, s, back in pairs if s <= _CONTAINED and back > SAME_SPACE)
+        return tuple((self.names[i], self.names[j]) for i, j in np.argwhere(self._contained))
 
-    def confusable(self, below: float = CONFUSABLE) -> tuple[tuple[str, str, float], ...]:
-        """Return ordered pairs below a level, contained ones left out, nearest first."""
-        inside = set(self.contained())
-        found = [(a, b, s) for a, b, s, _ in self._pairs() if s < below and (a, b) not in inside]
-        return tuple(sorted(found, key=lambda pair: pair[2]))
+    def confusable(self) -> tuple[tuple[str, str, float], ...]:
+        """Return ordered pairs that are not told apart, but for contained ones, nearest first."""
+        near = np.argwhere((self.sin2 < CONFUSABLE) & ~self._contained)
+        pairs = [(self.names[i], self.names[j], float(self.sin2[i, j])) for i, j in near]
+        return tuple(sorted(pairs, key=lambda pair: pair[2]))
 
     def inseparable(self) -> tuple[tuple[str, ...], ...]:
         """Return groups of names that imitate each other within `SAME_SPACE`, both ways."""
-        groups: list[set[str]] = []
-        for a, b, one, back in self._pairs():
-            if not (one < SAME_SPACE and back < SAME_SPACE):
-                continue
-            joined = [group for group in groups if a in group or b in group]
-            groups = [group for group in groups if group not in joined]
-            groups.append(set().union({a, b}, *joined))
-        order = self.names.index
-        return tuple(tuple(sorted(group, key=order)) for group in groups)
-
-    def invisible(self) -> tuple[Visibility, ...]:
-        """Return what cannot be seen."""
-        return tuple(entry for entry in self.visibility if not entry.visible)
-
-    def _pairs(self) -> list[tuple[str, str, float, float]]:
-        """Return (i, j, sin^2, sin^2 of the reverse) for all pairs that were compared."""
-        places = permutations(range(len(self.names)), 2)
-        return [
-            (self.names[i], self.names[j], float(self.sin2[i, j]), float(self.sin2[j, i]))
-            for i, j in places
-            if np.isfinite(self.sin2[i, j])
-        ]
+        alike = (self.sin2 < SAME_SPACE) & (self.sin2.T < SAME_SPACE)
+        np.fill_diagonal(alike, True)
+        # names that any chain of such pairs joins
+        reached = np.linalg.matrix_power(alike, len(alike))
+        groups = {tuple(np.flatnonzero(row).tolist()) for row in reached}
+        ordered = sorted((group for group in groups if len(group) > 1), key=lambda group: group[-1])
+        return tuple(tuple(self.names[i] for i in group) for group in ordered)
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,21 +123,6 @@ class Target:
     peak_nm: float
 
 
-@dataclass(frozen=True, slots=True)
-class Beside:
-    """Products of all targets beside a baseline on some of the blocks.
-
-    `factor` makes the free rows of the baseline orthonormal, `onto` are their products with the
-    rows of the targets, `left` those rows' own products less what the baseline explains.
-    """
-
-    kept: NDArray[np.intp]
-    free: slice
-    factor: FloatArray
-    onto: FloatArray
-    left: FloatArray
-
-
 @dataclass(slots=True)
 class Family:
     """A cause with all shapes that were tried, and their products in each block.
@@ -164,16 +132,59 @@ class Family:
     """
 
     cause: Cause
-    shapes: list[dict[str, float]]
+    shapes: list[Shape]
     own: FloatArray
     cross: FloatArray
 
-    def left(self, grams: Grams, beside: Beside, first: int = 0) -> FloatArray:
+
+@dataclass(frozen=True, slots=True)
+class Beside:
+    """Products of all targets beside a baseline on some of the blocks.
+
+    `whole` are the products of the rows of baseline and targets; `factor` makes the free rows of
+    the baseline orthonormal, `onto` are their products with the rows of the targets, `left` those
+    rows' own products less what the baseline explains.
+    """
+
+    grams: Grams
+    kept: NDArray[np.intp]
+    whole: FloatArray
+    factor: FloatArray
+    onto: FloatArray
+    left: FloatArray
+
+    def energy(self, target: Target) -> float:
+        """Return the squared size of what the baseline leaves of an effect."""
+        return float(np.trace(self.left[target.rows, target.rows]))
+
+    def look(self, target: Target) -> Visibility:
+        """Return whether the blocks show an effect, and how large it has to be."""
+        cause = target.effect.cause
+        energy = float(np.sum(np.diag(self.whole)[len(self.factor) :][target.rows]))
+        share = self.energy(target) / energy if energy > 0.0 else 0.0
+        if not share > SAME_SPACE:
+            why = HELD if energy > 0.0 else "it gives no torque here"
+            return Visibility(cause.name, why, 1.0 - max(share, 0.0))
+        inverse = np.linalg.pinv(self.left[target.rows, target.rows], hermitian=True)
+        coefficient = float(np.sqrt(np.mean(np.diag(inverse))))
+        std_nm = coefficient * target.peak_nm
+        needed = _needed(cause, self.grams.frame, self.grams.n_effects)
+        why = ""
+        # the smallest coefficient that would show lies outside of its domain
+        widest = max((max(abs(p.lower), abs(p.upper)) for p in cause.linear), default=np.inf)
+        if not needed * coefficient <= widest:
+            why = (
+                f"only more than {needed * std_nm:.2g} N m of it would show, "
+                "which its domain does not hold"
+            )
+        return Visibility(cause.name, why, 1.0 - share, std_nm, needed * std_nm)
+
+    def shares(self, family: Family, first: int = 0) -> FloatArray:
         """Return what each shape from the first on cannot imitate, shape (n, n_targets)."""
-        q = len(grams.frame.base)
-        own, cross = self.own[beside.kept, first:].sum(0), self.cross[beside.kept, first:].sum(0)
-        base = cross[:, :, :q][:, :, beside.free] @ beside.factor
-        cross = cross[:, :, q:] - base @ beside.onto
+        q = len(self.factor)
+        own, cross = family.own[self.kept, first:].sum(0), family.cross[self.kept, first:].sum(0)
+        base = cross[:, :, :q] @ self.factor
+        cross = cross[:, :, q:] - base @ self.onto
         # each row to a size of 1 before the baseline was taken out
         size = np.sqrt(np.diagonal(own, axis1=1, axis2=2))
         scale = np.divide(1.0, size, out=np.zeros_like(size), where=size > 0.0)
@@ -181,12 +192,10 @@ class Family:
         values, vectors = np.linalg.eigh(own)
         along = vectors.swapaxes(1, 2) @ (cross * scale[:, :, None])
         over = np.where(values > _ROUNDING, 1.0 / np.maximum(values, _ROUNDING), 0.0)
-        squares = np.sum(along**2 * over[:, :, None], axis=1)
-        shares = [
-            np.sum(squares[:, t.rows], axis=1) / max(np.trace(beside.left[t.rows, t.rows]), 1e-300)
-            for t in grams.targets
-        ]
-        return np.clip(1.0 - np.stack(shares, axis=1), 0.0, 1.0)
+        starts = [target.rows.start for target in self.grams.targets]
+        imitated = np.add.reduceat(np.sum(along**2 * over[:, :, None], axis=1), starts, axis=1)
+        energy = np.add.reduceat(np.diag(self.left), starts)
+        return np.clip(1.0 - imitated / np.maximum(energy, 1e-300), 0.0, 1.0)
 
 
 @dataclass(slots=True)
@@ -198,189 +207,105 @@ class Grams:
     """
 
     frame: Frame
-    effects: tuple[Effect, ...]
+    n_effects: int
     targets: tuple[Target, ...]
     rows: FloatArray
     own: FloatArray
     families: dict[str, Family]
 
     @classmethod
-    def of(
-        cls, frame: Frame, effects: Sequence[Effect], told: Callable[[str, float], None]
-    ) -> Grams:
-        """Return the products of effects on a frame, with a grid of shapes for each of them."""
+    def of(cls, frame: Frame, effects: Sequence[Effect], told: Told) -> Grams:
+        """Return the products of effects on a frame, with shapes that may imitate them."""
         targets: list[Target] = []
-        white = [frame.base]
-        at = 0
+        white, at = [frame.base], 0
         for number, effect in enumerate(effects):
             told(f"signature of {effect.name}", 0.2 * number / len(effects))
-            if _unfit(effect.cause, frame):
-                continue
-            for shape in _shapes(effect, frame):
-                rows = frame.white(effect.cause, shape)
-                peak = frame.peak(effect.cause, shape)
-                targets.append(
-                    Target(replace(effect, shape=shape), slice(at, at + len(rows)), peak)
-                )
-                white.append(rows)
-                at += len(rows)
-        rows = np.vstack(white)
-        grams = cls(frame, tuple(effects), tuple(targets), rows, frame.products(rows, rows), {})
-        grams._gather(told)
+            for shape in () if unfit(effect.cause, frame) else _shapes(effect, frame):
+                white.append(frame.white(effect.cause, shape))
+                rows = slice(at, at + len(white[-1]))
+                at = rows.stop
+                columns = frame.drawn(effect.cause, shape) / frame.weights
+                peak_nm = float(np.linalg.norm(columns, axis=0).max())
+                targets.append(Target(replace(effect, shape=shape), rows, peak_nm))
+        stacked = np.vstack(white)
+        products = frame.products(stacked, stacked)
+        grams = cls(frame, len(effects), tuple(targets), stacked, products, {})
+        causes = {target.effect.name: target.effect.cause for target in targets}
+        lines = {name: cause for name, cause in causes.items() if line_key(cause)}
+        places = line_shapes(frame, lines, [target.effect for target in targets])
+        for number, (name, cause) in enumerate(causes.items()):
+            told(f"what {name} can imitate", 0.2 + 0.6 * number / len(causes))
+            n_blocks, k = len(products), len(cause.linear)
+            own, cross = np.zeros((n_blocks, 0, k, k)), np.zeros((n_blocks, 0, k, len(stacked)))
+            family = grams.families[name] = Family(cause, [], own, cross)
+            shapes = [target.effect.shape for target in targets if target.effect.name == name]
+            if name in lines:
+                shapes += places[name]
+            else:
+                shapes += shape_grid(shape_axes(cause, frame, frame.home(cause, shapes[0])))
+            grams.extend(family, shapes)
         return grams
 
     def beside(self, kept: Sequence[int], *, zero_only: bool = False) -> Beside:
         """Return the products on some blocks beside the baseline, or beside the zero alone."""
-        blocks = np.asarray(kept, dtype=np.intp)
-        q = len(self.frame.base)
-        free = slice(0, 1 if zero_only else q)
-        own = self.own[blocks].sum(0)
-        values, vectors = np.linalg.eigh(own[free, free])
+        blocks, q = np.asarray(kept, dtype=np.intp), len(self.frame.base)
+        free = 1 if zero_only else q
+        whole = self.own[blocks].sum(0)
+        values, vectors = np.linalg.eigh(whole[:free, :free])
         seen = values > _ROUNDING * max(float(values[-1]), 1e-300)
-        factor = vectors[:, seen] / np.sqrt(values[seen])
-        onto = factor.T @ own[free, q:]
-        return Beside(blocks, free, factor, onto, own[q:, q:] - onto.T @ onto)
+        factor = np.zeros((q, int(seen.sum())))
+        factor[:free] = vectors[:, seen] / np.sqrt(values[seen])
+        onto = factor.T @ whole[:q, q:]
+        return Beside(self, blocks, whole, factor, onto, whole[q:, q:] - onto.T @ onto)
 
-    def look(self, target: Target, beside: Beside) -> Visibility:
-        """Return whether some of the blocks show an effect, and how large it has to be."""
-        cause, q = target.effect.cause, len(self.frame.base)
-        at = slice(target.rows.start + q, target.rows.stop + q)
-        left = beside.left[target.rows, target.rows]
-        energy = float(np.trace(self.own[beside.kept].sum(0)[at, at]))
-        share = float(np.trace(left)) / energy if energy > 0.0 else 0.0
-        if not share > SAME_SPACE:
-            why = HELD if energy > 0.0 else "it gives no torque here"
-            return Visibility(cause.name, why, 1.0 - max(share, 0.0), None, None)
-        inverse = np.linalg.pinv(left, hermitian=True)
-        coefficient = float(np.sqrt(np.mean(np.diag(inverse))))
-        std_nm = coefficient * target.peak_nm
-        d = _needed(cause, self.frame, float(len(self.effects)))
-        why = ""
-        # the smallest coefficient that would show lies outside of its domain
-        widest = max((max(abs(p.lower), abs(p.upper)) for p in cause.linear), default=np.inf)
-        if not d * coefficient <= widest:
-            why = (
-                f"only more than {d * std_nm:.2g} N m of it would show, "
-                "which its domain does not hold"
-            )
-        return Visibility(cause.name, why, 1.0 - share, std_nm, d * std_nm)
-
-    def extend(self, name: str, shapes: Sequence[Mapping[str, float]]) -> int:
-        """Add shapes to a family; return how many it had before."""
-        family = self.families[name]
-        before = len(family.shapes)
+    def extend(self, family: Family, shapes: Sequence[Shape]) -> None:
+        """Add the products of shapes that a family does not have yet."""
         held = {tuple(shape.values()) for shape in family.shapes}
-        new = {tuple(shape.values()): dict(shape) for shape in shapes}
+        new = {tuple(shape.values()): shape for shape in shapes}
         fresh = [shape for key, shape in new.items() if key not in held]
         step = max(1, _AT_ONCE // max(1, len(family.cause.linear) * self.rows.shape[1]))
         for first in range(0, len(fresh), step):
-            rows = np.stack(
-                [self.frame.white(family.cause, s) for s in fresh[first : first + step]]
-            )
+            part = fresh[first : first + step]
+            rows = np.stack([self.frame.white(family.cause, shape) for shape in part])
             n, k, m = rows.shape
             cross = self.frame.products(rows.reshape(n * k, m), self.rows)
             cross = cross.reshape(len(cross), n, k, -1)
             own = np.stack([self.frame.products(one, one) for one in rows], axis=1)
             family.own = np.concatenate([family.own, own], axis=1)
             family.cross = np.concatenate([family.cross, cross], axis=1)
-            family.shapes += fresh[first : first + step]
-        return before
-
-    def _gather(self, told: Callable[[str, float], None]) -> None:
-        """Form the families: a grid of shapes, of lines the strongest places of every target."""
-        causes = {t.effect.name: t.effect.cause for t in self.targets}
-        lines = {name: cause for name, cause in causes.items() if line_key(cause)}
-        places = self._places(lines)
-        n_blocks = len(self.frame.edges) - 1
-        for number, (name, cause) in enumerate(causes.items()):
-            told(f"what {name} can imitate", 0.2 + 0.6 * number / len(causes))
-            k = len(cause.linear)
-            own, cross = np.zeros((n_blocks, 0, k, k)), np.zeros((n_blocks, 0, k, len(self.rows)))
-            self.families[name] = Family(cause, [], own, cross)
-            shapes = [dict(t.effect.shape) for t in self.targets if t.effect.name == name]
-            home = self.frame.home(cause, shapes[0])
-            shapes += places.get(name, [])
-            if name not in lines:
-                shapes += shape_grid(shape_axes(cause, self.frame, home))
-            self.extend(name, shapes)
-
-    def _places(self, lines: Mapping[str, Cause]) -> dict[str, list[dict[str, float]]]:
-        """Return where lines may imitate targets: on all blocks together and on each."""
-        frame = self.frame
-        found: dict[str, list[dict[str, float]]] = {name: [] for name in lines}
-        tops: dict[str, float] = {}
-        for cause in lines.values():
-            key = str(line_key(cause))
-            tops[key] = max(tops.get(key, 0.0), *(high for _, high in frame.bounds(cause)[key]))
-        base, mixed = _drawn_base(frame), np.random.default_rng(0)
-        ends = np.searchsorted(frame.rows, frame.edges)
-        stretches = {(a, b) for a, b in pairwise(ends.tolist())} | {(0, len(frame.rows))}
-        for target in self.targets:
-            effect = target.effect
-            others = {name: cause for name, cause in lines.items() if name != effect.name}
-            rows = frame.drawn(effect.cause, effect.shape)
-            # all columns in one sum, each with a weight of its own so that none cancels another
-            left = mixed.normal(size=len(rows)) @ rows
-            left = left - base @ (base.T @ left)
-            for key in {str(line_key(cause)) for cause in others.values()}:
-                spectra = [line_spectrum(frame, key, tops[key], left, slice(*s)) for s in stretches]
-                for name, cause in others.items():
-                    bands = frame.bounds(cause).get(key)
-                    if not bands:
-                        continue
-                    most = _PEAKS if len(spectra) == 1 else 1
-                    places = [p for s in spectra for p in line_places(cause, bands, *s, most)]
-                    here = effect.shape.get(key)
-                    if here is not None and any(low <= here <= high for low, high in bands):
-                        places.append(here)
-                    found[name] += [{key: place} for place in places]
-        return found
+            family.shapes += part
 
 
-def _drawn_base(frame: Frame) -> FloatArray:
-    """Return an orthonormal basis of the zero and what turns with the baseline's orders."""
-    if frame.noise.is_white:
-        return np.asarray(np.linalg.qr(frame.base.T)[0])
-    return np.zeros((len(frame.rows), 0))
-
-
-def _unfit(cause: Cause, frame: Frame) -> str:
+def unfit(cause: Cause, frame: Frame) -> str:
     """Return why a motion cannot show a cause at all; empty where it can."""
     if not cause.additive:
         return "it is no torque but a fault of samples, noise or angle: looks of its own find it"
-    missing = [c for c in cause.channels if getattr(frame.motion, c) is None]
-    reason = cause.applicable(frame.motion) or ""
+    reason = cause.applicable(frame.motion)
+    missing = [name for name in cause.channels if getattr(frame.motion, name) is None]
     if missing and not reason:
         reason = f"the record has no {', '.join(missing)}"
     if not reason and not all(frame.bounds(cause).values()):
         reason = "the record leaves nothing of its domain"
-    return reason
+    return reason or ""
 
 
-def _shapes(effect: Effect, frame: Frame) -> list[dict[str, float]]:
+def _shapes(effect: Effect, frame: Frame) -> list[Shape]:
     """Return the shape of an effect on a motion; a step in time happens in each block once."""
     times = [frame.motion.time_s]
     if "step_time_s" in effect.shape:
         times = [frame.motion.time_s[a:b] for a, b in pairwise(frame.edges)]
-    shapes = [fitted_shape(effect.shape, frame.bounds(effect.cause), time) for time in times]
-    return [shape for shape in shapes if shape is not None]
+    return [fitted_shape(effect.shape, frame.bounds(effect.cause), time) for time in times]
 
 
-def _needed(cause: Cause, frame: Frame, names: float) -> float:
-    """Return how many standard deviations are found with 90 %: root of the threshold plus 1.28."""
-    from scipy.special import chdtri
-
-    trials = names
+def _needed(cause: Cause, frame: Frame, names: int) -> float:
+    """Return how many standard deviations an effect needs to be found among so many names."""
+    trials = names * _TRIALS ** len(cause.shape)
     key = line_key(cause)
     if key is not None:
-        turns = np.ptp(frame.few.angle_rad) / (2.0 * np.pi)
-        length = turns if key == "order" else np.ptp(frame.few.time_s)
         width = sum(high - low for low, high in frame.bounds(cause)[key])
-        trials *= max(1.0, 2.0 * float(length) * width)
-    else:
-        trials *= _TRIALS ** len(cause.shape)
-    threshold = float(chdtri(max(1, len(cause.linear)), _ALPHA / trials))
-    return float(np.sqrt(threshold)) + _POWER
+        trials = names * max(1.0, 2.0 * line_length(frame, key) * width)
+    level = chi2_level(_ALPHA / trials, max(1, len(cause.linear)))
+    return float(np.sqrt(level) + ndtri(_POWER))
 
 
 def compare(
@@ -390,31 +315,10 @@ def compare(
     *,
     noise: Noise | None = None,
     n_rows: int = ROWS,
-    progress: Callable[[str, float], None] | None = None,
+    progress: Told = silent,
 ) -> Confusability:
-    r"""Compare effects on a motion.
+    r"""Return how alike effects are on a motion, in white noise of the profile where none is given.
 
-    Parameters
-    ----------
-    motion : Motion
-        Motion of a record or of a plan.
-    effects : sequence of Effect
-        Effects, each name once; `nominal_shape` gives shapes where nothing is known.
-    profile : ProfileData
-        Bench.
-    noise : Noise or None
-        Noise of the torque; white with the profile's standard deviation where None.
-    n_rows : int
-        Rows that stand for the motion in white noise.
-    progress : callable or None
-        Told what is going on and the share done.
-
-    Returns
-    -------
-    Confusability
-
-    Notes
-    -----
     With S_i the white columns of effect i less what the baseline explains, and P_j(q) the
     projection onto those of effect j with shape q,
 
@@ -424,72 +328,55 @@ def compare(
     likely. An effect of d standard deviations then brings :math:`(d^2/2) \sin^2 \gamma` nats for
     its name over the other one.
     """
-    told = progress or (lambda _what, _share: None)
-    grams = Grams.of(make_frame(motion, profile, noise, n_rows=n_rows), effects, told)
+    grams = Grams.of(make_frame(motion, profile, noise, n_rows=n_rows), effects, progress)
     names = tuple(effect.name for effect in effects)
-    beside = grams.beside((0,))
-    looked = {t.effect.name: grams.look(t, beside) for t in grams.targets}
+    # one block: each effect is one target
+    beside, plain = grams.beside([0]), grams.beside([0], zero_only=True)
+    looked = {target.effect.name: beside.look(target) for target in grams.targets}
+    shown, held = list[int](), list[int]()
+    for column, target in enumerate(grams.targets):
+        reason = looked[target.effect.name].reason
+        if not reason:
+            shown.append(column)
+        elif reason == HELD and not plain.look(target).reason:
+            held.append(column)
+    progress("shapes between those of the grid", 0.8)
     sin2 = np.full((len(names), len(names)), np.nan)
-    held = {name for name, entry in looked.items() if entry.reason == HELD}
-    shown = {name for name, entry in looked.items() if entry.visible}
-    told("shapes between those of the grid", 0.8)
-    _fill(sin2, names, grams, beside, shown)
-    if len(held) > 1:
-        # what the baseline holds is compared beside the zero alone
-        plain = grams.beside((0,), zero_only=True)
-        seen = {t.effect.name for t in grams.targets if grams.look(t, plain).visible}
-        _fill(sin2, names, grams, plain, held & seen)
+    # what the baseline holds is compared beside the zero alone
+    for view, columns in ((beside, shown), (plain, held)):
+        places = [names.index(grams.targets[column].effect.name) for column in columns]
+        for place in places:
+            sin2[places, place] = _least(view, names[place], columns)
+    np.fill_diagonal(sin2, np.nan)
     visibility = tuple(
-        looked.get(e.name) or Visibility(e.name, _unfit(e.cause, grams.frame), 1.0, None, None)
-        for e in effects
+        looked.get(effect.name) or Visibility(effect.name, unfit(effect.cause, grams.frame))
+        for effect in effects
     )
     span = float(motion.time_s[-1] - motion.time_s[0])
     return Confusability(names, sin2, visibility, span)
 
 
-def _fill(
-    sin2: FloatArray, names: tuple[str, ...], grams: Grams, beside: Beside, shown: set[str]
-) -> None:
-    """Enter the least shares of effects that are shown, with shapes between those of the grid."""
-    columns = [c for c, t in enumerate(grams.targets) if t.effect.name in shown]
-    for name in shown:
-        best = _least(grams, beside, name, columns)
-        for c in columns:
-            other = grams.targets[c].effect.name
-            if other != name:
-                sin2[names.index(other), names.index(name)] = best[c]
+def _least(beside: Beside, name: str, columns: Sequence[int]) -> FloatArray:
+    """Return the least share that a cause leaves of some targets, with its shape free.
 
-
-def _least(grams: Grams, beside: Beside, name: str, columns: Sequence[int]) -> FloatArray:
-    """Return the least share that a cause leaves of each target, with its shape free."""
+    Shapes between those of the grid are tried around the best, ever nearer to it.
+    """
+    grams = beside.grams
     family = grams.families[name]
-    left = family.left(grams, beside)
-    if not family.cause.shape:
-        return np.asarray(left.min(axis=0))
     home = grams.frame.home(family.cause, family.shapes[0])
     axes = shape_axes(family.cause, grams.frame, home)
-    times = _LINE_HALVINGS if line_key(family.cause) else _HALVINGS[home]
-    for halvings in range(1, times + 1):
-        best, at = left.min(axis=0), left.argmin(axis=0)
-        tried: list[dict[str, float]] = []
-        for c in columns:
-            known = grams.targets[c].effect.name == name
-            if not known and _CONTAINED < best[c] <= _SURELY_APART:
-                tried += _around(family.shapes[at[c]], axes, halvings)
-        if not tried:
-            break
-        first = grams.extend(name, tried)
-        if len(family.shapes) > first:
-            left = np.vstack([left, family.left(grams, beside, first)])
+    others = np.array([grams.targets[column].effect.name != name for column in columns])
+    left = beside.shares(family)[:, columns]
+    for halvings in range(1, 1 + (_LINE_HALVINGS if line_key(family.cause) else _HALVINGS[home])):
+        best, at, tried = left.min(axis=0), left.argmin(axis=0), len(family.shapes)
+        unsure = others & (best > _CONTAINED) & (best <= _SURELY_APART)
+        around = [
+            {**family.shapes[nearest], key: value}
+            for nearest in at[unsure]
+            for key, axis in axes.items()
+            for value in axis.beside(family.shapes[nearest][key], halvings)
+        ]
+        grams.extend(family, around)
+        if len(family.shapes) > tried:
+            left = np.vstack([left, beside.shares(family, tried)[:, columns]])
     return np.asarray(left.min(axis=0))
-
-
-def _around(
-    shape: Mapping[str, float], axes: Mapping[str, Axis], halvings: int
-) -> list[dict[str, float]]:
-    """Return shapes with one parameter moved to either side."""
-    return [
-        {**shape, name: value}
-        for name, axis in axes.items()
-        for value in axis.beside(shape[name], halvings)
-    ]

@@ -24,32 +24,22 @@ Bounds = tuple[tuple[float, float], ...]
 ROWS = 8_000
 # half of the rows evenly over the record, a quarter where the motor accelerates, a quarter where it
 # is slow: there friction, hysteresis and inertia differ from everything else
-_EVENLY, _ACCELERATING, _SLOW = 0.5, 0.25, 0.25
-_SLOW_RAD_S = 20.0
-_SEED = 20250101
+_EVENLY, _ACCELERATING, _SLOW, _SLOW_RAD_S = 0.5, 0.25, 0.25, 20.0
 # a cause that remembers is computed on the rows, every so many samples between them, and wherever
 # the load jumps by this share of its range or a stretch begins ...
-_COURSE = 8
-_JUMP = 0.01
+_COURSE, _JUMP = 8, 0.01
 # ... where that agrees with more samples to this share of its size: sin^2 changes by twice as much
 _AGREES = 3e-3
 # noise is white where no power is further from the mean than this share of it, as that of white
 # noise does in the narrow bands of a short record
 _FLAT = 0.5
-# frequencies at which the spectrum of an autoregression is tabled
-_TABLED = 513
 
 
 @dataclass(frozen=True, slots=True)
 class Noise:
-    """Noise of the torque channel by its spectrum.
+    """Noise of the torque channel: variance of an orthonormal cosine coefficient, (N m)^2.
 
-    Parameters
-    ----------
-    frequency_hz : ndarray
-        Frequencies, Hz, increasing; a single one for white noise.
-    power_nm2 : ndarray
-        Variance of an orthonormal cosine coefficient at each, (N m)^2; of every sample where white.
+    It stands at increasing frequencies, Hz; white noise has a single one.
     """
 
     frequency_hz: FloatArray
@@ -63,7 +53,7 @@ class Noise:
     @classmethod
     def autoregression(cls, std_nm: float, coefficients: FloatArray, period_s: float) -> Noise:
         """Return the noise x_n = a_1 x_(n-1) + ... + e_n, e_n of a standard deviation, N m."""
-        phase = np.linspace(0.0, np.pi, _TABLED)
+        phase = np.linspace(0.0, np.pi, 513)
         lags = np.arange(1, len(coefficients) + 1)
         gain = np.abs(1.0 - np.exp(-1j * np.outer(phase, lags)) @ coefficients) ** 2
         power = std_nm**2 / np.maximum(gain, 1e-12)
@@ -105,54 +95,60 @@ class Frame:
     homes: dict[str, int] = field(default_factory=dict)
     domains: dict[str, dict[str, Bounds]] = field(default_factory=dict)
 
+    @property
+    def ends(self) -> NDArray[np.intp]:
+        """The first drawn sample of each block, and the end."""
+        return np.searchsorted(self.rows, self.edges)
+
     def bounds(self, cause: Cause) -> dict[str, Bounds]:
         """Return where each shape parameter of a cause can lie on this motion."""
         if cause.name not in self.domains:
             self.domains[cause.name] = shape_bounds(cause, self.motion)
         return self.domains[cause.name]
 
-    def drawn(self, cause: Cause, shape: Mapping[str, float]) -> FloatArray:
+    def drawn(
+        self, cause: Cause, shape: Mapping[str, float], home: int | None = None
+    ) -> FloatArray:
         """Return columns on the drawn samples, weighted, as rows of shape (k, m), N m per unit."""
-        return self._on(self.home(cause, shape), cause, shape) * self.weights
+        at = self.home(cause, shape) if home is None else home
+        motion = (self.few, self.course, self.motion)[at]
+        rows = _finite(cause.columns(motion, shape))
+        return (rows if at == 0 else rows[:, (self.places, self.rows)[at - 1]]) * self.weights
 
     def white(self, cause: Cause, shape: Mapping[str, float]) -> FloatArray:
         """Return the white rows of a cause, shape (k, m_white), per unit of each coefficient."""
         if self.noise.is_white:
-            return np.asarray(self.drawn(cause, shape) / self.noise.std_nm)
-        return _transformed(_finite(cause.columns(self.motion, shape)), self)
+            return self.drawn(cause, shape) / self.noise.std_nm
+        return self.transformed(_finite(cause.columns(self.motion, shape)))
 
-    def peak(self, cause: Cause, shape: Mapping[str, float]) -> float:
-        """Return the largest row of a cause's columns, N m per unit: its peak torque."""
-        columns = self._on(self.home(cause, shape), cause, shape)
-        return float(np.sqrt(np.sum(columns**2, axis=0)).max(initial=0.0))
+    def transformed(self, rows: FloatArray) -> FloatArray:
+        """Return the cosine transform of each block over the root of the noise's power."""
+        parts = []
+        for band, (a, b) in zip(self.bands, pairwise(self.edges), strict=True):
+            power = np.interp(band.frequency_hz, self.noise.frequency_hz, self.noise.power_nm2)
+            parts.append(band.transform(rows[:, a:b].T) / np.sqrt(band.spread(power)))
+        return np.hstack(parts)
 
     def products(self, one: FloatArray, other: FloatArray) -> FloatArray:
         """Return the Gram matrix of white rows (..., k, m) and (l, m) in each block."""
-        if self.noise.is_white:
-            ends = np.searchsorted(self.rows, self.edges)
-        else:
-            ends = np.cumsum([0, *(b.size for b in self.bands)])
+        ends = self.ends
+        if not self.noise.is_white:
+            ends = np.cumsum([0, *(band.size for band in self.bands)])
         across = np.swapaxes(other, -1, -2)
         return np.stack([one[..., a:b] @ across[..., a:b, :] for a, b in pairwise(ends)])
 
     def home(self, cause: Cause, shape: Mapping[str, float]) -> int:
         """Return 0, 1 or 2: the fewest samples on which the columns of a cause are right."""
         if cause.name not in self.homes:
-            self.homes[cause.name] = 2
             # a delay is interpolated between neighbours
-            if "delay_s" not in shape:
-                more = self._on(1, cause, shape)
-                if _alike(self._on(0, cause, shape), more, self.weights):
-                    self.homes[cause.name] = 0
-                elif _alike(more, self._on(2, cause, shape), self.weights):
-                    self.homes[cause.name] = 1
+            home = 2 if "delay_s" in shape else 0
+            while home < 2:
+                here, more = (self.drawn(cause, shape, at) for at in (home, home + 1))
+                if np.linalg.norm(here - more) <= _AGREES * np.linalg.norm(more):
+                    break
+                home += 1
+            self.homes[cause.name] = home
         return self.homes[cause.name]
-
-    def _on(self, home: int, cause: Cause, shape: Mapping[str, float]) -> FloatArray:
-        """Return columns at the drawn samples, computed on one of the motions, as rows."""
-        motion = (self.few, self.course, self.motion)[home]
-        columns = _finite(cause.columns(motion, shape))
-        return columns if home == 0 else columns[:, (self.places, self.rows)[home - 1]]
 
 
 def _finite(columns: FloatArray) -> FloatArray:
@@ -160,20 +156,6 @@ def _finite(columns: FloatArray) -> FloatArray:
     rows = np.array(columns.T, dtype=np.float64, order="C")
     rows[~np.isfinite(rows)] = 0.0
     return rows
-
-
-def _alike(one: FloatArray, other: FloatArray, weights: FloatArray) -> bool:
-    apart = float(np.sum(((one - other) * weights) ** 2))
-    return apart <= _AGREES**2 * float(np.sum((other * weights) ** 2))
-
-
-def _transformed(rows: FloatArray, frame: Frame) -> FloatArray:
-    """Return the cosine transform of each block over the root of the noise's power."""
-    parts = []
-    for band, (a, b) in zip(frame.bands, pairwise(frame.edges), strict=True):
-        power = np.interp(band.frequency_hz, frame.noise.frequency_hz, frame.noise.power_nm2)
-        parts.append(band.transform(rows[:, a:b].T) / np.sqrt(band.spread(power)))
-    return np.hstack(parts)
 
 
 def make_frame(
@@ -197,7 +179,7 @@ def make_frame(
     chance = _chance(motion, n_rows)
     reached = np.cumsum(chance)
     strata = np.arange(max(1, round(reached[-1])))
-    places = strata + np.random.default_rng(_SEED).random(len(strata))
+    places = strata + np.random.default_rng(20250101).random(len(strata))
     index = np.searchsorted(reached, places * (reached[-1] / len(strata)), side="right")
     rows, times = np.unique(np.minimum(index, len(motion) - 1), return_counts=True)
     course = _course(motion, rows)
@@ -212,7 +194,7 @@ def make_frame(
     period = float(np.median(np.diff(motion.time_s)))
     bands = tuple(make_bands(motion.valid[a:b], period) for a, b in pairwise(sides))
     raw = replace(raw, bands=bands)
-    return replace(raw, base=_transformed(_baseline(motion, profile), raw))
+    return replace(raw, base=raw.transformed(_baseline(motion, profile)))
 
 
 def _baseline(motion: Motion, profile: ProfileData) -> FloatArray:
@@ -227,15 +209,16 @@ def _baseline(motion: Motion, profile: ProfileData) -> FloatArray:
 
 def _chance(motion: Motion, n_rows: int) -> FloatArray:
     """Return the probability with which each sample is drawn."""
-    count = int(motion.valid.sum())
+    valid = motion.valid.astype(np.float64)
+    count = float(valid.sum())
     if count <= n_rows:
-        return motion.valid.astype(np.float64)
-    acceleration = np.where(motion.valid, np.abs(motion.acceleration_rad_s2), 0.0)
+        return valid
+    accelerating = np.where(motion.valid, np.abs(motion.acceleration_rad_s2), 0.0)
     slow = motion.valid & (np.abs(motion.velocity_rad_s) < _SLOW_RAD_S)
-    chance = _EVENLY * motion.valid / count
-    for share, where in ((_ACCELERATING, acceleration), (_SLOW, slow.astype(np.float64))):
+    chance = _EVENLY * valid / count
+    for share, where in ((_ACCELERATING, accelerating), (_SLOW, slow.astype(np.float64))):
         total = float(where.sum())
-        chance = chance + share * (where / total if total > 0.0 else motion.valid / count)
+        chance = chance + share * (where / total if total > 0.0 else valid / count)
     return np.minimum(1.0, n_rows * chance)
 
 

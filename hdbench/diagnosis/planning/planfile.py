@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import difflib
 import json
-import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from hdbench.diagnosis.planning.segments import KINDS, LoadStep, MotionPlan, Segment
+from hdbench.diagnosis.planning.segments import LoadStep, MotionPlan, Segment
 from hdbench.errors import DataError
 from hdbench.profile.loader import read_toml
 from hdbench.profile.problems import key_text
@@ -18,13 +16,11 @@ from hdbench.profile.toml_map import Key, key_lines
 from hdbench.records.jsonfile import dumps, read_json
 from hdbench.records.storage import file_bytes, write_atomic
 
-__all__ = ["PLAN_SCHEMA", "plan_text", "plan_to_dict", "read_plan", "write_plan"]
+__all__ = ["plan_text", "plan_to_dict", "read_plan", "write_plan"]
 
 PLAN_SCHEMA = "hdbench/plan/1"
 # a plan of two hours in steps of ten seconds has 720 entries and 60 kB
-_LIMIT_BYTES = 256_000
-_MAX_STEPS = 1000
-_MAX_TEXT = 400
+_LIMIT_BYTES, _MAX_STEPS, _MAX_TEXT = 256_000, 1000, 400
 # far outside of what any bench does: bounds errors of the file; the profile's limits come later
 _NUMBERS = {
     "duration_s": (86_400.0, "s"),
@@ -37,8 +33,8 @@ _POSITIVE = ("duration_s", "frequency_hz")
 _NEEDED = {
     "hold": ("speed_rad_s", "duration_s"),
     "ramp": ("speed_rad_s", "duration_s"),
-    "sweep": ("speed_rad_s", "duration_s"),
     "sine": ("speed_rad_s", "frequency_hz", "duration_s"),
+    "sweep": ("speed_rad_s", "duration_s"),
     "rest": ("duration_s",),
     "load": ("text", "torque_nm"),
 }
@@ -57,42 +53,33 @@ def plan_to_dict(plan: MotionPlan) -> dict[str, Any]:
     -------
     dict
     """
+    entries: list[dict[str, Any]] = []
+    for step in plan.steps:
+        kind = step.kind if isinstance(step, Segment) else "load"
+        entry = {"kind": kind} | {key: getattr(step, key) for key in _NEEDED[kind]}
+        if isinstance(step, LoadStep) and step.locked:
+            entry |= {"locked": True, "position_rad": step.position_rad}
+        if isinstance(step, Segment) and step.note:
+            entry["note"] = step.note
+        entries.append(entry)
     head = {"schema": PLAN_SCHEMA, "name": plan.name, "purpose": plan.purpose}
-    return {**head, "segments": [_step_dict(step) for step in plan.steps]}
-
-
-def _step_dict(step: Segment | LoadStep) -> dict[str, Any]:
-    if isinstance(step, LoadStep):
-        body: dict[str, Any] = {"kind": "load", "text": step.text, "torque_nm": step.torque_nm}
-        lock = {"locked": True, "position_rad": step.position_rad} if step.locked else {}
-        return body | lock
-    body = {"kind": step.kind} | {key: getattr(step, key) for key in _NEEDED[step.kind]}
-    return body | ({"note": step.note} if step.note else {})
+    return {**head, "segments": entries}
 
 
 def plan_text(plan: MotionPlan) -> str:
-    """Return a plan as TOML, which `read_plan` reads back as the same plan.
-
-    Parameters
-    ----------
-    plan : MotionPlan
-        Plan.
-
-    Returns
-    -------
-    str
-    """
-    body = plan_to_dict(plan)
-    lines = [f"{key} = {_toml(body[key])}" for key in ("schema", "name", "purpose")]
-    for step in body["segments"]:
-        lines += ["", "[[segments]]", *(f"{key} = {_toml(value)}" for key, value in step.items())]
-    return "\n".join(lines) + "\n"
+    """Return a plan as TOML, which `read_plan` reads back as the same plan."""
+    head = plan_to_dict(plan)
+    entries = head.pop("segments")
+    parts = [_lines(head), *("\n[[segments]]\n" + _lines(entry) for entry in entries)]
+    return "".join(parts)
 
 
-def _toml(value: object) -> str:
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    return json.dumps(value, ensure_ascii=False, allow_nan=False)
+def _lines(table: Mapping[str, Any]) -> str:
+    """Return text, numbers and booleans as lines of TOML, which writes them as JSON does."""
+    return "".join(
+        f"{key} = {json.dumps(value, ensure_ascii=False, allow_nan=False)}\n"
+        for key, value in table.items()
+    )
 
 
 def write_plan(path: Path, plan: MotionPlan) -> None:
@@ -105,9 +92,9 @@ def write_plan(path: Path, plan: MotionPlan) -> None:
     plan : MotionPlan
         Plan.
     """
-    as_json = Path(path).suffix.lower() == ".json"
+    as_json = path.suffix.lower() == ".json"
     text = dumps(plan_to_dict(plan)) if as_json else plan_text(plan)
-    write_atomic(Path(path), text.encode("utf-8"))
+    write_atomic(path, text.encode("utf-8"))
 
 
 def read_plan(path: Path) -> MotionPlan:
@@ -128,10 +115,9 @@ def read_plan(path: Path) -> MotionPlan:
         If the file cannot be read or is no plan; ``problems`` holds every problem with file, key
         and, for TOML, line.
     """
-    path = Path(path)
     raw = file_bytes(path, limit=_LIMIT_BYTES, what="plan file")
     if path.suffix.lower() == ".json":
-        return _Reader(str(path), {}).plan(read_json(path))
+        return _Reader(path, {}).plan(read_json(path))
     try:
         text = raw.decode("utf-8")
     except UnicodeDecodeError as error:
@@ -141,114 +127,94 @@ def read_plan(path: Path) -> MotionPlan:
         body = read_toml(text, str(path))
     except DataError as error:
         raise DataError(error.what, where=error.where, fix=f"correct the plan; {_HELP}") from error
-    return _Reader(str(path), key_lines(text)).plan(body)
+    return _Reader(path, key_lines(text)).plan(body)
 
 
-@dataclass(frozen=True, slots=True)
 class _Reader:
     """Checks the content of one file and collects what is wrong with it."""
 
-    path: str
-    lines: Mapping[Key, int]
+    def __init__(self, path: Path, lines: Mapping[Key, int]) -> None:
+        self.path, self.lines = path, lines
+        self.problems: list[DataError] = []
 
     def plan(self, body: Mapping[str, Any]) -> MotionPlan:
-        found: list[DataError] = []
         if body.get("schema") != PLAN_SCHEMA:
             what = f"found {body.get('schema')!r:.60}; needed: {PLAN_SCHEMA!r}"
             raise self.error(("schema",), what)
-        self.unknown((), body, ("schema", "name", "purpose", "segments"), found)
-        name = self.text((), body, "name", found, default=Path(self.path).stem)
-        purpose = self.text((), body, "purpose", found, default="")
+        self.check_keys((), body, ("schema", "name", "purpose", "segments"))
+        name = self.value((), "name", body, self.path.stem)
+        purpose = self.value((), "purpose", body, "")
         entries = body.get("segments")
         if not isinstance(entries, list) or not 1 <= len(entries) <= _MAX_STEPS:
             shown = f"{len(entries)} entries" if isinstance(entries, list) else "no list"
             needed = f"1 to {_MAX_STEPS} tables [[segments]]"
             raise self.error(("segments",), f"found {shown}; needed: {needed}")
-        steps = [self.step(index, entry, found) for index, entry in enumerate(entries)]
-        if found:
-            first, what = found[0], "; ".join(each.what for each in found[:5])
-            what = f"{len(found)} problems: {what}" if len(found) > 1 else what
-            raise DataError(what, where=first.where, fix=first.fix, problems=tuple(found))
+        steps = [self.step(("segments", index), entry) for index, entry in enumerate(entries)]
+        if self.problems:
+            first, what = self.problems[0], "; ".join(each.what for each in self.problems[:5])
+            if len(self.problems) > 1:
+                what = f"{len(self.problems)} problems: {what}"
+            raise DataError(what, where=first.where, fix=first.fix, problems=tuple(self.problems))
         return MotionPlan(name, tuple(step for step in steps if step is not None), purpose)
 
-    def step(self, index: int, entry: Any, found: list[DataError]) -> Segment | LoadStep | None:
-        base: Key = ("segments", index)
+    def step(self, base: Key, entry: Any) -> Segment | LoadStep | None:
+        """Return a step; None where something is wrong with it."""
         if not isinstance(entry, dict):
-            found.append(self.error(base, f"found {entry!r:.40}; needed: a table"))
+            self.tell(base, f"found {entry!r:.40}; needed: a table")
             return None
         kind = entry.get("kind")
-        if kind not in (*KINDS, "load"):
-            kinds = ", ".join((*KINDS, "load"))
-            found.append(self.error((*base, "kind"), f"found {kind!r:.40}; needed: one of {kinds}"))
+        if not isinstance(kind, str) or kind not in _NEEDED:
+            what = f"found {kind!r:.40}; needed: one of {', '.join(_NEEDED)}"
+            self.tell((*base, "kind"), what)
             return None
-        before = len(found)
-        load = kind == "load"
-        extra = ("locked", "position_rad") if load else ("note",)
-        self.unknown(base, entry, ("kind", *_NEEDED[kind], *extra), found)
-        given = [key for key in (*_NEEDED[kind], *extra) if key in entry or key in _NEEDED[kind]]
-        values = {k: self.number(base, entry, k, found) for k in given if k in _NUMBERS}
-        words = self.text(base, entry, "text" if load else "note", found, None if load else "")
-        locked = entry.get("locked", False)
-        if load and not isinstance(locked, bool):
-            what = f"found {locked!r:.40}; needed: true or false"
-            found.append(self.error((*base, "locked"), what))
-        if len(found) > before:
+        before = len(self.problems)
+        free = {"locked": False, "position_rad": 0.0} if kind == "load" else {"note": ""}
+        keys = (*_NEEDED[kind], *free)
+        self.check_keys(base, entry, ("kind", *keys))
+        values = {
+            key: self.value(base, key, entry, free.get(key))
+            for key in sorted(keys, key=lambda key: key not in _NUMBERS)
+        }
+        if len(self.problems) > before:
             return None
-        return (
-            LoadStep(words, locked=locked, **values)
-            if load
-            else Segment(kind, note=words, **values)
-        )
+        return LoadStep(**values) if kind == "load" else Segment(kind, **values)
 
-    def number(
-        self, base: Key, entry: Mapping[str, Any], key: str, found: list[DataError]
-    ) -> float:
-        value, (largest, unit) = entry.get(key), _NUMBERS[key]
-        low = "above 0" if key in _POSITIVE else f"{-largest:g}"
-        needed = f"a number from {low} to {largest:g} {unit}"
-        if key not in entry:
-            found.append(self.error((*base, key), f"missing; needed: {needed}"))
-            return math.nan
-        if isinstance(value, int | float) and not isinstance(value, bool):
-            in_range = -largest <= value <= largest
-            if in_range and (value > 0.0 or key not in _POSITIVE):
-                return float(value)
-        found.append(self.error((*base, key), f"found {value!r:.40}; needed: {needed}"))
-        return math.nan
+    def value(self, base: Key, key: str, given: Mapping[str, Any], default: Any) -> Any:
+        """Return the value of a key, or the default where it is not given, after a check."""
+        value: Any = given.get(key, default)
+        number = isinstance(value, int | float) and not isinstance(value, bool)
+        if key in _NUMBERS:
+            largest, unit = _NUMBERS[key]
+            positive = key in _POSITIVE
+            low = "above 0" if positive else f"{-largest:g}"
+            needed = f"a number from {low} to {largest:g} {unit}"
+            good = number and -largest <= value <= largest and (value > 0.0 or not positive)
+        elif key == "locked":
+            needed, good = "true or false", isinstance(value, bool)
+        else:
+            needed = f"text in one line of at most {_MAX_TEXT} characters"
+            good = isinstance(value, str) and len(value) <= _MAX_TEXT and value.isprintable()
+        if good:
+            return float(value) if number else value
+        absent = "missing" if key in _NUMBERS else "found nothing"
+        shown = absent if value is None else f"found {value!r:.40}"
+        self.tell((*base, key), f"{shown}; needed: {needed}")
+        return None
 
-    def text(
-        self,
-        base: Key,
-        entry: Mapping[str, Any],
-        key: str,
-        found: list[DataError],
-        default: str | None = None,
-    ) -> str:
-        value = entry.get(key, default)
-        if isinstance(value, str) and len(value) <= _MAX_TEXT and (value.isprintable()):
-            return value
-        needed = f"text in one line of at most {_MAX_TEXT} characters"
-        shown = "nothing" if value is None else repr(value)[:40]
-        found.append(self.error((*base, key), f"found {shown}; needed: {needed}"))
-        return ""
-
-    def unknown(
-        self, base: Key, entry: Mapping[str, Any], known: tuple[str, ...], found: list[DataError]
-    ) -> None:
+    def check_keys(self, base: Key, entry: Mapping[str, Any], known: tuple[str, ...]) -> None:
         for key in entry:
             if key not in known:
                 near = difflib.get_close_matches(str(key), known, n=1)
                 hint = f"; did you mean {near[0]!r}?" if near else ""
-                what = f"unknown key{hint} known here: {', '.join(known)}"
-                found.append(self.error((*base, key), what))
+                self.tell((*base, key), f"unknown key{hint} known here: {', '.join(known)}")
+
+    def tell(self, key: Key, what: str) -> None:
+        self.problems.append(self.error(key, what))
 
     def error(self, key: Key, what: str) -> DataError:
         place = key
         while place and place not in self.lines:
             place = place[:-1]
         line = f":{self.lines[place]}" if place in self.lines else ""
-        return DataError(
-            f"key {key_text(key)}: {what}",
-            where=f"{self.path}{line}",
-            fix=f"correct the key; {_HELP}",
-        )
+        fix = f"correct the key; {_HELP}"
+        return DataError(f"key {key_text(key)}: {what}", where=f"{self.path}{line}", fix=fix)

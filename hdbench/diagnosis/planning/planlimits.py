@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass, field
+from operator import attrgetter
+
 import numpy as np
 
 from hdbench.diagnosis.planning.segments import LoadStep, MotionPlan, Segment, plan_stages
@@ -13,13 +17,8 @@ __all__ = ["check_motion_plan"]
 
 # speeds that should be equal come from sums of a few terms of a file
 _SAME_SPEED = 1e-9
-# the last millionth of a cycle of a sine makes no jump that any servo notices
-_WHOLE_CYCLES = 1e-6
-# parameters travel as 32-bit floats, and a limit given with few digits is meant to be reached
+# numbers travel as 32-bit floats, and a limit or a cycle given with few digits is meant to be met
 _ROUNDING = 1e-6
-
-# whether it is as it should be, what is wrong, what to do
-_Checks = list[tuple[bool, str, str]]
 
 
 def check_motion_plan(plan: MotionPlan, profile: ProfileData) -> list[UsageError]:
@@ -39,97 +38,75 @@ def check_motion_plan(plan: MotionPlan, profile: ProfileData) -> list[UsageError
         while locked, a plan that does not end at rest, or one with more parts than a node keeps.
         NaN fails every comparison.
     """
-    found: list[UsageError] = []
+    check = _Check(profile, "")
     speed, locked = 0.0, False
     for number, step in enumerate(plan.steps, start=1):
+        check.where = f"step {number} of the plan"
         if isinstance(step, LoadStep):
-            locked, checks = step.locked, _load(step, speed, profile)
+            locked = step.locked
+            fix = "use a lighter weight"
+            check.limit("torque", abs(step.torque_nm), "N m", "limits.torque_nm", fix)
+            what = f"a load step at {speed:g} rad/s; needed: the motor at rest"
+            check.need(abs(speed) <= _SAME_SPEED, what, "put a ramp to 0 before it")
         else:
-            checks = _segment(step, speed, locked, profile)
+            check.segment(step, speed, locked)
             speed = step.end_speed_rad_s(speed)
-        found += _problems(f"step {number} of the plan", checks)
-    return found + _problems("the plan", _whole(plan, speed, profile))
-
-
-def _problems(where: str, checks: _Checks) -> list[UsageError]:
-    return [UsageError(what, where=where, fix=fix) for good, what, fix in checks if not good]
-
-
-def _limit(
-    name: str, value: float, limit: float, unit: str, key: str, fix: str = "ask for less"
-) -> tuple[bool, str, str]:
-    good = bool(value <= limit * (1.0 + _ROUNDING))
-    what = f"{name} {value:.6g} {unit} is above {limit:g} {unit}"
-    return good, what, f"{fix}; the profile's limit is {key}"
-
-
-def _segment(segment: Segment, before: float, locked: bool, profile: ProfileData) -> _Checks:
-    """Return the checks of one segment after a speed."""
-    limits, servo, kind = profile.limits, profile.servo, segment.kind
-    here, there = abs(before), abs(segment.speed_rad_s)
-    # unlike max() this hands a NaN on
-    peak = here + there if kind == "sine" else float(np.maximum(here, there))
-    volts = peak / servo.velocity_gain_rad_s_per_v
-    asked = segment.acceleration_rad_s2(before)
-    most, period = servo.max_acceleration_rad_s2, profile.daq.sample_period_s
-    expected = 0.0 if kind == "rest" else segment.speed_rad_s
-    cycles = segment.frequency_hz * segment.duration_s
-    whole = float(np.rint(cycles))
-    return [
-        _limit("motor speed", peak, limits.velocity_rad_s, "rad/s", "limits.velocity_rad_s"),
-        _limit("reference", volts, limits.reference_v, "V", "limits.reference_v"),
-        _limit("acceleration", asked, most, "rad/s^2", "servo.max_acceleration_rad_s2"),
-        (
-            kind not in ("hold", "rest") or abs(before - expected) <= _SAME_SPEED,
-            f"a {kind} at {expected:g} rad/s after {before:g} rad/s is a jump",
-            "put a ramp before it",
-        ),
-        (
-            kind != "sine" or abs(cycles - whole) <= _WHOLE_CYCLES,
-            f"{cycles:.6g} cycles of a sine; needed: a whole number",
-            f"let it last {max(1.0, whole) / (segment.frequency_hz or 1.0):.6g} s",
-        ),
-        (
-            segment.duration_s >= period,
-            f"duration {segment.duration_s:g} s is below one sampling period",
-            f"let it last {period:g} s or more",
-        ),
-        (
-            not locked or kind == "rest",
-            f"{kind} with the wave generator locked",
-            "let only rests follow a locked load, or release the lock first",
-        ),
-    ]
-
-
-def _load(step: LoadStep, speed: float, profile: ProfileData) -> _Checks:
-    """Return the checks of one load step at a speed."""
-    torque, most = abs(step.torque_nm), profile.limits.torque_nm
-    return [
-        _limit("torque", torque, most, "N m", "limits.torque_nm", "use a lighter weight"),
-        (
-            abs(speed) <= _SAME_SPEED,
-            f"a load step at {speed:g} rad/s; needed: the motor at rest",
-            "put a ramp to 0 before it",
-        ),
-    ]
-
-
-def _whole(plan: MotionPlan, end_speed: float, profile: ProfileData) -> _Checks:
-    """Return the checks of a plan as a whole."""
-    counts = (sum(1 + (s.kind == "sweep") for s in stage.segments) for stage in plan_stages(plan))
+    check.where = "the plan"
+    check.limit("duration", plan.duration_s, "s", "limits.duration_s")
+    check.need(bool(plan.segments), "no segment; needed: at least one", "add a segment")
+    what = f"the plan ends at {speed:g} rad/s; needed: rest"
+    check.need(abs(speed) <= _SAME_SPEED, what, "end it with a ramp to 0")
+    counts = [sum(1 + (s.kind == "sweep") for s in stage.segments) for stage in plan_stages(plan)]
     parts = max(counts, default=0)
-    return [
-        _limit("duration", plan.duration_s, profile.limits.duration_s, "s", "limits.duration_s"),
-        (bool(plan.segments), "no segment; needed: at least one", "add a segment"),
-        (
-            abs(end_speed) <= _SAME_SPEED,
-            f"the plan ends at {end_speed:g} rad/s; needed: rest",
-            "end it with a ramp to 0",
-        ),
-        (
-            parts <= MAX_PARTS,
-            f"{parts} parts without a load step between them; needed: at most {MAX_PARTS}",
-            "use fewer segments",
-        ),
-    ]
+    what = f"{parts} parts without a load step between them; needed: at most {MAX_PARTS}"
+    check.need(parts <= MAX_PARTS, what, "use fewer segments")
+    return check.problems
+
+
+@dataclass(slots=True)
+class _Check:
+    """Collects what is wrong at one place after the other."""
+
+    profile: ProfileData
+    where: str
+    problems: list[UsageError] = field(default_factory=list)
+
+    def need(self, good: bool, what: str, fix: str) -> None:
+        if not good:
+            self.problems.append(UsageError(what, where=self.where, fix=fix))
+
+    def limit(
+        self, name: str, value: float, unit: str, key: str, fix: str = "ask for less"
+    ) -> None:
+        limit = float(attrgetter(key)(self.profile))
+        what = f"{name} {value:.6g} {unit} is above {limit:g} {unit}"
+        good = value <= limit * (1.0 + _ROUNDING)
+        self.need(good, what, f"{fix}; the profile's limit is {key}")
+
+    def segment(self, segment: Segment, before: float, locked: bool) -> None:
+        kind, target, length = segment.kind, segment.speed_rad_s, segment.duration_s
+        # unlike max() this hands a NaN on
+        peak, acceleration = float(np.maximum(abs(before), abs(target))), 0.0
+        if kind == "sine":
+            peak = abs(before) + abs(target)
+            acceleration = 2.0 * math.pi * segment.frequency_hz * abs(target)
+        elif kind in ("ramp", "sweep"):
+            acceleration = (1.0 if kind == "ramp" else 2.0) * abs(target - before) / length
+        volts = peak / self.profile.servo.velocity_gain_rad_s_per_v
+        self.limit("motor speed", peak, "rad/s", "limits.velocity_rad_s")
+        self.limit("reference", volts, "V", "limits.reference_v")
+        self.limit("acceleration", acceleration, "rad/s^2", "servo.max_acceleration_rad_s2")
+        expected = 0.0 if kind == "rest" else target
+        jump = kind in ("hold", "rest") and not abs(before - expected) <= _SAME_SPEED
+        what = f"a {kind} at {expected:g} rad/s after {before:g} rad/s is a jump"
+        self.need(not jump, what, "put a ramp before it")
+        cycles = segment.frequency_hz * length
+        whole = float(np.rint(cycles))
+        what = f"{cycles:.6g} cycles of a sine; needed: a whole number"
+        fix = f"let it last {max(1.0, whole) / (segment.frequency_hz or 1.0):.6g} s"
+        self.need(kind != "sine" or abs(cycles - whole) <= _ROUNDING, what, fix)
+        period = self.profile.daq.sample_period_s
+        what = f"duration {length:g} s is below one sampling period"
+        self.need(length >= period, what, f"let it last {period:g} s or more")
+        fix = "let only rests follow a locked load, or release the lock first"
+        self.need(not locked or kind == "rest", f"{kind} with the wave generator locked", fix)

@@ -2,35 +2,34 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
-from hdbench.diagnosis.planning.blocks import Block, blocks, joined
+from hdbench.diagnosis.planning.blocks import blocks, joined
 from hdbench.diagnosis.planning.confusability import (
     CONFUSABLE,
     HELD,
     Confusability,
     Grams,
+    Told,
     compare,
+    silent,
+    unfit,
 )
 from hdbench.diagnosis.planning.frame import Noise, make_frame
 from hdbench.diagnosis.planning.motion import planned_motion
-from hdbench.diagnosis.planning.segments import MotionPlan, Segment
+from hdbench.diagnosis.planning.segments import MotionPlan, plan_stages, program_of
 from hdbench.diagnosis.planning.signatures import Effect, fitted_shape, nominal_shape
-from hdbench.model import (
-    Cause,
-    Motion,
-    catalogue,
-    cause_named,
-)
+from hdbench.model import Cause, Motion, catalogue, cause_named
 from hdbench.profile.schema import ProfileData
 from hdbench.records.trace import FloatArray
 
 __all__ = [
     "DEFAULT_DURATION_S",
+    "Names",
     "Pair",
     "Proposal",
     "effects_named",
@@ -41,22 +40,17 @@ __all__ = [
 ]
 
 Names = tuple[str, str]
-Told = Callable[[str, float], None]
+# pairs that each block did most for
+_Credit = Mapping[str, list[Names]]
 
 # the full protocol of the built-in profile without loads takes 172 s
 DEFAULT_DURATION_S = 180.0
-# rows on which blocks are weighed; what is chosen is then computed in full
-_ROWS = 6_000
 # a name is wrong with 1 % where evidence of 10.8 nats is expected, d sin(gamma) = 4.65; four times
-# that leaves room for an effect of half the size that is reckoned with
-_ENOUGH_NATS = 4.0 * 10.8
-# beyond noise, names are confused by what their shapes lack; twice the level of what counts as
-# confusable leaves room for that
-_ENOUGH_SHARE = 2.0 * CONFUSABLE
+# that leaves room for an effect of half the size that is reckoned with, twice the level of what
+# counts as confusable for what the shapes of names lack
+_ENOUGH_NATS, _ENOUGH_SHARE = 4.0 * 10.8, 2.0 * CONFUSABLE
 # size of an effect of which nothing is known, in standard deviations over all blocks together
 _UNKNOWN_SIGMAS = 20.0
-# time that a budget leaves beside the long run, for what shows other things
-_BESIDE_LONG_S = 30.0
 # a block, or a longer protocol, that raises the score of a pair by less than this does not pay
 _LEAST_GAIN = 0.02
 
@@ -88,8 +82,6 @@ class Proposal:
     ----------
     plan : MotionPlan or None
         The run; None where no run of this bench tells any of the pairs apart.
-    chosen : tuple of Block
-        Blocks of which it is made.
     pairs : tuple of Pair
         Pairs in question.
     words : tuple of str
@@ -99,10 +91,34 @@ class Proposal:
     """
 
     plan: MotionPlan | None
-    chosen: tuple[Block, ...]
     pairs: tuple[Pair, ...]
-    words: tuple[str, ...]
+    words: tuple[str, ...] = ()
     after: Confusability | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class _Choice:
+    """Blocks, how alike the effects are on them, and the pairs that each block did most for."""
+
+    chosen: tuple[MotionPlan, ...] = ()
+    after: Confusability | None = None
+    credit: _Credit = field(default_factory=dict)
+
+    def share(self, pair: Names) -> float | None:
+        """Return the share of the first that the second cannot imitate."""
+        return None if self.after is None else self.after.share(*pair)
+
+    def open(self, pairs: Sequence[Names]) -> tuple[Names, ...]:
+        """Return the pairs that are not told apart."""
+        return tuple(pair for pair in pairs if not (self.share(pair) or 0.0) >= CONFUSABLE)
+
+    def better(self, other: _Choice, pairs: Sequence[Names]) -> bool:
+        """Return whether it tells more apart: shares count up to what is told apart."""
+        one, two = (
+            sum(min(choice.share(pair) or 0.0, CONFUSABLE) for pair in pairs)
+            for choice in (self, other)
+        )
+        return one > two + _LEAST_GAIN
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,167 +132,127 @@ class _Question:
     duration_s: float
     told: Told
 
-    def on(self, chosen: tuple[Block, ...]) -> Confusability | None:
+    def tried(self, chosen: Sequence[MotionPlan], credit: _Credit | None = None) -> _Choice:
         """Return how alike the effects are on blocks."""
         if not chosen:
-            return None
+            return _Choice()
         motion = planned_motion(joined("chosen", chosen), self.profile)
-        return compare(motion, self.effects, self.profile, noise=self.noise)
+        after = compare(motion, self.effects, self.profile, noise=self.noise)
+        return _Choice(tuple(chosen), after, credit or {})
 
-    def worth(self, found: Confusability | None) -> float:
-        """Return the sum of the pairs' shares, each up to what counts as told apart."""
-        shares = [] if found is None else [found.share(*pair) for pair in self.pairs]
-        return sum(min(share, CONFUSABLE) for share in shares if share is not None)
+    def answer(self, *, loads: bool) -> _Choice:
+        """Return blocks within the budget, with loads or without."""
+        choice = self._greedy(loads)
+        if choice.open(self.pairs):
+            # blocks that help only together are found by none of them alone: all that fit
+            whole: list[MotionPlan] = []
+            for block in blocks(self.profile, long_s=0.0):
+                fits = _seconds([*whole, block]) <= self.duration_s
+                if fits and (loads or not block.needs_operator):
+                    whole.append(block)
+            together = self.tried(whole)
+            if together.better(choice, self.pairs):
+                return together
+        return choice
 
-    def open(self, found: Confusability | None) -> tuple[Names, ...]:
-        """Return the pairs that are not told apart."""
-        if found is None:
-            return self.pairs
-        return tuple(pair for pair in self.pairs if not (found.share(*pair) or 0.0) >= CONFUSABLE)
+    def _greedy(self, loads: bool) -> _Choice:
+        """Return blocks: what adds most per second is taken until nothing adds or fits any more."""
+        # beside the long run half a minute is left for what shows other things
+        longest_s = min(self.duration_s, self.profile.limits.duration_s)
+        every = blocks(self.profile, long_s=longest_s - 30.0)
+        offered = [block for block in every if loads or not block.needs_operator]
+        self.told("signatures in every block", 0.0)
+        weights = _Weights(self, offered)
+        least = _LEAST_GAIN * len(self.pairs)
+        chosen: list[int] = []
+        rises: dict[int, FloatArray] = {}
+        reached = np.zeros(len(self.pairs))
+        while reached.min(initial=2.0) < 2.0 - _LEAST_GAIN:
+            rises_now: dict[int, FloatArray] = {}
+            for index, block in enumerate(offered):
+                done = (len(chosen) + index / len(offered)) / len(offered)
+                self.told(f"weighing {block.name}", done)
+                fits = _seconds(offered[k] for k in (*chosen, index)) <= self.duration_s
+                if index not in chosen and fits:
+                    rise = weights.score([*chosen, index]) - reached
+                    if rise.sum() >= least:
+                        rises_now[index] = rise
+            if not rises_now:
+                break
+            best = max(rises_now, key=lambda k: float(rises_now[k].sum()) / offered[k].duration_s)
+            rises[best] = rises_now[best]
+            chosen.append(best)
+            reached = reached + rises[best]
+        # those that later ones have made needless go again
+        for index in chosen[:-1]:
+            rest = [other for other in chosen if other != index]
+            if weights.score(rest).sum() > reached.sum() - least:
+                chosen = rest
+        credit: dict[str, list[Names]] = {}
+        for number, pair in enumerate(self.pairs):
+            most = max(chosen, key=lambda k: float(rises[k][number]), default=None)
+            if most is not None and rises[most][number] >= _LEAST_GAIN:
+                credit.setdefault(offered[most].name, []).append(pair)
+        return self.tried([offered[index] for index in chosen], credit)
 
 
-@dataclass(frozen=True, slots=True)
+def _seconds(chosen: Iterable[MotionPlan]) -> float:
+    return sum(block.duration_s for block in chosen)
+
+
 class _Weights:
     """Products of all effects in each block that is offered, and how large each is taken to be."""
 
-    grams: Grams
-    pairs: tuple[Names, ...]
-    sigmas: dict[str, float]
+    def __init__(self, question: _Question, offered: Sequence[MotionPlan]) -> None:
+        profile = question.profile
+        counts = [
+            sum(program_of(stage, profile).n_samples for stage in plan_stages(block))
+            for block in offered
+        ]
+        motion = planned_motion(joined("all blocks", offered), profile)
+        edges = [0, *np.cumsum(counts).tolist()]
+        # enough rows to weigh blocks; what is chosen is then computed in full
+        frame = make_frame(motion, profile, question.noise, n_rows=6_000, edges=edges)
+        self.pairs = question.pairs
+        self.grams = Grams.of(frame, question.effects, silent)
+        beside = self.grams.beside(range(len(offered)))
+        self.sigmas: dict[str, float] = {}
+        for target in self.grams.targets:
+            entry, effect = beside.look(target), target.effect
+            # no evidence is counted for what the baseline holds: its share alone is weighed
+            sigma = 0.0 if entry.reason == HELD else 1.0
+            if not entry.reason and entry.std_nm:
+                known = effect.amplitude_nm
+                size = _UNKNOWN_SIGMAS if known is None else known / entry.std_nm
+                sigma = size**2 / beside.energy(target)
+            self.sigmas[effect.name] = max(sigma, self.sigmas.get(effect.name, 0.0))
 
-    def score(self, chosen: Sequence[int]) -> dict[Names, float]:
-        """Return how well blocks tell each pair apart, 0 to 2: by evidence and by share."""
-        found = self._on(chosen, self.pairs)
-        missing = [pair for pair in self.pairs if pair not in found]
+    def score(self, chosen: Sequence[int]) -> FloatArray:
+        """Return how well blocks tell each pair apart, 0 to 2: by evidence and by share.
+
+        A pair counts up to its expected evidence, half the squared size times its share, of 43 nats
+        (a wrong name in 1 of 100 for an effect of half the size) and up to a share of 0.5.
+        """
+        scores: dict[Names, float] = {}
         # what the baseline holds is compared beside the zero alone
-        if missing and any(sigma == 0.0 for sigma in self.sigmas.values()):
-            found |= self._on(chosen, missing, held=True)
-        return {
-            pair: min(1.0, nats / _ENOUGH_NATS) + min(1.0, left / _ENOUGH_SHARE)
-            for pair, (left, nats) in found.items()
-        }
-
-    def _on(
-        self, chosen: Sequence[int], pairs: Sequence[Names], *, held: bool = False
-    ) -> dict[Names, tuple[float, float]]:
-        """Return share and evidence in nats of the pairs that can be compared."""
-        beside = self.grams.beside(chosen, zero_only=held)
-        seen: dict[str, tuple[float, int]] = {}
-        for column, target in enumerate(self.grams.targets):
-            name = target.effect.name
-            if held and self.sigmas[name] != 0.0:
-                continue
-            if self.grams.look(target, beside).visible:
-                energy = float(np.trace(beside.left[target.rows, target.rows]))
-                # of the times of a step the one that shows most
-                seen[name] = max(seen.get(name, (0.0, column)), (energy, column))
-        found = {}
-        for second in {b for _, b in pairs} & set(seen):
-            least: FloatArray = self.grams.families[second].left(self.grams, beside).min(axis=0)
-            for first in (a for a, b in pairs if b == second and a in seen):
-                energy, column = seen[first]
-                left = float(least[column])
-                found[first, second] = (left, 0.5 * energy * self.sigmas[first] * left)
-        return found
-
-
-def _weights(question: _Question, offered: tuple[Block, ...]) -> _Weights:
-    """Return one motion of all blocks with everything that weighs parts of it."""
-    profile = question.profile
-    period = profile.daq.sample_period_s
-    counts = [
-        sum(max(1, round(s.duration_s / period)) for s in block.steps if isinstance(s, Segment))
-        for block in offered
-    ]
-    edges = np.concatenate([[0], np.cumsum(counts)])
-    motion = planned_motion(joined("all blocks", offered), profile)
-    frame = make_frame(motion, profile, question.noise, n_rows=_ROWS, edges=edges.tolist())
-    grams = Grams.of(frame, question.effects, lambda _what, _share: None)
-    beside = grams.beside(range(len(offered)))
-    sigmas: dict[str, float] = {}
-    for target in grams.targets:
-        entry, effect = grams.look(target, beside), target.effect
-        # no evidence is counted for what the baseline holds: its share alone is weighed
-        sigma = 0.0 if entry.reason == HELD else 1.0
-        if entry.visible and entry.std_nm:
-            known = effect.amplitude_nm
-            size = _UNKNOWN_SIGMAS if known is None else known / entry.std_nm
-            sigma = size**2 / float(np.trace(beside.left[target.rows, target.rows]))
-        sigmas[effect.name] = max(sigma, sigmas.get(effect.name, 0.0))
-    return _Weights(grams, question.pairs, sigmas)
-
-
-def _choose(
-    question: _Question, loads: bool
-) -> tuple[tuple[Block, ...], dict[str, tuple[Names, ...]]]:
-    """Return blocks that tell pairs apart, and the pairs that each did most for.
-
-    The block that adds most per second is taken until none adds anything or the budget is spent. A
-    pair counts up to its expected evidence, half the squared size times its share, of 43 nats (a
-    wrong name in 1 of 100 for an effect of half the size) and up to a share of 0.5.
-    """
-    pairs, budget = question.pairs, question.duration_s
-    long_s = min(budget, question.profile.limits.duration_s) - _BESIDE_LONG_S
-    every = blocks(question.profile, long_s=long_s)
-    offered = tuple(b for b in every if loads or not b.needs_operator)
-    question.told("signatures in every block", 0.0)
-    weights = _weights(question, offered)
-    chosen: list[int] = []
-    rises: dict[str, dict[Names, float]] = {}
-    reached: dict[Names, float] = {}
-    spent, least = 0.0, _LEAST_GAIN * len(pairs)
-    for turn in range(len(offered)):
-        best: tuple[float, int, dict[Names, float]] | None = None
-        for index, block in enumerate(offered):
-            question.told(f"weighing {block.name}", (turn + index / len(offered)) / len(offered))
-            if index in chosen or not spent + block.duration_s <= budget:
-                continue
-            score = weights.score([*chosen, index])
-            gain = sum(score.values()) - sum(reached.values())
-            rate = gain / block.duration_s
-            if gain >= least and (best is None or rate > best[0]):
-                best = (rate, index, score)
-        if best is None:
-            break
-        _, index, score = best
-        rises[offered[index].name] = {p: score[p] - reached.get(p, 0.0) for p in score}
-        chosen.append(index)
-        reached = score
-        spent += offered[index].duration_s
-        if all(reached.get(pair, 0.0) >= 2.0 - _LEAST_GAIN for pair in pairs):
-            break
-    # those that later ones have made needless go again
-    whole = sum(weights.score(chosen).values()) if chosen else 0.0
-    for index in chosen[:-1]:
-        rest = [other for other in chosen if other != index]
-        if sum(weights.score(rest).values()) > whole - least:
-            chosen = rest
-    kept = tuple(offered[index] for index in chosen)
-    credit: dict[str, tuple[Names, ...]] = {block.name: () for block in kept}
-    for pair in pairs:
-        name = max(credit, key=lambda n: rises[n].get(pair, 0.0), default="")
-        if name and rises[name].get(pair, 0.0) >= _LEAST_GAIN:
-            credit[name] = (*credit[name], pair)
-    return kept, credit
-
-
-def _chosen(
-    question: _Question, loads: bool
-) -> tuple[tuple[Block, ...], dict[str, tuple[Names, ...]], Confusability | None]:
-    """Return blocks within the budget, with loads or without, credit, and what they do."""
-    chosen, credit = _choose(question, loads)
-    after = question.on(chosen)
-    if not question.open(after):
-        return chosen, credit, after
-    # blocks that help only together are found by none of them alone: all that fit the budget
-    whole: tuple[Block, ...] = ()
-    for block in blocks(question.profile, long_s=0.0):
-        spent = sum(b.duration_s for b in whole)
-        if (loads or not block.needs_operator) and spent + block.duration_s <= question.duration_s:
-            whole = (*whole, block)
-    then = question.on(whole)
-    if question.worth(then) > question.worth(after) + _LEAST_GAIN:
-        return whole, {}, then
-    return chosen, credit, after
+        for held in (False, True):
+            beside = self.grams.beside(chosen, zero_only=held)
+            seen: dict[str, tuple[float, int]] = {}
+            for column, target in enumerate(self.grams.targets):
+                name = target.effect.name
+                if not (held and self.sigmas[name]) and not beside.look(target).reason:
+                    # of the times of a step the one that shows most
+                    seen[name] = max(seen.get(name, (0.0, column)), (beside.energy(target), column))
+            asked = [pair for pair in self.pairs if pair not in scores and set(pair) <= set(seen)]
+            for second in {second for _, second in asked}:
+                least = beside.shares(self.grams.families[second]).min(axis=0)
+                for first in (a for a, b in asked if b == second):
+                    energy, column = seen[first]
+                    share = float(least[column])
+                    nats = 0.5 * energy * self.sigmas[first] * share
+                    by_evidence = min(1.0, nats / _ENOUGH_NATS)
+                    scores[first, second] = by_evidence + min(1.0, share / _ENOUGH_SHARE)
+        return np.array([scores.get(pair, 0.0) for pair in self.pairs])
 
 
 def propose(
@@ -288,87 +264,60 @@ def propose(
     duration_s: float = DEFAULT_DURATION_S,
     loads: bool = True,
     noise: Noise | None = None,
-    progress: Told | None = None,
+    progress: Told = silent,
 ) -> Proposal:
-    """Propose the run that tells pairs of names apart, and compute how well it does.
+    """Propose the run that tells ordered pairs of names apart, and compute how well it does.
 
-    Parameters
-    ----------
-    effects : sequence of Effect
-        Effects with their shapes.
-    pairs : sequence of (str, str)
-        Ordered pairs of their names.
-    profile : ProfileData
-        Bench.
-    at_hand : Motion, Confusability or None
-        Motion of the run at hand, or how alike the effects are there.
-    duration_s : float
-        Budget of sampled time, s.
-    loads : bool
-        Whether an operator can put loads on; asked for only where motion alone does not do.
-    noise : Noise or None
-        Noise; white with the profile's standard deviation where None.
-    progress : callable or None
-        Told what is going on and the share done.
-
-    Returns
-    -------
-    Proposal
+    `at_hand` is the run at hand, or how alike the effects are there; `duration_s` the budget of
+    sampled time. Loads are asked for only where motion alone does not do.
     """
-    told = progress or (lambda _what, _share: None)
     if isinstance(at_hand, Motion):
         at_hand = compare(at_hand, effects, profile, noise=noise)
-    question = _Question(tuple(effects), tuple(pairs), profile, noise, duration_s, told)
-    chosen, credit, after = _chosen(question, loads=False)
-    open_pairs = question.open(after)
-    if open_pairs and loads:
+    question = _Question(tuple(effects), tuple(pairs), profile, noise, duration_s, progress)
+    choice = question.answer(loads=False)
+    open_pairs = choice.open(pairs) if loads else ()
+    if open_pairs:
         asked = {name for pair in open_pairs for name in pair}
         loaded = _feeling_loads([e.cause for e in effects if e.name in asked], profile)
         open_pairs = tuple(pair for pair in open_pairs if loaded & set(pair))
-    if open_pairs and loads:
-        rest = replace(question, pairs=open_pairs)
-        more, attended, now = _chosen(rest, loads=True)
-        if rest.worth(now) > rest.worth(after) + _LEAST_GAIN:
-            chosen = tuple({block.name: block for block in (*chosen, *more)}.values())
-            credit = {**attended, **credit}
-            after = question.on(chosen)
-    before = at_hand.share if at_hand else _unknown
-    then = after.share if after else _unknown
-    result = tuple(Pair(a, b, before(a, b), then(a, b)) for a, b in pairs)
-    if not chosen:
-        return Proposal(None, (), result, ())
-    separated = [f"{p.first} from {p.second}" for p in result if p.separated]
+    if open_pairs:
+        more = replace(question, pairs=open_pairs).answer(loads=True)
+        if more.better(choice, open_pairs):
+            both = {block.name: block for block in (*choice.chosen, *more.chosen)}
+            choice = question.tried(list(both.values()), {**more.credit, **choice.credit})
+    before = _Choice(after=at_hand)
+    told = tuple(Pair(*pair, before.share(pair), choice.share(pair)) for pair in pairs)
+    if not choice.chosen:
+        return Proposal(None, told)
+    separated = [f"{pair.first} from {pair.second}" for pair in told if pair.separated]
     purpose = "tells " + _listed(separated, 4) if separated else "the best that this bench can do"
     words = []
-    for block in chosen:
-        told_apart = [f"{a} from {b}" for a, b in credit.get(block.name, ())]
-        helped = f" tells {_listed(told_apart, 3)}" if told_apart else " helps"
-        words.append(f"{block.name} ({block.duration_s:.0f} s){helped}: {block.shows}")
-    plan = joined("separating", chosen, purpose)
-    return Proposal(plan, chosen, result, tuple(words), after)
-
-
-def _unknown(_first: str, _second: str) -> None:
-    return None
+    for block in choice.chosen:
+        apart = [f"{a} from {b}" for a, b in choice.credit.get(block.name, ())]
+        helped = f" tells {_listed(apart, 3)}" if apart else " helps"
+        words.append(f"{block.name} ({block.duration_s:.0f} s){helped}: {block.purpose}")
+    plan = joined("separating", choice.chosen, purpose)
+    return Proposal(plan, told, tuple(words), choice.after)
 
 
 def _feeling_loads(causes: Sequence[Cause], profile: ProfileData) -> set[str]:
     """Return the causes whose effect a load on the output changes."""
-    attended = tuple(b for b in blocks(profile, long_s=0.0) if b.needs_operator)
+    attended = [block for block in blocks(profile, long_s=0.0) if block.needs_operator]
     loaded = planned_motion(joined("loads", attended), profile)
     none = np.zeros(len(loaded))
-    frames = [
+    with_load, without = (
         make_frame(motion, profile)
         for motion in (loaded, replace(loaded, load_torque_nm=none, load_smooth_nm=none))
-    ]
-    found = set()
+    )
+    feeling = set()
     for cause in causes:
-        if cause.additive and cause.applicable(loaded) is None:
-            shape = fitted_shape(nominal_shape(cause), frames[0].bounds(cause), loaded.time_s)
-            if shape is not None:
-                one, other = (frame.drawn(cause, shape) for frame in frames)
-                found |= {cause.name} if one.shape != other.shape or np.any(one != other) else set()
-    return found
+        if not unfit(cause, with_load):
+            bounds = with_load.bounds(cause)
+            shape = fitted_shape(nominal_shape(cause), bounds, loaded.time_s)
+            one, other = with_load.drawn(cause, shape), without.drawn(cause, shape)
+            if not np.array_equal(one, other):
+                feeling.add(cause.name)
+    return feeling
 
 
 def _listed(items: Sequence[str], most: int) -> str:
@@ -377,19 +326,7 @@ def _listed(items: Sequence[str], most: int) -> str:
 
 
 def effects_named(names: Iterable[str], *, extra: Sequence[Cause] = ()) -> tuple[Effect, ...]:
-    """Return effects of the catalogue, or of `extra`, by name with nominal shapes, each once.
-
-    Parameters
-    ----------
-    names : iterable of str
-        Names of causes.
-    extra : sequence of Cause
-        Causes beside the catalogue.
-
-    Returns
-    -------
-    tuple of Effect
-    """
+    """Return effects of the catalogue, or of `extra`, by name with nominal shapes, each once."""
     causes = [cause_named(name, where="cause", extra=extra) for name in dict.fromkeys(names)]
     return tuple(Effect(cause, nominal_shape(cause)) for cause in causes)
 
@@ -431,26 +368,16 @@ def settled_by(first: Cause, second: Cause) -> str:
     """Return what settles a pair that torque and angle cannot tell apart, in words.
 
     The channel that decides where they arise in different ones, else the catalogue's experiment.
-
-    Parameters
-    ----------
-    first, second : Cause
-        The pair.
-
-    Returns
-    -------
-    str
     """
-    kinds = {first.channel, second.channel}
-    told = {cause.channel: cause.name for cause in (first, second)}
-    if len(kinds) == 2 and "mechanical" in kinds:
+    ranks = {"mechanical": 0, "kinematic": 1}
+    one, other = sorted((first, second), key=lambda cause: ranks.get(cause.channel, 2))
+    if one.channel == "mechanical" != other.channel:
         return (
-            f"motor_current_a: {told['mechanical']} needs motor torque and shows in the current, "
-            f"{told[(kinds - {'mechanical'}).pop()]} does not; or {first.experiment}"
+            f"motor_current_a: {one.name} needs motor torque and shows in the current, "
+            f"{other.name} does not; or {first.experiment}"
         )
-    if len(kinds) == 2 and "kinematic" in kinds:
-        other = told[(kinds - {"kinematic"}).pop()]
-        return f"output_angle_rad: {told['kinematic']} shows in the angles, {other} does not"
+    if one.channel == "kinematic" != other.channel:
+        return f"output_angle_rad: {one.name} shows in the angles, {other.name} does not"
     return first.experiment
 
 
@@ -460,8 +387,6 @@ def plan_for_result(
     *,
     motion: Motion | None = None,
     extra: Sequence[Cause] = (),
-    duration_s: float = DEFAULT_DURATION_S,
-    loads: bool = True,
 ) -> Proposal | None:
     """Return the run that settles what a diagnosis leaves open; None where nothing is.
 
@@ -475,16 +400,10 @@ def plan_for_result(
         Motion of the diagnosed record.
     extra : sequence of Cause
         Causes beside the catalogue.
-    duration_s : float
-        Longest run, s.
-    loads : bool
-        Whether the run may hold loads.
 
     Returns
     -------
     Proposal or None
     """
     effects, pairs = effects_of_result(result, extra=extra)
-    if not pairs:
-        return None
-    return propose(effects, pairs, profile, at_hand=motion, duration_s=duration_s, loads=loads)
+    return propose(effects, pairs, profile, at_hand=motion) if pairs else None

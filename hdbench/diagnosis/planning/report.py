@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
+from itertools import permutations
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from hdbench.diagnosis.planning.blocks import Block, blocks, full_blocks, full_protocol, joined
-from hdbench.diagnosis.planning.confusability import CONFUSABLE, Confusability, compare
+from hdbench.diagnosis.planning.blocks import blocks, full_blocks, full_protocol
+from hdbench.diagnosis.planning.confusability import CONFUSABLE, Confusability, Told, compare
 from hdbench.diagnosis.planning.frame import Noise
 from hdbench.diagnosis.planning.motion import planned_motion
 from hdbench.diagnosis.planning.planfile import plan_to_dict
 from hdbench.diagnosis.planning.proposal import (
     DEFAULT_DURATION_S,
+    Names,
     Pair,
     Proposal,
     effects_named,
@@ -31,17 +32,31 @@ from hdbench.profile import Profile
 from hdbench.profile.schema import ProfileData
 from hdbench.records import read_json, read_trace, resolve_input
 
-__all__ = ["PlanReport", "PlanRequest", "make_report", "report_dict"]
+__all__ = ["plan_report"]
 
-Told = Callable[[str, float], None]
+# what is told of an effect that a motion shows
+_SHOWN = ("name", "std_nm", "detectable_nm", "baseline_share")
 
 
-@dataclass(frozen=True, slots=True)
-class PlanRequest:
-    """What is asked for.
+def plan_report(
+    profile: Profile,
+    progress: Told,
+    *,
+    causes: tuple[str, ...] = (),
+    of: Path | None = None,
+    result: Path | None = None,
+    protocol: str | None = None,
+    duration_s: float | None = None,
+    loads: bool = True,
+) -> tuple[dict[str, Any], MotionPlan | None]:
+    """Say what the run at hand tells apart, and which run tells apart what is asked for.
 
     Parameters
     ----------
+    profile : Profile
+        Bench.
+    progress : callable
+        Told what is going on and the share done.
     causes : tuple of str
         Names to be told apart; all of the catalogue where empty.
     of : Path or None
@@ -54,53 +69,13 @@ class PlanRequest:
         Budget of sampled time, s; 180 where None.
     loads : bool
         Whether an operator can put loads on.
-    """
-
-    causes: tuple[str, ...] = ()
-    of: Path | None = None
-    result: Path | None = None
-    protocol: str | None = None
-    duration_s: float | None = None
-    loads: bool = True
-
-
-@dataclass(frozen=True, slots=True)
-class PlanReport:
-    """A run at hand, and a run proposed, with how alike the causes are on each.
-
-    Parameters
-    ----------
-    source : str
-        Name of the run at hand.
-    at_hand : Confusability
-        How alike the causes are on it.
-    proposal : Proposal
-        The proposed run.
-    proposed : Confusability or None
-        How alike they are on that one; None where no run is proposed.
-    """
-
-    source: str
-    at_hand: Confusability
-    proposal: Proposal
-    proposed: Confusability | None
-
-
-def make_report(request: PlanRequest, profile: Profile, progress: Told) -> PlanReport:
-    """Say what the run at hand tells apart, and which run tells apart what is asked for.
-
-    Parameters
-    ----------
-    request : PlanRequest
-        What is asked for.
-    profile : Profile
-        Bench.
-    progress : callable
-        Told what is going on and the share done.
 
     Returns
     -------
-    PlanReport
+    report : dict
+        What ``--json`` prints, without schema, version and profile.
+    plan : MotionPlan or None
+        The proposed run; None where no run of this bench tells anything apart.
 
     Raises
     ------
@@ -110,53 +85,61 @@ def make_report(request: PlanRequest, profile: Profile, progress: Told) -> PlanR
         If there is no such protocol, or nothing is open in the diagnosis.
     """
     bench = profile.data
-    motion, source, noise = _at_hand(request, profile)
-    effects, asked = _effects(request)
+    stored: dict[str, Any] = {}
+    if result is not None:
+        file = result / "result.json" if result.is_dir() else result
+        stored = read_json(file, "hdbench/diagnosis/1")
+    noise = _noise(stored, result, bench)
+    given = stored.get("input")
+    if of is None and isinstance(given, str) and Path(given).exists():
+        of = Path(given)
+    motion, source = _at_hand(of, profile)
+    effects, asked = _effects(causes, stored, result)
     at_hand = compare(motion, effects, bench, noise=noise, progress=progress)
     pairs = tuple((a, b) for a, b, _ in at_hand.confusable()) if asked is None else asked
-    if request.protocol or not (request.causes or request.result):
-        plan, chosen = _protocol(request, bench)
-        planned = planned_motion(plan, bench)
+    if protocol or asked is None:
+        whole, words = _protocol(protocol or "full", bench, loads=loads)
+        planned = planned_motion(whole, bench)
         after = compare(planned, effects, bench, noise=noise, progress=progress)
-        shares = tuple(Pair(a, b, at_hand.share(a, b), after.share(a, b)) for a, b in pairs)
-        words = tuple(f"{b.name} ({b.duration_s:.0f} s): {b.shows}" for b in dict.fromkeys(chosen))
-        return PlanReport(source, at_hand, Proposal(plan, chosen, shares, words, after), after)
-    found = propose(
-        effects, pairs, bench, at_hand=at_hand, loads=request.loads, noise=noise,
-        progress=progress, duration_s=request.duration_s or DEFAULT_DURATION_S,
-    )  # fmt: skip
-    if not any(pair.separated for pair in found.pairs):
-        found = Proposal(None, (), found.pairs, ())
-    return PlanReport(source, at_hand, found, found.after)
+        shares = tuple(Pair(*pair, at_hand.share(*pair), after.share(*pair)) for pair in pairs)
+        proposal = Proposal(whole, shares, words, after)
+    else:
+        proposal = propose(
+            effects, pairs, bench, at_hand=at_hand, loads=loads, noise=noise,
+            progress=progress, duration_s=duration_s or DEFAULT_DURATION_S,
+        )  # fmt: skip
+        if not any(pair.separated for pair in proposal.pairs):
+            proposal = Proposal(None, proposal.pairs)
+    plan = proposal.plan
+    report = {
+        "source": source,
+        "at_hand": _confusability(at_hand),
+        "proposed": None if proposal.after is None else _confusability(proposal.after),
+        "pairs": [_pair(pair) for pair in proposal.pairs],
+        "words": list(proposal.words),
+        "plan": None if plan is None else plan_to_dict(plan),
+        "duration_s": None if plan is None else plan.duration_s,
+        "needs_operator": plan is not None and plan.needs_operator,
+    }
+    return report, plan
 
 
-def _at_hand(request: PlanRequest, profile: Profile) -> tuple[Motion, str, Noise | None]:
-    """Return motion, name and noise of the run at hand."""
-    bench, noise, source = profile.data, None, request.of
-    if request.result is not None:
-        stored = _result(request.result)
-        noise = _noise(stored, request.result, bench)
-        given = stored.get("input")
-        if source is None and isinstance(given, str) and Path(given).exists():
-            source = Path(given)
+def _at_hand(source: Path | None, profile: Profile) -> tuple[Motion, str]:
+    """Return motion and name of the run at hand: the profile's ripple run where none is given."""
+    bench = profile.data
     if source is not None:
         trace = read_trace(resolve_input(source), require=("velocity",))
-        return motion_from_trace(trace, bench), str(source), noise
+        return motion_from_trace(trace, bench), str(source)
     run = bench.ripple
     trace = simulate_run(
         bench, BenchModel.from_profile(bench), duration_s=run.duration_s, wave=run.reference,
         noise_nm=0.0, rng=np.random.default_rng(0),
     )  # fmt: skip
     name = f"the ripple run of {profile.name}, {run.duration_s:g} s"
-    return motion_from_trace(trace, bench), name, noise
+    return motion_from_trace(trace, bench), name
 
 
-def _result(path: Path) -> dict[str, Any]:
-    """Return a diagnosis result from its file or run folder."""
-    return read_json(path / "result.json" if path.is_dir() else path, "hdbench/diagnosis/1")
-
-
-def _noise(stored: Mapping[str, Any], path: Path, profile: ProfileData) -> Noise | None:
+def _noise(stored: Mapping[str, Any], file: Path | None, profile: ProfileData) -> Noise | None:
     """Return the noise that a diagnosis found; None where it says nothing of it."""
     told = stored.get("settings", {}).get("noise")
     if told is None:
@@ -178,113 +161,85 @@ def _noise(stored: Mapping[str, Any], path: Path, profile: ProfileData) -> Noise
         raise DataError(
             "key settings.noise holds no spectrum; needed: frequency_hz, increasing, and "
             "power_nm2 above 0, or std_nm, or innovation_std above 0 N m and coefficients",
-            where=str(path),
+            where=str(file),
             fix="name a result that hdbench diagnose wrote",
         )
     return noise
 
 
 def _effects(
-    request: PlanRequest,
-) -> tuple[tuple[Effect, ...], tuple[tuple[str, str], ...] | None]:
+    causes: tuple[str, ...], stored: Mapping[str, Any], result: Path | None
+) -> tuple[tuple[Effect, ...], tuple[Names, ...] | None]:
     """Return effects and the pairs in question; None for those that turn out to be confusable."""
-    if request.result is not None:
-        effects, pairs = effects_of_result(_result(request.result))
+    if result is not None:
+        effects, pairs = effects_of_result(stored)
         if not pairs:
             raise UsageError(
                 "every cause of this diagnosis has one name: nothing is open",
-                where=str(request.result),
+                where=str(result),
                 fix="name causes with --cause to plan a run for them",
             )
         return effects, pairs
-    if not request.causes:
+    if not causes:
         return effects_named(catalogue()), None
-    named = effects_named(request.causes)
-    if len(named) > 1:
-        names = [effect.name for effect in named]
-        return named, tuple((a, b) for a in names for b in names if a != b)
-    (only,) = named
-    others = [name for name in only.cause.look_alikes if name in catalogue()]
-    pairs = tuple(pair for other in others for pair in ((only.name, other), (other, only.name)))
-    return effects_named((only.name, *others)), pairs
+    named = effects_named(causes)
+    names = [effect.name for effect in named]
+    if len(names) > 1:
+        return named, tuple(permutations(names, 2))
+    others = [name for name in named[0].cause.look_alikes if name in catalogue()]
+    pairs = tuple(pair for b in others for pair in ((names[0], b), (b, names[0])))
+    return effects_named((*names, *others)), pairs
 
 
-def _protocol(request: PlanRequest, profile: ProfileData) -> tuple[MotionPlan, tuple[Block, ...]]:
-    """Return a protocol that was asked for by name, and its blocks."""
-    name = request.protocol or "full"
+def _protocol(
+    name: str, profile: ProfileData, *, loads: bool
+) -> tuple[MotionPlan, tuple[str, ...]]:
+    """Return a protocol that was asked for by name, and what its blocks are for."""
     known = {block.name: block for block in blocks(profile)}
     if name == "full":
-        plan = full_protocol(profile, loads=request.loads)
-        return plan, full_blocks(profile, loads=request.loads)
-    if name in known:
-        return joined(name, (known[name],), known[name].shows), (known[name],)
-    raise UsageError(
-        f"no protocol {name!r}; needed: full, {', '.join(known)}",
-        where="--protocol",
-        fix="name one of them",
-    )
-
-
-def report_dict(report: PlanReport, header: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a report as ``--json`` prints it, beside the header's schema, version and profile.
-
-    Parameters
-    ----------
-    report : PlanReport
-        Report.
-    header : mapping
-        Schema, version and profile.
-
-    Returns
-    -------
-    dict
-    """
-    proposal = report.proposal
-    plan = proposal.plan
-    return {
-        **header,
-        "source": report.source,
-        "at_hand": _confusability(report.at_hand),
-        "proposed": None if report.proposed is None else _confusability(report.proposed),
-        "pairs": [_pair(pair) for pair in proposal.pairs],
-        "words": list(proposal.words),
-        "plan": None if plan is None else plan_to_dict(plan),
-        "duration_s": None if plan is None else plan.duration_s,
-        "needs_operator": plan is not None and plan.needs_operator,
-    }
+        plan, parts = full_protocol(profile, loads=loads), full_blocks(profile, loads=loads)
+    elif name in known:
+        plan, parts = known[name], (known[name],)
+    else:
+        raise UsageError(
+            f"no protocol {name!r}; needed: full, {', '.join(known)}",
+            where="--protocol",
+            fix="name one of them",
+        )
+    words = (f"{b.name} ({b.duration_s:.0f} s): {b.purpose}" for b in dict.fromkeys(parts))
+    return plan, tuple(words)
 
 
 def _pair(pair: Pair) -> dict[str, Any]:
     known = catalogue()
-    body: dict[str, Any] = {
+    settled = None
+    if not pair.separated and pair.first in known and pair.second in known:
+        settled = settled_by(known[pair.first], known[pair.second])
+    return {
         "first": pair.first,
         "second": pair.second,
         "sin2_at_hand": pair.before,
         "sin2_proposed": pair.after,
         "separated": pair.separated,
-        "settled_by": None,
+        "settled_by": settled,
     }
-    if not pair.separated and pair.first in known and pair.second in known:
-        body["settled_by"] = settled_by(known[pair.first], known[pair.second])
-    return body
 
 
-def _confusability(found: Confusability) -> dict[str, Any]:
+def _confusability(alike: Confusability) -> dict[str, Any]:
     return {
-        "duration_s": found.duration_s,
+        "duration_s": alike.duration_s,
         "visible": [
-            {
-                "name": entry.name,
-                "std_nm": entry.std_nm,
-                "detectable_nm": entry.detectable_nm,
-                "baseline_share": entry.baseline_share,
-            }
-            for entry in found.visibility
-            if entry.visible
+            {key: getattr(entry, key) for key in _SHOWN}
+            for entry in alike.visibility
+            if not entry.reason
         ],
-        "invisible": [{"name": e.name, "reason": e.reason} for e in found.invisible()],
-        "inseparable": [list(group) for group in found.inseparable()],
-        "contained": [list(pair) for pair in found.contained()],
+        "invisible": [
+            {"name": entry.name, "reason": entry.reason}
+            for entry in alike.visibility
+            if entry.reason
+        ],
+        "inseparable": [list(group) for group in alike.inseparable()],
+        "contained": [list(pair) for pair in alike.contained()],
         "confusable_below": CONFUSABLE,
-        "confusable": [{"first": a, "second": b, "sin2": s} for a, b, s in found.confusable()],
+        "confusable": [{"first": a, "second": b, "sin2": s} for a, b, s in alike.confusable()],
     }

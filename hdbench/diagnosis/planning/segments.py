@@ -8,9 +8,7 @@ from dataclasses import dataclass
 from hdbench.model.program import ProgramPart, ReferenceProgram
 from hdbench.profile.schema import ProfileData
 
-__all__ = ["KINDS", "LoadStep", "MotionPlan", "Segment", "Stage", "plan_stages", "program_of"]
-
-KINDS = ("hold", "ramp", "sine", "sweep", "rest")
+__all__ = ["LoadStep", "MotionPlan", "Segment", "Stage", "plan_stages", "program_of"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,28 +41,6 @@ class Segment:
         """Return the speed at its end, rad/s, for the speed before it."""
         return self.speed_rad_s if self.kind == "ramp" else before_rad_s
 
-    def acceleration_rad_s2(self, before_rad_s: float) -> float:
-        """Return the largest acceleration that it asks for, rad/s^2."""
-        if self.kind == "sine":
-            return 2.0 * math.pi * self.frequency_hz * abs(self.speed_rad_s)
-        ways = {"ramp": 1.0, "sweep": 2.0}.get(self.kind, 0.0)
-        return ways * abs(self.speed_rad_s - before_rad_s) / self.duration_s if ways else 0.0
-
-    def describe(self, before_rad_s: float) -> str:
-        """Return the segment in words, for the speed before it."""
-        speed, length = f"{self.speed_rad_s:.5g} rad/s", f"{self.duration_s:.4g} s"
-        match self.kind:
-            case "hold":
-                return f"keep {speed} for {length}"
-            case "ramp":
-                return f"from {before_rad_s:.5g} to {speed} in {length}"
-            case "sweep":
-                return f"from {before_rad_s:.5g} to {speed} and back in {length}"
-            case "sine":
-                about = f"{before_rad_s:.5g} +- {speed}"
-                return f"sine of speed {about} at {self.frequency_hz:.4g} Hz for {length}"
-        return f"rest for {length}"
-
 
 @dataclass(frozen=True, slots=True)
 class LoadStep:
@@ -94,7 +70,7 @@ class LoadStep:
 
 @dataclass(frozen=True, slots=True)
 class MotionPlan:
-    """Which run: segments in order.
+    """A run, or a block of one: segments in order, from rest to rest.
 
     Parameters
     ----------
@@ -130,17 +106,6 @@ class MotionPlan:
         """Whether a person has to do something at the bench."""
         return bool(self.loads)
 
-    def describe(self) -> list[str]:
-        """Return every step in words."""
-        speed, lines = 0.0, []
-        for step in self.steps:
-            if isinstance(step, Segment):
-                lines.append(step.describe(speed))
-                speed = step.end_speed_rad_s(speed)
-            else:
-                lines.append(step.describe())
-        return lines
-
 
 @dataclass(frozen=True, slots=True)
 class Stage:
@@ -148,11 +113,6 @@ class Stage:
 
     load: LoadStep | None
     segments: tuple[Segment, ...]
-
-    @property
-    def duration_s(self) -> float:
-        """Length, s."""
-        return math.fsum(segment.duration_s for segment in self.segments)
 
 
 def plan_stages(plan: MotionPlan) -> tuple[Stage, ...]:

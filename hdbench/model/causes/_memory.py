@@ -59,9 +59,19 @@ def _compiled() -> ModuleType | None:
 
 
 def first_order(decay: NDArray[Number], drive: NDArray[Number]) -> NDArray[Number]:
-    """Return z with z[k] = decay[k] z[k-1] + drive[k] and z[-1] = 0; a start has decay 0.
+    """Return what a first-order memory makes of its drive.
 
-    Complex numbers, which only uneven samples bring, go the way of NumPy.
+    Parameters
+    ----------
+    decay : ndarray, shape (n_samples,)
+        What is kept of the value before, 0 at a start.
+    drive : ndarray, shape (n_samples,)
+        What is added. Complex numbers, which only uneven samples bring, go the way of NumPy.
+
+    Returns
+    -------
+    ndarray, shape (n_samples,)
+        ``z[k] = decay[k] z[k-1] + drive[k]`` with ``z[-1] = 0``.
     """
     native = _compiled()
     if native is None or np.iscomplexobj(drive):

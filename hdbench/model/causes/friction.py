@@ -74,6 +74,7 @@ COULOMB = Cause(
     source=TUTTLE,
     columns=_coulomb,
     harmonic=False,
+    common=True,
     applicable=moves_and_reverses,
 )
 VISCOUS = Cause(
@@ -91,6 +92,7 @@ VISCOUS = Cause(
     source=TUTTLE,
     columns=no_shape(_viscous),
     harmonic=False,
+    common=True,
     applicable=speed_varies,
 )
 STRIBECK = Cause(

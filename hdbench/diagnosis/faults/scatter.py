@@ -1,0 +1,125 @@
+"""Scatter, outliers and evidence: the statistics that all faults share."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d, median_filter, uniform_filter1d
+
+from hdbench.records.trace import FloatArray
+
+__all__ = [
+    "ACCEPT_NATS", "CERTAIN_NATS", "fast_part", "find_outliers", "least_sigmas", "least_squares",
+    "mask_runs", "paid_nats", "robust_std", "smallest_step",
+]  # fmt: skip
+
+# evidence that a fault needs: as for causes, a Bayes factor of 3000
+ACCEPT_NATS = 8.0
+# what the record shows without any statistic: a finite number that nothing reaches
+CERTAIN_NATS = 700.0
+# an outlier lasts this many samples at most, against the median of this many
+_LONG, _WINDOW = 2, 5
+# a loud stretch is judged by itself: samples over which the scatter is taken
+_AROUND = 400
+# part of its size by which an outlier stands out of the samples on both sides
+_COMES_BACK = 0.5
+# outliers are rare: what this share of the samples reaches is the distribution's own, and where
+# such a share of normal values begins, standard deviations
+_RARE, _TAIL = 0.01, 2.58
+# a column of a regression below this share of the largest is empty
+_EMPTY = 1e-9
+# decimals of a channel's values: far below any converter, far above 8-byte numbers
+_DECIMALS = 9
+
+
+def paid_nats(gain_nats: float, parameters: int, samples: int) -> float:
+    """Return a gain of log likelihood less half a log of the samples for each parameter."""
+    return gain_nats - 0.5 * parameters * float(np.log(samples))
+
+
+def least_sigmas(samples: int) -> float:
+    """Return how far out one of many samples is a fault: it has a place, a size and a length."""
+    return float(np.sqrt(2.0 * (ACCEPT_NATS - paid_nats(0.0, 3, samples))))
+
+
+def least_squares(design: FloatArray, wanted: FloatArray) -> FloatArray:
+    """Return the least squares' coefficients by the normal equations; 0 for empty columns."""
+    size = np.sqrt(np.mean(design**2, axis=0))
+    # a column that is nothing but rounding here is empty, whatever it is elsewhere
+    size = np.where(size > _EMPTY * size.max(initial=0.0), size, np.inf)
+    part = design / size
+    gram = part.T @ part
+    gram[np.diag_indices_from(gram)] *= 1.0 + 1e-10
+    return np.asarray(np.linalg.lstsq(gram, part.T @ wanted, rcond=None)[0] / size)
+
+
+def fast_part(values: FloatArray, size: int) -> FloatArray:
+    """Return values less their running mean, twice."""
+    for _ in range(2):
+        values = values - uniform_filter1d(values, min(size, max(1, len(values))))
+    return values
+
+
+def robust_std(values: FloatArray) -> float:
+    """Return half the width that holds 68.27 %: the standard deviation of normal values."""
+    return float(np.quantile(np.abs(values - np.median(values)), 0.6827)) if len(values) else 0.0
+
+
+def smallest_step(values: FloatArray) -> float:
+    """Return the smallest difference between two values of a channel; 0 where there is none."""
+    levels = np.unique(np.round(values[np.isfinite(values)], _DECIMALS))
+    return float(np.diff(levels).min()) if len(levels) > 1 else 0.0
+
+
+def mask_runs(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """Return first and last index of each run of True."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(np.int8), [0]])))
+    return [(int(a), int(b) - 1) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+
+
+def find_outliers(
+    values: FloatArray,
+    valid: NDArray[np.bool_],
+    readings: FloatArray,
+    white: FloatArray | None = None,
+    *,
+    least: float = 0.0,
+    even: float = 0.0,
+) -> NDArray[np.bool_]:
+    """Return one or two samples that stand out of the noise and of their neighbours.
+
+    `white` are the values with white noise, which have to stand out too. What the readings do not
+    come back from is a step. They are out by more than `least`, and leave a course that is `even`
+    times as even as that.
+    """
+    found = np.zeros(len(valid), dtype=bool)
+    if int(valid.sum()) < _AROUND:
+        return found
+    known, readings = np.where(valid, values, 0.0), np.where(valid, readings, 0.0)
+    off = known - median_filter(known, size=_WINDOW, mode="nearest")
+    sigmas = least_sigmas(len(valid))
+    far = valid & (np.abs(off) > np.maximum(sigmas * _local_std(off, valid), least))
+    if white is not None and far.any():
+        far &= np.abs(white) > sigmas * _local_std(white, valid)
+    for first, last in mask_runs(far):
+        mine = slice(first, last + 1)
+        beside = np.concatenate(
+            [readings[max(0, first - 2) : first], readings[last + 1 : last + 3]]
+        )
+        low, high = float(readings[mine].min()), float(readings[mine].max())
+        outside = max(low - float(beside.max()), float(beside.min()) - high)
+        needed = max(_COMES_BACK * float(np.abs(off[mine]).min()), even * float(np.ptp(beside)))
+        found[mine] = last - first < _LONG and outside > needed
+    return found
+
+
+def _local_std(values: FloatArray, used: NDArray[np.bool_]) -> FloatArray:
+    """Return the robust scatter around each sample, at least what the tail of all says."""
+    at = np.flatnonzero(used)
+    parts = np.array_split(at, max(1, len(at) // _AROUND))
+    centres = np.array([float(part.mean()) for part in parts])
+    # a loud stretch between two quiet ones must not be judged by them: the larger neighbour counts
+    wide = maximum_filter1d([robust_std(values[part]) for part in parts], 3)
+    local = np.interp(np.arange(len(values)), centres, wide)
+    tail = float(np.quantile(np.abs(values[at]), 1.0 - _RARE)) / _TAIL
+    return np.asarray(np.maximum(local, max(tail, 1e-300)))
