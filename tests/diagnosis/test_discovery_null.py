@@ -121,10 +121,6 @@ def test_lines_of_white_noise_raise_no_more_alarms_than_they_say(start):
     assert np.mean(smallest < 0.1) > 0.05
 
 
-@pytest.mark.xfail(
-    strict=False,
-    reason="a line that is near a whole order is looked for at many places, and pays for 24",
-)
 def test_lines_near_whole_orders_raise_no_more_alarms_than_they_say(start):
     _, fit = start
     known, scans, n = catalogue(), plan_scans(fit.record), 200

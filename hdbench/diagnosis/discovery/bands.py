@@ -158,16 +158,6 @@ class Bands:
             np.add.at(column, self.after, (1.0 - self.weight) * held)
         return column
 
-    def up_to(self, band: int) -> Bands:
-        """Return the bands up to and with this one."""
-        return replace(
-            self,
-            edges=self.edges[: band + 2],
-            counts=self.counts[: band + 1],
-            frequency_hz=self.frequency_hz[: band + 1],
-            passed=self.passed[: self.edges[band + 1]],
-        )
-
     def low_passed(self, low_pass: LowPass | None) -> Bands:
         """Return the bands of a channel with a low-pass."""
         if low_pass is None:
@@ -194,7 +184,7 @@ class Bands:
         return np.asarray(np.add.reduceat(row * row, self.edges[:-1]))
 
 
-def make_bands(valid: NDArray[np.bool_], period_s: float) -> Bands:
+def make_bands(valid: NDArray[np.bool_], period_s: float, share: float = 1.0) -> Bands:
     """Return the bands of a record.
 
     Parameters
@@ -203,6 +193,8 @@ def make_bands(valid: NDArray[np.bool_], period_s: float) -> Bands:
         Samples that are used.
     period_s : float
         Median sampling period, s.
+    share : float
+        Share of the Nyquist frequency up to which the torque has power, in (0, 1].
 
     Returns
     -------
@@ -212,8 +204,9 @@ def make_bands(valid: NDArray[np.bool_], period_s: float) -> Bands:
 
     n = len(valid)
     size = int(next_fast_len(n, real=True))
-    slow = np.geomspace(3, max(4.0, size * _SLOW_SHARE), _SLOW_BANDS).astype(int)
-    even = np.linspace(size * _SLOW_SHARE, size, _EVEN_BANDS + 1).astype(int)
+    top = max(share * size, 4.0)
+    slow = np.geomspace(3, max(4.0, top * _SLOW_SHARE), _SLOW_BANDS).astype(int)
+    even = np.linspace(top * _SLOW_SHARE, top, _EVEN_BANDS + 1).astype(int)
     edges = np.unique(np.concatenate([[0], slow, even[1:]]))
     ramp = max(2, int(n * _FADE))
     fade = np.ones(n)
@@ -226,8 +219,7 @@ def make_bands(valid: NDArray[np.bool_], period_s: float) -> Bands:
     after = present[np.minimum(place, len(present) - 1)]
     span = np.maximum(after - before, 1)
     weight = np.where(after > before, (after - lost) / span, 1.0)
-    share = float(np.sum(fade[valid] ** 2)) / size
-    counts = np.diff(edges) * share
+    counts = np.diff(edges) * float(np.sum(fade[valid] ** 2)) / size
     frequency = np.sqrt(np.maximum(edges[:-1], 0.5) * edges[1:]) / (2.0 * size * period_s)
-    passed = np.ones(size)
+    passed = np.ones(int(edges[-1]))
     return Bands(edges, counts, frequency, fade, size, passed, lost, before, after, weight)

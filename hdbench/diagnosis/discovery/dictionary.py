@@ -23,7 +23,15 @@ from hdbench.diagnosis.discovery.term import (
 from hdbench.model import Cause
 from hdbench.records.trace import FloatArray
 
-__all__ = ["PASSED", "Dictionary", "Look", "Member", "make_dictionary"]
+__all__ = [
+    "PASSED",
+    "Dictionary",
+    "Look",
+    "Member",
+    "explained",
+    "make_dictionary",
+    "own_directions",
+]
 
 # memory that the rows may take, bytes; families beyond it get fewer shapes
 _MEMORY = 1.2e8
@@ -38,6 +46,7 @@ _OWN = 1e-4
 _PER_NAME, _NARROW = 3, 2
 # draws of the null, and the level at which independent trials are counted
 _DRAWS = 2000
+_NONE = np.zeros((1, 0))
 _LEVEL = 0.05
 
 
@@ -243,16 +252,22 @@ class Dictionary:
 
 def explained(matrix: FloatArray, right: FloatArray, before: FloatArray) -> tuple[float, int]:
     """Return the fall of the weighted sum of squares, and the directions it took."""
+    own, dof = own_directions(matrix, before)
+    return float(np.sum((own.T @ right) ** 2)), dof
+
+
+def own_directions(matrix: FloatArray, before: FloatArray) -> tuple[FloatArray, int]:
+    """Return directions of unit information beside a fit that others cannot take, (k, dof).
+
+    `before` is the information on each row alone.
+    """
     scale = 1.0 / np.sqrt(np.maximum(before, 1e-300))
-    if len(right) == 1:
+    if len(before) == 1:
         own = float(matrix[0, 0]) * float(scale[0]) ** 2
-        return (float(right[0] * scale[0]) ** 2 / own, 1) if own > _OWN else (0.0, 0)
+        return (np.full((1, 1), scale[0] / np.sqrt(own)), 1) if own > _OWN else (_NONE, 0)
     value, vector = np.linalg.eigh(matrix * np.outer(scale, scale))
     kept = value > _OWN
-    if not kept.any():
-        return 0.0, 0
-    along = vector[:, kept].T @ (scale * right)
-    return float(np.sum(along**2 / value[kept])), int(kept.sum())
+    return scale[:, None] * vector[:, kept] / np.sqrt(value[kept]), int(kept.sum())
 
 
 def _identity(term: Term) -> tuple[str, tuple[tuple[str, float], ...]]:

@@ -22,7 +22,7 @@ from hdbench.diagnosis.discovery.spectrum import Shapes, Spectrum, make_shapes
 from hdbench.diagnosis.discovery.term import Term, follows_motion, term_columns
 from hdbench.records.trace import FloatArray
 
-__all__ = ["Beside", "Fit", "Part", "scaled_rows"]
+__all__ = ["LOW_PASS_PRICE", "Beside", "Fit", "Part", "scaled_rows"]
 
 # no torque is known better than to this share of its scatter
 _FLOOR = 1e-3
@@ -50,7 +50,7 @@ _SHARP = 100.0
 # name of the columns that stand for slow motion where the channel is judged
 SLOW = "slow-motion"
 # a low-pass is one of eighteen that are tried, and is seldom: 60 to 1
-_LOW_PASS_PRICE = 7.0
+LOW_PASS_PRICE = 7.0
 # directions of which less than this share of their energy is their own are taken as dependent
 _OWN_SHARE = 1e-6
 
@@ -206,7 +206,8 @@ class Fit:
             corners = [
                 share * bands.frequency_hz[top] / bands.frequency_hz[-1] for share in _CORNERS
             ]
-            bands = bands.up_to(top)
+            share = bands.edges[top + 1] / bands.length
+            bands = make_bands(record.valid, record.period_s, float(share))
         fit = cls.begun(record, bands.low_passed(record.low_pass), floor, known)
         if record.channel_known or (corners is _WIDE_CORNERS and _is_open(fit)):
             return fit
@@ -501,7 +502,7 @@ def _channel(
         fit = Fit.begun(record.behind(low_pass), bands.low_passed(low_pass), floor, ())
         fit.add(SLOW, None, slow)
         fit.settle(5)
-        return fit.likelihood - (0.0 if low_pass is None else _LOW_PASS_PRICE)
+        return fit.likelihood - (0.0 if low_pass is None else LOW_PASS_PRICE)
 
     none = value(None)
     tried = [LowPass(min(c, _HIGHEST), order, causal) for c in corners for order, causal in _KINDS]

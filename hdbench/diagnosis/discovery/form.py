@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hdbench.diagnosis.discovery.fit import Fit, Part
-from hdbench.diagnosis.discovery.moments import Moments, solve
+from hdbench.diagnosis.discovery.moments import Moments, inverse, solve
 from hdbench.diagnosis.discovery.record import Record
 from hdbench.diagnosis.discovery.term import Term, moved_term, smooth_shapes, term_columns
 from hdbench.model import first_order, shape_bounds
@@ -23,9 +23,9 @@ SCALES = (0.0, 0.003, 0.01, 0.03, 0.1, 0.3)
 USUAL = 0.03
 # what a scale costs: it is one of six
 _SCALE_PRICE = float(np.log(len(SCALES)))
-# a part below this many squared standard deviations has no form error that could be seen: a
-# hundredth of it in amplitude is a tenth of a standard deviation
-STRONG = 200.0
+# a part below this many squared standard deviations has no form error that could be seen: the
+# largest scale of it is 2.3 standard deviations
+STRONG = 60.0
 # directions of which a part of the largest scale shows less than this are left out
 _SEEN = 0.5
 _MOST = 12
@@ -131,7 +131,8 @@ def _beyond_plain(record: Record, directions: FloatArray) -> FloatArray:
     size = np.sqrt(np.mean(columns**2, axis=0))
     columns = columns[:, size > 0.0] / size[size > 0.0]
     value, vector = np.linalg.eigh(columns.T @ columns / len(record))
-    kept = value > 1e-6
+    # a speed that hardly changes has ripple and noise only
+    kept = value > _TURN**2
     basis = columns @ (vector[:, kept] / np.sqrt(value[kept] * len(record)))
     held = np.where(valid[:, None], directions, 0.0)
     left = held - basis @ (basis.T @ held)
@@ -223,18 +224,21 @@ def _fast_angle(record: Record) -> FloatArray:
 
 
 def attach_forms(fit: Fit) -> None:
-    """Give every strong part that has none its directions of form error, at its usual scale."""
+    """Give every strong part that has none its directions of form error, at its usual scale.
+
+    Strong is what a part has of its own: one that others can take the place of has no form.
+    """
     held = any(part.name == FIXED for part in fit.parts)
     if not held and fit.record.motion.inertia_nm_s2 > 0.0 and _accelerates(fit.record):
         fit.parts.append(Part(FIXED, None, np.zeros(0)))
+    covariance = inverse(fit.information)
     for index, part in enumerate(fit.parts):
         if bool(np.any((fit.owner == index) & fit.form)):
             continue
         if part.name != FIXED:
             flat = fit.flat(index)
-            information = fit.information[np.ix_(flat, flat)]
-            amount = fit.coefficients[flat]
-            if float(amount @ information @ amount) < STRONG:
+            own = np.linalg.pinv(covariance[np.ix_(flat, flat)], hermitian=True)
+            if float(fit.coefficients[flat] @ own @ fit.coefficients[flat]) < STRONG:
                 continue
         rows = form_rows(fit, index)
         if len(rows):
@@ -249,23 +253,18 @@ def joined(fit: Fit, terms: Sequence[Term]) -> Fit:
     It is settled from the present noise and from one that does not rise: a large effect whose
     details are not exact looks small in a noise that has taken those details in.
     """
-    tried = []
-    for even in (False, True):
-        new = fit.copy()
-        for term in terms:
-            new.add_term(term)
-        if even:
-            flat = new.flat_view()
-            if flat is None:
-                continue
-            new = flat
-        else:
-            new.settle(2)
-        attach_forms(new)
-        new.rescale_forms()
-        new.settle(3)
-        tried.append(new)
-    return max(tried, key=lambda x: x.likelihood)
+    new = fit.copy()
+    for term in terms:
+        new.add_term(term)
+    flat = new.flat_view()
+    new.settle(2)
+    if flat is not None:
+        flat.settle(2)
+        new = max(new, flat, key=lambda x: x.likelihood)
+    attach_forms(new)
+    new.rescale_forms()
+    new.settle(3)
+    return new
 
 
 def _accelerates(record: Record) -> bool:

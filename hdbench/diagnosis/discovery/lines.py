@@ -16,7 +16,15 @@ from hdbench.diagnosis.discovery.transform import PhaseTransform, plan_transform
 from hdbench.model import Cause, Motion, Parameter
 from hdbench.records.trace import FloatArray
 
-__all__ = ["OUTPUT_LINE", "TONE_LINE", "Scan", "line_norm", "plan_scans", "scan_looks", "step_look"]
+__all__ = [
+    "OUTPUT_LINE",
+    "TONE_LINE",
+    "Scan",
+    "line_norm",
+    "plan_scans",
+    "scan_looks",
+    "step_look",
+]
 
 Columns = Callable[[Motion, Mapping[str, float]], FloatArray]
 
@@ -31,12 +39,14 @@ _WHOLE_ORDERS = 24
 _OUTPUT_ORDERS = 20.0
 # lines of one axis that are looked at closely at a time
 _PEAKS = 5
-# cells on each side by which the noise around a line is judged, without those next to it
-_AROUND, _NEXT_TO = 24, 3
+# cells on each side by which the noise around a line is judged: a hump, and what is around it
+_AROUND = ((1, 5), (3, 24))
 # median of chi^2 with two degrees of freedom
 _MEDIAN = 2.0 * np.log(2.0)
 # points at which the information on a line is formed; it changes slowly along the axis
 _NORM_POINTS = 2000
+# a line takes this share of its information from other frequencies: record and speed are not even
+_LEAKS = 1e-4
 # places at which the norm of a step is formed; between them it is interpolated
 _STEPS = 17
 
@@ -145,16 +155,17 @@ def plan_scans(record: Record) -> tuple[Scan, ...]:
     return tuple(scans)
 
 
-def scan_power(fit: Fit, scan: Scan) -> tuple[FloatArray, FloatArray]:
+def scan_power(
+    fit: Fit, scan: Scan, residual: FloatArray | None = None
+) -> tuple[FloatArray, FloatArray]:
     """Return the statistic of a line at each point of a scan, and its amplitude, N m."""
     bands = fit.bands
-    weighted = bands.inverse(fit.residual * bands.spread(1.0 / fit.spectrum.power))
+    left = fit.residual if residual is None else residual
+    weighted = bands.inverse(left * bands.spread(1.0 / fit.spectrum.power))
     weighted = np.where(fit.record.valid, weighted, 0.0)
     sums = np.abs(scan.transform(weighted)) ** 2
     norm = line_norm(fit, scan, np.ones(len(weighted)))
-    seen = norm > 1e-3 * norm.max()
-    norm = np.where(seen, norm, 1.0)
-    statistic = np.where(seen, sums / norm, 0.0)
+    statistic = sums / norm
     return statistic, np.sqrt(statistic / norm)
 
 
@@ -164,9 +175,9 @@ def line_norm(fit: Fit, scan: Scan, share: FloatArray) -> FloatArray:
     A line stands at its rate times the order in each sample; above half the sampling rate it is
     folded back.
     """
-    bands, weight = fit.bands, 1.0 / fit.spectrum.power
-    places = np.linspace(0.0, bands.frequency_hz[-1], bands.size)
-    seen = weight * np.interp(bands.frequency_hz, places, bands.passed) ** 2
+    bands = fit.bands
+    places = np.arange(bands.size) / (2.0 * bands.length * fit.record.period_s)
+    seen = bands.spread(1.0 / fit.spectrum.power) * bands.passed**2
     # the noise is even in samples, whatever their stamps say
     rate = np.abs(np.gradient(scan.phase_rad)) / (2.0 * np.pi * fit.record.period_s)
     used = fit.record.valid
@@ -180,8 +191,8 @@ def line_norm(fit: Fit, scan: Scan, share: FloatArray) -> FloatArray:
         if part > 0.0:
             f = np.abs(few * speed)
             folded = np.abs((f + nyquist) % (2.0 * nyquist) - nyquist)
-            norm += 0.5 * part * np.interp(folded, bands.frequency_hz, seen, right=0.0)
-    return np.interp(grid, few, norm)
+            norm += 0.5 * part * np.interp(folded, places, seen, right=0.0)
+    return np.interp(grid, few, np.maximum(norm, max(_LEAKS * norm.max(), 1e-300)))
 
 
 def scan_looks(fit: Fit, scans: tuple[Scan, ...], causes: Mapping[str, Cause]) -> list[Look]:
@@ -189,27 +200,60 @@ def scan_looks(fit: Fit, scans: tuple[Scan, ...], causes: Mapping[str, Cause]) -
     found = []
     for scan in scans:
         statistic, _ = scan_power(fit, scan)
-        for place, value, share in _peaks(statistic, scan):
-            found += _named(scan, place, value, share, causes)
+        peaks = _peaks(statistic)
+        if not peaks:
+            continue
+        exact, without = _line_by_line(fit, scan, peaks)
+        around = scan_power(fit, scan, without)[0]
+        for at, value in zip(peaks, exact, strict=True):
+            share = 1.0 / _noise_around(around, at)
+            found += _named(scan, float(scan.transform.grid[at]), value, share, causes)
     return found
 
 
-def _peaks(statistic: FloatArray, scan: Scan) -> list[tuple[float, float, float]]:
-    """Return place and statistic of the strongest lines, and one over the noise around each."""
-    grid, left = scan.transform.grid, statistic.copy()
-    peaks: list[tuple[float, float, float]] = []
+def _peaks(statistic: FloatArray) -> list[int]:
+    """Return the points of the strongest lines, one in each hump."""
+    left, width = statistic.copy(), _AROUND[0][1] * _PER_CELL
+    peaks: list[int] = []
     for _ in range(_PEAKS):
         at = int(np.argmax(left))
         if left[at] < 8.0:
             break
-        near, far = _NEXT_TO * _PER_CELL, _AROUND * _PER_CELL
-        around = np.r_[
+        peaks.append(at)
+        left[max(0, at - width) : at + width + 1] = 0.0
+    return peaks
+
+
+def _line_by_line(fit: Fit, scan: Scan, peaks: list[int]) -> tuple[list[float], FloatArray]:
+    """Return the statistic of each line alone, and the residual without the strongest.
+
+    Where the speed changes a line leaks along the axis, and is no noise there.
+    """
+    columns = [_pair(float(scan.transform.grid[at]) * scan.phase_rad) for at in peaks]
+    rows = fit.bands.transform(np.column_stack(columns)).reshape(len(peaks), 2, -1)
+    weight = fit.bands.spread(1.0 / fit.spectrum.power)
+    alone, left = [], []
+    for pair in rows:
+        white = pair * weight
+        right = white @ fit.residual
+        amount = np.linalg.lstsq(white @ pair.T, right, 1e-6)[0]
+        alone.append(float(amount @ right))
+        left.append(amount)
+    most = int(np.argmax(alone))
+    return alone, np.asarray(fit.residual - left[most] @ rows[most])
+
+
+def _noise_around(statistic: FloatArray, at: int) -> float:
+    """Return the noise around a point relative to what is expected: a hump is no line."""
+    found = [1.0]
+    for first, last in _AROUND:
+        near, far = first * _PER_CELL, last * _PER_CELL
+        some = np.r_[
             statistic[max(0, at - far) : max(0, at - near)], statistic[at + near : at + far]
         ]
-        local = float(np.median(around)) / _MEDIAN if len(around) > far // 2 else 1.0
-        peaks.append((float(grid[at]), float(statistic[at]), 1.0 / max(1.0, local)))
-        left[max(0, at - near // 2) : at + near // 2 + 1] = 0.0
-    return peaks
+        if len(some) > far // 2:
+            found.append(float(np.median(some)) / _MEDIAN)
+    return max(found)
 
 
 def _named(

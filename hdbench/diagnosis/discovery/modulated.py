@@ -36,7 +36,7 @@ def modulated_looks(fit: Fit, scans: tuple[Scan, ...]) -> list[Look]:
         for hat in hats.T:
             norm = line_norm(fit, scan, hat**2)
             sums = np.abs(scan.transform(weighted * hat)) ** 2
-            statistic += np.where(norm > 1e-3 * norm.max(), sums / np.maximum(norm, 1e-300), 0.0)
+            statistic += sums / norm
         at = int(np.argmax(statistic))
         dof = 2 * hats.shape[1]
         # neighbouring hats overlap: half of the sum is counted twice at most

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from hdbench.diagnosis.discovery.spectrum import Shapes, Spectrum
 from hdbench.records.trace import FloatArray
 
-__all__ = ["RISES", "Moments", "Solved", "inverse_scale", "solve", "solve_best"]
+__all__ = ["RISES", "Moments", "Solved", "inverse", "inverse_scale", "solve", "solve_best"]
 
 # relative ridge that keeps columns which are nearly alike from failing
 _RIDGE = 1e-10
@@ -174,7 +174,7 @@ def solve(
     spectrum, held = start, reference or start
     for _ in range(rounds):
         step, information = _normal(moments, spectrum)
-        taken = moments.gram.reshape(len(moments.counts), -1) @ _inverse(information).ravel()
+        taken = moments.gram.reshape(len(moments.counts), -1) @ inverse(information).ravel()
         counts = np.maximum(moments.counts, 1e-9)
         dof = np.clip(counts - taken / spectrum.power, _LEAST_DOF * counts, counts)
         amounts = None if anew else spectrum.amounts
@@ -201,7 +201,7 @@ def _weighted(gram: FloatArray, spectrum: Spectrum) -> FloatArray:
     return np.asarray(((1.0 / spectrum.power) @ gram.reshape(len(gram), -1)).reshape(k, k))
 
 
-def _inverse(information: FloatArray) -> FloatArray:
+def inverse(information: FloatArray) -> FloatArray:
     """Return the inverse of an information matrix; zero for empty columns."""
     scale = inverse_scale(np.diag(information))
     scaled = information * np.outer(scale, scale)

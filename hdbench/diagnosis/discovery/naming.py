@@ -64,30 +64,25 @@ def name_causes(search: Search) -> dict[int, Named]:
         For each part of the fit that is a cause.
     """
     fit = search.fit
-    for _ in range(2):
-        changed = False
-        named = {}
-        for part in fit.causes():
-            table = _table(search, part)
-            own, others = table[0], table[1:]
-            better = max(others, key=lambda c: c.evidence_nats, default=None)
-            if (
-                better is not None
-                and better.evidence_nats > own.evidence_nats + RIVAL_NATS
-                and (not is_table(better.term.cause))
-            ):
-                accepted = search.accepted.get(id(fit.parts[part]))
-                search.log.append(
-                    f"renamed {own.name} {own.evidence_nats:.1f} -> {better.name} "
-                    f"{better.evidence_nats:.1f}"
-                )
-                search.replace_term(part, better, accepted)
-                changed = True
-                break
+    named, renamed = {}, False
+    for held in [fit.parts[part] for part in fit.causes()]:
+        part = next(place for place, other in enumerate(fit.parts) if other is held)
+        table = _table(search, part)
+        own = table[0]
+        names = [c for c in table[1:] if not is_table(c.term.cause)]
+        better = max(names, key=lambda c: c.evidence_nats, default=own)
+        if better.evidence_nats > own.evidence_nats + RIVAL_NATS:
+            search.log.append(
+                f"renamed {own.name} {own.evidence_nats:.1f} -> {better.name} "
+                f"{better.evidence_nats:.1f}"
+            )
+            search.replace_term(part, better, search.accepted.get(id(held)))
+            renamed = True
+        elif not renamed:
             named[part] = _named(fit.beside(part), table)
-        if not changed:
-            return named
-    return {part: _named(fit.beside(part), _table(search, part)) for part in fit.causes()}
+    if renamed:
+        named = {part: _named(fit.beside(part), _table(search, part)) for part in fit.causes()}
+    return named
 
 
 def _table(search: Search, part: int) -> list[Candidate]:

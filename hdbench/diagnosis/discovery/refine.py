@@ -7,7 +7,7 @@ from itertools import chain, combinations
 
 import numpy as np
 
-from hdbench.diagnosis.discovery.dictionary import explained
+from hdbench.diagnosis.discovery.dictionary import explained, own_directions
 from hdbench.diagnosis.discovery.fit import Beside, Fit, scaled_rows
 from hdbench.diagnosis.discovery.moments import solve_best
 from hdbench.diagnosis.discovery.record import Record
@@ -32,9 +32,8 @@ __all__ = ["Candidate", "candidate_of", "gain_of", "log_evidence", "price", "ref
 _ROUNDS, _SHORTER, _SETTLED = 6, 3, 0.02
 # multiples of a shape that are tried where it alone gives the size of the effect
 _MULTIPLES = (0.3, 0.55, 1.8, 3.2, 5.6)
-# impacts and poles have this many harmonics of at least this share of the first; a wave with one
-# harmonic is two lines
-_HARMONIC_SHARE, _IMPACTS = 0.2, 2
+# impacts and poles have a harmonic of at least this share of the first
+_HARMONIC_SHARE = 0.2
 # amplitudes of a weak effect are expected within seven standard deviations: e^4 = 7.4^2
 _LEAST_WIDTH = float(np.exp(4.0))
 # a domain wider than this ratio is even in its logarithm
@@ -70,9 +69,9 @@ class Candidate:
     false_alarm : float
         Probability of such a look without an effect.
     gain_nats : float
-        Log likelihood that it gains with coefficients and noise fitted anew.
+        Log likelihood that all its rows gain with coefficients and noise fitted anew.
     evidence_nats : float
-        The same less what its parameters, shape and place cost.
+        What the rows that speak for its name gain, less the price of parameters, shape and place.
     joined : Fit or None
         The whole fit with it and its form error, where that was made.
     """
@@ -140,9 +139,9 @@ def candidate_of_rows(
 
 
 def _nearly_a_sine(linear: FloatArray) -> bool:
-    """Return whether fewer than two harmonics of a line stand out beside the first."""
+    """Return whether no harmonic of a line stands out beside the first."""
     amplitudes = np.hypot(linear[::2], linear[1::2])
-    return int(np.sum(amplitudes[1:] > _HARMONIC_SHARE * amplitudes[0])) < _IMPACTS
+    return bool(np.all(amplitudes[1:] <= _HARMONIC_SHARE * amplitudes[0]))
 
 
 def _possible(term: Term, record: Record, linear: FloatArray) -> bool:
@@ -239,12 +238,14 @@ def weighed(
     -------
     Candidate
     """
-    rows = found.rows if found.dof > 2 or not is_line(found.term.cause) else found.rows[:2]
     if is_whole_share(found.term.cause):
-        gain = _gain_of_torque(beside, found.scale @ rows, shapes, base)
+        gain = speaks = _gain_of_torque(beside, found.scale @ found.rows, shapes, base)
     else:
-        gain = gain_of(beside, rows, shapes, base, follows_motion(found.term.cause))
-    statistic = 2.0 * max(gain, 0.0)
+        moving = follows_motion(found.term.cause)
+        gain = speaks = gain_of(beside, found.rows, shapes, base, moving)
+        if is_line(found.term.cause) and found.dof <= 2 < len(found.rows):
+            speaks = gain_of(beside, found.rows[:2], shapes, base, moving)
+    statistic = 2.0 * max(speaks, 0.0)
     evidence = amplitude_evidence(beside, found, statistic) - price(beside, record, found)
     return replace(found, gain_nats=gain, evidence_nats=evidence)
 
@@ -253,6 +254,12 @@ def gain_of(
     beside: Beside, rows: FloatArray, shapes: Shapes, base: float, moving: bool = False
 ) -> float:
     """Return the log likelihood that rows gain with coefficients and noise fitted anew, nats."""
+    matrix = beside.project(rows)[0]
+    own, dof = own_directions(matrix, np.einsum("kn,kn->k", rows * beside.whitening, rows))
+    if not dof:
+        return 0.0
+    if dof < len(rows):
+        rows = own.T @ rows
     cross = beside.bands.gram(rows, beside.rows)
     own = beside.bands.gram(rows, rows)
     edges = beside.bands.edges[:-1]

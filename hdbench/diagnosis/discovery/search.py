@@ -9,7 +9,7 @@ import numpy as np
 
 from hdbench.diagnosis.discovery.chance import chi2_tail
 from hdbench.diagnosis.discovery.dictionary import Dictionary, Look, make_dictionary
-from hdbench.diagnosis.discovery.fit import Beside, Fit, Part
+from hdbench.diagnosis.discovery.fit import LOW_PASS_PRICE, Beside, Fit, Part
 from hdbench.diagnosis.discovery.form import (
     STRONG,
     FormMove,
@@ -268,6 +268,9 @@ class Search:
         out = [e for e in ranked if id(e) not in chosen]
         for entry in chosen.values():
             new, terms = self.best_joined(self.fit, tuple(c.term for c in entry))
+            if not _all_possible(new, len(terms)):
+                out.append(entry)
+                continue
             more = max(value_of(new) - base - entry[0].gain_nats, 0.0)
             better = replace(
                 entry[0],
@@ -302,7 +305,9 @@ class Search:
                 refined(beside, new.record, candidate_of(beside, new.record, t, 1.0, 1.0))
                 for t in (term, *starts)
             ]
-            out.append(max(tried, key=lambda c: c.statistic).term)
+            best = max(tried, key=lambda c: c.statistic)
+            here = candidate_of(beside, new.record, term, 1.0, 1.0)
+            out.append(best.term if best.statistic > here.statistic + 2.0 * _LEAST_NATS else term)
         return tuple(out)
 
     def _judged(self, entry: tuple[Candidate, ...]) -> tuple[Candidate, ...]:
@@ -455,6 +460,15 @@ class Search:
         trials = kept.trials if kept else 1.0
         start = candidate_of(beside, fit.record, term, trials, 0.0)
         return weighed(beside, fit.record, start, fit.shapes, base).evidence_nats
+
+
+def _all_possible(fit: Fit, last: int) -> bool:
+    """Return whether the last causes of a fit have parameters that can be."""
+    places = range(len(fit.parts) - last, len(fit.parts))
+    return all(
+        candidate_of(fit.beside(part), fit.record, fit.term(part), 1.0, 1.0).statistic > 0.0
+        for part in places
+    )
 
 
 def _place_of(part: Part, key: str) -> float | None:
@@ -618,8 +632,49 @@ def search(
     """
     report = progress or (lambda what, share: None)
     fit = Fit.start(record, known)
-    record = with_simulated(record, *signal_nm(fit))
-    fit.record = record
+    plain = None
+    if fit.record.low_pass is not None:
+        plain = _on_simulated(Fit.start(record.behind(None), known))
+    state = _searched(fit, plain, causes, known, alpha, rng, report, least_share)
+    return state or search(
+        record.behind(None),
+        causes,
+        known,
+        alpha=alpha,
+        rng=rng,
+        progress=progress,
+        least_share=least_share,
+    )
+
+
+def _as_good(fit: Fit, other: Fit) -> bool:
+    """Return whether a fit with the causes of another one needs no low-pass."""
+    fit = joined(fit, [other.term(part) for part in other.causes()])
+    scales = {part.name: part.form_scale for part in other.parts}
+    for part in fit.parts:
+        part.form_scale = scales.get(part.name, 0.0)
+    fit.settle(3)
+    return value_of(fit) > value_of(other) - LOW_PASS_PRICE
+
+
+def _on_simulated(fit: Fit) -> Fit:
+    """Return a fit whose record holds the torque that the fit simulates."""
+    fit.record = with_simulated(fit.record, *signal_nm(fit))
+    return fit
+
+
+def _searched(
+    fit: Fit,
+    plain: Fit | None,
+    causes: Mapping[str, Cause],
+    known: tuple[Term, ...],
+    alpha: float,
+    rng: np.random.Generator,
+    report: Callable[[str, float], None],
+    least_share: float,
+) -> Search | None:
+    """Return the search from a fit of the baseline; None where its low-pass becomes needless."""
+    record = _on_simulated(fit).record
     held = {term.name for term in known}
     usable = {
         name: cause
@@ -664,4 +719,6 @@ def search(
         state.reshape_all()
         attach_forms(fit)
         state.prune()
+        if plain is not None and _as_good(plain, fit):
+            return None
     return state

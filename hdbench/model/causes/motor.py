@@ -185,7 +185,7 @@ BEARING = Cause(
     source="Guida 2024, Machines 12:776 (failure modes); repeated impacts have harmonics",
     columns=_bearing,
     harmonic=False,
-    applicable=motor_turns(10.0),
+    applicable=motor_turns(100.0),
 )
 COGGING = Cause(
     name="cogging",
