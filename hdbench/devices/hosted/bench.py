@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -162,11 +163,17 @@ class HostedBench:
 
     def stop(self) -> None:
         """Stop normally: reference zero, standstill, enable off; then sampling ends."""
-        control, self._control = self._control, None
+        control = self._control
         if control is None:
             self.daq.stop()
             return
-        control.halt()
+        if not control.halt():
+            raise DeviceError(
+                "a write to the motor reference does not end",
+                where="bench",
+                fix="look at the device's connection, then run again",
+            )
+        self._control = None
         self.daq.write_output("reference", 0.0)
         self.daq.feed_watchdog()
         self.daq.stop()
@@ -177,6 +184,7 @@ class HostedBench:
             raise DeviceError(
                 f"after the stop {moving}", where="bench", fix="press the emergency stop and look"
             )
+        control.check()
 
     def fall_silent(self) -> None:
         """Leave the motor to the device's watchdog: no value, no stop, no sign of life from here.
@@ -190,9 +198,14 @@ class HostedBench:
         """Make the bench safe from any state; never raises."""
         control, self._control = self._control, None
         self._asked, self._channels = None, None
-        if control is not None:
-            control.halt()
+        ended = control is None or control.halt()
         safe = self.daq.safe_state()
+        if control is not None and not ended:
+            # the last value of a write that hung may have come after the zero
+            ended = control.halt()
+            safe = self.daq.safe_state()
+            if not ended:
+                safe = replace(safe, confirmed=False, detail="a write to the reference hangs")
         try:
             drives = self.daq.capabilities().drives
         except HdbenchError:
