@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from hdbench.devices.lock import exclusive, release
 from hdbench.devices.ports import Bench, SafeState
@@ -99,9 +99,9 @@ def open_bench(
             data = _at(data, found, deadline_s=max(data.daq.deadline_s, _EMBEDDED_DEADLINE_S))
             watchdog_s = max(watchdog_s, _EMBEDDED_WATCHDOG_S)
         else:
-            for name in addresses_of(data.daq, where):
+            data = _numbered(_at(data, {"address": where}))
+            for name in addresses_of(data.daq, data.daq.address):
                 stack.enter_context(exclusive(name))
-            data = _at(data, {"address": where})
         bench = _hosted(data, watchdog_s, speed)
         silence_s = guard_silence_s(watchdog_s, data.daq.deadline_s)
         guarded = GuardedBench(
@@ -142,11 +142,11 @@ def stop_bench(profile: Profile | ProfileData, *, address: str | None = None) ->
             where="address embedded",
             fix="stop that command, or name the address of a device",
         )
-    for name in addresses_of(data.daq, where):
+    there = _numbered(_at(data, {"address": where}))
+    for name in addresses_of(there.daq, there.daq.address):
         # a serial line has one master: the run that has it is asked to stop first
         if name.startswith(("rtu:", "serial:")):
             release(name)
-    there = _at(data, {"address": where})
     try:
         return _made_safe(there)
     except HdbenchError as error:
@@ -201,6 +201,25 @@ def _at(data: ProfileData, found: Mapping[str, object], **changes: object) -> Pr
         update["address"] = "parts"
     update = {key: value for key, value in update.items() if key in type(table).model_fields}
     return data.model_copy(update={"daq": table.model_copy(update=update)})
+
+
+def _numbered(data: ProfileData) -> ProfileData:
+    """Return the profile with numbers of hosts: nothing that moves, locks or guards asks again."""
+    from hdbench.devices.wire import numbered, parse_address
+
+    def part(table: Any) -> Any:
+        update: dict[str, object] = {"address": numbered(table.address)}
+        tls = getattr(table, "tls", None)
+        if tls is not None and update["address"] != table.address and not tls.server_name:
+            name = parse_address(table.address, default_port=802).host
+            update["tls"] = tls.model_copy(update={"server_name": name})
+        return table.model_copy(update=update)
+
+    table = data.daq
+    if isinstance(table, CompositeAcquisition):
+        parts = {"inputs": part(table.inputs), "outputs": part(table.outputs)}
+        return data.model_copy(update={"daq": table.model_copy(update=parts)})
+    return data.model_copy(update={"daq": part(table)})
 
 
 def _data(profile: Profile | ProfileData) -> ProfileData:

@@ -80,6 +80,7 @@ def test_an_unknown_driver_is_told_with_the_nearest_name(plugins):
         ("tcp://h:1e3", "port"),
         ("tcp://a b:1", "host name"),
         ("tls://:802", "host name"),
+        ("tcp://fd00::7:502", "IPv6"),
         ("rtu://", "serial port"),
         ("rtu:///dev/../etc/passwd", "serial port"),
         ("rtu:///dev/ttyUSB0?baud=0", "1200 to 4000000"),
@@ -96,6 +97,19 @@ def test_an_address_of_another_form_is_refused(text, words):
     with pytest.raises(UsageError, match=words) as caught:
         parse_address(text)
     assert "\x1b" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "host", "port"),
+    [
+        ("tcp://bench_7.lab:502", "bench_7.lab", 502),
+        ("tls://[fd00::7]:802", "fd00::7", 802),
+        ("tcp://[fe80::1%eth0]:502", "fe80::1%eth0", 502),
+    ],
+)
+def test_a_network_address_has_host_and_port(text, host, port):
+    found = parse_address(text)
+    assert (found.host, found.port, str(found)) == (host, port, text)
 
 
 def test_a_serial_address_has_its_settings():

@@ -14,6 +14,7 @@ from hdbench.devices.wire.checks import (
     registers_check,
 )
 from hdbench.devices.wire.link import Link, Probe, connect
+from hdbench.devices.wire.naming import dial, numbered
 from hdbench.devices.wire.requests import (
     exchange_registers,
     read_bits,
@@ -34,8 +35,10 @@ __all__ = [
     "StaleReply",
     "bits_check",
     "connect",
+    "dial",
     "echo_check",
     "exchange_registers",
+    "numbered",
     "parse_address",
     "read_bits",
     "read_registers",
