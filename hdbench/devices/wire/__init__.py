@@ -8,6 +8,7 @@ from hdbench.devices.wire.checks import (
     ExceptionReply,
     FrameError,
     ReplyCheck,
+    ReplyForm,
     StaleReply,
     bits_check,
     echo_check,
@@ -16,6 +17,7 @@ from hdbench.devices.wire.checks import (
 from hdbench.devices.wire.link import Link, Probe, connect
 from hdbench.devices.wire.naming import dial, numbered
 from hdbench.devices.wire.requests import (
+    Request,
     exchange_registers,
     read_bits,
     read_registers,
@@ -32,6 +34,8 @@ __all__ = [
     "Link",
     "Probe",
     "ReplyCheck",
+    "ReplyForm",
+    "Request",
     "StaleReply",
     "bits_check",
     "connect",

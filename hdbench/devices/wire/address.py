@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 from urllib.parse import parse_qsl
 
 from hdbench.devices.wire.naming import NETWORK, bracketed
 from hdbench.errors import UsageError
-from hdbench.profile.acquiring_table import SerialLine
+
+if TYPE_CHECKING:
+    from hdbench.profile.acquiring_table import SerialLine
 
 __all__ = ["Address", "SerialSettings", "parse_address", "serial_settings"]
 

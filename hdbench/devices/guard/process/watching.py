@@ -11,9 +11,8 @@ import sys
 import time
 from typing import Any, NoReturn
 
-from .stopping import POLL_S, note_identity, stop_motor
+from .stopping import FAULTS, POLL_S, note_identity, reason, stop_motor
 from .telling import let_go_of_pipes, say, write_down
-from .wires import WireError
 
 # while the session brakes by itself, it may be silent for so long, s
 PATIENT_S = 6.0
@@ -42,8 +41,8 @@ class Guard:
         try:
             for target in self._order["targets"]:
                 note_identity(target)
-        except (WireError, OSError) as error:
-            self._tell(f"E{getattr(error, 'strerror', None) or error}\n")
+        except FAULTS as error:
+            self._tell(f"E{reason(error)}\n")
             return
         self._tell("R\n")
 
