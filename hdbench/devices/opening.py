@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hdbench.devices.lock import exclusive, release
+from hdbench.devices.lock import exclusive, is_line, release
 from hdbench.devices.ports import Bench, SafeState
 from hdbench.errors import HdbenchError, UsageError
 from hdbench.profile.acquiring import Acquisition, CompositeAcquisition
@@ -145,7 +145,7 @@ def stop_bench(profile: Profile | ProfileData, *, address: str | None = None) ->
     there = _numbered(_at(data, {"address": where}))
     for name in addresses_of(there.daq, there.daq.address):
         # a serial line has one master: the run that has it is asked to stop first
-        if name.startswith(("rtu:", "serial:")):
+        if is_line(name):
             release(name)
     try:
         return _made_safe(there)
