@@ -39,6 +39,7 @@ def open_bench(
     model_file: Path | None = None,
     record: Path | None = None,
     guard_log: Path | None = None,
+    control: str | None = None,
 ) -> Iterator[Bench]:
     """Open the bench of `profile` for one session.
 
@@ -60,6 +61,8 @@ def open_bench(
         File for the embedded node's changes of state.
     guard_log : Path, optional
         File in which the guard process notes that it had to stop the motor.
+    control : str, optional
+        Control channel of a simulated bench at `address`; the embedded one has its own.
 
     Yields
     ------
@@ -78,12 +81,14 @@ def open_bench(
         If the address has another form, or seed or plant are out of their domain.
     """
     from hdbench.devices.guard import Guard, GuardedBench, guard_silence_s, order_of
+    from hdbench.devices.simulation import Simulation
 
     data = _data(profile)
     where = address or data.daq.address
     with ExitStack() as stack:
         watchdog_s, speed = data.daq.watchdog_s, 1.0
         keep: list[int] = []
+        simulation = None
         if where == EMBEDDED:
             from hdbench.devices.emulator.process import running_emulator
 
@@ -94,6 +99,7 @@ def open_bench(
                 )
             )
             speed = float(found.get("speed", 1.0))
+            simulation = Simulation(str(found["control"]), embedded=True)
             # an orphaned emulator lives until its guard has seen the motor stand
             keep = [int(found["lifeline"])] if "lifeline" in found else []
             data = _at(data, found, deadline_s=max(data.daq.deadline_s, _EMBEDDED_DEADLINE_S))
@@ -102,10 +108,16 @@ def open_bench(
             data = _numbered(_at(data, {"address": where}))
             for name in addresses_of(data.daq, data.daq.address):
                 stack.enter_context(exclusive(name))
+            if control is not None:
+                simulation = Simulation(control, embedded=False)
+        if simulation is not None:
+            stack.callback(simulation.close)
         bench = _hosted(data, watchdog_s, speed)
         silence_s = guard_silence_s(watchdog_s, data.daq.deadline_s)
         guarded = GuardedBench(
-            bench, lambda: Guard(order_of(data), silence_s, log=guard_log, keep=keep)
+            bench,
+            lambda: Guard(order_of(data), silence_s, log=guard_log, keep=keep),
+            simulation,
         )
         stack.callback(guarded.close)
         bench.claim()

@@ -124,6 +124,7 @@ class Run:
                 address=options.address,
                 realtime=options.realtime,
                 guard_log=self.folder.path / GUARD_LOG,
+                control=options.control,
             ) as bench:
                 identity = bench.identity()
                 self._check_same_bench(identity)

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from hdbench.devices.capabilities import Capabilities
-from hdbench.devices.daq import Daq, DaqSettings, Handling
+from hdbench.devices.daq import Daq, DaqSettings
 from hdbench.devices.hosted.channels import ChannelMap
 from hdbench.devices.hosted.control import ControlThread
 from hdbench.devices.hosted.demands import check_demands
@@ -225,43 +225,6 @@ class HostedBench:
         if self._samples is None or self._log is None or self._reference is None:
             return None
         return Alignment(self._samples.doubt_s, 0.5 * self._log.worst_write_s)
-
-    def set_fixture(
-        self, *, locked: bool, position_rad: float, mass_kg: float, direction: int
-    ) -> None:
-        """Set lock, flexspline position, rad, and weight, kg, of a simulated bench.
-
-        Raises
-        ------
-        DeviceError
-            If the bench is a real one.
-        """
-        fixture = self.daq.fixture()
-        if fixture is None:
-            raise DeviceError(
-                "a real bench has no simulated fixture", where="bench", fix="ask the operator"
-            )
-        fixture.set_fixture(
-            locked=locked, position_rad=position_rad, mass_kg=mass_kg, direction=direction
-        )
-
-    def set_handling(self, *, swing_rad: float, release_s: float, shunt_ohm: float) -> None:
-        """Set how the next weight of a simulated bench is handled, and its shunt resistor, ohm.
-
-        Raises
-        ------
-        DeviceError
-            If the bench is a real one, or its emulator has no such thing.
-        """
-        fixture: object = self.daq.fixture()
-        if isinstance(fixture, Handling):
-            fixture.set_handling(swing_rad=swing_rad, release_s=release_s, shunt_ohm=shunt_ohm)
-        elif fixture is None or swing_rad or release_s or shunt_ohm:
-            raise DeviceError(
-                "this bench has no simulated handling of weights and no simulated shunt",
-                where="bench",
-                fix="use the emulated node",
-            )
 
     def close(self) -> None:
         """Close the connection; never raises."""
