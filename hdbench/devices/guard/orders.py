@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable
 
+from hdbench.devices.children import child_command
 from hdbench.devices.guard.order import Check, GuardOrder, Look, Target, target_at
 from hdbench.devices.wire import read_registers, write_register
 from hdbench.profile.acquiring import Acquisition, CompositeAcquisition, NodeAcquisition
@@ -38,7 +38,7 @@ def order_of(profile: ProfileData) -> GuardOrder:
     build = _BUILDERS.get(driving.driver)
     target = build(profile, driving) if build is not None else None
     if target is None:
-        command = (sys.executable, "-m", "hdbench.devices.guard.whole")
+        command = child_command("hdbench.devices.guard.whole")
         return GuardOrder(command=command, stdin=profile.model_dump_json(exclude_none=True))
     return GuardOrder(targets=(target,))
 
