@@ -4,6 +4,7 @@ import json
 import os
 import select
 import signal
+import socket
 import struct
 import subprocess
 import sys
@@ -19,6 +20,7 @@ from serial import Serial
 from hdbench.devices.emulator.process import running_emulator
 from hdbench.devices.guard import Guard, GuardedBench, guard_silence_s, order, order_of
 from hdbench.devices.guard import launch as launching
+from hdbench.devices.guard.process import watching
 from hdbench.devices.guard.process.stopping import FAULTS, Wire, make_safe, note_identity, wrong
 from hdbench.devices.ports import AcquisitionSettings
 from hdbench.devices.wire import FrameError, read_registers, write_register
@@ -174,6 +176,42 @@ def test_the_guard_takes_no_other_reply_for_its_own(kind):
         with proxy(node.host, node.port, lambda _, reply: reply) as (host, port, _):
             (target,) = order_of(profile_at(f"tcp://{host}:{port}")).targets
             assert make_safe(target.to_dict(), alone=False) == ""
+
+
+def test_a_guard_whose_words_nobody_reads_goes_on_trying():
+    program = (
+        "import sys; sys.path.append(sys.argv[1]); from process.telling import say\n"
+        "for _ in range(2000): say('w' * 200)\n"
+        "print('done', flush=True)"
+    )
+    folder = str(Path(launching.__file__).parent)
+    with subprocess.Popen(
+        [sys.executable, "-I", "-c", program, folder],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    ) as talking:
+        try:
+            assert select.select([talking.stdout], [], [], 20.0)[0], "held up by a full pipe"
+        finally:
+            talking.kill()
+
+
+def test_a_bug_in_the_guard_does_not_end_its_trying(monkeypatch):
+    tries = []
+
+    def fails_once(order, *, alone):
+        tries.append(alone)
+        if len(tries) == 1:
+            raise KeyError("bug")
+        return ""
+
+    monkeypatch.setattr(watching, "stop_motor", fails_once)
+    near, far = socket.socketpair()
+    with near, far:
+        guard = watching.Guard(near, {"targets": [], "try_s": 5.0, "log": None, "keep": []})
+        guard.fire("test")
+        assert far.recv(100).startswith(b"F")
+    assert len(tries) == 2
 
 
 def test_an_acquisition_without_motion_has_no_guard(tmp_path):
