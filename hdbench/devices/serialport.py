@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import re
 from typing import TYPE_CHECKING, Literal
 
 from hdbench.errors import BusyError
@@ -11,7 +12,7 @@ from hdbench.errors import BusyError
 if TYPE_CHECKING:
     from serial import Serial
 
-__all__ = ["Claim", "is_gone", "open_port"]
+__all__ = ["Claim", "is_gone", "is_port", "open_port"]
 
 Claim = Literal["hold", "ask", "share"]
 """Have the port alone; or refuse one that another program has, and keep nobody else away; or
@@ -86,6 +87,22 @@ def open_port(
                 fix="wait until it has finished, or stop it",
             ) from error
         raise
+
+
+def is_port(name: str) -> bool:
+    """Return whether a text names a serial port: a path, with colons too, or a COM port.
+
+    Parameters
+    ----------
+    name : str
+        The text.
+
+    Returns
+    -------
+    bool
+    """
+    form = r"/[A-Za-z0-9._:,+@/-]+|COM[0-9]{1,3}"
+    return re.fullmatch(form, name) is not None and ".." not in name
 
 
 def is_gone(descriptor: int) -> bool:

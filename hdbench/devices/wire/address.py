@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 from urllib.parse import parse_qsl
 
+from hdbench.devices.serialport import is_port
 from hdbench.devices.wire.naming import NETWORK, bracketed
 from hdbench.errors import UsageError
 
@@ -157,7 +158,7 @@ def parse_address(
 
 def _serial(address: str, rest: str, given: SerialSettings) -> Address:
     path, _, query = rest.partition("?")
-    if not re.fullmatch(r"/[A-Za-z0-9._/-]+", path) or ".." in path:
+    if not is_port(path):
         raise _bad(address, "needed: the path of a serial port after rtu://")
     values: dict[str, str] = dict(parse_qsl(query, keep_blank_values=True))
     unknown = sorted(set(values) - {"baud", "parity", "stop", "gap_us"})
