@@ -29,6 +29,9 @@ class _Asked(Protocol):
     @property
     def address(self) -> str | None: ...
 
+    @property
+    def control(self) -> str | None: ...
+
 
 def handling_words(plan: Plan) -> str:
     """Return how long a calibration takes with the hands of a person.
@@ -70,7 +73,7 @@ def attendance(
     profile : Profile
         The bench.
     asked : object
-        ``no_input`` and ``address`` of the command.
+        ``no_input``, ``address`` and ``control`` of the command.
 
     Yields
     ------
@@ -84,7 +87,7 @@ def attendance(
     Raises
     ------
     UsageError
-        If a person is wanted and must not be asked.
+        If a person is wanted and must not be asked, or a simulated operator has no channel.
     """
     from hdbench.session.calibrating.conversation import Unattended
     from hdbench_cli.progress import progress_bar
@@ -95,10 +98,18 @@ def attendance(
             where="--operator",
             fix="leave one of them out",
         )
-    embedded = (asked.address or profile.data.daq.address) == "embedded"
+    simulated = asked.control is not None or (
+        (asked.address or profile.data.daq.address) == "embedded"
+    )
+    if who == "simulated" and not simulated:
+        raise UsageError(
+            "a simulated operator needs the bench's control channel; found none",
+            where="--operator simulated",
+            fix="add --control with the address that hdbench emulate prints, or ask a person",
+        )
     here = sys.stdin is not None and sys.stdin.isatty() and sys.stderr.isatty()
     rehearse = who == "person" or (who == "auto" and here and not asked.no_input)
-    rule = asked.no_input or who == "simulated" or (embedded and not rehearse)
+    rule = asked.no_input or who == "simulated" or (simulated and not rehearse)
     if rule:
         with progress_bar("calibration") as progress:
             yield Unattended(output.note), False, progress
@@ -107,7 +118,7 @@ def attendance(
     from hdbench_cli.talk import TerminalTalk
 
     with Keys().opened() as keys:
-        talk = TerminalTalk(keys, Output.console(stderr=True), practice=embedded)
+        talk = TerminalTalk(keys, Output.console(stderr=True), practice=simulated)
         try:
             yield talk, rehearse, _silent
         finally:

@@ -139,7 +139,8 @@ def failed(result: Mapping[str, Any]) -> str | None:
     type=click.Choice(["auto", "person", "simulated"]),
     default="auto",
     show_default=True,
-    help="Who answers: auto asks a person at a real bench, and at a simulated one on a terminal.",
+    help="Who answers: auto asks a person at a real bench, and at a simulated one on a terminal. "
+    "simulated needs the embedded bench or --control.",
 )
 @mistakes_option
 @click.pass_obj

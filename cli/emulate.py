@@ -127,6 +127,7 @@ def command(
             },
             show,
         )
+        output.note(f"lock and weights by a simulated operator: --control {found['control']}")
         output.note("serving until Ctrl-C")
 
     settings = EmulatorSettings(

@@ -34,6 +34,7 @@ class Request:
     out: Path
     source: Path | None = None
     address: str | None = None
+    control: str | None = None
     plant: str = "as-modelled"
     seed: int = 0
     dry_run: bool = False
@@ -238,6 +239,7 @@ def _measure(output: Output, request: Request, profile: Profile) -> tuple[Path, 
         plant=request.plant,
         seed=request.seed,
         address=request.address,
+        control=request.control,
         realtime=request.realtime,
         calibration=request.calibration,
         allow_expired=request.allow_expired,

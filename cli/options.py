@@ -16,6 +16,7 @@ __all__ = [
     "allow_expired_option",
     "bench_options",
     "calibration_option",
+    "control_option",
     "from_option",
     "model_option",
     "out_option",
@@ -61,6 +62,12 @@ address_option = click.option(
     "--address",
     metavar="tcp://HOST:PORT",
     help="Bench controller to use instead of the profile's.",
+)
+control_option = click.option(
+    "--control",
+    metavar="tcp://127.0.0.1:PORT",
+    help="Control channel of the simulated bench at --address, as hdbench emulate prints it: a "
+    "simulated operator sets lock and weights. Motion still needs --yes or an answer.",
 )
 calibration_option = click.option(
     "--calibration",
@@ -110,6 +117,7 @@ def bench_options(function: F) -> F:
         out_option,
         from_option,
         address_option,
+        control_option,
         click.option(
             "--plant",
             metavar="NAME|FILE",

@@ -30,6 +30,7 @@ class Resume:
 
     run: Path
     address: str | None = None
+    control: str | None = None
     yes: bool = False
     no_input: bool = False
     check: bool = False
@@ -71,6 +72,7 @@ def resume_command(output: Output, asked: Resume) -> None:
     person = asked.yes or not asked.no_input
     options = ResumeOptions(
         address=asked.address,
+        control=asked.control,
         realtime=asked.realtime,
         operator=ConsoleOperator(motion_confirmed=asked.yes) if person else None,
         mistakes=parse_mistakes(asked.mistakes),

@@ -12,7 +12,7 @@ from click.core import ParameterSource
 
 from hdbench_cli.calibrate import mistakes_option
 from hdbench_cli.next_step import line
-from hdbench_cli.options import address_option
+from hdbench_cli.options import address_option, control_option
 from hdbench_cli.output import Output
 from hdbench_cli.runs_compare import compare
 
@@ -114,6 +114,7 @@ def verify(output: Output, runs: tuple[Path, ...], recover: bool) -> int:
 )
 @click.argument("run", metavar="RUN", type=click.Path(path_type=Path))
 @address_option
+@control_option
 @click.option("--yes", is_flag=True, help="Confirm motion without a question.")
 @click.option("--no-input", is_flag=True, help="Never ask; fail where an answer is needed.")
 @click.option("--check", is_flag=True, help="Exit 3 unless the result passes.")

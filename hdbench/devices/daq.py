@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from typing import Protocol
 
 from numpy import bool_
 from numpy.typing import NDArray
@@ -27,8 +27,6 @@ __all__ = [
     "Capabilities",
     "Daq",
     "DaqSettings",
-    "Fixture",
-    "Handling",
     "InputInfo",
     "OutputInfo",
     "Role",
@@ -121,32 +119,6 @@ class WatchdogState:
     armed: bool
     tripped: bool
     time_s: float
-
-
-@runtime_checkable
-class Fixture(Protocol):
-    """Lock, flexspline position and weights of a simulated bench."""
-
-    def set_fixture(
-        self, *, locked: bool, position_rad: float, mass_kg: float, direction: int
-    ) -> None:
-        """Set them and read them back.
-
-        Raises
-        ------
-        DeviceError
-            If the bench is a real one, refuses, or reads back otherwise.
-        """
-        ...
-
-
-@runtime_checkable
-class Handling(Protocol):
-    """A fixture whose weights can swing and come off, and whose bridge has a shunt resistor."""
-
-    def set_handling(self, *, swing_rad: float, release_s: float, shunt_ohm: float) -> None:
-        """Set them for the next weight; 0 switches each of them off."""
-        ...
 
 
 class Daq(Protocol):
@@ -247,10 +219,6 @@ class Daq(Protocol):
         `SafeState.velocity_rad_s` is None where the device does not measure the motor's speed; its
         standstill is confirmed elsewhere then.
         """
-        ...
-
-    def fixture(self) -> Fixture | None:
-        """Return the fixture of a simulated bench; None on a real one."""
         ...
 
     def close(self) -> None:

@@ -6,9 +6,9 @@ from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from hdbench.devices.lock import exclusive, release
+from hdbench.devices.lock import exclusive, is_line, release
 from hdbench.devices.ports import Bench, SafeState
 from hdbench.errors import HdbenchError, UsageError
 from hdbench.profile.acquiring import Acquisition, CompositeAcquisition
@@ -39,6 +39,7 @@ def open_bench(
     model_file: Path | None = None,
     record: Path | None = None,
     guard_log: Path | None = None,
+    control: str | None = None,
 ) -> Iterator[Bench]:
     """Open the bench of `profile` for one session.
 
@@ -60,6 +61,8 @@ def open_bench(
         File for the embedded node's changes of state.
     guard_log : Path, optional
         File in which the guard process notes that it had to stop the motor.
+    control : str, optional
+        Control channel of a simulated bench at `address`; the embedded one has its own.
 
     Yields
     ------
@@ -78,12 +81,14 @@ def open_bench(
         If the address has another form, or seed or plant are out of their domain.
     """
     from hdbench.devices.guard import Guard, GuardedBench, guard_silence_s, order_of
+    from hdbench.devices.simulation import Simulation
 
     data = _data(profile)
     where = address or data.daq.address
     with ExitStack() as stack:
         watchdog_s, speed = data.daq.watchdog_s, 1.0
         keep: list[int] = []
+        simulation = None
         if where == EMBEDDED:
             from hdbench.devices.emulator.process import running_emulator
 
@@ -94,18 +99,25 @@ def open_bench(
                 )
             )
             speed = float(found.get("speed", 1.0))
+            simulation = Simulation(str(found["control"]), embedded=True)
             # an orphaned emulator lives until its guard has seen the motor stand
             keep = [int(found["lifeline"])] if "lifeline" in found else []
             data = _at(data, found, deadline_s=max(data.daq.deadline_s, _EMBEDDED_DEADLINE_S))
             watchdog_s = max(watchdog_s, _EMBEDDED_WATCHDOG_S)
         else:
-            for name in addresses_of(data.daq, where):
+            data = _numbered(_at(data, {"address": where}))
+            for name in addresses_of(data.daq, data.daq.address):
                 stack.enter_context(exclusive(name))
-            data = _at(data, {"address": where})
+            if control is not None:
+                simulation = Simulation(control, embedded=False)
+        if simulation is not None:
+            stack.callback(simulation.close)
         bench = _hosted(data, watchdog_s, speed)
         silence_s = guard_silence_s(watchdog_s, data.daq.deadline_s)
         guarded = GuardedBench(
-            bench, lambda: Guard(order_of(data), silence_s, log=guard_log, keep=keep)
+            bench,
+            lambda: Guard(order_of(data), silence_s, log=guard_log, keep=keep),
+            simulation,
         )
         stack.callback(guarded.close)
         bench.claim()
@@ -142,11 +154,11 @@ def stop_bench(profile: Profile | ProfileData, *, address: str | None = None) ->
             where="address embedded",
             fix="stop that command, or name the address of a device",
         )
-    for name in addresses_of(data.daq, where):
+    there = _numbered(_at(data, {"address": where}))
+    for name in addresses_of(there.daq, there.daq.address):
         # a serial line has one master: the run that has it is asked to stop first
-        if name.startswith(("rtu:", "serial:")):
+        if is_line(name):
             release(name)
-    there = _at(data, {"address": where})
     try:
         return _made_safe(there)
     except HdbenchError as error:
@@ -201,6 +213,25 @@ def _at(data: ProfileData, found: Mapping[str, object], **changes: object) -> Pr
         update["address"] = "parts"
     update = {key: value for key, value in update.items() if key in type(table).model_fields}
     return data.model_copy(update={"daq": table.model_copy(update=update)})
+
+
+def _numbered(data: ProfileData) -> ProfileData:
+    """Return the profile with numbers of hosts: nothing that moves, locks or guards asks again."""
+    from hdbench.devices.wire import numbered, parse_address
+
+    def part(table: Any) -> Any:
+        update: dict[str, object] = {"address": numbered(table.address)}
+        tls = getattr(table, "tls", None)
+        if tls is not None and update["address"] != table.address and not tls.server_name:
+            name = parse_address(table.address, default_port=802).host
+            update["tls"] = tls.model_copy(update={"server_name": name})
+        return table.model_copy(update=update)
+
+    table = data.daq
+    if isinstance(table, CompositeAcquisition):
+        parts = {"inputs": part(table.inputs), "outputs": part(table.outputs)}
+        return data.model_copy(update={"daq": table.model_copy(update=parts)})
+    return data.model_copy(update={"daq": part(table)})
 
 
 def _data(profile: Profile | ProfileData) -> ProfileData:

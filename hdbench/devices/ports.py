@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +11,9 @@ from numpy.typing import NDArray
 from hdbench.model.program import ReferenceProgram
 from hdbench.profile.schema import ReferenceWave
 from hdbench.records.trace import FloatArray
+
+if TYPE_CHECKING:
+    from hdbench.devices.simulation import Simulation
 
 __all__ = ["AcquisitionSettings", "Bench", "Block", "Identity", "Operator", "SafeState"]
 
@@ -24,7 +27,8 @@ class Identity:
     vendor, model, serial, firmware : str
         As the device tells them, control characters removed.
     simulated : bool
-        True for the emulator: no real motor turns.
+        True where the device says that it is an emulator. That is only its word: what may move
+        unasked is decided by `Bench.simulation`.
     """
 
     vendor: str
@@ -133,7 +137,18 @@ class Bench(Protocol):
 
     Every method raises `DeviceError` when the device does not answer in time, answers wrongly, or
     answers with an exception. No call repeats a motion write by itself.
+
+    Attributes
+    ----------
+    simulation : Simulation or None
+        Control channel of a simulated bench. Without it the bench is a real one, whatever the
+        device says of itself.
     """
+
+    @property
+    def simulation(self) -> Simulation | None:
+        """Control channel of a simulated bench."""
+        ...
 
     def identity(self) -> Identity:
         """Return who answers."""

@@ -1,21 +1,32 @@
-"""A serial port for one program alone, and whether it is still there."""
+"""A serial port, who else may have it, and whether it is still there."""
 
 from __future__ import annotations
 
 import errno
 import os
-from typing import TYPE_CHECKING
+import re
+from typing import TYPE_CHECKING, Literal
 
 from hdbench.errors import BusyError
 
 if TYPE_CHECKING:
     from serial import Serial
 
-__all__ = ["is_gone", "open_port"]
+__all__ = ["Claim", "is_gone", "is_port", "open_port"]
+
+Claim = Literal["hold", "ask", "share"]
+"""Have the port alone; or refuse one that another program has, and keep nobody else away; or
+share it with whoever has it."""
 
 
 def open_port(
-    path: str, where: str, *, baud_bd: int, parity: str = "N", stop_bits: float = 1
+    path: str,
+    where: str,
+    *,
+    baud_bd: int,
+    parity: str = "N",
+    stop_bits: float = 1,
+    claim: Claim = "hold",
 ) -> Serial:
     """Open a port; reads and writes on it never wait.
 
@@ -31,6 +42,8 @@ def open_port(
         Parity.
     stop_bits : float, optional
         1 or 2.
+    claim : {"hold", "ask", "share"}, optional
+        Who else may have it.
 
     Returns
     -------
@@ -39,12 +52,13 @@ def open_port(
     Raises
     ------
     BusyError
-        If another program has it open.
+        If another program has it open, and it is not to be shared.
     OSError
         If it cannot be opened.
     ValueError
         If it does not take these settings.
     """
+    import fcntl
     import termios
 
     from serial import Serial, SerialException
@@ -52,14 +66,17 @@ def open_port(
     # a pseudo-terminal has no parity, and says so only when it is opened again
     pseudo = os.path.realpath(path).startswith("/dev/pts/")
     try:
-        return Serial(
+        port = Serial(
             path,
             baudrate=baud_bd,
             parity="N" if pseudo else parity,
             stopbits=stop_bits,
             timeout=0,
-            exclusive=True,
+            exclusive=claim != "share",
         )
+        if claim == "ask":
+            fcntl.flock(port.fileno(), fcntl.LOCK_UN)
+        return port
     except termios.error as error:
         raise ValueError(str(error)) from error
     except SerialException as error:
@@ -70,6 +87,22 @@ def open_port(
                 fix="wait until it has finished, or stop it",
             ) from error
         raise
+
+
+def is_port(name: str) -> bool:
+    """Return whether a text names a serial port: a path, with colons too, or a COM port.
+
+    Parameters
+    ----------
+    name : str
+        The text.
+
+    Returns
+    -------
+    bool
+    """
+    form = r"/[A-Za-z0-9._:,+@/-]+|COM[0-9]{1,3}"
+    return re.fullmatch(form, name) is not None and ".." not in name
 
 
 def is_gone(descriptor: int) -> bool:

@@ -41,7 +41,7 @@ class DataqAcquisition(Acquisition):
     address: Annotated[
         str,
         Field(
-            pattern=r"^(embedded|serial:///[A-Za-z0-9._/-]+)$",
+            pattern=r"^(embedded|serial://(/[A-Za-z0-9._:,+@/-]+|COM[0-9]{1,3}))$",
             description="`embedded` (emulated) or serial:///dev/NAME",
         ),
     ] = "embedded"

@@ -202,8 +202,8 @@ class ModbusAcquisition(Acquisition):
     address: Annotated[
         str,
         Field(
-            pattern=r"^(embedded|(tcp|tls)://[A-Za-z0-9.-]+(:[0-9]{1,5})?"
-            r"|rtu:///[A-Za-z0-9._/-]+(\?[a-z0-9_=&.-]*)?)$",
+            pattern=r"^(embedded|(tcp|tls)://(\[[0-9A-Fa-f:.]+(%\w+)?\]|[A-Za-z0-9._-]+)(:[0-9]{1,5})?"
+            r"|rtu://(/[A-Za-z0-9._:,+@/-]+|COM[0-9]{1,3})(\?[a-z0-9_=&.-]*)?)$",
             max_length=256,
             description="`embedded` (emulated), tcp://HOST[:PORT], tls://HOST[:PORT] or "
             "rtu:///dev/NAME?baud=RATE",

@@ -6,7 +6,7 @@ from datetime import datetime
 
 from hdbench.devices import SimulatedOperator
 from hdbench.devices.emulator.mistakes import Mistakes
-from hdbench.devices.ports import Bench, Identity
+from hdbench.devices.ports import Bench, Identity, Operator
 from hdbench.errors import UsageError
 from hdbench.records.journal import JournalWriter
 from hdbench.records.manifest import utc_now
@@ -53,20 +53,20 @@ def make_walker(task: Task, bench: Bench, identity: Identity, journal: JournalWr
 
 def _needs_person(task: Task, identity: Identity) -> UsageError:
     return UsageError(
-        f"{identity.vendor} {identity.model} is a real bench and needs a person",
+        f"{identity.vendor} {identity.model} at an address is taken for a real bench, which needs "
+        "a person",
         where=f"{task.kind} run",
-        fix="run without --no-input; motion alone can be confirmed with --yes",
+        fix="run without --no-input; motion alone can be confirmed with --yes; an emulator takes a "
+        "simulated operator with --control",
     )
 
 
 def _motion_walk(
     task: Task, bench: Bench, identity: Identity, journal: JournalWriter
 ) -> MotionWalk:
-    operator = SimulatedOperator(bench) if identity.simulated else task.options.operator
-    if operator is None:
-        raise _needs_person(task, identity)
+    operator, embedded = _at_motion(task, bench, identity)
     moved = [put for put in task.plan.loads if put.load.torque_nm and not put.load.locked]
-    if identity.simulated and moved:
+    if bench.simulation is not None and moved:
         raise UsageError(
             f"{moved[0].describe()}: a simulated bench has loads only while it is locked",
             where=f"{task.kind} run",
@@ -83,24 +83,37 @@ def _motion_walk(
         task.stop,
         task.progress,
         recorder,
-        person=not identity.simulated,
+        person=not embedded,
         watcher=task.options.watcher,
     )
     return MotionWalk(runner, task.plan, task.folder, task.content)
 
 
+def _at_motion(task: Task, bench: Bench, identity: Identity) -> tuple[Operator, bool]:
+    """Return who is asked, and whether this process started the bench, so that nobody need be."""
+    person, simulation = task.options.operator, bench.simulation
+    if simulation is not None and simulation.embedded:
+        return SimulatedOperator(bench), True
+    if person is None:
+        raise _needs_person(task, identity)
+    if simulation is not None:
+        return SimulatedOperator(bench, motion=person.confirm_motion), False
+    return person, False
+
+
 def _loads_walk(task: Task, bench: Bench, identity: Identity, journal: JournalWriter) -> LoadsWalk:
     options, data = task.options, task.profile.data
-    talk = _talk(task, identity)
-    if not (talk.attended or identity.simulated):
+    simulated = bench.simulation is not None
+    talk = _talk(task, simulated=simulated)
+    if not (talk.attended or simulated):
         raise _needs_person(task, identity)
     log = CalibrationLog(journal, CalibrationState(task.plan.points))
     if task.content is not None:
         log.replay(task.content)
-    hands = _hands(task, bench) if identity.simulated else None
+    hands = _hands(task, bench) if simulated else None
     # samples tell the time of a bench that does not keep real time
     started = datetime.fromisoformat(str(task.folder.manifest["started_utc"]))
-    timed = not identity.simulated or options.realtime
+    timed = not simulated or options.realtime
     walk = CalibrationWalk(
         data,
         bench,
@@ -115,12 +128,12 @@ def _loads_walk(task: Task, bench: Bench, identity: Identity, journal: JournalWr
     return LoadsWalk(walk, task.folder)
 
 
-def _talk(task: Task, identity: Identity) -> Conversation:
+def _talk(task: Task, *, simulated: bool) -> Conversation:
     """Return who answers: the person, or a rule at a simulated bench that nobody rehearses on."""
     talk = task.options.talk
     if talk is None:
         return Unattended(lambda line: task.progress(line, 0.0))
-    if talk.attended and identity.simulated and not task.options.rehearse:
+    if talk.attended and simulated and not task.options.rehearse:
         return Unattended(lambda line: talk.tell(line, remarkable=True))
     return talk
 
@@ -130,10 +143,9 @@ def _hands(task: Task, bench: Bench) -> SimulatedOperator:
     options, plan = task.options, task.profile.data.calibration
     weights_kg = Guard.of(task.plan.points, task.profile.data).weights_kg
     mistakes = Mistakes(options.mistakes, weights_kg, options.seed)
-    address = options.address or task.profile.data.daq.address
     return SimulatedOperator(
         bench,
         mistakes,
         shunt_ohm=0.0 if plan.shunt is None else plan.shunt.resistor_ohm,
-        fresh=address == "embedded",
+        fresh=bench.simulation is not None and bench.simulation.embedded,
     )

@@ -108,6 +108,13 @@ class Run:
                 fix="free space on the disk; what was acknowledged is in the journal",
             )
             raise self._ended("incomplete", storage) from error
+        except Exception as error:
+            safe = None if self.walker is None else self.walker.safe
+            if self.walker is None or (safe is not None and safe.confirmed):
+                raise
+            # a bug, but the motor may turn: that is told first
+            bug = DeviceError(f"{type(error).__name__}: {error}", where="hdbench", fix="report it")
+            raise self._ended("incomplete", bug) from error
         if self.walker is None or self.walker.safe is None or not self.walker.safe.confirmed:
             raise self._ended("incomplete", self._unsafe(None))
 
@@ -124,6 +131,7 @@ class Run:
                 address=options.address,
                 realtime=options.realtime,
                 guard_log=self.folder.path / GUARD_LOG,
+                control=options.control,
             ) as bench:
                 identity = bench.identity()
                 self._check_same_bench(identity)

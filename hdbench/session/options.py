@@ -31,6 +31,9 @@ class BenchOptions:
         Seed of the embedded bench.
     address : str or None
         Bench controller instead of the profile's.
+    control : str or None
+        Control channel of a simulated bench at `address`: a simulated operator sets lock and
+        weights there. Its motor moves only with the answer of `operator`, like any other's.
     realtime : bool
         Keep real time on the embedded bench.
     calibration : Path or None
@@ -42,7 +45,7 @@ class BenchOptions:
     filter_name : str or None
         Filter model instead of the profile's.
     operator : Operator or None
-        The person at a real bench; an emulated bench brings its own simulated one.
+        The person at a bench that has an address; the embedded one brings its own simulated one.
     motion : MotionPlan or None
         Content of a plan file that is run instead of the profile's motion.
     preset : {"report", "cg14"} or None
@@ -61,6 +64,7 @@ class BenchOptions:
     plant: str = "as-modelled"
     seed: int = 0
     address: str | None = None
+    control: str | None = None
     realtime: bool = False
     calibration: Path | None = None
     allow_expired: bool = False

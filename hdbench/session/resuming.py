@@ -42,6 +42,8 @@ class ResumeOptions:
     ----------
     address : str or None
         Bench controller instead of the run's own.
+    control : str or None
+        Control channel of a simulated bench, as in `BenchOptions`.
     realtime : bool or None
         Keep real time on the embedded bench; None does as the run did.
     operator : Operator or None
@@ -57,6 +59,7 @@ class ResumeOptions:
     """
 
     address: str | None = None
+    control: str | None = None
     realtime: bool | None = None
     operator: Operator | None = None
     talk: Conversation | None = None
@@ -195,6 +198,7 @@ def _task(
         plant=str(simulation.get("plant", "as-modelled")),
         seed=int(simulation.get("seed", 0)),
         address=options.address or stored_address(folder),
+        control=options.control,
         realtime=realtime,
         operator=options.operator,
         motion=plan.motion,

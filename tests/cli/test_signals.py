@@ -19,9 +19,10 @@ RUN = [sys.executable, "-m", "hdbench_cli"]
 class Served:
     """An emulated bench in its own process, with the history of its motor."""
 
-    def __init__(self, process: subprocess.Popen[str], address: str, record: Path) -> None:
+    def __init__(self, process: subprocess.Popen[str], told: dict[str, str], record: Path) -> None:
         self.process = process
-        self.address = address
+        self.address = told["address"]
+        self.control = told["control"]
         self.record = record
 
     def history(self) -> list[dict[str, object]]:
@@ -38,8 +39,7 @@ def served(tmp_path: Path) -> Iterator[Served]:
         text=True,
     )
     assert process.stdout is not None
-    address = json.loads(process.stdout.readline())["address"]
-    yield Served(process, address, record)
+    yield Served(process, json.loads(process.stdout.readline()), record)
     process.terminate()
     process.wait(timeout=10)
     process.stdout.close()
@@ -47,7 +47,10 @@ def served(tmp_path: Path) -> Iterator[Served]:
 
 def start(served: Served, out: Path, command: str = "run-ripple") -> subprocess.Popen[str]:
     return subprocess.Popen(
-        [*RUN, command, "--address", served.address, "--out", str(out), "--no-report", "--yes"],
+        [
+            *(*RUN, command, "--address", served.address, "--control", served.control),
+            *("--out", str(out), "--no-report", "--yes"),
+        ],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,

@@ -139,9 +139,6 @@ class FakeDaq:
         self.reference_v, self.enabled = 0.0, False
         return SafeState(True, 0.0, None, "outputs zero")
 
-    def fixture(self):
-        return None
-
     def close(self):
         self.calls.append("close")
 

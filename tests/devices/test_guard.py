@@ -1,10 +1,10 @@
 """The guard stops the motor when the session dies, freezes or leaves without a word."""
 
-import ast
 import json
 import os
 import select
 import signal
+import socket
 import struct
 import subprocess
 import sys
@@ -14,21 +14,22 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from nodekit import PROFILE, TinyBench, driver, served, until
+from nodekit import PROFILE, TinyBench, driver, proxy, served, until
 from serial import Serial
 
 from hdbench.devices.emulator.process import running_emulator
-from hdbench.devices.guard import Guard, GuardedBench, guard_silence_s, order_of
+from hdbench.devices.guard import Guard, GuardedBench, guard_silence_s, order, order_of
 from hdbench.devices.guard import launch as launching
-from hdbench.devices.guard.process.stopping import make_safe, note_identity, wrong
-from hdbench.devices.guard.process.wires import RtuWire, WireError, crc16
+from hdbench.devices.guard.process import watching
+from hdbench.devices.guard.process.stopping import FAULTS, Wire, make_safe, note_identity, wrong
 from hdbench.devices.ports import AcquisitionSettings
+from hdbench.devices.wire import FrameError, read_registers, write_register
+from hdbench.devices.wire.crc import crc16
 from hdbench.errors import DeviceError
 from hdbench.profile import load_profile
 from hdbench.profile.acquiring import PluginAcquisition
 from hdbench.profile.schema import ReferenceWave
 
-PROGRAM = Path(launching.__file__).with_name("process")
 WAVE = ReferenceWave(wave="constant", amplitude_v=1.0)
 
 
@@ -142,6 +143,77 @@ def test_motion_without_a_second_connection_is_refused(tmp_path):
         bench.close()
 
 
+def _changed(reply, pdu, unit=1):
+    return reply[:4] + struct.pack(">HB", len(pdu) + 1, unit) + pdu
+
+
+NO_REPLIES = {
+    "unit": lambda reply, pdu: _changed(reply, pdu, unit=77),
+    "unit and function": lambda reply, pdu: _changed(reply, b"\3\2\0\0", unit=77),
+    "function of a write": lambda reply, pdu: (
+        _changed(reply, b"\3\2\0\0") if pdu[0] == 6 else reply
+    ),
+    "value of a write": lambda reply, pdu: (
+        _changed(reply, pdu[:-1] + b"\x55") if pdu[0] == 6 else reply
+    ),
+    "longer": lambda reply, pdu: _changed(reply, pdu + b"\0\0"),
+    "byte count": lambda reply, pdu: (
+        _changed(reply, pdu[:1] + b"\2" + pdu[2:]) if pdu[0] == 3 else reply
+    ),
+}
+
+
+@pytest.mark.parametrize("kind", NO_REPLIES)
+def test_the_guard_takes_no_other_reply_for_its_own(kind):
+    def mangle(_number, reply):
+        return NO_REPLIES[kind](reply, reply[7:])
+
+    with served(TinyBench(), pace="realtime") as node:
+        with proxy(node.host, node.port, mangle) as (host, port, frames):
+            (target,) = order_of(profile_at(f"tcp://{host}:{port}")).targets
+            assert make_safe(target.to_dict(), alone=False) != ""
+        assert frames
+        with proxy(node.host, node.port, lambda _, reply: reply) as (host, port, _):
+            (target,) = order_of(profile_at(f"tcp://{host}:{port}")).targets
+            assert make_safe(target.to_dict(), alone=False) == ""
+
+
+def test_a_guard_whose_words_nobody_reads_goes_on_trying():
+    program = (
+        "import sys; sys.path.append(sys.argv[1]); from process.telling import say\n"
+        "for _ in range(2000): say('w' * 200)\n"
+        "print('done', flush=True)"
+    )
+    folder = str(Path(launching.__file__).parent)
+    with subprocess.Popen(
+        [sys.executable, "-I", "-c", program, folder],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    ) as talking:
+        try:
+            assert select.select([talking.stdout], [], [], 20.0)[0], "held up by a full pipe"
+        finally:
+            talking.kill()
+
+
+def test_a_bug_in_the_guard_does_not_end_its_trying(monkeypatch):
+    tries = []
+
+    def fails_once(order, *, alone):
+        tries.append(alone)
+        if len(tries) == 1:
+            raise KeyError("bug")
+        return ""
+
+    monkeypatch.setattr(watching, "stop_motor", fails_once)
+    near, far = socket.socketpair()
+    with near, far:
+        guard = watching.Guard(near, {"targets": [], "try_s": 5.0, "log": None, "keep": []})
+        guard.fire("test")
+        assert far.recv(100).startswith(b"F")
+    assert len(tries) == 2
+
+
 def test_an_acquisition_without_motion_has_no_guard(tmp_path):
     with served(TinyBench()) as node, guarded(node, tmp_path) as bench:
         bench.configure(AcquisitionSettings(1e-3, 1000, None))
@@ -206,23 +278,26 @@ def test_on_a_serial_line_the_guard_takes_over_from_a_dead_or_frozen_session(tmp
 
 def _line(path, **keys):
     return {
-        "wire": "rtu", "path": path, "unit": 1, "silence_s": 0.005, "rest_s": 0.0,
-        "baud_bd": 115200, "parity": "N", "stop_bits": 1, **keys,
+        "scheme": "rtu", "path": path, "host": "", "port": 0, "unit": 1, "rest_s": 0.0, "tls": None,
+        "serial": {"baud_bd": 115200, "parity": "N", "stop_bits": 1, "gap_s": None}, **keys,
     }  # fmt: skip
+
+
+READ, WRITE = (order._told(asked) for asked in (read_registers(0, 1), write_register(1, 0)))
 
 
 def test_a_serial_line_that_is_gone_does_not_hold_the_guard_up():
     near, far = os.openpty()
-    wire = RtuWire(_line(os.ttyname(far)), alone=False)
+    wire = Wire(_line(os.ttyname(far)), alone=False)
     try:
         start_s = time.monotonic()
-        with pytest.raises(WireError, match="no valid reply"):
-            wire.transact(b"\x03\0\0\0\1")
+        with pytest.raises(FrameError, match="no valid reply"):
+            wire.transact(READ)
         os.close(near)
         os.close(far)
-        with pytest.raises((WireError, OSError)):
-            wire.transact(b"\x03\0\0\0\1")
-        # a quarter of a second each, and the scheduler
+        with pytest.raises(FAULTS):
+            wire.transact(READ)
+        # four tenths of a second each, and the scheduler
         assert time.monotonic() - start_s < 2.0
     finally:
         wire.close()
@@ -232,7 +307,7 @@ def test_a_serial_line_that_another_program_has_taken_over_is_left_in_peace():
     near, far = os.openpty()
     tty.setraw(far)
     path = os.ttyname(far)
-    told = {"identity": "03", "acts": ["06"], "looks": [], "brake_s": 0.0, "finals": []}
+    told = {"identity": None, "acts": [WRITE], "looks": [], "brake_s": 0.0, "finals": []}
     target = _line(path, **told)
     try:
         with Serial(path, timeout=0, exclusive=True):
@@ -241,7 +316,8 @@ def test_a_serial_line_that_another_program_has_taken_over_is_left_in_peace():
             assert not select.select([near], [], [], 0.0)[0], "nothing was written"
             # the session is frozen, and has the port still
             assert "no valid reply" in make_safe(target, alone=False)
-            assert os.read(near, 100) == b"\x01\x06" + crc16(b"\x01\x06")
+            frame = b"\1\6\0\1\0\0"
+            assert os.read(near, 100) == frame + crc16(frame)
         assert "no valid reply" in make_safe(target, alone=True)
     finally:
         os.close(near)
@@ -258,16 +334,17 @@ def test_on_a_serial_line_the_guard_knows_who_answered_before_the_motion():
         assert "another device" in make_safe({**told, "known": "03" + "00" * 20}, alone=True)
 
 
-def test_the_guard_imports_the_standard_library_alone():
-    names = set()
-    for module in PROGRAM.glob("*.py"):
-        for node in ast.walk(ast.parse(module.read_text())):
-            if isinstance(node, ast.Import):
-                names |= {alias.name.partition(".")[0] for alias in node.names}
-            elif isinstance(node, ast.ImportFrom) and not node.level:
-                names.add(str(node.module).partition(".")[0])
-    assert "json" in names
-    assert names <= sys.stdlib_module_names
+def test_the_guard_starts_with_the_standard_library_and_the_wire_alone():
+    loads = launching._PROGRAM.replace(
+        "main()", "import serial, hdbench.devices.wire.rtu, hdbench.devices.wire.tls, sys; "
+        "print(*sorted({name.partition('.')[0] for name in sys.modules}))"
+    )  # fmt: skip
+    done = subprocess.run(
+        [sys.executable, "-I", "-S", "-c", loads], capture_output=True, text=True, check=True
+    )
+    names = set(done.stdout.split())
+    assert {"json", "hdbench", "process"} <= names
+    assert names - sys.stdlib_module_names == {"__main__", "hdbench", "process", "serial"}
 
 
 @pytest.mark.parametrize(
@@ -287,11 +364,6 @@ def test_the_guard_imports_the_standard_library_alone():
 def test_what_is_read_back_is_judged_by_its_value(raw, check, safe):
     full = {"name": "value", "at": 2, "mask": 0, "order": [], **check}
     assert (wrong(b"\x03\x04" + raw, full) == "") is safe
-
-
-def test_the_guard_s_checksum_is_that_of_the_modbus_specification():
-    # "MODBUS over serial line" V1.02, appendix B: 02 07 gives 41 12 on the wire
-    assert crc16(bytes([0x02, 0x07])) == bytes([0x41, 0x12])
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,6 @@ from hdbench.devices.emulator.bench import SimulatedBench
 from hdbench.devices.emulator.fixture import FREE_SWING_S, ArmLoad, Settling, shunt_volts
 from hdbench.devices.emulator.mistakes import Mistake, Mistakes, parse_mistakes
 from hdbench.devices.node.operator import SimulatedOperator
-from hdbench.devices.ports import Identity
 from hdbench.errors import UsageError
 from hdbench.profile.calibrating import ShuntCheck
 
@@ -138,12 +137,14 @@ class Bench:
 
     def __init__(self) -> None:
         self.log: list[tuple[float, ...]] = []
-
-    def identity(self) -> Identity:
-        return Identity("a", "b", "c", "d", simulated=True)
+        self.handled: list[tuple[float, ...]] = []
+        self.simulation = self
 
     def set_fixture(self, *, locked, position_rad, mass_kg, direction) -> None:
         self.log.append((float(locked), position_rad, mass_kg, direction))
+
+    def set_handling(self, *, swing_rad, release_s, shunt_ohm) -> None:
+        self.handled.append((swing_rad, release_s, shunt_ohm))
 
 
 def test_the_operator_hangs_the_wrong_weight_once() -> None:
@@ -155,11 +156,27 @@ def test_the_operator_hangs_the_wrong_weight_once() -> None:
     assert bench.log == [(1.0, 0.5, 0.0, 1), (1.0, 0.5, 1.5, -1), (1.0, 0.5, 2.0, -1)]
 
 
-def test_a_bench_that_cannot_swing_says_so() -> None:
-    operator = SimulatedOperator(Bench(), Mistakes(parse_mistakes("swing@4")))
-    with pytest.raises(UsageError, match="cannot swing"):
-        operator.put(2.0, direction="cw", number=4, attempt=1)
-    assert operator.shunt(closed=True) is False
+def test_the_operator_sets_what_the_prompts_of_a_motion_run_ask() -> None:
+    bench = Bench()
+    operator = SimulatedOperator(bench)
+    assert operator.confirm_lock(locked=True)
+    assert operator.set_position(1.25, index=0, count=4)
+    assert operator.hang(2.5, direction="ccw", expected_nm=-12.0, step="up 2")
+    assert bench.log[-1] == (1.0, 1.25, 2.5, -1)
+    assert operator.set_position(2.5, index=1, count=4)
+    assert bench.log[-1] == (1.0, 2.5, 0.0, 1)
+    assert operator.confirm_motion("turn")
+    assert not SimulatedOperator(bench, motion=lambda _: False).confirm_motion("turn")
+
+
+def test_the_operator_swings_drops_and_shunts() -> None:
+    bench = Bench()
+    operator = SimulatedOperator(bench, Mistakes(parse_mistakes("swing@4")), shunt_ohm=1e5)
+    operator.put(2.0, direction="cw", number=4, attempt=1)
+    assert bench.handled[-1][0] > 0.0
+    assert operator.shunt(closed=True)
+    assert bench.handled[-1] == (0.0, 0.0, 1e5)
+    assert SimulatedOperator(bench).shunt(closed=True) is False
 
 
 def test_a_fresh_bench_goes_through_the_history_and_a_kept_one_gets_the_last_state() -> None:

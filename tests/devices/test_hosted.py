@@ -277,6 +277,61 @@ def test_a_device_that_refuses_a_write_ends_the_thread_with_its_error():
     assert daq.fed_s == []
 
 
+@pytest.mark.parametrize("call", ["write_output", "feed_watchdog"])
+@pytest.mark.parametrize("error", [OSError(5, "Input/output error"), ZeroDivisionError("bug")])
+def test_any_end_of_the_control_thread_zeroes_the_output_and_ends_the_run(call, error):
+    daq = FakeDaq(clock=RealClock())
+    made = HostedBench(daq, SETTINGS)
+    made.configure(ASKED)
+    made.start()
+    until(lambda: daq.reference_v == 2.0)
+    works, fails = getattr(daq, call), [error]
+
+    def fail_once(*given):
+        if fails:
+            raise fails.pop()
+        return works(*given)
+
+    setattr(daq, call, fail_once)
+    # another value than the one that stands there is written
+    made._control._last_v = 1.0
+    made._control.seen()
+    until(lambda: not made._control._thread.is_alive())
+    assert daq.reference_v == 0.0
+    with pytest.raises(DeviceError, match=f"{type(error).__name__}.*{error.args[-1]}") as caught:
+        made.read_block()
+    assert caught.value.exit_code == 5
+    assert caught.value.__cause__ is error
+    # an end between the last samples and the stop is told, too
+    with pytest.raises(DeviceError, match=type(error).__name__):
+        made.stop()
+    assert not daq.enabled
+
+
+def test_a_value_that_was_on_its_way_at_the_stop_is_followed_by_another_zero(monkeypatch):
+    monkeypatch.setattr("hdbench.devices.hosted.control._JOIN_S", 0.1)
+    daq = FakeDaq(clock=RealClock())
+    made = HostedBench(daq, SETTINGS)
+    made.configure(ASKED)
+    made.start()
+    until(lambda: daq.reference_v == 2.0)
+    works, held, hangs = daq.write_output, threading.Event(), threading.Event()
+
+    def late(*given):
+        hangs.set()
+        held.wait(5.0)
+        return works(*given)
+
+    daq.write_output = late
+    made._control._last_v = 1.0
+    assert hangs.wait(1.0)
+    threading.Timer(0.15, held.set).start()
+    assert made.safe_state().confirmed
+    assert daq.written[-1][1] != 0.0, "the value came after the halt"
+    assert daq.calls.count("safe") == 2
+    assert daq.reference_v == 0.0
+
+
 def test_no_thread_is_left_behind():
     daq = FakeDaq(clock=RealClock())
     control, _ = running(daq)

@@ -472,38 +472,12 @@ def test_a_reconnecting_driver_keeps_its_session():
 # -- operator -------------------------------------------------------------------------------------
 
 
-def test_the_simulated_operator_sets_the_fixture():
-    tiny = TinyBench()
-    with served(tiny) as node, driver(node.host, node.port) as bench:
-        operator = SimulatedOperator(bench)
-        assert operator.confirm_lock(locked=True)
-        assert operator.set_position(1.25, index=0, count=4)
-        assert operator.hang(2.5, direction="ccw", expected_nm=-12.0, step="up 2")
-        assert tiny.fixture == {
-            "locked": True,
-            "position_rad": 1.25,
-            "mass_kg": 2.5,
-            "direction": -1,
-        }
-        assert operator.set_position(2.5, index=1, count=4)
-        assert (tiny.fixture["position_rad"], tiny.fixture["mass_kg"]) == (2.5, 0.0)
-        assert operator.confirm_motion("turn")
-
-
 def test_a_real_bench_has_no_simulated_operator():
     class Real:
-        pass
+        simulation = None
 
     with pytest.raises(UsageError, match="person"):
         SimulatedOperator(Real())
-
-
-def test_the_fixture_cannot_be_changed_while_the_node_samples():
-    with served() as node, driver(node.host, node.port) as bench:
-        bench.configure(AcquisitionSettings(1e-3, 10_000, None))
-        bench.start()
-        with pytest.raises(DeviceError, match=r"exception 6 .*running"):
-            bench.set_fixture(locked=True, position_rad=0.0, mass_kg=1.0, direction=1)
 
 
 def test_another_device_is_recognised_before_anything_is_written():

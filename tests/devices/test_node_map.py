@@ -22,9 +22,9 @@ from hdbench.devices.node.blockcodec import (
 )
 from hdbench.devices.node.codec import as_float32, decode_group, encode_group
 from hdbench.devices.node.registers import (
-    FIXTURE,
     MAP,
     PARAMETERS,
+    PROGRAM,
     Refusal,
     State,
     block_registers,
@@ -110,12 +110,15 @@ FINITE = st.floats(-1e3, 1e3, width=32)
 
 
 @settings(max_examples=100, deadline=None)
-@given(values=st.tuples(st.integers(0, 1), st.sampled_from([-1, 1]), FINITE, FINITE))
-def test_a_group_is_the_same_after_a_round_trip(values):
-    named = dict(zip([entry.name for entry in FIXTURE], values, strict=True))
-    raw = encode_group(FIXTURE, named)
-    assert raw == struct.pack(">Hhff", *values)
-    assert decode_group(FIXTURE, raw) == named
+@given(
+    counts=st.tuples(st.integers(0, 127), st.integers(1, 128), st.integers(0, 2**32 - 1)),
+    volts=st.tuples(*[FINITE] * 5),
+)
+def test_a_group_is_the_same_after_a_round_trip(counts, volts):
+    named = dict(zip([entry.name for entry in PROGRAM], (*counts, *volts), strict=True))
+    raw = encode_group(PROGRAM, named)
+    assert raw == struct.pack(">HHI5f", *counts, *volts)
+    assert decode_group(PROGRAM, raw) == named
 
 
 WORDS = st.tuples(*[st.integers(-32768, 32767)] * 4, st.integers(-(2**40), 2**40))

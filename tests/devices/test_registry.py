@@ -6,11 +6,12 @@ from importlib.metadata import EntryPoint, EntryPoints
 import pytest
 
 from hdbench.devices import registry
+from hdbench.devices.dataq.port import port_path
 from hdbench.devices.registry import GROUP, drivers, open_daq
 from hdbench.devices.wire import parse_address
 from hdbench.errors import UsageError
 from hdbench.profile import load_profile
-from hdbench.profile.acquiring import PluginAcquisition
+from hdbench.profile.acquiring import NodeAcquisition, PluginAcquisition
 
 PROFILE = load_profile("cim-tr-97-06").data
 
@@ -80,6 +81,7 @@ def test_an_unknown_driver_is_told_with_the_nearest_name(plugins):
         ("tcp://h:1e3", "port"),
         ("tcp://a b:1", "host name"),
         ("tls://:802", "host name"),
+        ("tcp://fd00::7:502", "IPv6"),
         ("rtu://", "serial port"),
         ("rtu:///dev/../etc/passwd", "serial port"),
         ("rtu:///dev/ttyUSB0?baud=0", "1200 to 4000000"),
@@ -96,6 +98,39 @@ def test_an_address_of_another_form_is_refused(text, words):
     with pytest.raises(UsageError, match=words) as caught:
         parse_address(text)
     assert "\x1b" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "host", "port"),
+    [
+        ("tcp://bench_7.lab:502", "bench_7.lab", 502),
+        ("tls://[fd00::7]:802", "fd00::7", 802),
+        ("tcp://[fe80::1%eth0]:502", "fe80::1%eth0", 502),
+    ],
+)
+def test_a_network_address_has_host_and_port(text, host, port):
+    found = parse_address(text)
+    assert (found.host, found.port, str(found)) == (host, port, text)
+
+
+@pytest.mark.parametrize(
+    "port",
+    [
+        "COM3",
+        "/dev/cu.usbmodem1",
+        "/dev/serial/by-path/pci-0000:00:14.0-usb-0:2:1.0-port0",
+        "/dev/serial/by-id/usb-FTDI_FT232R_USB_UART_A50285BI-if00-port0",
+    ],
+)
+def test_serial_ports_of_all_systems_have_an_address(port):
+    assert parse_address(f"rtu://{port}?baud=9600").path == port
+    assert port_path(f"serial://{port}") == port
+    NodeAcquisition(address=f"rtu://{port}?baud=9600", sample_period_s=1e-3)
+
+
+@pytest.mark.parametrize("host", ["bench_7", "[fd00::7]", "192.168.0.7"])
+def test_a_profile_takes_the_hosts_that_an_address_takes(host):
+    NodeAcquisition(address=f"tcp://{host}:502", sample_period_s=1e-3)
 
 
 def test_a_serial_address_has_its_settings():

@@ -145,7 +145,7 @@ def test_a_first_byte_does_not_lengthen_the_wait():
 def test_an_fc16_echo_with_another_count_is_refused():
     with rogue(lambda c, r: c.sendall(adu(r, b"\x10" + r[8:10] + b"\0\x63"))) as (host, port, _):
         wire = node_wire(host, port, deadline_s=0.2)
-        with pytest.raises(DeviceError, match="echo"):
+        with pytest.raises(DeviceError, match="10 10 00 63; needed: 5 bytes, 10 10 10 00 02"):
             wire.write_once(PARAMETERS[:1], bytes(4))
         wire.close()
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 
 from hdbench.devices.ports import AcquisitionSettings, Block, Identity, SafeState
@@ -14,6 +16,7 @@ class FakeBench:
         self.after = after
         self.hook = hook
         self.calls: list[str] = []
+        self.simulation = SimpleNamespace(embedded=True)
         self.moving = False
         self.confirms = True
         self.index = 0

@@ -15,7 +15,7 @@ from hdbench.session import BenchOptions, boarding, keeping, run_experiment
 
 
 def run_with(
-    monkeypatch: pytest.MonkeyPatch, out: Path, failure: HdbenchError, *, confirms: bool
+    monkeypatch: pytest.MonkeyPatch, out: Path, failure: Exception, *, confirms: bool
 ) -> None:
     def fail(bench: FakeBench, name: str) -> None:
         if name == "read_block" and bench.calls.count(name) == 3:
@@ -57,6 +57,15 @@ def test_with_the_bench_safe_the_error_itself_is_told_and_the_samples_are_kept(
         run_with(monkeypatch, tmp_path, failure, confirms=True)
     (manifest,) = tmp_path.glob("*/run.json")
     assert "trace.csv" in read_json(manifest)["files"]
+
+
+def test_a_bug_with_a_motor_that_may_turn_is_told_as_unsafe(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    with pytest.raises(UnsafeError, match=r"COULD NOT BE CONFIRMED.*after: RuntimeError: a bug"):
+        run_with(monkeypatch, tmp_path, RuntimeError("a bug"), confirms=False)
+    (manifest,) = tmp_path.glob("*/run.json")
+    assert read_json(manifest)["status"] == "incomplete"
 
 
 def test_a_bug_leaves_no_run_behind_that_says_it_still_goes_on(

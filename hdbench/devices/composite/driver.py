@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 from hdbench.devices.capabilities import Capabilities, Role
-from hdbench.devices.daq import Daq, DaqSettings, Fixture, ScanBlock, WatchdogState
+from hdbench.devices.daq import Daq, DaqSettings, ScanBlock, WatchdogState
 from hdbench.devices.ports import Identity, SafeState
 from hdbench.devices.repeats import repeats_of
 from hdbench.errors import DeviceError
@@ -159,10 +159,6 @@ class CompositeDaq:
             # the motor's outputs are safe; what the inputs do moves nothing
             return replace(safe, detail=f"{safe.detail}; the inputs: {inputs.detail}")
         return safe
-
-    def fixture(self) -> Fixture | None:
-        """Return the fixture of whichever emulator has one."""
-        return self._inputs.fixture() or self._outputs.fixture()
 
     def close(self) -> None:
         """Close both; never raises."""

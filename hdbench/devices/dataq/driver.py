@@ -9,11 +9,10 @@ from typing import NoReturn
 import numpy as np
 
 from hdbench.devices.capabilities import Capabilities, Role
-from hdbench.devices.daq import DaqSettings, Fixture, ScanBlock, WatchdogState
+from hdbench.devices.daq import DaqSettings, ScanBlock, WatchdogState
 from hdbench.devices.dataq.abilities import describe_abilities
 from hdbench.devices.dataq.acquisition import Acquisition
 from hdbench.devices.dataq.commands import Commands
-from hdbench.devices.dataq.fixture import EmulatedFixture
 from hdbench.devices.dataq.identity import check_identity
 from hdbench.devices.dataq.models import MODELS
 from hdbench.devices.dataq.rates import RateSetting, packet_code
@@ -180,10 +179,6 @@ class DataqDaq:
         except HdbenchError as error:
             return SafeState(False, None, None, error.what)
         return SafeState(True, None, None, "the instrument drives nothing")
-
-    def fixture(self) -> Fixture | None:
-        """Return the fixture of the emulator; None on a real instrument."""
-        return EmulatedFixture(self._commands) if self.identity().simulated else None
 
     def close(self) -> None:
         """Close the port; never raises."""

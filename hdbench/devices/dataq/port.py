@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import os
-import re
 import select
 import threading
 import time
@@ -12,7 +11,7 @@ from collections import deque
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from hdbench.devices.serialport import is_gone, open_port
+from hdbench.devices.serialport import is_gone, is_port, open_port
 from hdbench.errors import DeviceError, UsageError
 
 if TYPE_CHECKING:
@@ -48,14 +47,14 @@ def port_path(address: str) -> str:
     UsageError
         If it has another form.
     """
-    found = re.fullmatch(r"serial://(/[A-Za-z0-9._/-]+)", address)
-    if found is None or ".." in address:
+    path = address.removeprefix("serial://")
+    if path == address or not is_port(path):
         raise UsageError(
             f"{address[:80]!r} is no serial port",
             where="address",
             fix="for example serial:///dev/ttyACM0",
         )
-    return found[1]
+    return path
 
 
 class Port:

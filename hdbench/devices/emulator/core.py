@@ -5,7 +5,6 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable, Mapping
 
-from hdbench.devices.emulator.hands import SimulatedHands
 from hdbench.devices.emulator.machine import NodeMachine
 from hdbench.devices.emulator.parameters import DEFAULT_PARAMETERS, RefusedError, check_parameters
 from hdbench.devices.emulator.programs import ProgramStore
@@ -27,9 +26,7 @@ _GROUPS = (
     reg.PARAMETERS,
     reg.CONTROL,
     reg.SESSION,
-    reg.FIXTURE,
     reg.PROGRAM,
-    reg.HANDLING,
 )
 # acknowledgement and heartbeat
 _FEED = struct.Struct(">HH")
@@ -65,7 +62,6 @@ class NodeCore:
         self._window = BlockWindow(machine)
         self._session = Session(clock)
         self._parameters = dict(DEFAULT_PARAMETERS)
-        self._hands = SimulatedHands(machine.bench)
         self._program = ProgramStore(self._limits)
         self._feed = {"ack": 0, "heartbeat": 0}
         self._command = 0
@@ -116,15 +112,9 @@ class NodeCore:
             self._accept_parameters(values)
         elif group is reg.CONTROL:
             self._accept_command(int(values["command"]), address)
-        elif group is reg.PROGRAM:
-            self._refuse_while_running(address)
-            self._program.take(values, address)
-        elif group is reg.HANDLING:
-            self._refuse_while_running(address)
-            self._hands.handle(values, address)
         else:
             self._refuse_while_running(address)
-            self._hands.fix(values, address)
+            self._program.take(values, address)
 
     def tick(self) -> None:
         """Let the wall clock act."""
@@ -161,11 +151,7 @@ class NodeCore:
             return struct.pack(">H", self._command)
         if group is reg.SESSION:
             return struct.pack(">I", 0)
-        if group is reg.PROGRAM:
-            return encode_group(reg.PROGRAM, self._program.last)
-        if group is reg.HANDLING:
-            return encode_group(reg.HANDLING, self._hands.handling)
-        return encode_group(reg.FIXTURE, self._hands.fixture)
+        return encode_group(reg.PROGRAM, self._program.last)
 
     def _status(self, connection: int) -> dict[str, Value]:
         machine = self.machine

@@ -6,13 +6,14 @@ import json
 import os
 import select
 import subprocess
-import sys
+import tempfile
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
+from hdbench.devices.children import child_command
 from hdbench.devices.emulator.machine import Pace
 from hdbench.errors import DeviceError, HdbenchError, ProfileError
 from hdbench.profile.schema import ProfileData
@@ -24,6 +25,10 @@ _START_S = 60.0
 # the node gives its watchdog 3 s to stop the motor
 _END_S = 5.0
 _WHERE = "embedded bench"
+# of what it said before it ended, bytes
+_SAID = 4096
+# one thread: the plant's small matrix products are slower in several
+_THREADS = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
 
 
 @contextmanager
@@ -83,32 +88,36 @@ def running_emulator(
         "record": str(record) if record else None,
         "rtu": rtu,
     }
-    process = subprocess.Popen(
-        [sys.executable, "-m", "hdbench.devices.emulator"],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        start_new_session=True,
-        env=_environment(),
-    )
+    with _kept_words() as words:
+        process = subprocess.Popen(
+            child_command("hdbench.devices.emulator"),
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=words,
+            start_new_session=True,
+            env={**os.environ, **_THREADS},
+        )
+        try:
+            message = _handshake(process, json.dumps(order).encode() + b"\n", words)
+            if process.stdin is not None:
+                message["lifeline"] = process.stdin.fileno()
+            yield message
+        finally:
+            _end(process)
+
+
+def _kept_words() -> IO[bytes]:
+    """Return a file without a name for what a child says: unlike a pipe it is never full.
+
+    A frozen session reads no pipe, and a child that is held up by one stops no motor.
+    """
     try:
-        message = _handshake(process, json.dumps(order).encode() + b"\n")
-        if process.stdin is not None:
-            message["lifeline"] = process.stdin.fileno()
-        yield message
-    finally:
-        _end(process)
+        return tempfile.TemporaryFile()
+    except OSError:
+        return open(os.devnull, "r+b")
 
 
-def _environment() -> dict[str, str]:
-    """Return this process' environment, with this process' module path."""
-    paths = [path for path in sys.path if path]
-    # one thread: the plant's small matrix products are slower in several
-    threads = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
-    return {**os.environ, **threads, "PYTHONPATH": os.pathsep.join(paths)}
-
-
-def _handshake(process: subprocess.Popen[bytes], order: bytes) -> dict[str, Any]:
+def _handshake(process: subprocess.Popen[bytes], order: bytes, words: IO[bytes]) -> dict[str, Any]:
     """Hand the order over and return the emulator's one line of answer."""
     if process.stdin is None or process.stdout is None:
         raise DeviceError("no pipes to the emulator", where=_WHERE, fix="run again")
@@ -118,21 +127,23 @@ def _handshake(process: subprocess.Popen[bytes], order: bytes) -> dict[str, Any]
         process.stdin.flush()
     line = _line(process.stdout.fileno(), time.monotonic() + _START_S)
     if not line.endswith(b"\n"):
-        raise DeviceError(_why_not_started(process), where=_WHERE, fix="run `hdbench doctor`")
+        raise DeviceError(
+            _why_not_started(process, words), where=_WHERE, fix="run `hdbench doctor`"
+        )
     message: dict[str, Any] = json.loads(line)
     if "error" in message:
         raise _as_error(message["error"])
     return message
 
 
-def _why_not_started(process: subprocess.Popen[bytes]) -> str:
+def _why_not_started(process: subprocess.Popen[bytes], words: IO[bytes]) -> str:
     """Return what became of an emulator that said nothing."""
     try:
         code = process.wait(1.0)
     except subprocess.TimeoutExpired:
         return f"the emulator did not start within {_START_S:g} s"
-    said = process.stderr.read().decode(errors="replace") if process.stderr else ""
-    last = said.strip().splitlines()[-1:] or ["no message"]
+    words.seek(max(0, words.seek(0, os.SEEK_END) - _SAID))
+    last = words.read(_SAID).decode(errors="replace").strip().splitlines()[-1:] or ["no message"]
     return f"the emulator ended with exit code {code}: {last[0]}"
 
 
@@ -156,7 +167,7 @@ def _as_error(body: dict[str, Any]) -> HdbenchError:
 
 def _end(process: subprocess.Popen[bytes]) -> None:
     """Close the lifeline and wait; a node that does not leave is killed."""
-    for pipe in (process.stdin, process.stdout, process.stderr):
+    for pipe in (process.stdin, process.stdout):
         if pipe is not None:
             # closing flushes; perhaps nobody reads any more
             with suppress(BrokenPipeError):

@@ -38,7 +38,7 @@ def identity_values(seed: int) -> Mapping[str, Value]:
     return {
         "word_order": WORD_ORDER_TEST,
         "protocol_version": PROTOCOL_VERSION,
-        "capabilities": int(Capability.SIMULATED | Capability.FIXTURE | Capability.PROGRAM),
+        "capabilities": int(Capability.SIMULATED | Capability.PROGRAM),
         "vendor": "hdbench",
         "model": "emulated node",
         "serial": f"sim-{seed % 1_000_000_000}",

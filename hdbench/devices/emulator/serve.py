@@ -9,12 +9,14 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
+from hdbench.devices.emulator.channel import open_channel
 from hdbench.devices.emulator.core import NodeCore
 from hdbench.devices.emulator.lifetime import ending, open_record, until_motor_stands
 from hdbench.devices.emulator.machine import NodeMachine, Pace, PlantBench
 from hdbench.devices.emulator.ratings import identity_values, limit_values
 from hdbench.devices.emulator.rtuserver import RtuNodeServer
 from hdbench.devices.emulator.server import NodeServer
+from hdbench.devices.node.states import State
 from hdbench.errors import DeviceError
 from hdbench.profile.schema import ProfileData
 
@@ -115,7 +117,8 @@ def emulate_bench(
     settings : EmulatorSettings
         Where and how.
     ready : callable
-        Called once with ``address``, the one that a host opens.
+        Called once with ``address``, the one that a host opens, and ``control``, that of the
+        simulated operator's channel.
     model_file : Path, optional
         Extended model to emulate in place of the profile's.
 
@@ -155,7 +158,8 @@ def serve(
     settings : EmulatorSettings
         Where and how.
     ready : callable
-        Called once with ``address``, the one that a host opens.
+        Called once with ``address``, the one that a host opens, and ``control``, that of the
+        simulated operator's channel.
 
     Raises
     ------
@@ -175,10 +179,14 @@ async def _serve(
 ) -> None:
     ended = ending(settings.lifeline)
     server, address = await _open(core, settings)
-    ready({"address": address})
+    channel, control = await open_channel(
+        core.machine.bench, busy=lambda: core.machine.state == State.RUNNING
+    )
+    ready({"address": address, "control": control})
     await ended.wait()
     if settings.lifeline is not None:
         await until_motor_stands(lambda: core.machine.busy, _ORPHAN_S)
+    channel.close()
     server.close()
 
 

@@ -9,6 +9,7 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from hdbench.devices.emulator.bench import SimulatedBench
+from hdbench.devices.emulator.channel import open_channel
 from hdbench.devices.emulator.instrument import DeviceClock, SimulatedInstrument
 from hdbench.devices.emulator.kinds import EmulatedPart, part_of
 from hdbench.devices.emulator.lifetime import ending, open_record, until_motor_stands
@@ -54,7 +55,8 @@ def emulate_instruments(
         Where and how; of a composite the port is the first one's, the others are free ones.
     ready : callable
         Called once with the keys of ``[daq]`` as the device has them - of a composite ``inputs``
-        and ``outputs``, each with its keys - and ``speed``.
+        and ``outputs``, each with its keys -, ``speed`` and
+        ``control``, the address of the simulated operator's channel.
     model_file : Path, optional
         Refused: a host-written reference does not tell the whole motion beforehand.
 
@@ -87,9 +89,9 @@ def emulate_instruments(
             for name, table in _tables(profile.daq).items()
         }
 
-        def opened(found: Mapping[str, Mapping[str, object]]) -> None:
+        def opened(found: Mapping[str, Mapping[str, object]], control: str) -> None:
             keys = found.get("", {"address": "parts", **found})
-            ready({**keys, "speed": speed})
+            ready({**keys, "speed": speed, "control": control})
 
         asyncio.run(_serve(instrument, parts, settings, opened))
 
@@ -126,7 +128,7 @@ async def _serve(
     instrument: SimulatedInstrument,
     parts: Mapping[str, EmulatedPart],
     settings: EmulatorSettings,
-    opened: Callable[[Mapping[str, Mapping[str, object]]], None],
+    opened: Callable[[Mapping[str, Mapping[str, object]], str], None],
 ) -> None:
     ended = ending(settings.lifeline)
     found: dict[str, Mapping[str, object]] = {}
@@ -140,9 +142,11 @@ async def _serve(
                 where=f"{settings.host}:{settings.port}",
                 fix="choose another port, or 0 for a free one",
             ) from error
-    opened(found)
+    channel, control = await open_channel(instrument)
+    opened(found, control)
     await ended.wait()
     if settings.lifeline is not None:
         await until_motor_stands(lambda: instrument.moving, _ORPHAN_S)
+    channel.close()
     for part in parts.values():
         part.close()

@@ -9,6 +9,7 @@ from hdbench.devices.capabilities import Capabilities
 from hdbench.devices.guard.launch import Guard
 from hdbench.devices.hosted import Alignment, HostedBench
 from hdbench.devices.ports import AcquisitionSettings, Block, Identity, SafeState
+from hdbench.devices.simulation import Simulation
 from hdbench.errors import DeviceError
 
 __all__ = ["GuardedBench"]
@@ -27,10 +28,18 @@ class GuardedBench:
         The bench; owned from now on.
     start_guard : callable
         Starts a guard, once, when the first motion is configured.
+    simulation : Simulation, optional
+        Control channel of a simulated bench; whatever the device says, without it it is a real one.
     """
 
-    def __init__(self, bench: HostedBench, start_guard: Callable[[], Guard]) -> None:
+    def __init__(
+        self,
+        bench: HostedBench,
+        start_guard: Callable[[], Guard],
+        simulation: Simulation | None = None,
+    ) -> None:
         self.bench = bench
+        self.simulation = simulation
         self.guard: Guard | None = None
         self.start_guard = start_guard
         self._moves = False
@@ -91,18 +100,6 @@ class GuardedBench:
             self.guard.end()
             self.guard = None
         return safe
-
-    def set_fixture(
-        self, *, locked: bool, position_rad: float, mass_kg: float, direction: int
-    ) -> None:
-        """Set lock, flexspline position, rad, and weight, kg, of a simulated bench."""
-        self.bench.set_fixture(
-            locked=locked, position_rad=position_rad, mass_kg=mass_kg, direction=direction
-        )
-
-    def set_handling(self, *, swing_rad: float, release_s: float, shunt_ohm: float) -> None:
-        """Set how the next weight of a simulated bench is handled, and its shunt resistor."""
-        self.bench.set_handling(swing_rad=swing_rad, release_s=release_s, shunt_ohm=shunt_ohm)
 
     def close(self) -> None:
         """Close the connection; a guard that is still there stops the motor. Never raises."""

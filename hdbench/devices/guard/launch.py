@@ -10,6 +10,7 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Literal
 
@@ -18,10 +19,10 @@ from hdbench.errors import DeviceError
 
 __all__ = ["Guard", "guard_silence_s"]
 
-_PROGRAM = (
-    f"import sys; sys.path.append({str(Path(__file__).parent)!r}); "
-    "from process.watching import main; main()"
-)
+# behind the standard library: the guard itself, this package, and pyserial
+_PATHS = [str(Path(__file__).parents[at]) for at in (0, 3)]
+_PATHS += [str(Path(str(found.origin)).parents[1]) for found in (find_spec("serial"),) if found]
+_PROGRAM = f"import sys; sys.path += {_PATHS!r}; from process.watching import main; main()"
 _WHERE = "guard process"
 # a cold start of the interpreter; seconds only on a machine that is swamped
 _START_S = 20.0

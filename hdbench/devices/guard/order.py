@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from hdbench.devices.wire import Address
+from hdbench.devices.wire import Address, Request
 from hdbench.profile.acquiring_table import TlsFiles
 
 __all__ = ["Check", "GuardOrder", "Look", "Target", "target_at"]
@@ -67,18 +67,18 @@ class Look:
 
     Parameters
     ----------
-    pdu : bytes
-        Function code and data.
+    request : Request
+        Function code and data, and the form of its reply.
     checks : tuple of Check
         What its reply must hold.
     """
 
-    pdu: bytes
+    request: Request
     checks: tuple[Check, ...]
 
     def to_dict(self) -> dict[str, Any]:
         """Return it as the guard reads it."""
-        return {"pdu": self.pdu.hex(), "checks": [check.to_dict() for check in self.checks]}
+        return {**_told(self.request), "checks": [check.to_dict() for check in self.checks]}
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,13 +89,13 @@ class Target:
     ----------
     place : mapping
         Wire and address, as `target_at` gives them.
-    acts : tuple of bytes
+    acts : tuple of Request
         Requests that stop the motor; each may be sent again and again.
     looks : tuple of Look
         Reads that prove it.
-    identity : bytes
-        Read that tells the device from another one.
-    finals : tuple of bytes
+    identity : Request or None
+        Read that tells the device from another one; None where it has none.
+    finals : tuple of Request
         Requests that disable the drive once the motor stands, or has had 1 s to brake.
     final_looks : tuple of Look
         Reads that prove that.
@@ -104,10 +104,10 @@ class Target:
     """
 
     place: dict[str, Any]
-    acts: tuple[bytes, ...]
+    acts: tuple[Request, ...]
     looks: tuple[Look, ...]
-    identity: bytes
-    finals: tuple[bytes, ...] = ()
+    identity: Request | None
+    finals: tuple[Request, ...] = ()
     final_looks: tuple[Look, ...] = ()
     brake_s: float = 0.0
 
@@ -115,11 +115,11 @@ class Target:
         """Return it as the guard reads it."""
         return {
             **self.place,
-            "acts": [act.hex() for act in self.acts],
+            "acts": [_told(act) for act in self.acts],
             "looks": [look.to_dict() for look in self.looks],
-            "finals": [act.hex() for act in self.finals],
+            "finals": [_told(act) for act in self.finals],
             "final_looks": [look.to_dict() for look in self.final_looks],
-            "identity": self.identity.hex(),
+            "identity": None if self.identity is None else _told(self.identity),
             "brake_s": self.brake_s,
         }
 
@@ -186,32 +186,17 @@ def target_at(
     -------
     dict
     """
-    if address.scheme == "rtu":
-        line = address.serial
-        return {
-            "wire": "rtu",
-            "path": address.path,
-            "unit": unit,
-            "rest_s": rest_s,
-            "baud_bd": line.baud_bd,
-            "parity": line.parity,
-            "stop_bits": line.stop_bits,
-            # a frame that was on its way when the session ended is over after this time
-            "silence_s": max(line.silence_s, 5e-3),
-        }
-    files = None
+    place = {**asdict(address), "unit": unit, "rest_s": rest_s, "tls": None}
     if address.scheme == "tls" and tls is not None:
-        files = {
+        place["tls"] = {
             "certificate": str(Path(tls.certificate).absolute()),
             "key": str(Path(tls.key).absolute()),
             "authority": str(Path(tls.authority).absolute()),
-            "server_name": tls.server_name or address.host,
+            "server_name": tls.server_name,
         }
-    return {
-        "wire": "tcp",
-        "host": address.host,
-        "port": address.port,
-        "unit": unit,
-        "rest_s": rest_s,
-        "tls": files,
-    }
+    return place
+
+
+def _told(request: Request) -> dict[str, Any]:
+    pdu, form = request
+    return {**asdict(form), "head": form.head.hex(), "pdu": pdu.hex()}

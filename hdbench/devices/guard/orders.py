@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable
 
+from hdbench.devices.children import child_command
 from hdbench.devices.guard.order import Check, GuardOrder, Look, Target, target_at
 from hdbench.devices.wire import read_registers, write_register
 from hdbench.profile.acquiring import Acquisition, CompositeAcquisition, NodeAcquisition
@@ -38,7 +38,7 @@ def order_of(profile: ProfileData) -> GuardOrder:
     build = _BUILDERS.get(driving.driver)
     target = build(profile, driving) if build is not None else None
     if target is None:
-        command = (sys.executable, "-m", "hdbench.devices.guard.whole")
+        command = child_command("hdbench.devices.guard.whole")
         return GuardOrder(command=command, stdin=profile.model_dump_json(exclude_none=True))
     return GuardOrder(targets=(target,))
 
@@ -66,9 +66,9 @@ def _node(profile: ProfileData, table: Acquisition) -> Target | None:
     )
     return Target(
         target_at(node_address(table), table.unit, table.tls),
-        acts=(write_register(register("command").address, Command.SAFE)[0],),
-        looks=(Look(read_registers(first, count)[0], checks),),
-        identity=read_registers(IDENTITY[0].address, sum(entry.size for entry in IDENTITY))[0],
+        acts=(write_register(register("command").address, Command.SAFE),),
+        looks=(Look(read_registers(first, count), checks),),
+        identity=read_registers(IDENTITY[0].address, sum(entry.size for entry in IDENTITY)),
     )
 
 
@@ -92,7 +92,7 @@ def _labjack(profile: ProfileData, table: Acquisition) -> Target | None:
     output = table.output
 
     def look(register: Register, check: Check) -> Look:
-        return Look(feedback_request((), (register,))[0], (check,))
+        return Look(feedback_request((), (register,)), (check,))
 
     tick = output.output.startswith("TDAC")
     number = int(output.output.lstrip("TDAC"))
@@ -107,13 +107,13 @@ def _labjack(profile: ProfileData, table: Acquisition) -> Target | None:
             looks.append(look(analog_input(input_number(channel)), check))
     line = digital_line(output.enable_line)
     off = 0 if output.enable_high else 1
-    stop = feedback_request(((STREAM_ENABLE, 0),), ())[0]
+    stop = feedback_request(((STREAM_ENABLE, 0),), ())
     return Target(
         target_at(parse_address(table.address, default_port=502), 1),
-        acts=(feedback_request(((reference, 0.0),), ())[0], stop),
+        acts=(feedback_request(((reference, 0.0),), ()), stop),
         looks=tuple(looks),
-        identity=feedback_request((), IDENTITY)[0],
-        finals=(feedback_request(((line, off),), ())[0],),
+        identity=feedback_request((), IDENTITY),
+        finals=(feedback_request(((line, off),), ()),),
         final_looks=(look(line, Check("enable line", 1, ">H", off, off)),),
     )
 

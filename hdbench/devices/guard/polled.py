@@ -6,7 +6,13 @@ from hdbench.devices.guard.order import Check, Look, Target, target_at
 from hdbench.devices.modbus.layout import Place, place_of, plan_blocks
 from hdbench.devices.modbus.outputs import output_step_v
 from hdbench.devices.modbus.values import encode
-from hdbench.devices.wire import parse_address, write_bit, write_register, write_registers
+from hdbench.devices.wire import (
+    Request,
+    parse_address,
+    write_bit,
+    write_register,
+    write_registers,
+)
 from hdbench.devices.wire.address import serial_settings
 from hdbench.profile.acquiring import Acquisition
 from hdbench.profile.acquiring_modbus import ModbusAcquisition
@@ -53,26 +59,26 @@ def polled_target(table: Acquisition) -> Target | None:
         target_at(address, table.unit, table.tls, rest_s=table.min_gap_s),
         acts=(_write(place, zero, output.function),),
         looks=(_look(back, "motor reference, steps", zero - spread, zero + spread),),
-        identity=_read(known[0]) if known else b"",
+        identity=_read(known[0]) if known else None,
         finals=tuple(finals),
         final_looks=tuple(final_looks),
         brake_s=output.brake_s,
     )
 
 
-def _read(place: Place) -> bytes:
+def _read(place: Place) -> Request:
     (block,) = plan_blocks([place], most=place.size, bridge=0)
-    return block.request()[0]
+    return block.request()
 
 
-def _write(place: Place, value: float, function: int | None = None) -> bytes:
+def _write(place: Place, value: float, function: int | None = None) -> Request:
     """Return a write as the driver makes it."""
     if place.is_bit:
-        return write_bit(place.start, on=bool(value))[0]
+        return write_bit(place.start, on=bool(value))
     raw = encode(value, place.kind, place.order)
     if len(raw) == 2 and function != 16:
-        return write_register(place.start, int.from_bytes(raw, "big"))[0]
-    return write_registers(place.start, raw)[0]
+        return write_register(place.start, int.from_bytes(raw, "big"))
+    return write_registers(place.start, raw)
 
 
 def _look(place: Place, name: str, low: float, high: float) -> Look:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
 from hdbench.devices.capabilities import Capabilities
-from hdbench.devices.daq import Daq, DaqSettings, Handling
+from hdbench.devices.daq import Daq, DaqSettings
 from hdbench.devices.hosted.channels import ChannelMap
 from hdbench.devices.hosted.control import ControlThread
 from hdbench.devices.hosted.demands import check_demands
@@ -162,11 +163,17 @@ class HostedBench:
 
     def stop(self) -> None:
         """Stop normally: reference zero, standstill, enable off; then sampling ends."""
-        control, self._control = self._control, None
+        control = self._control
         if control is None:
             self.daq.stop()
             return
-        control.halt()
+        if not control.halt():
+            raise DeviceError(
+                "a write to the motor reference does not end",
+                where="bench",
+                fix="look at the device's connection, then run again",
+            )
+        self._control = None
         self.daq.write_output("reference", 0.0)
         self.daq.feed_watchdog()
         self.daq.stop()
@@ -177,6 +184,7 @@ class HostedBench:
             raise DeviceError(
                 f"after the stop {moving}", where="bench", fix="press the emergency stop and look"
             )
+        control.check()
 
     def fall_silent(self) -> None:
         """Leave the motor to the device's watchdog: no value, no stop, no sign of life from here.
@@ -190,9 +198,14 @@ class HostedBench:
         """Make the bench safe from any state; never raises."""
         control, self._control = self._control, None
         self._asked, self._channels = None, None
-        if control is not None:
-            control.halt()
+        ended = control is None or control.halt()
         safe = self.daq.safe_state()
+        if control is not None and not ended:
+            # the last value of a write that hung may have come after the zero
+            ended = control.halt()
+            safe = self.daq.safe_state()
+            if not ended:
+                safe = replace(safe, confirmed=False, detail="a write to the reference hangs")
         try:
             drives = self.daq.capabilities().drives
         except HdbenchError:
@@ -212,43 +225,6 @@ class HostedBench:
         if self._samples is None or self._log is None or self._reference is None:
             return None
         return Alignment(self._samples.doubt_s, 0.5 * self._log.worst_write_s)
-
-    def set_fixture(
-        self, *, locked: bool, position_rad: float, mass_kg: float, direction: int
-    ) -> None:
-        """Set lock, flexspline position, rad, and weight, kg, of a simulated bench.
-
-        Raises
-        ------
-        DeviceError
-            If the bench is a real one.
-        """
-        fixture = self.daq.fixture()
-        if fixture is None:
-            raise DeviceError(
-                "a real bench has no simulated fixture", where="bench", fix="ask the operator"
-            )
-        fixture.set_fixture(
-            locked=locked, position_rad=position_rad, mass_kg=mass_kg, direction=direction
-        )
-
-    def set_handling(self, *, swing_rad: float, release_s: float, shunt_ohm: float) -> None:
-        """Set how the next weight of a simulated bench is handled, and its shunt resistor, ohm.
-
-        Raises
-        ------
-        DeviceError
-            If the bench is a real one, or its emulator has no such thing.
-        """
-        fixture: object = self.daq.fixture()
-        if isinstance(fixture, Handling):
-            fixture.set_handling(swing_rad=swing_rad, release_s=release_s, shunt_ohm=shunt_ohm)
-        elif fixture is None or swing_rad or release_s or shunt_ohm:
-            raise DeviceError(
-                "this bench has no simulated handling of weights and no simulated shunt",
-                where="bench",
-                fix="use the emulated node",
-            )
 
     def close(self) -> None:
         """Close the connection; never raises."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable
+from contextlib import suppress
 
 from hdbench.devices.daq import Daq
 from hdbench.devices.hosted.reference import HostReference, ReferenceLog
@@ -43,8 +44,9 @@ class ControlThread:
     Notes
     -----
     Every turn, in this order: the session still takes samples; no limit was crossed; the thread
-    itself is on time; the value is written and read back; the watchdog is fed. What fails puts
-    0 V out, ends the thread without feeding the watchdog, and is raised at the next `check`.
+    itself is on time; the value is written and read back; the watchdog is fed. Whatever fails, in
+    the device or in this program, puts 0 V out, ends the thread without feeding the watchdog, and
+    is raised at the next `check`.
     """
 
     def __init__(
@@ -97,11 +99,18 @@ class ControlThread:
         if self._fault is not None:
             raise self._fault
 
-    def halt(self) -> None:
-        """End the thread; what stands at the output is the caller's business. Never raises."""
+    def halt(self) -> bool:
+        """End the thread; what stands at the output is the caller's business. Never raises.
+
+        Returns
+        -------
+        bool
+            False where it is still in a call to the device, which may write a last value.
+        """
         self._halted.set()
         if self._thread.is_alive():
             self._thread.join(_JOIN_S)
+        return not self._thread.is_alive()
 
     def _run(self) -> None:
         due_s = self._start_s
@@ -109,9 +118,9 @@ class ControlThread:
             while not self._halted.wait(max(0.0, due_s - self._clock())):
                 self._turn(due_s)
                 due_s = max(due_s + self._update_s, self._clock())
-        except HdbenchError as error:
-            self._fault = error
+        except BaseException as error:  # noqa: BLE001 - nothing may end this thread with a motor on
             self._zero()
+            self._fault = _as_fault(error)
 
     def _turn(self, due_s: float) -> None:
         now_s = self._clock()
@@ -149,12 +158,20 @@ class ControlThread:
         self._last_v = value_v
 
     def _zero(self) -> None:
-        try:
+        """Put 0 V out; where that fails too, the watchdog does it, fed no more."""
+        with suppress(Exception):
             self._write(0.0)
-        except HdbenchError as error:
-            # the watchdog, no longer fed, does it
-            self._log.worst_write_s = max(self._log.worst_write_s, 0.0)
-            self._fault = self._fault or error
+
+
+def _as_fault(error: BaseException) -> HdbenchError:
+    if isinstance(error, HdbenchError):
+        return error
+    fault = _fault(
+        f"the thread that makes it ended with {type(error).__name__}: {error}",
+        "look at the device's connection, then run again with -v; if it stays, report it as a bug",
+    )
+    fault.__cause__ = error
+    return fault
 
 
 def _fault(what: str, fix: str) -> DeviceError:

@@ -7,11 +7,10 @@ import time
 from collections.abc import Callable, Mapping
 
 from hdbench.devices.capabilities import Capabilities, Role
-from hdbench.devices.daq import DaqSettings, Fixture, ScanBlock, WatchdogState
+from hdbench.devices.daq import DaqSettings, ScanBlock, WatchdogState
 from hdbench.devices.labjack.abilities import describe_abilities
 from hdbench.devices.labjack.acquisition import Acquisition
 from hdbench.devices.labjack.control import Control
-from hdbench.devices.labjack.fixture import EmulatedFixture
 from hdbench.devices.labjack.identity import check_identity
 from hdbench.devices.labjack.inputs import input_scales, read_inputs
 from hdbench.devices.labjack.outputs import Outputs
@@ -222,10 +221,6 @@ class LabJackDaq:
             look=self._measured,
         )
         return reach_safe_state(acts, self._clock, self._sleep)
-
-    def fixture(self) -> Fixture | None:
-        """Return the fixture of the emulator; None on a real device."""
-        return EmulatedFixture(self._control) if self.identity().simulated else None
 
     def close(self) -> None:
         """Give the bench back and close both connections; never raises."""

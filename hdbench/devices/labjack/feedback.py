@@ -6,7 +6,7 @@ import struct
 from collections.abc import Sequence
 
 from hdbench.devices.labjack.registers import Register
-from hdbench.devices.wire import ExceptionReply, FrameError, ReplyCheck
+from hdbench.devices.wire import ReplyForm, Request
 
 __all__ = ["FUNCTION", "Write", "feedback_request"]
 
@@ -18,9 +18,7 @@ _MAX_PDU = 253
 Write = tuple[Register, float]
 
 
-def feedback_request(
-    writes: Sequence[Write], reads: Sequence[Register]
-) -> tuple[bytes, ReplyCheck]:
+def feedback_request(writes: Sequence[Write], reads: Sequence[Register]) -> Request:
     """Return a request that writes first and reads afterwards, with the check of its reply.
 
     Parameters
@@ -32,7 +30,7 @@ def feedback_request(
 
     Returns
     -------
-    tuple of bytes and callable
+    tuple of bytes and ReplyForm
         Function code and data; the reply's data begin at byte 1.
 
     Raises
@@ -60,14 +58,4 @@ def feedback_request(
     if max(len(request), size) > _MAX_PDU:
         raise ValueError(f"{max(len(request), size)} bytes; a frame holds {_MAX_PDU}")
 
-    def check(pdu: bytes) -> None:
-        if len(pdu) == size and pdu[0] == FUNCTION:
-            return
-        if len(pdu) == 2 and pdu[0] == FUNCTION | 0x80:
-            raise ExceptionReply(pdu[1])
-        if not pdu or pdu[0] != FUNCTION:
-            found = pdu[0] if pdu else "missing"
-            raise FrameError(f"function code {found}; needed: {FUNCTION}")
-        raise FrameError(f"{len(pdu) - 1} bytes of data; needed: {size - 1}")
-
-    return request, check
+    return request, ReplyForm(bytes((FUNCTION,)), size)

@@ -40,9 +40,7 @@ __all__ = [
     "ef_count",
     "ef_enable",
     "ef_index",
-    "fixture",
     "flash_words",
-    "handling",
     "negative_channel",
     "scan_list",
     "tick_dac",
@@ -171,28 +169,6 @@ STRICT_CLEAR = _rw("WATCHDOG_STRICT_CLEAR", 61614)
 
 # memory that the device leaves to its host: which host holds the bench, and its sign of life
 SESSION = (_rw("USER_RAM0_U32", 46100), _rw("USER_RAM1_U32", 46102))
-
-
-def fixture() -> tuple[Register, ...]:
-    """Return the memory in which the emulator takes lock, direction, position and weight.
-
-    Returns
-    -------
-    tuple of Register
-        Lock, direction, position in rad, and weight in kg.
-    """
-    return tuple(_rw(f"USER_RAM{n}_F32", 46000 + 2 * n, "f32") for n in range(4))
-
-
-def handling() -> tuple[Register, ...]:
-    """Return the memory in which the emulator takes swing, time of release, and shunt.
-
-    Returns
-    -------
-    tuple of Register
-        Swing in rad, time of release in s, and shunt in ohm.
-    """
-    return tuple(_rw(f"USER_RAM{n}_F32", 46000 + 2 * n, "f32") for n in range(4, 7))
 
 
 def analog_input(number: int) -> Register:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import socket
 import time
 from collections import deque
 from collections.abc import Callable
@@ -11,6 +10,7 @@ from collections.abc import Callable
 from hdbench.devices.labjack.errornames import error_name
 from hdbench.devices.labjack.packets import Packet, PacketParser, Status, StreamFault
 from hdbench.devices.labjack.scans import Run, ScanAssembler, ScanLayout
+from hdbench.devices.wire import dial
 from hdbench.errors import DeviceError
 
 __all__ = ["Stream"]
@@ -67,7 +67,7 @@ class Stream:
         self._clock = clock
         self._end: DeviceError | None = None
         try:
-            self._socket = socket.create_connection(address, timeout=deadline_s)
+            self._socket = dial(address, deadline_s)
         except OSError as error:
             raise self._error(
                 f"no connection ({error.strerror or error})",

@@ -6,10 +6,9 @@ import time
 from collections.abc import Callable, Mapping
 
 from hdbench.devices.capabilities import Capabilities, Role
-from hdbench.devices.daq import DaqSettings, Fixture, ScanBlock, WatchdogState
+from hdbench.devices.daq import DaqSettings, ScanBlock, WatchdogState
 from hdbench.devices.modbus.abilities import describe_abilities
 from hdbench.devices.modbus.access import Access
-from hdbench.devices.modbus.fixture import EmulatedFixture
 from hdbench.devices.modbus.identity import check_identity
 from hdbench.devices.modbus.inputs import Inputs
 from hdbench.devices.modbus.outputs import Outputs, output_step_v
@@ -181,11 +180,6 @@ class ModbusDaq:
             clock=self._clock,
             sleep=self._sleep,
         )
-
-    def fixture(self) -> Fixture | None:
-        """Return the fixture of the emulator; None on a real device."""
-        simulated = self.identity().simulated
-        return EmulatedFixture(self._access, self._table) if simulated else None
 
     def close(self) -> None:
         """Close the connection; never raises."""

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from hdbench.devices.modbus.access import Access
-from hdbench.devices.modbus.fixture import is_emulator
 from hdbench.devices.modbus.layout import place_of
 from hdbench.devices.modbus.rules import fits, needed
 from hdbench.devices.modbus.values import Order, encode
+from hdbench.devices.modbus.window import is_emulator
 from hdbench.devices.ports import Identity
 from hdbench.errors import DeviceError
 from hdbench.profile.acquiring_modbus import ModbusAcquisition, ModbusIdentify

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from hdbench.devices.modbus.values import Order, Type, decode, size_of
-from hdbench.devices.wire import ReplyCheck, read_bits, read_registers
+from hdbench.devices.wire import Request, read_bits, read_registers
 from hdbench.profile.acquiring_modbus import ModbusAcquisition, ModbusPlace
 from hdbench.profile.modbus_checks import number_ranges
 
@@ -73,7 +73,7 @@ class Block:
     size: int
     name: str
 
-    def request(self) -> tuple[bytes, ReplyCheck]:
+    def request(self) -> Request:
         """Return the read and the check of its reply."""
         if self.space in _BIT_READS:
             return read_bits(self.start, self.size, function=_BIT_READS[self.space])

@@ -5,10 +5,8 @@ from __future__ import annotations
 import math
 import struct
 
-from hdbench.devices.node.codec import Value, as_float32, decode_group, encode_group
+from hdbench.devices.node.codec import Value, decode_group, encode_group
 from hdbench.devices.node.registers import (
-    FIXTURE,
-    HANDLING,
     IDENTITY,
     LIMITS,
     PROGRAM,
@@ -34,7 +32,7 @@ _ABOVE_ZERO = ("range_v", "current_range_a", "limit_velocity_rad_s")
 
 
 class NodeAccess:
-    """Everything of a node but its acquisition; also the fixture of a simulated one.
+    """Everything of a node but its acquisition.
 
     Parameters
     ----------
@@ -113,47 +111,6 @@ class NodeAccess:
         """Order the safe state of a device that is known to be a node."""
         self.identity()
         self.command(Command.SAFE)
-
-    def set_fixture(
-        self, *, locked: bool, position_rad: float, mass_kg: float, direction: int
-    ) -> None:
-        """Set lock, flexspline position and weight of a simulated bench, and read them back.
-
-        Raises
-        ------
-        DeviceError
-            If the node is no simulated bench, refuses, or reads back otherwise.
-        """
-        if not self.identity().simulated:
-            raise self.error(
-                "a real bench has no simulated fixture", "fixture_locked", "ask the operator"
-            )
-        wanted: dict[str, Value] = {
-            "fixture_locked": int(locked),
-            "fixture_direction": direction,
-            "fixture_position_rad": as_float32(position_rad),
-            "fixture_mass_kg": as_float32(mass_kg),
-        }
-        self.write_and_read_back(FIXTURE, wanted)
-
-    def set_handling(self, *, swing_rad: float, release_s: float, shunt_ohm: float) -> None:
-        """Set how the next weight of a simulated bench is handled, and its shunt resistor.
-
-        Raises
-        ------
-        DeviceError
-            If the node is no simulated bench, refuses, or reads back otherwise.
-        """
-        if not self.identity().simulated:
-            raise self.error(
-                "a real bench has no simulated fixture", "handling_swing_rad", "ask the operator"
-            )
-        wanted: dict[str, Value] = {
-            "handling_swing_rad": as_float32(swing_rad),
-            "handling_release_s": as_float32(release_s),
-            "handling_shunt_ohm": as_float32(shunt_ohm),
-        }
-        self.write_and_read_back(HANDLING, wanted)
 
     def write_program(self, program: ReferenceProgram) -> None:
         """Write the parts of a program and read each of them back."""

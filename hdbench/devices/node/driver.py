@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from hdbench.devices.capabilities import Capabilities, Role
-from hdbench.devices.daq import DaqSettings, Fixture, ScanBlock, WatchdogState
+from hdbench.devices.daq import DaqSettings, ScanBlock, WatchdogState
 from hdbench.devices.node.abilities import capabilities_of
 from hdbench.devices.node.access import NodeAccess
 from hdbench.devices.node.blocks import BlockReader
@@ -225,10 +225,6 @@ class NodeDaq:
     def status(self) -> dict[str, Value]:
         """Return the status block of this moment, by register name."""
         return self._node.status()
-
-    def fixture(self) -> Fixture | None:
-        """Return the fixture block of a simulated bench."""
-        return self._node if self.identity().simulated else None
 
     def safe_state(self) -> SafeState:
         """Make the bench safe from any state, twice if need be; never raises.

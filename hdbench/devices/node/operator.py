@@ -3,34 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
 
 from hdbench.devices.emulator.mistakes import Mistakes
 from hdbench.devices.ports import AcquisitionSettings, Bench
 from hdbench.errors import UsageError
 
-__all__ = ["SimulatedFixture", "SimulatedOperator"]
+__all__ = ["SimulatedOperator"]
 
 _BURN_PERIOD_S = 0.01  # any period that a node takes
-
-
-@runtime_checkable
-class SimulatedFixture(Protocol):
-    """A simulated bench whose lock, position and weights can be set."""
-
-    def set_fixture(
-        self, *, locked: bool, position_rad: float, mass_kg: float, direction: int
-    ) -> None:
-        """Set lock, flexspline position and weight."""
-        ...
-
-
-@runtime_checkable
-class _Handling(Protocol):
-    """A simulated bench whose weights can swing and come off, and whose bridge has a shunt."""
-
-    def set_handling(self, *, swing_rad: float, release_s: float, shunt_ohm: float) -> None: ...
 
 
 @dataclass(slots=True)
@@ -66,11 +48,13 @@ class SimulatedOperator:
         The resistor at hand, ohm; 0 none.
     fresh : bool
         Whether the bench begins with this session; otherwise it has kept its fixture.
+    motion : callable, optional
+        Asked before a motion; left out, every motion is allowed.
 
     Raises
     ------
     UsageError
-        If `bench` is a real one.
+        If `bench` has no control channel.
     """
 
     def __init__(
@@ -80,14 +64,17 @@ class SimulatedOperator:
         *,
         shunt_ohm: float = 0.0,
         fresh: bool = True,
+        motion: Callable[[str], bool] = lambda _: True,
     ) -> None:
-        if not isinstance(bench, SimulatedFixture) or not bench.identity().simulated:
+        if bench.simulation is None:
             raise UsageError(
                 "a real bench needs a person beside it",
                 where="bench",
                 fix="run the command on a terminal, without --no-input",
             )
         self._bench = bench
+        self._simulation = bench.simulation
+        self._motion = motion
         self._mistakes = mistakes or Mistakes()
         self._shunt_ohm = shunt_ohm
         self._fresh = fresh
@@ -113,8 +100,8 @@ class SimulatedOperator:
         return True
 
     def confirm_motion(self, description: str) -> bool:
-        """Allow the motion: nobody stands beside a simulated bench."""
-        return True
+        """Allow the motion of a bench beside which nobody stands, or ask."""
+        return self._motion(description)
 
     # -- calibrations -----------------------------------------------------------------------------
 
@@ -137,11 +124,6 @@ class SimulatedOperator:
             Point of the sequence.
         attempt : int
             Which time it is loaded, from 1.
-
-        Raises
-        ------
-        UsageError
-            If this bench cannot simulate the mistake.
         """
         wrong = self._mistakes.of(number, attempt)
         if "wrong-weight" in wrong:
@@ -155,7 +137,7 @@ class SimulatedOperator:
 
     def shunt(self, *, closed: bool) -> bool:
         """Switch the shunt resistor; False where the bench has none."""
-        if not (isinstance(self._bench, _Handling) and self._shunt_ohm > 0.0):
+        if not self._shunt_ohm > 0.0:
             return False
         self._now.shunt_ohm = self._shunt_ohm if closed else 0.0
         self._handle(0.0, 0.0)
@@ -192,7 +174,7 @@ class SimulatedOperator:
                 change["shunt_ohm"],
             )
             self._set()
-        if changes and isinstance(self._bench, _Handling):
+        if changes:
             self._handle(0.0, 0.0)
         self._history = [dict(change) for change in history]
         for _ in range(acquisitions if self._fresh else 0):
@@ -201,20 +183,13 @@ class SimulatedOperator:
             self._bench.stop()
 
     def _handle(self, swing_rad: float, release_s: float) -> None:
-        if isinstance(self._bench, _Handling):
-            self._bench.set_handling(
-                swing_rad=swing_rad, release_s=release_s, shunt_ohm=self._now.shunt_ohm
-            )
-        elif swing_rad or release_s:
-            raise UsageError(
-                "this simulated bench cannot swing or drop a weight",
-                where="--operator-mistakes",
-                fix="use wrong-weight, or the embedded bench of the node driver",
-            )
+        self._simulation.set_handling(
+            swing_rad=swing_rad, release_s=release_s, shunt_ohm=self._now.shunt_ohm
+        )
 
     def _set(self) -> None:
         now = self._now
-        self._bench.set_fixture(
+        self._simulation.set_fixture(
             locked=now.locked,
             position_rad=now.position_rad,
             mass_kg=now.mass_kg,

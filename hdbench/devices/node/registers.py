@@ -19,8 +19,6 @@ __all__ = [
     "ENCODER_HIGH",
     "ENCODER_LOW",
     "FEED",
-    "FIXTURE",
-    "HANDLING",
     "IDENTITY",
     "LIMITS",
     "MAP",
@@ -165,7 +163,7 @@ IDENTITY = _group(
     "r",
     ("word_order", "u32", "always 0x00112233"),
     ("protocol_version", "u16", "version of this map, 2"),
-    ("capabilities", "u16", "bit 0 simulated bench, bit 1 fixture block present, 2 program"),
+    ("capabilities", "u16", "bit 0 simulated bench, 2 program; the others 0"),
     ("vendor", "text", "vendor"),
     ("model", "text", "model"),
     ("serial", "text", "serial number"),
@@ -245,14 +243,6 @@ CONTROL = _group(0x1040, "rw", ("command", "u16", "1 start, 2 stop, 3 safe"))
 SESSION = _group(
     0x1050, "rw", ("session", "u32", "token of the host that may write; 0 gives it back; reads 0")
 )
-FIXTURE = _group(
-    0x1060,
-    "rw",
-    ("fixture_locked", "u16", "simulated bench only: 1 wave generator locked, 0 released"),
-    ("fixture_direction", "i16", "simulated bench only: +1 clockwise, -1 counter-clockwise load"),
-    ("fixture_position_rad", "f32", "simulated bench only: flexspline position, rad"),
-    ("fixture_mass_kg", "f32", "simulated bench only: mass on the arm, kg"),
-)
 PROGRAM = _group(
     0x1070,
     "rw",
@@ -265,27 +255,7 @@ PROGRAM = _group(
     ("part_frequency_hz", "f32", "frequency of the sine at the start, Hz"),
     ("part_end_frequency_hz", "f32", "frequency of the sine at the end, Hz"),
 )
-HANDLING = _group(
-    0x1080,
-    "rw",
-    ("handling_swing_rad", "f32", "simulated bench only: next weight swings freely, rad; 0 not"),
-    ("handling_release_s", "f32", "simulated bench only: next weight comes off after, s; 0 not"),
-    ("handling_shunt_ohm", "f32", "simulated bench only: resistor across the bridge, ohm; 0 none"),
-)
-MAP = (
-    BLOCK
-    + IDENTITY
-    + LIMITS
-    + STATUS
-    + FEED
-    + NONCE
-    + PARAMETERS
-    + CONTROL
-    + SESSION
-    + FIXTURE
-    + PROGRAM
-    + HANDLING
-)
+MAP = BLOCK + IDENTITY + LIMITS + STATUS + FEED + NONCE + PARAMETERS + CONTROL + SESSION + PROGRAM
 
 _BY_NAME = {entry.name: entry for entry in MAP}
 _BY_ADDRESS = {entry.address + k: entry for entry in MAP for k in range(entry.size)}

@@ -38,7 +38,6 @@ class Capability(IntFlag):
     """Bits of `capabilities`."""
 
     SIMULATED = 1
-    FIXTURE = 2
     PROGRAM = 4
 
 

@@ -8,13 +8,16 @@ from hdbench.devices.wire.checks import (
     ExceptionReply,
     FrameError,
     ReplyCheck,
+    ReplyForm,
     StaleReply,
     bits_check,
     echo_check,
     registers_check,
 )
 from hdbench.devices.wire.link import Link, Probe, connect
+from hdbench.devices.wire.naming import dial, numbered
 from hdbench.devices.wire.requests import (
+    Request,
     exchange_registers,
     read_bits,
     read_registers,
@@ -31,11 +34,15 @@ __all__ = [
     "Link",
     "Probe",
     "ReplyCheck",
+    "ReplyForm",
+    "Request",
     "StaleReply",
     "bits_check",
     "connect",
+    "dial",
     "echo_check",
     "exchange_registers",
+    "numbered",
     "parse_address",
     "read_bits",
     "read_registers",

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 from urllib.parse import parse_qsl
 
+from hdbench.devices.serialport import is_port
+from hdbench.devices.wire.naming import NETWORK, bracketed
 from hdbench.errors import UsageError
-from hdbench.profile.acquiring_table import SerialLine
+
+if TYPE_CHECKING:
+    from hdbench.profile.acquiring_table import SerialLine
 
 __all__ = ["Address", "SerialSettings", "parse_address", "serial_settings"]
 
@@ -93,7 +97,7 @@ class Address:
         """Return the address in its shortest form."""
         if self.scheme == "rtu":
             return f"rtu://{self.path}"
-        return f"{self.scheme}://{self.host}:{self.port}"
+        return f"{self.scheme}://{bracketed(self.host)}:{self.port}"
 
 
 def serial_settings(line: SerialLine) -> SerialSettings:
@@ -119,8 +123,9 @@ def parse_address(
     Parameters
     ----------
     address : str
-        ``tcp://HOST:PORT``, ``tls://HOST:PORT`` or ``rtu:///dev/NAME[?KEY=VALUE&...]`` with the
-        keys ``baud``, ``parity`` (``none``, ``even``, ``odd``), ``stop`` and ``gap_us``.
+        ``tcp://HOST:PORT``, ``tls://HOST:PORT`` (IPv6 in brackets) or
+        ``rtu:///dev/NAME[?KEY=VALUE&...]`` with the keys ``baud``, ``parity``
+        (``none``, ``even``, ``odd``), ``stop`` and ``gap_us``.
     serial : SerialSettings, optional
         What holds where the address does not say.
     default_port : int, optional
@@ -140,19 +145,20 @@ def parse_address(
         return _serial(address, rest, serial or SerialSettings())
     if scheme not in ("tcp", "tls"):
         raise _bad(address, "needed: tcp://HOST:PORT, tls://HOST:PORT or rtu:///dev/NAME")
-    host, colon, port = rest.rpartition(":")
-    if not colon and default_port is not None:
-        host, port = rest, str(default_port)
-    if not re.fullmatch(r"[A-Za-z0-9.-]+", host):
-        raise _bad(address, "needed: tcp://HOST:PORT with a host name or an IPv4 address")
-    if not port.isdecimal() or not port.isascii() or not 0 < int(port[:6]) < 65536:
+    found = NETWORK.fullmatch(address)
+    if found is None:
+        raise _bad(
+            address, "needed: tcp://HOST:PORT with a host name, an IPv4 address or [an IPv6 one]"
+        )
+    port = str(default_port or 0) if found["port"] is None else found["port"]
+    if not re.fullmatch("[0-9]{1,5}", port) or not 0 < int(port) < 65536:
         raise _bad(address, "needed: tcp://HOST:PORT with a port from 1 to 65535")
-    return Address("tls" if scheme == "tls" else "tcp", host, int(port))
+    return Address("tls" if scheme == "tls" else "tcp", found["host"].strip("[]"), int(port))
 
 
 def _serial(address: str, rest: str, given: SerialSettings) -> Address:
     path, _, query = rest.partition("?")
-    if not re.fullmatch(r"/[A-Za-z0-9._/-]+", path) or ".." in path:
+    if not is_port(path):
         raise _bad(address, "needed: the path of a serial port after rtu://")
     values: dict[str, str] = dict(parse_qsl(query, keep_blank_values=True))
     unknown = sorted(set(values) - {"baud", "parity", "stop", "gap_us"})

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable
+from dataclasses import dataclass
 
 __all__ = [
     "EXCEPTIONS",
     "ExceptionReply",
     "FrameError",
     "ReplyCheck",
+    "ReplyForm",
     "StaleReply",
     "bits_check",
     "echo_check",
@@ -53,15 +55,43 @@ class ExceptionReply(Exception):  # noqa: N818 - a well-formed answer, not a fau
         self.code = code
 
 
-def _check_function(pdu: bytes, function: int) -> None:
-    if len(pdu) == 2 and pdu[0] == function | 0x80:
-        raise ExceptionReply(pdu[1])
-    if not pdu or pdu[0] != function:
-        raise FrameError(f"function code {pdu[0] if pdu else 'missing'}; needed: {function}")
+@dataclass(frozen=True, slots=True)
+class ReplyForm:
+    """The reply that a request allows: how it begins, how long it is.
+
+    Parameters
+    ----------
+    head : bytes
+        How it begins, function code first.
+    size : int
+        Its length, bytes.
+    spare_bits : int
+        Bits of the last byte, from the left, that must be zero.
+    """
+
+    head: bytes
+    size: int
+    spare_bits: int = 0
+
+    def __call__(self, pdu: bytes) -> None:
+        """Raise `FrameError` on any other reply, `ExceptionReply` on a refusal."""
+        if len(pdu) != self.size or not pdu.startswith(self.head):
+            function = self.head[0]
+            if len(pdu) == 2 and pdu[0] == function | 0x80:
+                raise ExceptionReply(pdu[1])
+            if not pdu or pdu[0] != function:
+                found = pdu[0] if pdu else "missing"
+                raise FrameError(f"function code {found}; needed: {function}")
+            raise FrameError(
+                f"a reply of {len(pdu)} bytes, {pdu[:8].hex(' ')}; needed: {self.size} bytes, "
+                f"{self.head.hex(' ')} first"
+            )
+        if self.spare_bits and pdu[-1] >> (8 - self.spare_bits):
+            raise FrameError("bits beyond those asked for are not zero")
 
 
-def registers_check(function: int, count: int) -> ReplyCheck:
-    """Return a check of a reply that must carry exactly `count` registers.
+def registers_check(function: int, count: int) -> ReplyForm:
+    """Return the form of a reply with exactly `count` registers.
 
     Parameters
     ----------
@@ -72,26 +102,13 @@ def registers_check(function: int, count: int) -> ReplyCheck:
 
     Returns
     -------
-    callable
-        Raises `FrameError` on any other reply, `ExceptionReply` on a refusal.
+    ReplyForm
     """
-    head = bytes((function, 2 * count))
-    size = 2 + 2 * count
-
-    def check(pdu: bytes) -> None:
-        if len(pdu) == size and pdu.startswith(head):
-            return
-        _check_function(pdu, function)
-        named = pdu[1] if len(pdu) > 1 else None
-        raise FrameError(
-            f"byte count {named} with {len(pdu) - 2} bytes of data; needed: {size - 2}"
-        )
-
-    return check
+    return ReplyForm(bytes((function, 2 * count)), 2 + 2 * count)
 
 
-def bits_check(function: int, count: int) -> ReplyCheck:
-    """Return a check of a reply that must carry exactly `count` bits, the unused ones zero.
+def bits_check(function: int, count: int) -> ReplyForm:
+    """Return the form of a reply with exactly `count` bits, the unused ones zero.
 
     Parameters
     ----------
@@ -102,23 +119,14 @@ def bits_check(function: int, count: int) -> ReplyCheck:
 
     Returns
     -------
-    callable
-        Raises `FrameError` on any other reply, `ExceptionReply` on a refusal.
+    ReplyForm
     """
     n_bytes = (count + 7) // 8
-
-    def check(pdu: bytes) -> None:
-        _check_function(pdu, function)
-        if len(pdu) != 2 + n_bytes or pdu[1] != n_bytes:
-            raise FrameError(f"{len(pdu) - 2} bytes of data; needed: {n_bytes}")
-        if count % 8 and pdu[-1] >> (count % 8):
-            raise FrameError("bits beyond those asked for are not zero")
-
-    return check
+    return ReplyForm(bytes((function, n_bytes)), 2 + n_bytes, -count % 8)
 
 
-def echo_check(function: int, address: int, second: int) -> ReplyCheck:
-    """Return a check of a reply that must repeat a write.
+def echo_check(function: int, address: int, second: int) -> ReplyForm:
+    """Return the form of a reply that repeats a write.
 
     Parameters
     ----------
@@ -131,14 +139,6 @@ def echo_check(function: int, address: int, second: int) -> ReplyCheck:
 
     Returns
     -------
-    callable
-        Raises `FrameError` on any other reply, `ExceptionReply` on a refusal.
+    ReplyForm
     """
-    expected = struct.pack(">BHH", function, address, second)
-
-    def check(pdu: bytes) -> None:
-        _check_function(pdu, function)
-        if pdu != expected:
-            raise FrameError(f"echo {pdu.hex(' ')}; needed: {expected.hex(' ')}")
-
-    return check
+    return ReplyForm(struct.pack(">BHH", function, address, second), 5)

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 from hdbench.devices.wire.address import Address
 from hdbench.devices.wire.checks import ReplyCheck
-from hdbench.profile.acquiring_table import TlsFiles
+
+if TYPE_CHECKING:
+    from hdbench.devices.serialport import Claim
+    from hdbench.devices.wire.tls import Certificates
 
 __all__ = ["Link", "Probe", "connect"]
 
@@ -72,7 +75,8 @@ def connect(
     *,
     unit: int = 1,
     probe: Probe | None = None,
-    tls: TlsFiles | None = None,
+    tls: Certificates | None = None,
+    claim: Claim = "hold",
     clock: Callable[[], float] = time.monotonic,
 ) -> Link:
     """Return a link to the device at `address`; nothing is opened or sent yet.
@@ -85,8 +89,10 @@ def connect(
         Modbus unit identifier.
     probe : callable, optional
         The who-are-you read of a serial line.
-    tls : TlsFiles, optional
+    tls : Certificates, optional
         Certificates for ``tls://``.
+    claim : {"hold", "ask", "share"}, optional
+        As `hdbench.devices.serialport.open_port` takes it.
     clock : callable, optional
         Monotonic clock, s.
 
@@ -102,7 +108,7 @@ def connect(
     if address.scheme == "rtu":
         from hdbench.devices.wire.rtu import RtuLink
 
-        return RtuLink(address, unit, probe, clock)
+        return RtuLink(address, unit, probe, clock, claim)
     from hdbench.devices.wire.tcp import TcpLink
 
     if address.scheme == "tls":

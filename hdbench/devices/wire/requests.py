@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import struct
 
-from hdbench.devices.wire.checks import ReplyCheck, bits_check, echo_check, registers_check
+from hdbench.devices.wire.checks import ReplyForm, bits_check, echo_check, registers_check
 
 __all__ = [
+    "Request",
     "exchange_registers",
     "read_bits",
     "read_registers",
@@ -19,7 +20,8 @@ _MAX_READ = 125
 _MAX_WRITE = 123
 _MAX_EXCHANGE_WRITE = 121
 _MAX_BITS = 2000
-Request = tuple[bytes, ReplyCheck]
+Request = tuple[bytes, ReplyForm]
+"""Function code and data, and the form of the reply."""
 
 
 def _bound(name: str, value: int, high: int) -> None:

@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from hdbench.devices.serialport import is_gone, open_port
+from hdbench.devices.serialport import Claim, is_gone, open_port
 from hdbench.devices.wakeup import FAST_BD, hold_wakeup, release_wakeup
 from hdbench.devices.wire.address import Address
 from hdbench.devices.wire.checks import ExceptionReply, FrameError, ReplyCheck, StaleReply
@@ -40,6 +40,8 @@ class RtuLink:
         The who-are-you read that proves, after a fault, that request and reply belong together.
     clock : callable
         Monotonic clock, s.
+    claim : {"hold", "ask", "share"}
+        As `hdbench.devices.serialport.open_port` takes it.
 
     Notes
     -----
@@ -54,7 +56,9 @@ class RtuLink:
         unit: int,
         probe: Callable[[int], tuple[bytes, ReplyCheck]] | None = None,
         clock: Callable[[], float] = time.monotonic,
+        claim: Claim = "hold",
     ) -> None:
+        self._claim: Claim = claim
         self.where = str(address)
         self.opened: Callable[[float], None] | None = None
         self._address = address
@@ -224,6 +228,7 @@ class RtuLink:
                 baud_bd=line.baud_bd,
                 parity=line.parity,
                 stop_bits=line.stop_bits,
+                claim=self._claim,
             )
         except ValueError as error:
             raise FrameError(f"the port does not take these settings ({error})") from error

@@ -13,6 +13,7 @@ from collections.abc import Callable
 
 from hdbench.devices.wire.address import Address
 from hdbench.devices.wire.checks import ExceptionReply, FrameError, ReplyCheck, StaleReply
+from hdbench.devices.wire.naming import dial
 
 __all__ = ["TcpLink", "next_reply"]
 
@@ -68,7 +69,7 @@ class TcpLink:
     Parameters
     ----------
     address : Address
-        Host and port.
+        Number of the host, as `numbered` gives it, and port.
     unit : int
         Modbus unit identifier.
     clock : callable
@@ -131,7 +132,10 @@ class TcpLink:
                 connection.close()
 
     def _connected(self, until_s: float) -> socket.socket:
-        connection = self._dial(until_s)
+        left_s = until_s - self._clock()
+        if not left_s > 0.0:
+            raise FrameError("no time left to connect")
+        connection = dial(self._target, left_s)
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         if self._secure is not None:
             connection = self._secured(connection, self._secure, until_s)
@@ -144,24 +148,6 @@ class TcpLink:
         if self.opened is not None:
             self.opened(until_s)
         return connection
-
-    def _dial(self, until_s: float) -> socket.socket:
-        """Connect to the first address of the host that answers, all of them within one time."""
-        error: OSError = TimeoutError()
-        for family, kind, _, _, place in socket.getaddrinfo(*self._target, type=socket.SOCK_STREAM):
-            left_s = until_s - self._clock()
-            if not left_s > 0.0:
-                raise FrameError("no time left to connect")
-            connection = socket.socket(family, kind)
-            try:
-                connection.settimeout(left_s)
-                connection.connect(place)
-            except OSError as refused:
-                connection.close()
-                error = refused
-            else:
-                return connection
-        raise error
 
     def _secured(
         self,

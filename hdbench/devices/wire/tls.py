@@ -9,24 +9,37 @@ import stat
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
+from typing import Protocol
 
 from hdbench.devices.wire.address import Address
 from hdbench.errors import UsageError
-from hdbench.profile.acquiring_table import TlsFiles
 
-__all__ = ["client_security"]
+__all__ = ["Certificates", "client_security"]
+
+
+class Certificates(Protocol):
+    """Paths of PEM files, and the name in the device's certificate where it is not the host's."""
+
+    @property
+    def certificate(self) -> str: ...  # noqa: D102
+    @property
+    def key(self) -> str: ...  # noqa: D102
+    @property
+    def authority(self) -> str: ...  # noqa: D102
+    @property
+    def server_name(self) -> str | None: ...  # noqa: D102
 
 
 def client_security(
-    address: Address, files: TlsFiles | None
+    address: Address, files: Certificates | None
 ) -> Callable[[socket.socket], ssl.SSLSocket]:
     """Return what wraps a connection to `address` in mutual TLS.
 
     Parameters
     ----------
     address : Address
-        Host and port; the device's certificate must name the host, or `TlsFiles.server_name`.
-    files : TlsFiles or None
+        Host and port; the device's certificate must name the host, or `server_name`.
+    files : Certificates or None
         Certificate and key of this computer, and who signed the device's.
 
     Returns

@@ -11,7 +11,7 @@ from hdbench.devices.emulator.faultlines import faulty_tcp
 from hdbench.devices.emulator.faults import Mangler, TcpFraming
 from hdbench.devices.labjack.control import Control
 from hdbench.devices.labjack.opening import STREAM_OFFSET, open_labjack
-from hdbench.devices.labjack.registers import IDENTITY, TEST, Register, fixture
+from hdbench.devices.labjack.registers import IDENTITY, SESSION, TEST, Register
 from hdbench.devices.wire import connect, parse_address
 from hdbench.errors import DeviceError
 
@@ -64,7 +64,7 @@ def test_no_fault_of_the_control_port_gives_a_wrong_value(kind):
 
 @pytest.mark.parametrize("kind", ["echo", "function", "drop", "truncate", "transaction"])
 def test_a_write_without_its_echo_fails_and_is_sent_once(kind):
-    register = fixture()[0]
+    register = SESSION[0]
     with served() as device:
         writes = []
         write = device.device.memory.write
@@ -79,7 +79,7 @@ def test_a_write_without_its_echo_fails_and_is_sent_once(kind):
             link = connect(parse_address(f"tcp://{host}:{port}"))
             control = Control(link, deadline_s=DEADLINE_S)
             with pytest.raises(DeviceError):
-                control.write((register,), (1.5,))
+                control.write((register,), (7,))
             control.close()
         assert writes == [register.address]
 

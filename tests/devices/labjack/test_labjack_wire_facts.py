@@ -52,7 +52,6 @@ WATCHDOG_DAC1_ENABLE_DEFAULT 61650 u32 RW
 WATCHDOG_DAC1_DEFAULT 61652 f32 RW
 USER_RAM0_U32 46100 u32 RW
 USER_RAM1_U32 46102 u32 RW
-USER_RAM3_F32 46006 f32 RW
 AIN13 26 f32 R
 AIN13_RANGE 40026 f32 RW
 AIN13_NEGATIVE_CH 41013 u16 RW
@@ -79,7 +78,6 @@ def test_names_addresses_types_and_access_are_labjacks():
         *reg.WATCHDOG,
         reg.STRICT_CLEAR,
         *reg.SESSION,
-        *reg.fixture(),
         reg.analog_input(13),
         reg.analog_range(13),
         reg.negative_channel(13),

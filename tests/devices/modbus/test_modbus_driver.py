@@ -2,7 +2,6 @@
 
 import time
 
-import numpy as np
 import pytest
 from modbuskit import COUPLER, TORQUE, driver, read_all, served, settings, table
 from pymodbus.client import ModbusTcpClient
@@ -269,21 +268,6 @@ def test_a_deadline_too_short_for_a_serial_line_is_refused():
         driver(made, "rtu:///dev/none?baud=9600", deadline_s=0.2),
     ):
         pass
-
-
-def test_the_fixture_reads_back_and_hangs_the_weight():
-    with served(table()) as found, driver(table(), found.address) as daq:
-        fixture = daq.fixture()
-        fixture.set_fixture(locked=True, position_rad=0.0, mass_kg=4.0, direction=1)
-        until_s = time.monotonic() + 5.0
-        readings = []
-        while time.monotonic() < until_s and len(readings) < 60:
-            time.sleep(0.02)
-            readings.append(daq.snapshot()["torque"])
-        # 4 kg on 0.5 m are 19.6 N m; the gain lies within 10 % of 6.6 N m/V, the zero within 0.5 V
-        assert np.mean(readings[-20:]) == pytest.approx(19.6 / 6.6, rel=0.1, abs=0.5)
-        with pytest.raises(ProfileError, match="illegal data value"):
-            fixture.set_fixture(locked=True, position_rad=0.0, mass_kg=-1.0, direction=1)
 
 
 def test_another_device_is_never_written_to_not_even_to_make_it_safe():

@@ -18,7 +18,6 @@ from hdbench.devices.emulator.instrument import (
     Input,
     SimulatedInstrument,
 )
-from hdbench.errors import UsageError
 
 __all__ = ["DataqDevice"]
 
@@ -136,32 +135,18 @@ class DataqDevice:
             self._numbers[word] = int(rest)
         elif word == "filter":
             self._average = rest.split()[-1:] == ["1"]
-        elif word in ("fixture", "handling", "fault"):
-            return self._bench(word, rest.split())
+        elif word == "fault":
+            return self._bench(rest.split())
         elif word == "din":
             return str(self.lines)
         return "" if word in (*_NUMBERS, *_SILENT, "slist", "filter") else "unknown"
 
-    def _bench(self, word: str, values: list[str]) -> str:
-        """Carry out what belongs to the simulated bench; empty when it was done."""
+    def _bench(self, values: list[str]) -> str:
+        """Break something of the simulated bench; empty when it was done."""
         try:
             numbers = [float(value) for value in values]
-            if word == "fixture":
-                locked, position_rad, mass_kg, direction = numbers
-                self.instrument.set_fixture(
-                    locked=bool(locked),
-                    position_rad=position_rad,
-                    mass_kg=mass_kg,
-                    direction=int(direction),
-                )
-            elif word == "handling":
-                swing_rad, release_s, shunt_ohm = numbers
-                self.instrument.set_handling(
-                    swing_rad=swing_rad, release_s=release_s, shunt_ohm=shunt_ohm
-                )
-            else:
-                self._disturb(int(numbers[0]), int(numbers[1]))
-        except (ValueError, IndexError, UsageError):
+            self._disturb(int(numbers[0]), int(numbers[1]))
+        except (ValueError, IndexError):
             return "refused"
         return ""
 

@@ -182,8 +182,7 @@ class LabJackDevice:
     def _build_rest(self) -> None:
         add = self.memory.add
         for number in range(40):
-            act = {3: self._hang, 6: self._handle}.get(number)
-            add(46000 + 2 * number, Cell("f32", on_write=act))
+            add(46000 + 2 * number, Cell("f32"))
             add(46100 + 2 * number, Cell("u32"))
         add(61520, Cell("u32", on_read=lambda: self._ticks() % 2**32, writable=False))
         add(61810, Cell("u32"))
@@ -248,22 +247,6 @@ class LabJackDevice:
         for number, value in dacs.items():
             self.memory.put(1000 + 2 * number, value)
             self.wiring.write_reference(f"DAC{number}", value)
-
-    def _hang(self, mass_kg: float) -> None:
-        locked, direction, position = (self.memory.value(46000 + 2 * n) for n in range(3))
-        self.wiring.instrument.set_fixture(
-            locked=bool(locked),
-            position_rad=float(position),
-            mass_kg=float(mass_kg),
-            direction=int(direction),
-        )
-
-    def _handle(self, shunt_ohm: float) -> None:
-        self.wiring.instrument.set_handling(
-            swing_rad=float(self.memory.value(46008)),
-            release_s=float(self.memory.value(46010)),
-            shunt_ohm=float(shunt_ohm),
-        )
 
     def _flash(self, word: int) -> float:
         at = (int(self.memory.value(61810)) - _CALIBRATION) // 4 + word

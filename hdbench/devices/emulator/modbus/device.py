@@ -10,10 +10,9 @@ from hdbench.devices.emulator.instrument import ChannelFault, Input, SimulatedIn
 from hdbench.devices.emulator.modbus.driving import Driving
 from hdbench.devices.emulator.modbus.memory import ILLEGAL_VALUE, Cell, Memory, RefusedError
 from hdbench.devices.emulator.modbus.watchdog import DeviceWatchdog, told
-from hdbench.devices.modbus.fixture import FIELDS, SIGNATURE, window_start
 from hdbench.devices.modbus.inputs import input_info
 from hdbench.devices.modbus.layout import Place, place_of
-from hdbench.errors import UsageError
+from hdbench.devices.modbus.window import SIGNATURE, window_start
 from hdbench.profile.acquiring_modbus import ModbusAcquisition, ModbusChannel
 
 __all__ = ["ModbusDevice"]
@@ -151,31 +150,10 @@ class ModbusDevice:
         place = Place("holding", start, "u32", "ABCD", "signature")
         self.memory.add(Cell(place, float(SIGNATURE), writable=False))
         self._fields: dict[str, Cell] = {}
-        for number, name in enumerate((*FIELDS, "argument", "fault")):
+        for number, name in enumerate(("argument", "fault")):
             cell = Cell(Place("holding", start + 2 + 2 * number, "f32", "ABCD", name))
             self._fields[name] = self.memory.add(cell)
-        self._fields["mass_kg"].on_write = self._hang
-        self._fields["shunt_ohm"].on_write = self._handle
         self._fields["fault"].on_write = self._disturb
-
-    def _hang(self, mass_kg: float) -> None:
-        value = {name: self._fields[name].value for name in FIELDS}
-        try:
-            self._instrument.set_fixture(
-                locked=bool(value["locked"]),
-                position_rad=value["position_rad"],
-                mass_kg=mass_kg,
-                direction=int(value["direction"]),
-            )
-        except UsageError:
-            raise RefusedError(ILLEGAL_VALUE) from None
-
-    def _handle(self, shunt_ohm: float) -> None:
-        self._instrument.set_handling(
-            swing_rad=self._fields["swing_rad"].value,
-            release_s=self._fields["release_s"].value,
-            shunt_ohm=shunt_ohm,
-        )
 
     def _disturb(self, code: float) -> None:
         argument, number = self._fields["argument"].value, int(code) - _FIRST_CHANNEL_FAULT

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import contextlib
 import struct
 import subprocess
 import time
+from types import SimpleNamespace
 from typing import Any
 
-from .wires import RtuWire, TcpWire, WireError, open_wire
+from hdbench.devices.wire import Address, ExceptionReply, FrameError, Link, ReplyForm, connect
+from hdbench.devices.wire.address import SerialSettings
+from hdbench.errors import HdbenchError
 
 # between two looks at the motor, s
 POLL_S = 0.01
@@ -19,6 +23,53 @@ SESSION_S = 2.5
 BRAKING_S = 1.0
 # how often the device is asked who it is before the motion; on a serial line a frame may be lost
 ASKS = 3
+# one try of a transaction, s; on a serial line the silence before it and the characters of the
+# longest request and reply beside it
+REPLY_S, QUIET_S = 0.25, 0.1
+_LONGEST = 256
+
+# why the device could not be reached
+FAULTS = (FrameError, ExceptionReply, HdbenchError, OSError)
+
+
+class Wire:
+    """A connection of the guard's own, as strict about replies as the session's.
+
+    Parameters
+    ----------
+    target : dict
+        Where and how.
+    alone : bool
+        Whether the session is gone, so that whoever has a serial port now is another program: it is
+        left in peace then. A frozen session's port is shared.
+    """
+
+    def __init__(self, target: dict[str, Any], *, alone: bool) -> None:
+        line = SerialSettings(**target["serial"])
+        address = Address(target["scheme"], target["host"], target["port"], target["path"], line)
+        self._rest_s = float(target["rest_s"])
+        self._reply_s = REPLY_S
+        if address.scheme == "rtu":
+            self._reply_s += QUIET_S + line.exchange_s(_LONGEST, _LONGEST)
+        tls = SimpleNamespace(**target["tls"]) if target["tls"] else None
+        self._link: Link = connect(
+            address, unit=int(target["unit"]), tls=tls, claim="ask" if alone else "share"
+        )
+        self.close = self._link.close
+
+    def transact(self, request: dict[str, Any]) -> bytes:
+        """Send one request and return the PDU of its reply, which has its form."""
+        time.sleep(self._rest_s)
+        form = ReplyForm(bytes.fromhex(request["head"]), request["size"], request["spare_bits"])
+        return self._link.transact(
+            bytes.fromhex(request["pdu"]), form, time.monotonic() + self._reply_s
+        )
+
+    def order(self, requests: list[dict[str, Any]]) -> None:
+        """Send what stops the motor; whether it did is read back, a refusal is not the end."""
+        for request in requests:
+            with contextlib.suppress(ExceptionReply):
+                self.transact(request)
 
 
 def wrong(reply: bytes, check: dict[str, Any]) -> str:
@@ -45,12 +96,12 @@ def note_identity(target: dict[str, Any]) -> None:
         return
     for ask in range(1, ASKS + 1):
         try:
-            wire = open_wire(target, alone=False)
+            wire = Wire(target, alone=False)
             try:
-                target["known"] = _identity(target, wire)
+                target["known"] = wire.transact(target["identity"]).hex()
             finally:
                 wire.close()
-        except (WireError, OSError):
+        except FAULTS:
             if ask == ASKS:
                 raise
         else:
@@ -70,19 +121,20 @@ def make_safe(target: dict[str, Any], *, alone: bool) -> str:
         Whether the session is gone; where it is frozen, its serial port is taken over.
     """
     try:
-        wire = open_wire(target, alone=alone)
-    except WireError as error:
-        return str(error)
-    except OSError as error:
-        return f"no connection ({error.strerror or error})"
-    try:
-        if target.get("known") and _identity(target, wire) != target["known"]:
-            return "another device answers at this address; nothing was written to it"
-        return _rounds(wire, target)
-    except (WireError, OSError) as error:
-        return str(getattr(error, "strerror", None) or error)
-    finally:
-        wire.close()
+        wire = Wire(target, alone=alone)
+        try:
+            if target.get("known") and wire.transact(target["identity"]).hex() != target["known"]:
+                return "another device answers at this address; nothing was written to it"
+            return _rounds(wire, target)
+        finally:
+            wire.close()
+    except FAULTS as error:
+        return reason(error)
+
+
+def reason(error: Exception) -> str:
+    """Return why the device could not be reached, without the place that the caller knows."""
+    return str(getattr(error, "what", None) or getattr(error, "strerror", None) or error)
 
 
 def stop_motor(order: dict[str, Any], *, alone: bool) -> str:
@@ -93,24 +145,17 @@ def stop_motor(order: dict[str, Any], *, alone: bool) -> str:
     return "; ".join(filter(None, problems))
 
 
-def _identity(target: dict[str, Any], wire: TcpWire | RtuWire) -> str:
-    """Return who answers, as hexadecimal digits."""
-    return wire.transact(bytes.fromhex(target["identity"])).hex()
-
-
-def _rounds(wire: TcpWire | RtuWire, target: dict[str, Any]) -> str:
+def _rounds(wire: Wire, target: dict[str, Any]) -> str:
     """Stop, look, and disable the drive once the motor stands or has had its time to brake."""
     start_s = time.monotonic()
     problem, calm = "", 0
     while calm < CALM and time.monotonic() - start_s < SESSION_S:
         if calm == 0:
-            for act in target["acts"]:
-                wire.transact(bytes.fromhex(act))
+            wire.order(target["acts"])
         problem = _look(wire, target["looks"])
         braking_s = time.monotonic() - start_s
         if (not problem and braking_s >= target["brake_s"]) or braking_s > BRAKING_S:
-            for act in target["finals"]:
-                wire.transact(bytes.fromhex(act))
+            wire.order(target["finals"])
             problem = problem or _look(wire, target["final_looks"])
         else:
             problem = problem or "the drive is to brake first"
@@ -119,11 +164,11 @@ def _rounds(wire: TcpWire | RtuWire, target: dict[str, Any]) -> str:
     return problem if calm < CALM else ""
 
 
-def _look(wire: TcpWire | RtuWire, looks: list[dict[str, Any]]) -> str:
+def _look(wire: Wire, looks: list[dict[str, Any]]) -> str:
     for look in looks:
-        pdu = bytes.fromhex(look["pdu"])
-        reply = wire.transact(pdu)
-        if reply[:1] != pdu[:1]:
+        try:
+            reply = wire.transact(look)
+        except ExceptionReply:
             return f"{look['checks'][0]['name']}: the device refuses to tell"
         for check in look["checks"]:
             problem = wrong(reply, check)

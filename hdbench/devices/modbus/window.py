@@ -1,4 +1,4 @@
-"""Lock, position and weights of the emulator, in registers that the profile's map leaves free."""
+"""The emulator of a polled device, told by registers that the profile's map leaves free."""
 
 from __future__ import annotations
 
@@ -9,12 +9,10 @@ from hdbench.devices.modbus.layout import Place, place_of
 from hdbench.errors import DeviceError, ProfileError
 from hdbench.profile.acquiring_modbus import ModbusAcquisition, ModbusPlace
 
-__all__ = ["FIELDS", "SIGNATURE", "EmulatedFixture", "is_emulator", "window_start"]
+__all__ = ["SIGNATURE", "is_emulator", "window_start"]
 
 # "HBEM": what the emulator's window begins with
 SIGNATURE = 0x4842_454D
-# 32-bit floats behind it, in this order; writing the last one of a group puts it into force
-FIELDS = ("locked", "direction", "position_rad", "mass_kg", "swing_rad", "release_s", "shunt_ohm")
 _WINDOW = 32
 _HIGHEST, _STEP = 0xFF01, 0x100
 
@@ -62,56 +60,6 @@ def is_emulator(access: Access, table: ModbusAcquisition) -> bool:
     except DeviceError:
         # a device that keeps silent about registers that it does not have
         return False
-
-
-class EmulatedFixture:
-    """Implements `hdbench.devices.daq.Fixture` and `Handling` on the emulator.
-
-    Parameters
-    ----------
-    access : Access
-        The emulator: the driver has checked that it is one.
-    table : ModbusAcquisition
-        ``[daq]``.
-    """
-
-    def __init__(self, access: Access, table: ModbusAcquisition) -> None:
-        self._access = access
-        start = window_start(table)
-        self._places = {
-            name: Place("holding", start + 2 + 2 * number, "f32", "ABCD", f"emulator: {name}")
-            for number, name in enumerate(FIELDS)
-        }
-
-    def set_fixture(
-        self, *, locked: bool, position_rad: float, mass_kg: float, direction: int
-    ) -> None:
-        """Write them and read them back."""
-        self._set(
-            {
-                "locked": float(locked),
-                "direction": float(direction),
-                "position_rad": position_rad,
-                "mass_kg": mass_kg,
-            }
-        )
-
-    def set_handling(self, *, swing_rad: float, release_s: float, shunt_ohm: float) -> None:
-        """Write them and read them back."""
-        self._set({"swing_rad": swing_rad, "release_s": release_s, "shunt_ohm": shunt_ohm})
-
-    def _set(self, values: dict[str, float]) -> None:
-        for name, value in values.items():
-            self._access.write(self._places[name], value)
-        found = self._access.read([self._places[name] for name in values])
-        for (name, value), back in zip(values.items(), found, strict=True):
-            # they travel as 32-bit floats
-            if not abs(back - value) <= 1e-6 * abs(value):
-                raise DeviceError(
-                    f"{name} reads back as {back:g}; written: {value:g}",
-                    where=f"{self._access.where}, emulated bench",
-                    fix="run again",
-                )
 
 
 def _listed(table: ModbusAcquisition) -> Iterator[ModbusPlace]:

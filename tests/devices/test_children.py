@@ -1,0 +1,113 @@
+"""Children: no module of the user's folder in place of the standard library, no full pipe."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+from hdbench.devices.emulator import process
+from hdbench.devices.guard import order_of
+from hdbench.errors import DeviceError
+from hdbench.profile import load_profile
+from hdbench.profile.acquiring import PluginAcquisition
+
+SHADOWS = ("signal", "json", "asyncio", "struct", "pathlib", "site", "subprocess", "select")
+RUN = """
+import sys
+{early}
+from hdbench.devices import AcquisitionSettings, open_bench
+from hdbench.devices import opening, guard
+from hdbench.devices.emulator import process
+from hdbench.profile import load_profile
+from hdbench.profile.schema import ReferenceWave
+import asyncio, pathlib, signal, struct, subprocess
+{late}
+with open_bench(load_profile("cim-tr-97-06")) as bench:
+    wave = ReferenceWave(wave="constant", amplitude_v=1.0)
+    bench.configure(AcquisitionSettings(2e-3, 100, wave))
+    bench.start()
+    seen = 0
+    while seen < 100:
+        block = bench.read_block()
+        seen += len(block) if block else 0
+    print(bench.safe_state().confirmed)
+"""
+
+
+@pytest.fixture
+def folder(tmp_path):
+    for name in SHADOWS:
+        (tmp_path / f"{name}.py").write_text(f"raise SystemExit('the user has a {name}.py')\n")
+    return tmp_path
+
+
+@pytest.mark.parametrize("late", ["", "sys.path.insert(0, '')", "sys.path.insert(0, {folder!r})"])
+def test_modules_of_the_users_folder_are_no_standard_library(folder, late):
+    # `python -m hdbench_cli` puts the folder first, the program `hdbench` does not
+    program = RUN.format(early="", late=late.format(folder=str(folder)))
+    done = subprocess.run(
+        [sys.executable, "-P", "-c", program],
+        cwd=folder,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)},
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert (done.returncode, done.stdout) == (0, "True\n"), done.stderr
+
+
+def test_a_driver_that_the_guard_calls_is_not_shadowed_either(folder):
+    data = load_profile("cim-tr-97-06").data
+    plugin = PluginAcquisition(driver="acme", sample_period_s=1e-3)
+    order = order_of(data.model_copy(update={"daq": plugin}))
+    nobody = data.daq.model_copy(update={"address": "tcp://127.0.0.1:1"})
+    done = subprocess.run(
+        order.command,
+        input=data.model_copy(update={"daq": nobody}).model_dump_json(exclude_none=True),
+        cwd=folder,
+        env={**os.environ, "PYTHONPATH": str(folder)},
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert "no connection" in done.stdout, done.stderr
+    assert done.returncode == 5
+
+
+def test_an_emulator_that_says_a_lot_is_not_held_up(monkeypatch):
+    """A pipe that nobody reads takes 64 KiB, then its writer stands still."""
+    popen = subprocess.Popen
+
+    def talkative(command, **keys):
+        # before it serves, and whenever the node is asked
+        program = (
+            "import os, runpy, sys; os.write(2, b'w' * 500_000)\n"
+            f"sys.path[:0] = {[path for path in sys.path if path]!r}\n"
+            "runpy.run_module('hdbench.devices.emulator', run_name='__main__')"
+        )
+        return popen([sys.executable, "-c", program], **keys)
+
+    monkeypatch.setattr(process.subprocess, "Popen", talkative)
+    monkeypatch.setattr(process, "_START_S", 8.0)
+    data = load_profile("cim-tr-97-06").data
+    with process.running_emulator(data, plant="as-modelled", seed=0, pace="fast") as found:
+        assert str(found["address"]).startswith("tcp://")
+
+
+def test_why_an_emulator_did_not_start_is_the_last_it_said(monkeypatch):
+    popen = subprocess.Popen
+
+    def failing(command, **keys):
+        program = "import sys; print('w' * 100_000, file=sys.stderr); sys.exit('no such luck')"
+        return popen([sys.executable, "-c", program], **keys)
+
+    monkeypatch.setattr(process.subprocess, "Popen", failing)
+    data = load_profile("cim-tr-97-06").data
+    with (
+        pytest.raises(DeviceError, match="exit code 1: no such luck"),
+        process.running_emulator(data, plant="as-modelled", seed=0, pace="fast"),
+    ):
+        pass

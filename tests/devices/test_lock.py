@@ -1,0 +1,172 @@
+"""One process per bench, whatever the bench is called; a stop signals that process alone."""
+
+import os
+import signal
+import socket
+import stat
+import subprocess
+import sys
+from contextlib import contextmanager, suppress
+
+import pytest
+
+from hdbench.devices import lock, open_bench
+from hdbench.devices.lock import exclusive, holder, release
+from hdbench.errors import BusyError, StorageError
+from hdbench.profile import load_profile
+
+LINE = "rtu:///dev/no-such-line"
+HOLD = """
+import fcntl, os, sys, time
+handle = os.open(sys.argv[1], os.O_RDWR | os.O_CREAT, 0o600)
+fcntl.flock(handle, fcntl.LOCK_EX)
+os.write(handle, sys.argv[2].encode())
+print("held", flush=True)
+time.sleep(60)
+"""
+RUN = """
+import sys, time
+from hdbench.devices.lock import exclusive
+with exclusive(sys.argv[1]):
+    print("held", flush=True)
+    time.sleep(60)
+"""
+
+
+@pytest.fixture(autouse=True)
+def _own_folder(tmp_path, monkeypatch):
+    tmp_path.chmod(0o700)
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+
+
+@contextmanager
+def process(*words):
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
+    running = subprocess.Popen(
+        [sys.executable, *words], stdout=subprocess.PIPE, text=True, env=environment
+    )
+    try:
+        yield running
+    finally:
+        with suppress(OSError):
+            running.send_signal(signal.SIGKILL)
+        running.communicate()
+
+
+@pytest.mark.parametrize("told", ["{pid}\n", "{pid} 12345\n", "{pid} \n", "1 1\n", "\n", "x y\n"])
+def test_a_stop_never_signals_a_process_that_does_not_hold_the_bench(told):
+    with process("-c", "import time; print(1, flush=True); time.sleep(60)") as stranger:
+        assert stranger.stdout.readline()
+        text = told.format(pid=stranger.pid)
+        with process("-c", HOLD, str(lock._path(LINE)), text) as other:
+            assert other.stdout.readline() == "held\n"
+            with pytest.raises(BusyError) as caught:
+                release(LINE, timeout_s=0.3)
+            assert caught.value.exit_code == 9
+            assert caught.value.fix
+            assert other.poll() is None
+        assert stranger.poll() is None, "a stranger was ended"
+        assert holder(LINE) is None
+
+
+def test_a_stop_ends_the_process_that_holds_the_bench():
+    with process("-c", RUN, LINE) as run:
+        assert run.stdout.readline() == "held\n"
+        assert holder(LINE) == run.pid
+        release(LINE)
+        assert run.wait(5) == -signal.SIGTERM
+    assert holder(LINE) is None
+
+
+def test_a_process_that_died_holds_nothing_and_its_number_is_signalled_no_more():
+    with process("-c", RUN, LINE) as run:
+        assert run.stdout.readline() == "held\n"
+        run.kill()
+        run.wait(5)
+        assert holder(LINE) is None
+        release(LINE)
+        with exclusive(LINE):
+            assert holder(LINE) == os.getpid()
+
+
+@pytest.mark.parametrize(
+    ("one", "other"),
+    [
+        ("tcp://192.0.2.7", "tcp://192.0.2.7:502"),
+        ("tcp://[fd00::7]:502", "tls://[fd00::7]:502"),
+        ("rtu://{folder}/by-id/usb-1", "rtu://{folder}/ttyUSB0"),
+        ("rtu://{folder}/by-id/usb-1?baud=9600", "serial://{folder}/ttyUSB0"),
+    ],
+)
+def test_one_bench_by_two_names_is_one_bench(one, other, tmp_path):
+    (tmp_path / "ttyUSB0").touch()
+    (tmp_path / "by-id").mkdir()
+    (tmp_path / "by-id" / "usb-1").symlink_to("../ttyUSB0")
+    one, other = (text.format(folder=tmp_path) for text in (one, other))
+    with exclusive(one):
+        assert holder(other) == os.getpid()
+        with pytest.raises(BusyError, match=str(os.getpid())), exclusive(other):
+            pass
+    with exclusive(other):
+        pass
+
+
+def test_localhost_is_the_bench_at_its_number():
+    with (
+        exclusive("tcp://127.0.0.1:9"),
+        pytest.raises(BusyError),
+        open_bench(load_profile("cim-tr-97-06"), address="tcp://localhost:9"),
+    ):
+        pass
+
+
+def test_two_benches_are_two():
+    with exclusive("tcp://192.0.2.7:502"), exclusive("tcp://192.0.2.7:503"), exclusive(LINE):
+        pass
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems have no abstract names")
+def test_a_bench_that_another_user_runs_is_busy():
+    with socket.socket(socket.AF_UNIX) as theirs:
+        theirs.bind(lock._shared_name("tcp://192.0.2.7:502"))
+        with (
+            pytest.raises(BusyError, match="another user"),
+            exclusive("tcp://192.0.2.7:502"),
+        ):
+            pass
+
+
+def test_the_lock_is_in_a_folder_that_nobody_else_can_enter(tmp_path):
+    with exclusive(LINE):
+        assert lock._path(LINE).is_relative_to(tmp_path)
+        assert stat.S_IMODE(lock._path(LINE).stat().st_mode) == 0o600
+        assert stat.S_IMODE(lock._path(LINE).parent.stat().st_mode) == 0o700
+
+
+@pytest.mark.parametrize("kind", ["open to all", "link"])
+def test_a_folder_that_others_can_enter_is_not_used(kind, tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / "gone"))
+    monkeypatch.setattr(lock, "_SYSTEM", str(tmp_path / "gone"))
+    folder = tmp_path / f"hdbench-{os.getuid()}"
+    if kind == "link":
+        (tmp_path / "theirs").mkdir(mode=0o700)
+        folder.symlink_to("theirs")
+    else:
+        folder.mkdir()
+        folder.chmod(0o777)
+    with pytest.raises(StorageError, match=folder.name) as caught, exclusive(LINE):
+        pass
+    assert caught.value.fix
+    # a person who wants to stop a bench is not kept from it
+    assert holder(LINE) is None
+    release(LINE)
+
+
+def test_a_lock_that_cannot_be_written_is_told(monkeypatch):
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "write", full)
+    with pytest.raises(StorageError, match="No space left"), exclusive(LINE):
+        pass

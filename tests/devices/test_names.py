@@ -1,0 +1,162 @@
+"""Names of hosts: asked for once, before anything moves."""
+
+import socket
+import time
+
+import pytest
+
+from hdbench.devices import AcquisitionSettings, open_bench, opening, stop_bench
+from hdbench.devices.emulator.process import running_emulator
+from hdbench.devices.guard import order_of
+from hdbench.devices.wire import FrameError, connect, naming, parse_address, read_registers
+from hdbench.errors import DeviceError
+from hdbench.profile import load_profile
+from hdbench.profile.acquiring_table import TlsFiles
+from hdbench.profile.schema import ReferenceWave
+
+WAVE = ReferenceWave(wave="constant", amplitude_v=1.0)
+SLOW_S = 3.0
+
+
+class Resolver:
+    """Knows one name: the first time at once, later after 3 s."""
+
+    def __init__(self, number="127.0.0.1", slow_s=SLOW_S):
+        self.asked = 0
+        self.number = number
+        self.slow_s = slow_s
+        self.ask = socket.getaddrinfo
+
+    def __call__(self, host, port, *args, **keys):
+        if host != "bench-7":
+            return self.ask(host, port, *args, **keys)
+        if keys.get("flags", 0) & socket.AI_NUMERICHOST:
+            raise socket.gaierror(socket.EAI_NONAME, "not a number")
+        self.asked += 1
+        if self.asked > 1:
+            time.sleep(self.slow_s)
+        return self.ask(self.number, port, *args, **keys)
+
+
+def named(data, found):
+    """Return a profile at an emulator, what is on the network by its name."""
+    there = opening._at(data, found)
+    driving = getattr(there.daq, "outputs", there.daq)
+    table = driving.model_copy(update={"address": driving.address.replace("127.0.0.1", "bench-7")})
+    if driving is not there.daq:
+        table = there.daq.model_copy(update={"outputs": table})
+    return there.model_copy(update={"daq": table})
+
+
+def link_of(daq):
+    """Return the connection that carries a driver's requests."""
+    daq = getattr(daq, "_outputs", daq) if hasattr(daq, "_inputs") else daq
+    for name in ("_wire", "_control", "_access"):
+        if hasattr(daq, name):
+            return getattr(daq, name)._link
+    raise AssertionError(f"{type(daq).__name__}: {sorted(vars(daq))}")
+
+
+@pytest.mark.parametrize("name", ["cim-tr-97-06", "labjack-t7", "di-2108-ek9000"])
+def test_a_run_asks_for_the_name_once_and_never_waits_for_it_again(name, monkeypatch):
+    data = load_profile(name).data
+    with running_emulator(data, plant="as-modelled", seed=0, pace="realtime") as found:
+        resolver = Resolver()
+        monkeypatch.setattr(socket, "getaddrinfo", resolver)
+        took_s = []
+
+        def timed(call):
+            start_s = time.monotonic()
+            given = call()
+            took_s.append(time.monotonic() - start_s)
+            return given
+
+        with open_bench(named(data, found)) as bench:
+            bench.configure(AcquisitionSettings(4e-3, 100_000, WAVE))
+            link_of(bench.bench.daq).close()
+            timed(bench.start)
+            taken = 0
+            while taken < 200:
+                block = timed(bench.read_block)
+                taken += len(block) if block else 0
+            bench.stop()
+            link_of(bench.bench.daq).close()
+            safe = timed(bench.safe_state)
+    assert safe.confirmed, safe.detail
+    assert resolver.asked == 1
+    assert max(took_s) < SLOW_S
+
+
+def test_the_guard_and_other_children_get_numbers_and_tls_keeps_its_name(monkeypatch):
+    monkeypatch.setattr(socket, "getaddrinfo", Resolver("192.0.2.7"))
+    files = TlsFiles(certificate="c", key="k", authority="a")
+    data = load_profile("cim-tr-97-06").data
+    table = data.daq.model_copy(update={"address": "tls://bench-7:802", "tls": files})
+    (target,) = order_of(opening._numbered(data.model_copy(update={"daq": table}))).targets
+    assert target.place["host"] == "192.0.2.7"
+    assert target.place["tls"]["server_name"] == "bench-7"
+
+
+def test_a_connection_asks_nobody_for_a_name(monkeypatch):
+    monkeypatch.setattr(socket, "getaddrinfo", resolver := Resolver())
+    link = connect(parse_address("tcp://bench-7:502"))
+    with pytest.raises(FrameError, match="not a number"):
+        link.transact(*read_registers(0, 1), time.monotonic() + 1.0)
+    assert resolver.asked == 0
+
+
+def test_a_resolver_that_does_not_answer_is_told_before_anything_is_opened(monkeypatch):
+    resolver = Resolver(slow_s=2.0)
+    resolver.asked = 1
+    monkeypatch.setattr(socket, "getaddrinfo", resolver)
+    monkeypatch.setattr(naming, "_LONGEST_S", 0.3)
+    start_s = time.monotonic()
+    with pytest.raises(DeviceError, match=r"bench-7.*0\.3 s") as caught:
+        stop_bench(load_profile("cim-tr-97-06"), address="tcp://bench-7:502")
+    assert time.monotonic() - start_s < 1.0
+    assert "number" in caught.value.fix
+
+
+def test_a_name_that_nobody_knows_is_a_device_error(monkeypatch):
+    def unknown(host, *_, **__):
+        raise socket.gaierror(socket.EAI_NONAME, "Name or service not known")
+
+    monkeypatch.setattr(socket, "getaddrinfo", unknown)
+    with (
+        pytest.raises(DeviceError, match=r"'bench-7'.*not known"),
+        open_bench(load_profile("cim-tr-97-06"), address="tcp://bench-7:502"),
+    ):
+        pass
+
+
+def test_of_several_numbers_the_one_that_answers_is_taken(monkeypatch):
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = server.getsockname()[1]
+        ask = socket.getaddrinfo
+
+        def both(host, port, **keys):
+            hosts = ("127.0.0.9", "127.0.0.1") if host == "bench-7" else (host,)
+            return [place for one in hosts for place in ask(one, port, **keys)]
+
+        monkeypatch.setattr(socket, "getaddrinfo", both)
+        assert naming.numbered(f"tcp://bench-7:{port}") == f"tcp://127.0.0.1:{port}"
+
+
+@pytest.mark.parametrize(
+    ("text", "number"),
+    [
+        ("tcp://192.0.2.7:502", "tcp://192.0.2.7:502"),
+        ("tcp://192.0.2.7", "tcp://192.0.2.7"),
+        ("tcp://[2001:DB8:0::7]:502", "tcp://[2001:db8::7]:502"),
+        ("tcp://[::ffff:192.0.2.7]:502", "tcp://192.0.2.7:502"),
+        ("tls://[fe80::1%eth0]:802", "tls://[fe80::1%eth0]:802"),
+        ("rtu:///dev/ttyUSB0?baud=9600", "rtu:///dev/ttyUSB0?baud=9600"),
+        ("embedded", "embedded"),
+        # what is no address is for the driver to refuse
+        ("tcp://a b:502", "tcp://a b:502"),
+        ("acme://bench-7", "acme://bench-7"),
+    ],
+)
+def test_numbers_and_other_addresses_are_asked_for_nowhere(text, number, monkeypatch):
+    monkeypatch.delattr(socket, "getaddrinfo")
+    assert naming.numbered(text) == number

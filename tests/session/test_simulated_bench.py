@@ -1,0 +1,193 @@
+"""Only the bench that this process started is simulated; a device's own word moves no motor."""
+
+from __future__ import annotations
+
+import json
+import socket
+import threading
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from hdbench.devices import AcquisitionSettings, open_bench, opening
+from hdbench.devices.emulator.process import running_emulator
+from hdbench.errors import DeviceError, UsageError
+from hdbench.profile import load_profile
+from hdbench.profile.schema import ReferenceWave
+from hdbench.session import BenchOptions, run_experiment
+from hdbench.session.calibrating.conversation import Unattended
+from hdbench.session.stop import Aborted
+
+WAVE = ReferenceWave(
+    wave="trapezoid", amplitude_v=2.773, frequency_hz=0.25, duty=0.8, rise=0.1, fall=0.1
+)
+NAMES = ["cim-tr-97-06", "labjack-t7", "di-2108-ek9000", "seneca-z-sg"]
+
+
+class Person:
+    """Answers, and counts what it is asked."""
+
+    def __init__(self, *, go: bool) -> None:
+        self.go = go
+        self.asked: list[str] = []
+
+    def confirm_lock(self, *, locked: bool) -> bool:
+        self.asked.append(f"locked {locked}")
+        return True
+
+    def confirm_motion(self, description: str) -> bool:
+        self.asked.append("motion")
+        return self.go
+
+
+def quick(name: str, found):
+    profile = load_profile(name)
+    data = opening._at(profile.data, found)
+    calibration = {"positions": 1, "ranges": ("full",), "full_masses_kg": (0.0, 4.0, 8.0)}
+    data = data.model_copy(
+        update={
+            "calibration": data.calibration.model_copy(update={**calibration, "average_s": 0.5}),
+            "ripple": data.ripple.model_copy(update={"duration_s": 4.0, "reference": WAVE}),
+        }
+    )
+    return replace(profile, data=data)
+
+
+def quiet(_what: str, _share: float) -> None:
+    pass
+
+
+def moved(record: Path) -> bool:
+    events = [json.loads(line) for line in record.read_text().splitlines()]
+    return any(event.get("reference_v") for event in events)
+
+
+@pytest.mark.parametrize("kind", ["ripple", "calibration"])
+def test_a_device_that_calls_itself_simulated_is_taken_for_a_real_one(kind, tmp_path):
+    data = load_profile("cim-tr-97-06").data
+    record = tmp_path / "motor.jsonl"
+    with running_emulator(data, plant="as-modelled", seed=0, pace="fast", record=record) as found:
+        with pytest.raises(UsageError, match="taken for a real bench") as caught:
+            run_experiment(kind, quick("cim-tr-97-06", found), BenchOptions(tmp_path), quiet)
+        with open_bench(opening._at(data, found)) as bench:
+            assert bench.identity().simulated, "it says so"
+            assert bench.simulation is None
+    assert "--yes" in caught.value.fix
+    assert "--control" in caught.value.fix
+    assert not moved(record)
+
+
+def test_the_motion_of_a_bench_with_a_control_channel_is_asked_for(tmp_path):
+    data = load_profile("cim-tr-97-06").data
+    record = tmp_path / "motor.jsonl"
+    with running_emulator(data, plant="as-modelled", seed=0, pace="fast", record=record) as found:
+        profile = quick("cim-tr-97-06", found)
+        options = BenchOptions(tmp_path, control=str(found["control"]))
+        with pytest.raises(UsageError, match="taken for a real bench"):
+            run_experiment("ripple", profile, options, quiet)
+        no = Person(go=False)
+        with pytest.raises(Aborted, match="not confirmed"):
+            run_experiment("ripple", profile, replace(options, operator=no), quiet)
+        assert no.asked == ["motion"], "the lock is the simulated operator's"
+        assert not moved(record)
+        yes = Person(go=True)
+        assert run_experiment("ripple", profile, replace(options, operator=yes), quiet).folder
+        assert yes.asked == ["motion"]
+    assert moved(record)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_simulated_operator_calibrates_every_emulator_by_its_channel(name, tmp_path):
+    data = load_profile(name).data
+    with running_emulator(data, plant="as-modelled", seed=0, pace="fast") as found:
+        options = BenchOptions(
+            tmp_path, control=str(found["control"]), talk=Unattended(lambda _: None)
+        )
+        result = run_experiment("calibration", quick(name, found), options, quiet)
+    gain = result.evaluation.result["gain_nm_per_v"]["value"]
+    # the plant as modelled has the profile's gain, each clamping its own by some per mille
+    assert gain == pytest.approx(load_profile(name).data.sensor.gain_nm_per_v, rel=0.03)
+
+
+def torque_v(bench) -> float:
+    bench.configure(AcquisitionSettings(0.02, 20, None))
+    bench.start()
+    volts: list[float] = []
+    while len(volts) < 20:
+        block = bench.read_block()
+        volts += [] if block is None else [*block.torque_v, *([0.0] * block.lost_before)]
+    bench.stop()
+    return sum(volts) / 20
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_shunt_by_the_channel_reaches_the_bridge(name):
+    with open_bench(load_profile(name)) as bench:
+        before = torque_v(bench)
+        bench.simulation.set_handling(swing_rad=0.0, release_s=0.0, shunt_ohm=100_000.0)
+        # 350 ohm or so against 100 kohm: some 0.1 % of the bridge's supply, times 1000
+        assert abs(torque_v(bench) - before) > 0.5
+
+
+def test_nobody_reaches_into_a_node_that_samples():
+    with open_bench(load_profile("cim-tr-97-06"), realtime=True) as bench:
+        bench.configure(AcquisitionSettings(1e-3, 100_000, None))
+        bench.start()
+        with pytest.raises(DeviceError, match="acquisition is running"):
+            bench.simulation.set_fixture(locked=True, position_rad=0.0, mass_kg=1.0, direction=1)
+
+
+@pytest.mark.parametrize(
+    "order",
+    [
+        {"locked": True, "position_rad": float("nan"), "mass_kg": 1.0, "direction": 1},
+        {"locked": True, "position_rad": 0.0, "mass_kg": -1.0, "direction": 1},
+        {"locked": True, "position_rad": 0.0, "mass_kg": 1.0, "direction": 2},
+        {"locked": 7, "position_rad": 0.0, "mass_kg": 1.0, "direction": 1},
+    ],
+)
+def test_the_channel_refuses_what_no_hand_can_do(order):
+    with open_bench(load_profile("cim-tr-97-06")) as bench:
+        with pytest.raises(DeviceError, match="out of its domain"):
+            bench.simulation.set_fixture(**order)
+        bench.simulation.set_fixture(locked=True, position_rad=0.0, mass_kg=1.0, direction=1)
+
+
+@pytest.mark.parametrize(
+    "line", [b"\n", b"{\n", b"[1]\n", b'{"fixture": {}}\n', b'{"x": 1}\n', b"[" * 60000 + b"\n"]
+)
+def test_the_channel_survives_what_is_no_order(line):
+    data = load_profile("cim-tr-97-06").data
+    with running_emulator(data, plant="as-modelled", seed=0, pace="fast") as found:
+        host, _, port = str(found["control"]).removeprefix("tcp://").rpartition(":")
+        assert host == "127.0.0.1"
+        with socket.create_connection((host, int(port)), timeout=5.0) as link:
+            link.sendall(line)
+            assert json.loads(link.makefile().readline())["refused"]
+        with open_bench(data, address=str(found["address"]), control=str(found["control"])):
+            pass
+
+
+@pytest.mark.parametrize("reply", [b"", b"hello\r\n", b"[1]\n", b"1" * 5000 + b"\n"])
+def test_what_is_no_control_channel_is_told(reply):
+    data = load_profile("cim-tr-97-06").data
+    with (
+        running_emulator(data, plant="as-modelled", seed=0, pace="fast") as found,
+        socket.create_server(("127.0.0.1", 0)) as server,
+    ):
+
+        def answer() -> None:
+            link, _ = server.accept()
+            with link:
+                link.recv(100)
+                link.sendall(reply)
+
+        threading.Thread(target=answer, daemon=True).start()
+        control = f"tcp://127.0.0.1:{server.getsockname()[1]}"
+        with (
+            pytest.raises(DeviceError, match="control channel") as caught,
+            open_bench(data, address=str(found["address"]), control=control),
+        ):
+            pass
+    assert "--control" in caught.value.fix
