@@ -88,7 +88,14 @@ FORMATS = (
     Format("HDF5 file", "hdf5", (".mat", ".h5", ".hdf5", ".hdf"), _hdf5, "h5py", "hdf5"),
     Format("Parquet file", "parquet", (".parquet",), _magic(b"PAR1"), "pyarrow", "parquet"),
     Format("TDMS file", "tdms", (".tdms",), _magic(b"TDSm"), "nptdms", "tdms"),
-    Format("MDF file", "mdf", (".mf4", ".mdf", ".dat"), _magic(b"MDF     "), "asammdf", "mdf"),
+    Format(
+        "MDF file",
+        "mdf",
+        (".mf4", ".mdf", ".dat"),
+        _magic(b"MDF     ", b"UnFinMF "),
+        "asammdf",
+        "mdf",
+    ),
     Format(
         "ROS bag",
         "ros",
