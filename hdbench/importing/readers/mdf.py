@@ -6,8 +6,10 @@ Each group of channels keeps its own time; groups are never merged.
 from __future__ import annotations
 
 import importlib
+import io
 import logging
 from collections.abc import Iterator, Sequence
+from contextlib import redirect_stdout, suppress
 from pathlib import Path
 from typing import Any
 
@@ -72,13 +74,15 @@ class _MdfSource(Source):
 
     def _read(self, name: str, group: int, start: int, count: int) -> Any:
         number, index = self._places[name]
-        signal = self._file.get(
-            group=number,
-            index=index,
-            record_offset=start,
-            record_count=count,
-            ignore_invalidation_bits=False,
-        )
+        # of a damaged group it prints all it knows, where the result of a command belongs
+        with redirect_stdout(io.StringIO()):
+            signal = self._file.get(
+                group=number,
+                index=index,
+                record_offset=start,
+                record_count=count,
+                ignore_invalidation_bits=False,
+            )
         values = np.asarray(signal.samples)
         found = numbers(values) if values.ndim == 1 else None
         if found is None:
@@ -94,6 +98,11 @@ class _MdfSource(Source):
         self._file.close()
 
 
+def _quiet_end(reader: Any) -> None:
+    with suppress(Exception):
+        reader.close()
+
+
 def open_file(path: Path) -> Source:
     """Open an MDF file."""
     logging.getLogger("asammdf").setLevel(logging.CRITICAL)
@@ -104,7 +113,12 @@ def open_file(path: Path) -> Source:
             where=str(path),
             fix="copy the file again",
         )
-    file = asammdf.MDF(path, memory="minimum")
+    # the end of one that could not be opened would raise, where nothing can catch it
+    for version, name in (("mdf_v3", "MDF3"), ("mdf_v4", "MDF4")):
+        reader = getattr(importlib.import_module(f"asammdf.blocks.{version}"), name)
+        reader.__del__ = _quiet_end
+    with redirect_stdout(io.StringIO()):
+        file = asammdf.MDF(path)
     try:
         return _MdfSource(path, file)
     except BaseException:

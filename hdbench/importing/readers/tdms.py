@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import logging
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -93,14 +94,22 @@ def _seconds_since(start: object, begin: np.datetime64 | None) -> float:
     """Return the start of a waveform after the first one of the file, s."""
     if begin is None or not isinstance(start, np.datetime64) or np.isnat(start):
         return 0.0
-    return float((start - begin).astype("m8[ns]").astype(np.int64)) * 1e-9
+    return float(_ns(start) - _ns(begin)) * 1e-9
+
+
+def _ns(time: np.datetime64) -> int:
+    return int(np.array([time], dtype="M8[ns]").astype(np.int64)[0])
 
 
 def open_file(path: Path) -> Source:
     """Open a TDMS file."""
+    # what it says of a damaged file is said here, once
+    logging.getLogger("nptdms").setLevel(logging.CRITICAL)
     nptdms: Any = importlib.import_module("nptdms")
     file = nptdms.TdmsFile.open(path, raw_timestamps=False)
     try:
+        if file.file_status.incomplete_final_segment:
+            raise damaged(path, _FORM, "its last segment is cut off")
         return _TdmsSource(path, file)
     except BaseException:
         file.close()
