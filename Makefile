@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test check venv dev coverage-campaign blind bench faults faults-all firmware-check docs clean
+.PHONY: demo test check venv dev coverage-campaign blind bench faults faults-all firmware-check import-formats docs clean
 
 demo: $(VENV)/.installed
 	$(BIN)/hdbench demo
@@ -57,6 +57,12 @@ firmware-check: $(VENV)/.installed
 	@if command -v arm-none-eabi-gcc >/dev/null && command -v qemu-system-arm >/dev/null; then \
 	    $(MAKE) -C build/firmware target; \
 	else echo "not run on a Cortex-M4F: tools are missing"; fi
+
+# Readers of logs with the libraries that they need, and 2 000 mutated files of each format.
+import-formats: $(VENV)/.dev
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable ".[dev,logs]" mcap netCDF4 polars XlsxWriter
+	$(BIN)/python -m pytest -q tests/importing
+	$(BIN)/python tools/import_fuzz.py
 
 bench: $(VENV)/.dev
 	$(BIN)/python tools/bench.py

@@ -42,8 +42,8 @@ def staircase_plan(
         If one of them has another form.
     """
     from hdbench.calibration.staircase import StaircasePlan
-    from hdbench.records.importing import known_columns
-    from hdbench.records.mapping import parse_constant, parse_map
+    from hdbench.importing.mapping import parse_constant, parse_map
+    from hdbench.importing.plan import known_columns
 
     known = known_columns("loads")
     columns = [parse_map(text, known) for text in maps]

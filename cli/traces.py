@@ -39,11 +39,11 @@ class Input:
     trace: Trace
     scale: TorqueScale
 
-    def identity(self) -> dict[str, str]:
-        """Return path and digest of the file."""
-        from hdbench.records import sha256_file
+    def identity(self) -> dict[str, Any]:
+        """Return path and digest of the file, and what it was imported from."""
+        from hdbench.records import input_identity
 
-        return {"path": str(self.file), "sha256": sha256_file(self.file)}
+        return input_identity(self.file)
 
 
 def read_input(

@@ -30,13 +30,13 @@ from hdbench.records import (
     RunFolder,
     TorqueScale,
     Trace,
+    input_identity,
     is_loads_file,
     read_json,
     read_loads,
     read_trace,
     resolve_input,
     result_header,
-    sha256_file,
     write_json,
 )
 
@@ -131,7 +131,9 @@ def diagnose_run(
     # an input that cannot be used must not leave an empty run behind
     done = _diagnose(file, Path(source), profile, chosen, progress)
     answer = done.answer
-    details = {"input": str(source), "input_sha256": sha256_file(file)}
+    identity = input_identity(file)
+    details = {"input": str(source), "input_sha256": identity["sha256"]}
+    details |= {key: identity[key] for key in ("imported",) if key in identity}
     folder = RunFolder.create(out, kind="diagnosis", profile=profile, details=details)
     files = ["result.json", *_write_tables(folder.path, done, profile)]
     motion = None

@@ -13,6 +13,7 @@ from hdbench.records.jsonfile import (
 )
 from hdbench.records.loads import LoadReading, Loads
 from hdbench.records.loadsfile import is_loads_file, read_loads, write_loads
+from hdbench.records.provenance import input_identity
 from hdbench.records.quantity import Quantity
 from hdbench.records.recovery import recover_run, resolve_input
 from hdbench.records.runfolder import RunFolder
@@ -37,6 +38,7 @@ __all__ = [
     "Trace",
     "VerifyReport",
     "dumps",
+    "input_identity",
     "is_loads_file",
     "list_runs",
     "read_journal",

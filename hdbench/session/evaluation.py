@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,9 +14,10 @@ from hdbench.profile import Profile
 from hdbench.profile.scaling import rescaled, stored_scale
 from hdbench.profile.validity import measured_utc
 from hdbench.records import Loads, TorqueScale, Trace
-from hdbench.records.jsonfile import read_json, result_header, sha256_file, write_json
+from hdbench.records.jsonfile import read_json, result_header, write_json
 from hdbench.records.loadsfile import is_loads_file, read_loads
 from hdbench.records.parquetfile import PARQUET
+from hdbench.records.provenance import input_identity, provenance_path
 from hdbench.records.recovery import resolve_input
 from hdbench.records.runfolder import RunFolder
 from hdbench.records.tracefile import read_trace, write_trace
@@ -218,7 +219,7 @@ def evaluate_stored(
     if tuned and isinstance(records, Trace):
         origins = {f"trace {records.source}": "the input itself"}
         model = tune_traces(profile, model, [records], origins).model
-    origin = {"path": str(source), "sha256": sha256_file(file)}
+    origin = {**input_identity(file), "path": str(source)}
     details = {"source": {**origin, "measured_utc": measured_utc(source)}}
     folder = RunFolder.create(out, kind=kind, profile=profile, details=details)
     folder.update(calibration=scale.to_dict(), filter=model.to_dict())
@@ -228,6 +229,9 @@ def evaluate_stored(
         write_trace(stored, read_trace(file))
     else:
         shutil.copyfile(file, stored)
+        if "imported" in origin:
+            shutil.copyfile(provenance_path(file), provenance_path(stored))
+    kept = [path for path in (stored, provenance_path(stored)) if path.exists()]
     channels = channel_doubts(records, source, profile)
     try:
         found = evaluate(
@@ -241,7 +245,7 @@ def evaluate_stored(
             stretch=stretch,
         )
     except DataError as error:
-        folder.finish("complete", f"not evaluated: {error.what}", [stored])
+        folder.finish("complete", f"not evaluated: {error.what}", kept)
         if channels:
             raise DataError(
                 f"{'; '.join(channels)}: {error.what}",
@@ -249,7 +253,9 @@ def evaluate_stored(
                 fix="bring the file in with the right columns and units: hdbench import --map",
             ) from error
         raise
-    store_evaluation(folder, found, [stored], f"evaluated from {source}")
+    if "imported" in origin:
+        found = replace(found, result={**found.result, "imported": origin["imported"]})
+    store_evaluation(folder, found, kept, f"evaluated from {source}")
     return folder, found
 
 

@@ -16,10 +16,10 @@ from hdbench.calibration import evaluate_calibration
 from hdbench.calibration.staircase import StaircasePlan, find_plateaus, import_staircase
 from hdbench.calibration.staircase.glitches import find_glitches, find_stuck
 from hdbench.errors import DataError, UsageError
+from hdbench.importing.mapping import ColumnMap, Constant
+from hdbench.importing.text import ForeignFormat
 from hdbench.profile import load_profile
-from hdbench.records.foreign import ForeignFormat
 from hdbench.records.loadsfile import read_loads
-from hdbench.records.mapping import ColumnMap, Constant
 
 DATA = os.environ.get("HDBENCH_DATA")
 needs_data = pytest.mark.skipif(DATA is None, reason="HDBENCH_DATA is not set")

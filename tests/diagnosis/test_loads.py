@@ -12,10 +12,10 @@ import pytest
 from hdbench.diagnosis import DiagnosisOptions, diagnose_run
 from hdbench.diagnosis.static import diagnose_loads
 from hdbench.errors import DataError
+from hdbench.importing.mapping import ColumnMap, Constant
+from hdbench.importing.plan import ImportPlan, import_files
 from hdbench.profile import load_profile
 from hdbench.records import Loads, read_loads, write_loads
-from hdbench.records.importing import ImportPlan, import_files
-from hdbench.records.mapping import ColumnMap, Constant
 
 sys.path.insert(0, str(Path(__file__).parent))
 import static_bench as bench

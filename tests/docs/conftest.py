@@ -14,7 +14,9 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 import pytest
+import scipy.io
 
 STORED = Path(__file__).parents[1] / "stored"
 # a header and some of the readings of a calibration, far from all of them
@@ -72,6 +74,17 @@ def _log(source: Path, target: Path) -> None:
         cells = (time, speed, torque, 1000.0 * time, speed * 30.0 / math.pi, torque)
         lines.append(",".join(map(repr, cells)))
     target.write_text("\n".join(lines) + "\n")
+
+
+def _array_files(source: Path, folder: Path) -> None:
+    """Write the trace as MATLAB would, and the motion of its joint as a robot's program might."""
+    data = np.genfromtxt(source, delimiter=",", names=True, max_rows=8000)
+    at, velocity = data["time_s"], data["motor_velocity_rad_s"]
+    angle = np.cumsum(velocity) * float(np.median(np.diff(at)))
+    columns = {"time": at, "velocity": velocity, "torque": data["torque_nm"]}
+    scipy.io.savemat(folder / "log.mat", columns)
+    moved = {"t": at, "q_2": angle / 100.0, "qd_2": velocity / 100.0, "tau_2": data["torque_nm"]}
+    np.savez(folder / "robot.npz", **moved)
 
 
 def _logger_files(source: Path, folder: Path) -> None:
@@ -134,6 +147,7 @@ def _build(folder: Path) -> dict[str, str]:
     shutil.copy(folder / found / "model.json", folder / "extended.json")
     _log(folder / ripple / "trace.csv", folder / "log.csv")
     _logger_files(folder / ripple / "trace.csv", folder)
+    _array_files(folder / ripple / "trace.csv", folder)
     (folder / "own.toml").write_text(OWN_CAUSE)
     shutil.copytree(STORED, folder / "tests" / "stored")
     _json(folder, "profile", "new", "my-bench", "--out", "my-bench.toml")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -12,13 +13,15 @@ import numpy as np
 
 from hdbench.calibration.staircase.loading import StaircasePlace, staircase_loads
 from hdbench.calibration.staircase.plateaus import Plateau, Staircase, find_plateaus
-from hdbench.errors import UsageError
+from hdbench.errors import DataError, UsageError
+from hdbench.importing.convert import conversion
+from hdbench.importing.mapping import ColumnMap, Constant, find_source
+from hdbench.importing.registry import open_source
+from hdbench.importing.source import Source
+from hdbench.importing.text import ForeignFormat
 from hdbench.profile.calibrating import Arm
-from hdbench.records.foreign import ForeignFormat, ForeignTable, read_foreign
 from hdbench.records.loadsfile import read_loads, write_loads
-from hdbench.records.mapping import ColumnMap, Constant, find_source
 from hdbench.records.storage import publish, staged_path
-from hdbench.records.textfile import data_error
 from hdbench.records.trace import FloatArray
 
 __all__ = ["StaircasePlan", "StaircaseReport", "import_staircase"]
@@ -155,9 +158,10 @@ def import_staircase(plan: StaircasePlan, file: Path, out: Path, arm: Arm) -> St
     if out.resolve() == file.resolve():
         raise UsageError(f"{out} is the input", where="--out", fix="name a new file")
     place = _place(plan.constants)
-    table = read_foreign(file, plan.layout)
-    sources = {m.target: m.source for m in plan.maps}
-    time_s, reading = _time(table, sources, plan.rate_hz), _reading(table, sources)
+    maps = {m.target: m.source for m in plan.maps}
+    with closing(open_source(file, plan.layout)) as source:
+        reading = _reading(source, maps)
+        time_s = _time(source, maps, len(reading), plan.rate_hz)
     stairs = find_plateaus(time_s, reading, plan.least_s)
     loads = staircase_loads(stairs, plan.loads, plan.unit, place, arm, source=str(file))
     staged = staged_path(out)
@@ -204,41 +208,38 @@ def _angle(text: str) -> float:
     return value
 
 
-def _time(table: ForeignTable, sources: Mapping[str, str], rate_hz: float | None) -> FloatArray:
+def _time(source: Source, maps: Mapping[str, str], rows: int, rate_hz: float | None) -> FloatArray:
     if rate_hz is not None:
-        return np.asarray(np.arange(len(table.rows)) / rate_hz)
-    if "time_s" not in sources:
+        return np.asarray(np.arange(rows) / rate_hz)
+    if "time_s" not in maps:
         raise UsageError(
             "no time for the readings", where="--time", fix="give --time COLUMN or --rate HZ"
         )
-    values = _column(table, sources["time_s"], "--time")
+    values = _column(source, "time_s", maps["time_s"], "--time")
     missing = np.flatnonzero(~np.isfinite(values))
     back = np.flatnonzero(~(np.diff(values) > 0.0)) + 1 if not len(missing) else missing
     if len(back):
-        line = table.lines[int(back[0])]
-        raise data_error(
-            table.path,
-            line,
+        raise DataError(
             "the time does not rise; needed: a time in every row, strictly increasing",
-            "take the row out, or use --rate",
+            where=source.place(int(back[0])),
+            fix="take the row out, or use --rate",
         )
     return np.asarray(values - values[0])
 
 
-def _reading(table: ForeignTable, sources: Mapping[str, str]) -> FloatArray:
-    if "reading_v" not in sources:
+def _reading(source: Source, maps: Mapping[str, str]) -> FloatArray:
+    if "reading_v" not in maps:
         raise UsageError(
             "no readings", where="--map", fix="give --map reading_v=COLUMN, by name or number"
         )
-    return _column(table, sources["reading_v"], "--map")
+    return _column(source, "reading_v", maps["reading_v"], "--map")
 
 
-def _column(table: ForeignTable, source: str, option: str) -> FloatArray:
+def _column(source: Source, target: str, text: str, option: str) -> FloatArray:
     """Return a column as numbers, NaN where a cell is empty."""
-    column = find_source(table, source, option)
-    out = np.full(len(table.rows), np.nan)
-    for row in range(len(table.rows)):
-        cell = table.decimal(row, column.index)
-        if cell is not None:
-            out[row] = float(cell * column.scale + column.offset)
-    return out
+    column = find_source(source, text, option)
+    done = conversion(target, source, column, turn=True, given=text)
+    parts: list[FloatArray] = []
+    for piece in source.pieces([column.channel.name]):
+        parts.append(done.piece(piece[column.channel.name], sum(map(len, parts))))
+    return done.whole(np.concatenate(parts)) if parts else np.empty(0)

@@ -16,8 +16,8 @@ from hdbench.records.jsonfile import read_json
 from hdbench.records.loads import Loads
 from hdbench.records.loadsfile import ArmLike, is_loads_file, read_loads
 from hdbench.records.manifest import RUN_SCHEMA
+from hdbench.records.provenance import input_identity
 from hdbench.records.recovery import resolve_input
-from hdbench.records.storage import sha256_file
 from hdbench.records.tracefile import read_trace
 
 __all__ = ["Channel", "Content", "gather", "unit_of_column"]
@@ -123,7 +123,10 @@ def gather(source: Path, arm: ArmLike) -> Content:
         If it holds neither a trace nor loads, or is damaged.
     """
     file = resolve_input(Path(source))
-    attributes = {"source": str(file), "sha256": sha256_file(file), **_run(Path(source))}
+    identity = input_identity(file)
+    attributes = {"source": str(file), "sha256": identity["sha256"], **_run(Path(source))}
+    if "imported" in identity:
+        attributes["imported"] = json.dumps(identity["imported"])
     if is_loads_file(file):
         return Content("loads", _load_channels(read_loads(file, arm)), attributes)
     trace = read_trace(file)

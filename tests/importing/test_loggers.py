@@ -10,12 +10,12 @@ from pathlib import Path
 import pytest
 
 from hdbench.errors import DataError, UsageError
+from hdbench.importing.layout import EPOCH_1904_S, Logger, is_time_name, text_layout
+from hdbench.importing.mapping import ColumnMap
+from hdbench.importing.plan import ImportPlan, ImportReport, import_files
+from hdbench.importing.text import ForeignFormat
+from hdbench.importing.units import bare_name, stated_unit, target_unit, unit_scale
 from hdbench.records import read_trace
-from hdbench.records.foreign import ForeignFormat
-from hdbench.records.importing import ImportPlan, ImportReport, import_files
-from hdbench.records.loggers import EPOCH_1904_S, Logger, find_layout, is_time_name
-from hdbench.records.mapping import ColumnMap
-from hdbench.records.units import bare_name, stated_unit, target_unit, unit_scale
 
 # date, time, a line of five words per channel, names, numbers: LJStreamUD's layout
 STREAM = (
@@ -128,7 +128,7 @@ def test_a_file_without_a_named_time_says_how_to_go_on(tmp_path: Path) -> None:
 
 def test_a_time_of_day_is_no_time_in_seconds(tmp_path: Path) -> None:
     text = "Date,Time,Torque\n11/21/2026,10:15:00.0,1.0\n11/21/2026,10:15:00.1,1.1\n"
-    with pytest.raises(UsageError) as caught:
+    with pytest.raises(DataError) as caught:
         brought(tmp_path, text, "dataq", ("torque_v", "Torque"))
     assert "--rate" in caught.value.fix
 
@@ -143,9 +143,11 @@ def test_names_that_are_no_time() -> None:
 
 
 def test_layout_keeps_what_stands_before_the_table() -> None:
-    layout = find_layout(Path("x"), STREAM.replace("\r", ""), "labjack")
-    assert (layout.delimiter, layout.skip, layout.units) == ("\t", 5, ())
-    assert layout.preamble[0] == "12/9/2013"
+    layout = text_layout(STREAM.replace("\r", "").split("\n"))
+    assert layout is not None
+    assert (layout.delimiter, layout.start, layout.units) == ("\t", 6, ())
+    assert layout.names == ("Time", "v0", "v1", "y0", "y1")
+    assert layout.preamble == (0, 1, 2, 3)
 
 
 @pytest.mark.parametrize(

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from hdbench.errors import DataError, UsageError
+from hdbench.importing.mapping import ColumnMap, Constant, parse_constant, parse_map
+from hdbench.importing.plan import ImportPlan, import_files, known_columns
+from hdbench.importing.text import ForeignFormat
 from hdbench.records import read_loads, read_trace
-from hdbench.records.foreign import ForeignFormat
-from hdbench.records.importing import ImportPlan, import_files, known_columns
-from hdbench.records.mapping import ColumnMap, Constant, parse_constant, parse_map
 
 DATA = os.environ.get("HDBENCH_DATA")
 needs_data = pytest.mark.skipif(DATA is None, reason="HDBENCH_DATA is not set")
@@ -120,7 +120,7 @@ def test_each_file_can_have_its_own_column_and_constant(tmp_path):
 
 
 def test_columns_that_bear_a_name_of_the_contract_come_along(tmp_path):
-    trace, _ = bring(tmp_path, ["time_s;torque_nm;other\n0;1;2\n"], ())
+    trace, _ = bring(tmp_path, ["time_s;torque_nm;other\n0;1;2\n1;1;2\n"], ())
     assert list(trace.columns) == ["time_s", "torque_nm"]
 
 
@@ -140,7 +140,8 @@ def test_a_missing_number_is_a_lost_sample_and_counted(tmp_path):
         ("t,T,v\n0,1,2\n1,inf,2\n", "in0.txt:3", "'inf'"),
         ("t,T,v\n0,1,2\n1,1e400,2\n", "in0.txt:3", "'1e400'"),
         ("t,T,v\n0,1,2\n1,2\n", "in0.txt:3", "2 cells"),
-        ("1,2,3\n4,5,6\n", "in0.txt:1", "no column names"),
+        ("t,T,v\n0,1,2\n", "in0.txt", "1 row"),
+        ("t,T,v\n0,nan,2\n1,,2\n", "in0.txt", "T holds no number in 2 rows"),
         ("t,T,v\n", "in0.txt", "no data"),
         ("", "in0.txt", "no data"),
         (b"t,T,v\n0,\xff,1\n", "in0.txt:2", "UTF-8"),
@@ -158,7 +159,6 @@ def test_a_bad_log_is_refused_with_its_line(tmp_path, text, place, word):
     ("maps", "constants", "word"),
     [
         (("time_s=t", "torque_nm=Tork"), (), "'Tork'"),
-        (("torque_nm=T",), (), "no time"),
         (("time_s=t", "torque_nm=T*0"), (), "scale 0"),
         (("time_s=t", "torque_nm=T"), ("torque_nm=3",), "both"),
         (("time_s=t", "torque_nm=T"), ("2:temperature_c=3",), "file 2"),
@@ -170,6 +170,12 @@ def test_a_plan_that_does_not_fit_is_wrong_usage(tmp_path, maps, constants, word
         bring(tmp_path, ["t,T\n0,1\n"], maps, constants=constants)
     assert word in caught.value.what
     assert caught.value.exit_code == 2
+
+
+def test_a_file_without_a_time_asks_for_the_rate(tmp_path):
+    with pytest.raises(DataError, match="no time column") as caught:
+        bring(tmp_path, ["a,T\n0,1\n1,2\n"], ("torque_nm=T",))
+    assert "--rate" in caught.value.fix
 
 
 def test_a_slip_in_a_column_name_of_the_contract_is_told():

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from decimal import Decimal
 
-__all__ = ["bare_name", "stated_unit", "target_unit", "unit_scale"]
+__all__ = ["bare_name", "known_unit", "stated_unit", "target_unit", "unit_scale"]
 
 _BRACKETS = re.compile(r"(?P<name>.*?)\s*[(\[](?P<unit>[^()\[\]]{1,16})[)\]]\s*")
 # longest first: `_rad_s` ends in `_s` too
@@ -30,22 +30,25 @@ _SCALES: dict[str, dict[str, Decimal]] = {
         **dict.fromkeys(("s", "sec", "second", "seconds"), Decimal(1)),
         **dict.fromkeys(("ms", "msec", "milliseconds"), Decimal("0.001")),
         **dict.fromkeys(("us", "µs", "μs"), Decimal("0.000001")),
+        **dict.fromkeys(("ns", "nanoseconds"), Decimal("0.000000001")),
         "min": Decimal(60),
     },
     "rad/s": {
-        **dict.fromkeys(("rad/s", "rad/sec"), Decimal(1)),
-        **dict.fromkeys(("rpm", "1/min", "min-1", "r/min", "u/min"), _PER_RPM),
-        **dict.fromkeys(("deg/s", "°/s"), _PER_DEGREE),
+        **dict.fromkeys(("rad/s", "rad/sec", "rad s-1", "radians/s"), Decimal(1)),
+        **dict.fromkeys(("rpm", "1/min", "min-1", "min^-1", "r/min", "u/min"), _PER_RPM),
+        **dict.fromkeys(("deg/s", "°/s", "degrees/s"), _PER_DEGREE),
         **dict.fromkeys(("rev/s", "1/s"), _PER_TURN),
+        "mrad/s": Decimal("0.001"),
+        "krpm": _PER_RPM * 1000,
     },
     "rad": {
-        "rad": Decimal(1),
+        **dict.fromkeys(("rad", "radian", "radians"), Decimal(1)),
         "mrad": Decimal("0.001"),
-        **dict.fromkeys(("deg", "°", "degrees"), _PER_DEGREE),
-        **dict.fromkeys(("rev", "turns"), _PER_TURN),
+        **dict.fromkeys(("deg", "°", "degree", "degrees"), _PER_DEGREE),
+        **dict.fromkeys(("rev", "turns", "turn"), _PER_TURN),
     },
     "N m": {
-        "nm": Decimal(1),
+        **dict.fromkeys(("nm", "newtonmeter", "newtonmetre"), Decimal(1)),
         "mnm": Decimal("0.001"),
         "knm": Decimal(1000),
         "ncm": Decimal("0.01"),
@@ -58,7 +61,7 @@ _SCALES: dict[str, dict[str, Decimal]] = {
         **dict.fromkeys(("uv", "µv", "μv"), Decimal("0.000001")),
     },
     "A": {
-        **dict.fromkeys(("a", "amp", "amps"), Decimal(1)),
+        **dict.fromkeys(("a", "amp", "amps", "ampere"), Decimal(1)),
         "ma": Decimal("0.001"),
     },
     "degC": dict.fromkeys(("c", "°c", "degc", "deg c"), Decimal(1)),
@@ -139,5 +142,19 @@ def unit_scale(unit: str, wanted: str) -> Decimal | None:
     scale = _SCALES.get(wanted, {}).get(_spelled(unit, wanted))
     if scale is not None:
         return scale
-    known = any(_spelled(unit, other) in scales for other, scales in _SCALES.items())
-    return Decimal("NaN") if known else None
+    return Decimal("NaN") if known_unit(unit) else None
+
+
+def known_unit(unit: str) -> bool:
+    """Return whether a word is a unit of one of our quantities.
+
+    Parameters
+    ----------
+    unit : str
+        What a header states.
+
+    Returns
+    -------
+    bool
+    """
+    return any(_spelled(unit, wanted) in scales for wanted, scales in _SCALES.items())

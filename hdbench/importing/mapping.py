@@ -5,13 +5,25 @@ from __future__ import annotations
 import difflib
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from decimal import Decimal
 
 from hdbench.errors import UsageError
-from hdbench.records.foreign import ForeignTable
+from hdbench.importing.source import Channel, Source, find_channel, listed
+from hdbench.importing.units import known_unit
 
-__all__ = ["ColumnMap", "Constant", "SourceColumn", "find_source", "parse_constant", "parse_map"]
+__all__ = [
+    "WORDS",
+    "ColumnMap",
+    "Constant",
+    "SourceColumn",
+    "find_source",
+    "parse_constant",
+    "parse_map",
+]
+
+# what may be declared behind a channel beside its unit
+WORDS = ("int8", "int16", "int32", "wrapped", "output", "motor", "zero")
 
 _NUMBER = r"(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,3})?"
 _LINEAR = re.compile(
@@ -29,7 +41,8 @@ class ColumnMap:
     target : str
         Column name of the contract.
     source : str
-        ``COLUMN``, ``COLUMN*SCALE``, ``COLUMN/SCALE``, each with ``+OFFSET`` or ``-OFFSET``.
+        ``COLUMN``, ``COLUMN*SCALE``, ``COLUMN/SCALE``, each with ``+OFFSET`` or ``-OFFSET``, and
+        declared conversions behind it: ``COLUMN@deg@wrapped``.
     file : int or None
         Number of the file, from 1, that it is about; None for all.
     """
@@ -60,19 +73,25 @@ class Constant:
 
 @dataclass(frozen=True, slots=True)
 class SourceColumn:
-    """A column of a foreign file and what turns its numbers into SI.
+    """A channel of a foreign file and what turns its numbers into ours.
 
     Parameters
     ----------
-    index : int
-        Position from 0.
+    channel : Channel
+        The channel.
     scale, offset : Decimal
-        value = cell * scale + offset.
+        value = number * scale + offset.
+    plain : bool
+        Whether neither scale nor offset was given; a scale of 1 that was given is one.
+    words : tuple of str
+        Declared conversions, in the order of the text.
     """
 
-    index: int
+    channel: Channel
     scale: Decimal = Decimal(1)
     offset: Decimal = Decimal(0)
+    plain: bool = True
+    words: tuple[str, ...] = ()
 
 
 def _split(
@@ -91,7 +110,7 @@ def _split(
 
 
 def parse_map(text: str, known: Sequence[str]) -> ColumnMap:
-    """Parse ``[FILE_NUMBER:]NAME=COLUMN[*SCALE][+OFFSET]``.
+    """Parse ``[FILE_NUMBER:]NAME=COLUMN[*SCALE][+OFFSET][@WORD...]``.
 
     Parameters
     ----------
@@ -134,14 +153,14 @@ def parse_constant(text: str, known: Sequence[str]) -> Constant:
     return Constant(*_split(text, "--set", "such as --set 2:series=down", known))
 
 
-def find_source(table: ForeignTable, source: str, option: str) -> SourceColumn:
-    """Return the column that `source` means; a column's own name goes before arithmetic.
+def find_source(source: Source, text: str, option: str) -> SourceColumn:
+    """Return the channel that `text` means; a channel's own name goes before arithmetic.
 
     Parameters
     ----------
-    table : ForeignTable
+    source : Source
         The file.
-    source : str
+    text : str
         As in `ColumnMap`.
     option : str
         Option it was given by, for messages.
@@ -153,25 +172,52 @@ def find_source(table: ForeignTable, source: str, option: str) -> SourceColumn:
     Raises
     ------
     UsageError
-        If there is no such column, or the scale is 0.
+        If there is no such channel, a word is not known, or the scale is 0.
+    DataError
+        If the name means several channels.
     """
-    exact = table.column(source)
+    exact = find_channel(source, text)
     if exact is not None:
         return SourceColumn(exact)
-    match = _LINEAR.fullmatch(source)
-    index = None if match is None else table.column(match["name"])
-    if match is None or index is None:
-        near = difflib.get_close_matches(source, table.header, n=1)
-        hint = f"did you mean {near[0]!r}? " if near else ""
-        names = ", ".join(table.header[:12]) if table.header else f"1 to {table.width}"
-        raise UsageError(
-            f"no column {source!r:.80} in {table.path}",
-            where=option,
-            fix=f"{hint}columns: {names}{', ...' if len(table.header) > 12 else ''}",
-        )
+    rest, *words = text.split("@")
+    column = _linear(source, rest, option) if words else None
+    if column is None:
+        column = _linear(source, text, option)
+        words = [] if column is not None else words
+    if column is None:
+        raise _no_channel(source, rest, option)
+    for word in words:
+        if word not in WORDS and not known_unit(word):
+            raise UsageError(
+                f"{word!r:.40} behind {rest!r:.60} is neither a unit nor a conversion",
+                where=option,
+                fix=f"give a unit such as deg, rpm, ms, mV, or one of {', '.join(WORDS)}",
+            )
+    return replace(column, words=tuple(words))
+
+
+def _linear(source: Source, text: str, option: str) -> SourceColumn | None:
+    exact = find_channel(source, text)
+    if exact is not None:
+        return SourceColumn(exact)
+    match = _LINEAR.fullmatch(text)
+    channel = None if match is None else find_channel(source, match["name"])
+    if match is None or channel is None:
+        return None
     scale = Decimal(match["scale"] or 1)
     if scale == 0:
-        raise UsageError(f"scale 0 in {source!r:.80}", where=option, fix="give another scale")
+        raise UsageError(f"scale 0 in {text!r:.80}", where=option, fix="give another scale")
     if match["sign"] == "/":
         scale = 1 / scale
-    return SourceColumn(index, scale, Decimal(match["offset"] or 0))
+    return SourceColumn(channel, scale, Decimal(match["offset"] or 0), plain=False)
+
+
+def _no_channel(source: Source, text: str, option: str) -> UsageError:
+    names = [channel.name for channel in source.channels]
+    near = difflib.get_close_matches(text, names, n=1)
+    hint = f"did you mean {near[0]!r}? " if near else ""
+    return UsageError(
+        f"no column {text!r:.80} in {source.path}",
+        where=option,
+        fix=f"{hint}columns: {listed(names)}",
+    )

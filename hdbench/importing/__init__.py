@@ -1,0 +1,1 @@
+"""Bring logs of other programs into traces and loads."""

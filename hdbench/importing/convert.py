@@ -1,0 +1,277 @@
+"""Declared conversions: from the numbers of a foreign channel to those of our column."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from decimal import Decimal, InvalidOperation
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hdbench.errors import DataError, UsageError
+from hdbench.importing.layout import MISSING
+from hdbench.importing.mapping import WORDS, SourceColumn
+from hdbench.importing.source import Source
+from hdbench.importing.units import target_unit, unit_scale
+from hdbench.records.trace import FloatArray
+
+__all__ = ["Conversion", "conversion", "decimal_cell"]
+
+_WIDTHS = {"int8": 8, "int16": 16, "int32": 32}
+# what turns with the shaft: on the joint side these are smaller by the gear ratio
+_TURNING = ("motor_angle_rad", "motor_velocity_rad_s")
+_TURN = 2.0 * np.pi
+
+
+@dataclass(frozen=True, slots=True)
+class Conversion:
+    """What is done to the numbers of one channel.
+
+    Parameters
+    ----------
+    target : str
+        Our column.
+    source : Source
+        The file.
+    column : SourceColumn
+        The channel with its arithmetic.
+    unit : str
+        Unit that the numbers were declared in; empty for ours.
+    factor : Decimal
+        Ours per declared unit.
+    bits : int
+        Width of a two's complement that was stored without sign; 0 for none.
+    wrapped, from_zero : bool
+        Whether whole turns are put back, and whether the first sample becomes 0.
+    ratio : float
+        Gear ratio from the joint to the motor; 1 on the motor side.
+    """
+
+    target: str
+    source: Source
+    column: SourceColumn
+    unit: str = ""
+    factor: Decimal = Decimal(1)
+    bits: int = 0
+    wrapped: bool = False
+    from_zero: bool = False
+    ratio: float = 1.0
+
+    @property
+    def scale(self) -> Decimal:
+        """Factor on the numbers of the file."""
+        return self.column.scale * self.factor
+
+    @property
+    def offset(self) -> Decimal:
+        """What is added after that."""
+        return self.column.offset * self.factor
+
+    def told(self) -> list[str]:
+        """Return what is done, step by step, in the order in which it is done."""
+        steps = [f"channel {self.column.channel.name!r}"]
+        if self.bits:
+            steps.append(f"unsigned {self.bits}-bit number read as two's complement")
+        if not self.column.plain:
+            steps.append(f"times {self.column.scale:.17g}, plus {self.column.offset:.17g}")
+        if self.factor != 1:
+            ours = target_unit(self.target)
+            steps.append(f"{self.unit} to {ours}, times {self.factor:.17g}")
+        if self.wrapped:
+            steps.append("whole turns put back at jumps of more than half a turn")
+        if self.ratio != 1.0:
+            steps.append(f"joint side to motor side, times the gear ratio {self.ratio:.17g}")
+        if self.from_zero:
+            steps.append("starts at 0")
+        return steps
+
+    def piece(self, raw: NDArray[Any], row: int) -> FloatArray:
+        """Convert a piece that begins at `row`; what needs the whole channel is left for later."""
+        if raw.dtype == object:
+            return self._cells(raw, row)
+        if self.bits:
+            raw = self._signed(raw, row)
+        values = np.array(raw, dtype=np.float64)
+        if self.scale != 1:
+            values *= float(self.scale)
+        if self.offset:
+            values += float(self.offset)
+        infinite = np.flatnonzero(np.isinf(values))
+        if len(infinite):
+            raise self._bad(row + int(infinite[0]), "an infinite number", "a finite number")
+        return values
+
+    def whole(self, values: FloatArray) -> FloatArray:
+        """Finish the whole channel."""
+        if self.wrapped:
+            there = np.isfinite(values)
+            values[there] = np.unwrap(values[there], period=_TURN)
+        if self.ratio != 1.0:
+            values *= self.ratio
+        if self.from_zero:
+            first = values[np.isfinite(values)][:1]
+            values -= first if len(first) else 0.0
+        return values
+
+    def _cells(self, raw: NDArray[Any], row: int) -> FloatArray:
+        values = np.empty(len(raw))
+        for k, cell in enumerate(raw):
+            number = decimal_cell(self.source, self.column.channel.name, cell, row + k)
+            if number is None:
+                values[k] = np.nan
+                continue
+            if self.bits:
+                number = Decimal(int(self._signed(np.array([float(number)]), row + k)[0]))
+            value = float(number * self.scale + self.offset if not self._as_it_is else number)
+            values[k] = value
+        return values
+
+    @property
+    def _as_it_is(self) -> bool:
+        return self.scale == 1 and self.offset == 0
+
+    def _signed(self, raw: NDArray[Any], row: int) -> NDArray[Any]:
+        top = 1 << self.bits
+        there = raw[np.isfinite(raw)] if raw.dtype.kind == "f" else raw
+        if len(there) and not (there.min() >= -(top // 2) and there.max() < top):
+            odd = float(there.max() if there.max() >= top else there.min())
+            raise self._bad(row, f"{odd:.17g}", f"a number of {self.bits} bits")
+        values = raw.astype(np.float64)
+        return np.where(values >= top // 2, values - top, values)
+
+    def _bad(self, row: int, found: str, needed: str) -> DataError:
+        return DataError(
+            f"channel {self.column.channel.name} holds {found}; needed: {needed}",
+            where=self.source.place(row),
+            fix=f"map another channel to {self.target}, or correct the file",
+        )
+
+    def seconds(self, raw: NDArray[Any], row: int, start: Fraction | None) -> tuple[Any, Fraction]:
+        """Return the times of a piece from `start` on, s, and that start; NaN where there is none.
+
+        The start is the first time where None is given; differences are rounded once.
+        """
+        scale, offset = Fraction(self.scale), Fraction(self.offset)
+        if raw.dtype == object:
+            name = self.column.channel.name
+            cells = [decimal_cell(self.source, name, c, row + k) for k, c in enumerate(raw)]
+            times = [None if c is None else Fraction(c) * scale + offset for c in cells]
+            if start is None:
+                start = next((t for t in times if t is not None), Fraction(0))
+            return np.array([np.nan if t is None else float(t - start) for t in times]), start
+        there = raw[np.isfinite(raw)] if raw.dtype.kind == "f" else raw
+        if start is None:
+            start = Fraction(there[0].item()) * scale + offset if len(there) else Fraction(0)
+        # the start as a number of the file: differences of whole numbers are exact
+        zero = (start - offset) / scale
+        apart: Any
+        if raw.dtype.kind in "iu" and zero.denominator == 1:
+            apart = raw.astype(np.int64) - np.int64(int(zero))
+        else:
+            apart = np.asarray(raw, dtype=np.float64) - float(zero)
+        if abs(scale.numerator) == 1:
+            return apart / float(scale.denominator * scale.numerator), start
+        return apart * float(scale), start
+
+
+def decimal_cell(source: Source, name: str, cell: str, row: int) -> Decimal | None:
+    """Return a cell of text as an exact number; None for one that says that there is none."""
+    word = str(cell).strip()
+    if word.lower() in MISSING:
+        return None
+    if source.decimal_comma:
+        word = word.replace(",", ".")
+    try:
+        value = Decimal(word) if word.isascii() and "_" not in word else Decimal("inf")
+    except InvalidOperation:
+        value = Decimal("inf")
+    # beyond these a double overflows
+    if not (value.is_finite() and value.adjusted() < 308):
+        raise DataError(
+            f"column {name} holds {str(cell)[:40]!r}; needed: a finite number",
+            where=source.place(row),
+            fix="correct the cell, empty it, or pass lines before the data over with --skip",
+        )
+    return value
+
+
+def conversion(
+    target: str,
+    source: Source,
+    column: SourceColumn,
+    *,
+    turn: bool = False,
+    side: str = "motor",
+    ratio: float | None = None,
+    given: str = "",
+) -> Conversion:
+    """Return what turns a channel into our column, or refuse what would be another quantity.
+
+    Parameters
+    ----------
+    target : str
+        Our column.
+    source : Source
+        The file.
+    column : SourceColumn
+        The channel with what was declared of it.
+    turn : bool
+        Turn a unit that the file states into ours without being asked to.
+    side : str
+        ``output`` where angles and velocities of the file are those of the joint.
+    ratio : float or None
+        Gear ratio of the bench, where it is known.
+    given : str
+        The text behind ``--map NAME=``, for messages.
+
+    Returns
+    -------
+    Conversion
+
+    Raises
+    ------
+    UsageError
+        If a unit is that of another quantity, or is not ours and was neither declared nor scaled.
+    """
+    words = column.words
+    units = [word for word in words if word not in WORDS]
+    wanted, stated = target_unit(target), column.channel.unit
+    unit = units[-1] if units else stated
+    scale = unit_scale(unit, wanted) if wanted and unit else None
+    declared = bool(units) or (turn and column.plain)
+    if scale is not None and scale.is_nan() and (declared or column.plain):
+        raise _refused(target, source, given, unit, "map another column")
+    if scale is not None and scale != 1 and column.plain and not declared:
+        raise _refused(target, source, given, unit, f"{target}={given}*{scale:.17g}")
+    factor = scale if scale is not None and declared else Decimal(1)
+    output = "output" in words or (side == "output" and "motor" not in words)
+    joint = output and target in _TURNING
+    if joint and ratio is None:
+        raise UsageError(
+            f"{target} is of the joint, and no gear ratio is known",
+            where="--side",
+            fix="name the bench by --profile",
+        )
+    zero = "zero" in words or (joint and target == "motor_angle_rad")
+    bits = next((_WIDTHS[word] for word in words if word in _WIDTHS), 0)
+    return Conversion(
+        target,
+        source,
+        column,
+        unit,
+        factor,
+        bits,
+        "wrapped" in words,
+        zero,
+        float(ratio or 1.0) if joint else 1.0,
+    )
+
+
+def _refused(target: str, source: Source, given: str, unit: str, other: str) -> UsageError:
+    return UsageError(
+        f"column {given!r} states {unit}; needed for {target}: {target_unit(target)}",
+        where=f"{source.path}, --map",
+        fix=f"{other}; or '{target}={given}*1' to take it as it is",
+    )

@@ -1,0 +1,259 @@
+r"""Where the table begins in a text, what separates its columns, and which column is the time.
+
+One rule for all: the last rows of what was looked at say how wide the table is and which columns
+hold numbers; it begins at the first row with numbers in all of those. Rows of names and units stand
+directly above, anything else before them is a preamble, and comments may stand anywhere.
+
+So LabJack's files come in (LJStreamM, LJStreamUD, LJLogM, LJLogUD: date, time, a line per channel,
+``Time  v0 .. vN  y0 .. yN``, numbers, with tabs) and DATAQ's (quoted names, perhaps a line of units
+below, with commas). The time of LabJack's logs counts from 1904-01-01 UTC (labjack.com,
+"Understanding Timestamps in LJLogUD and LJLogM").
+"""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from decimal import Decimal, InvalidOperation
+from typing import Literal
+
+from hdbench.importing.units import known_unit
+
+__all__ = [
+    "EPOCH_1904_S",
+    "MISSING",
+    "SEARCHED_LINES",
+    "TableLayout",
+    "is_comment",
+    "is_time_name",
+    "split",
+    "table_layout",
+    "uses_decimal_comma",
+]
+
+Logger = Literal["labjack", "dataq", "auto"]
+# 1970-01-01 in seconds since 1904-01-01: 66 years, 17 of them leap years
+EPOCH_1904_S = 2_082_844_800
+MISSING = frozenset(("", "nan", "na", "n/a", "-nan", "nan(ind)", "-nan(ind)", "null", "none"))
+# as many lines a file may have before its table: 96 channels with a line each, and some to spare
+SEARCHED_LINES = 200
+_TIME = re.compile(
+    r"(?:(?:relative|elapsed|scan|rel\.?)[ _]*)?times?(?:[ _]*stamp)?(?![a-z]).*", re.I
+)
+_DATE = re.compile(r"date\b.*", re.I)
+_COMMA_NUMBER = re.compile(r"[+-]?\d+,\d+(?:[eE][+-]?\d+)?")
+_COMMENTS = ("#", "%", "//")
+# in this order where two fit as well: a comma may be a decimal one
+_DELIMITERS = ("\t", ";", " ", ",")
+# rows at the end of the lines looked at that say what the table is like
+_TAIL = 5
+_Row = tuple[int, list[str]]
+
+
+@dataclass(frozen=True, slots=True)
+class TableLayout:
+    """Where a table is.
+
+    Parameters
+    ----------
+    delimiter : str
+        Character between columns; a blank stands for any number of blanks.
+    start : int
+        Row of the first data among those looked at, from 0.
+    width : int
+        Number of columns.
+    names, units : tuple of str
+        Names, empty without a header, and units, empty text where none is stated.
+    preamble : tuple of int
+        Rows before the table that are no names.
+    """
+
+    delimiter: str
+    start: int
+    width: int
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    preamble: tuple[int, ...]
+
+
+def is_time_name(name: str) -> bool:
+    """Return whether a column is named as a time."""
+    return _TIME.fullmatch(name.strip().rpartition("/")[2]) is not None
+
+
+def is_time_or_date(name: str) -> bool:
+    """Return whether a column is named as a time or a date."""
+    return is_time_name(name) or _DATE.fullmatch(name.strip()) is not None
+
+
+def is_comment(line: str) -> bool:
+    """Return whether a line of text is a comment."""
+    return line.lstrip().startswith(_COMMENTS)
+
+
+def split(lines: Sequence[str] | Iterator[str], delimiter: str) -> Iterator[list[str]]:
+    """Split lines into cells; raises csv.Error where quotes do not match."""
+    if delimiter == " ":
+        yield from (line.split() for line in lines)
+    else:
+        yield from csv.reader(lines, delimiter=delimiter, strict=True)
+
+
+def is_number(cell: str) -> bool:
+    """Return whether a cell is a number, with a point or a comma."""
+    word = cell.strip()
+    if _COMMA_NUMBER.fullmatch(word):
+        return True
+    try:
+        return word.isascii() and "_" not in word and Decimal(word).is_finite()
+    except InvalidOperation:
+        return False
+
+
+def _says_number(cell: str) -> bool:
+    return bool(cell.strip()) and (is_number(cell) or cell.strip().lower() in MISSING)
+
+
+def _line_rows(lines: Sequence[str], delimiter: str) -> list[_Row]:
+    rows = []
+    for place, line in enumerate(lines):
+        if line.strip() and not is_comment(line):
+            try:
+                cells = next(split([line], delimiter), [])
+            except csv.Error:
+                continue
+            rows.append((place, cells))
+    return rows
+
+
+def _filled(cells: Sequence[str]) -> int:
+    return max((i for i, cell in enumerate(cells, 1) if cell.strip()), default=0)
+
+
+def _score(rows: Sequence[_Row]) -> int:
+    return sum(is_number(cell) for _, cells in rows[-_TAIL:] for cell in cells)
+
+
+def table_layout(
+    rows: Sequence[_Row], delimiter: str, *, named: bool, comments: Sequence[_Row] = ()
+) -> TableLayout | None:
+    """Find the table among the first rows of a file; None where no row holds a number.
+
+    Parameters
+    ----------
+    rows : sequence of (int, list of str)
+        Place and cells of the rows that hold something.
+    delimiter : str
+        What separated them.
+    named : bool
+        Whether the table may have rows of names.
+    comments : sequence of (int, list of str)
+        Comments without their mark; the one directly above the data may name the columns.
+
+    Returns
+    -------
+    TableLayout or None
+    """
+    tail = [cells for _, cells in rows[-_TAIL:]]
+    widths = Counter(_filled(cells) for cells in tail if any(map(_says_number, cells)))
+    if not widths:
+        return None
+    width = max(widths, key=lambda w: (widths[w], w))
+    fitting = [cells for cells in tail if len(cells) >= width and _filled(cells) <= width]
+    numeric = [k for k in range(width) if any(is_number(cells[k]) for cells in fitting)]
+
+    def fits(cells: Sequence[str]) -> bool:
+        return len(cells) >= width and _filled(cells) <= width
+
+    def share(cells: Sequence[str]) -> float:
+        return sum(_says_number(cells[k]) for k in numeric) / len(numeric)
+
+    def whole(cells: Sequence[str]) -> bool:
+        told = any(map(_says_number, cells))
+        return told and all(_says_number(cells[k]) or not cells[k].strip() for k in numeric)
+
+    start = next((i for i, (_, c) in enumerate(rows) if numeric and fits(c) and whole(c)), None)
+    if start is None:
+        return None
+    # a row with one bad cell is data too: who reads it names the cell
+    while start and fits(rows[start - 1][1]) and share(rows[start - 1][1]) >= 0.5:
+        start -= 1
+    block = _header_block(rows, start, width, comments) if named else []
+    names, units = _names_and_units([cells for _, cells in block], width)
+    above = {place for place, _ in block}
+    before = tuple(place for place, _ in rows[:start] if place not in above)
+    return TableLayout(delimiter, rows[start][0], width, names, units, before)
+
+
+def _header_block(
+    rows: Sequence[_Row], start: int, width: int, comments: Sequence[_Row]
+) -> list[_Row]:
+    """Return the rows directly above the data that hold words and no number."""
+    block: list[_Row] = []
+    place = rows[start][0]
+    for above, cells in reversed(rows[:start]):
+        words = [cell for cell in cells if cell.strip()]
+        # names may leave the last column out, as where rows end with a delimiter
+        wide = len(cells) >= width or (not block and len(cells) == width - 1 > 1)
+        apart = place - above > 1 + (above + 1 in {c for c, _ in comments})
+        if (apart and block) or not wide or _filled(cells) > width or any(map(is_number, words)):
+            break
+        block.insert(0, (above, cells))
+        place = above
+    if not block:
+        block = [(c, cells) for c, cells in comments if c == place - 1 and len(cells) == width]
+    return block
+
+
+def _names_and_units(
+    block: Sequence[Sequence[str]], width: int
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    def unit(cell: str) -> str:
+        return cell.strip().strip("[]()").strip()
+
+    lines = [[cell.strip() for cell in [*cells, *[""] * width][:width]] for cells in block]
+    units = [""] * width
+    for index in range(len(lines) - 1, 0, -1):
+        words = [unit(cell) for cell in lines[index] if cell]
+        if words and 2 * sum(map(known_unit, words)) >= len(words):
+            units = [unit(cell) for cell in lines.pop(index)]
+            break
+    names = ["/".join(filter(None, parts)) for parts in zip(*lines, strict=True)]
+    return tuple(names), tuple(units) if any(units) else ()
+
+
+def text_layout(
+    lines: Sequence[str], delimiter: str | None = None, *, named: bool = True
+) -> TableLayout | None:
+    """Find the table in the first lines of a text; None where no line holds a number."""
+    best, most = None, 0
+    for mark in (delimiter,) if delimiter else _DELIMITERS:
+        rows = _line_rows(lines, mark)
+        score = _score(rows)
+        if score > most:
+            stripped = [
+                (i, line.lstrip().lstrip("#%/").strip())
+                for i, line in enumerate(lines)
+                if is_comment(line)
+            ]
+            comments = [
+                (i, next(split([text], mark), [])) for i, text in stripped if '"' not in text
+            ]
+            best, most = table_layout(rows, mark, named=named, comments=comments), score
+    return best
+
+
+def uses_decimal_comma(rows: Sequence[Sequence[str]]) -> bool:
+    """Return whether numbers are like 1,5 and none is like 1.5."""
+    found = False
+    for row in rows:
+        for cell in row:
+            word = cell.strip()
+            if _COMMA_NUMBER.fullmatch(word):
+                found = True
+            elif "." in word and _COMMA_NUMBER.fullmatch(word.replace(".", ",", 1)):
+                return False
+    return found

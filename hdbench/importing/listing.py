@@ -1,0 +1,176 @@
+"""What is in a foreign file: each channel with its unit, rate, range and share of missing."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from decimal import Decimal, InvalidOperation
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hdbench.importing.layout import MISSING
+from hdbench.importing.source import Channel, Source
+from hdbench.importing.stated import own_time
+from hdbench.importing.units import unit_scale
+
+__all__ = ["ChannelFacts", "list_channels"]
+
+# rows that are looked at: enough to see what a channel is, whatever the size of the file
+LOOKED_AT = 200_000
+# two's complement: the numbers lie at the two ends of the range, the middle half is empty
+_BITS = (8, 16, 32)
+
+
+@dataclass(frozen=True, slots=True)
+class ChannelFacts:
+    """What the samples of one channel say, by the first rows of the file.
+
+    Parameters
+    ----------
+    channel : Channel
+        The channel.
+    number : int
+        Its number, from 1.
+    rows : int
+        Rows looked at, at most `LOOKED_AT`.
+    rate_hz : float or None
+        One by the median step of the time of its clock, Hz; None without a time.
+    least, most, first : float or None
+        Range and first value; None where there is no number.
+    missing_share : float
+        Share of rows without a number.
+    is_text : bool
+        Whether it holds words and no number.
+    bits : int
+        Bits of a two's complement that seems to be stored without sign; 0 for none.
+    jump : float
+        Largest step between neighbours.
+    """
+
+    channel: Channel
+    number: int
+    rows: int
+    rate_hz: float | None
+    least: float | None
+    most: float | None
+    first: float | None
+    missing_share: float
+    is_text: bool
+    bits: int
+    jump: float
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the facts as ``--json`` prints them."""
+        return {
+            "name": self.channel.name,
+            "number": self.number,
+            "unit": self.channel.unit or None,
+            "clock": self.channel.clock,
+            "rows": self.rows,
+            "rate_hz": self.rate_hz,
+            "range": None if self.least is None else [self.least, self.most],
+            "missing_share": self.missing_share,
+        }
+
+
+def _values(source: Source, raw: NDArray[Any]) -> tuple[NDArray[np.float64], bool]:
+    """Return the numbers of a piece, NaN where there is none, and whether there are words."""
+    if raw.dtype != object:
+        return np.asarray(raw, dtype=np.float64), False
+    values = np.full(len(raw), np.nan)
+    words = False
+    for k, cell in enumerate(raw):
+        word = str(cell).strip()
+        if word.lower() in MISSING:
+            continue
+        try:
+            values[k] = float(Decimal(word.replace(",", ".") if source.decimal_comma else word))
+        except (InvalidOperation, OverflowError):
+            words = True
+    return values, words
+
+
+def _read(source: Source, names: Sequence[str]) -> tuple[dict[str, Any], dict[str, bool]]:
+    """Return the first values of channels of one clock, and which of them hold words."""
+    parts: dict[str, list[NDArray[np.float64]]] = {name: [] for name in names}
+    words = dict.fromkeys(names, False)
+    rows = 0
+    for piece in source.pieces(names):
+        for name in names:
+            values, found = _values(source, piece[name])
+            parts[name].append(values)
+            words[name] |= found
+        rows += len(next(iter(piece.values())))
+        if rows >= LOOKED_AT:
+            break
+    return {n: np.concatenate(p) if p else np.empty(0) for n, p in parts.items()}, words
+
+
+def _bits(values: NDArray[np.float64]) -> int:
+    if not len(values) or values.min() < 0 or not (values == np.round(values)).all():
+        return 0
+    for bits in _BITS:
+        top = float(1 << bits)
+        if values.max() < top:
+            high = values[values >= top / 2]
+            inside = (values > 0.25 * top) & (values < 0.75 * top)
+            return bits if len(high) and not inside.any() else 0
+    return 0
+
+
+def _rate(source: Source, clock: str, values: dict[str, Any], time: str | None) -> float | None:
+    channel = next((c for c in source.channels if c.name == time and c.clock == clock), None)
+    channel = channel or own_time(source, clock)
+    if channel is None or len(values[channel.name]) < 2:
+        return None
+    scale = unit_scale(channel.unit, "s") or Decimal(1)
+    step = float(np.nanmedian(np.diff(values[channel.name]))) * float(scale)
+    return 1.0 / step if math.isfinite(step) and step > 0.0 else None
+
+
+def list_channels(source: Source, time: str | None = None) -> list[ChannelFacts]:
+    """Look at every channel of a file.
+
+    Parameters
+    ----------
+    source : Source
+        The file.
+    time : str or None
+        Channel that is taken for the time of its clock; None takes what the file names so.
+
+    Returns
+    -------
+    list of ChannelFacts
+        In the order of the file.
+
+    Raises
+    ------
+    DataError
+        If the file is damaged.
+    """
+    facts: dict[str, ChannelFacts] = {}
+    numbers = {c.name: k for k, c in enumerate(source.channels, 1)}
+    for clock in dict.fromkeys(c.clock for c in source.channels):
+        own = [c for c in source.channels if c.clock == clock]
+        values, words = _read(source, [c.name for c in own])
+        rate = _rate(source, clock, values, time)
+        for channel in own:
+            found = values[channel.name]
+            there = found[np.isfinite(found)]
+            facts[channel.name] = ChannelFacts(
+                channel,
+                numbers[channel.name],
+                len(found),
+                rate,
+                float(there.min()) + 0.0 if len(there) else None,
+                float(there.max()) + 0.0 if len(there) else None,
+                float(there[0]) if len(there) else None,
+                1.0 - len(there) / len(found) if len(found) else 1.0,
+                words[channel.name] and not len(there),
+                _bits(there),
+                float(np.max(np.abs(np.diff(there)))) if len(there) > 1 else 0.0,
+            )
+    return [facts[c.name] for c in source.channels]

@@ -1,0 +1,273 @@
+"""A mapping that names and units suggest; the name of the file says nothing."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from hdbench.importing.listing import ChannelFacts
+from hdbench.importing.recipe import Recipe
+from hdbench.importing.source import Channel
+from hdbench.importing.units import bare_name, target_unit, unit_scale
+
+__all__ = ["Proposal", "proposed_mapping", "time_candidate"]
+
+# words that name a quantity, the more telling ones first
+_WORDS = {
+    "motor_angle_rad": ("position", "pos", "angle", "theta", "phi", "winkel", "qm", "q"),
+    "motor_velocity_rad_s": (
+        ("velocity", "vel", "speed", "omega", "drehzahl", "rpm", "qd", "dq", "qdot", "w")
+    ),
+    "torque_nm": ("torque", "effort", "tau", "moment", "drehmoment", "trq", "load"),
+    "motor_current_a": ("current", "iq", "strom", "amps"),
+    "temperature_c": ("temperature", "temp", "temperatur"),
+}
+# what was asked for or estimated is not what was measured
+_NOT_MEASURED = {"goal", "desired", "des", "target", "cmd", "command", "commanded", "ref"}
+_NOT_MEASURED |= {"reference", "setpoint", "soll", "ext", "external", "error", "err", "std", "var"}
+_NOT_MEASURED |= {"covariance", "filtered", "est", "estimate", "estimated", "limit", "max", "min"}
+# these say something of a quantity and are none
+_NO_QUANTITY = {"enable", "enabled", "mode", "status", "flag", "state", "valid"}
+_TIME_WORDS = ("t", "time", "zeit", "stamp", "timestamp", "elapsed")
+_OUTPUT_WORDS = ("joint", "output", "link", "load")
+_SPLIT = re.compile(r"[^A-Za-z0-9]+|(?<=[a-z])(?=[A-Z])")
+_NUMBERED = re.compile(r"(?P<stem>.*?[A-Za-z])(?:_|\[|\.)?(?P<joint>\d{1,2})\]?")
+_TURN_RAD = 6.283185307179586
+
+
+@dataclass(frozen=True, slots=True)
+class Proposal:
+    """A mapping with its reasons.
+
+    Parameters
+    ----------
+    recipe : Recipe
+        What is proposed.
+    reasons : dict of str to str
+        Why, by column or option.
+    needs : tuple of str
+        What the file does not say and a person has to; the command has words in capitals there.
+    joints : tuple of str
+        Joints that there are, where the mapping takes one of several.
+    no_time : bool
+        Whether the file has no time, so that it cannot be taken without a rate.
+    """
+
+    recipe: Recipe
+    reasons: dict[str, str]
+    needs: tuple[str, ...] = ()
+    joints: tuple[str, ...] = ()
+    no_time: bool = False
+    extra: tuple[str, ...] = ()
+
+    def command(self, file: Path, out: Path) -> str:
+        """Return the command that takes this mapping."""
+        words = ["hdbench", "import", str(file), *self.recipe.options(), *self.extra]
+        return " ".join(shlex.quote(word) for word in [*words, "--out", str(out)])
+
+    def taken(self) -> Recipe:
+        """Return the recipe with the options that go with it."""
+        if "--velocity-from-angle" in self.extra:
+            cutoff = float(self.extra[self.extra.index("--velocity-from-angle") + 1])
+            return replace(self.recipe, velocity_from_angle_hz=cutoff)
+        return self.recipe
+
+    def to_dict(self, file: Path, out: Path) -> dict[str, Any]:
+        """Return the proposal as ``--json`` prints it."""
+        return {
+            "map": dict(self.recipe.map),
+            "reasons": self.reasons,
+            "needs": list(self.needs),
+            "joints": list(self.joints),
+            "command": self.command(file, out),
+        }
+
+
+def _tokens(name: str) -> list[str]:
+    last = bare_name(name).rpartition("/")[2]
+    return [word.lower() for word in _SPLIT.split(last) if word and not word.isdigit()]
+
+
+def _joint(channel: Channel) -> str:
+    """Return the joint that a name tells: a part of its path, or a number at its end."""
+    parts = channel.name.strip("/").split("/")
+    topic = channel.clock.strip("/").split("/")
+    if len(parts) > len(topic) + 1 and parts[: len(topic)] == topic and topic != [""]:
+        return "/".join(parts[len(topic) : -1])
+    match = _NUMBERED.fullmatch(bare_name(parts[-1]))
+    return match["joint"] if match else ""
+
+
+def _rank(facts: ChannelFacts, target: str) -> tuple[int, str]:
+    """Return how well a channel suits a column, 0 for not at all, and why."""
+    channel = facts.channel
+    if facts.is_text or facts.least is None or channel.is_time:
+        return 0, ""
+    tokens = _tokens(channel.name)
+    word = next((w for w in _WORDS[target] if w in tokens), None)
+    match = _NUMBERED.fullmatch(bare_name(channel.name).rpartition("/")[2])
+    if word is None and match is not None:
+        word = next((w for w in _WORDS[target] if w == match["stem"].lower().strip("_[.")), None)
+    scale = unit_scale(channel.unit, target_unit(target)) if channel.unit else None
+    if (scale is not None and scale.is_nan()) or _NO_QUANTITY & set(tokens):
+        return 0, ""
+    score = 2 * (word is not None) + (scale is not None)
+    if not score:
+        return 0, ""
+    why = [f"named {word!r}"] if word else []
+    ours = target_unit(target)
+    why.append(f"unit {channel.unit}" if scale is not None else f"no unit stated: taken as {ours}")
+    return (1 if _NOT_MEASURED & set(tokens) else 2 + score), ", ".join(why)
+
+
+def time_candidate(channels: Sequence[Channel]) -> Channel | None:
+    """Return the channel that is named as a time; one that the file gives as such comes first."""
+    own = [c for c in channels if c.is_time]
+    named = [c for c in channels if set(_tokens(c.name)) & set(_TIME_WORDS)]
+    united = [c for c in channels if unit_scale(c.unit, "s") is not None and is_unit(c, "s")]
+    return next(iter([*own, *named, *united]), None)
+
+
+def is_unit(channel: Channel, wanted: str) -> bool:
+    """Return whether a channel states a unit of a quantity."""
+    scale = unit_scale(channel.unit, wanted) if channel.unit else None
+    return scale is not None and not scale.is_nan()
+
+
+def _choose(
+    facts: Sequence[ChannelFacts], joint: str | None
+) -> tuple[dict[str, tuple[ChannelFacts, str]], list[str]]:
+    """Return the best channel for each column, of one joint, and the joints that there are."""
+    ranked: dict[str, list[tuple[int, str, ChannelFacts]]] = {}
+    for target in _WORDS:
+        found = [(*_rank(f, target), f) for f in facts]
+        best = max((score for score, _, _ in found), default=0)
+        if best:
+            ranked[target] = [entry for entry in found if entry[0] == best]
+    joints: list[str] = []
+    for target in ("torque_nm", "motor_velocity_rad_s", "motor_angle_rad", "motor_current_a"):
+        own = [_joint(f.channel) for _, _, f in ranked.get(target, [])]
+        if len(set(own)) > 1:
+            joints = list(dict.fromkeys(own))
+            break
+    chosen = joint if joint is not None else next(iter(joints), None)
+    result: dict[str, tuple[ChannelFacts, str]] = {}
+    clock = None
+    for target in ("torque_nm", *ranked):
+        entries = ranked.get(target, [])
+        of_joint = [e for e in entries if chosen is None or _joint(e[2].channel) == chosen]
+        same_clock = [e for e in of_joint if clock in (None, e[2].channel.clock)]
+        for _, why, fact in (same_clock or of_joint or entries)[:1]:
+            result[target] = (fact, why)
+            clock = clock if clock is not None else fact.channel.clock
+    return result, joints
+
+
+def _shortest(name: str, channels: Sequence[Channel], joint: str | None) -> str:
+    """Return the end of a name that is enough to find it."""
+    parts = name.split("/")
+    for k in range(len(parts) - 1, -1, -1):
+        short = "/".join(parts[k:])
+        alike = [c for c in channels if c.name == short or c.name.endswith(f"/{short}")]
+        if joint is not None:
+            alike = [c for c in alike if joint in c.name.split("/")] or alike
+        if short and len(alike) == 1:
+            return short
+    return name
+
+
+def _words_for(target: str, facts: ChannelFacts, joint_side: bool) -> tuple[str, list[str]]:
+    """Return the declared conversions of a channel, and why."""
+    words, why = "", []
+    wanted = target_unit(target)
+    scale = unit_scale(facts.channel.unit, wanted) if facts.channel.unit else None
+    if facts.bits:
+        words += f"@int{facts.bits}"
+        why.append(f"whole numbers at both ends of {facts.bits} bits: two's complement")
+    if scale is not None and scale != 1:
+        words += f"@{facts.channel.unit}"
+    if target == "motor_angle_rad" and facts.least is not None and facts.most is not None:
+        turn = _TURN_RAD / float(scale or 1)
+        if facts.jump > 0.5 * turn and facts.most - facts.least <= 1.01 * turn:
+            words += "@wrapped"
+            why.append("jumps within one turn")
+        if not joint_side and abs(facts.first or 0.0) > turn:
+            words += "@zero"
+            why.append("begins many turns from 0")
+    return words, why
+
+
+def proposed_mapping(
+    facts: Sequence[ChannelFacts], given: Recipe, channels: Sequence[Channel]
+) -> Proposal:
+    """Propose a mapping.
+
+    Parameters
+    ----------
+    facts : sequence of ChannelFacts
+        What is in the file.
+    given : Recipe
+        What was said already: topic, joint, side, rate, layout.
+    channels : sequence of Channel
+        All channels of the file.
+
+    Returns
+    -------
+    Proposal
+    """
+    best, joints = _choose(facts, given.joint)
+    joint = given.joint if given.joint is not None else next(iter(joints), None)
+    reasons: dict[str, str] = {}
+    needs: list[str] = []
+    extra: list[str] = []
+    torque = best.get("torque_nm")
+    clock = next((f.channel.clock for f, _ in best.values()), "")
+    # a current stands in where no torque is there
+    if torque is None and "motor_current_a" in best:
+        extra += ["--torque-constant", "N_M_PER_A"]
+        needs.append("N_M_PER_A: the torque per current of this motor, N m/A")
+    elif torque is None:
+        needs.append("no channel is named as a torque or a current: --map torque_nm=COLUMN")
+        extra += ["--map", "torque_nm=COLUMN"]
+    joint_side = given.side == "output" or any(
+        set(_tokens(f.channel.clock)) & set(_OUTPUT_WORDS) for f, _ in best.values()
+    )
+    mapping: dict[str, str] = {}
+    of_clock = [c for c in channels if c.clock == clock]
+    time = time_candidate(of_clock)
+    if given.rate_hz is None and time is not None:
+        scale = unit_scale(time.unit, "s") if time.unit else None
+        unit = "" if scale is None or scale == 1 else f"@{time.unit}"
+        mapping["time_s"] = _shortest(time.name, channels, joint) + unit
+        reasons["time_s"] = "the time of its clock" if time.is_time else "named as a time"
+    for target, (fact, why) in best.items():
+        if target == "motor_current_a" and torque is not None and not why.startswith("named"):
+            continue
+        words, more = _words_for(target, fact, joint_side)
+        name = _shortest(fact.channel.name, channels, joint)
+        counts = target == "torque_nm" and fact.bits > 0 and not fact.channel.unit
+        if counts:
+            needs.append("N_M_PER_COUNT: the torque per count; it is not in the file")
+        mapping[target] = name + ("*N_M_PER_COUNT" if counts else "") + words
+        reasons[target] = ", ".join([why, *more])
+    recipe = given.with_map(mapping)
+    if joint_side and given.side != "output":
+        recipe = recipe.with_side("output")
+        reasons["--side output"] = "a joint is named: angles and velocities are behind the gear"
+    if joints and given.joint is None:
+        recipe = recipe.with_joint(joints[0])
+        reasons["--joint"] = f"one of {len(joints)} joints: {', '.join(joints)}"
+    if "motor_velocity_rad_s" not in best and "motor_angle_rad" in best:
+        rate = given.rate_hz or best["motor_angle_rad"][0].rate_hz
+        cutoff = f"{rate / 10.0:.3g}" if rate else "CUTOFF_HZ"
+        extra += ["--velocity-from-angle", cutoff]
+        reasons["--velocity-from-angle"] = "no velocity; low-pass at a tenth of the sample rate"
+    no_time = given.rate_hz is None and "time_s" not in mapping
+    if no_time:
+        extra += ["--rate", "RATE_HZ"]
+        needs.append("RATE_HZ: the rate at which it was sampled; it is not in the file")
+    return Proposal(recipe, reasons, tuple(needs), tuple(joints), no_time, tuple(extra))

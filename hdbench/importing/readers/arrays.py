@@ -1,0 +1,159 @@
+"""Arrays with names, as NumPy, MATLAB and HDF5 keep them, as channels."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hdbench.importing.layout import is_time_name
+from hdbench.importing.source import (
+    PIECE_ROWS,
+    Channel,
+    Piece,
+    Source,
+    numbers,
+    spelled,
+    told_apart,
+)
+from hdbench.importing.units import stated_unit
+
+__all__ = ["MOST_COLUMNS", "ArraySource", "NamedArray"]
+
+# columns of one matrix that are channels; a matrix that is wider either way is no set of channels
+MOST_COLUMNS = 512
+_KINDS = "fbiumM"
+
+
+@dataclass(frozen=True, slots=True)
+class NamedArray:
+    """One array of a file.
+
+    Parameters
+    ----------
+    name : str
+        Its name, with the groups or structures that it is in.
+    shape : tuple of int
+        Its shape.
+    dtype : dtype
+        Type of its elements.
+    read : callable
+        Returns the rows from one number to another.
+    unit : str
+        As the file states it.
+    """
+
+    name: str
+    shape: tuple[int, ...]
+    dtype: np.dtype[Any]
+    read: Callable[[int, int], NDArray[Any]]
+    unit: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class _Column:
+    array: NamedArray
+    column: int | None = None
+    field: str | None = None
+
+    def take(self, rows: NDArray[Any]) -> NDArray[Any]:
+        if self.field is not None:
+            rows = rows[self.field]
+        if self.column is not None:
+            rows = rows[:, self.column]
+        return np.asarray(rows).reshape(-1)
+
+
+class ArraySource(Source):
+    """Arrays as channels: a vector is one, a matrix one per column, a record one per field.
+
+    Arrays of one group and one length are taken to be of one clock. A single number is no channel;
+    it is told beside them.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    form : str
+        What it is, for people.
+    arrays : sequence of NamedArray
+        What is in it.
+    close : callable or None
+        Gives the file back.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        form: str,
+        arrays: Sequence[NamedArray],
+        close: Callable[[], None] | None = None,
+    ) -> None:
+        super().__init__(path, form)
+        self._close = close
+        made: list[tuple[Channel, _Column]] = []
+        told: list[str] = []
+        for array in arrays:
+            if int(np.prod(array.shape, dtype=object)) == 1 and array.dtype.kind in "fiu":
+                value = array.read(0, 1).reshape(-1)[:1]
+                told += [f"{spelled(array.name)} = {v:.9g} {array.unit}".rstrip() for v in value]
+                continue
+            made += _channels(array)
+        self.channels = told_apart(path, [channel for channel, _ in made])
+        self._columns: Mapping[str, _Column] = {
+            channel.name: column for channel, (_, column) in zip(self.channels, made, strict=True)
+        }
+        self.notes = tuple(told)
+
+    def pieces(self, names: Sequence[str]) -> Iterator[Piece]:
+        """Yield rows of the arrays."""
+        columns = {name: self._columns[name] for name in names}
+        rows = next(iter(columns.values())).array.shape[0]
+        for start in range(0, rows, PIECE_ROWS):
+            stop = min(start + PIECE_ROWS, rows)
+            read: dict[int, NDArray[Any]] = {}
+            piece = {}
+            for name, column in columns.items():
+                key = id(column.array)
+                if key not in read:
+                    read[key] = column.array.read(start, stop)
+                values = numbers(column.take(read[key]))
+                piece[name] = np.full(stop - start, np.nan) if values is None else values
+            yield piece
+
+    def close(self) -> None:
+        """Give the file back."""
+        if self._close is not None:
+            self._close()
+
+
+def _channels(array: NamedArray) -> list[tuple[Channel, _Column]]:
+    shape = array.shape
+    if not shape or len(shape) > 2 or (shape[-1] == 0 and len(shape) > 1):
+        return []
+    rows = shape[0]
+    clock = f"{array.name.rpartition('/')[0]}:{rows}"
+    found: list[tuple[Channel, _Column]] = []
+
+    def add(name: str, dtype: np.dtype[Any], column: _Column, within: str) -> None:
+        if dtype.kind in _KINDS:
+            unit = array.unit or stated_unit(name) or ("ns" if dtype.kind in "mM" else "")
+            found.append((Channel(name, unit, within, is_time_name(name), rows), column))
+
+    if array.dtype.names:
+        for field in array.dtype.names if len(shape) == 1 else ():
+            dtype = array.dtype[field]
+            if not dtype.shape:
+                add(f"{array.name}/{field}", dtype, _Column(array, field=field), array.name)
+    elif len(shape) == 1:
+        add(array.name, array.dtype, _Column(array), clock)
+    elif shape[1] == 1:
+        add(array.name, array.dtype, _Column(array, 0), clock)
+    elif shape[1] <= MOST_COLUMNS:
+        for k in range(shape[1]):
+            add(f"{array.name}[{k}]", array.dtype, _Column(array, k), clock)
+    return found

@@ -1,0 +1,220 @@
+"""JSON lists of records and JSON lines, record by record."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+
+from hdbench.importing.layout import is_time_name
+from hdbench.importing.source import (
+    MOST_CHANNELS,
+    PIECE_ROWS,
+    Channel,
+    Piece,
+    Source,
+    damaged,
+    finite_or_nan,
+    spelled,
+    told_apart,
+)
+from hdbench.importing.units import stated_unit
+
+__all__ = ["open_file"]
+
+_FORM = "JSON file"
+_BLOCK = 1 << 20
+# one record or one value beside the records; more is no record of samples
+_LONGEST = 8 << 20
+# records that say which channels there are
+_PROBED = 200
+_BLANKS = re.compile(r"[\s,]*")
+_Record = tuple[str, Mapping[str, Any]]
+
+
+class _Text:
+    """A window on the text of a file that moves along."""
+
+    def __init__(self, path: Path, file: IO[str]) -> None:
+        self._path, self._file = path, file
+        self._text, self._at, self._done = "", 0, False
+        self._decoder = json.JSONDecoder()
+
+    def _more(self) -> bool:
+        block = "" if self._done else self._file.read(_BLOCK)
+        if "\0" in block:
+            raise damaged(self._path, _FORM, "it holds a NUL character")
+        self._text, self._at = self._text[self._at :] + block, 0
+        self._done = not block
+        return not self._done
+
+    def peek(self) -> str:
+        """Return the next character that is neither blank nor comma; empty at the end."""
+        while True:
+            found = _BLANKS.match(self._text, self._at)
+            self._at = found.end() if found else self._at
+            if self._at < len(self._text):
+                return self._text[self._at]
+            if not self._more():
+                return ""
+
+    def skip(self, expected: str) -> None:
+        """Pass one character over."""
+        if self.peek() != expected:
+            found = self.peek() or "the end of the file"
+            raise damaged(self._path, _FORM, f"found {found!r}, needed: {expected!r}")
+        self._at += 1
+
+    def value(self) -> Any:
+        """Return the next value."""
+        self.peek()
+        while True:
+            try:
+                value, end = self._decoder.raw_decode(self._text, self._at)
+            except json.JSONDecodeError as error:
+                cut = error.msg
+            except RecursionError:
+                raise damaged(self._path, _FORM, "nested too deeply") from None
+            else:
+                # a number at the end of the window may go on behind it
+                if end < len(self._text) or self._done or isinstance(value, dict | list | str):
+                    self._at = end
+                    return value
+                cut = "the end of the file"
+            if len(self._text) - self._at > _LONGEST or not self._more():
+                raise damaged(self._path, _FORM, cut)
+
+
+def _records(text: _Text, other: dict[str, Any]) -> Iterator[_Record]:
+    """Yield the records of a text; single values beside them go to `other`."""
+    while mark := text.peek():
+        if mark == "[":
+            text.skip("[")
+            yield from _list(text, "")
+        elif mark == "{":
+            yield from _object(text, other)
+        else:
+            text.value()
+
+
+def _list(text: _Text, name: str) -> Iterator[_Record]:
+    while text.peek() not in ("]", ""):
+        record = text.value()
+        if isinstance(record, dict):
+            yield name, _flat(record)
+    text.skip("]")
+
+
+def _object(text: _Text, other: dict[str, Any]) -> Iterator[_Record]:
+    """Yield the records in an object; an object without lists of records is one itself."""
+    text.skip("{")
+    own: dict[str, Any] = {}
+    nested = False
+    while text.peek() not in ("}", ""):
+        key = str(text.value())
+        text.skip(":")
+        if text.peek() == "[":
+            text.skip("[")
+            if text.peek() == "{":
+                nested = True
+                yield from _list(text, f"{key}/")
+                continue
+            values: list[Any] = []
+            while text.peek() not in ("]", ""):
+                if len(values) < MOST_CHANNELS:
+                    values.append(text.value())
+                else:
+                    text.value()
+            text.skip("]")
+            own[key] = values
+        else:
+            own[key] = text.value()
+    text.skip("}")
+    if nested:
+        other.update(_flat(own))
+    else:
+        yield "", _flat(own)
+
+
+def _flat(record: Mapping[str, Any], before: str = "", depth: int = 0) -> dict[str, Any]:
+    """Return a record with the names of inner objects and the numbers of lists in the keys."""
+    flat: dict[str, Any] = {}
+    for key, value in record.items():
+        if isinstance(value, dict) and depth < 8:
+            flat.update(_flat(value, f"{before}{key}/", depth + 1))
+        elif isinstance(value, list):
+            if len(value) <= 512:
+                flat.update({f"{before}{key}[{k}]": item for k, item in enumerate(value)})
+        else:
+            flat[f"{before}{key}"] = value
+    return flat
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float)
+
+
+class _JsonSource(Source):
+    def __init__(self, path: Path) -> None:
+        super().__init__(path, _FORM)
+        other: dict[str, Any] = {}
+        kinds: dict[tuple[str, str], bool] = {}
+        for k, (group, record) in enumerate(self._all(other)):
+            for key, value in record.items():
+                found = kinds.get((group, key), False)
+                kinds[group, key] = found or _is_number(value) or isinstance(value, str)
+            if k >= _PROBED:
+                break
+        kept = [pair for pair, useful in kinds.items() if useful]
+        self.channels = told_apart(
+            path,
+            [Channel(f"{g}{key}", stated_unit(key), g, is_time_name(key)) for g, key in kept],
+        )
+        self._keys = {c.name: pair for c, pair in zip(self.channels, kept, strict=True)}
+        self.notes = tuple(
+            f"{spelled(key)} = {spelled(str(value))[:40]}"
+            for key, value in other.items()
+            if isinstance(value, str | int | float)
+        )
+
+    def _all(self, other: dict[str, Any]) -> Iterator[_Record]:
+        with self.path.open(encoding="utf-8-sig") as file:
+            yield from _records(_Text(self.path, file), other)
+
+    def pieces(self, names: Sequence[str]) -> Iterator[Piece]:
+        keys = [self._keys[name][1] for name in names]
+        group = self._keys[names[0]][0]
+        rows: list[list[Any]] = []
+        for found, record in self._all({}):
+            if found != group:
+                continue
+            rows.append([record.get(key) for key in keys])
+            if len(rows) == PIECE_ROWS:
+                yield _piece(names, rows)
+                rows = []
+        if rows:
+            yield _piece(names, rows)
+
+    def place(self, row: int) -> str:
+        return f"{self.path}: record {row + 1}"
+
+
+def _piece(names: Sequence[str], rows: Sequence[Sequence[Any]]) -> Piece:
+    piece: dict[str, Any] = {}
+    for name, values in zip(names, zip(*rows, strict=True), strict=True):
+        if any(isinstance(value, str) for value in values):
+            cells = np.empty(len(values), dtype=object)
+            cells[:] = ["" if value is None else str(value) for value in values]
+            piece[name] = cells
+        else:
+            piece[name] = np.array([finite_or_nan(value) for value in values])
+    return piece
+
+
+def open_file(path: Path) -> Source:
+    """Open a JSON file."""
+    return _JsonSource(path)

@@ -1,0 +1,126 @@
+"""ASAM MDF 4 (and 3) measurement files, by asammdf (LGPL).
+
+Each group of channels keeps its own time; groups are never merged.
+"""
+
+from __future__ import annotations
+
+import importlib
+import io
+import logging
+from collections.abc import Iterator, Sequence
+from contextlib import redirect_stdout, suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hdbench.errors import DataError
+from hdbench.importing.source import (
+    PIECE_ROWS,
+    Channel,
+    Piece,
+    Source,
+    damaged,
+    numbers,
+    told_apart,
+)
+
+__all__ = ["open_file"]
+
+_FORM = "MDF file"
+_MOST_RECORD_BYTES = 1 << 16
+
+
+class _MdfSource(Source):
+    def __init__(self, path: Path, file: Any) -> None:
+        super().__init__(path, _FORM)
+        self._file = file
+        made: list[tuple[Channel, tuple[int, int]]] = []
+        size = path.stat().st_size
+        # links of a damaged file may claim any number
+        for number, group in enumerate(file.groups):
+            rows = int(group.channel_group.cycles_nr)
+            record = int(getattr(group.channel_group, "samples_byte_nr", 0))
+            if not rows or record > _MOST_RECORD_BYTES:
+                continue
+            # deflate cannot pass 1032
+            if rows * max(record, 1) > 1100 * size:
+                raise damaged(path, _FORM, f"group {number + 1} claims {rows} records")
+            master = file.masters_db.get(number)
+            source = str(getattr(group.channel_group, "acq_name", "") or f"group{number + 1}")
+            for index, channel in enumerate(group.channels):
+                unit = str(getattr(channel, "unit", "") or "")
+                conversion = getattr(channel, "conversion", None)
+                unit = unit or str(getattr(conversion, "unit", "") or "")
+                timed = index == master
+                name = f"{source}/{channel.name}"
+                unit = unit or ("s" if timed else "")
+                made.append((Channel(name, unit, str(number), timed, rows), (number, index)))
+        self.channels = told_apart(path, [channel for channel, _ in made])
+        self._places = {c.name: place for c, (_, place) in zip(self.channels, made, strict=True)}
+
+    def pieces(self, names: Sequence[str]) -> Iterator[Piece]:
+        group = self._places[names[0]][0]
+        rows = next(c.rows for c in self.channels if c.name == names[0]) or 0
+        for start in range(0, rows, PIECE_ROWS):
+            count = min(PIECE_ROWS, rows - start)
+            piece = {}
+            for name in names:
+                piece[name] = self._read(name, group, start, count)
+            if any(len(values) != count for values in piece.values()):
+                raise damaged(self.path, _FORM, f"a group ends before its {rows} records")
+            yield piece
+
+    def _read(self, name: str, group: int, start: int, count: int) -> Any:
+        number, index = self._places[name]
+        # of a damaged group it prints all it knows, where the result of a command belongs
+        with redirect_stdout(io.StringIO()):
+            signal = self._file.get(
+                group=number,
+                index=index,
+                record_offset=start,
+                record_count=count,
+                ignore_invalidation_bits=False,
+            )
+        values = np.asarray(signal.samples)
+        found = numbers(values) if values.ndim == 1 else None
+        if found is None:
+            cells = np.empty(len(values), dtype=object)
+            cells[:] = ["nan"] * len(values)
+            return cells
+        invalid = getattr(signal, "invalidation_bits", None)
+        if invalid is not None and np.any(invalid):
+            found = np.where(np.asarray(invalid), np.nan, found)
+        return found
+
+    def close(self) -> None:
+        self._file.close()
+
+
+def _quiet_end(reader: Any) -> None:
+    with suppress(Exception):
+        reader.close()
+
+
+def open_file(path: Path) -> Source:
+    """Open an MDF file."""
+    logging.getLogger("asammdf").setLevel(logging.CRITICAL)
+    asammdf: Any = importlib.import_module("asammdf")
+    if path.stat().st_size < 64 + 104:
+        raise DataError(
+            f"damaged {_FORM}: {path.stat().st_size} bytes; needed: its header",
+            where=str(path),
+            fix="copy the file again",
+        )
+    # the end of one that could not be opened would raise, where nothing can catch it
+    for version, name in (("mdf_v3", "MDF3"), ("mdf_v4", "MDF4")):
+        reader = getattr(importlib.import_module(f"asammdf.blocks.{version}"), name)
+        reader.__del__ = _quiet_end
+    with redirect_stdout(io.StringIO()):
+        file = asammdf.MDF(path)
+    try:
+        return _MdfSource(path, file)
+    except BaseException:
+        file.close()
+        raise

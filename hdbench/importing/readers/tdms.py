@@ -1,0 +1,116 @@
+"""National Instruments TDMS files, by npTDMS (LGPL), by pieces and without the data in memory."""
+
+from __future__ import annotations
+
+import importlib
+import logging
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hdbench.importing.layout import is_time_name
+from hdbench.importing.source import (
+    PIECE_ROWS,
+    Channel,
+    Piece,
+    Source,
+    damaged,
+    finite_or_nan,
+    numbers,
+    spelled,
+    told_apart,
+)
+from hdbench.importing.units import stated_unit
+
+__all__ = ["open_file"]
+
+_FORM = "TDMS file"
+_TIME = "time"
+
+
+class _TdmsSource(Source):
+    def __init__(self, path: Path, file: Any) -> None:
+        super().__init__(path, _FORM)
+        self._file = file
+        made: list[tuple[Channel, Any]] = []
+        size = path.stat().st_size
+        starts = [c.properties.get("wf_start_time") for g in file.groups() for c in g.channels()]
+        begin = min((s for s in starts if isinstance(s, np.datetime64)), default=None)
+        for group in file.groups():
+            clocks: dict[str, tuple[float, float, int]] = {}
+            for channel in group.channels():
+                rows = len(channel)
+                # a sample takes a byte at least, whatever the header claims
+                if rows > 8 * size:
+                    raise damaged(path, _FORM, f"{channel.path} claims {rows} samples")
+                if not rows or channel.dtype.kind not in "fbiumM":
+                    continue
+                properties = channel.properties
+                step = finite_or_nan(properties.get("wf_increment", 0.0))
+                start = finite_or_nan(properties.get("wf_start_offset", 0.0))
+                start += _seconds_since(properties.get("wf_start_time"), begin)
+                clock = f"{group.name}:{rows}"
+                if step > 0.0 and np.isfinite(start):
+                    clock += f":{step:.12g}:{start:.12g}"
+                    clocks[clock] = (start, step, rows)
+                unit = str(properties.get("unit_string", "") or "")
+                unit = unit or stated_unit(channel.name)
+                unit = "ns" if channel.dtype.kind in "mM" else unit
+                timed = is_time_name(channel.name)
+                name = f"{group.name}/{channel.name}"
+                made.append((Channel(name, unit, clock, timed, rows), channel))
+            for clock, (start, step, rows) in clocks.items():
+                told = f"{group.name}/{_TIME}"
+                made.append((Channel(told, "s", clock, True, rows), (start, step)))
+        self.channels = told_apart(path, [channel for channel, _ in made])
+        self._data = {c.name: what for c, (_, what) in zip(self.channels, made, strict=True)}
+        self.notes = tuple(
+            f"{spelled(str(k))} = {spelled(str(v))[:60]}" for k, v in file.properties.items()
+        )
+
+    def pieces(self, names: Sequence[str]) -> Iterator[Piece]:
+        rows = next(c.rows for c in self.channels if c.name == names[0]) or 0
+        for start in range(0, rows, PIECE_ROWS):
+            count = min(PIECE_ROWS, rows - start)
+            piece = {}
+            for name in names:
+                what = self._data[name]
+                if isinstance(what, tuple):
+                    piece[name] = what[0] + what[1] * np.arange(start, start + count)
+                    continue
+                found = numbers(np.asarray(what.read_data(start, count)))
+                if found is None or len(found) != count:
+                    raise damaged(self.path, _FORM, f"{name} ends before its {rows} samples")
+                piece[name] = found
+            yield piece
+
+    def close(self) -> None:
+        self._file.close()
+
+
+def _seconds_since(start: object, begin: np.datetime64 | None) -> float:
+    """Return the start of a waveform after the first one of the file, s."""
+    if begin is None or not isinstance(start, np.datetime64) or np.isnat(start):
+        return 0.0
+    return float(_ns(start) - _ns(begin)) * 1e-9
+
+
+def _ns(time: np.datetime64) -> int:
+    return int(np.array([time], dtype="M8[ns]").astype(np.int64)[0])
+
+
+def open_file(path: Path) -> Source:
+    """Open a TDMS file."""
+    # what it says of a damaged file is said here, once
+    logging.getLogger("nptdms").setLevel(logging.CRITICAL)
+    nptdms: Any = importlib.import_module("nptdms")
+    file = nptdms.TdmsFile.open(path, raw_timestamps=False)
+    try:
+        if file.file_status.incomplete_final_segment:
+            raise damaged(path, _FORM, "its last segment is cut off")
+        return _TdmsSource(path, file)
+    except BaseException:
+        file.close()
+        raise

@@ -1,0 +1,266 @@
+"""A mapping that is kept as a TOML file and applied to many logs."""
+
+from __future__ import annotations
+
+import difflib
+import json
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, replace
+from pathlib import Path
+from typing import Any
+
+from hdbench.errors import DataError
+from hdbench.importing.derive import Derived
+from hdbench.importing.mapping import ColumnMap, Constant, parse_constant, parse_map
+from hdbench.importing.plan import ImportPlan, known_columns
+from hdbench.importing.source import Asked
+from hdbench.importing.text import ForeignFormat
+from hdbench.records.storage import write_new
+from hdbench.records.textfile import read_text
+
+__all__ = ["Recipe", "read_recipe", "write_recipe"]
+
+DELIMITERS = {"auto": None, "comma": ",", "semicolon": ";", "tab": "\t", "blank": " "}
+_CHOICES: dict[str, tuple[str, ...]] = {
+    "kind": ("trace", "loads"),
+    "side": ("motor", "output"),
+    "delimiter": tuple(DELIMITERS),
+    "from_logger": ("auto", "labjack", "dataq"),
+}
+# option of the command line for each key
+_OPTIONS = {
+    "topic": "--topic",
+    "joint": "--joint",
+    "side": "--side",
+    "rate_hz": "--rate",
+    "torque_constant_nm_per_a": "--torque-constant",
+    "velocity_from_angle_hz": "--velocity-from-angle",
+    "delimiter": "--delimiter",
+    "from_logger": "--from-logger",
+    "skip": "--skip",
+    "keep_time": "--keep-time",
+    "no_header": "--no-header",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Recipe:
+    """How a log is imported: the options of ``hdbench import``, by name.
+
+    Parameters
+    ----------
+    kind : str
+        ``trace`` or ``loads``.
+    map, set : mapping of str to str
+        As ``--map NAME=...`` and ``--set NAME=...``.
+    topic, joint : str or None
+        Which channels are looked at.
+    side : str
+        ``output`` where angles and velocities are those of the joint.
+    rate_hz : float or None
+        Sample rate where there is no time, Hz.
+    torque_constant_nm_per_a : float or None
+        Torque per current, N m/A.
+    velocity_from_angle_hz : float or None
+        Cutoff of the derivative of the angle, Hz.
+    keep_time : bool
+        Keep the time as it is.
+    delimiter, from_logger : str or None
+        Layout of a text.
+    skip : int
+        Lines before the table.
+    no_header : bool
+        Whether there is no row of names.
+    """
+
+    kind: str = "trace"
+    map: Mapping[str, str] = field(default_factory=dict)
+    set: Mapping[str, str] = field(default_factory=dict)
+    topic: str | None = None
+    joint: str | None = None
+    side: str = "motor"
+    rate_hz: float | None = None
+    torque_constant_nm_per_a: float | None = None
+    velocity_from_angle_hz: float | None = None
+    keep_time: bool = False
+    delimiter: str = "auto"
+    from_logger: str | None = None
+    skip: int = 0
+    no_header: bool = False
+
+    def changed(self) -> dict[str, Any]:
+        """Return what differs from the defaults."""
+        plain = Recipe()
+        now = {f.name: getattr(self, f.name) for f in fields(self)}
+        return {name: value for name, value in now.items() if value != getattr(plain, name)}
+
+    def over(self, other: Recipe) -> Recipe:
+        """Return another recipe with what is said here in its place."""
+        return replace(other, **self.changed())
+
+    def with_map(self, mapping: Mapping[str, str]) -> Recipe:
+        """Return a copy with another mapping."""
+        return replace(self, map=dict(mapping))
+
+    def with_side(self, side: str) -> Recipe:
+        """Return a copy of another side of the gear."""
+        return replace(self, side=side)
+
+    def with_joint(self, joint: str) -> Recipe:
+        """Return a copy of one joint."""
+        return replace(self, joint=joint)
+
+    def options(self) -> list[str]:
+        """Return the recipe as words of a command."""
+        words: list[str] = []
+        for name, value in self.changed().items():
+            if name in ("map", "set"):
+                words += [w for n, text in value.items() for w in (f"--{name}", f"{n}={text}")]
+            elif name == "kind":
+                words += ["--kind", value]
+            else:
+                words += [_OPTIONS[name], *([] if value is True else [str(value)])]
+        return words
+
+    @property
+    def layout(self) -> ForeignFormat:
+        """Layout of a text."""
+        logger: Any = self.from_logger
+        mark = DELIMITERS[self.delimiter]
+        return ForeignFormat(mark, not self.no_header, self.skip, logger)
+
+    @property
+    def asked(self) -> Asked:
+        """Topic and joint."""
+        return Asked(self.topic, self.joint)
+
+    def plan(self, gear_ratio: float | None) -> ImportPlan:
+        """Return the plan of an import.
+
+        Parameters
+        ----------
+        gear_ratio : float or None
+            Gear ratio of the bench.
+
+        Returns
+        -------
+        ImportPlan
+
+        Raises
+        ------
+        UsageError
+            If an entry of the mapping has another form.
+        """
+        known = known_columns(self.kind)
+        maps: list[ColumnMap] = [parse_map(f"{n}={text}", known) for n, text in self.map.items()]
+        fixed: list[Constant] = [parse_constant(f"{n}={t}", known) for n, t in self.set.items()]
+        return ImportPlan(
+            self.kind,
+            tuple(maps),
+            tuple(fixed),
+            layout=self.layout,
+            rate_hz=self.rate_hz,
+            keep_time=self.keep_time,
+            asked=self.asked,
+            side=self.side,
+            gear_ratio=gear_ratio,
+            derived=Derived(self.torque_constant_nm_per_a, self.velocity_from_angle_hz),
+        )
+
+
+def _bad(path: Path, key: str, what: str, fix: str) -> DataError:
+    return DataError(f"key {key!r:.60} {what}", where=f"{path}: {key:.60}", fix=fix)
+
+
+def read_recipe(path: Path) -> Recipe:
+    """Read a recipe.
+
+    Parameters
+    ----------
+    path : Path
+        TOML file.
+
+    Returns
+    -------
+    Recipe
+
+    Raises
+    ------
+    DataError
+        If it is missing, no TOML, or a key or value is not known.
+    """
+    try:
+        body = tomllib.loads(read_text(path, "recipe", keep_bom=False))
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        raise DataError(
+            f"not valid TOML: {error}", where=str(path), fix="correct it, or make it again by --map"
+        ) from error
+    plain = Recipe()
+    known = {f.name: getattr(plain, f.name) for f in fields(plain)}
+    for key, value in body.items():
+        if key not in known:
+            near = difflib.get_close_matches(key, known, n=1)
+            hint = f"did you mean {near[0]!r}?" if near else f"known: {', '.join(known)}"
+            raise _bad(path, key, "is not known", hint)
+        _check_value(path, key, value)
+    numbers = {k: float(v) for k, v in body.items() if k.endswith(("_hz", "_a"))}
+    return replace(plain, **{**body, **numbers})
+
+
+def _check_value(path: Path, key: str, value: object) -> None:
+    if key in ("map", "set"):
+        if not isinstance(value, dict) or not all(isinstance(v, str) for v in value.values()):
+            raise _bad(path, key, "is no table of texts", f'such as [{key}] torque_nm = "Torque"')
+    elif key in _CHOICES:
+        if value not in _CHOICES[key]:
+            needed = " or ".join(_CHOICES[key])
+            raise _bad(path, key, f"is {value!r:.40}; needed: {needed}", "correct it")
+    elif key in ("keep_time", "no_header"):
+        if not isinstance(value, bool):
+            raise _bad(path, key, f"is {value!r:.40}; needed: true or false", "correct it")
+    elif key == "skip":
+        if not isinstance(value, int) or isinstance(value, bool) or value < 0:
+            raise _bad(path, key, f"is {value!r:.40}; needed: a whole number", "correct it")
+    elif key in ("topic", "joint"):
+        if not isinstance(value, str):
+            raise _bad(path, key, f"is {value!r:.40}; needed: a text", "put it into quotes")
+    elif not isinstance(value, int | float) or isinstance(value, bool) or not abs(value) < 1e300:
+        raise _bad(path, key, f"is {value!r:.40}; needed: a number", "correct it")
+    elif key.endswith("_hz") and value <= 0:
+        raise _bad(path, key, f"is {value!r:.40}; needed: more than 0", "correct it")
+
+
+def write_recipe(path: Path, recipe: Recipe) -> None:
+    """Keep a recipe as a new TOML file.
+
+    Parameters
+    ----------
+    path : Path
+        File to make.
+    recipe : Recipe
+        What is kept.
+
+    Raises
+    ------
+    UsageError
+        If the file exists.
+    StorageError
+        If the disk is full or failed.
+    """
+    lines = ["# hdbench import FILE... --recipe THIS --out FILE|FOLDER"]
+    tables = []
+    for name, value in recipe.changed().items():
+        if name in ("map", "set"):
+            tables += ["", f"[{name}]"]
+            tables += [f"{json.dumps(key)} = {_toml(text)}" for key, text in value.items()]
+        else:
+            lines.append(f"{name} = {_toml(value)}")
+    write_new(path, ("\n".join([*lines, *tables]) + "\n").encode())
+
+
+def _toml(value: object) -> str:
+    if isinstance(value, bool):
+        return str(value).lower()
+    # a text of JSON is one of TOML too
+    return json.dumps(value, ensure_ascii=False)

@@ -1,0 +1,259 @@
+"""What every reader of a foreign file gives: channels with names, and their values by pieces."""
+
+from __future__ import annotations
+
+import math
+import re
+from abc import ABC, abstractmethod
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hdbench.errors import DataError, UsageError
+from hdbench.importing.units import bare_name
+
+__all__ = [
+    "MOST_CHANNELS",
+    "PIECE_ROWS",
+    "Asked",
+    "Channel",
+    "Piece",
+    "Source",
+    "damaged",
+    "find_channel",
+    "spelled",
+    "told_apart",
+]
+
+# rows that are in memory at a time: bounds the memory whatever the size of the file
+PIECE_ROWS = 1 << 16
+# a file that claims more is damaged or made to harm; a wide log of a robot has some hundreds
+MOST_CHANNELS = 20_000
+Piece = Mapping[str, NDArray[Any]]
+
+
+@dataclass(frozen=True, slots=True)
+class Channel:
+    """One channel of a file.
+
+    Parameters
+    ----------
+    name : str
+        Unique in the file; parts are separated by ``/``.
+    unit : str
+        As the file states it; empty text where it states none.
+    clock : str
+        Channels of one clock have their samples at the same times.
+    is_time : bool
+        Whether it is the time of its clock.
+    rows : int or None
+        Number of samples where that is known without reading them.
+    """
+
+    name: str
+    unit: str = ""
+    clock: str = ""
+    is_time: bool = False
+    rows: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Asked:
+    """Which channels of a file are of interest.
+
+    Parameters
+    ----------
+    topic : str or None
+        Topic, sheet, group or folder of channels; None for all.
+    joint : str or None
+        Joint; None for all.
+    """
+
+    topic: str | None = None
+    joint: str | None = None
+
+    def left(self, channels: Sequence[Channel]) -> list[Channel]:
+        """Return the channels that are asked for; what is of no joint stays, and every time."""
+        topic = [c for c in channels if self.topic is None or _of_topic(c.name, self.topic)]
+        clocks = {c.clock for c in topic}
+        if self.joint is None:
+            dropped = re.compile("$.")
+        else:
+            around = {a for c in topic for a in _around(c.name, self.joint)}
+            if not around:
+                return []
+            either = "|".join(f"{re.escape(a)}[^/]+{re.escape(b)}" for a, b in around)
+            own = "|".join(re.escape(f"{a}{self.joint}{b}") for a, b in around)
+            dropped = re.compile(f"(?!(?:{own})$)(?:{either})")
+        return [
+            c
+            for c in channels
+            if (c in topic and not dropped.fullmatch(c.name)) or (c.is_time and c.clock in clocks)
+        ]
+
+
+def _of_topic(name: str, topic: str) -> bool:
+    return f"/{topic.strip('/')}/" in f"/{name.strip('/')}"
+
+
+def _around(name: str, joint: str) -> list[tuple[str, str]]:
+    """Return what stands before and behind the joint in a name; nothing where it is not there."""
+    word = re.escape(joint)
+    match = re.search(rf"(?:^|/){word}/", name) or re.search(rf"[_.\[]{word}\]?$", bare_name(name))
+    if match is None:
+        return []
+    at = name.index(joint, match.start())
+    return [(name[:at], name[at + len(joint) :])]
+
+
+class Source(ABC):
+    """A foreign file that is open for reading.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    form : str
+        What kind of file it is, for people.
+    """
+
+    def __init__(self, path: Path, form: str) -> None:
+        self.path = path
+        self.form = form
+        self.channels: tuple[Channel, ...] = ()
+        self.notes: tuple[str, ...] = ()
+        self.decimal_comma = False
+
+    @abstractmethod
+    def pieces(self, names: Sequence[str]) -> Iterator[Piece]:
+        """Yield the samples of channels of one clock, in pieces of a bounded number of rows.
+
+        Numbers are arrays of float64, int64 or uint64; cells of text are arrays of str objects.
+        """
+
+    def place(self, row: int) -> str:
+        """Return where a person finds a row, counted from 0."""
+        return f"{self.path}: sample {row + 1}"
+
+    def close(self) -> None:  # noqa: B027 - most readers hold nothing open
+        """Give the file back."""
+
+    def keep(self, asked: Asked) -> None:
+        """Leave only the channels that were asked for; times stay with their clock."""
+        kept = asked.left(self.channels)
+        if not kept:
+            raise UsageError(
+                f"no channel of {asked.topic or 'any topic'} and joint {asked.joint or 'any'}",
+                where=f"{self.path}, --topic, --joint",
+                fix=f"there are: {listed(c.name for c in self.channels)}",
+            )
+        self.channels = tuple(kept)
+
+
+def listed(names: Iterable[str], most: int = 12) -> str:
+    """Return names in one line, the first ones of many."""
+    known = list(names)
+    return ", ".join(known[:most]) + (", ..." if len(known) > most else "")
+
+
+def spelled(name: str) -> str:
+    r"""Return a name without control characters: they stand as ``\x07``."""
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in name)
+
+
+def told_apart(path: Path, channels: Sequence[Channel]) -> tuple[Channel, ...]:
+    """Return channels whose names are printable, unique and not too many."""
+    if len(channels) > MOST_CHANNELS:
+        raise DataError(
+            f"{len(channels)} channels; needed: at most {MOST_CHANNELS}",
+            where=str(path),
+            fix="check that this is the right file",
+        )
+    clean = [replace(c, name=spelled(c.name.strip())) for c in channels]
+    count = Counter(c.name for c in clean)
+    taken: Counter[str] = Counter()
+    result = []
+    for channel in clean:
+        taken[channel.name] += 1
+        name = channel.name
+        if count[name] > 1 or not name:
+            name = f"{name}#{taken[channel.name]}"
+        result.append(replace(channel, name=name))
+    return tuple(result)
+
+
+def damaged(path: Path, form: str, error: BaseException | str) -> DataError:
+    """Return the error of a file that its reader cannot take."""
+    words = " ".join(spelled(str(error).replace("\n", " ")).split())[:200]
+    why = words if isinstance(error, str) else f"{type(error).__name__}: {words}"
+    return DataError(
+        f"damaged {form}: {why}; needed: a whole file",
+        where=str(path),
+        fix="copy the file again, or write it again with the program that made it",
+    )
+
+
+def find_channel(source: Source, name: str) -> Channel | None:
+    """Return the channel that `name` means: by name, by its last parts, or by number from 1."""
+    channels = source.channels
+    exact = [c for c in channels if c.name == name]
+    if exact:
+        return _plain(source, exact[0])
+    twice = [c.name for c in channels if c.name.rpartition("#")[0] == name]
+    ends = [c for c in channels if c.name.endswith(f"/{name.strip('/')}")]
+    bare = [c for c in channels if name and bare_name(c.name) == name]
+    for found in (ends, bare):
+        if len(found) == 1:
+            return _plain(source, found[0])
+    if twice or ends:
+        raise DataError(
+            f"{name!r:.80} means {len(twice or ends)} channels; needed: one",
+            where=str(source.path),
+            fix=f"name one of {listed(twice or [c.name for c in ends])}",
+        )
+    if spelled(name) != name:
+        return find_channel(source, spelled(name))
+    if name.isascii() and name.isdigit() and 1 <= int(name[:6]) <= len(channels):
+        return channels[int(name) - 1]
+    return None
+
+
+def _plain(source: Source, channel: Channel) -> Channel:
+    if "\\x" in channel.name or "\\u" in channel.name:
+        number = source.channels.index(channel) + 1
+        raise DataError(
+            f"the name of channel {channel.name!r:.60} holds a control character; needed: text",
+            where=str(source.path),
+            fix=f"take it by its number: --map NAME={number}",
+        )
+    return channel
+
+
+def finite_or_nan(value: object) -> float:
+    """Return a number of a record; NaN for anything that is none."""
+    try:
+        number = float(value)  # type: ignore[arg-type]
+    except (TypeError, ValueError, OverflowError):
+        return math.nan
+    return number
+
+
+def numbers(values: NDArray[Any]) -> NDArray[Any] | None:
+    """Return an array as float64, int64 or uint64; None where it holds no numbers."""
+    kind = values.dtype.kind
+    if kind == "f":
+        return np.asarray(values, dtype=np.float64)
+    if kind in "bi":
+        return np.asarray(values, dtype=np.int64)
+    if kind == "u":
+        return np.asarray(values, dtype=np.uint64)
+    if kind in "mM":  # a date or a duration, exact in ns
+        missing = np.isnat(values)
+        turned = values.astype("M8[ns]" if kind == "M" else "m8[ns]").astype(np.int64)
+        return np.where(missing, np.nan, turned) if missing.any() else np.asarray(turned)
+    return None

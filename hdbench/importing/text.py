@@ -1,0 +1,276 @@
+"""Tables of text: delimited files, and what else comes as rows of cells."""
+
+from __future__ import annotations
+
+import csv
+import gzip
+import zlib
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO
+
+import numpy as np
+
+from hdbench.errors import DataError
+from hdbench.importing.layout import (
+    SEARCHED_LINES,
+    Logger,
+    TableLayout,
+    is_comment,
+    is_number,
+    is_time_name,
+    is_time_or_date,
+    split,
+    text_layout,
+    uses_decimal_comma,
+)
+from hdbench.importing.source import PIECE_ROWS, Channel, Piece, Source, told_apart
+from hdbench.importing.units import stated_unit
+from hdbench.records.textfile import data_error
+
+__all__ = ["CellTable", "CellsSource", "ForeignFormat", "open_text"]
+
+# no line of a table is longer: a thousand columns of a hundred characters
+_LONGEST_LINE = 1 << 20
+# text of real samples shrinks 2 to 20 times; below 16 MiB a higher ratio does no harm
+_LIMIT_RATIO, _SMALL_BYTES = 300, 16 << 20
+_Rows = Callable[[], Iterator[tuple[int, list[str]]]]
+
+
+@dataclass(frozen=True, slots=True)
+class ForeignFormat:
+    """How a text file is laid out.
+
+    Parameters
+    ----------
+    delimiter : str or None
+        Character between columns; None finds it.
+    header : bool
+        Whether rows of names may stand above the data.
+    skip : int
+        Lines that are passed over before the table is looked for.
+    logger : str or None
+        Data logger that wrote the file, or ``auto``: a column of time has to be there, and units
+        that are stated are turned into ours.
+    """
+
+    delimiter: str | None = None
+    header: bool = True
+    skip: int = 0
+    logger: Logger | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class CellTable:
+    """One table of cells.
+
+    Parameters
+    ----------
+    layout : TableLayout
+        Names and width.
+    rows : callable
+        Yields the line and the cells of each row of data, as often as it is called.
+    prefix : str
+        What stands before the names, such as the name of a sheet and ``/``.
+    """
+
+    layout: TableLayout
+    rows: _Rows
+    prefix: str = ""
+
+
+class CellsSource(Source):
+    """Tables of cells as a source of channels.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    form : str
+        What it is, for people.
+    tables : sequence of CellTable
+        At least one.
+    """
+
+    def __init__(self, path: Path, form: str, tables: Sequence[CellTable]) -> None:
+        super().__init__(path, form)
+        self._tables = {table.prefix: table for table in tables}
+        channels: list[Channel] = []
+        probes: list[list[str]] = []
+        for table in tables:
+            layout = table.layout
+            first = [row for _, row in _first(table.rows())]
+            probes += first
+            for k in range(layout.width):
+                name = layout.names[k] if layout.names else str(k + 1)
+                unit = (layout.units[k] if layout.units else "") or stated_unit(name)
+                number = bool(first) and is_number(first[0][k])
+                timed = number and is_time_name(name)
+                channels.append(Channel(f"{table.prefix}{name}", unit, table.prefix, timed))
+        self.channels = told_apart(path, channels)
+        self._columns = {}
+        for table in tables:
+            own = [c.name for c in self.channels if c.clock == table.prefix]
+            self._columns.update({name: k for k, name in enumerate(own)})
+        self.decimal_comma = uses_decimal_comma(probes)
+
+    def pieces(self, names: Sequence[str]) -> Iterator[Piece]:
+        """Yield cells of text."""
+        clocks = {c.name: c.clock for c in self.channels}
+        columns = {name: self._columns[name] for name in names}
+        kept: list[list[str]] = []
+        for _, row in self._tables[clocks[names[0]]].rows():
+            kept.append(row)
+            if len(kept) == PIECE_ROWS:
+                yield _piece(kept, columns)
+                kept = []
+        if kept:
+            yield _piece(kept, columns)
+
+    def place(self, row: int) -> str:
+        """Return the line of a row."""
+        rows = next(iter(self._tables.values())).rows()
+        line = next((line for k, (line, _) in enumerate(rows) if k == row), row + 1)
+        return f"{self.path}:{line}"
+
+
+def _first(rows: Iterator[tuple[int, list[str]]]) -> list[tuple[int, list[str]]]:
+    return [row for row, _ in zip(rows, range(SEARCHED_LINES), strict=False)]
+
+
+def _piece(rows: Sequence[Sequence[str]], columns: dict[str, int]) -> Piece:
+    piece = {}
+    for name, k in columns.items():
+        cells = np.empty(len(rows), dtype=object)
+        cells[:] = [row[k] for row in rows]
+        piece[name] = cells
+    return piece
+
+
+def _raw_lines(path: Path) -> Iterator[bytes]:
+    """Yield the lines of a file, unpacked; none is longer than the limit."""
+    size = path.stat().st_size
+    with path.open("rb") as raw:
+        packed = raw.read(2) == b"\x1f\x8b"
+        raw.seek(0)
+        file: IO[bytes] | gzip.GzipFile = gzip.GzipFile(fileobj=raw) if packed else raw
+        total, number = 0, 0
+        limit = max(_SMALL_BYTES, size * _LIMIT_RATIO)
+        while line := file.readline(_LONGEST_LINE):
+            number += 1
+            total += len(line)
+            if b"\0" in line:
+                what = "holds a NUL character; needed: plain text"
+                raise data_error(path, number, what, "copy it again, or check what kind it is")
+            if len(line) == _LONGEST_LINE:
+                what = f"a line of more than {_LONGEST_LINE} bytes; needed: a table of text"
+                raise data_error(path, number, what, "check that this is the right file")
+            if packed and total > limit:
+                raise DataError(
+                    f"unpacks to more than {limit} bytes from {size}",
+                    where=str(path),
+                    fix="check that this is the right file, or unpack it by hand and split it",
+                )
+            yield line
+
+
+def _lines(path: Path, skip: int) -> Iterator[str]:
+    """Yield the lines behind `skip` as text; a comment is an empty line."""
+    number = 0
+    try:
+        for number, raw in enumerate(_raw_lines(path), 1):
+            if number == 1 and raw.startswith(b"\xef\xbb\xbf"):
+                raw = raw[3:]
+            if number > skip:
+                yield raw.decode("utf-8").replace("\r\n", "\n").replace("\r", "\n")
+    except UnicodeDecodeError as error:
+        fix = "save the file as UTF-8, comma separated"
+        raise data_error(path, number, "not UTF-8 text", fix) from error
+    except (EOFError, zlib.error, gzip.BadGzipFile) as error:
+        raise DataError(
+            f"damaged gzip file: {error}", where=str(path), fix="copy the file again"
+        ) from error
+
+
+def open_text(path: Path, layout: ForeignFormat) -> CellsSource:
+    """Open a table of text.
+
+    Parameters
+    ----------
+    path : Path
+        Text in UTF-8, with or without byte order mark; packed by gzip or not.
+    layout : ForeignFormat
+        How it is laid out.
+
+    Returns
+    -------
+    CellsSource
+
+    Raises
+    ------
+    DataError
+        If it is damaged, is no text or holds no numbers (with the line where there is one).
+    """
+    head = [line for line, _ in zip(_lines(path, layout.skip), range(SEARCHED_LINES), strict=False)]
+    found = text_layout(head, layout.delimiter, named=layout.header)
+    if found is None:
+        raise DataError(
+            "no data: no line of numbers" if any(map(str.strip, head)) else "no data",
+            where=str(path),
+            fix="check the file, --delimiter, or a smaller --skip",
+        )
+    if layout.logger is not None and not any(map(is_time_or_date, found.names)):
+        raise DataError(
+            "no row of column names with a time and numbers below it",
+            where=str(path),
+            fix="say where the table begins: --skip LINES and --delimiter, without --from-logger; "
+            "without names --no-header and --rate HZ",
+        )
+    begin = layout.skip + found.start
+
+    def rows() -> Iterator[tuple[int, list[str]]]:
+        return _rows(path, begin, found)
+
+    source = CellsSource(path, "text", [CellTable(found, rows)])
+    comma = ("decimal commas",) if source.decimal_comma else ()
+    said = [i for i, line in enumerate(head[: found.start]) if is_comment(line)]
+    told = sorted({*found.preamble, *said})
+    source.notes = (*(head[i].strip() for i in told if head[i].strip()), *comma)
+    return source
+
+
+def _rows(path: Path, begin: int, layout: TableLayout) -> Iterator[tuple[int, list[str]]]:
+    width = layout.width
+    line = begin + 1
+    counted = _Counted(_lines(path, begin))
+    try:
+        for row in split(iter(counted), layout.delimiter):
+            line = begin + counted.number
+            if not any(cell.strip() for cell in row):
+                continue
+            if len(row) > width and not any(cell.strip() for cell in row[width:]):
+                row = row[:width]
+            if len(row) != width:
+                raise data_error(
+                    path,
+                    line,
+                    f"{len(row)} cells; needed: {width}",
+                    "check --delimiter, or pass lines before the table over with --skip",
+                )
+            yield line, row
+    except csv.Error as error:
+        raise data_error(path, line + 1, f"not a CSV row: {error}", "correct the row") from error
+
+
+class _Counted:
+    """Lines, with the number of those that were taken; comments are taken as empty ones."""
+
+    def __init__(self, lines: Iterator[str]) -> None:
+        self._lines = lines
+        self.number = 0
+
+    def __iter__(self) -> Iterator[str]:
+        for line in self._lines:
+            self.number += 1
+            yield "" if is_comment(line) else line

@@ -1,0 +1,377 @@
+"""Channels of foreign files as one trace."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from decimal import Decimal
+from fractions import Fraction
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hdbench.errors import DataError, UsageError
+from hdbench.importing.convert import Conversion
+from hdbench.importing.derive import Derived, derived_columns
+from hdbench.importing.source import Source, listed
+from hdbench.records.trace import FloatArray, Trace
+
+__all__ = ["Joined", "Part", "joined_trace"]
+
+# a trace of more cells is read by no other command: some 1 GB of text
+MOST_CELLS = 50_000_000
+# samples of another clock further apart than this many of its steps are a gap
+_GAP_STEPS = 3.5
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """One file and what is taken from it.
+
+    Parameters
+    ----------
+    source : Source
+        The file.
+    conversions : mapping of str to Conversion
+        By our column; ``time_s`` is not there where the rate stands for it.
+    constants : mapping of str to str
+        Columns with one value.
+    """
+
+    source: Source
+    conversions: Mapping[str, Conversion]
+    constants: Mapping[str, str]
+
+
+@dataclass(frozen=True, slots=True)
+class Joined:
+    """What came out.
+
+    Parameters
+    ----------
+    trace : Trace
+        The trace.
+    origin : Decimal or None
+        Time that became 0, s; None where the time was kept.
+    done : dict of str to list of str
+        What was done for each column, step by step.
+    notes : tuple of str
+        What a person should know.
+    """
+
+    trace: Trace
+    origin: Decimal | None
+    done: dict[str, list[str]]
+    notes: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class _Read:
+    """One file: times in s from its own start, and float channels."""
+
+    source: Source
+    start: Fraction
+    time: FloatArray
+    columns: Mapping[str, FloatArray]
+    notes: tuple[str, ...] = ()
+
+
+def _check_times(conversion: Conversion, time: FloatArray, row: int, last: float) -> None:
+    """Refuse a missing time, one that repeats and one that goes back; `last` is the one before."""
+    before = np.concatenate([[last], time[:-1]])
+    wrong = np.flatnonzero(~(time > before))
+    if not len(wrong):
+        return
+    k = int(wrong[0])
+    where = conversion.source.place(row + k)
+    fix = "take the row out, or use --rate if the time column is too coarse"
+    if np.isnan(time[k]):
+        what = "no time in this row; needed: one in every row"
+        raise DataError(what, where=where, fix="give it a time")
+    word = "repeats" if time[k] == before[k] else "goes back behind"
+    what = (
+        f"time {time[k]:.9g} s after the start {word} the one before, {before[k]:.9g} s; "
+        "needed: strictly increasing"
+    )
+    raise DataError(what, where=where, fix=fix)
+
+
+def _clock(
+    source: Source,
+    conversions: Sequence[Conversion],
+    time: Conversion | None,
+    keep_time: bool,
+) -> tuple[Fraction, FloatArray, dict[str, FloatArray]]:
+    """Read the channels of one clock, with its times where they are in the file."""
+    names = list(dict.fromkeys(c.column.channel.name for c in conversions))
+    wanted = names if time is None else [*names, time.column.channel.name]
+    start: Fraction | None = Fraction(0) if keep_time else None
+    times: list[FloatArray] = []
+    parts: dict[str, list[FloatArray]] = {c.target: [] for c in conversions}
+    rows, last = 0, -np.inf
+    for piece in source.pieces(list(dict.fromkeys(wanted))):
+        count = len(next(iter(piece.values())))
+        if not count:
+            continue
+        if time is not None:
+            found, start = time.seconds(piece[time.column.channel.name], rows, start)
+            _check_times(time, found, rows, last)
+            last = float(found[-1])
+            times.append(found)
+        for conversion in conversions:
+            raw = piece[conversion.column.channel.name]
+            parts[conversion.target].append(conversion.piece(raw, rows))
+        rows += count
+        if rows * (len(parts) + 1) > MOST_CELLS:
+            raise DataError(
+                f"more than {MOST_CELLS // (len(parts) + 1)} rows of {len(parts) + 1} columns",
+                where=str(source.path),
+                fix="map fewer columns, or split the file",
+            )
+    if not rows:
+        raise DataError("no data", where=str(source.path), fix="check the file, or record again")
+    whole = {c.target: c.whole(np.concatenate(parts.pop(c.target))) for c in conversions}
+    for conversion in conversions:
+        if not np.isfinite(whole[conversion.target]).any():
+            raise DataError(
+                f"channel {conversion.column.channel.name} holds no number in {rows} rows",
+                where=str(source.path),
+                fix=f"map another channel to {conversion.target}, or leave its --map out",
+            )
+    return start or Fraction(0), np.concatenate(times) if times else np.empty(0), whole
+
+
+def _constant(name: str, text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = np.nan
+    if not np.isfinite(value):
+        raise UsageError(
+            f"{name}={text!r:.40}; needed: a finite number", where="--set", fix="give a number"
+        )
+    return value
+
+
+def _no_time(source: Source) -> DataError:
+    return DataError(
+        "no time column; needed: the time of every row, or the sample rate",
+        where=str(source.path),
+        fix="give the rate at which it was sampled by --rate HZ, or --time COLUMN",
+    )
+
+
+def _time_of(part: Part, clock: str) -> Conversion | None:
+    """Return the time of a clock: the one that was named, else the file's own."""
+    named = part.conversions.get("time_s")
+    if named is not None and named.column.channel.clock == clock:
+        return named
+    return part.conversions.get(f"time_s of {clock}")
+
+
+def _read(part: Part, rate: Fraction | None, keep_time: bool) -> _Read:
+    wanted = [c for name, c in part.conversions.items() if not name.startswith("time_s")]
+    by_clock: dict[str, list[Conversion]] = {}
+    for conversion in wanted:
+        by_clock.setdefault(conversion.column.channel.clock, []).append(conversion)
+    main = _main_clock(part, wanted)
+    if rate is not None:
+        if len(by_clock) > 1:
+            raise UsageError(
+                f"channels of {len(by_clock)} clocks; needed for --rate: channels of one",
+                where=f"{part.source.path}, --rate",
+                fix="map channels of one length and group, or a time for each clock",
+            )
+        _, _, columns = _clock(part.source, wanted, None, keep_time)
+        rows = len(next(iter(columns.values())))
+        time = np.array([float(Fraction(k) / rate) for k in range(rows)])
+        return _with_constants(part, _Read(part.source, Fraction(0), time, columns))
+    times = {clock: _time_of(part, clock) for clock in by_clock}
+    if any(time is None for time in times.values()):
+        raise _no_time(part.source)
+    read = {c: _clock(part.source, by_clock[c], times[c], keep_time) for c in by_clock}
+    start, time, columns = read.pop(main)
+    notes = []
+    for clock, (other_start, other_time, values) in read.items():
+        moved = other_time + float(other_start - start)
+        columns = columns | _on_clock(time, moved, values)
+        rate_hz = _rate(other_time)
+        notes.append(
+            f"{', '.join(values)}: from clock {clock!r} ({rate_hz:.6g} Hz) put on that of "
+            f"{main!r} ({_rate(time):.6g} Hz) by linear interpolation, not over its gaps or ends"
+        )
+    kept = _overlap(time, [o[1] + float(o[0] - start) for o in read.values()])
+    if not kept.any():
+        what = "the clocks have no time in common; needed: an overlap"
+        raise DataError(what, where=str(part.source.path), fix="map channels of one clock")
+    if not kept.all():
+        first = int(np.flatnonzero(kept)[0])
+        notes.append(f"{int((~kept).sum())} rows outside the overlap of the clocks left out")
+        moved_by = 0.0 if keep_time else float(time[first])
+        start += Fraction(moved_by)
+        time = time[kept] - moved_by
+        columns = {name: values[kept] for name, values in columns.items()}
+    return _with_constants(part, _Read(part.source, start, time, columns, tuple(notes)))
+
+
+def _main_clock(part: Part, wanted: Sequence[Conversion]) -> str:
+    """Return the clock that all others are put on: that of the time named, else of the torque."""
+    clocks = {c.target: c.column.channel.clock for c in wanted}
+    if not clocks:
+        return ""
+    named = part.conversions.get("time_s")
+    if named is not None and named.column.channel.clock in clocks.values():
+        return named.column.channel.clock
+    order = ("torque_nm", "torque_v", "motor_current_a", *clocks)
+    return next(clocks[name] for name in order if name in clocks)
+
+
+def _check_torque(part: Part, derived: Derived) -> None:
+    there = {*part.conversions, *part.constants}
+    if derived.torque_constant_nm_per_a is None and not {"torque_nm", "torque_v"} & there:
+        raise DataError(
+            f"no torque is mapped; found: {listed(c.name for c in part.source.channels)}",
+            where=str(part.source.path),
+            fix="give --map torque_nm=COLUMN, or --map motor_current_a=COLUMN "
+            "with --torque-constant N_M_PER_A",
+        )
+
+
+def _rate(time: FloatArray) -> float:
+    return float(1.0 / np.median(np.diff(time))) if len(time) > 1 else 0.0
+
+
+def _on_clock(
+    time: FloatArray, other: FloatArray, values: Mapping[str, FloatArray]
+) -> dict[str, FloatArray]:
+    gap = _GAP_STEPS * float(np.median(np.diff(other))) if len(other) > 1 else 0.0
+    result = {}
+    for name, channel in values.items():
+        there = np.isfinite(channel)
+        at, known = other[there], channel[there]
+        new = np.interp(time, at, known, left=np.nan, right=np.nan)
+        after = np.clip(np.searchsorted(at, time), 1, max(len(at) - 1, 1))
+        if len(at) > 1:
+            on_sample = np.isin(time, at)
+            new[(at[after] - at[after - 1] > gap) & ~on_sample] = np.nan
+        result[name] = new
+    return result
+
+
+def _overlap(time: FloatArray, others: Sequence[FloatArray]) -> NDArray[np.bool_]:
+    kept = np.ones(len(time), dtype=bool)
+    for other in others:
+        kept &= (time >= other[0]) & (time <= other[-1])
+    return kept
+
+
+def _with_constants(part: Part, read: _Read) -> _Read:
+    fixed = {n: np.full(len(read.time), _constant(n, text)) for n, text in part.constants.items()}
+    return _Read(read.source, read.start, read.time, {**read.columns, **fixed}, read.notes)
+
+
+def _ordered(parts: Sequence[_Read]) -> list[_Read]:
+    ordered = sorted(parts, key=lambda part: part.start + Fraction(float(part.time[0])))
+    for before, after in itertools.pairwise(ordered):
+        first = float(after.start + Fraction(float(after.time[0])))
+        end = float(before.start + Fraction(float(before.time[-1])))
+        if not first > end:
+            raise DataError(
+                f"starts at {first!r} s, before {before.source.path} ends at {end!r} s; "
+                "needed: files that follow one another",
+                where=after.source.place(0),
+                fix="import them one by one, or shift one by --map N:time_s=COLUMN+OFFSET",
+            )
+    return ordered
+
+
+def _follow_on(parts: list[_Read], rate: Fraction) -> list[_Read]:
+    """Count the time on from file to file."""
+    shifted, start = [], Fraction(0)
+    for part in parts:
+        shifted.append(_Read(part.source, start, part.time, part.columns, part.notes))
+        start += len(part.time) / rate
+    return shifted
+
+
+def joined_trace(
+    parts: Sequence[Part],
+    derived: Derived,
+    *,
+    rate_hz: float | None = None,
+    keep_time: bool = False,
+) -> Joined:
+    """Join channels of foreign files into one trace.
+
+    Parameters
+    ----------
+    parts : sequence of Part
+        The files.
+    derived : Derived
+        What is computed of other columns.
+    rate_hz : float, optional
+        Sample rate where there is no time column, Hz; files then follow one another.
+    keep_time : bool
+        Keep the time as it is; else the first sample is at 0 and differences are those of the
+        numbers in the file, rounded once.
+
+    Returns
+    -------
+    Joined
+
+    Raises
+    ------
+    UsageError
+        If a column is missing or a constant is no number.
+    DataError
+        If a cell is no number, there is no time, a time repeats or goes back, a channel is empty,
+        or files overlap (with the place).
+    """
+    rate = None if rate_hz is None else Fraction(rate_hz)
+    for part in parts:
+        _check_torque(part, derived)
+    reads = [_read(part, rate, keep_time) for part in parts]
+    reads = _ordered(reads) if rate is None else _follow_on(reads, rate)
+    for read in reads:
+        odd = sorted(set(read.columns) ^ set(reads[0].columns))
+        if odd:
+            what = f"column {odd[0]!r} is not in all files"
+            raise UsageError(what, where="--map", fix="map it in each file")
+    start = reads[0].start
+    shifts = [float(read.start - start) for read in reads]
+    times = [
+        read.time + shift if shift else read.time for read, shift in zip(reads, shifts, strict=True)
+    ]
+    columns: dict[str, FloatArray] = {"time_s": np.concatenate(times)}
+    if len(columns["time_s"]) < 2:
+        raise DataError(
+            "1 row; needed: at least 2 to be a trace",
+            where=str(reads[0].source.path),
+            fix="record again, or check that this is the right file",
+        )
+    for name in reads[0].columns:
+        columns[name] = np.concatenate([read.columns[name] for read in reads])
+    _check_doubles(columns["time_s"], reads[0].source)
+    new, steps = derived_columns(columns, derived, str(reads[0].source.path))
+    notes = tuple(note for read in reads for note in read.notes)
+    origin = None if keep_time else Decimal(start.numerator) / Decimal(start.denominator)
+    first = parts[0].conversions
+    done = {name: c.told() for name, c in first.items() if not name.startswith("time_s of ")}
+    own = _time_of(parts[0], _main_clock(parts[0], [first[n] for n in done if n != "time_s"]))
+    if own is not None:
+        done["time_s"] = own.told()
+    done |= {name: [f"every row is {text}"] for name, text in parts[0].constants.items()}
+    if rate_hz is not None:
+        done["time_s"] = [f"counted at {rate_hz!r} Hz, as given by --rate"]
+    trace = Trace({**columns, **new}, str(reads[0].source.path))
+    return Joined(trace, origin, {**done, **steps}, notes)
+
+
+def _check_doubles(time: FloatArray, source: Source) -> None:
+    if not (np.diff(time) > 0.0).all():
+        raise DataError(
+            "times fall together when rounded to doubles",
+            where=str(source.path),
+            fix="leave --keep-time out, so that the time starts at 0",
+        )

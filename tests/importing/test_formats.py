@@ -1,0 +1,301 @@
+"""Logs of every format become the same trace; damaged ones are refused in one line.
+
+Formats whose library is not installed are skipped: `make import-formats` installs them all.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hdbench.errors import DataError, HdbenchError, UsageError
+from hdbench.importing.plan import import_files
+from hdbench.importing.recipe import Recipe, read_recipe, write_recipe
+from hdbench.records import input_identity, read_trace
+from hdbench_cli.main import main
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "tools"))
+from import_fuzz import run
+from import_samples import MAPS, SAMPLES, have, signals, write_sample
+
+DATA = os.environ.get("HDBENCH_DATA")
+needs_data = pytest.mark.skipif(DATA is None, reason="HDBENCH_DATA is not set")
+REAL = Path(DATA or "") / "real"
+JOINTS = ("db3", "mcap", "ros1")
+
+
+def forms(*chosen: str) -> list[object]:
+    return [
+        pytest.param(form, marks=pytest.mark.skipif(not have(*SAMPLES[form][1]), reason="library"))
+        for form in chosen or SAMPLES
+    ]
+
+
+def recipe(form: str, **more: object) -> Recipe:
+    maps = dict(text.split("=", 1) for text in MAPS[form])
+    return Recipe(map=maps, joint="elbow" if form in JOINTS else None, **more)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("form", forms())
+def test_every_format_gives_the_same_trace(form: str, tmp_path: Path) -> None:
+    file, out = write_sample(form, tmp_path), tmp_path / "out.csv"
+    report = import_files(recipe(form).plan(None), [file], out)
+    trace, kept = read_trace(out), signals()
+    assert report.rows == 200
+    # times of a bag are whole ns; text has twelve digits
+    np.testing.assert_allclose(trace.time_s, kept["time"], rtol=0, atol=1e-9)
+    np.testing.assert_allclose(trace["torque_nm"], kept["torque"], rtol=1e-11)
+    np.testing.assert_allclose(
+        trace["motor_velocity_rad_s"], kept["speed"] * np.pi / 30.0, rtol=1e-11
+    )
+
+
+@pytest.mark.parametrize("form", forms())
+def test_a_file_that_was_cut_is_refused_and_nothing_is_left(form: str, tmp_path: Path) -> None:
+    chance = random.Random(7)
+    file, out = write_sample(form, tmp_path), tmp_path / "out.csv"
+    raw = file.read_bytes()
+    for _ in range(20):
+        cut = chance.randrange(len(raw) - 1)
+        file.write_bytes(raw[:cut])
+        refused: HdbenchError | None = None
+        try:
+            import_files(recipe(form).plan(None), [file], out)
+        except HdbenchError as error:
+            refused = error
+        if refused is None:
+            # a cut text may end with a whole row, or a number of fewer digits: nothing tells
+            assert form == "text"
+            out.unlink()
+            out.with_name("out.csv.provenance.json").unlink()
+            continue
+        assert refused.exit_code in (2, 4)
+        assert "\n" not in refused.what
+        assert sorted(tmp_path.iterdir()) == [file]
+
+
+@pytest.mark.parametrize("form", forms("text", "json", "npz", "mat5", "mat73"))
+def test_mutated_files_are_imported_or_refused(form: str, tmp_path: Path) -> None:
+    # the whole campaign is tools/import_fuzz.py
+    ends, memory, _ = run(form, 40, 3, tmp_path)
+    assert set(ends) <= {"imported", "refused"}
+    assert memory < 500.0
+
+
+@pytest.mark.parametrize(
+    "ending", [".npz", ".mat", ".h5", ".parquet", ".xlsx", ".tdms", ".mf4", ".db3"]
+)
+def test_ten_gigabytes_of_nothing_and_a_wrong_beginning(ending: str, tmp_path: Path) -> None:
+    sparse = tmp_path / f"x.{ending}"
+    with sparse.open("wb") as file:
+        file.truncate(10 << 30)
+    wrong = tmp_path / f"y.{ending}"
+    wrong.write_bytes(b"RIFF\0\0\0\0 of another kind")
+    for path in (sparse, wrong):
+        with pytest.raises(DataError, match="begins with"):
+            import_files(recipe("npz").plan(None), [path], tmp_path / "out.csv")
+
+
+@pytest.mark.parametrize(
+    ("text", "word"),
+    [
+        ("time,torque,torque,speed\n0,1,2,3\n1,1,2,3\n", "means 2 channels"),
+        ("time,tor\x07que,speed\n0,1,2\n1,1,2\n", "control character"),
+        ("time,torque,speed\n0,nan,1\n1,nan,1\n", "holds no number"),
+        ("time,torque,speed\n1,1,1\n0,1,1\n", "goes back"),
+        ("time,torque,speed\n", "no data"),
+        ("time,torque,speed\n0,1,1\n", "1 row"),
+    ],
+)
+def test_channels_that_cannot_be_used_are_refused(text: str, word: str, tmp_path: Path) -> None:
+    file = tmp_path / "log.csv"
+    file.write_text(text)
+    name = "tor\x07que" if "\x07" in text else "torque"
+    asked = Recipe(map={"time_s": "time", "torque_nm": name, "motor_velocity_rad_s": "speed"})
+    with pytest.raises(DataError, match=word) as caught:
+        import_files(asked.plan(None), [file], tmp_path / "out.csv")
+    assert caught.value.exit_code == 4
+    assert list(tmp_path.iterdir()) == [file]
+
+
+def test_a_pickle_in_a_numpy_file_is_never_opened(tmp_path: Path) -> None:
+    file = tmp_path / "log.npz"
+    np.savez(file, time=np.arange(3.0), torque=np.array([object()] * 3))
+    with pytest.raises(DataError, match="never unpickled"):
+        import_files(recipe("npz").plan(None), [file], tmp_path / "out.csv")
+
+
+def made(tmp_path: Path, columns: dict[str, Sequence[float]], asked: Recipe, ratio: float = 50.0):
+    file, out = tmp_path / "log.npz", tmp_path / "out.csv"
+    np.savez(file, **{name: np.asarray(values) for name, values in columns.items()})
+    report = import_files(asked.plan(ratio), [file], out)
+    return read_trace(out, require=("torque",)), report
+
+
+def test_declared_conversions_do_what_they_say(tmp_path: Path) -> None:
+    turn = np.arange(40) * 100.0
+    columns = {
+        "t": np.arange(40.0),
+        "angle": turn % 360.0,
+        "load": np.array([3, 65535] * 20),
+        "joint": 0.1 + 0.01 * np.arange(40),
+    }
+    asked = {
+        "time_s": "t@ms",
+        "motor_angle_rad": "angle@deg@wrapped",
+        "torque_nm": "load*0.5@int16",
+        "output_angle_rad": "joint",
+    }
+    trace, report = made(tmp_path, columns, Recipe(map=asked))
+    np.testing.assert_allclose(trace.time_s, np.arange(40) / 1000.0, rtol=1e-15)
+    # 40 sums of doubles of 70 rad at most: some 1e-14 each
+    np.testing.assert_allclose(trace["motor_angle_rad"], np.radians(turn), rtol=0, atol=1e-11)
+    assert trace["torque_nm"][:2].tolist() == [1.5, -0.5]
+    assert any("two's complement" in step for step in report.done["torque_nm"])
+    asked = {"time_s": "t", "motor_angle_rad": "joint", "torque_nm": "load"}
+    trace, report = made(tmp_path, columns, Recipe(map=asked, side="output"))
+    np.testing.assert_allclose(trace["motor_angle_rad"], 0.5 * np.arange(40), atol=1e-12)
+    assert any("gear ratio 50" in step for step in report.done["motor_angle_rad"])
+
+
+def test_torque_from_current_and_velocity_from_angle(tmp_path: Path) -> None:
+    time = np.arange(2000) / 1000.0
+    angle = 30.0 * time + 0.2 * np.sin(2.0 * np.pi * 4.0 * time)
+    columns = {"t": time, "q": angle, "i": np.cos(time)}
+    asked = {"time_s": "t", "motor_angle_rad": "q", "motor_current_a": "i"}
+    mapped = Recipe(map=asked, torque_constant_nm_per_a=2.5, velocity_from_angle_hz=60.0)
+    trace, report = made(tmp_path, columns, mapped)
+    assert trace["torque_nm"].tolist() == (2.5 * np.cos(time)).tolist()
+    true = 30.0 + 0.2 * 8.0 * np.pi * np.cos(2.0 * np.pi * 4.0 * time)
+    inside = slice(100, -100)
+    # central differences lose (2 pi 4 / 1000)^2 / 6 of the 5 rad/s, the low-pass 3e-10 of it
+    error = trace["motor_velocity_rad_s"][inside] - true[inside]
+    assert np.max(np.abs(error)) < 1e-3
+    assert any("zero phase" in step for step in report.done["motor_velocity_rad_s"])
+
+
+def test_channels_of_two_clocks_are_put_on_one(tmp_path: Path) -> None:
+    fast, slow = np.arange(1000) / 1000.0, 0.1 + np.arange(80) / 100.0
+    file = tmp_path / "log.h5"
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(file, "w") as book:
+        book["a/time"], book["a/torque"] = fast, np.cos(fast)
+        book["b/time"], book["b/speed"] = slow, 5.0 + slow
+    asked = Recipe(map={"torque_nm": "torque", "motor_velocity_rad_s": "speed"})
+    report = import_files(asked.plan(None), [file], tmp_path / "out.csv")
+    trace = read_trace(tmp_path / "out.csv")
+    # a line is interpolated without error; the overlap is 0.1 to 0.89 s
+    assert len(trace) == 791
+    np.testing.assert_allclose(trace["motor_velocity_rad_s"], 5.1 + trace.time_s, rtol=1e-12)
+    assert any("linear interpolation" in note for note in report.notes)
+
+
+def test_provenance_is_bound_to_the_content(tmp_path: Path) -> None:
+    file, out = write_sample("npz", tmp_path), tmp_path / "out.csv"
+    import_files(recipe("npz").plan(None), [file], out)
+    imported = input_identity(out)["imported"]
+    assert imported["sources"][0]["form"] == "NumPy file"
+    assert imported["columns"]["torque_nm"] == ["channel 'torque'"]
+    out.write_text(out.read_text() + "9,1,1\n")
+    assert "imported" not in input_identity(out)
+
+
+def test_a_recipe_is_kept_and_a_slip_in_it_is_told(tmp_path: Path) -> None:
+    file, kept = write_sample("npz", tmp_path), tmp_path / "r.toml"
+    write_recipe(kept, recipe("npz", side="output", rate_hz=None))
+    assert read_recipe(kept) == recipe("npz", side="output")
+    folder = tmp_path / "traces"
+    folder.mkdir()
+    words = ["import", str(file), "--recipe", str(kept), "--out", str(folder), "--json"]
+    with pytest.raises(SystemExit) as end:
+        main(words)
+    assert end.value.code == 0
+    assert (folder / "sample.csv").is_file()
+    kept.write_text('sides = "output"\n')
+    with pytest.raises(DataError, match="not known") as caught:
+        read_recipe(kept)
+    assert "'side'" in caught.value.fix
+
+
+def listing(capsys: pytest.CaptureFixture[str], *words: object) -> tuple[int, dict[str, object]]:
+    with pytest.raises(SystemExit) as end:
+        main(["import", *map(str, words), "--no-input", "--json"])
+    return int(end.value.code or 0), json.loads(capsys.readouterr().out)
+
+
+def test_the_proposed_command_can_be_taken(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import shlex
+
+    monkeypatch.chdir(tmp_path)
+    file = write_sample("text", tmp_path)
+    code, body = listing(capsys, file)
+    assert code == 0
+    proposal = body["proposal"]
+    assert isinstance(proposal, dict)
+    assert proposal["map"] == {
+        "time_s": "time", "torque_nm": "torque", "motor_velocity_rad_s": "speed@rpm",
+    }  # fmt: skip
+    with pytest.raises(SystemExit) as end:
+        main(shlex.split(proposal["command"])[1:])
+    assert end.value.code == 0
+    assert len(read_trace(tmp_path / "sample.trace.csv")) == 200
+
+
+def test_the_joint_side_needs_a_gear_ratio(tmp_path: Path) -> None:
+    columns = {"t": np.arange(3.0), "q": np.arange(3.0), "T": np.ones(3)}
+    np.savez(tmp_path / "log.npz", **columns)
+    asked = Recipe(map={"time_s": "t", "motor_angle_rad": "q", "torque_nm": "T"}, side="output")
+    with pytest.raises(UsageError, match="gear ratio"):
+        import_files(asked.plan(None), [tmp_path / "log.npz"], tmp_path / "out.csv")
+
+
+_STATES = {"torque_nm": "effort", "motor_angle_rad": "position", "motor_velocity_rad_s": "velocity"}
+_EMPS = {"time_s": "t", "motor_angle_rad": "qm*1000@zero", "torque_nm": "vir*35.15065188"}
+_COGGING = {
+    "motor_current_a": "Iq", "motor_angle_rad": "Position@zero", "motor_velocity_rad_s": "Velocity",
+}  # fmt: skip
+
+
+@needs_data
+@pytest.mark.parametrize(
+    ("raw", "prepared", "asked"),
+    [
+        ("emps.mat", "emps", Recipe(map=_EMPS, velocity_from_angle_hz=60.0)),
+        ("cogging_1.txt", "cogging_1", Recipe(map=_COGGING, torque_constant_nm_per_a=2.5)),
+        *(
+            pytest.param(
+                "ur10.db3", f"ur10_{j}", Recipe(map=_STATES, side="output", joint=j),
+                marks=pytest.mark.skipif(not have("rosbags"), reason="library"),
+            )
+            for j in ("shoulder_pan_joint", "wrist_2_joint", "wrist_3_joint")
+        ),
+    ],
+)  # fmt: skip
+def test_originals_give_the_numbers_of_the_prepared_traces(
+    raw: str, prepared: str, asked: Recipe, tmp_path: Path
+) -> None:
+    import_files(asked.plan(100.0), [REAL / "raw" / raw], tmp_path / "out.csv")
+    trace, known = read_trace(tmp_path / "out.csv"), read_trace(REAL / f"{prepared}.csv.gz")
+    for name, values in known.columns.items():
+        # the prepared ones are rounded to eight digits
+        assert np.max(np.abs(trace[name] - values)) < 1e-6 * np.max(np.abs(values)), name
+
+
+@needs_data
+def test_a_log_without_time_asks_for_the_rate_and_takes_it(tmp_path: Path) -> None:
+    file, out = REAL / "raw" / "kuka_med.csv", tmp_path / "out.csv"
+    asked = Recipe(map={"torque_nm": "tau_0", "motor_angle_rad": "q_0"})
+    with pytest.raises(DataError) as caught:
+        import_files(asked.plan(None), [file], out)
+    assert "--rate" in caught.value.fix
+    timed = Recipe(map=asked.map, rate_hz=100.0, velocity_from_angle_hz=10.0)
+    assert import_files(timed.plan(None), [file], out).rows == sum(1 for _ in file.open()) - 1
