@@ -11,7 +11,7 @@ from hdbench.diagnosis.discovery.fit import Beside
 from hdbench.diagnosis.discovery.form import STRONG
 from hdbench.diagnosis.discovery.lines import scan_looks
 from hdbench.diagnosis.discovery.refine import Candidate, candidate_of, refined, weighed
-from hdbench.diagnosis.discovery.search import Search, settled, value_of
+from hdbench.diagnosis.discovery.search import Search, all_possible, settled, value_of
 from hdbench.diagnosis.discovery.tables import is_table
 from hdbench.diagnosis.discovery.term import is_line
 from hdbench.records.trace import FloatArray
@@ -117,6 +117,8 @@ def _with_forms(search: Search, part: int, table: list[Candidate]) -> list[Candi
     out = []
     for found in (table[0], *ranked[:_FITTED]):
         new, (term,) = search.best_joined(view, (found.term,))
+        if found is not table[0] and not all_possible(new, 1):
+            continue
         gain = value_of(new) - base
         cost = found.gain_nats - found.evidence_nats
         moved = found

@@ -42,7 +42,7 @@ from hdbench.diagnosis.discovery.term import (
 from hdbench.model import Cause
 from hdbench.records.trace import FloatArray
 
-__all__ = ["SHARES", "Accepted", "Search", "search", "settled", "value_of"]
+__all__ = ["SHARES", "Accepted", "Search", "all_possible", "search", "settled", "value_of"]
 
 # share of the false-alarm rate of each kind of look
 SHARES = {"name": 0.5, "line": 0.28, "step": 0.05, "table": 0.14, "burst": 0.03}
@@ -268,7 +268,7 @@ class Search:
         out = [e for e in ranked if id(e) not in chosen]
         for entry in chosen.values():
             new, terms = self.best_joined(self.fit, tuple(c.term for c in entry))
-            if not _all_possible(new, len(terms)):
+            if not all_possible(new, len(terms)):
                 out.append(entry)
                 continue
             more = max(value_of(new) - base - entry[0].gain_nats, 0.0)
@@ -462,7 +462,7 @@ class Search:
         return weighed(beside, fit.record, start, fit.shapes, base).evidence_nats
 
 
-def _all_possible(fit: Fit, last: int) -> bool:
+def all_possible(fit: Fit, last: int) -> bool:
     """Return whether the last causes of a fit have parameters that can be."""
     places = range(len(fit.parts) - last, len(fit.parts))
     return all(
