@@ -106,12 +106,14 @@ def _tried(
     """Run the experiment with the fault armed; return the exit code and what was said."""
     from hdbench.errors import HdbenchError
     from hdbench.session import BenchOptions, run_experiment
+    from hdbench_cli.operator import ConsoleOperator
 
     order, number = fault
     shim = ctypes.CDLL(None)
     shim.fault_arm(str(out).encode(), number, order["error"], order["stay"], order["syncs"])
     try:
-        options = BenchOptions(out, address=address)
+        person = ConsoleOperator(motion_confirmed=True)
+        options = BenchOptions(out, address=address, operator=person)
         run_experiment("ripple", profile, options, lambda _what, _share: None)
     except HdbenchError as error:
         return error.exit_code, error.what

@@ -187,6 +187,7 @@ def screen(body):
 
 def test_two_findings_fit_a_terminal_of_80_by_30(tmp_path, run):
     body = json.loads(run("--json", str(trace_file(tmp_path, 0.1)))[1])
+    body["causes"][0]["separating_experiment"] = "two constant speeds"
     body["causes"] *= 2
     body["testable"] = LIMITS["testable"]
     assert len(screen(body)) <= 28
