@@ -9,6 +9,7 @@ import numpy as np
 
 from hdbench.errors import DataError
 from hdbench.model.cause import Cause, CauseTerm, check_term
+from hdbench.model.causes.kinematic import TRANSMISSION_ERROR, angle_error_rad
 from hdbench.model.motion import Motion
 from hdbench.records.trace import FloatArray
 
@@ -101,9 +102,8 @@ def summed_torque_nm(
     early, late = _early_and_late(terms, extra)
     torque = _summed(early, motion, extra)
     if late:
-        torque = torque + _summed(
-            late, signal_motion(early, motion, baseline_nm, extra=extra), extra
-        )
+        on = signal_motion((*early, *late), motion, baseline_nm, extra=extra)
+        torque = torque + _summed(late, on, extra)
     return torque
 
 
@@ -137,8 +137,10 @@ def signal_motion(
     DataError
         As `term_torque_nm`.
     """
-    early, _ = _early_and_late(terms, extra)
-    return with_signal(motion, lambda on: baseline_nm(on) + _summed(early, on, extra))
+    early, late = _early_and_late(terms, extra)
+    errors = [angle_error_rad(motion, t.linear) for t in late if t.name == TRANSMISSION_ERROR.name]
+    error = sum(errors, np.zeros(len(motion)))
+    return with_signal(motion, lambda on: baseline_nm(on) + _summed(early, on, extra), error)
 
 
 def _early_and_late(
@@ -156,7 +158,11 @@ def _summed(terms: Iterable[CauseTerm], motion: Motion, extra: Sequence[Cause]) 
     return sum((term_torque_nm(t, motion, extra=extra) for t in terms), np.zeros(len(motion)))
 
 
-def with_signal(motion: Motion, torque_nm: Callable[[Motion], FloatArray]) -> Motion:
+def with_signal(
+    motion: Motion,
+    torque_nm: Callable[[Motion], FloatArray],
+    error_rad: FloatArray | float = 0.0,
+) -> Motion:
     """Return the motion with a simulated torque, for causes that act on the whole signal.
 
     Parameters
@@ -165,17 +171,21 @@ def with_signal(motion: Motion, torque_nm: Callable[[Motion], FloatArray]) -> Mo
         Motion at every sample.
     torque_nm : callable
         Simulated torque on a motion, N m, shape (n_samples,).
+    error_rad : ndarray of shape (n_samples,) or float
+        Error of the recorded motor angle, rad.
 
     Returns
     -------
     Motion
-        With `simulated_nm`, and its slope over the motor angle at the same output angle.
+        With `simulated_nm`, and its slope over the motor angle at the same output angle, from the
+        true angle to the recorded one.
     """
+    way = np.where(np.abs(error_rad) > 2.0 * _ANGLE_STEP_RAD, error_rad, 2.0 * _ANGLE_STEP_RAD)
+    middle = motion.angle_rad - 0.5 * error_rad
     ahead, behind = (
-        torque_nm(replace(motion, angle_rad=motion.angle_rad + step))
-        for step in (_ANGLE_STEP_RAD, -_ANGLE_STEP_RAD)
+        torque_nm(replace(motion, angle_rad=middle + half)) for half in (0.5 * way, -0.5 * way)
     )
-    slope = (ahead - behind) / (2.0 * _ANGLE_STEP_RAD)
+    slope = (ahead - behind) / way
     return replace(motion, simulated_nm=torque_nm(motion), ripple_slope_nm_per_rad=slope)
 
 

@@ -104,7 +104,7 @@ def _directions(
             power = float(np.sum(other**2))
             if power > 0.0:
                 other = other @ np.linalg.lstsq(other, torque, rcond=None)[0]
-                out.append(other - torque)
+                out.append((other - torque) / SCALES[-1])
     kept = [np.clip(c, -30.0 * size, 30.0 * size) for c in out if np.any(c)]
     if not kept:
         return np.zeros((len(torque), 0))

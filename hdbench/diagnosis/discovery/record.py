@@ -14,10 +14,15 @@ from hdbench.model.motion import torque_from_trace
 from hdbench.profile.schema import ProfileData
 from hdbench.records.trace import FloatArray, Trace
 
-__all__ = ["Record", "prepare_record", "with_simulated"]
+__all__ = ["SAMPLED", "Record", "prepare_record", "with_simulated"]
 
 # a step longer than this many median periods is a gap in time: one lost sample makes 2
 _GAP = 1.5
+# name of the columns of a ripple whose lines were sampled too seldom to be followed
+SAMPLED = "sampled-ripple"
+# lines below the first of these places, relative to the Nyquist frequency, are taken as they are,
+# and those between and above have an amplitude of their own, if this share of the turns is there
+_PLAIN_BELOW, _FEW = (0.4, 0.6, 0.7, 0.8, 0.9, 1.0, 1.2), 0.01
 # the misalignment of a bench that is clamped again may be this many times the model's
 _MISALIGNED = 3.0
 
@@ -144,6 +149,9 @@ def prepare_record(
     fixed, names, columns = baseline_columns(motion, profile, load=load)
     whole_turn = "misalignment:cosine" in names
     fixed, names, columns = change.apply(motion, fixed, names, columns)
+    steps = np.diff(motion.time_s)
+    period = float(np.median(steps))
+    names, columns = _sampled_lines(motion, period, names, columns)
     prior = np.full(len(names), np.inf)
     if not whole_turn and "misalignment" not in change.without:
         amplitude, phase = model.misalignment
@@ -155,8 +163,6 @@ def prepare_record(
         prior = np.append(prior, [expected, expected])
     valid = motion.valid & np.isfinite(torque) & np.isfinite(fixed) & ~masked
     valid &= np.isfinite(columns).all(axis=1)
-    steps = np.diff(motion.time_s)
-    period = float(np.median(steps))
     starts = np.concatenate([[True], steps > _GAP * period])
     return Record(
         replace(motion, starts=starts),
@@ -169,6 +175,32 @@ def prepare_record(
         period,
         load,
     )
+
+
+def _sampled_lines(
+    motion: Motion, period_s: float, names: tuple[str, ...], columns: FloatArray
+) -> tuple[tuple[str, ...], FloatArray]:
+    """Return names and columns where lines near and above the Nyquist frequency stand apart.
+
+    What of such a line is in the record is up to filters before the converter: its amplitude there
+    is free, interpolated between a few frequencies.
+    """
+    speed = np.where(motion.valid, np.abs(motion.velocity_rad_s), 0.0)
+    more, parts, columns = names, [], columns.copy()
+    for place in [i for i, n in enumerate(names) if n.startswith("ripple:") and "cos" in n]:
+        order = float(names[place].split(":")[1])
+        of_nyquist = order * speed * period_s / np.pi
+        turned = speed / max(float(speed.sum()), 1e-12)
+        above, plain = turned[of_nyquist > 1.0].sum(), turned[of_nyquist < _PLAIN_BELOW[0]].sum()
+        if above < _FEW or plain < _FEW:
+            continue
+        pair = columns[:, place : place + 2]
+        weights = [np.interp(of_nyquist, _PLAIN_BELOW, unit) for unit in np.eye(len(_PLAIN_BELOW))]
+        for k, weight in enumerate(weights[1:], 1):
+            parts.append(pair * weight[:, None])
+            more += tuple(f"{SAMPLED}:{order!r}:{part}_{k}" for part in ("cosine", "sine"))
+        columns[:, place : place + 2] = pair * weights[0][:, None]
+    return more, np.hstack([columns, *parts])
 
 
 def _load_share(

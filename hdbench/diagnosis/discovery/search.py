@@ -40,6 +40,7 @@ from hdbench.diagnosis.discovery.term import (
     term_columns,
 )
 from hdbench.model import Cause
+from hdbench.model.causes.kinematic import TRANSMISSION_ERROR, angle_error_rad
 from hdbench.records.trace import FloatArray
 
 __all__ = ["SHARES", "Accepted", "Search", "all_possible", "search", "settled", "value_of"]
@@ -75,6 +76,8 @@ _AGAIN = 2
 _FORM_MOVES = 12
 # entries of a round that are fitted with their form errors
 _JOINED = 3
+# rounds in which the torque of an error of the angle follows it
+_STRAIGHTENED = 3
 # a cause that has less evidence than this beside the others is dropped
 _LEAST_NATS = 1.0
 
@@ -433,6 +436,19 @@ class Search:
                 fit.reshape(part, moved.term)
                 fit.settle(1)
 
+    def straighten(self) -> None:
+        """Let an error of the recorded angle act in full: its torque is no line in a large one."""
+        fit = self.fit
+        for _ in range(_STRAIGHTENED):
+            found = [p for p in fit.causes() if fit.parts[p].name == TRANSMISSION_ERROR.name]
+            if not found:
+                return
+            slope = signal_nm(fit)[1]
+            motion = replace(fit.record.motion, ripple_slope_nm_per_rad=slope)
+            fit.record = replace(fit.record, motion=motion)
+            fit.reshape(found[0], fit.term(found[0]))
+            fit.settle(1)
+
     def prune(self, needed: float = _LEAST_NATS, most: int = 1) -> None:
         """Drop causes that the others, or another noise, made needless."""
         fit = self.fit
@@ -583,16 +599,25 @@ def fitted_nm(fit: Fit, *, whole: bool = True) -> FloatArray:
 
 
 def signal_nm(fit: Fit) -> tuple[FloatArray, FloatArray]:
-    """Return the fitted torque of the channel, N m, and its slope over the motor angle, N m/rad."""
+    """Return the fitted torque of the channel, N m, and its slope over the motor angle, N m/rad.
+
+    Where the recorded angle has an error the slope is over the whole of it: the error times the
+    slope is then the torque of any error, large or small.
+    """
     record = fit.record
-    slope = np.zeros(len(record))
+    error, slope = np.zeros(len(record)), np.zeros(len(record))
+    for index, part in enumerate(fit.parts):
+        if part.name == TRANSMISSION_ERROR.name:
+            error += angle_error_rad(record.motion, fit.linear(index))
     for index, part in enumerate(fit.parts):
         kind, _, order = part.name.partition(":")
         if part.term is None and kind == "ripple":
-            cosine, sine = fit.linear(index)
+            k, (cosine, sine) = float(order), fit.linear(index)
             places = [i for i, n in enumerate(record.names) if n.startswith(f"{part.name}:")]
-            wave = record.columns[:, places]
-            slope += float(order) * (sine * wave[:, 0] - cosine * wave[:, 1])
+            wave, half = record.columns[:, places], 0.5 * k * error
+            torque, turned = wave @ (cosine, sine), wave @ (sine, -cosine)
+            slope += k * torque * np.sin(half) * np.sinc(half / np.pi)
+            slope += k * turned * np.sinc(2.0 * half / np.pi)
     return fitted_nm(fit, whole=False), slope
 
 
@@ -717,6 +742,7 @@ def _searched(
         else:
             break
         state.reshape_all()
+        state.straighten()
         attach_forms(fit)
         state.prune()
         if plain is not None and _as_good(plain, fit):

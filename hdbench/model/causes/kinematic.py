@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from hdbench.model.definition import Cause, Parameter
 from hdbench.model.motion import Motion
 from hdbench.records.trace import FloatArray
 
-__all__ = ["KINEMATIC_ERROR", "TORSIONAL_RESONANCE", "TRANSMISSION_ERROR"]
+__all__ = ["KINEMATIC_ERROR", "TORSIONAL_RESONANCE", "TRANSMISSION_ERROR", "angle_error_rad"]
 
 # harmonics of the motor angle in a harmonic drive's transmission error, each twice the last
 _HARMONICS = (1.0, 2.0, 4.0)
@@ -45,11 +45,33 @@ def _has_inertia(motion: Motion) -> str | None:
 
 
 def _transmission(motion: Motion) -> FloatArray:
+    errors = _angle_errors(motion)
     slope = motion.ripple_slope_nm_per_rad
-    if slope is None:
-        return np.zeros((len(motion), 6))
+    return np.zeros_like(errors) if slope is None else -slope[:, None] * errors
+
+
+def _angle_errors(motion: Motion) -> FloatArray:
     output = motion.output_angle_rad
-    return np.hstack([pair(angle, -slope) for angle in (motion.angle_rad, output, 2.0 * output)])
+    waves = [pair(angle) for angle in (motion.angle_rad, output, 2.0 * output)]
+    return np.column_stack([*waves, motion.applied_nm])
+
+
+def angle_error_rad(motion: Motion, linear: Sequence[float]) -> FloatArray:
+    """Return the error of the recorded motor angle that a transmission error says.
+
+    Parameters
+    ----------
+    motion : Motion
+        Motion at every sample.
+    linear : sequence of float
+        Linear parameters of ``transmission-error``, rad, the last one rad/(N m).
+
+    Returns
+    -------
+    ndarray, shape (n_samples,)
+        Recorded less true angle, rad; 0 where the motion is not known.
+    """
+    return np.asarray(np.nan_to_num(_angle_errors(motion) @ np.asarray(linear)))
 
 
 def _has_ripple(motion: Motion) -> str | None:
@@ -127,7 +149,8 @@ KINEMATIC_ERROR = Cause(
 TRANSMISSION_ERROR = Cause(
     name="transmission-error",
     equation="-e dy/d theta_m, y the torque in the channel, recorded angle = theta_m + e, e = "
-    "A_m cos(theta_m + phase_m) + A_1 cos(theta_o + phase_1) + A_2 cos(2 theta_o + phase_2)",
+    "A_m cos(theta_m + phase_m) + A_1 cos(theta_o + phase_1) + A_2 cos(2 theta_o + phase_2) "
+    "+ c T, T the known torque; dy/d theta_m over the whole way e",
     shape=(),
     linear=tuple(
         Parameter(
@@ -143,6 +166,15 @@ TRANSMISSION_ERROR = Cause(
             ("output_2", "twice per output turn"),
         )
         for part in ("cosine", "sine")
+    )
+    + (
+        Parameter(
+            "windup_rad_per_nm",
+            "rad/(N m)",
+            -_ANGLE_LIMIT_RAD,
+            _ANGLE_LIMIT_RAD,
+            "change of the recorded motor angle with the known torque: an encoder behind a spring",
+        ),
     ),
     locked_to="motor",
     parity="side lines of every strong order, in proportion to the order and its amplitude",
