@@ -21,7 +21,7 @@ from hdbench.diagnosis.discovery.form import (
 from hdbench.diagnosis.discovery.lines import Scan, plan_scans, scan_looks, scan_power, step_look
 from hdbench.diagnosis.discovery.modulated import modulated_looks
 from hdbench.diagnosis.discovery.moments import solve, solve_best
-from hdbench.diagnosis.discovery.record import Record, with_simulated
+from hdbench.diagnosis.discovery.record import SAMPLED, Record, with_simulated
 from hdbench.diagnosis.discovery.refine import (
     Candidate,
     candidate_of,
@@ -611,11 +611,12 @@ def signal_nm(fit: Fit) -> tuple[FloatArray, FloatArray]:
             error += angle_error_rad(record.motion, fit.linear(index))
     for index, part in enumerate(fit.parts):
         kind, _, order = part.name.partition(":")
-        if part.term is None and kind == "ripple":
-            k, (cosine, sine) = float(order), fit.linear(index)
+        if part.term is None and kind in ("ripple", SAMPLED):
+            k, linear = float(order), fit.linear(index)
             places = [i for i, n in enumerate(record.names) if n.startswith(f"{part.name}:")]
             wave, half = record.columns[:, places], 0.5 * k * error
-            torque, turned = wave @ (cosine, sine), wave @ (sine, -cosine)
+            torque = wave @ linear
+            turned = wave[:, ::2] @ linear[1::2] - wave[:, 1::2] @ linear[::2]
             slope += k * torque * np.sin(half) * np.sinc(half / np.pi)
             slope += k * turned * np.sinc(2.0 * half / np.pi)
     return fitted_nm(fit, whole=False), slope
