@@ -76,8 +76,10 @@ _AGAIN = 2
 _FORM_MOVES = 12
 # entries of a round that are fitted with their form errors
 _JOINED = 3
-# rounds in which the torque of an error of the angle follows it
-_STRAIGHTENED = 3
+# rounds, at most, in which the torque of an error of the angle follows it
+_STRAIGHTENED = 12
+# way of the motor over which a slope is formed where the angle has no error
+_LEAST_WAY_RAD = 1e-5
 # a cause that has less evidence than this beside the others is dropped
 _LEAST_NATS = 1.0
 
@@ -446,8 +448,11 @@ class Search:
             slope = signal_nm(fit)[1]
             motion = replace(fit.record.motion, ripple_slope_nm_per_rad=slope)
             fit.record = replace(fit.record, motion=motion)
+            before = fit.likelihood
             fit.reshape(found[0], fit.term(found[0]))
             fit.settle(1)
+            if fit.likelihood < before + _LEAST_NATS:
+                return
 
     def prune(self, needed: float = _LEAST_NATS, most: int = 1) -> None:
         """Drop causes that the others, or another noise, made needless."""
@@ -598,6 +603,11 @@ def fitted_nm(fit: Fit, *, whole: bool = True) -> FloatArray:
     return torque
 
 
+def _turns_with_motor(cause: Cause) -> bool:
+    """Return whether a cause is a part of the signal that follows the motor angle."""
+    return cause.locked_to == "motor" and not cause.whole_signal
+
+
 def signal_nm(fit: Fit) -> tuple[FloatArray, FloatArray]:
     """Return the fitted torque of the channel, N m, and its slope over the motor angle, N m/rad.
 
@@ -619,6 +629,12 @@ def signal_nm(fit: Fit) -> tuple[FloatArray, FloatArray]:
             turned = wave[:, ::2] @ linear[1::2] - wave[:, 1::2] @ linear[::2]
             slope += k * torque * np.sin(half) * np.sinc(half / np.pi)
             slope += k * turned * np.sinc(2.0 * half / np.pi)
+        elif part.term is not None and _turns_with_motor(part.term.cause):
+            way = np.where(np.abs(error) > _LEAST_WAY_RAD, error, _LEAST_WAY_RAD)
+            motion = replace(record.motion, angle_rad=record.motion.angle_rad - way)
+            moved = term_columns(part.term, replace(record, motion=motion))
+            here = term_columns(part.term, record)
+            slope += (here - moved) @ fit.linear(index) / way
     return fitted_nm(fit, whole=False), slope
 
 
