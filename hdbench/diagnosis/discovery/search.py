@@ -42,7 +42,16 @@ from hdbench.diagnosis.discovery.term import (
 from hdbench.model import Cause
 from hdbench.records.trace import FloatArray
 
-__all__ = ["SHARES", "Accepted", "Search", "all_possible", "search", "settled", "value_of"]
+__all__ = [
+    "SHARES",
+    "Accepted",
+    "Search",
+    "all_possible",
+    "search",
+    "search_from",
+    "settled",
+    "value_of",
+]
 
 # share of the false-alarm rate of each kind of look
 SHARES = {"name": 0.5, "line": 0.28, "step": 0.05, "table": 0.14, "burst": 0.03}
@@ -350,10 +359,10 @@ class Search:
         base = solve_best(fit.moments(), fit.shapes, fit.spectrum).likelihood
         start = rising.fit(fit.spectrum.power, fit.bands.counts)
         tried = solve(fit.moments(), rising, start, rounds=4, anew=True, reference=fit.spectrum)
-        gain = tried.likelihood - base
-        if gain - SLOW_PRICE < max(evidence, 0.0):
+        gain = tried.likelihood - base - SLOW_PRICE * max(1, len(fit.record.records))
+        if gain < max(evidence, 0.0):
             return False
-        self.log.append(f"slow noise E={gain - SLOW_PRICE:.0f}")
+        self.log.append(f"slow noise E={gain:.0f}")
         fit.shapes = rising
         fit.settle(4, anew=True)
         self.prune(_IN_SLOW_NATS, 0)
@@ -589,10 +598,10 @@ def signal_nm(fit: Fit) -> tuple[FloatArray, FloatArray]:
     for index, part in enumerate(fit.parts):
         kind, _, order = part.name.partition(":")
         if part.term is None and kind == "ripple":
-            cosine, sine = fit.linear(index)
+            linear = fit.linear(index)
             places = [i for i, n in enumerate(record.names) if n.startswith(f"{part.name}:")]
             wave = record.columns[:, places]
-            slope += float(order) * (sine * wave[:, 0] - cosine * wave[:, 1])
+            slope += float(order) * (wave[:, ::2] @ linear[1::2] - wave[:, 1::2] @ linear[::2])
     return fitted_nm(fit, whole=False), slope
 
 
@@ -635,7 +644,7 @@ def search(
     plain = None
     if fit.record.low_pass is not None:
         plain = _on_simulated(Fit.start(record.behind(None), known))
-    state = _searched(fit, plain, causes, known, alpha, rng, report, least_share)
+    state = search_from(fit, plain, causes, known, alpha, rng, report, least_share)
     return state or search(
         record.behind(None),
         causes,
@@ -663,7 +672,7 @@ def _on_simulated(fit: Fit) -> Fit:
     return fit
 
 
-def _searched(
+def search_from(
     fit: Fit,
     plain: Fit | None,
     causes: Mapping[str, Cause],
