@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -641,11 +641,11 @@ def search(
     """
     report = progress or (lambda what, share: None)
     fit = Fit.start(record, known)
-    plain = None
-    if fit.record.low_pass is not None:
-        plain = _on_simulated(Fit.start(record.behind(None), known))
+    plain = [] if fit.record.low_pass is None else [Fit.start(record.behind(None), known)]
     state = search_from(fit, plain, causes, known, alpha, rng, report, least_share)
-    return state or search(
+    if isinstance(state, Search):
+        return state
+    return search(
         record.behind(None),
         causes,
         known,
@@ -674,16 +674,21 @@ def _on_simulated(fit: Fit) -> Fit:
 
 def search_from(
     fit: Fit,
-    plain: Fit | None,
+    plain: Sequence[Fit],
     causes: Mapping[str, Cause],
     known: tuple[Term, ...],
     alpha: float,
     rng: np.random.Generator,
     report: Callable[[str, float], None],
     least_share: float,
-) -> Search | None:
-    """Return the search from a fit of the baseline; None where its low-pass becomes needless."""
+) -> Search | Fit:
+    """Return the search from a fit of the baseline.
+
+    `plain` are the same fits with one torque channel each that has no low-pass. Where one becomes
+    as good, that one is returned.
+    """
     record = _on_simulated(fit).record
+    plain = [_on_simulated(one) for one in plain]
     held = {term.name for term in known}
     usable = {
         name: cause
@@ -728,6 +733,7 @@ def search_from(
         state.reshape_all()
         attach_forms(fit)
         state.prune()
-        if plain is not None and _as_good(plain, fit):
-            return None
+        for one in plain:
+            if _as_good(one, fit):
+                return one
     return state

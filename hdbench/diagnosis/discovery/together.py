@@ -16,7 +16,7 @@ from hdbench.diagnosis.discovery.fit import Fit
 from hdbench.diagnosis.discovery.form import USUAL
 from hdbench.diagnosis.discovery.heldout import Prediction, gain_between, hold_out
 from hdbench.diagnosis.discovery.lines import OUTPUT_LINE, TONE_LINE
-from hdbench.diagnosis.discovery.moments import Moments, inverse, solve_best
+from hdbench.diagnosis.discovery.moments import Moments, inverse_scale, solve_best
 from hdbench.diagnosis.discovery.naming import name_causes
 from hdbench.diagnosis.discovery.record import Record
 from hdbench.diagnosis.discovery.search import Search, search_from
@@ -52,6 +52,8 @@ __all__ = ["Together", "piece_searches", "search_together", "tell_together"]
 _ROUNDS_WITHOUT, _ROUNDS_WITH = 6, 2
 # a record that holds less than this share of the information on an amplitude says nothing of it
 _BLIND = 1e-6
+# directions with less than this share of the largest information are one effect told twice
+_SAME = 1e-8
 
 
 def search_together(
@@ -82,16 +84,32 @@ def search_together(
     Search
         Of the stack of records.
     """
-    fit = stack_fits([Fit.start(record) for record in records])
+    fits = [Fit.start(record) for record in records]
+    fit = stack_fits(fits)
     every = (*causes.values(), TONE_LINE, OUTPUT_LINE)
     stacked = stacked_causes(every, len(records), referenced=fit.record.referenced)
     held = tuple(Term(stacked[term.name], term.shape, known=True) for term in known)
-    for term in held:
-        fit.add_term(term)
-    fit.settle(4)
-    found = search_from(fit, None, stacked, held, alpha, rng, progress, least_share)
-    assert found is not None
-    return found
+    plain = [
+        stack_fits([*fits[:at], Fit.start(one.record.behind(None)), *fits[at + 1 :]])
+        for at, one in enumerate(fits)
+        if one.record.low_pass is not None
+    ]
+    for one in (fit, *plain):
+        for term in held:
+            one.add_term(term)
+        one.settle(4)
+    found = search_from(fit, plain, stacked, held, alpha, rng, progress, least_share)
+    if isinstance(found, Search):
+        return found
+    return search_together(
+        found.record.records,
+        causes,
+        known,
+        alpha=alpha,
+        rng=rng,
+        progress=progress,
+        least_share=least_share,
+    )
 
 
 def piece_searches(search: Search) -> list[tuple[Search, list[int]]]:
@@ -170,7 +188,11 @@ def _own_sizes(fit: Fit, part: int, kind: str) -> _Own:
     solved = solve_best(moments, fit.shapes, fit.spectrum)
     count = len(rows)
     information = np.diag(solved.information)[-count:].reshape(len(pieces), -1).sum(axis=1)
-    covariance = inverse(solved.information)[-count:, -count:] / np.outer(scale, scale)
+    # harmonics of two causes may be one and the same: what both say counts for half in each
+    root = inverse_scale(np.diag(solved.information))
+    scaled = solved.information * np.outer(root, root)
+    covariance = np.linalg.pinv(scaled, rcond=_SAME, hermitian=True) * np.outer(root, root)
+    covariance = covariance[-count:, -count:] / np.outer(scale, scale)
     linear = (solved.step[-count:] / scale).reshape(len(pieces), -1)
     return _Own(linear, covariance, information > _BLIND * information.max())
 
