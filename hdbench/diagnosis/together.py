@@ -95,25 +95,27 @@ def diagnose_together(
     if baseline:
         settings["baseline"] = list(baseline)
     every = _all_ready(task, traces, names, report)
-    used = [one for one in every if isinstance(one.ready, Ready)]
+    used = [(one, one.ready) for one in every if isinstance(one.ready, Ready)]
     if len(used) < 2:
-        reasons = "; ".join(f"{o.name}: {o.ready.reason}" for o in every if o not in used)
+        refused = [(one.name, one.ready) for one in every]
+        reasons = "; ".join(f"{name}: {r.reason}" for name, r in refused if isinstance(r, Refused))
         raise DataError(
             f"{len(used)} of {len(every)} records can be used together; needed: 2 or more",
             where=reasons or names[0],
             fix="leave out --together to diagnose each record alone",
         )
     rng = np.random.default_rng(seed)
-    search, late = _searched(task, [_ready(one) for one in used], rng, report)
+    names = [one.name for one, _ in used]
+    search, late = _searched(task, [ready for _, ready in used], rng, report)
     report("measuring the gain on held-out blocks", 0.9)
     findings = [
-        findings_of(task, _ready(one), piece, faults)
-        for one, (piece, _), faults in zip(used, piece_searches(search), late, strict=True)
+        findings_of(task, ready, piece, faults)
+        for (_, ready), (piece, _), faults in zip(used, piece_searches(search), late, strict=True)
     ]
     told = tell_together(
         search,
         task.given,
-        [one.name for one in used],
+        names,
         rng,
         [one.noise_variance for one in findings],
     )
@@ -121,7 +123,7 @@ def diagnose_together(
         assemble(replace(one, search=piece), settings, rng, own)
         for one, (piece, own) in zip(findings, told.records, strict=True)
     ]
-    answer = _joined(task, told, every, answers, settings)
+    answer = _joined(task, told, every, dict(zip(names, answers, strict=True)), settings)
     report("done", 1.0)
     return answer
 
@@ -133,11 +135,6 @@ class _Named:
     name: str
     trace: Trace
     ready: Ready | Refused
-
-
-def _ready(one: _Named) -> Ready:
-    assert isinstance(one.ready, Ready)
-    return one.ready
 
 
 def _all_ready(
@@ -186,11 +183,10 @@ def _joined(
     task: Task,
     told: Together,
     every: Sequence[_Named],
-    answers: Sequence[Diagnosis],
+    by_name: dict[str, Diagnosis],
     settings: dict[str, object],
 ) -> Diagnosis:
-    used = [one for one in every if isinstance(one.ready, Ready)]
-    by_name = dict(zip([one.name for one in used], answers, strict=True))
+    answers = list(by_name.values())
     # causes of one record alone, faults of its acquisition, have no voices yet
     faults = [cause for one in answers for cause in (*one.causes, *one.minor) if not cause.voices]
     named = [*faults, *told.causes]
@@ -216,7 +212,7 @@ def _joined(
         _pictures(told, answers),
         left_out=_left_out(every, by_name),
         rest=Rest(told.after.rms_nm, noise, places),
-        testable=_testable(task, told, used, answers),
+        testable=_testable(task, told, by_name),
         records=parts,
     )
 
@@ -242,17 +238,14 @@ def _part(one: _Named, answer: Diagnosis | None, told: Together) -> RecordPart:
 
 def _flags(one: _Named, answer: Diagnosis | None) -> list[DataFlag]:
     """Return the flags of a record; of one that was left out the reason comes first."""
-    if answer is not None:
-        return [replace(flag, record=one.name) for flag in answer.data_flags]
-    assert isinstance(one.ready, Refused)
+    if answer is not None or isinstance(one.ready, Ready):
+        return [replace(flag, record=one.name) for flag in answer.data_flags] if answer else []
     ends = float(one.trace.time_s[0]), float(one.trace.time_s[-1])
     whole = DataFlag(LEFT_OUT, *ends, len(one.trace), one.ready.reason, one.name)
     return [whole, *(replace(flag, record=one.name) for flag in one.ready.inspected.flags)]
 
 
-def _left_out(
-    every: Sequence[_Named], answers: dict[str, Diagnosis]
-) -> tuple[LeftOutSamples, ...]:
+def _left_out(every: Sequence[_Named], answers: dict[str, Diagnosis]) -> tuple[LeftOutSamples, ...]:
     total = sum(len(one.trace) for one in every)
     counts: dict[str, int] = {}
     for one in every:
@@ -294,19 +287,16 @@ def _pictures(told: Together, answers: Sequence[Diagnosis]) -> Pictures:
     return Pictures(**values, spectra=spectra(told.search, told.search.first))
 
 
-def _testable(
-    task: Task, told: Together, used: Sequence[_Named], answers: Sequence[Diagnosis]
-) -> tuple[Testable, ...]:
+def _testable(task: Task, told: Together, answers: dict[str, Diagnosis]) -> tuple[Testable, ...]:
     """Say what can be shown together: what applies to every record, and is seen in one of them."""
     out = []
-    for some in zip(*(one.testable for one in answers), strict=True):
+    for some in zip(*(one.testable for one in answers.values()), strict=True):
         cause = task.causes[some[0].name]
         motions = [record.motion for record in told.search.fit.record.records]
         reasons = [cause.applicable(motion) if cause.additive else None for motion in motions]
-        refused = next((n for n, why in enumerate(reasons) if why), None)
-        if refused is not None:
-            because = f"{used[refused].name}: {reasons[refused]}"
-            out.append(Testable(cause.name, False, because))
+        refused = [f"{name}: {why}" for name, why in zip(answers, reasons, strict=True) if why]
+        if refused:
+            out.append(Testable(cause.name, False, refused[0]))
         else:
             out.append(next((one for one in some if one.testable), some[0]))
     return tuple(out)

@@ -9,7 +9,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Condition", "DataFlag", "Gain", "LeftOut", "LeftOutSamples", "RecordPart", "Testable", "Voice"]
+__all__ = [
+    "Condition",
+    "DataFlag",
+    "Gain",
+    "LeftOut",
+    "LeftOutSamples",
+    "RecordPart",
+    "Testable",
+    "Voice",
+]
 
 # the other conditions foretell a condition that can tell to a tenth of what the cause claims in it,
 # and it speaks against the cause where the prediction is worse with it by three deviations

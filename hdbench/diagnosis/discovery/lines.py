@@ -159,9 +159,10 @@ def plan_scans(record: Record) -> tuple[Scan, ...]:
         if len(parts) == 1:
             scans.append(widest)
             continue
-        whole = ()
+        whole: tuple[PhaseTransform, ...] = ()
         if record.referenced and domain == "motor-order" and high >= 1.0:
-            whole = tuple(plan_transform(axis.cycles % 1.0, 1.0, 1.0, high) for axis in axes)
+            turns = (axis.cycles % 1.0 for axis in axes)
+            whole = tuple(plan_transform(turn, 1.0, 1.0, high) for turn in turns)
         phase = np.concatenate([part.phase_rad for part in parts])
         scans.append(replace(widest, phase_rad=phase, parts=parts, whole=whole))
     return tuple(scans)
@@ -169,7 +170,7 @@ def plan_scans(record: Record) -> tuple[Scan, ...]:
 
 @dataclass(frozen=True, slots=True)
 class _Axis:
-    """Cycles at every sample of a record, how far they reach and scatter, and the ends of a scan."""
+    """Cycles at every sample of a record, their span and scatter, and the ends of a scan."""
 
     unit: str
     cycles: FloatArray

@@ -81,6 +81,13 @@ class StackedMotion(Motion):
             yield Motion(**own)
 
 
+def _stack(motion: Motion) -> StackedMotion:
+    """Return a motion that is known to be a stack."""
+    if not isinstance(motion, StackedMotion):
+        raise TypeError("a cause of a stack needs the motion of a stack")
+    return motion
+
+
 def records_of(record: Record) -> tuple[Record, ...]:
     """Return the records of a stack with the torque that is simulated; a plain one alone."""
     motion = record.motion
@@ -241,21 +248,21 @@ class StackedCause(Cause):
 
 def _of(cause: Cause, kind: str, count: int, whole: Cause | None = None) -> StackedCause:
     def columns(motion: Motion, shape: Mapping[str, float]) -> FloatArray:
-        assert isinstance(motion, StackedMotion)
+        stack = _stack(motion)
         if kind == ONE:
-            return _in_one(cause.columns(motion, shape), motion, shape["step_time_s"])
-        pieces = [cause.columns(one, shape) for one in motion.pieces()]
+            return _in_one(cause.columns(stack, shape), stack, shape["step_time_s"])
+        pieces = [cause.columns(one, shape) for one in stack.pieces()]
         if kind == SHARED:
             return np.concatenate(pieces)
         k = pieces[0].shape[1]
-        out = np.zeros((len(motion), count * k))
+        out = np.zeros((len(stack), count * k))
         for at, one in enumerate(pieces):
-            out[motion.piece == at, at * k : (at + 1) * k] = one
+            out[stack.piece == at, at * k : (at + 1) * k] = one
         return out
 
     def applicable(motion: Motion) -> str | None:
-        assert isinstance(motion, StackedMotion)
-        return next((why for one in motion.pieces() if (why := cause.applicable(one))), None)
+        pieces = _stack(motion).pieces()
+        return next((why for one in pieces if (why := cause.applicable(one))), None)
 
     own = {one.name: getattr(cause, one.name) for one in fields(Cause)}
     own |= {"columns": columns, "applicable": applicable}
@@ -466,7 +473,8 @@ def piece_fit(fit: Fit, number: int) -> tuple[Fit, list[int]]:
         For each of its parts the part of the stack. What is in another record alone is left out.
     """
     bands, shapes = fit.bands, fit.shapes
-    assert isinstance(bands, StackedBands) and isinstance(shapes, StackedShapes)
+    if not isinstance(bands, StackedBands) or not isinstance(shapes, StackedShapes):
+        raise TypeError("a fit of one record has no pieces")
     at, band = bands.slices()[number]
     record = records_of(fit.record)[number]
     seen = np.any(fit.rows[:, at] != 0.0, axis=1) | fit.form
@@ -518,8 +526,7 @@ def piece_fit(fit: Fit, number: int) -> tuple[Fit, list[int]]:
 
 def piece_term(term: Term, record: Record, number: int) -> Term:
     """Return a term of a stack as one of its records has it."""
-    motion = record.motion
-    assert isinstance(motion, StackedMotion)
+    motion = _stack(record.motion)
     inside = motion.piece == number
     cause = term.cause
     if not isinstance(cause, StackedCause) or cause.plain is None:

@@ -260,7 +260,7 @@ def _apart_terms(
     """
     cause = fit.term(part).cause
     kind = _kind(cause)
-    if kind == ONE or cause.locked_to == "time":
+    if kind == ONE or (kind == EACH and cause.locked_to == "time"):
         return None, [], terms
     own = _own_sizes(fit, part, kind)
     chance, apart = _disagreeing(own, kind, alpha)
@@ -406,7 +406,8 @@ def tell_together(
         chance_apart, apart, own = _apart_terms(fit, index, terms, alpha)
         most = int(np.argmax(np.where([t is not None for t in terms], nats, -np.inf)))
         best = terms[most]
-        assert best is not None
+        if best is None:
+            continue
         voices = tuple(
             Voice(
                 names[number],
@@ -417,22 +418,25 @@ def tell_together(
             )
             for number in range(len(names))
         )
-        one = cause_of(named[index], best, model, gain, shares[index], chance)
-        causes.append(replace(one, voices=voices, apart_chance=chance_apart))
+        cause = cause_of(named[index], best, model, gain, shares[index], chance)
+        causes.append(replace(cause, voices=voices, apart_chance=chance_apart))
     records = []
     for number, (one, origin) in enumerate(piece_searches(search)):
         square = mean_square(one.fit, {i for i, place in enumerate(origin) if place in base})
         found = rest_places(one, square, noise_variances[number])
         found = [replace(place, record=names[number]) for place in found]
         walk = walk_of(one, square)
-        told = [_term_of(fit, place, number, matrices[place]) for place in origin if place in kept]
-        terms = [term for term in told if term is not None]
+        own_terms = [
+            term
+            for place in origin
+            if place in kept and (term := _term_of(fit, place, number, matrices[place])) is not None
+        ]
         if walk is not None:
             voice = Voice(names[number], walk[0].evidence_nats, walk[0].gain, {}, False)
             causes.append(replace(walk[0], voices=(voice,)))
-            terms.append(walk[1])
+            own_terms.append(walk[1])
         places += found
-        told = Told(one.fit, [], found, each_before[number], each_after[number], terms)
+        told = Told(one.fit, [], found, each_before[number], each_after[number], own_terms)
         records.append((one, told))
     for _, told in records:
         held_names = {term.name for term in told.terms}
