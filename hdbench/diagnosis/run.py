@@ -152,8 +152,14 @@ def diagnose_runs_together(
     ----------
     sources : sequence of Path
         Run folders or traces, two or more, each named once.
-    profile, out, options, progress
-        As `diagnose_run` takes them.
+    profile : Profile
+        Bench of all of them.
+    out : Path
+        Parent folder of run folders.
+    options : DiagnosisOptions or None
+        Settings; the defaults where None.
+    progress : callable or None
+        Called with what is being done and the share done.
 
     Returns
     -------

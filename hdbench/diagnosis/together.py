@@ -67,8 +67,20 @@ def diagnose_together(
         Name of each.
     profile : Profile
         Bench.
-    model, alpha, materiality, seed, progress, causes, baseline
-        As `diagnose_trace` takes them; `alpha` holds for all records together.
+    model : BenchModel or None
+        Model to hold against the records; the profile's where None.
+    alpha : float
+        Probability of any finding on all records without an effect, in (0, 1).
+    materiality : float
+        Smallest share of the baselines' residual variance of a cause that counts, in [0, 1).
+    seed : int
+        Seed of the draws of the null and the bootstrap.
+    progress : callable or None
+        Called with what is being done and the share done in [0, 1].
+    causes : tuple of Cause
+        Causes beside the catalogue and the model's own.
+    baseline : tuple of str
+        Terms of the baseline to add or remove, as `parse_baseline` reads them.
 
     Returns
     -------

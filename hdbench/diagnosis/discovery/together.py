@@ -89,10 +89,9 @@ def search_together(
     every = (*causes.values(), TONE_LINE, OUTPUT_LINE)
     stacked = stacked_causes(every, len(records), referenced=fit.record.referenced)
     held = tuple(Term(stacked[term.name], term.shape, known=True) for term in known)
+    low = [at for at, one in enumerate(fits) if one.record.low_pass is not None]
     plain = [
-        stack_fits([*fits[:at], Fit.start(one.record.behind(None)), *fits[at + 1 :]])
-        for at, one in enumerate(fits)
-        if one.record.low_pass is not None
+        stack_fits([*fits[:at], Fit.start(records[at].behind(None)), *fits[at + 1 :]]) for at in low
     ]
     for one in (fit, *plain):
         for term in held:
@@ -101,8 +100,10 @@ def search_together(
     found = search_from(fit, plain, stacked, held, alpha, rng, progress, least_share)
     if isinstance(found, Search):
         return found
+    needless = next(at for at, one in zip(low, plain, strict=True) if one is found)
+    again = [one.behind(None) if at == needless else one for at, one in enumerate(records)]
     return search_together(
-        found.record.records,
+        again,
         causes,
         known,
         alpha=alpha,
@@ -403,7 +404,7 @@ def tell_together(
         gains = [gain_between(a, b, rng) for a, b in each]
         terms = [_term_of(fit, index, number, matrices[index]) for number in range(len(names))]
         nats = _evidence(fit, index)
-        chance_apart, apart, own = _apart_terms(fit, index, terms, alpha)
+        chance_apart, apart, alone = _apart_terms(fit, index, terms, alpha)
         most = int(np.argmax(np.where([t is not None for t in terms], nats, -np.inf)))
         best = terms[most]
         if best is None:
@@ -413,7 +414,7 @@ def tell_together(
                 names[number],
                 float(nats[number]),
                 gains[number],
-                _stated(own[number], model),
+                _stated(alone[number], model),
                 number in apart,
             )
             for number in range(len(names))
@@ -426,11 +427,8 @@ def tell_together(
         found = rest_places(one, square, noise_variances[number])
         found = [replace(place, record=names[number]) for place in found]
         walk = walk_of(one, square)
-        own_terms = [
-            term
-            for place in origin
-            if place in kept and (term := _term_of(fit, place, number, matrices[place])) is not None
-        ]
+        every = [_term_of(fit, place, number, matrices[place]) for place in origin if place in kept]
+        own_terms = [own for own in every if own is not None]
         if walk is not None:
             voice = Voice(names[number], walk[0].evidence_nats, walk[0].gain, {}, False)
             causes.append(replace(walk[0], voices=(voice,)))
