@@ -179,7 +179,7 @@ torque_scale | table or null | | gain that scaled the torque, and where it is fr
 filter_gain | table or null | | what the extended model spares the filter
 separating_run | table or null | | plan file of the run that settles what is open
 part | table or null | | what was diagnosed of a longer record: from_s, to_s, samples, cut
-records | list or absent | | records that were diagnosed together
+records | list | | records that were diagnosed together; empty for one alone
 records[].record | text | | its name
 records[].left_out | text or null | | why it took no part
 records[].samples | integer | | samples used

@@ -340,7 +340,7 @@ class Diagnosis:
             "extended": dict(self.extended),
             "model_file": model_file,
             "settings": dict(self.settings),
-            **({"records": [one.to_dict() for one in self.records]} if self.records else {}),
+            "records": [one.to_dict() for one in self.records],
         }
 
 
