@@ -16,6 +16,8 @@ from hdbench_cli.parameters import StoredPath
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from hdbench.profile import Profile
+
 __all__ = ["command"]
 
 
@@ -82,6 +84,11 @@ def _list_causes(output: Output, cause_files: tuple[Path, ...]) -> None:
     type=float,
     help="Look at it up to this time.  [default: the end, at most 600 000 samples]",
 )
+@click.option(
+    "--together",
+    is_flag=True,
+    help="Take all inputs as records of one drive: fit what they share once, one result.",
+)
 @click.option("--check", is_flag=True, help="Exit 3 unless nothing was found.")
 @click.option("--list-causes", is_flag=True, help="Print the catalogue of causes.")
 @seed_option
@@ -97,6 +104,7 @@ def command(
     cause_files: tuple[Path, ...],
     from_s: float | None,
     to_s: float | None,
+    together: bool,
     check: bool,
     list_causes: bool,
     seed: int,
@@ -115,7 +123,7 @@ def command(
             where="hdbench diagnose",
             fix="name a run folder, a trace or a loads file, or ask for --list-causes",
         )
-    from hdbench.diagnosis import DiagnosisOptions, diagnose_run
+    from hdbench.diagnosis import DiagnosisOptions, diagnose_run, diagnose_runs_together
     from hdbench_cli.diagnosis_text import show
     from hdbench_cli.experiment import choose_profile
     from hdbench_cli.progress import progress_bar
@@ -130,8 +138,16 @@ def command(
         to_s=to_s,
     )
     done: list[tuple[Path, dict[str, Any]]] = []
-    for source in sources:
-        profile = choose_profile(profile_name, source)
+    profiles = [choose_profile(profile_name, source) for source in sources]
+    if together:
+        _one_bench(sources, profiles)
+        with progress_bar("diagnose") as progress:
+            done.append(
+                diagnose_runs_together(
+                    sources, profiles[0], out=out, options=options, progress=progress
+                )
+            )
+    for source, profile in () if together else zip(sources, profiles, strict=True):
         with progress_bar("diagnose") as progress:
             done.append(diagnose_run(source, profile, out=out, options=options, progress=progress))
     bodies = [_named(result, folder) for folder, result in done]
@@ -144,6 +160,18 @@ def command(
 
     output.result(whole, text)
     _end(output, bodies, check)
+
+
+def _one_bench(sources: Sequence[Path], profiles: Sequence[Profile]) -> None:
+    """Refuse runs that were measured on different benches, unless --profile says which it is."""
+    for source, profile in zip(sources, profiles, strict=True):
+        if profile.sha256 != profiles[0].sha256:
+            raise UsageError(
+                f"--together with profiles {profiles[0].name!r} of {sources[0]} and "
+                f"{profile.name!r}, which differ; needed: records of one drive",
+                where=str(source),
+                fix="leave out the records of the other bench, or name the bench with --profile",
+            )
 
 
 def _named(result: dict[str, Any], folder: Path) -> dict[str, Any]:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from hdbench.report.diagnosis_limits import left_out_line, rest_line
 from hdbench_cli.diagnosis_baseline import baseline_lines
 from hdbench_cli.diagnosis_names import names_line
+from hdbench_cli.diagnosis_records import record_lines, voice_lines
 from hdbench_cli.numbers import probability, with_uncertainty
 from hdbench_cli.sketch import read_columns, span_of, sparkline
 
@@ -84,12 +85,15 @@ def show(console: Console, result: Mapping[str, Any], folder: Path | None = None
     for line in baseline_lines(result["settings"], _LABEL):
         console.print(line, markup=False)
     _show_gain(console, result, folder)
+    for line in record_lines(result):
+        console.print(f"{'record':<{_LABEL}}{line}", markup=False)
     alone = not result["causes"] and not result["unexplained"]
     _show_words(console, "testable", names_line(result, None if alone else console.width - _LABEL))
     for flag in result["data_flags"]:
         console.print(
             f"{'flag':<{_LABEL}}{flag['name']}: {flag['samples']} samples, "
-            f"{flag['from_s']:.3f} to {flag['to_s']:.3f} s",
+            f"{flag['from_s']:.3f} to {flag['to_s']:.3f} s"
+            + (f" of {flag['record']}" if flag.get("record") else ""),
             markup=False,
         )
 
@@ -191,6 +195,8 @@ def _show_cause(
         f"false alarm {chance}",
         markup=False,
     )
+    for line in voice_lines(cause):
+        console.print(f"  {line}", markup=False)
     if folder is not None:
         _sketch(console, str(cause.get("domain")), folder)
     experiment = cause["separating_experiment"]
@@ -237,6 +243,7 @@ def _show_place(console: Console, place: Mapping[str, Any]) -> None:
     low, high = place["extent"]
     unit = "" if place["unit"] == "1" else f" {place['unit']}"
     second = f", with {place['second_domain']}" if place.get("second_domain") else ""
+    second += f", in {place['record']}" if place.get("record") else ""
     console.print(
         f"unexplained at {place['domain']} {place['location']:.6g}{unit} "
         f"({low:.6g} to {high:.6g}){second}\n"

@@ -5,8 +5,9 @@ from __future__ import annotations
 from hdbench.diagnosis.answer.records import DataFlag
 from hdbench.diagnosis.answer.result import Diagnosis, NamedCause, Pictures, Spectrum, Unexplained
 from hdbench.diagnosis.dynamic import diagnose_trace
-from hdbench.diagnosis.run import DiagnosisOptions, diagnose_run
+from hdbench.diagnosis.run import DiagnosisOptions, diagnose_run, diagnose_runs_together
 from hdbench.diagnosis.static import diagnose_loads
+from hdbench.diagnosis.together import diagnose_together
 
 __all__ = [
     "DataFlag",
@@ -18,5 +19,7 @@ __all__ = [
     "Unexplained",
     "diagnose_loads",
     "diagnose_run",
+    "diagnose_runs_together",
+    "diagnose_together",
     "diagnose_trace",
 ]

@@ -29,7 +29,19 @@ from hdbench.model.motion import torque_from_trace
 from hdbench.profile import Profile
 from hdbench.records.trace import Trace
 
-__all__ = ["diagnose_trace"]
+__all__ = [
+    "Ready",
+    "Refused",
+    "Task",
+    "both_late",
+    "diagnose_trace",
+    "findings_of",
+    "late_faults",
+    "make_ready",
+    "make_task",
+    "with_early",
+    "without_spikes",
+]
 
 # fewest usable samples for each coefficient of the baseline
 _SAMPLES_PER_COEFFICIENT = 10
@@ -44,15 +56,20 @@ _OWN_SHARE = 1e-3
 
 
 @dataclass(frozen=True, slots=True)
-class _Task:
-    """What is asked: bench, model, catalogue, false-alarm rate and change of the baseline."""
+class Task:
+    """What is asked: bench, model, catalogue, rates and change of the baseline."""
 
     profile: Profile
     given: BenchModel
     causes: dict[str, Cause]
     alpha: float
+    materiality: float
     change: BaselineChange
-    least_share: float
+
+    @property
+    def least_share(self) -> float:
+        """Share of the variance of the smallest causes that are looked for."""
+        return _MINOR * self.materiality
 
     def known(self) -> tuple[Term, ...]:
         """Return the causes that the model already holds, as terms of the fit."""
@@ -114,44 +131,93 @@ def diagnose_trace(
     -----
     ``docs/diagnosis.md`` has the model. Two times the same input give the same result.
     """
+    task = make_task(profile, model, causes, alpha, materiality, baseline)
+    report = progress or (lambda what, share: None)
+    settings: dict[str, object] = {"alpha": alpha, "materiality": materiality, "seed": seed}
+    if baseline:
+        settings["baseline"] = list(baseline)
+    report("inspecting the channels", 0.0)
+    ready = make_ready(task, trace)
+    if isinstance(ready, Refused):
+        return data_bad(task.given, ready.inspected, settings, ready.reason)
+    rng = np.random.default_rng(seed)
+    found, late = _searched(task, ready, rng, report)
+    report("measuring the gain on held-out blocks", 0.9)
+    answer = assemble(findings_of(task, ready, found, late), settings, rng)
+    report("done", 1.0)
+    return answer
+
+
+def make_task(
+    profile: Profile,
+    model: BenchModel | None,
+    causes: tuple[Cause, ...],
+    alpha: float,
+    materiality: float,
+    baseline: tuple[str, ...],
+) -> Task:
+    """Return what is asked; ValueError where a rate is out of its domain."""
     if not 0.0 < alpha < 1.0:
         raise ValueError(f"alpha {alpha!r} must be in (0, 1)")
     if not 0.0 <= materiality < 1.0:
         raise ValueError(f"materiality {materiality!r} must be in [0, 1)")
     given = (model or BenchModel.from_profile(profile.data)).with_extra(causes)
     every = dict(catalogue(given.extra_causes))
-    least = _MINOR * materiality
-    task = _Task(profile, given, every, alpha, parse_baseline(baseline), least)
-    report = progress or (lambda what, share: None)
-    settings: dict[str, object] = {"alpha": alpha, "materiality": materiality, "seed": seed}
-    if baseline:
-        settings["baseline"] = list(baseline)
-    report("inspecting the channels", 0.0)
-    inspected = inspect_channels(trace, profile.data, given, alpha=alpha)
-    inspected = _without_own_current(inspected, profile)
+    return Task(profile, given, every, alpha, materiality, parse_baseline(baseline))
+
+
+@dataclass(frozen=True, slots=True)
+class Ready:
+    """A record that can be searched: its channels, what is left of it, and its early spikes."""
+
+    inspected: Inspected
+    record: Record
+    spikes: NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True)
+class Refused:
+    """A record of which nothing can be said, and why."""
+
+    inspected: Inspected
+    reason: str
+
+
+def make_ready(task: Task, trace: Trace) -> Ready | Refused:
+    """Return a trace as a record that can be searched, or why it cannot be."""
+    inspected = inspect_channels(trace, task.profile.data, task.given, alpha=task.alpha)
+    inspected = _without_own_current(inspected, task.profile)
     if inspected.reason:
-        return data_bad(given, inspected, settings, inspected.reason)
+        return Refused(inspected, inspected.reason)
     record = _prepared(task, inspected.trace, inspected.masked)
     reason = _unfit(record)
     if reason:
-        return data_bad(given, inspected, settings, reason)
-    report("fitting the baseline", 0.05)
-    rng = np.random.default_rng(seed)
-    record, spikes = _cleaned(task, inspected, record)
-    found, late = _searched(task, inspected, record, spikes, rng, report)
-    report("measuring the gain on held-out blocks", 0.9)
+        return Refused(inspected, reason)
+    return Ready(inspected, *_cleaned(task, inspected, record))
+
+
+def findings_of(task: Task, ready: Ready, found: Search, late: ResidualFaults) -> Findings:
+    """Return everything from which the answer on a record is put together."""
+    inspected = ready.inspected
     undone = {
-        fault.name: _residual_of(task, fault.undone, inspected.masked, record.low_pass)
+        fault.name: _residual_of(task, fault.undone, inspected.masked, ready.record.low_pass)
         for fault in inspected.faults
         if fault.undone is not None
     }
-    findings = Findings(found, given, profile, inspected, late, undone, materiality, alpha, every)
-    answer = assemble(findings, settings, rng)
-    report("done", 1.0)
-    return answer
+    return Findings(
+        found,
+        task.given,
+        task.profile,
+        inspected,
+        late,
+        undone,
+        task.materiality,
+        task.alpha,
+        task.causes,
+    )
 
 
-def _prepared(task: _Task, trace: Trace, masked: NDArray[np.bool_]) -> Record:
+def _prepared(task: Task, trace: Trace, masked: NDArray[np.bool_]) -> Record:
     record = prepare_record(trace, task.profile.data, task.given, masked, task.change)
     return replace(record, motion=task.given.signal_motion(record.motion))
 
@@ -186,7 +252,41 @@ def _unfit(record: Record) -> str:
     return ""
 
 
-def _faults(task: _Task, record: Record, fit: Fit, white: bool, volts: bool) -> ResidualFaults:
+def late_faults(task: Task, ready: Ready, fit: Fit) -> ResidualFaults:
+    """Return the faults that the residual of a search shows."""
+    return _faults(task, fit.record, fit, True, "torque_v" in ready.inspected.trace)
+
+
+def without_spikes(record: Record, spikes: NDArray[np.bool_]) -> Record:
+    """Return a record without the samples that a search found to be spikes."""
+    again = replace(record, valid=record.valid & ~spikes)
+    return replace(again, columns=np.where(again.valid[:, None], record.columns, 0.0))
+
+
+def both_late(first: ResidualFaults, second: ResidualFaults) -> ResidualFaults:
+    """Return the spikes of a search and what a second one without them shows."""
+    return replace(
+        second,
+        faults=(
+            *(f for f in first.faults if f.name == "spikes"),
+            *(f for f in second.faults if f.name != "spikes"),
+        ),
+        spikes=first.spikes | second.spikes,
+    )
+
+
+def with_early(task: Task, ready: Ready, late: ResidualFaults) -> ResidualFaults:
+    """Return late faults with the spikes that were taken out before the search."""
+    inspected, spikes = ready.inspected, ready.spikes
+    if spikes.any() and not any(f.name == "spikes" for f in late.faults):
+        whole = _prepared(task, inspected.trace, inspected.masked)
+        fit = Fit.start(whole.behind(ready.record.low_pass), task.known())
+        early = _faults(task, fit.record, fit, False, "torque_v" in inspected.trace)
+        late = replace(late, faults=(*early.faults, *late.faults))
+    return replace(late, spikes=late.spikes | spikes)
+
+
+def _faults(task: Task, record: Record, fit: Fit, white: bool, volts: bool) -> ResidualFaults:
     return faults_of_residual(
         residual_nm(fit),
         whitened_nm(fit) if white else None,
@@ -199,7 +299,7 @@ def _faults(task: _Task, record: Record, fit: Fit, white: bool, volts: bool) -> 
     )
 
 
-def _cleaned(task: _Task, inspected: Inspected, record: Record) -> tuple[Record, NDArray[np.bool_]]:
+def _cleaned(task: Task, inspected: Inspected, record: Record) -> tuple[Record, NDArray[np.bool_]]:
     """Return the record without spikes, and with what coarse readings add on average."""
     volts = "torque_v" in inspected.trace
     fit = Fit.start(record, task.known())
@@ -214,7 +314,7 @@ def _cleaned(task: _Task, inspected: Inspected, record: Record) -> tuple[Record,
     return record, spikes
 
 
-def _rounded(task: _Task, record: Record) -> Record:
+def _rounded(task: Task, record: Record) -> Record:
     """Return the record with the mean error of coarse readings held fixed."""
     for _ in range(2):
         left = residual_nm(Fit.start(record, task.known()))
@@ -230,56 +330,35 @@ def _rounded(task: _Task, record: Record) -> Record:
 
 
 def _searched(
-    task: _Task,
-    inspected: Inspected,
-    record: Record,
-    spikes: NDArray[np.bool_],
+    task: Task,
+    ready: Ready,
     rng: np.random.Generator,
     report: Callable[[str, float], None],
 ) -> tuple[Search, ResidualFaults]:
     """Return what the search finds, once more where spikes only show in its residual."""
-    volts = "torque_v" in inspected.trace
-    found = search(
-        record,
-        task.causes,
-        task.known(),
-        alpha=task.alpha,
-        rng=rng,
-        progress=report,
-        least_share=task.least_share,
-    )
-    late = _faults(task, record, found.fit, True, volts)
-    if late.spikes.any():
-        report("searching again without spikes", 0.8)
-        again = replace(record, valid=record.valid & ~late.spikes)
-        again = replace(again, columns=np.where(again.valid[:, None], record.columns, 0.0))
-        found = search(
-            again,
+
+    def once(record: Record, progress: Callable[[str, float], None] | None) -> Search:
+        return search(
+            record,
             task.causes,
             task.known(),
             alpha=task.alpha,
             rng=rng,
+            progress=progress,
             least_share=task.least_share,
         )
-        rest = _faults(task, again, found.fit, True, volts)
-        late = replace(
-            rest,
-            faults=(
-                *(f for f in late.faults if f.name == "spikes"),
-                *(f for f in rest.faults if f.name != "spikes"),
-            ),
-            spikes=late.spikes | rest.spikes,
-        )
-    if spikes.any() and not any(f.name == "spikes" for f in late.faults):
-        whole = _prepared(task, inspected.trace, inspected.masked)
-        fit = Fit.start(whole.behind(record.low_pass), task.known())
-        early = _faults(task, fit.record, fit, False, volts)
-        late = replace(late, faults=(*early.faults, *late.faults))
-    return found, replace(late, spikes=late.spikes | spikes)
+
+    found = once(ready.record, report)
+    late = late_faults(task, ready, found.fit)
+    if late.spikes.any():
+        report("searching again without spikes", 0.8)
+        found = once(without_spikes(ready.record, late.spikes), None)
+        late = both_late(late, late_faults(task, ready, found.fit))
+    return found, with_early(task, ready, late)
 
 
 def _residual_of(
-    task: _Task, trace: Trace | None, masked: NDArray[np.bool_], low_pass: LowPass | None
+    task: Task, trace: Trace | None, masked: NDArray[np.bool_], low_pass: LowPass | None
 ) -> float:
     """Return the root mean square that the baseline leaves of a trace, N m."""
     if trace is None:

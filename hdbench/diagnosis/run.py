@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,9 +12,10 @@ from hdbench.diagnosis.answer.filtergain import filter_gain
 from hdbench.diagnosis.answer.maps import code_map
 from hdbench.diagnosis.answer.result import Diagnosis
 from hdbench.diagnosis.dynamic import diagnose_trace
-from hdbench.diagnosis.part import Part, part_of
+from hdbench.diagnosis.part import MOST_SAMPLES, Part, part_of
 from hdbench.diagnosis.planning import Proposal, plan_for_result, write_plan
 from hdbench.diagnosis.static import diagnose_loads
+from hdbench.diagnosis.together import diagnose_together
 from hdbench.errors import UsageError
 from hdbench.model import (
     BenchModel,
@@ -40,7 +41,7 @@ from hdbench.records import (
     write_json,
 )
 
-__all__ = ["DiagnosisOptions", "diagnose_run"]
+__all__ = ["DiagnosisOptions", "diagnose_run", "diagnose_runs_together"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,16 +77,20 @@ class DiagnosisOptions:
 
 
 @dataclass(frozen=True, slots=True)
-class _Done:
-    """A diagnosis and what belongs to it; trace and scale are None for calibration loads.
+class _Input:
+    """A trace in N m, the gain that scaled it, and what of the record it is; None for the whole."""
 
-    `part` says what of the record was looked at; None for the whole.
-    """
+    trace: Trace
+    scale: TorqueScale
+    part: Part | None
+
+
+@dataclass(frozen=True, slots=True)
+class _Done:
+    """A diagnosis and the record it is of, of several the first; None for calibration loads."""
 
     answer: Diagnosis
-    trace: Trace | None = None
-    scale: TorqueScale | None = None
-    part: Part | None = None
+    input: _Input | None = None
 
 
 def diagnose_run(
@@ -130,15 +135,119 @@ def diagnose_run(
     file = resolve_input(Path(source))
     # an input that cannot be used must not leave an empty run behind
     done = _diagnose(file, Path(source), profile, chosen, progress)
-    answer = done.answer
+    return _stored(done, profile, out, _identity(source, file))
+
+
+def diagnose_runs_together(
+    sources: Sequence[Path],
+    profile: Profile,
+    *,
+    out: Path,
+    options: DiagnosisOptions | None = None,
+    progress: Callable[[str, float], None] | None = None,
+) -> tuple[Path, dict[str, Any]]:
+    """Diagnose several dynamic runs of one drive at once, and store one diagnosis.
+
+    Parameters
+    ----------
+    sources : sequence of Path
+        Run folders or traces, two or more, each named once.
+    profile : Profile
+        Bench of all of them.
+    out : Path
+        Parent folder of run folders.
+    options : DiagnosisOptions or None
+        Settings; the defaults where None.
+    progress : callable or None
+        Called with what is being done and the share done.
+
+    Returns
+    -------
+    folder : Path
+        Run folder, with one extended model of all.
+    result : dict
+        The result object, with `records`.
+
+    Raises
+    ------
+    DataError
+        If an input cannot be read, or fewer than two can be used.
+    StorageError
+        If the folder cannot be written.
+    UsageError
+        If there is one input only, one is there twice, or one holds calibration loads.
+    """
+    chosen = options or DiagnosisOptions()
+    files = [resolve_input(Path(source)) for source in sources]
+    identities = [_identity(source, file) for source, file in zip(sources, files, strict=True)]
+    _check_together(files, identities)
+    most = MOST_SAMPLES // len(files)
+    inputs = [
+        _input(file, Path(source), profile, chosen, most)
+        for file, source in zip(files, sources, strict=True)
+    ]
+    answer = diagnose_together(
+        [one.trace for one in inputs],
+        [str(source) for source in sources],
+        profile,
+        model=_given(chosen, profile),
+        alpha=chosen.alpha,
+        materiality=chosen.materiality,
+        seed=chosen.seed,
+        progress=progress,
+        baseline=chosen.baseline,
+    )
+    used = next(i for i, one in enumerate(answer.records) if not one.left_out)
+    done = _Done(answer, inputs[used])
+    return _stored(done, profile, out, identities[used], together=(inputs, identities))
+
+
+def _check_together(files: Sequence[Path], identities: Sequence[Mapping[str, Any]]) -> None:
+    if len(files) < 2:
+        raise UsageError(
+            f"--together with {len(files)} record; needed: 2 or more of one drive",
+            where="hdbench diagnose",
+            fix="name more records, or leave out --together",
+        )
+    seen: dict[str, str] = {}
+    for file, one in zip(files, identities, strict=True):
+        if is_loads_file(file):
+            raise UsageError(
+                "--together with calibration loads; needed: dynamic runs",
+                where=str(file),
+                fix="diagnose the loads alone: one file holds all experiments of a calibration",
+            )
+        other = seen.get(one["input_sha256"])
+        seen[one["input_sha256"]] = one["input"]
+        if other is not None:
+            raise UsageError(
+                f"the same record as {other}; needed: each record once",
+                where=str(one["input"]),
+                fix="leave one of them out: a copy is no evidence",
+            )
+
+
+def _identity(source: Path, file: Path) -> dict[str, Any]:
+    """Return path and digest of an input, and what it was made from."""
     identity = input_identity(file)
     details = {"input": str(source), "input_sha256": identity["sha256"]}
-    details |= {key: identity[key] for key in ("imported",) if key in identity}
+    return details | {key: identity[key] for key in ("imported",) if key in identity}
+
+
+def _stored(
+    done: _Done,
+    profile: Profile,
+    out: Path,
+    details: dict[str, Any],
+    together: tuple[Sequence[_Input], Sequence[Mapping[str, Any]]] | None = None,
+) -> tuple[Path, dict[str, Any]]:
+    """Write a diagnosis as a run folder."""
+    answer = done.answer
     folder = RunFolder.create(out, kind="diagnosis", profile=profile, details=details)
     files = ["result.json", *_write_tables(folder.path, done, profile)]
     motion = None
-    if done.trace is not None and answer.pictures is not None:
-        motion = motion_from_trace(done.trace, profile.data)
+    if done.input is not None and answer.pictures is not None:
+        motion = motion_from_trace(done.input.trace, profile.data)
     proposal = _proposal(answer, profile, motion)
     if proposal is not None and proposal.plan is not None:
         write_plan(folder.path / "plan.toml", proposal.plan)
@@ -152,11 +261,15 @@ def diagnose_run(
     result = {
         **answer.to_dict(header, "model.json" if extended else None),
         **details,
-        "torque_scale": None if done.scale is None else done.scale.to_dict(),
+        **_of_input(done.input),
         "filter_gain": _gain(done, profile, motion),
         "separating_run": _separating(proposal),
-        "part": None if done.part is None else done.part.to_dict(),
     }
+    if together is not None:
+        result["records"] = [
+            {**one, **identity, **_of_input(given)}
+            for one, given, identity in zip(result["records"], *together, strict=True)
+        ]
     write_json(folder.result, result)
     folder.finish("complete", f"diagnosis: {answer.verdict}", files)
     return folder.path, result
@@ -182,10 +295,9 @@ def _diagnose(
             progress=progress,
         )
         return _Done(static)
-    held, part = part_of(read_trace(file), options.from_s, options.to_s)
-    trace, scale = _scaled(held, source, profile)
+    given = _input(file, source, profile, options)
     answer = diagnose_trace(
-        trace,
+        given.trace,
         profile,
         model=model,
         alpha=options.alpha,
@@ -194,7 +306,22 @@ def _diagnose(
         progress=progress,
         baseline=options.baseline,
     )
-    return _Done(answer, trace, scale, part)
+    return _Done(answer, given)
+
+
+def _input(
+    file: Path, source: Path, profile: Profile, options: DiagnosisOptions, most: int = MOST_SAMPLES
+) -> _Input:
+    """Return the part of a record to diagnose, scaled to N m."""
+    held, part = part_of(read_trace(file), options.from_s, options.to_s, most=most)
+    return _Input(*_scaled(held, source, profile), part)
+
+
+def _of_input(given: _Input | None) -> dict[str, Any]:
+    return {
+        "torque_scale": None if given is None else given.scale.to_dict(),
+        "part": None if given is None or given.part is None else given.part.to_dict(),
+    }
 
 
 def _refuse_for_loads(options: DiagnosisOptions, file: Path) -> None:
@@ -227,19 +354,19 @@ def _write_tables(folder: Path, done: _Done, profile: Profile) -> list[str]:
     if done.answer.pictures is None:
         return []
     files = write_pictures(folder, done.answer.pictures)
-    if done.trace is not None and "torque_v" in done.trace:
+    if done.input is not None and not done.answer.records and "torque_v" in done.input.trace:
         daq = profile.data.daq
         step_v = 2.0 * daq.range_v / 2**daq.resolution_bits
-        write_table(folder / "map_code.csv", code_map(done.trace["torque_v"], step_v))
+        write_table(folder / "map_code.csv", code_map(done.input.trace["torque_v"], step_v))
         files.append("map_code.csv")
     return files
 
 
 def _gain(done: _Done, profile: Profile, motion: Motion | None) -> dict[str, Any] | None:
-    """Return what the filter gains by the orders found; None where none was."""
-    if done.trace is None or motion is None:
+    """Return what the filter gains by the orders found; None where none was, and of several."""
+    if done.input is None or motion is None or done.answer.records:
         return None
-    gain = filter_gain(done.trace, motion, profile, done.answer)
+    gain = filter_gain(done.input.trace, motion, profile, done.answer)
     return None if gain is None else gain.to_dict()
 
 

@@ -143,6 +143,8 @@ causes[].probability | number or null | | share of the group in the evidence of 
 causes[].false_alarm_probability | number | | chance of this evidence where there is no such cause
 causes[].gain | table | | held-out rms before and after, explained fraction with its interval
 causes[].separating_experiment | text | | run that tells it from its rivals
+causes[].records | list or absent | | of records together: what each says of the cause
+causes[].disagreement | table or absent | | records that differ about it, and the chance of that
 minor | list | | significant causes below the materiality
 unexplained | list | | structure that no cause explains
 unexplained[].domain | text | | axis on which it stands
@@ -177,6 +179,20 @@ torque_scale | table or null | | gain that scaled the torque, and where it is fr
 filter_gain | table or null | | what the extended model spares the filter
 separating_run | table or null | | plan file of the run that settles what is open
 part | table or null | | what was diagnosed of a longer record: from_s, to_s, samples, cut
+records | list | | records that were diagnosed together; empty for one alone
+records[].record | text | | its name
+records[].left_out | text or null | | why it took no part
+records[].samples | integer | | samples used
+records[].rate_hz | number | Hz | sampling rate
+records[].simulated | table | | heldout_rms_nm of its baseline alone
+records[].extended | table | | heldout_rms_nm of the extended model
+records[].noise_rms_nm | number or null | N m | its noise
+records[].disagrees | list | | causes about which it differs from the other records
+records[].settings | table | | its noise, torque channel and form errors
+records[].input | text | | file
+records[].input_sha256 | text | | its SHA-256
+records[].torque_scale | table | | gain that scaled its torque, and where it is from
+records[].part | table or null | | what was diagnosed of a longer record
 """
 _FILTER = """
 filter_name | text | | model that filtered

@@ -13,6 +13,8 @@ __all__ = ["tables"]
 
 _CAUSE_HEAD = ("cause", "parameters", "what speaks for it")
 _PLACE_HEAD = ("axis", "place", "size")
+_VOICE_HEAD = ("cause", "record", "what it says", "size in it alone")
+_RECORD_HEAD = ("record", "held-out, simulation (N·m)", "held-out, extended (N·m)", "remark")
 _LEAST_HEAD = ("cause", "amplitude (N·m)")
 _NAMES_HEAD = ("can this record show it", "names")
 
@@ -40,11 +42,54 @@ def tables(result: Mapping[str, Any]) -> tuple[Table, ...]:
     found = (
         Table("Causes", _CAUSE_HEAD, causes, wide=True, stacked=True),
         Table("Smaller causes", _CAUSE_HEAD, minor, wide=True, stacked=True),
+        _voices(result),
+        _records(result),
         Table("Unexplained", _PLACE_HEAD, places, stacked=True),
         Table("Smallest effect this record would have shown", _LEAST_HEAD, least),
         _names(result),
     )
     return tuple(table for table in found if table.rows)
+
+
+def _voices(result: Mapping[str, Any]) -> Table:
+    """List what each of several records says of each cause; no rows for one record."""
+    rows = []
+    for cause in (*result.get("causes", ()), *result.get("minor", ())):
+        for one in cause.get("records", ()):
+            sizes = one["parameters"]
+            words = [
+                f"{name_words(key)}: {plain(sizes[key])} {unit_words(unit_of(sizes[key]))}"
+                for key in stated(sizes)
+            ]
+            verdict = "disagrees" if one["disagrees"] else ""
+            nats = f"{one['evidence_nats']:.1f} nats"
+            gain = f"explains {_percent(one['gain']['explained_fraction'])}"
+            rows.append(
+                (
+                    str(cause["name"]),
+                    str(one["record"]),
+                    "\n".join(x for x in (nats, gain, verdict) if x),
+                    "\n".join(words) or DASH,
+                )
+            )
+    note = (
+        "By how much the likelihood of each record falls without the cause, and the size of the "
+        "cause as that record alone has it, beside all that the records share."
+    )
+    title = "Which record speaks for which cause"
+    return Table(title, _VOICE_HEAD, tuple(rows), note if rows else "", wide=True, stacked=True)
+
+
+def _records(result: Mapping[str, Any]) -> Table:
+    """List the records of a diagnosis of several; no rows for one record."""
+    rows = []
+    for one in result.get("records", ()):
+        before, after = (one[key]["heldout_rms_nm"] for key in ("simulated", "extended"))
+        remark = f"left out: {one['left_out']}" if one["left_out"] else ""
+        if one["disagrees"]:
+            remark = f"disagrees about {', '.join(dict.fromkeys(one['disagrees']))}"
+        rows.append((str(one["record"]), plain(before), plain(after), remark or DASH))
+    return Table("Records", _RECORD_HEAD, tuple(rows), wide=True, stacked=True)
 
 
 def _cause_row(cause: Mapping[str, Any]) -> tuple[str, ...]:

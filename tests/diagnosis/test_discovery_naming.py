@@ -107,12 +107,12 @@ def test_held_out_blocks_are_predicted_as_by_plain_regression_on_the_others():
     record = fit.record
     n = len(record)
     columns = np.column_stack([record.columns, term.cause.columns(record.motion, term.shape)])
-    squares, folds = 0.0, np.arange(n) * 20 // n % 5
+    squares, folds, used = 0.0, np.arange(n) * 20 // n % 5, held.pieces[0].used
     for fold in range(5):
         # the noise is white: plain least squares
-        train, test = folds != fold, (folds == fold) & held.used
+        train, test = folds != fold, (folds == fold) & used
         solution = np.linalg.lstsq(columns[train], record.response_nm[train], rcond=None)[0]
         squares += float(np.sum((record.response_nm[test] - columns[test] @ solution) ** 2))
-    assert after.counts.sum() == held.used.sum()
+    assert after.counts.sum() == used.sum()
     # the fitted spectrum is not quite white
     assert after.squares.sum() == pytest.approx(squares, rel=0.01)

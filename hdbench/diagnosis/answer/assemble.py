@@ -26,6 +26,7 @@ from hdbench.diagnosis.discovery.told import Told, minimum_detectable, spectra, 
 from hdbench.diagnosis.faults import Fault, Inspected, ResidualFaults, coarse_steps
 from hdbench.model import BenchModel, Cause, CauseTerm
 from hdbench.profile import Profile
+from hdbench.records.trace import FloatArray
 
 __all__ = ["Findings", "assemble", "data_bad"]
 
@@ -69,6 +70,12 @@ class Findings:
     alpha: float
     causes: Mapping[str, Cause]
 
+    @property
+    def noise_variance(self) -> FloatArray | None:
+        """Variance of the noise at each sample over its mean; None where it does not change."""
+        law, motion = self.late.law, self.search.fit.record.motion
+        return None if law is None else law.variance(motion.velocity_rad_s)
+
 
 def data_bad(
     model: BenchModel, inspected: Inspected, settings: Mapping[str, object], reason: str
@@ -81,7 +88,10 @@ def data_bad(
 
 
 def assemble(
-    findings: Findings, settings: Mapping[str, object], rng: np.random.Generator
+    findings: Findings,
+    settings: Mapping[str, object],
+    rng: np.random.Generator,
+    told: Told | None = None,
 ) -> Diagnosis:
     """Return the answer of a diagnosis.
 
@@ -93,6 +103,8 @@ def assemble(
         What was asked for.
     rng : Generator
         For the bootstrap.
+    told : Told or None
+        What was found, where that is known; told here where None.
 
     Returns
     -------
@@ -100,10 +112,7 @@ def assemble(
     """
     first = Fit.start(findings.search.fit.record, _known(findings.search.fit))
     baseline_left = residual_nm(first)
-    law = findings.late.law
-    motion = findings.search.fit.record.motion
-    noise_variance = None if law is None else law.variance(motion.velocity_rad_s)
-    told = tell(findings.search, findings.given, rng, noise_variance)
+    told = told or tell(findings.search, findings.given, rng, findings.noise_variance)
     fit = told.fit
     faults = (*findings.inspected.faults, *findings.late.faults)
     named = [*_of_faults(findings, faults, told), *told.causes]

@@ -2,12 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Condition", "DataFlag", "Gain", "LeftOut", "LeftOutSamples", "Testable"]
+__all__ = [
+    "Condition",
+    "DataFlag",
+    "Gain",
+    "LeftOut",
+    "LeftOutSamples",
+    "RecordPart",
+    "Testable",
+    "Voice",
+]
 
 # the other conditions foretell a condition that can tell to a tenth of what the cause claims in it,
 # and it speaks against the cause where the prediction is worse with it by three deviations
@@ -102,6 +113,92 @@ class LeftOut:
 
 
 @dataclass(frozen=True, slots=True)
+class Voice:
+    """What one of several records says of a cause.
+
+    Parameters
+    ----------
+    record : str
+        Name of the record.
+    evidence_nats : float
+        By how much the likelihood of this record falls without the cause, nats; below 0 where it
+        speaks against it.
+    gain : Gain
+        Held-out residual of this record without and with the cause.
+    parameters : mapping
+        Its sizes as this record alone has them, beside all that is shared: name to ``{"value",
+        "std", "unit"}``; empty where the record does not show them.
+    disagrees : bool
+        Whether they are not those of the other records.
+    """
+
+    record: str
+    evidence_nats: float
+    gain: Gain
+    parameters: Mapping[str, Mapping[str, Any]]
+    disagrees: bool
+
+    def to_dict(self) -> dict[str, object]:
+        """Return it as a JSON object."""
+        return {
+            "record": self.record,
+            "evidence_nats": self.evidence_nats,
+            "gain": self.gain.to_dict(),
+            "parameters": {name: dict(entry) for name, entry in self.parameters.items()},
+            "disagrees": self.disagrees,
+        }
+
+
+@dataclass(frozen=True, slots=True)
+class RecordPart:
+    """The part of one record in a diagnosis of several.
+
+    Parameters
+    ----------
+    record : str
+        Its name.
+    left_out : str
+        Why it took no part; empty where it did.
+    samples : int
+        Samples that were used.
+    rate_hz : float
+        Its sampling rate, Hz.
+    simulated_rms_nm, extended_rms_nm : float or None
+        Held-out residual with its baseline alone, and with all causes, N m; None if left out.
+    noise_rms_nm : float or None
+        Its noise, N m; None if left out.
+    disagrees : tuple of str
+        Causes about which it does not say what the others say.
+    settings : mapping
+        Its noise, channel and form errors, as `settings` of a diagnosis of it alone.
+    """
+
+    record: str
+    left_out: str
+    samples: int
+    rate_hz: float
+    simulated_rms_nm: float | None = None
+    extended_rms_nm: float | None = None
+    noise_rms_nm: float | None = None
+    disagrees: tuple[str, ...] = ()
+    settings: Mapping[str, Any] = field(default_factory=dict)
+
+    def to_dict(self) -> dict[str, object]:
+        """Return it as a JSON object."""
+        return {
+            "record": self.record,
+            "left_out": self.left_out or None,
+            "samples": self.samples,
+            "rate_hz": self.rate_hz,
+            "simulated": {"heldout_rms_nm": self.simulated_rms_nm},
+            "extended": {"heldout_rms_nm": self.extended_rms_nm},
+            "noise_rms_nm": self.noise_rms_nm,
+            "disagrees": list(self.disagrees),
+            "settings": dict(self.settings),
+        }
+
+
+@dataclass(frozen=True, slots=True)
 class DataFlag:
     """A stretch of doubtful samples.
 
@@ -117,6 +214,8 @@ class DataFlag:
         How many.
     detail : str
         One sentence for a person, with numbers and units; may be empty.
+    record : str
+        Of several records the one that has them; empty for one alone.
     """
 
     name: str
@@ -124,6 +223,7 @@ class DataFlag:
     to_s: float
     samples: int
     detail: str = ""
+    record: str = ""
 
     def to_dict(self) -> dict[str, object]:
         """Return the flag as the contract writes it."""
@@ -133,7 +233,8 @@ class DataFlag:
             "to_s": self.to_s,
             "samples": self.samples,
         }
-        return {**plain, "detail": self.detail} if self.detail else plain
+        more = {"detail": self.detail, "record": self.record}
+        return {**plain, **{key: words for key, words in more.items() if words}}
 
 
 @dataclass(frozen=True, slots=True)

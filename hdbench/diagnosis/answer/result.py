@@ -9,7 +9,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hdbench.diagnosis.answer.records import DataFlag, Gain, LeftOut, LeftOutSamples, Testable
+from hdbench.diagnosis.answer.records import (
+    DataFlag,
+    Gain,
+    LeftOut,
+    LeftOutSamples,
+    RecordPart,
+    Testable,
+    Voice,
+)
 from hdbench.model import BenchModel
 from hdbench.records.trace import FloatArray
 
@@ -54,6 +62,10 @@ class NamedCause:
         What it gains in speeds, directions and loads from which it was not fitted.
     probability : float or None
         Of `group` among all names, in (0, 1]; None where no others were held against it.
+    voices : tuple of Voice
+        What each of several records says of it; empty for one alone.
+    apart_chance : float or None
+        Probability that records which share it differ so far; None where they may differ.
     """
 
     name: str
@@ -68,9 +80,18 @@ class NamedCause:
     domain: str
     left_out: tuple[LeftOut, ...] = ()
     probability: float | None = None
+    voices: tuple[Voice, ...] = ()
+    apart_chance: float | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """Return the cause as the contract writes it."""
+        together = {
+            "records": [one.to_dict() for one in self.voices],
+            "disagreement": {
+                "records": [one.record for one in self.voices if one.disagrees],
+                "false_alarm_probability": self.apart_chance,
+            },
+        }
         return {
             "name": self.name,
             "group": list(self.group),
@@ -84,6 +105,7 @@ class NamedCause:
             "share_of_variance": self.share_of_variance,
             "domain": self.domain,
             "held_out_conditions": [one.to_dict() for one in self.left_out],
+            **(together if self.voices else {}),
         }
 
 
@@ -109,6 +131,8 @@ class Unexplained:
         As for a cause.
     second_domain : str or None
         The other axis where it depends on two.
+    record : str
+        Of several records the one that has it; empty for one alone, and for all.
     """
 
     domain: str
@@ -119,6 +143,7 @@ class Unexplained:
     share_of_variance: float
     false_alarm_probability: float
     second_domain: str | None = None
+    record: str = ""
 
     def to_dict(self) -> dict[str, Any]:
         """Return it as the contract writes it."""
@@ -131,6 +156,7 @@ class Unexplained:
             "size_nm": self.size_nm,
             "share_of_variance": self.share_of_variance,
             "false_alarm_probability": self.false_alarm_probability,
+            **({"record": self.record} if self.record else {}),
         }
 
 
@@ -256,6 +282,8 @@ class Diagnosis:
         What is left above the noise; None where no model could be fitted.
     testable : tuple of Testable
         For each name of the catalogue, whether this record can show it.
+    records : tuple of RecordPart
+        Each of several records; empty for one alone.
     """
 
     verdict: str
@@ -275,6 +303,7 @@ class Diagnosis:
     left_out: tuple[LeftOutSamples, ...] = ()
     rest: Rest | None = None
     testable: tuple[Testable, ...] = ()
+    records: tuple[RecordPart, ...] = ()
 
     def to_dict(self, header: Mapping[str, Any], model_file: str | None = None) -> dict[str, Any]:
         """Return the result object of the contract.
@@ -311,6 +340,7 @@ class Diagnosis:
             "extended": dict(self.extended),
             "model_file": model_file,
             "settings": dict(self.settings),
+            "records": [one.to_dict() for one in self.records],
         }
 
 

@@ -389,7 +389,7 @@ class Fit:
 
     def flat_view(self) -> Fit | None:
         """Return the fit in a noise that does not rise towards 0 Hz; None where it does not now."""
-        even = np.minimum.accumulate(self.spectrum.power[::-1])[::-1]
+        even = self.shapes.even(self.spectrum.power)
         if float(np.max(self.spectrum.power / even)) < RISES:
             return None
         view = replace(self, coefficients=self.coefficients.copy())

@@ -197,7 +197,8 @@ def form_rows(fit: Fit, part: int) -> FloatArray:
         directions = _directions(record, columns, linear, True, None)
         order = float(held.name.partition(":")[2])
         fast = _fast_angle(record)
-        turned = linear[0] * columns[:, 1] - linear[1] * columns[:, 0]
+        cosine, sine = columns[:, ::2], columns[:, 1::2]
+        turned = sine @ linear[::2] - cosine @ linear[1::2]
         directions = np.column_stack([directions, order * fast * turned / SCALES[-1]])
     if not directions.shape[1]:
         return np.zeros((0, fit.bands.size))

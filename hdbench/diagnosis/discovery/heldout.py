@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 
 from hdbench.diagnosis.answer.records import Gain
 from hdbench.diagnosis.discovery.fit import Fit
+from hdbench.diagnosis.discovery.record import Record
+from hdbench.diagnosis.discovery.stack import coefficients_of, glances
 from hdbench.records.trace import FloatArray
 
 __all__ = ["HeldOut", "Prediction", "gain_between", "hold_out"]
@@ -46,8 +48,30 @@ class Prediction:
 
 
 @dataclass(frozen=True, slots=True)
+class _Piece:
+    """One record in time.
+
+    Parameters
+    ----------
+    plain : ndarray of float32, shape (k + 1, n)
+        Rows in time, the measured torque last.
+    folds : ndarray of int, shape (n,)
+        Fold of each sample.
+    used : ndarray of bool, shape (n,)
+        Samples that are predicted.
+    length : int
+        Samples of one piece of the bootstrap.
+    """
+
+    plain: NDArray[np.float32]
+    folds: NDArray[np.int64]
+    used: NDArray[np.bool_]
+    length: int
+
+
+@dataclass(frozen=True, slots=True)
 class HeldOut:
-    """Plain and whitened columns of a fit in time, with their products in each fold.
+    """Columns of a fit in time, and the products of the whitened ones in each fold.
 
     Parameters
     ----------
@@ -55,26 +79,28 @@ class HeldOut:
         Joint fit.
     rows : ndarray of int, shape (k,)
         Active rows of the fit.
-    plain, white : ndarray of float32, shape (k + 1, n)
-        Rows in time, the measured torque last.
-    folds : ndarray of int, shape (n,)
-        Fold of each sample.
+    pieces : tuple of _Piece
+        The record, or each record of a stack.
     grams : ndarray, shape (n_folds, k + 1, k + 1)
         Products of white rows in each fold.
-    used : ndarray of bool, shape (n,)
-        Samples that are predicted.
     """
 
     fit: Fit
     rows: NDArray[np.int64]
-    plain: NDArray[np.float32]
-    white: NDArray[np.float32]
-    folds: NDArray[np.int64]
+    pieces: tuple[_Piece, ...]
     grams: FloatArray
-    used: NDArray[np.bool_]
 
     def predict(self, parts: set[int]) -> Prediction:
         """Return the prediction of every fold from the others by these parts of the fit."""
+        each = self.predict_each(parts)
+        return Prediction(
+            np.concatenate([one.squares for one in each]),
+            np.concatenate([one.counts for one in each]),
+            each[0].chi2,
+        )
+
+    def predict_each(self, parts: set[int]) -> list[Prediction]:
+        """Return the same for each record; the whitened sum is that of all."""
         fit = self.fit
         kept = np.flatnonzero(np.isin(fit.owner[self.rows], list(parts)))
         coefficients = fit.coefficients[self.rows][kept]
@@ -83,7 +109,7 @@ class HeldOut:
         )
         penalty = np.maximum(fit.penalty[self.rows][kept], 1.0 / wide)
         total = self.grams.sum(axis=0)
-        squares = np.zeros(len(self.used))
+        squares = [np.zeros(len(piece.used)) for piece in self.pieces]
         chi2 = 0.0
         for fold, own in enumerate(self.grams):
             rest = total - own
@@ -95,26 +121,28 @@ class HeldOut:
                     matrix * np.outer(scale, scale), scale * rest[kept, -1], rcond=1e-12
                 )[0]
             )
-            inside = (self.folds == fold) & self.used
-            left = (
-                self.plain[-1, inside] - solution.astype(np.float32) @ self.plain[kept][:, inside]
-            )
-            squares[inside] = left.astype(np.float64) ** 2
+            for piece, out in zip(self.pieces, squares, strict=True):
+                inside = (piece.folds == fold) & piece.used
+                plain = piece.plain[:, inside]
+                left = plain[-1] - solution.astype(np.float32) @ plain[kept]
+                out[inside] = left.astype(np.float64) ** 2
             v = np.append(-solution, 1.0)
             at = np.append(kept, len(self.rows))
             chi2 += float(v @ own[np.ix_(at, at)] @ v)
-        length = self._piece()
-        edges = np.arange(0, len(squares), length)
-        return Prediction(
-            np.add.reduceat(squares, edges), np.add.reduceat(self.used.astype(float), edges), chi2
-        )
+        found = []
+        for piece, out in zip(self.pieces, squares, strict=True):
+            edges = np.arange(0, len(out), piece.length)
+            counts = np.add.reduceat(piece.used.astype(float), edges)
+            found.append(Prediction(np.add.reduceat(out, edges), counts, chi2))
+        return found
 
-    def _piece(self) -> int:
-        """Return the samples of one piece: an output turn where twenty of them fit."""
-        turn = self.fit.record.motion.output_angle_rad[self.fit.record.valid]
-        travelled = float(np.abs(np.diff(turn)).sum()) / (2.0 * np.pi)
-        n = len(self.used)
-        return int(np.clip(n / max(travelled, 1e-9), 1, max(1, n // _BLOCKS)))
+
+def _piece_length(record: Record) -> int:
+    """Return the samples of one piece: an output turn where twenty of them fit."""
+    turn = record.motion.output_angle_rad[record.valid]
+    travelled = float(np.abs(np.diff(turn)).sum()) / (2.0 * np.pi)
+    n = len(record)
+    return int(np.clip(n / max(travelled, 1e-9), 1, max(1, n // _BLOCKS)))
 
 
 def hold_out(fit: Fit) -> HeldOut:
@@ -123,32 +151,36 @@ def hold_out(fit: Fit) -> HeldOut:
     Parameters
     ----------
     fit : Fit
-        Joint fit.
+        Joint fit, of one record or of a stack.
 
     Returns
     -------
     HeldOut
-        Every fifth of twenty blocks is one of five folds.
+        Every fifth of twenty blocks of a record is one of five folds.
     """
     from scipy.fft import idct
 
-    bands, n = fit.bands, len(fit.record)
     rows = np.flatnonzero(fit.active)
-    whiten = np.sqrt(bands.spread(1.0 / fit.spectrum.power))
-    plain = np.empty((len(rows) + 1, n), dtype=np.float32)
-    white = np.empty_like(plain)
-    buffer = np.zeros(bands.length)
-    for place, row in enumerate([*fit.rows[rows], fit.measured]):
-        buffer[: bands.size] = row
-        plain[place] = idct(buffer, norm="ortho")[:n]
-        buffer[: bands.size] = row * whiten
-        white[place] = idct(buffer, norm="ortho")[:n]
-    folds = (np.arange(n) * _BLOCKS // n) % _FOLDS
-    grams = np.stack(
-        [(part := white[:, folds == fold].astype(np.float64)) @ part.T for fold in range(_FOLDS)]
-    )
-    used = fit.record.valid & (bands.fade > 0.999)
-    return HeldOut(fit, rows, plain, white, folds, grams, used)
+    pieces = []
+    grams = np.zeros((_FOLDS, len(rows) + 1, len(rows) + 1))
+    for one, at in zip(glances(fit), coefficients_of(fit), strict=True):
+        bands, n = one.bands, len(one.record)
+        whiten = np.sqrt(bands.spread(1.0 / one.spectrum.power))
+        plain = np.empty((len(rows) + 1, n), dtype=np.float32)
+        white = np.empty_like(plain)
+        buffer = np.zeros(bands.length)
+        for place, row in enumerate([*fit.rows[rows], fit.measured]):
+            buffer[: bands.size] = row[at]
+            plain[place] = idct(buffer, norm="ortho")[:n]
+            buffer[: bands.size] = row[at] * whiten
+            white[place] = idct(buffer, norm="ortho")[:n]
+        folds = (np.arange(n) * _BLOCKS // n) % _FOLDS
+        for fold in range(_FOLDS):
+            part = white[:, folds == fold].astype(np.float64)
+            grams[fold] += part @ part.T
+        used = one.record.valid & (bands.fade > 0.999)
+        pieces.append(_Piece(plain, folds, used, _piece_length(one.record)))
+    return HeldOut(fit, rows, tuple(pieces), grams)
 
 
 def gain_between(before: Prediction, after: Prediction, rng: np.random.Generator) -> Gain:

@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.special import gamma
 
+from hdbench.diagnosis.discovery.chance import chi2_level, chi2_tail
 from hdbench.diagnosis.discovery.dictionary import Look
 from hdbench.diagnosis.discovery.fit import Fit
 from hdbench.diagnosis.discovery.record import Record
+from hdbench.diagnosis.discovery.stack import glances, piece_fit, records_of
 from hdbench.diagnosis.discovery.tables import TABLE
 from hdbench.diagnosis.discovery.term import Term
 from hdbench.diagnosis.discovery.transform import PhaseTransform, plan_transform
@@ -37,12 +42,10 @@ _ABOVE_NYQUIST = 1.2
 _WHOLE_ORDERS = 24
 # highest output order of a scan
 _OUTPUT_ORDERS = 20.0
-# lines of one axis that are looked at closely at a time
-_PEAKS = 5
+# lines of one axis that are looked at closely at a time, and the smallest statistic of one
+_PEAKS, _LEAST_PEAK = 5, 8.0
 # cells on each side by which the noise around a line is judged: a hump, and what is around it
 _AROUND = ((1, 5), (3, 24))
-# median of chi^2 with two degrees of freedom
-_MEDIAN = 2.0 * np.log(2.0)
 # points at which the information on a line is formed; it changes slowly along the axis
 _NORM_POINTS = 2000
 # a line takes this share of its information from other frequencies: record and speed are not even
@@ -108,6 +111,11 @@ class Scan:
         Width of a line.
     density : float
         Expected upcrossings of a chi^2 of two over the axis, over ``sqrt(c / 2) exp(-c / 2)``.
+    parts : tuple of Scan
+        Scans of the records of a stack on one grid; empty for one record.
+    whole : tuple of PhaseTransform
+        Sums at whole orders over the angle within a turn, of each record of a stack whose angles
+        have one zero; empty for all others.
     """
 
     domain: str
@@ -116,10 +124,64 @@ class Scan:
     transform: PhaseTransform
     cell: float
     density: float
+    parts: tuple[Scan, ...] = ()
+    whole: tuple[PhaseTransform, ...] = ()
+
+    @property
+    def dof(self) -> int:
+        """Degrees of freedom of a line: cosine and sine, in each record of a stack its own."""
+        return 2 * max(1, len(self.parts))
 
 
 def plan_scans(record: Record) -> tuple[Scan, ...]:
-    """Return the scans that this record allows."""
+    """Return the scans that a record allows, or all records of a stack do."""
+    records = records_of(record)
+    every = [_axes(one) for one in records]
+    scans = []
+    for domain in every[0]:
+        axes = [some[domain] for some in every if domain in some]
+        low, high = max(axis.low for axis in axes), min(axis.high for axis in axes)
+        if len(axes) < len(records) or high <= low:
+            continue
+        span = max(axis.span for axis in axes)
+        parts = tuple(
+            Scan(
+                domain,
+                axis.unit,
+                2.0 * np.pi * axis.cycles,
+                plan_transform(axis.cycles, 1.0 / (_PER_CELL * span), low, high),
+                1.0 / span,
+                float(np.sqrt(4.0 * np.pi)) * axis.spread * (high - low),
+            )
+            for axis in axes
+        )
+        widest = max(parts, key=lambda part: part.density)
+        if len(parts) == 1:
+            scans.append(widest)
+            continue
+        whole: tuple[PhaseTransform, ...] = ()
+        if record.referenced and domain == "motor-order" and high >= 1.0:
+            turns = (axis.cycles % 1.0 for axis in axes)
+            whole = tuple(plan_transform(turn, 1.0, 1.0, high) for turn in turns)
+        phase = np.concatenate([part.phase_rad for part in parts])
+        scans.append(replace(widest, phase_rad=phase, parts=parts, whole=whole))
+    return tuple(scans)
+
+
+@dataclass(frozen=True, slots=True)
+class _Axis:
+    """Cycles at every sample of a record, their span and scatter, and the ends of a scan."""
+
+    unit: str
+    cycles: FloatArray
+    span: float
+    spread: float
+    low: float
+    high: float
+
+
+def _axes(record: Record) -> dict[str, _Axis]:
+    """Return the axes of lines of one record by domain."""
     motion, valid = record.motion, record.valid
     speed = np.abs(motion.velocity_rad_s[valid])
     nyquist_hz = 0.5 / record.period_s
@@ -137,7 +199,8 @@ def plan_scans(record: Record) -> tuple[Scan, ...]:
             1.0,
         ),
     ]
-    scans = []
+    axes = {}
+    present = np.flatnonzero(valid)
     for domain, unit, phase, low, high, cycles in plans:
         cycle = np.where(valid, phase, 0.0) / (2.0 * np.pi)
         span = float(np.ptp(cycle[valid]))
@@ -146,27 +209,39 @@ def plan_scans(record: Record) -> tuple[Scan, ...]:
         low = max(low, cycles / span)
         if high <= low:
             continue
-        present = np.flatnonzero(valid)
         positions = np.interp(np.arange(len(cycle)), present, cycle[present])
-        transform = plan_transform(positions, 1.0 / (_PER_CELL * span), low, high)
-        spread = float(np.std(cycle[valid]))
-        density = float(np.sqrt(4.0 * np.pi)) * spread * (high - low)
-        scans.append(Scan(domain, unit, 2.0 * np.pi * positions, transform, 1.0 / span, density))
-    return tuple(scans)
+        axes[domain] = _Axis(unit, positions, span, float(np.std(cycle[valid])), low, high)
+    return axes
 
 
 def scan_power(
     fit: Fit, scan: Scan, residual: FloatArray | None = None
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the statistic of a line at each point of a scan, and its amplitude, N m."""
-    bands = fit.bands
-    left = fit.residual if residual is None else residual
-    weighted = bands.inverse(left * bands.spread(1.0 / fit.spectrum.power))
-    weighted = np.where(fit.record.valid, weighted, 0.0)
-    sums = np.abs(scan.transform(weighted)) ** 2
-    norm = line_norm(fit, scan, np.ones(len(weighted)))
-    statistic = sums / norm
-    return statistic, np.sqrt(statistic / norm)
+    """Return the statistic of a line at each point of a scan, and its amplitude, N m.
+
+    In a stack the statistics of the records add, and the amplitude is their mean.
+    """
+    sums, norms = _sums(fit, scan, residual)
+    statistic = np.sum([np.abs(s) ** 2 / n for s, n in zip(sums, norms, strict=True)], axis=0)
+    return statistic, np.sqrt(statistic / np.sum(norms, axis=0))
+
+
+def _sums(
+    fit: Fit, scan: Scan, residual: FloatArray | None = None, *, whole: bool = False
+) -> tuple[list[NDArray[np.complex64]], list[FloatArray]]:
+    """Return sums and norms of the records at each point of a scan, or at whole orders."""
+    sums, norms = [], []
+    for at, (one, part) in enumerate(
+        zip(glances(fit, residual), scan.parts or (scan,), strict=True)
+    ):
+        bands = one.bands
+        weighted = bands.inverse(one.residual * bands.spread(1.0 / one.spectrum.power))
+        weighted = np.where(one.record.valid, weighted, 0.0)
+        transform = scan.whole[at] if whole else part.transform
+        norm = line_norm(one, part, np.ones(len(weighted)))
+        sums.append(transform(weighted))
+        norms.append(np.interp(transform.grid, part.transform.grid, norm) if whole else norm)
+    return sums, norms
 
 
 def line_norm(fit: Fit, scan: Scan, share: FloatArray) -> FloatArray:
@@ -200,50 +275,75 @@ def scan_looks(fit: Fit, scans: tuple[Scan, ...], causes: Mapping[str, Cause]) -
     found = []
     for scan in scans:
         statistic, _ = scan_power(fit, scan)
-        peaks = _peaks(statistic)
-        if not peaks:
-            continue
-        exact, without = _line_by_line(fit, scan, peaks)
-        around = scan_power(fit, scan, without)[0]
-        for at, value in zip(peaks, exact, strict=True):
-            share = 1.0 / _noise_around(around, at)
-            found += _named(scan, float(scan.transform.grid[at]), value, share, causes)
+        peaks = _peaks(statistic, scan.dof)
+        around = statistic
+        if peaks:
+            places = [float(scan.transform.grid[at]) for at in peaks]
+            exact, without = _line_by_line(fit, scan, places)
+            around = scan_power(fit, scan, without)[0]
+            for at, place, value in zip(peaks, places, exact, strict=True):
+                share = 1.0 / _noise_around(around, at, scan.dof)
+                found += _named(scan, place, value, share, causes)
+        if scan.whole:
+            found += _whole_looks(fit, scan, around, causes)
     return found
 
 
-def _peaks(statistic: FloatArray) -> list[int]:
+def _whole_looks(
+    fit: Fit, scan: Scan, around: FloatArray, causes: Mapping[str, Cause]
+) -> list[Look]:
+    """Return the strongest lines at whole orders that have one phase in all records of a stack."""
+    sums, norms = _sums(fit, scan, whole=True)
+    statistic = np.abs(np.sum(sums, axis=0)) ** 2 / np.sum(norms, axis=0)
+    found = []
+    kept = {name: w for name, c in causes.items() if (w := getattr(c, "whole", None)) is not None}
+    for at in np.argsort(-statistic)[:_PEAKS]:
+        if statistic[at] >= _LEAST_PEAK:
+            order = float(scan.whole[0].grid[at])
+            place = int(np.argmin(np.abs(scan.transform.grid - order)))
+            share = 1.0 / _noise_around(around, place, scan.dof)
+            found += _whole_names(order, float(statistic[at]), share, 2, kept)
+    return found
+
+
+def _peaks(statistic: FloatArray, dof: int) -> list[int]:
     """Return the points of the strongest lines, one in each hump."""
     left, width = statistic.copy(), _AROUND[0][1] * _PER_CELL
     peaks: list[int] = []
     for _ in range(_PEAKS):
         at = int(np.argmax(left))
-        if left[at] < 8.0:
+        if left[at] < _LEAST_PEAK + dof - 2:
             break
         peaks.append(at)
         left[max(0, at - width) : at + width + 1] = 0.0
     return peaks
 
 
-def _line_by_line(fit: Fit, scan: Scan, peaks: list[int]) -> tuple[list[float], FloatArray]:
+def _line_by_line(fit: Fit, scan: Scan, places: list[float]) -> tuple[list[float], FloatArray]:
     """Return the statistic of each line alone, and the residual without the strongest.
 
     Where the speed changes a line leaks along the axis, and is no noise there.
     """
-    columns = [_pair(float(scan.transform.grid[at]) * scan.phase_rad) for at in peaks]
-    rows = fit.bands.transform(np.column_stack(columns)).reshape(len(peaks), 2, -1)
+    ends = np.cumsum([0, *(len(part.phase_rad) for part in scan.parts or (scan,))])
+    columns = np.zeros((len(places), scan.dof, len(scan.phase_rad)))
+    for own, place in zip(columns, places, strict=True):
+        wave = _pair(place * scan.phase_rad).T
+        for at, (a, b) in enumerate(pairwise(ends)):
+            own[2 * at : 2 * at + 2, a:b] = wave[:, a:b]
+    rows = fit.bands.transform(columns.reshape(-1, len(scan.phase_rad)).T)
     weight = fit.bands.spread(1.0 / fit.spectrum.power)
     alone, left = [], []
-    for pair in rows:
-        white = pair * weight
+    for some in (waves := rows.reshape(len(places), scan.dof, -1)):
+        white = some * weight
         right = white @ fit.residual
-        amount = np.linalg.lstsq(white @ pair.T, right, 1e-6)[0]
+        amount = np.linalg.lstsq(white @ some.T, right, 1e-6)[0]
         alone.append(float(amount @ right))
         left.append(amount)
     most = int(np.argmax(alone))
-    return alone, np.asarray(fit.residual - left[most] @ rows[most])
+    return alone, np.asarray(fit.residual - left[most] @ waves[most])
 
 
-def _noise_around(statistic: FloatArray, at: int) -> float:
+def _noise_around(statistic: FloatArray, at: int, dof: int) -> float:
     """Return the noise around a point relative to what is expected: a hump is no line."""
     found = [1.0]
     for first, last in _AROUND:
@@ -252,70 +352,107 @@ def _noise_around(statistic: FloatArray, at: int) -> float:
             statistic[max(0, at - far) : max(0, at - near)], statistic[at + near : at + far]
         ]
         if len(some) > far // 2:
-            found.append(float(np.median(some)) / _MEDIAN)
+            found.append(float(np.median(some)) / chi2_level(0.5, dof))
     return max(found)
+
+
+def _look(
+    cause: Cause | None, key: str, at: float, value: float, dof: int, trials: float, chance: float
+) -> list[Look]:
+    """Return a look at a line of this name; none where it cannot stand there."""
+    if cause is None:
+        return []
+    bands = cause.shape[0].bands or ((cause.shape[0].lower, cause.shape[0].upper),)
+    inside = any(a <= at <= b for a, b in bands)
+    return [Look(Term(cause, {key: at}), value, dof, trials, chance)] if inside else []
+
+
+def _known(value: float, share: float, dof: int, places: float) -> float:
+    """Return the chance of a chi^2 this large at any of some known places."""
+    tail = chi2_tail(value * share, dof)
+    return float(-np.expm1(places * np.log1p(-min(tail, 1.0 - 1e-16))))
+
+
+def _whole_names(
+    whole: float, value: float, share: float, dof: int, causes: Mapping[str, Cause]
+) -> list[Look]:
+    """Return the names that a line at a whole order may have."""
+    known = float(_WHOLE_ORDERS) if whole <= _WHOLE_ORDERS else 2.0 * whole
+    chance = _known(value, share, dof, known)
+    out = _look(causes.get("ripple-harmonic"), "order", whole, value, dof, known, chance)
+    for part in (1.0, 2.0, 3.0):
+        if whole % part == 0.0:
+            out += _look(causes.get("cogging"), "order", whole / part, value, dof, known, chance)
+    return out
 
 
 def _named(
     scan: Scan, place: float, value: float, share: float, causes: Mapping[str, Cause]
 ) -> list[Look]:
     """Return the names that a line at a place may have, with their false-alarm probabilities."""
-    free = _chance_anywhere(value * share, scan.density)
-    tail = float(np.exp(-0.5 * value * share))
-    out = []
+    dof, cells = scan.dof, max(2.0, scan.density)
+    free = _chance_anywhere(value * share, scan.density, dof)
+    out: list[Look] = []
 
-    def add(cause: Cause | None, key: str, at: float, trials: float, chance: float) -> None:
-        bands = (
-            ()
-            if cause is None
-            else (cause.shape[0].bands or ((cause.shape[0].lower, cause.shape[0].upper),))
-        )
-        if cause is not None and any(a <= at <= b for a, b in bands):
-            out.append(Look(Term(cause, {key: at}), value, 2, trials, chance))
+    def add(cause: Cause | None, key: str, at: float) -> None:
+        out.extend(_look(cause, key, at, value, dof, cells, free))
 
-    cells = max(2.0, scan.density)
     if scan.domain == "motor-order":
         whole = float(round(place))
         near = abs(place - whole) < 0.5 * scan.cell and whole >= 1.0
-        if near:
-            known = float(_WHOLE_ORDERS) if whole <= _WHOLE_ORDERS else 2.0 * whole
-            chance = -np.expm1(known * np.log1p(-min(tail, 1.0 - 1e-16)))
-            add(causes.get("ripple-harmonic"), "order", whole, known, float(chance))
-            for part in (1.0, 2.0, 3.0):
-                if whole % part == 0.0:
-                    add(causes.get("cogging"), "order", whole / part, known, float(chance))
+        if near and not scan.whole:
+            out += _whole_names(whole, value, share, dof, causes)
         if not near or abs(place - whole) > 0.25 * scan.cell:
-            add(causes.get("ripple-harmonic"), "order", place, cells, free)
+            add(causes.get("ripple-harmonic"), "order", place)
         for part in (1.0, 2.0, 3.0):
-            add(causes.get("bearing-defect"), "order", place / part, cells, free)
+            add(causes.get("bearing-defect"), "order", place / part)
     elif scan.domain == "frequency":
         mains = causes.get("mains-hum")
         if mains is not None:
             known = max(2.0, sum(b - a for a, b in mains.shape[0].bands) / scan.cell)
-            chance = -np.expm1(known * np.log1p(-min(tail, 1.0 - 1e-16)))
-            add(mains, "frequency_hz", place, known, float(chance))
-        add(causes.get("structural-tone"), "frequency_hz", place, cells, free)
+            chance = _known(value, share, dof, known)
+            out += _look(mains, "frequency_hz", place, value, dof, known, chance)
+        add(causes.get("structural-tone"), "frequency_hz", place)
         if not out:
-            add(TONE_LINE, "frequency_hz", place, cells, free)
+            add(causes.get(TONE_LINE.name, TONE_LINE), "frequency_hz", place)
     else:
-        add(OUTPUT_LINE, "output_order", place, cells, free)
+        add(causes.get(OUTPUT_LINE.name, OUTPUT_LINE), "output_order", place)
     return out
 
 
-def _chance_anywhere(value: float, density: float) -> float:
-    """Return the chance of a chi^2 of two this large anywhere on an axis (Davies 1987)."""
-    tail = float(np.exp(-0.5 * value))
-    return float(min(1.0, tail * (1.0 + density * np.sqrt(0.5 * value))))
+def _chance_anywhere(value: float, density: float, dof: int) -> float:
+    """Return the chance of a chi^2 this large anywhere on an axis (Davies 1987)."""
+    crossings = density * (0.5 * value) ** (0.5 * (dof - 1)) * np.exp(-0.5 * value)
+    return float(min(1.0, chi2_tail(value, dof) + crossings / gamma(0.5 * dof)))
 
 
 def step_look(fit: Fit, cause: Cause) -> Look | None:
-    """Return the best step of the zero at any sample.
+    """Return the best step of the zero at any sample of any record.
 
     References
     ----------
     .. [1] B. James, K. L. James, D. Siegmund, Biometrika 74 (1987) 71, doi:10.1093/biomet/74.1.71
        (largest of a step at any sample).
     """
+    count = len(records_of(fit.record))
+    if count == 1:
+        return _step_look(fit, cause)
+    looks = []
+    for number in range(count):
+        one, _ = piece_fit(fit, number)
+        look = _step_look(one, cause)
+        if look is None:
+            continue
+        begin = sum(len(record) for record in records_of(fit.record)[:number])
+        shift = float(fit.record.motion.time_s[begin] - one.record.motion.time_s[0])
+        time = look.term.shape["step_time_s"] + shift
+        term = Term(cause, {"step_time_s": time})
+        chance = min(1.0, count * look.false_alarm)
+        looks.append(replace(look, term=term, trials=count * look.trials, false_alarm=chance))
+    return max(looks, key=lambda look: look.statistic, default=None)
+
+
+def _step_look(fit: Fit, cause: Cause) -> Look | None:
     record, bands = fit.record, fit.bands
     n = len(record)
     beside = fit.beside()

@@ -22,9 +22,12 @@ _KNOTS = 5
 
 
 def modulated_looks(fit: Fit, scans: tuple[Scan, ...]) -> list[Look]:
-    """Return, for each axis, the motor order that explains most with an envelope over it."""
+    """Return, for each axis, the motor order that explains most with an envelope over it.
+
+    None in a stack of records, each of which has an axis of its own.
+    """
     scan = next((s for s in scans if s.domain == "motor-order"), None)
-    if scan is None:
+    if scan is None or scan.parts:
         return []
     weighted = fit.bands.inverse(fit.residual * fit.bands.spread(1.0 / fit.spectrum.power))
     weighted = np.where(fit.record.valid, weighted, 0.0)

@@ -216,7 +216,7 @@ def solve_best(moments: Moments, shapes: Shapes, start: Spectrum, *, rounds: int
     rises towards 0 Hz, the fit is tried from as much noise there as higher up, too.
     """
     first = solve(moments, shapes, start, rounds=rounds)
-    even = np.minimum.accumulate(start.power[::-1])[::-1]
+    even = shapes.even(start.power)
     if float(np.max(start.power / even)) < RISES:
         return first
     flat = shapes.fit(even, moments.counts)

@@ -55,6 +55,10 @@ class Record:
         Low-pass of the torque channel; None for none.
     channel_known : bool
         Whether `low_pass` was found already.
+    records : tuple of Record
+        Records of which this one is a stack; empty for one alone.
+    referenced : bool
+        Whether the motor angles of all records of a stack have one zero.
     """
 
     motion: Motion
@@ -68,6 +72,8 @@ class Record:
     load: float
     low_pass: LowPass | None = None
     channel_known: bool = False
+    records: tuple[Record, ...] = ()
+    referenced: bool = False
 
     def __len__(self) -> int:
         return len(self.valid)

@@ -108,10 +108,12 @@ def candidate_of(
     statistic, dof = explained(matrix, right, before)
     amount = np.linalg.lstsq(matrix, right, rcond=1e-9)[0]
     linear = amount / scale
-    if is_line(term.cause) and len(rows) > 2 and _nearly_a_sine(linear):
+    parts = harmonics(term.cause) if is_line(term.cause) else []
+    if len(parts) > 1 and _nearly_a_sine(linear, parts):
         # repeated impacts and poles have harmonics: what is nearly a sine is one line
+        first = parts[0]
         return replace(
-            candidate_of_rows(beside, term, rows[:2], scale[:2], trials, false_alarm),
+            candidate_of_rows(beside, term, rows[first], scale[first], trials, false_alarm),
             rows=rows,
             scale=scale,
             linear=linear,
@@ -138,10 +140,15 @@ def candidate_of_rows(
     return Candidate(term, rows, scale, statistic, dof, linear, trials, chance)
 
 
-def _nearly_a_sine(linear: FloatArray) -> bool:
+def _nearly_a_sine(linear: FloatArray, parts: list[list[int]]) -> bool:
     """Return whether no harmonic of a line stands out beside the first."""
-    amplitudes = np.hypot(linear[::2], linear[1::2])
+    amplitudes = np.array([np.linalg.norm(linear[part]) for part in parts])
     return bool(np.all(amplitudes[1:] <= _HARMONIC_SHARE * amplitudes[0]))
+
+
+def _is_sine(found: Candidate, parts: list[list[int]]) -> bool:
+    """Return whether only the first harmonic of a line speaks for its name."""
+    return is_line(found.term.cause) and len(parts) > 1 and found.dof <= len(parts[0])
 
 
 def _possible(term: Term, record: Record, linear: FloatArray) -> bool:
@@ -243,8 +250,9 @@ def weighed(
     else:
         moving = follows_motion(found.term.cause)
         gain = speaks = gain_of(beside, found.rows, shapes, base, moving)
-        if is_line(found.term.cause) and found.dof <= 2 < len(found.rows):
-            speaks = gain_of(beside, found.rows[:2], shapes, base, moving)
+        parts = harmonics(found.term.cause)
+        if _is_sine(found, parts):
+            speaks = gain_of(beside, found.rows[parts[0]], shapes, base, moving)
     statistic = 2.0 * max(speaks, 0.0)
     evidence = amplitude_evidence(beside, found, statistic) - price(beside, record, found)
     return replace(found, gain_nats=gain, evidence_nats=evidence)
@@ -293,10 +301,10 @@ def amplitude_evidence(beside: Beside, found: Candidate, statistic: float) -> fl
     parts = harmonics(found.term.cause)
     if is_whole_share(found.term.cause):
         return 0.5 * statistic
-    sine = is_line(found.term.cause) and found.dof <= 2
+    sine = _is_sine(found, parts)
     if len(parts) < 2 or found.statistic <= 0.0 or sine:
         return log_evidence(statistic, found.dof) - (
-            float(np.log(2 ** (len(parts) - 1))) if sine and len(parts) > 1 else 0.0
+            float(np.log(2 ** (len(parts) - 1))) if sine else 0.0
         )
     matrix, right = beside.project(found.rows)
     ratio = statistic / found.statistic

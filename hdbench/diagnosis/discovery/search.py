@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -40,10 +40,19 @@ from hdbench.diagnosis.discovery.term import (
     term_columns,
 )
 from hdbench.model import Cause
-from hdbench.model.causes.kinematic import TRANSMISSION_ERROR, angle_error_rad
+from hdbench.model.causes.kinematic import TRANSMISSION_ERROR
 from hdbench.records.trace import FloatArray
 
-__all__ = ["SHARES", "Accepted", "Search", "all_possible", "search", "settled", "value_of"]
+__all__ = [
+    "SHARES",
+    "Accepted",
+    "Search",
+    "all_possible",
+    "search",
+    "search_from",
+    "settled",
+    "value_of",
+]
 
 # share of the false-alarm rate of each kind of look
 SHARES = {"name": 0.5, "line": 0.28, "step": 0.05, "table": 0.14, "burst": 0.03}
@@ -355,10 +364,10 @@ class Search:
         base = solve_best(fit.moments(), fit.shapes, fit.spectrum).likelihood
         start = rising.fit(fit.spectrum.power, fit.bands.counts)
         tried = solve(fit.moments(), rising, start, rounds=4, anew=True, reference=fit.spectrum)
-        gain = tried.likelihood - base
-        if gain - SLOW_PRICE < max(evidence, 0.0):
+        gain = tried.likelihood - base - SLOW_PRICE * max(1, len(fit.record.records))
+        if gain < max(evidence, 0.0):
             return False
-        self.log.append(f"slow noise E={gain - SLOW_PRICE:.0f}")
+        self.log.append(f"slow noise E={gain:.0f}")
         fit.shapes = rising
         fit.settle(4, anew=True)
         self.prune(_IN_SLOW_NATS, 0)
@@ -616,9 +625,12 @@ def signal_nm(fit: Fit) -> tuple[FloatArray, FloatArray]:
     """
     record = fit.record
     error, slope = np.zeros(len(record)), np.zeros(len(record))
+    # its columns are the error where the torque falls by 1 N m/rad
+    falling = replace(record.motion, ripple_slope_nm_per_rad=-np.ones(len(record)))
     for index, part in enumerate(fit.parts):
-        if part.name == TRANSMISSION_ERROR.name:
-            error += angle_error_rad(record.motion, fit.linear(index))
+        if part.term is not None and part.name == TRANSMISSION_ERROR.name:
+            errors = term_columns(part.term, replace(record, motion=falling))
+            error += errors @ fit.linear(index)
     for index, part in enumerate(fit.parts):
         kind, _, order = part.name.partition(":")
         if part.term is None and kind in ("ripple", SAMPLED):
@@ -674,11 +686,11 @@ def search(
     """
     report = progress or (lambda what, share: None)
     fit = Fit.start(record, known)
-    plain = None
-    if fit.record.low_pass is not None:
-        plain = _on_simulated(Fit.start(record.behind(None), known))
-    state = _searched(fit, plain, causes, known, alpha, rng, report, least_share)
-    return state or search(
+    plain = [] if fit.record.low_pass is None else [Fit.start(record.behind(None), known)]
+    state = search_from(fit, plain, causes, known, alpha, rng, report, least_share)
+    if isinstance(state, Search):
+        return state
+    return search(
         record.behind(None),
         causes,
         known,
@@ -705,18 +717,23 @@ def _on_simulated(fit: Fit) -> Fit:
     return fit
 
 
-def _searched(
+def search_from(
     fit: Fit,
-    plain: Fit | None,
+    plain: Sequence[Fit],
     causes: Mapping[str, Cause],
     known: tuple[Term, ...],
     alpha: float,
     rng: np.random.Generator,
     report: Callable[[str, float], None],
     least_share: float,
-) -> Search | None:
-    """Return the search from a fit of the baseline; None where its low-pass becomes needless."""
+) -> Search | Fit:
+    """Return the search from a fit of the baseline.
+
+    `plain` are the same fits with one torque channel each that has no low-pass. Where one becomes
+    as good, that one is returned.
+    """
     record = _on_simulated(fit).record
+    plain = [_on_simulated(one) for one in plain]
     held = {term.name for term in known}
     usable = {
         name: cause
@@ -762,6 +779,7 @@ def _searched(
         state.straighten()
         attach_forms(fit)
         state.prune()
-        if plain is not None and _as_good(plain, fit):
-            return None
+        for one in plain:
+            if _as_good(one, fit):
+                return one
     return state

@@ -94,6 +94,10 @@ class Shapes:
         n = self.n_smooth
         return replace(self, table=self.table[:n], slow=self.slow[:n])
 
+    def even(self, power: FloatArray) -> FloatArray:
+        """Return powers of all bands that do not rise towards 0 Hz: what is more there is cut."""
+        return np.minimum.accumulate(power[::-1])[::-1]
+
     def fit(
         self,
         power: FloatArray,

@@ -80,7 +80,8 @@ def axes_of(record: Record) -> tuple[Axis, ...]:
     """Return the axes over which this record can hold a table."""
     motion, valid = record.motion, record.valid
     time = motion.time_s - motion.time_s[0]
-    axes = [Axis("time", "s", time, _knots(time, valid, _KNOTS))]
+    # records of a stack have no time in common
+    axes = [] if record.records else [Axis("time", "s", time, _knots(time, valid, _KNOTS))]
 
     def line(domain: str, unit: str, values: FloatArray | None) -> None:
         if values is None:

@@ -99,12 +99,12 @@ def tell(
     everything = set(range(len(fit.parts)))
     base = {i for i in everything if i not in fit.causes()}
     before, after = held.predict(base), held.predict(everything)
-    variance = _mean_square(fit, base)
-    covariances = _covariances(fit)
+    variance = mean_square(fit, base)
+    matrices = covariances(fit)
     causes: list[NamedCause] = []
     places: list[Unexplained] = []
     terms: list[CauseTerm] = []
-    shares = _shares(fit, base, variance)
+    shares = shares_of(fit, base, variance)
     for index, part in enumerate(fit.parts):
         term = part.term
         if term is None:
@@ -114,7 +114,7 @@ def tell(
                 float(np.clip(x, p.lower, p.upper))
                 for x, p in zip(fit.linear(index), term.cause.linear, strict=True)
             )
-            matrix = tuple(tuple(map(float, row)) for row in covariances[index])
+            matrix = tuple(tuple(map(float, row)) for row in matrices[index])
             terms.append(CauseTerm(term.name, dict(term.shape), linear, matrix))
         if term.known:
             continue
@@ -122,23 +122,23 @@ def tell(
         accepted = search.accepted.get(id(part))
         chance = accepted.false_alarm if accepted else 1.0
         if is_table(term.cause):
-            places.append(_place(fit, index, shares[index], chance))
+            places.append(place_of(fit, index, shares[index], chance))
             continue
         without = held.predict(everything - {index})
         if without.chi2 <= after.chi2:
             search.log.append(f"{term.name} predicts nothing")
             continue
         gain = gain_between(without, after, rng)
-        causes.append(_cause(one, terms[-1], model, gain, shares[index], chance))
-    walk = _walk(search, variance)
+        causes.append(cause_of(one, terms[-1], model, gain, shares[index], chance))
+    walk = walk_of(search, variance)
     if walk is not None:
         causes.append(walk[0])
         terms.append(walk[1])
-    places += _rest_places(search, variance, noise_variance)
+    places += rest_places(search, variance, noise_variance)
     return Told(fit, causes, places, before, after, terms)
 
 
-def _walk(search: Search, variance: float) -> tuple[NamedCause, CauseTerm] | None:
+def walk_of(search: Search, variance: float) -> tuple[NamedCause, CauseTerm] | None:
     """Return a random walk of the zero where the slow noise is steeper than 1/f; None without."""
     fit = search.fit
     cause = search.catalogue.get("zero-random-walk")
@@ -191,7 +191,7 @@ def _slope(fit: Fit, power: FloatArray, fast: FloatArray) -> tuple[float, float,
     return exponent, std, (chi2_tail(total, counts[slow].sum())) * len(counts)
 
 
-def _cause(
+def cause_of(
     one: Named, term: CauseTerm, model: BenchModel, gain: Gain, share: float, chance: float
 ) -> NamedCause:
     """Return a named cause as the result states it."""
@@ -219,7 +219,7 @@ def _cause(
     )
 
 
-def _mean_square(fit: Fit, parts: set[int]) -> float:
+def mean_square(fit: Fit, parts: set[int]) -> float:
     """Return the mean square that these parts leave, fitted in the present noise, (N m)^2."""
     dropped = ~np.isin(fit.owner, list(parts)) | ~fit.active
     moments = fit.all_moments().without(dropped)
@@ -228,25 +228,25 @@ def _mean_square(fit: Fit, parts: set[int]) -> float:
     return float(max(power.sum(), 1e-300)) / len(fit.record)
 
 
-def _shares(fit: Fit, base: set[int], variance: float) -> dict[int, float]:
+def shares_of(fit: Fit, base: set[int], variance: float) -> dict[int, float]:
     """Return the share of the baseline's residual variance that each cause explains.
 
     The larger of what it adds to the causes accepted before it, and of what its loss would cost.
     """
     everything = set(range(len(fit.parts)))
-    whole = _mean_square(fit, everything)
+    whole = mean_square(fit, everything)
     shares, so_far = {}, set(base)
-    last = _mean_square(fit, so_far)
+    last = mean_square(fit, so_far)
     for part in fit.causes():
         so_far = so_far | {part}
-        now = _mean_square(fit, so_far)
-        lost = _mean_square(fit, everything - {part}) - whole
+        now = mean_square(fit, so_far)
+        lost = mean_square(fit, everything - {part}) - whole
         shares[part] = float(np.clip(max(last - now, lost) / variance, 0.0, 1.0))
         last = now
     return shares
 
 
-def _covariances(fit: Fit) -> dict[int, FloatArray]:
+def covariances(fit: Fit) -> dict[int, FloatArray]:
     """Return the covariance of linear and shape parameters of each cause, all fitted jointly."""
     active = np.flatnonzero(fit.active)
     rows, scales, owner = [fit.rows[active]], [], []
@@ -289,7 +289,7 @@ def _whole_shape(term: object, matrix: FloatArray, n_linear: int) -> FloatArray:
     return matrix[:n_linear, :n_linear]
 
 
-def _place(fit: Fit, index: int, share: float, chance: float) -> Unexplained:
+def place_of(fit: Fit, index: int, share: float, chance: float) -> Unexplained:
     """Return a table or a line without a name as a place."""
     term = fit.term(index)
     if term.shape and "*" not in term.name:
@@ -344,7 +344,7 @@ def _place(fit: Fit, index: int, share: float, chance: float) -> Unexplained:
     )
 
 
-def _rest_places(
+def rest_places(
     search: Search, variance: float, noise_variance: FloatArray | None
 ) -> list[Unexplained]:
     """Return bursts, and humps of the noise that hold a tenth of what is left."""
@@ -401,7 +401,7 @@ def minimum_detectable(search: Search) -> tuple[tuple[str, float], ...]:
             continue
         per_sigma = float(np.median(amplitude[good] / np.sqrt(statistic[good])))
         trials = max(2.0, scan.density)
-        level = chi2_level(min(0.5, search.alpha * SHARES["line"] / trials), 2)
+        level = chi2_level(min(0.5, search.alpha * SHARES["line"] / trials), scan.dof)
         names = {
             "motor-order": ("ripple-harmonic", "bearing-defect", "cogging"),
             "frequency": ("structural-tone", "mains-hum"),

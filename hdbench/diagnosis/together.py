@@ -1,0 +1,314 @@
+"""Diagnosis of several records of one drive: what they share is fitted once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+
+from hdbench.diagnosis.answer.assemble import assemble
+from hdbench.diagnosis.answer.records import DataFlag, LeftOutSamples, RecordPart, Testable
+from hdbench.diagnosis.answer.result import Diagnosis, Pictures, Rest, verdict_of
+from hdbench.diagnosis.discovery.search import Search
+from hdbench.diagnosis.discovery.together import (
+    Together,
+    piece_searches,
+    search_together,
+    tell_together,
+)
+from hdbench.diagnosis.discovery.told import minimum_detectable, spectra
+from hdbench.diagnosis.dynamic import (
+    Ready,
+    Refused,
+    Task,
+    both_late,
+    findings_of,
+    late_faults,
+    make_ready,
+    make_task,
+    with_early,
+    without_spikes,
+)
+from hdbench.diagnosis.faults import ResidualFaults
+from hdbench.errors import DataError
+from hdbench.model import BenchModel, Cause
+from hdbench.profile import Profile
+from hdbench.records import Trace
+
+__all__ = ["LEFT_OUT", "diagnose_together"]
+
+LEFT_OUT = "record-left-out"
+"""Flag of a record that took no part."""
+
+Report = Callable[[str, float], None]
+
+
+def diagnose_together(
+    traces: Sequence[Trace],
+    names: Sequence[str],
+    profile: Profile,
+    *,
+    model: BenchModel | None = None,
+    alpha: float = 0.01,
+    materiality: float = 0.01,
+    seed: int = 0,
+    progress: Report | None = None,
+    causes: tuple[Cause, ...] = (),
+    baseline: tuple[str, ...] = (),
+) -> Diagnosis:
+    """Say what the simulation gets wrong on several records of one drive, and which record says so.
+
+    Parameters
+    ----------
+    traces : sequence of Trace
+        Dynamic runs of one drive. Rates and lengths may differ.
+    names : sequence of str
+        Name of each.
+    profile : Profile
+        Bench.
+    model : BenchModel or None
+        Model to hold against the records; the profile's where None.
+    alpha : float
+        Probability of any finding on all records without an effect, in (0, 1).
+    materiality : float
+        Smallest share of the baselines' residual variance of a cause that counts, in [0, 1).
+    seed : int
+        Seed of the draws of the null and the bootstrap.
+    progress : callable or None
+        Called with what is being done and the share done in [0, 1].
+    causes : tuple of Cause
+        Causes beside the catalogue and the model's own.
+    baseline : tuple of str
+        Terms of the baseline to add or remove, as `parse_baseline` reads them.
+
+    Returns
+    -------
+    Diagnosis
+        With `records`, and `voices` in every cause. The extended model has what differs (zero,
+        ripple, phases) from the first record that was used.
+
+    Raises
+    ------
+    DataError
+        If fewer than two records can be used.
+    ValueError
+        If `alpha` or `materiality` is out of its domain.
+
+    Notes
+    -----
+    Each record has its own baseline, noise, torque channel, faults and samples left out. The
+    columns of a shared cause run through all records, so that its evidence adds, each record in
+    the units of its own noise.
+    """
+    task = make_task(profile, model, causes, alpha, materiality, baseline)
+    report = progress or (lambda what, share: None)
+    settings: dict[str, object] = {"alpha": alpha, "materiality": materiality, "seed": seed}
+    if baseline:
+        settings["baseline"] = list(baseline)
+    every = _all_ready(task, traces, names, report)
+    used = [(one, one.ready) for one in every if isinstance(one.ready, Ready)]
+    if len(used) < 2:
+        refused = [(one.name, one.ready) for one in every]
+        reasons = "; ".join(f"{name}: {r.reason}" for name, r in refused if isinstance(r, Refused))
+        raise DataError(
+            f"{len(used)} of {len(every)} records can be used together; needed: 2 or more",
+            where=reasons or names[0],
+            fix="leave out --together to diagnose each record alone",
+        )
+    rng = np.random.default_rng(seed)
+    names = [one.name for one, _ in used]
+    search, late = _searched(task, [ready for _, ready in used], rng, report)
+    report("measuring the gain on held-out blocks", 0.9)
+    findings = [
+        findings_of(task, ready, piece, faults)
+        for (_, ready), (piece, _), faults in zip(used, piece_searches(search), late, strict=True)
+    ]
+    told = tell_together(
+        search,
+        task.given,
+        names,
+        rng,
+        [one.noise_variance for one in findings],
+    )
+    answers = [
+        assemble(replace(one, search=piece), settings, rng, own)
+        for one, (piece, own) in zip(findings, told.records, strict=True)
+    ]
+    answer = _joined(task, told, every, dict(zip(names, answers, strict=True)), settings)
+    report("done", 1.0)
+    return answer
+
+
+@dataclass(frozen=True, slots=True)
+class _Named:
+    """A record with its name, ready for the search or refused."""
+
+    name: str
+    trace: Trace
+    ready: Ready | Refused
+
+
+def _all_ready(
+    task: Task, traces: Sequence[Trace], names: Sequence[str], report: Report
+) -> list[_Named]:
+    """Return every record, inspected; one that cannot be read as a run is refused too."""
+    out = []
+    for number, (name, trace) in enumerate(zip(names, traces, strict=True)):
+        report(f"inspecting {name}", 0.1 * number / len(traces))
+        out.append(_Named(name, trace, make_ready(task, trace)))
+    return out
+
+
+def _searched(
+    task: Task, ready: Sequence[Ready], rng: np.random.Generator, report: Report
+) -> tuple[Search, list[ResidualFaults]]:
+    """Return what the search finds, once more where spikes only show in its residual."""
+
+    def once(records: list[Ready]) -> tuple[Search, list[ResidualFaults]]:
+        found = search_together(
+            [one.record for one in records],
+            task.causes,
+            task.known(),
+            alpha=task.alpha,
+            rng=rng,
+            progress=report,
+            least_share=task.least_share,
+        )
+        pieces = piece_searches(found)
+        pairs = zip(records, pieces, strict=True)
+        return found, [late_faults(task, one, piece.fit) for one, (piece, _) in pairs]
+
+    found, late = once(list(ready))
+    if any(faults.spikes.any() for faults in late):
+        again = [
+            replace(one, record=without_spikes(one.record, faults.spikes))
+            for one, faults in zip(ready, late, strict=True)
+        ]
+        found, later = once(again)
+        late = [both_late(a, b) for a, b in zip(late, later, strict=True)]
+    return found, [with_early(task, a, b) for a, b in zip(ready, late, strict=True)]
+
+
+# --- one answer of all
+def _joined(
+    task: Task,
+    told: Together,
+    every: Sequence[_Named],
+    by_name: dict[str, Diagnosis],
+    settings: dict[str, object],
+) -> Diagnosis:
+    answers = list(by_name.values())
+    # causes of one record alone, faults of its acquisition, have no voices yet
+    faults = [cause for one in answers for cause in (*one.causes, *one.minor) if not cause.voices]
+    named = [*faults, *told.causes]
+    limit = task.materiality
+    causes = tuple(c for c in named if c.share_of_variance >= limit)
+    places = tuple(u for u in told.places if u.share_of_variance >= limit)
+    parts = tuple(_part(one, by_name.get(one.name), told) for one in every)
+    first = answers[0]
+    noise = float(np.sqrt(np.mean([(p.noise_rms_nm or 0.0) ** 2 for p in parts if not p.left_out])))
+    return Diagnosis(
+        verdict_of(causes, places),
+        causes,
+        tuple(c for c in named if c not in causes),
+        places,
+        tuple(u for u in told.places if u not in places),
+        tuple(flag for one in every for flag in _flags(one, by_name.get(one.name))),
+        minimum_detectable(told.search),
+        {**first.simulated, "heldout_rms_nm": told.before.rms_nm},
+        {**first.extended, "heldout_rms_nm": told.after.rms_nm},
+        first.model,
+        {**settings, **_settings(told, answers)},
+        "",
+        _pictures(told, answers),
+        left_out=_left_out(every, by_name),
+        rest=Rest(told.after.rms_nm, noise, places),
+        testable=_testable(task, told, by_name),
+        records=parts,
+    )
+
+
+def _part(one: _Named, answer: Diagnosis | None, told: Together) -> RecordPart:
+    rate = 1.0 / float(np.median(np.diff(one.trace.time_s)))
+    if answer is None or answer.rest is None:
+        reason = one.ready.reason if isinstance(one.ready, Refused) else ""
+        return RecordPart(one.name, reason, 0, rate)
+    apart = [c.name for c in told.causes for v in c.voices if v.record == one.name and v.disagrees]
+    return RecordPart(
+        one.name,
+        "",
+        int(answer.settings["samples_used"]),
+        rate,
+        answer.simulated["heldout_rms_nm"],
+        answer.extended["heldout_rms_nm"],
+        answer.rest.noise_rms_nm,
+        tuple(apart),
+        {k: v for k, v in answer.settings.items() if k not in ("alpha", "materiality", "seed")},
+    )
+
+
+def _flags(one: _Named, answer: Diagnosis | None) -> list[DataFlag]:
+    """Return the flags of a record; of one that was left out the reason comes first."""
+    if answer is not None or isinstance(one.ready, Ready):
+        return [replace(flag, record=one.name) for flag in answer.data_flags] if answer else []
+    ends = float(one.trace.time_s[0]), float(one.trace.time_s[-1])
+    whole = DataFlag(LEFT_OUT, *ends, len(one.trace), one.ready.reason, one.name)
+    return [whole, *(replace(flag, record=one.name) for flag in one.ready.inspected.flags)]
+
+
+def _left_out(every: Sequence[_Named], answers: dict[str, Diagnosis]) -> tuple[LeftOutSamples, ...]:
+    total = sum(len(one.trace) for one in every)
+    counts: dict[str, int] = {}
+    for one in every:
+        answer = answers.get(one.name)
+        if answer is None:
+            counts[f"{one.name} took no part"] = len(one.trace)
+            continue
+        for part in answer.left_out:
+            counts[part.reason] = counts.get(part.reason, 0) + part.samples
+    return tuple(LeftOutSamples(why, n, n / total) for why, n in counts.items())
+
+
+def _settings(told: Together, answers: Sequence[Diagnosis]) -> dict[str, object]:
+    fit = told.search.fit
+    zeros = [one.settings["not_told_from_zero"] for one in answers]
+    hidden = set.intersection(*({z["cause"] for z in some} for some in zeros))
+    return {
+        "angle_zero": "shared" if fit.record.referenced else "of each record",
+        "samples_used": int(fit.record.valid.sum()),
+        "form_errors": [
+            {"name": part.name, "scale": part.form_scale}
+            for part in fit.parts
+            if part.form_scale > 0.0
+        ],
+        "baseline_ripple": [],
+        "not_told_from_zero": [zero for zero in zeros[0] if zero["cause"] in hidden],
+    }
+
+
+def _pictures(told: Together, answers: Sequence[Diagnosis]) -> Pictures:
+    """Return the pictures of all records one behind the other, on one clock."""
+    some = [one.pictures for one in answers if one.pictures is not None]
+    values = {
+        field.name: np.concatenate([getattr(one, field.name) for one in some])
+        for field in fields(Pictures)
+        if field.name != "spectra"
+    }
+    values["time_s"] = told.search.fit.record.motion.time_s
+    return Pictures(**values, spectra=spectra(told.search, told.search.first))
+
+
+def _testable(task: Task, told: Together, answers: dict[str, Diagnosis]) -> tuple[Testable, ...]:
+    """Say what can be shown together: what applies to every record, and is seen in one of them."""
+    out = []
+    for some in zip(*(one.testable for one in answers.values()), strict=True):
+        cause = task.causes[some[0].name]
+        motions = [record.motion for record in told.search.fit.record.records]
+        reasons = [cause.applicable(motion) if cause.additive else None for motion in motions]
+        refused = [f"{name}: {why}" for name, why in zip(answers, reasons, strict=True) if why]
+        if refused:
+            out.append(Testable(cause.name, False, refused[0]))
+        else:
+            out.append(next((one for one in some if one.testable), some[0]))
+    return tuple(out)
