@@ -12,6 +12,7 @@ from hdbench.diagnosis.answer.filtergain import filter_gain
 from hdbench.diagnosis.answer.maps import code_map
 from hdbench.diagnosis.answer.result import Diagnosis
 from hdbench.diagnosis.dynamic import diagnose_trace
+from hdbench.diagnosis.inspection import Inspection, inspect_trace
 from hdbench.diagnosis.part import Part, part_of
 from hdbench.diagnosis.planning import Proposal, plan_for_result, write_plan
 from hdbench.diagnosis.static import diagnose_loads
@@ -79,13 +80,14 @@ class DiagnosisOptions:
 class _Done:
     """A diagnosis and what belongs to it; trace and scale are None for calibration loads.
 
-    `part` says what of the record was looked at; None for the whole.
+    `part` says what of the record was looked at, None for the whole; `log` what it can tell.
     """
 
     answer: Diagnosis
     trace: Trace | None = None
     scale: TorqueScale | None = None
     part: Part | None = None
+    log: Inspection | None = None
 
 
 def diagnose_run(
@@ -156,6 +158,7 @@ def diagnose_run(
         "filter_gain": _gain(done, profile, motion),
         "separating_run": _separating(proposal),
         "part": None if done.part is None else done.part.to_dict(),
+        "inspection": None if done.log is None else done.log.to_dict(),
     }
     write_json(folder.result, result)
     folder.finish("complete", f"diagnosis: {answer.verdict}", files)
@@ -194,7 +197,7 @@ def _diagnose(
         progress=progress,
         baseline=options.baseline,
     )
-    return _Done(answer, trace, scale, part)
+    return _Done(answer, trace, scale, part, inspect_trace(held, profile.data))
 
 
 def _refuse_for_loads(options: DiagnosisOptions, file: Path) -> None:

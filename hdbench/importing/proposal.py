@@ -14,7 +14,7 @@ from hdbench.importing.recipe import Recipe
 from hdbench.importing.source import Channel
 from hdbench.importing.units import bare_name, target_unit, unit_scale
 
-__all__ = ["Proposal", "is_unit", "proposed_mapping", "time_candidate"]
+__all__ = ["Proposal", "is_measured", "is_unit", "proposed_mapping", "time_candidate"]
 
 # words that name a quantity, the more telling ones first
 _WORDS = {
@@ -135,6 +135,21 @@ def time_candidate(channels: Sequence[Channel]) -> Channel | None:
     named = [c for c in channels if set(_tokens(c.name)) & set(_TIME_WORDS)]
     united = [c for c in channels if unit_scale(c.unit, "s") is not None and is_unit(c, "s")]
     return next(iter([*own, *named, *united]), None)
+
+
+def is_measured(name: str) -> bool:
+    """Return whether a channel's name does not say that it was asked for or estimated.
+
+    Parameters
+    ----------
+    name : str
+        Name of a channel.
+
+    Returns
+    -------
+    bool
+    """
+    return not _NOT_MEASURED & set(_tokens(name))
 
 
 def is_unit(channel: Channel, wanted: str) -> bool:

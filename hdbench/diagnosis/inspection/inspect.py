@@ -286,7 +286,12 @@ def _derived(
             yield log.roles[pair[0]], log.roles[pair[1]]
     torque = next((log.roles[n] for n in _TORQUES if n in log.roles), None)
     current = log.roles.get("motor_current_a")
-    if torque and current and same_noise(log.channels[torque], log.channels[current]):
+    if (
+        torque
+        and current
+        and torque != current
+        and same_noise(log.channels[torque], log.channels[current])
+    ):
         yield torque, current
 
 

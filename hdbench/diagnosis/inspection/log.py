@@ -11,7 +11,7 @@ import numpy as np
 
 from hdbench.errors import DataError
 from hdbench.importing.listing import list_channels, read_numbers
-from hdbench.importing.proposal import is_unit, proposed_mapping, time_candidate
+from hdbench.importing.proposal import is_measured, is_unit, proposed_mapping, time_candidate
 from hdbench.importing.recipe import Recipe
 from hdbench.importing.registry import open_source
 from hdbench.importing.source import Channel
@@ -85,6 +85,8 @@ class Log:
 
     def kind(self, name: str) -> str:
         """Return what a channel measures, by its part and its unit: a word of `KINDS`, or none."""
+        if name not in self.roles.values() and not is_measured(name):
+            return "given"
         for kind, (columns, wanted) in KINDS.items():
             if any(self.roles.get(column) == name for column in columns):
                 return kind

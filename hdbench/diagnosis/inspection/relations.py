@@ -22,6 +22,10 @@ _FEWEST = 64
 _COHERENT, _SEGMENTS, _LONGEST = 0.5, 12, 2048
 
 
+def _both_change(one: FloatArray, other: FloatArray) -> bool:
+    return bool(np.ptp(one) > 0.0 and np.ptp(other) > 0.0)
+
+
 def same_noise(one: FloatArray, other: FloatArray) -> bool:
     """Return whether two channels are one, times a factor: they share their noise too.
 
@@ -68,7 +72,7 @@ def same_to_the_end(
     with probability ``2^(1 - K)`` at each frequency; here the median of many has to.
     """
     good = np.isfinite(one) & np.isfinite(other)
-    if int(good.sum()) < _SEGMENTS * _FEWEST:
+    if int(good.sum()) < _SEGMENTS * _FEWEST or not _both_change(one[good], other[good]):
         return False
     at = np.arange(len(one))
     a, b = (np.interp(at, at[good], v[good]) for v in (one, other))
@@ -101,7 +105,7 @@ def delay_of(late: FloatArray, early: FloatArray, period_s: float) -> tuple[floa
     Noise of either channel does not turn the phase.
     """
     good = np.isfinite(late) & np.isfinite(early)
-    if int(good.sum()) < _SEGMENTS * 32:
+    if int(good.sum()) < _SEGMENTS * _FEWEST or not _both_change(late[good], early[good]):
         return None
     at = np.arange(len(late))
     a, b = (np.interp(at, at[good], v[good]) for v in (early, late))
