@@ -177,7 +177,7 @@ torque_scale | table or null | | gain that scaled the torque, and where it is fr
 filter_gain | table or null | | what the extended model spares the filter
 separating_run | table or null | | plan file of the run that settles what is open
 part | table or null | | what was diagnosed of a longer record: from_s, to_s, samples, cut
-inspection | table or null | | what the log can tell: sampling, channels, coverage, findings, as `hdbench inspect` gives it
+inspection | table or null | | what the log can tell, as `hdbench inspect` gives it
 """
 _FILTER = """
 filter_name | text | | model that filtered

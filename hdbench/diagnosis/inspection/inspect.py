@@ -179,8 +179,10 @@ def _look(
     missing = ~np.isfinite(values)
     step = step_of(values)
     held = 0.0 if kind == "given" else held_share(values, step, alpha, smooth=kind == "angle")
-    seen = None if rate_hz is None or kind == "angle" else spectrum_of(values, rate_hz, step)
-    limit = None if seen is None else seen.limit_hz
+    # without a time the spectrum still tells the noise
+    seen = None if kind == "angle" else spectrum_of(values, rate_hz or 1.0, step)
+    noisy = seen is not None and _own_noise(seen, step) > _DITHER * step
+    limit = None if seen is None or rate_hz is None else seen.limit_hz
     share = float(missing.mean()) if len(values) else 1.0
     found = []
     if share:
@@ -199,11 +201,15 @@ def _look(
             )
         )  # fmt: skip
     if kind == "effort":
-        found += _of_effort(log, name, step, alpha)
+        found += _of_counts(log, name, step)
+        # a current without noise rests on a level, and a drive holds it at its limit on purpose
+        current = log.roles.get("motor_current_a") == name
+        found += _of_converter(log, name, alpha) if noisy and not current else ()
     if (
         kind in ("velocity", "effort")
         and seen is not None
-        and _is_coarse(values, step, seen, level=kind == "velocity")
+        and not noisy
+        and step / np.sqrt(12.0) > _COARSE * _size(values, kind)
     ):
         found.append(
             Finding(
@@ -225,34 +231,38 @@ def _look(
         band = 0.5 * rate if limit is None else limit
     noise = None if seen is None else seen.noise
     facts = ChannelFacts(name, unit, rate, band, step or None, noise, share, held)
-    return facts, seen, found
+    return facts, seen if rate_hz is not None else None, found
 
 
-def _is_coarse(values: FloatArray, step: float, seen: Spectrum, *, level: bool) -> bool:
-    """Return whether noise does not smooth the steps, and these are material.
-
-    Beside the root mean square where the level counts, as of a speed, else beside what changes.
-    """
-    noise = np.sqrt(max(seen.noise**2 - step**2 / 12.0, 0.0))
-    size = float(np.sqrt(np.nanmean(values**2))) if level else float(np.nanstd(values))
-    return bool(noise < _DITHER * step and step / np.sqrt(12.0) > _COARSE * size)
+def _own_noise(seen: Spectrum, step: float) -> float:
+    """Return the noise of a channel without that of its rounding."""
+    return float(np.sqrt(max(seen.noise**2 - step**2 / 12.0, 0.0)))
 
 
-def _of_effort(log: Log, name: str, step: float, alpha: float) -> Iterator[Finding]:
-    """Return what a converter did to a torque or a current."""
-    values, unit = log.channels[name], log.units.get(name, "")
+def _size(values: FloatArray, kind: str) -> float:
+    """Return what steps are held against: the level of a speed, what changes of a torque."""
+    return float(np.sqrt(np.nanmean(values**2)) if kind == "velocity" else np.nanstd(values))
+
+
+def _of_counts(log: Log, name: str, step: float) -> Iterator[Finding]:
+    """Return what is missing beside raw counts."""
     bits = log.signed.get(name)
     if bits:
         yield Finding(
             "unsigned", name, f"whole numbers at both ends of {bits} bits",
             f"signed numbers were stored without their sign: import them with @int{bits}",
         )  # fmt: skip
-    if not unit and step == 1.0:
+    if not log.units.get(name) and step == 1.0:
         yield Finding(
             "no-scale", name, "whole numbers without a unit",
             "how many N m one of them is, is not in the file: no torque, and no inertia, can be "
             "told in size",
         )  # fmt: skip
+
+
+def _of_converter(log: Log, name: str, alpha: float) -> Iterator[Finding]:
+    """Return where a torque ended or stood still."""
+    values, unit = log.channels[name], log.units.get(name, "")
     piled = piled_up(values, alpha)
     if piled is not None:
         limit, count = piled
@@ -281,8 +291,11 @@ def _derived(
     pair = None if shaft is None else derivation(shaft)
     if shaft is not None and pair is not None:
         seen = spectra.get(log.roles[shaft.names[1]])
-        limit = None if seen is None else seen.limit_hz
-        if same_to_the_end(_pace(shaft), shaft.velocity_rad_s, 1.0 / shaft.period_s, limit):
+        limit, rate = None if seen is None else seen.limit_hz, 1.0 / shaft.period_s
+        angle = spectrum_of(np.where(shaft.good, shaft.moves_rad, np.nan), rate, 0.0)
+        # an angle without noise lends none: it shows nothing of where the velocity is from
+        noisy = angle is not None and angle.limit_hz is None
+        if noisy and same_to_the_end(_pace(shaft), shaft.velocity_rad_s, rate, limit):
             yield log.roles[pair[0]], log.roles[pair[1]]
     torque = next((log.roles[n] for n in _TORQUES if n in log.roles), None)
     current = log.roles.get("motor_current_a")
