@@ -104,7 +104,7 @@ def _log_line(inspection: Mapping[str, Any] | None) -> str:
     found = [f"{one['name']} {one['channel'] or ''}".strip() for one in inspection["findings"]]
     shown = ", ".join(found[:_SHOWN_FINDINGS])
     more = f" and {len(found) - _SHOWN_FINDINGS} more" if len(found) > _SHOWN_FINDINGS else ""
-    told = f"{shown}{more}; hdbench inspect says what follows" if found else "nothing limits it"
+    told = f"{shown}{more} (hdbench inspect)" if found else "nothing limits it"
     return f"{inspection['sampling']['rate_hz']:.5g} Hz: {told}"
 
 

@@ -109,7 +109,7 @@ def _show(console: Console, body: Mapping[str, Any]) -> None:
     for line in lines:
         console.print(line, markup=False, highlight=False, soft_wrap=True)
     console.print(
-        f"{len(body['findings'])} findings" if body["findings"] else "Nothing found.",
+        f"findings: {len(body['findings'])}" if body["findings"] else "Nothing found.",
         style="bold",
         markup=False,
     )

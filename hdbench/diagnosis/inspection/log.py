@@ -20,10 +20,10 @@ from hdbench.records import Trace, read_trace
 from hdbench.records.trace import FloatArray
 from hdbench.records.tracefile import TRACE_COLUMNS
 
-__all__ = ["KINDS", "MOST_ROWS", "Log", "read_log"]
+__all__ = ["KINDS", "MOST_VALUES", "Log", "read_log"]
 
-MOST_ROWS = 4_000_000
-"""Rows that are looked at of one file: what they say of it, the rest says too."""
+MOST_VALUES = 20_000_000
+"""Values that are looked at of one file, 160 MB: what they say of it, the rest says too."""
 
 KINDS = {
     "given": (("reference_v", "load_torque_nm", "torque_filtered_online_nm"), ()),
@@ -145,7 +145,8 @@ def read_log(path: Path, *, topic: str | None = None, joint: str | None = None) 
         clock = max(dict.fromkeys(clocks), key=clocks.count)
         own = [c for c in numbers if c.clock == clock]
         time = time_candidate(own)
-        values, _ = read_numbers(source, [c.name for c in own], MOST_ROWS)
+        most = MOST_VALUES // len(own)
+        values, _ = read_numbers(source, [c.name for c in own], most)
     time_s = None
     if time is not None:
         scale = unit_scale(time.unit, "s")
@@ -159,6 +160,10 @@ def read_log(path: Path, *, topic: str | None = None, joint: str | None = None) 
             high = values[name] >= 2.0 ** (bits - 1)
             values[name] = np.where(high, values[name] - 2.0**bits, values[name])
     others = sorted({c.clock for c in numbers} - {clock})
+    notes = [f"channels of clock {name!r} are not looked at" for name in others[:20]]
+    rows = len(next(iter(values.values()), ()))
+    if rows >= most:
+        notes.append(f"only the first {rows} rows are looked at")
     return Log(
         values,
         {c.name: c.unit for c in own if c.name in values},
@@ -166,5 +171,5 @@ def read_log(path: Path, *, topic: str | None = None, joint: str | None = None) 
         {target: name for target, name in roles.items() if name in values},
         str(path),
         signed={name: bits for name, bits in signed.items() if name in values},
-        notes=tuple(f"channels of clock {name!r} are not looked at" for name in others[:20]),
+        notes=tuple(notes),
     )
