@@ -22,7 +22,7 @@ _SHOWN = 3
 
 
 @click.command(
-    "inspect", epilog="Examples: hdbench inspect trace.csv; hdbench inspect robot.db3 --json"
+    "inspect", epilog="Examples: hdbench inspect trace.csv; hdbench inspect runs/RUN --json"
 )
 @click.argument("source", metavar="FILE_OR_RUN", type=StoredPath())
 @click.option("--topic", metavar="NAME", help="Topic, sheet or group of channels to look at.")
