@@ -28,6 +28,8 @@ _WORDS = {
     "cannot-tell": "These data cannot tell.",
 }
 _LEFT = "Nothing found, but more is left than noise."
+# findings of the inspection that are named
+_SHOWN_FINDINGS = 3
 # effects listed with the smallest size that would have been found, beside causes and alone
 _SHOWN_LIMITS = 2
 _SHOWN_LIMITS_ALONE = 12
@@ -70,6 +72,7 @@ def show(console: Console, result: Mapping[str, Any], folder: Path | None = None
     console.print(words, style="bold", markup=False)
     if result["reason"]:
         console.print(result["reason"], markup=False)
+    _show_words(console, "log", _log_line(result.get("inspection")))
     _show_words(console, "left out", left_out_line(result))
     _show_part(console, result.get("part"))
     sketched = folder if len(result["causes"]) <= _SKETCHED else None
@@ -96,6 +99,17 @@ def show(console: Console, result: Mapping[str, Any], folder: Path | None = None
             + (f" of {flag['record']}" if flag.get("record") else ""),
             markup=False,
         )
+
+
+def _log_line(inspection: Mapping[str, Any] | None) -> str:
+    """Return the rate of the log and what limits it; nothing for loads, which have no clock."""
+    if inspection is None or inspection["sampling"]["rate_hz"] is None:
+        return ""
+    found = [f"{one['name']} {one['channel'] or ''}".strip() for one in inspection["findings"]]
+    shown = ", ".join(found[:_SHOWN_FINDINGS])
+    more = f" and {len(found) - _SHOWN_FINDINGS} more" if len(found) > _SHOWN_FINDINGS else ""
+    told = f"{shown}{more} (hdbench inspect)" if found else "nothing limits it"
+    return f"{inspection['sampling']['rate_hz']:.5g} Hz: {told}"
 
 
 def _plain(console: Console) -> bool:

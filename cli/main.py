@@ -33,6 +33,7 @@ _COMMANDS: dict[str, tuple[str, str]] = {
     "simulate": ("simulate", "Compute the bench model, alone or on a measured motion."),
     "emulate": ("emulate", "Serve the emulated bench over Modbus TCP."),
     "report": ("report", "Write runs as one offline HTML file with CSV and JSON."),
+    "inspect": ("inspect", "Say what a log can tell, and what it cannot."),
     "regress": ("regress", "Re-evaluate stored traces and compare with stored results."),
     "import": ("import_", "Bring in traces and loads from other programs."),
     "runs": ("runs", "List, show, verify, resume and compare runs."),

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import json
+import sys
 from pathlib import Path
+from typing import Any
 
 import click
 
+from hdbench.errors import UsageError
 from hdbench_cli.output import Output
+from hdbench_cli.parameters import StoredPath
 
 __all__ = ["command"]
 
@@ -69,8 +73,31 @@ def check(output: Output, files: tuple[str, ...]) -> None:
     )
 
 
-@command.command("new", epilog="Example: hdbench profile new my-bench --out my-bench.toml")
+@command.command(
+    "new",
+    epilog="Examples: hdbench profile new my-bench --out my-bench.toml; hdbench profile new arm "
+    "--from trace.csv --gear-ratio 100 --load-inertia 0.4 --out arm.toml",
+)
 @click.argument("name")
+@click.option(
+    "--from",
+    "source",
+    metavar="TRACE",
+    type=StoredPath(),
+    help="Fill limits, rates, steps and noise from this trace or run.",
+)
+@click.option("--gear-ratio", type=float, help="Motor turns per output turn; 1 without a gear.")
+@click.option("--load-inertia", type=float, metavar="KG_M2", help="Of the load, about the output.")
+@click.option("--rated-torque", type=float, metavar="N_M", help="At the output.")
+@click.option(
+    "--order",
+    "orders",
+    type=float,
+    multiple=True,
+    help="Cycles per motor turn that every fit holds; may be repeated.  [default: 2 and 4 for a "
+    "strain wave gear, whose ratio is 30 to 320; else 1]",
+)
+@click.option("--no-input", is_flag=True, help="Never ask.")
 @click.option(
     "--out",
     metavar="FILE",
@@ -78,19 +105,84 @@ def check(output: Output, files: tuple[str, ...]) -> None:
     help="File to write; else the text goes to stdout.",
 )
 @click.pass_obj
-def new(output: Output, name: str, out: Path | None) -> None:
-    """Make a profile to start from, with meaning and unit of every key."""
+def new(
+    output: Output,
+    name: str,
+    source: Path | None,
+    gear_ratio: float | None,
+    load_inertia: float | None,
+    rated_torque: float | None,
+    orders: tuple[float, ...],
+    no_input: bool,
+    out: Path | None,
+) -> None:
+    """Make a profile to start from, with meaning and unit of every key.
+
+    With --from it is filled from a log; what no log tells is asked for, or given by options.
+    """
     from hdbench.profile import new_profile
     from hdbench.records import result_header, write_new
 
-    text = new_profile(name)
+    more: dict[str, Any] = {}
+    if source is None:
+        if (gear_ratio, load_inertia, rated_torque) != (None, None, None) or orders:
+            raise UsageError(
+                "--gear-ratio, --load-inertia, --rated-torque and --order go with --from",
+                where="hdbench profile new",
+                fix="give --from TRACE, or change the values in the file",
+            )
+        text = new_profile(name)
+    else:
+        from hdbench.diagnosis.bench import Known, bench_of_trace
+        from hdbench.records import read_trace, resolve_input
+
+        ask = not no_input and not output.json and sys.stdin.isatty()
+        known = Known(
+            _asked(gear_ratio, "--gear-ratio", "Motor turns per output turn", ask),
+            _asked(load_inertia, "--load-inertia", "Inertia of the load at the output, kg m2", ask),
+            rated_torque,
+            orders,
+        )
+        bench = bench_of_trace(read_trace(resolve_input(source)), name, known)
+        text, more = bench.text, bench.to_dict()
     if out is not None:
         write_new(out, text.encode())
-    body = {"name": name, "path": None if out is None else str(out), "text": text}
+    body = {"name": name, "path": None if out is None else str(out), **more, "text": text}
+    # the text may go into a file by a redirection: what is said about it does not belong there
+    if more and not output.json:
+        for line in _told(more):
+            output.note(line)
     output.result(
         {**result_header("profile-new", None), **body},
         lambda _console: click.echo(text if out is None else f"{out}\n", nl=False),
     )
+
+
+def _asked(value: float | None, option: str, question: str, ask: bool) -> float:
+    """Return a value that no log tells: given, or asked for."""
+    if value is not None:
+        return value
+    if not ask:
+        raise UsageError(
+            f"{question.lower()}: not given, and no log tells it",
+            where="hdbench profile new --from",
+            fix=f"give {option}",
+        )
+    return float(click.prompt(question, type=float, err=True))
+
+
+def _told(bench: dict[str, Any]) -> list[str]:
+    """Return what was filled, and what such a bench supports, as lines."""
+    lines = [f"{one['key']} = {one['value']}  ({one['because']})" for one in bench["filled"]]
+    for what in ("experiments", "causes"):
+        good = [one["name"] for one in bench[what] if one["supported"]]
+        lines.append(f"{what} that this log supports: {', '.join(good) or 'none'}")
+        reasons: dict[str, list[str]] = {}
+        for one in bench[what]:
+            if not one["supported"]:
+                reasons.setdefault(one["because"], []).append(one["name"])
+        lines += [f"  not {', '.join(names)}: {why}" for why, names in reasons.items()]
+    return lines
 
 
 @command.command("schema", epilog="Example: hdbench profile schema")

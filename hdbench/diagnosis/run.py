@@ -12,6 +12,7 @@ from hdbench.diagnosis.answer.filtergain import filter_gain
 from hdbench.diagnosis.answer.maps import code_map
 from hdbench.diagnosis.answer.result import Diagnosis
 from hdbench.diagnosis.dynamic import diagnose_trace
+from hdbench.diagnosis.inspection import Inspection, inspect_trace
 from hdbench.diagnosis.part import MOST_SAMPLES, Part, part_of
 from hdbench.diagnosis.planning import Proposal, plan_for_result, write_plan
 from hdbench.diagnosis.static import diagnose_loads
@@ -83,6 +84,7 @@ class _Input:
     trace: Trace
     scale: TorqueScale
     part: Part | None
+    log: Inspection
 
 
 @dataclass(frozen=True, slots=True)
@@ -314,13 +316,14 @@ def _input(
 ) -> _Input:
     """Return the part of a record to diagnose, scaled to N m."""
     held, part = part_of(read_trace(file), options.from_s, options.to_s, most=most)
-    return _Input(*_scaled(held, source, profile), part)
+    return _Input(*_scaled(held, source, profile), part, inspect_trace(held, profile.data))
 
 
 def _of_input(given: _Input | None) -> dict[str, Any]:
     return {
         "torque_scale": None if given is None else given.scale.to_dict(),
         "part": None if given is None or given.part is None else given.part.to_dict(),
+        "inspection": None if given is None else given.log.to_dict(),
     }
 
 

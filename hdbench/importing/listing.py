@@ -16,7 +16,7 @@ from hdbench.importing.source import Channel, Source
 from hdbench.importing.stated import own_time
 from hdbench.importing.units import unit_scale
 
-__all__ = ["ChannelFacts", "list_channels"]
+__all__ = ["ChannelFacts", "list_channels", "read_numbers"]
 
 # rows that are looked at: enough to see what a channel is, whatever the size of the file
 LOOKED_AT = 200_000
@@ -93,8 +93,32 @@ def _values(source: Source, raw: NDArray[Any]) -> tuple[NDArray[np.float64], boo
     return values, words
 
 
-def _read(source: Source, names: Sequence[str]) -> tuple[dict[str, Any], dict[str, bool]]:
-    """Return the first values of channels of one clock, and which of them hold words."""
+def read_numbers(
+    source: Source, names: Sequence[str], most_rows: int = LOOKED_AT
+) -> tuple[dict[str, NDArray[np.float64]], dict[str, bool]]:
+    """Read the first values of channels of one clock.
+
+    Parameters
+    ----------
+    source : Source
+        The file.
+    names : sequence of str
+        Channels.
+    most_rows : int
+        Rows after which reading ends, to the next piece.
+
+    Returns
+    -------
+    values : dict of str to ndarray
+        Numbers, NaN where there is none.
+    words : dict of str to bool
+        Which of the channels hold words.
+
+    Raises
+    ------
+    DataError
+        If the file is damaged.
+    """
     parts: dict[str, list[NDArray[np.float64]]] = {name: [] for name in names}
     words = dict.fromkeys(names, False)
     rows = 0
@@ -104,7 +128,7 @@ def _read(source: Source, names: Sequence[str]) -> tuple[dict[str, Any], dict[st
             parts[name].append(values)
             words[name] |= found
         rows += len(next(iter(piece.values())))
-        if rows >= LOOKED_AT:
+        if rows >= most_rows:
             break
     return {n: np.concatenate(p) if p else np.empty(0) for n, p in parts.items()}, words
 
@@ -155,7 +179,7 @@ def list_channels(source: Source, time: str | None = None) -> list[ChannelFacts]
     numbers = {c.name: k for k, c in enumerate(source.channels, 1)}
     for clock in dict.fromkeys(c.clock for c in source.channels):
         own = [c for c in source.channels if c.clock == clock]
-        values, words = _read(source, [c.name for c in own])
+        values, words = read_numbers(source, [c.name for c in own])
         rate = _rate(source, clock, values, time)
         for channel in own:
             found = values[channel.name]

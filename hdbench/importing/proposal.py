@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import shlex
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,7 @@ from hdbench.importing.recipe import Recipe
 from hdbench.importing.source import Channel
 from hdbench.importing.units import bare_name, target_unit, unit_scale
 
-__all__ = ["Proposal", "proposed_mapping", "time_candidate"]
+__all__ = ["Proposal", "is_measured", "is_unit", "proposed_mapping", "time_candidate"]
 
 # words that name a quantity, the more telling ones first
 _WORDS = {
@@ -55,6 +55,10 @@ class Proposal:
         Joints that there are, where the mapping takes one of several.
     no_time : bool
         Whether the file has no time, so that it cannot be taken without a rate.
+    extra : tuple of str
+        Options that the command has beside those of the recipe.
+    channels : dict of str to str
+        Channel behind each column that is proposed.
     """
 
     recipe: Recipe
@@ -63,6 +67,7 @@ class Proposal:
     joints: tuple[str, ...] = ()
     no_time: bool = False
     extra: tuple[str, ...] = ()
+    channels: dict[str, str] = field(default_factory=dict)
 
     def command(self, file: Path, out: Path) -> str:
         """Return the command that takes this mapping."""
@@ -132,8 +137,35 @@ def time_candidate(channels: Sequence[Channel]) -> Channel | None:
     return next(iter([*own, *named, *united]), None)
 
 
+def is_measured(name: str) -> bool:
+    """Return whether a channel's name does not say that it was asked for or estimated.
+
+    Parameters
+    ----------
+    name : str
+        Name of a channel.
+
+    Returns
+    -------
+    bool
+    """
+    return not _NOT_MEASURED & set(_tokens(name))
+
+
 def is_unit(channel: Channel, wanted: str) -> bool:
-    """Return whether a channel states a unit of a quantity."""
+    """Return whether a channel states a unit of a quantity.
+
+    Parameters
+    ----------
+    channel : Channel
+        A channel.
+    wanted : str
+        Unit of one of our columns.
+
+    Returns
+    -------
+    bool
+    """
     scale = unit_scale(channel.unit, wanted) if channel.unit else None
     return scale is not None and not scale.is_nan()
 
@@ -270,4 +302,5 @@ def proposed_mapping(
     if no_time:
         extra += ["--rate", "RATE_HZ"]
         needs.append("RATE_HZ: the rate at which it was sampled; it is not in the file")
-    return Proposal(recipe, reasons, tuple(needs), tuple(joints), no_time, tuple(extra))
+    behind = {target: fact.channel.name for target, (fact, _) in best.items()}
+    return Proposal(recipe, reasons, tuple(needs), tuple(joints), no_time, tuple(extra), behind)

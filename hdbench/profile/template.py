@@ -48,7 +48,7 @@ def _comment(field: FieldInfo) -> list[str]:
     return textwrap.wrap(text, 96, initial_indent="# ", subsequent_indent="# ")
 
 
-def _table(model: BaseModel, name: str, header: str) -> Iterator[str]:
+def _table(model: BaseModel, name: str, header: str, reasons: Mapping[str, str]) -> Iterator[str]:
     """Yield the lines of one table: plain keys first, then the tables below it."""
     fields = type(model).model_fields
     below: list[tuple[str, Any]] = []
@@ -62,37 +62,41 @@ def _table(model: BaseModel, name: str, header: str) -> Iterator[str]:
             below.append((key, value))
             continue
         yield from _comment(field)
-        yield f"# {key} =" if value is None else f"{key} = {_value(value)}"
+        why = reasons.get(f"{name}.{key}")
+        line = f"# {key} =" if value is None else f"{key} = {_value(value)}"
+        yield f"{line}  # {why}" if why else line
     for key, value in below:
         path = f"{name}.{key}" if name else key
         if isinstance(value, BaseModel):
-            yield from _table(value, path, f"[{path}]")
+            yield from _table(value, path, f"[{path}]", reasons)
         else:
             for item in value:
-                yield from _table(item, path, f"[[{path}]]")
+                yield from _table(item, path, f"[[{path}]]", reasons)
 
 
 def _tables_in(value: object) -> bool:
     return isinstance(value, tuple) and bool(value) and isinstance(value[0], BaseModel)
 
 
-def new_profile(name: str) -> str:
+def new_profile(name: str, filled: Mapping[str, tuple[Any, str]] | None = None) -> str:
     """Return the text of a new profile, with the meaning and unit of every key in a comment.
 
     Parameters
     ----------
     name : str
         Name of the new bench: small letters, digits, ``.``, ``_``, ``-``; at most 64.
+    filled : mapping of str to tuple of (value, str), optional
+        Values that are known, by their dotted key, and where each comes from.
 
     Returns
     -------
     str
-        TOML text with the values of the report's bench, to be changed one by one.
+        TOML text; what is not filled has the value of the report's bench.
 
     Raises
     ------
     ProfileError
-        If `name` is not such a name.
+        If `name` is not such a name, or a value is outside of its domain.
     """
     try:
         TypeAdapter(Name).validate_python(name)
@@ -104,9 +108,37 @@ def new_profile(name: str) -> str:
         ) from error
     start = load_profile(_START).data
     changes: Mapping[str, Any] = {"name": name, "description": f"bench {name}"}
+    what = f"Every value is still that of {_START}: go through them one by one."
+    if filled:
+        what = f"What bears no reason is still that of {_START}: go through it."
     lines = [
-        f"# A new bench. Every value is still that of {_START}: go through them one by one.",
+        f"# A new bench. {what}",
         "# Units stand in the key names; 'hdbench profile check FILE' checks this file.",
-        *_table(start.model_copy(update=changes), "", ""),
+        *_table(
+            _changed(start, filled or {}).model_copy(update=changes),
+            "",
+            "",
+            {key: why for key, (_, why) in (filled or {}).items()},
+        ),
     ]
     return "\n".join(lines) + "\n"
+
+
+def _changed(start: ProfileData, filled: Mapping[str, tuple[Any, str]]) -> ProfileData:
+    """Return a profile with other values."""
+    body = start.model_dump()
+    for key, (value, _) in filled.items():
+        *tables, last = key.split(".")
+        table = body
+        for part in tables:
+            table = table[part]
+        table[last] = value
+    try:
+        return ProfileData.model_validate(body)
+    except ValidationError as error:
+        first = error.errors()[0]
+        raise ProfileError(
+            f"{'.'.join(map(str, first['loc']))}: {first['msg']}; found {first['input']!r:.60}",
+            where="values of the new profile",
+            fix="give another value",
+        ) from error

@@ -193,6 +193,8 @@ records[].input | text | | file
 records[].input_sha256 | text | | its SHA-256
 records[].torque_scale | table | | gain that scaled its torque, and where it is from
 records[].part | table or null | | what was diagnosed of a longer record
+records[].inspection | table | | what its log can tell, as `hdbench inspect` gives it
+inspection | table or null | | what the log can tell, as `hdbench inspect` gives it
 """
 _FILTER = """
 filter_name | text | | model that filtered

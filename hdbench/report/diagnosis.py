@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from hdbench.report import inspection
 from hdbench.report.columns import read_columns
 from hdbench.report.diagnosis_limits import left_out_line, rest_line
 from hdbench.report.diagnosis_tables import tables
@@ -226,5 +227,7 @@ def pictures(source: Source, prefix: str, doubts: list[str]) -> tuple[Picture, .
         for file in sorted(source.folder.glob("*spectrum*.csv"))
         if (table := read_columns(file)) is not None
     }
-    drawn = residual_pictures(columns, spectra, prefix)
-    return drawn + map_pictures(source.folder, prefix)
+    drawn = residual_pictures(columns, spectra, prefix) + map_pictures(source.folder, prefix)
+    inspected = source.result.get("inspection")
+    bands = inspection.picture(inspected, prefix) if inspected else None
+    return drawn if bands is None else (*drawn, bands)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from hdbench.report import inspection
 from hdbench.report.diagnosis_limits import hidden_names
 from hdbench.report.elements import Table
 from hdbench.report.numbers import DASH, name_words, plain, probability, stated, unit_of, unit_words
@@ -48,7 +49,9 @@ def tables(result: Mapping[str, Any]) -> tuple[Table, ...]:
         Table("Smallest effect this record would have shown", _LEAST_HEAD, least),
         _names(result),
     )
-    return tuple(table for table in found if table.rows)
+    inspected = result.get("inspection")
+    told = inspection.tables(inspected) if inspected else ()
+    return (*(table for table in found if table.rows), *told)
 
 
 def _voices(result: Mapping[str, Any]) -> Table:

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from hdbench.diagnosis.inspection import inspect_trace
 from hdbench.errors import DataError
-from hdbench.report import calibration, diagnosis, misalignment, ripple
+from hdbench.report import calibration, diagnosis, inspection, misalignment, ripple
 from hdbench.report.about import filter_tables, provenance, raw_files
 from hdbench.report.elements import KeyNumber, Picture, Section, Table, Verdict
 from hdbench.report.source import Source
@@ -76,10 +77,10 @@ def make_section(source: Source, number: int, out: Path) -> Section:
     doubts = list(source.doubts)
     prefix = f"r{number}-" + re.sub(r"[^A-Za-z0-9]+", "-", source.kind)
     if kind is None or not source.result:
-        drawn = _data_pictures(source, prefix, doubts)
+        drawn, tables = _of_data(source, prefix, doubts)
         verdict = Verdict("look" if kind is None else "bad", _without_result(source))
         title = kind.title if kind is not None else f"File {source.run_id}"
-        return _section(source, out, doubts, _Body(title, verdict, "", (), drawn, ()))
+        return _section(source, out, doubts, _Body(title, verdict, "", (), drawn, tables))
     try:
         verdict = kind.verdict(source.result)
         words = kind.summary(source.result, source)
@@ -109,12 +110,21 @@ def _without_result(source: Source) -> str:
     return f"No verdict: {source.run_id} holds data without a result."
 
 
-def _data_pictures(source: Source, prefix: str, doubts: list[str]) -> tuple[Picture, ...]:
+def _of_data(
+    source: Source, prefix: str, doubts: list[str]
+) -> tuple[tuple[Picture, ...], tuple[Table, ...]]:
+    """Return what can be drawn and told of data without a result."""
     if source.trace is not None:
-        return ripple.pictures(source, prefix, doubts)
+        drawn = ripple.pictures(source, prefix, doubts)
+        if source.profile is None:
+            return drawn, ()
+        seen = inspect_trace(source.trace, source.profile.data)
+        body = seen.to_dict()
+        bands = inspection.picture(body, prefix, seen.spectra)
+        return (*drawn, *([bands] if bands else [])), inspection.tables(body)
     if source.loads is not None:
-        return calibration.data_pictures(source, prefix)
-    return ()
+        return calibration.data_pictures(source, prefix), ()
+    return (), ()
 
 
 def _section(source: Source, out: Path, doubts: list[str], body: _Body) -> Section:

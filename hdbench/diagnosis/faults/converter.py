@@ -144,6 +144,8 @@ def coarse_steps(values: FloatArray) -> Steps | None:
     span = float(levels[-1] - levels[0])
     # the resolution of 8-byte numbers makes one level of two
     levels = levels[np.concatenate([[True], np.diff(levels) > 1e-9 * span])]
+    if len(levels) < _LEVELS:
+        return None
     step = float(np.median(np.diff(levels)))
     order = np.argsort(np.abs(levels - np.median(present)))
     # from the nearest levels outwards, so that no level is taken for its neighbour
@@ -151,8 +153,10 @@ def coarse_steps(values: FloatArray) -> Steps | None:
         centre = levels[order][:reach] - levels[order][0]
         numbers = np.round(centre / step)
         step = float(numbers @ centre / max(float(numbers @ numbers), 1.0))
+        if not step > 0.0:
+            return None
     off = centre / step - numbers
-    if not step > 0.0 or float(np.mean(np.cos(2.0 * np.pi * off))) < _ON_GRID:
+    if float(np.mean(np.cos(2.0 * np.pi * off))) < _ON_GRID:
         return None
     # a rounded level is off by up to half a unit of the grid below; at least double rounding
     std = step * max(float(np.std(off)), 1e-12) / float(np.linalg.norm(numbers))

@@ -1,0 +1,175 @@
+"""A log to look at: a trace, or a file of another program as it is."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from contextlib import closing
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from hdbench.errors import DataError
+from hdbench.importing.listing import list_channels, read_numbers
+from hdbench.importing.proposal import is_measured, is_unit, proposed_mapping, time_candidate
+from hdbench.importing.recipe import Recipe
+from hdbench.importing.registry import open_source
+from hdbench.importing.source import Channel
+from hdbench.importing.units import target_unit, unit_scale
+from hdbench.records import Trace, read_trace
+from hdbench.records.trace import FloatArray
+from hdbench.records.tracefile import TRACE_COLUMNS
+
+__all__ = ["KINDS", "MOST_VALUES", "Log", "read_log"]
+
+MOST_VALUES = 20_000_000
+"""Values that are looked at of one file, 160 MB: what they say of it, the rest says too."""
+
+KINDS = {
+    "given": (("reference_v", "load_torque_nm", "torque_filtered_online_nm"), ()),
+    "angle": (("motor_angle_rad", "encoder_count", "output_angle_rad"), ("rad",)),
+    "velocity": (("motor_velocity_rad_s", "tacho_v"), ("rad/s",)),
+    "effort": (("torque_nm", "torque_v", "motor_current_a"), ("N m", "A")),
+    "slow": (("temperature_c",), ("degC",)),
+}
+"""What a channel measures: columns of a trace, and units."""
+
+# endings of a trace: a file of one of them may be one
+_TRACES = (".csv", ".gz", ".parquet")
+
+
+@dataclass(frozen=True, slots=True)
+class Log:
+    """Channels of one clock.
+
+    Parameters
+    ----------
+    channels : mapping of str to ndarray, shape (n,)
+        Samples by the name that the file gives them; NaN where there is none.
+    units : mapping of str to str
+        Unit of each; empty text where none is stated.
+    time_s : ndarray, shape (n,), or None
+        Stamps, s, as they are; None where the file has none.
+    roles : mapping of str to str
+        Channel that plays the part of a column of a trace, by the column's name.
+    source : str
+        Where it came from.
+    stage : ndarray or None
+        Stage of a plan at each row: between two of them no sample was due.
+    signed : mapping of str to int
+        Channels that held signed numbers without their sign, and their bits; here with it.
+    notes : tuple of str
+        What is not looked at.
+    """
+
+    channels: Mapping[str, FloatArray]
+    units: Mapping[str, str]
+    time_s: FloatArray | None
+    roles: Mapping[str, str]
+    source: str
+    stage: FloatArray | None = None
+    signed: Mapping[str, int] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+
+    def __len__(self) -> int:
+        return len(next(iter(self.channels.values()), ()))
+
+    @classmethod
+    def of_trace(cls, trace: Trace) -> Log:
+        """Return the log that a trace is."""
+        told = {n: v for n, v in trace.columns.items() if n not in ("time_s", "stage")}
+        units = {name: target_unit(name) for name in told}
+        roles = {name: name for name in told if name in TRACE_COLUMNS}
+        stage = trace.columns.get("stage")
+        return cls(told, units, trace.time_s, roles, trace.source, stage)
+
+    def kind(self, name: str) -> str:
+        """Return what a channel measures, by its part and its unit: a word of `KINDS`, or none."""
+        if name not in self.roles.values() and not is_measured(name):
+            return "given"
+        for kind, (columns, wanted) in KINDS.items():
+            if any(self.roles.get(column) == name for column in columns):
+                return kind
+            if any(is_unit(Channel(name, self.units.get(name, "")), unit) for unit in wanted):
+                return kind
+        return ""
+
+    def role(self, *names: str) -> FloatArray | None:
+        """Return the channel that plays the first of these parts that is there."""
+        name = next((self.roles[n] for n in names if n in self.roles), None)
+        return None if name is None else self.channels[name]
+
+
+def read_log(path: Path, *, topic: str | None = None, joint: str | None = None) -> Log:
+    """Read a trace, or a log of another program.
+
+    Parameters
+    ----------
+    path : Path
+        Any file that the import reads.
+    topic, joint : str or None
+        Which channels of it.
+
+    Returns
+    -------
+    Log
+        Of the channels with the clock that has most of them.
+
+    Raises
+    ------
+    DataError
+        If the file is damaged or holds no number.
+    UsageError
+        If its reader is not installed, or there is no such topic or joint.
+    """
+    path = Path(path)
+    if path.suffix in _TRACES and path.is_file() and topic is None and joint is None:
+        try:
+            return Log.of_trace(read_trace(path, require=()))
+        except DataError:
+            pass  # a log of another program, or one whose stamps no trace may have
+    recipe = Recipe(topic=topic, joint=joint)
+    with closing(open_source(path, recipe.layout, recipe.asked)) as source:
+        time = time_candidate(source.channels)
+        facts = list_channels(source, None if time is None else time.name)
+        numbers = [f.channel for f in facts if f.least is not None]
+        signed = {f.channel.name: f.bits for f in facts if f.bits}
+        if not numbers:
+            raise DataError(
+                "no channel holds a number; needed: at least one",
+                where=str(path),
+                fix="check that this is the right file",
+            )
+        roles = proposed_mapping(facts, recipe, source.channels).channels
+        clocks = [c.clock for c in numbers if c.name in roles.values()] or [numbers[0].clock]
+        clock = max(dict.fromkeys(clocks), key=clocks.count)
+        own = [c for c in numbers if c.clock == clock]
+        time = time_candidate(own)
+        most = MOST_VALUES // len(own)
+        values, _ = read_numbers(source, [c.name for c in own], most)
+    time_s = None
+    if time is not None:
+        scale = unit_scale(time.unit, "s")
+        # counted from the first: seconds since 1970 leave few digits for the steps
+        stamps = values.pop(time.name)
+        time_s = (stamps - stamps[0]) * float(scale if scale and not scale.is_nan() else 1)
+    # a second stamp is no measurement
+    values = {c.name: values[c.name] for c in own if c.name in values and not is_unit(c, "s")}
+    for name, bits in signed.items():
+        if name in values:
+            high = values[name] >= 2.0 ** (bits - 1)
+            values[name] = np.where(high, values[name] - 2.0**bits, values[name])
+    others = sorted({c.clock for c in numbers} - {clock})
+    notes = [f"channels of clock {name!r} are not looked at" for name in others[:20]]
+    rows = len(next(iter(values.values()), ()))
+    if rows >= most:
+        notes.append(f"only the first {rows} rows are looked at")
+    return Log(
+        values,
+        {c.name: c.unit for c in own if c.name in values},
+        time_s,
+        {target: name for target, name in roles.items() if name in values},
+        str(path),
+        signed={name: bits for name, bits in signed.items() if name in values},
+        notes=tuple(notes),
+    )
