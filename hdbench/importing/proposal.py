@@ -202,7 +202,10 @@ def _words_for(target: str, facts: ChannelFacts, joint_side: bool) -> tuple[str,
 
 
 def proposed_mapping(
-    facts: Sequence[ChannelFacts], given: Recipe, channels: Sequence[Channel]
+    facts: Sequence[ChannelFacts],
+    given: Recipe,
+    channels: Sequence[Channel],
+    bench: str | None = None,
 ) -> Proposal:
     """Propose a mapping.
 
@@ -214,6 +217,8 @@ def proposed_mapping(
         What was said already: topic, joint, side, rate, layout.
     channels : sequence of Channel
         All channels of the file.
+    bench : str or None
+        Profile of the drive; angles of its joint are turned into those of the motor by it alone.
 
     Returns
     -------
@@ -258,6 +263,10 @@ def proposed_mapping(
     if joint_side and given.side != "output":
         recipe = recipe.with_side("output")
         reasons["--side output"] = "a joint is named: angles and velocities are behind the gear"
+    if joint_side:
+        extra += ["--profile", bench or "PROFILE.toml"]
+        if bench is None:
+            needs.append("PROFILE.toml: the profile of this drive, for its gear ratio")
     if joints and given.joint is None:
         recipe = recipe.with_joint(joints[0])
         reasons["--joint"] = f"one of {len(joints)} joints: {', '.join(joints)}"

@@ -1,6 +1,7 @@
 """Logs of every format become the same trace; damaged ones are refused in one line.
 
-Formats whose library is not installed are skipped: `make import-formats` installs them all.
+Formats whose library is not installed are skipped: `make formats`, a part of `make test`, installs
+them all.
 """
 
 from __future__ import annotations
@@ -309,6 +310,7 @@ def test_a_recipe_is_kept_and_a_slip_in_it_is_told(tmp_path: Path) -> None:
     folder = tmp_path / "traces"
     folder.mkdir()
     words = ["import", str(file), "--recipe", str(kept), "--out", str(folder), "--json"]
+    words += ["--profile", "cim-tr-97-06"]
     with pytest.raises(SystemExit) as end:
         main(words)
     assert end.value.code == 0
@@ -345,12 +347,23 @@ def test_the_proposed_command_can_be_taken(
     assert len(read_trace(tmp_path / "sample.trace.csv")) == 200
 
 
-def test_the_joint_side_needs_a_gear_ratio(tmp_path: Path) -> None:
+def test_the_joint_side_needs_a_gear_ratio(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     columns = {"t": np.arange(3.0), "q": np.arange(3.0), "T": np.ones(3)}
     np.savez(tmp_path / "log.npz", **columns)
     asked = Recipe(map={"time_s": "t", "motor_angle_rad": "q", "torque_nm": "T"}, side="output")
     with pytest.raises(UsageError, match="gear ratio"):
         import_files(asked.plan(None), [tmp_path / "log.npz"], tmp_path / "out.csv")
+    # that of the built-in bench is none of this drive
+    words = ["--side", "output", "--map", "time_s=t", "--map", "motor_angle_rad=q"]
+    code, body = listing(
+        capsys, tmp_path / "log.npz", *words, "--map", "torque_nm=T", "--out", tmp_path / "out.csv"
+    )
+    assert code == 2
+    assert "--profile" in body["error"]["fix"]  # type: ignore[index]
+    code, body = listing(capsys, tmp_path / "log.npz", "--side", "output")
+    assert any(need.startswith("PROFILE.toml") for need in body["proposal"]["needs"])  # type: ignore[index]
 
 
 _STATES = {"torque_nm": "effort", "motor_angle_rad": "position", "motor_velocity_rad_s": "velocity"}
