@@ -169,9 +169,11 @@ def _choose(
 
 def _shortest(name: str, channels: Sequence[Channel], joint: str | None) -> str:
     """Return the end of a name that is enough to find it."""
-    parts = name.split("/")
+    # a unit behind the name may hold a stroke too
+    bare = bare_name(name)
+    parts = bare.split("/")
     for k in range(len(parts) - 1, -1, -1):
-        short = "/".join(parts[k:])
+        short = "/".join(parts[k:]) + name[len(bare) :]
         alike = [c for c in channels if c.name == short or c.name.endswith(f"/{short}")]
         if joint is not None:
             alike = [c for c in alike if joint in c.name.split("/")] or alike

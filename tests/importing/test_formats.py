@@ -347,6 +347,18 @@ def test_the_proposed_command_can_be_taken(
     assert len(read_trace(tmp_path / "sample.trace.csv")) == 200
 
 
+def test_a_proposal_does_not_cut_a_name_within_its_unit(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "log.csv"
+    rows = "".join(f"{k},1500,{k % 3}\n" for k in range(9))
+    file.write_text("Zeit [ms],Drehzahl [1/min],Drehmoment [Nm]\n" + rows)
+    _, body = listing(capsys, file)
+    proposal = body["proposal"]
+    assert isinstance(proposal, dict)
+    assert proposal["map"]["motor_velocity_rad_s"] == "Drehzahl [1/min]@1/min"
+
+
 def test_the_joint_side_needs_a_gear_ratio(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
