@@ -104,7 +104,7 @@ def _refuse(event: str, _arguments: tuple[object, ...]) -> None:
 
 
 def _write(file: Any, head: dict[str, Any], arrays: Sequence[NDArray[Any] | list[str]]) -> None:
-    bodies: list[bytes] = []
+    bodies: list[bytes | memoryview] = []
     kinds = []
     for values in arrays:
         if isinstance(values, list):
@@ -114,7 +114,7 @@ def _write(file: Any, head: dict[str, Any], arrays: Sequence[NDArray[Any] | list
         else:
             plain = np.ascontiguousarray(values)
             kinds.append((plain.dtype.str, len(plain)))
-            bodies.append(plain.tobytes())
+            bodies.append(plain.data)
     body = json.dumps({**head, "kinds": kinds}).encode()
     file.write(len(body).to_bytes(8, "little") + body)
     for part in bodies:
