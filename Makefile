@@ -3,14 +3,15 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test check venv dev coverage-campaign blind bench faults faults-all firmware-check import-formats docs clean
+.PHONY: demo test check venv dev coverage-campaign blind bench faults faults-all firmware-check formats import-formats bench-import real docs clean
 
 demo: $(VENV)/.installed
 	$(BIN)/hdbench demo
 
 test: $(VENV)/.dev
-	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist worksteal -q
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist worksteal -q --ignore tests/importing/test_formats.py
 	tools/check $(BIN)
+	$(MAKE) formats
 
 check: $(VENV)/.dev
 	tools/check $(BIN)
@@ -58,11 +59,24 @@ firmware-check: $(VENV)/.installed
 	    $(MAKE) -C build/firmware target; \
 	else echo "not run on a Cortex-M4F: tools are missing"; fi
 
-# Readers of logs with the libraries that they need, and 2 000 mutated files of each format.
-import-formats: $(VENV)/.dev
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable ".[dev,logs]" mcap netCDF4 polars XlsxWriter
-	$(BIN)/python -m pytest -q tests/importing
+# Readers of logs with the libraries that they need; `import-formats` adds 2 000 mutated files of each format.
+formats: $(VENV)/.formats
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist worksteal -q tests/importing/test_formats.py
+
+import-formats: formats
 	$(BIN)/python tools/import_fuzz.py
+
+$(VENV)/.formats: $(VENV)/.dev
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable ".[dev,logs]" mcap netCDF4 polars XlsxWriter
+	touch $@
+
+# Reading a million rows of each format, beside the library alone.
+bench-import: $(VENV)/.formats
+	$(BIN)/python tools/bench_import.py
+
+# docs/public-logs.md: every public record in HDBENCH_DATA, from its raw file to a diagnosis.
+real: $(VENV)/.formats
+	OMP_NUM_THREADS=1 $(BIN)/python tools/real.py
 
 bench: $(VENV)/.dev
 	$(BIN)/python tools/bench.py

@@ -85,7 +85,7 @@ def _show_listing(
 
 
 def _listing(
-    output: Output, file: Path, recipe: Recipe, profile: Profile, *, ask: bool
+    output: Output, file: Path, recipe: Recipe, profile: Profile, bench: str | None, *, ask: bool
 ) -> Proposal | None:
     """Show what is in a file and what is proposed; return what a person takes at once."""
     from contextlib import closing
@@ -98,7 +98,7 @@ def _listing(
     with closing(open_source(file, recipe.layout, recipe.asked)) as source:
         time = time_candidate(source.channels)
         facts = list_channels(source, None if time is None else time.name)
-        proposal = proposed_mapping(facts, recipe, source.channels)
+        proposal = proposed_mapping(facts, recipe, source.channels, bench)
     out = _default_out(file)
     if proposal.no_time and output.json:
         raise _no_time(file)
@@ -137,9 +137,10 @@ def _default_out(file: Path) -> Path:
     name="import",
     epilog="Examples: hdbench import log.mat; hdbench import log.csv --time t_ms@ms --map "
     "torque_nm=Torque --map motor_velocity_rad_s=rpm@rpm --out trace.csv; hdbench import "
-    "robot.npz --joint 2 --side output --time t --map torque_nm=tau_2 --map motor_angle_rad=q_2 "
-    "--map motor_velocity_rad_s=qd_2 --out joint.csv; hdbench import --kind trace stream_0.dat "
-    "--from-logger labjack --map torque_v=v0 --map tacho_v=v1 --out trace.csv; hdbench import "
+    "robot.npz --joint 2 --side output --profile robot.toml --time t --map torque_nm=tau_2 "
+    "--map motor_angle_rad=q_2 --map motor_velocity_rad_s=qd_2 --out joint.csv; "
+    "hdbench import --kind trace stream_0.dat --from-logger labjack --map torque_v=v0 "
+    "--map tacho_v=v1 --out trace.csv; hdbench import "
     "--kind staircase weights.csv --time t_ms*0.001 --map reading_v=counts --loads 0,1,2,1,0 "
     "--load-unit kg --out loads.csv",
 )
@@ -182,7 +183,7 @@ def _default_out(file: Path) -> Path:
 @click.option(
     "--side",
     type=click.Choice(["motor", "output"]),
-    help="output: angles and velocities are of the joint; the profile's gear ratio makes them "
+    help="output: angles and velocities are of the joint; the gear ratio of --profile makes them "
     "those of the motor.  [default: motor]",
 )
 @click.option(
@@ -329,11 +330,13 @@ def command(
         recipe = recipe.over(read_recipe(recipe_file))
     if out is None and not recipe.map and not recipe.set and len(files) == 1:
         ask = not no_input and sys.stdin.isatty()
-        taken = _listing(output, files[0], recipe, profile, ask=ask)
+        taken = _listing(output, files[0], recipe, profile, profile_name, ask=ask)
         if taken is None:
             return
         recipe, out = taken.taken(), _default_out(files[0])
-    _run(output, recipe, files, _needed(out), profile)
+    # the gear ratio of a bench that nobody named is none of this drive
+    ratio = None if profile_name is None else profile.data.drive.gear_ratio
+    _run(output, recipe, files, _needed(out), profile, ratio)
     if keep and recipe_file is not None:
         write_recipe(recipe_file, recipe)
         output.note(f"mapping kept as {recipe_file}")
@@ -346,13 +349,18 @@ def _needed(out: Path | None) -> Path:
 
 
 def _run(
-    output: Output, recipe: Recipe, files: tuple[Path, ...], out: Path, profile: Profile
+    output: Output,
+    recipe: Recipe,
+    files: tuple[Path, ...],
+    out: Path,
+    profile: Profile,
+    gear_ratio: float | None,
 ) -> None:
     """Import into one file, or each file into a folder."""
     from hdbench.importing.plan import import_files
     from hdbench.records import result_header
 
-    plan, arm = recipe.plan(profile.data.drive.gear_ratio), profile.data.arm
+    plan, arm = recipe.plan(gear_ratio), profile.data.arm
     if not out.is_dir():
         report = import_files(plan, files, out, arm)
         body = {**result_header("import", profile), **report.to_dict()}

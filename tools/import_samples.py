@@ -19,9 +19,11 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["MAPS", "SAMPLES", "have", "signals", "write_sample"]
+__all__ = ["MAPS", "SAMPLES", "Signals", "have", "signals", "write_sample"]
 
 _RATE_HZ = 500.0
+_UNITS = {"time": "s", "speed": "rpm", "torque": "Nm"}
+Signals = dict[str, np.ndarray[Any, Any]]
 _MAPS = ["torque_nm=torque", "motor_velocity_rad_s=speed@rpm"]
 _JOINT = ["torque_nm=effort", "motor_velocity_rad_s=velocity", "motor_angle_rad=position"]
 # what maps each sample to a trace
@@ -35,7 +37,7 @@ MAPS = {
 }  # fmt: skip
 
 
-def signals(rows: int = 200) -> dict[str, np.ndarray[Any, Any]]:
+def signals(rows: int = 200) -> Signals:
     """Return time, s, speed, rpm, and torque, N m."""
     time = np.arange(rows) / _RATE_HZ
     speed = 500.0 + 20.0 * np.sin(2.0 * np.pi * 3.0 * time)
@@ -47,24 +49,22 @@ def have(*libraries: str) -> bool:
     return all(importlib.util.find_spec(name) is not None for name in libraries)
 
 
-def _text(path: Path, rows: int) -> None:
-    kept = signals(rows)
+def _text(path: Path, kept: Signals) -> None:
     lines = ["# made by a bench", "time,speed,torque", "s,rpm,Nm"]
     lines += [",".join(f"{v:.12g}" for v in row) for row in zip(*kept.values(), strict=True)]
     path.write_text("\n".join(lines) + "\n")
 
 
-def _gz(path: Path, rows: int) -> None:
+def _gz(path: Path, kept: Signals) -> None:
     import gzip
 
     plain = path.with_suffix(".plain")
-    _text(plain, rows)
+    _text(plain, kept)
     path.write_bytes(gzip.compress(plain.read_bytes(), mtime=0))
     plain.unlink()
 
 
-def _json(path: Path, rows: int) -> None:
-    kept = signals(rows)
+def _json(path: Path, kept: Signals) -> None:
     entries = [
         dict(zip(kept, row, strict=True)) for row in np.array(list(kept.values())).T.tolist()
     ]
@@ -80,32 +80,31 @@ def _npy_bytes(array: np.ndarray[Any, Any]) -> bytes:
     return b"\x93NUMPY\x01\x00" + struct.pack("<H", len(head)) + head.encode() + array.tobytes()
 
 
-def _npz(path: Path, rows: int) -> None:
+def _npz(path: Path, kept: Signals) -> None:
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
-        for name, values in signals(rows).items():
+        for name, values in kept.items():
             archive.writestr(f"{name}.npy", _npy_bytes(values))
 
 
-def _npy(path: Path, rows: int) -> None:
-    kept = signals(rows)
-    table = np.zeros(rows, dtype=[(name, "<f8") for name in kept])
+def _npy(path: Path, kept: Signals) -> None:
+    table = np.zeros(len(kept["time"]), dtype=[(name, "<f8") for name in kept])
     for name, values in kept.items():
         table[name] = values
     path.write_bytes(_npy_bytes(table))
 
 
-def _mat5(path: Path, rows: int) -> None:
+def _mat5(path: Path, kept: Signals) -> None:
     from scipy.io import savemat
 
-    columns = {name: values[:, None] for name, values in signals(rows).items()}
+    columns = {name: values[:, None] for name, values in kept.items()}
     savemat(path, {**columns, "kt": 2.5, "log": {"note": "a bench", "extra": np.arange(5.0)}})
 
 
-def _mat73(path: Path, rows: int) -> None:
+def _mat73(path: Path, kept: Signals) -> None:
     """Write what MATLAB writes: HDF5 behind 512 bytes of its own, vectors lying."""
     h5py: Any = importlib.import_module("h5py")
     with h5py.File(path, "w", userblock_size=512) as file:
-        for name, values in signals(rows).items():
+        for name, values in kept.items():
             data = file.create_dataset(name, data=values[None, :])
             data.attrs["MATLAB_class"] = np.bytes_("double")
     head = b"MATLAB 7.3 MAT-file, Platform: GLNXA64, made for a test".ljust(124) + b"\x00\x02IM"
@@ -113,33 +112,33 @@ def _mat73(path: Path, rows: int) -> None:
         file.write(head)
 
 
-def _hdf5(path: Path, rows: int) -> None:
+def _hdf5(path: Path, kept: Signals) -> None:
     netcdf: Any = importlib.import_module("netCDF4")
     with netcdf.Dataset(path, "w", format="NETCDF4") as file:
-        file.createDimension("n", rows)
-        for name, values in signals(rows).items():
+        file.createDimension("n", len(kept["time"]))
+        for name, values in kept.items():
             column = file.createVariable(name, "f8", ("n",))
             column[:] = values
-            column.units = {"time": "s", "speed": "rpm", "torque": "Nm"}[name]
+            column.units = _UNITS.get(name, "")
 
 
-def _parquet(path: Path, rows: int) -> None:
+def _parquet(path: Path, kept: Signals) -> None:
     polars: Any = importlib.import_module("polars")
-    polars.DataFrame(signals(rows)).write_parquet(path)
+    polars.DataFrame(kept).write_parquet(path)
 
 
-def _excel(path: Path, rows: int) -> None:
+def _excel(path: Path, kept: Signals) -> None:
     xlsxwriter: Any = importlib.import_module("xlsxwriter")
     book = xlsxwriter.Workbook(str(path))
     sheet = book.add_worksheet("Log")
     sheet.write(0, 0, "made by a bench")
-    for k, (name, values) in enumerate(signals(rows).items()):
+    for k, (name, values) in enumerate(kept.items()):
         sheet.write(2, k, name)
-        sheet.write_column(3, k, values.tolist())
+        sheet.write_column(3, k, [None if v != v else v for v in values.tolist()])
     book.close()
 
 
-def _tdms(path: Path, rows: int) -> None:
+def _tdms(path: Path, kept: Signals) -> None:
     """Write one segment as National Instruments describes it ("TDMS File Format Internal")."""
 
     def text(word: str) -> bytes:
@@ -148,13 +147,12 @@ def _tdms(path: Path, rows: int) -> None:
     def double(name: str, value: float) -> bytes:
         return text(name) + struct.pack("<Id", 10, value)
 
-    kept = signals(rows)
-    units = {"speed": "rpm", "torque": "Nm"}
+    units = {name: _UNITS.get(name, "") for name in kept if name != "time"}
     meta = struct.pack("<I", 2 + len(units))
     for name in ("/", "/'Bench'"):
         meta += text(name) + struct.pack("<II", 0xFFFFFFFF, 0)
     for name, unit in units.items():
-        meta += text(f"/'Bench'/'{name}'") + struct.pack("<IIIQI", 20, 10, 1, rows, 3)
+        meta += text(f"/'Bench'/'{name}'") + struct.pack("<IIIQI", 20, 10, 1, len(kept[name]), 3)
         meta += double("wf_increment", 1.0 / _RATE_HZ) + double("wf_start_offset", 0.0)
         meta += text("unit_string") + struct.pack("<I", 0x20) + text(unit)
     data = b"".join(kept[name].astype("<f8").tobytes() for name in units)
@@ -162,10 +160,9 @@ def _tdms(path: Path, rows: int) -> None:
     path.write_bytes(lead + meta + data)
 
 
-def _mdf(path: Path, rows: int) -> None:
+def _mdf(path: Path, kept: Signals) -> None:
     asammdf: Any = importlib.import_module("asammdf")
-    kept = signals(rows)
-    units = {"speed": "rpm", "torque": "Nm"}
+    units = {name: _UNITS.get(name, "") for name in kept if name != "time"}
     made = [
         asammdf.Signal(kept[name], kept["time"], unit=unit, name=name)
         for name, unit in units.items()
@@ -179,10 +176,9 @@ def _mdf(path: Path, rows: int) -> None:
     path.write_bytes(buffer.getvalue())
 
 
-def _joint_state(k: int, *, ros2: bool) -> tuple[int, bytes]:
+def _joint_state(kept: Signals, k: int, *, ros2: bool) -> tuple[int, bytes]:
     """Return the time, ns, and the bytes of one sensor_msgs/JointState of two joints."""
-    kept = signals(k + 1)
-    nanoseconds = round(1e9 * k / _RATE_HZ) + 1_700_000_000 * 10**9
+    nanoseconds = round(1e9 * float(kept["time"][k])) + 1_700_000_000 * 10**9
     velocity = float(kept["speed"][k]) * np.pi / 30.0
     out = bytearray()
 
@@ -205,14 +201,14 @@ def _joint_state(k: int, *, ros2: bool) -> tuple[int, bytes]:
     put("I", 2)
     text("elbow")
     text("wrist")
-    position = 52.0 * k / _RATE_HZ
+    position = 52.0 * float(kept["time"][k])
     for pair in ((position, 0.0), (velocity, 0.0), (float(kept["torque"][k]), 0.0)):
         put("I", 2)
         put("dd", *pair)
     return nanoseconds, (b"\0\1\0\0" if ros2 else b"") + bytes(out)
 
 
-def _db3(path: Path, rows: int) -> None:
+def _db3(path: Path, kept: Signals) -> None:
     """Write the tables of a bag of ROS 2, as the older ones without definitions have them."""
     path.unlink(missing_ok=True)
     base = sqlite3.connect(path)
@@ -224,8 +220,8 @@ def _db3(path: Path, rows: int) -> None:
     )
     row = (1, "/joint_states", "sensor_msgs/msg/JointState", "cdr", "")
     base.execute("INSERT INTO topics VALUES (?, ?, ?, ?, ?)", row)
-    for k in range(rows):
-        message = (k + 1, 1, *_joint_state(k, ros2=True))
+    for k in range(len(kept["time"])):
+        message = (k + 1, 1, *_joint_state(kept, k, ros2=True))
         base.execute("INSERT INTO messages VALUES (?, ?, ?, ?)", message)
     base.commit()
     base.close()
@@ -247,7 +243,7 @@ uint32 nanosec
 """
 
 
-def _mcap(path: Path, rows: int) -> None:
+def _mcap(path: Path, kept: Signals) -> None:
     writer_of: Any = importlib.import_module("mcap.writer")
     with path.open("wb") as file:
         writer = writer_of.Writer(file)
@@ -258,13 +254,13 @@ def _mcap(path: Path, rows: int) -> None:
         channel = writer.register_channel(
             topic="/joint_states", message_encoding="cdr", schema_id=schema
         )
-        for k in range(rows):
-            at, data = _joint_state(k, ros2=True)
+        for k in range(len(kept["time"])):
+            at, data = _joint_state(kept, k, ros2=True)
             writer.add_message(channel_id=channel, log_time=at, data=data, publish_time=at)
         writer.finish()
 
 
-def _ros1(path: Path, rows: int) -> None:
+def _ros1(path: Path, kept: Signals) -> None:
     path.unlink(missing_ok=True)
     rosbag1: Any = importlib.import_module("rosbags.rosbag1")
     typesys: Any = importlib.import_module("rosbags.typesys")
@@ -272,13 +268,13 @@ def _ros1(path: Path, rows: int) -> None:
     with rosbag1.Writer(path) as writer:
         name = "sensor_msgs/msg/JointState"
         connection = writer.add_connection("/joint_states", name, typestore=store)
-        for k in range(rows):
-            at, data = _joint_state(k, ros2=False)
+        for k in range(len(kept["time"])):
+            at, data = _joint_state(kept, k, ros2=False)
             writer.write(connection, at, data)
 
 
 # ending, libraries that read and write it, writer
-SAMPLES: dict[str, tuple[str, tuple[str, ...], Callable[[Path, int], None]]] = {
+SAMPLES: dict[str, tuple[str, tuple[str, ...], Callable[[Path, Signals], None]]] = {
     "text": (".csv", (), _text),
     "gz": (".csv.gz", (), _gz),
     "json": (".json", (), _json),
@@ -297,9 +293,9 @@ SAMPLES: dict[str, tuple[str, tuple[str, ...], Callable[[Path, int], None]]] = {
 }
 
 
-def write_sample(form: str, folder: Path, rows: int = 200) -> Path:
-    """Write one sample and return its path."""
+def write_sample(form: str, folder: Path, kept: Signals | None = None) -> Path:
+    """Write one sample and return its path; `kept` has what `signals` gives, and perhaps more."""
     ending, _, writer = SAMPLES[form]
     path = folder / f"sample{ending}"
-    writer(path, rows)
+    writer(path, signals() if kept is None else kept)
     return path

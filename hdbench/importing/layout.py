@@ -181,6 +181,11 @@ def table_layout(
     # a row with one bad cell is data too: who reads it names the cell
     while start and fits(rows[start - 1][1]) and share(rows[start - 1][1]) >= 0.5:
         start -= 1
+    # a column without any number ends the names, and perhaps the rows too
+    names_row = rows[start - 1][1] if named and start else []
+    wide = _filled(names_row)
+    if all(map(str.strip, names_row[:width])) and all(len(cells) >= wide for cells in tail):
+        width = max(width, wide if not any(map(is_number, names_row)) else 0)
     block = _header_block(rows, start, width, comments) if named else []
     names, units = _names_and_units([cells for _, cells in block], width)
     above = {place for place, _ in block}

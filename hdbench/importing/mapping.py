@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from decimal import Decimal
 
-from hdbench.errors import UsageError
+from hdbench.errors import DataError, HdbenchError, UsageError
 from hdbench.importing.source import Channel, Source, find_channel, listed
 from hdbench.importing.units import known_unit
 
@@ -212,7 +212,13 @@ def _linear(source: Source, text: str, option: str) -> SourceColumn | None:
     return SourceColumn(channel, scale, Decimal(match["offset"] or 0), plain=False)
 
 
-def _no_channel(source: Source, text: str, option: str) -> UsageError:
+def _no_channel(source: Source, text: str, option: str) -> HdbenchError:
+    if any(note.startswith(f"{text} = ") for note in source.notes):
+        return DataError(
+            f"{text!r:.80} is a single number, 1 row; needed: at least 2",
+            where=str(source.path),
+            fix="record again, or check that this is the right file",
+        )
     names = [channel.name for channel in source.channels]
     near = difflib.get_close_matches(text, names, n=1)
     hint = f"did you mean {near[0]!r}? " if near else ""

@@ -201,9 +201,11 @@ def _choose(
 
 def _shortest(name: str, channels: Sequence[Channel], joint: str | None) -> str:
     """Return the end of a name that is enough to find it."""
-    parts = name.split("/")
+    # a unit behind the name may hold a stroke too
+    bare = bare_name(name)
+    parts = bare.split("/")
     for k in range(len(parts) - 1, -1, -1):
-        short = "/".join(parts[k:])
+        short = "/".join(parts[k:]) + name[len(bare) :]
         alike = [c for c in channels if c.name == short or c.name.endswith(f"/{short}")]
         if joint is not None:
             alike = [c for c in alike if joint in c.name.split("/")] or alike
@@ -234,7 +236,10 @@ def _words_for(target: str, facts: ChannelFacts, joint_side: bool) -> tuple[str,
 
 
 def proposed_mapping(
-    facts: Sequence[ChannelFacts], given: Recipe, channels: Sequence[Channel]
+    facts: Sequence[ChannelFacts],
+    given: Recipe,
+    channels: Sequence[Channel],
+    bench: str | None = None,
 ) -> Proposal:
     """Propose a mapping.
 
@@ -246,6 +251,8 @@ def proposed_mapping(
         What was said already: topic, joint, side, rate, layout.
     channels : sequence of Channel
         All channels of the file.
+    bench : str or None
+        Profile of the drive; angles of its joint are turned into those of the motor by it alone.
 
     Returns
     -------
@@ -290,6 +297,10 @@ def proposed_mapping(
     if joint_side and given.side != "output":
         recipe = recipe.with_side("output")
         reasons["--side output"] = "a joint is named: angles and velocities are behind the gear"
+    if joint_side:
+        extra += ["--profile", bench or "PROFILE.toml"]
+        if bench is None:
+            needs.append("PROFILE.toml: the profile of this drive, for its gear ratio")
     if joints and given.joint is None:
         recipe = recipe.with_joint(joints[0])
         reasons["--joint"] = f"one of {len(joints)} joints: {', '.join(joints)}"

@@ -9,8 +9,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from hdbench.errors import DataError, HdbenchError, UsageError
-from hdbench.importing.source import Asked, Piece, Source, damaged
+from hdbench.errors import DataError
+from hdbench.importing.isolated import open_isolated
+from hdbench.importing.source import Asked, Piece, Source, told
 from hdbench.importing.text import ForeignFormat, open_text
 
 __all__ = ["FORMATS", "Format", "open_source"]
@@ -121,8 +122,8 @@ class _Guarded(Source):
         """Yield what the reader yields."""
         try:
             yield from self._inner.pieces(names)
-        except BaseException as error:
-            raise _told(self.path, self.form, error) from error
+        except Exception as error:
+            raise told(self.path, self.form, error) from error
 
     def place(self, row: int) -> str:
         """Return what the reader returns."""
@@ -131,17 +132,6 @@ class _Guarded(Source):
     def close(self) -> None:
         """Close the reader."""
         self._inner.close()
-
-
-def _told(path: Path, form: str, error: BaseException) -> BaseException:
-    """Return what a reader raised as an error of ours; what is none of the file's stays."""
-    if isinstance(error, HdbenchError) or not isinstance(error, Exception):
-        return error
-    if isinstance(error, MemoryError):
-        return damaged(path, form, "it asks for more memory than there is")
-    if isinstance(error, PermissionError):
-        return DataError("cannot read: no right to", where=str(path), fix="ask for the right to it")
-    return damaged(path, form, error)
 
 
 def _head(path: Path) -> bytes:
@@ -209,10 +199,10 @@ def open_source(path: Path, layout: ForeignFormat, asked: Asked | None = None) -
     path = Path(path)
     kind = _chosen(path, _head(path))
     try:
-        source = open_text(path, layout) if kind is None else _reader(kind, path)(path)
-    except BaseException as error:
+        source = open_text(path, layout) if kind is None else _reader(kind, path)
+    except Exception as error:
         form = "text" if kind is None else kind.name
-        raise _told(path, form, error) from error
+        raise told(path, form, error) from error
     guarded = _Guarded(source)
     if not guarded.channels:
         guarded.close()
@@ -223,16 +213,9 @@ def open_source(path: Path, layout: ForeignFormat, asked: Asked | None = None) -
     return guarded
 
 
-def _reader(kind: Format, path: Path) -> Callable[[Path], Source]:
+def _reader(kind: Format, path: Path) -> Source:
     if kind.library:
-        try:
-            importlib.import_module(kind.library)
-        except ImportError as error:
-            raise UsageError(
-                f"{kind.library} is not installed; needed for a {kind.name}",
-                where=str(path),
-                fix=f"pip install 'hdbench[{kind.extra}]'",
-            ) from error
+        return open_isolated(path, kind.name, kind.module, kind.library, kind.extra)
     module: Any = importlib.import_module(f"hdbench.importing.readers.{kind.module}")
-    opener: Callable[[Path], Source] = module.open_file
-    return opener
+    source: Source = module.open_file(path)
+    return source

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hdbench.errors import DataError, UsageError
+from hdbench.errors import DataError, HdbenchError, UsageError
 from hdbench.importing.units import bare_name
 
 __all__ = [
@@ -27,6 +27,7 @@ __all__ = [
     "damaged",
     "find_channel",
     "spelled",
+    "told",
     "told_apart",
 ]
 
@@ -196,6 +197,17 @@ def damaged(path: Path, form: str, error: BaseException | str) -> DataError:
         where=str(path),
         fix="copy the file again, or write it again with the program that made it",
     )
+
+
+def told(path: Path, form: str, error: Exception) -> HdbenchError:
+    """Return what a reader raised as an error of ours."""
+    if isinstance(error, HdbenchError):
+        return error
+    if isinstance(error, MemoryError):
+        return damaged(path, form, "it asks for more memory than there is")
+    if isinstance(error, PermissionError):
+        return DataError("cannot read: no right to", where=str(path), fix="ask for the right to it")
+    return damaged(path, form, error)
 
 
 def find_channel(source: Source, name: str) -> Channel | None:

@@ -25,7 +25,7 @@ from hdbench.importing.layout import (
     text_layout,
     uses_decimal_comma,
 )
-from hdbench.importing.source import PIECE_ROWS, Channel, Piece, Source, told_apart
+from hdbench.importing.source import PIECE_ROWS, Channel, Piece, Source, damaged, told_apart
 from hdbench.importing.units import stated_unit
 from hdbench.records.textfile import data_error
 
@@ -153,6 +153,11 @@ def _raw_lines(path: Path) -> Iterator[bytes]:
     size = path.stat().st_size
     with path.open("rb") as raw:
         packed = raw.read(2) == b"\x1f\x8b"
+        if packed and size > 8:
+            raw.seek(-8, 2)
+            # the check sum and the length of what is packed; zeros are searched through one by one
+            if raw.read(8) == bytes(8):
+                raise damaged(path, "gzip file", "it ends with zeros")
         raw.seek(0)
         file: IO[bytes] | gzip.GzipFile = gzip.GzipFile(fileobj=raw) if packed else raw
         total, number = 0, 0
@@ -188,9 +193,7 @@ def _lines(path: Path, skip: int) -> Iterator[str]:
         fix = "save the file as UTF-8, comma separated"
         raise data_error(path, number, "not UTF-8 text", fix) from error
     except (EOFError, zlib.error, gzip.BadGzipFile) as error:
-        raise DataError(
-            f"damaged gzip file: {error}", where=str(path), fix="copy the file again"
-        ) from error
+        raise damaged(path, "gzip file", str(error)) from error
 
 
 def open_text(path: Path, layout: ForeignFormat) -> CellsSource:

@@ -13,7 +13,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO, Any
 
-from hdbench.devices.children import child_command
+from hdbench.children import child_command
 from hdbench.devices.emulator.machine import Pace
 from hdbench.errors import DeviceError, HdbenchError, ProfileError
 from hdbench.profile.schema import ProfileData

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from hdbench.devices.children import child_command
+from hdbench.children import child_command
 from hdbench.devices.guard.order import Check, GuardOrder, Look, Target, target_at
 from hdbench.devices.wire import read_registers, write_register
 from hdbench.profile.acquiring import Acquisition, CompositeAcquisition, NodeAcquisition

@@ -43,6 +43,8 @@ def open_file(path: Path) -> Source:
     sheets = [sheet for sheet in book.worksheets if hasattr(sheet, "iter_rows")]
     for sheet in sheets:
         head = [row for row, _ in zip(_cells(sheet), range(SEARCHED_LINES), strict=False)]
+        widest = max((len(cells) for _, cells in head), default=0)
+        head = [(number, [*cells, *[""] * widest][:widest]) for number, cells in head]
         layout = table_layout(head, ",", named=True)
         if layout is None:
             empty.append(sheet.title)

@@ -40,7 +40,7 @@ class _Variable:
 
 def _upright(array: NDArray[Any]) -> NDArray[Any]:
     """Return a row vector as a column; what is wider than long lies on its side too."""
-    return array.T if array.ndim == 2 and array.shape[0] < array.shape[1] else array
+    return array.T if array.ndim == 2 and 0 < array.shape[0] < array.shape[1] else array
 
 
 def open_file(path: Path) -> Source:
@@ -61,7 +61,7 @@ def open_file(path: Path) -> Source:
             loaded = loadmat(str(path), variable_names=[name], simplify_cells=True)[name]
             arrays += _inside(name, loaded, 0)
             continue
-        upright = shape[::-1] if len(shape) == 2 and shape[0] < shape[1] else shape
+        upright = shape[::-1] if len(shape) == 2 and 0 < shape[0] < shape[1] else shape
         variable = _Variable(path, name)
         arrays.append(NamedArray(name, tuple(upright), np.dtype(np.float64), variable.read))
     return ArraySource(path, _FORM, arrays)

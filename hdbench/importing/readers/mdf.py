@@ -6,10 +6,7 @@ Each group of channels keeps its own time; groups are never merged.
 from __future__ import annotations
 
 import importlib
-import io
-import logging
 from collections.abc import Iterator, Sequence
-from contextlib import redirect_stdout, suppress
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +20,7 @@ from hdbench.importing.source import (
     Source,
     damaged,
     numbers,
+    spelled,
     told_apart,
 )
 
@@ -36,7 +34,8 @@ class _MdfSource(Source):
     def __init__(self, path: Path, file: Any) -> None:
         super().__init__(path, _FORM)
         self._file = file
-        made: list[tuple[Channel, tuple[int, int]]] = []
+        made: list[tuple[Channel, tuple[int, int, bool]]] = []
+        notes: list[str] = []
         size = path.stat().st_size
         # links of a damaged file may claim any number
         for number, group in enumerate(file.groups):
@@ -55,10 +54,17 @@ class _MdfSource(Source):
                 unit = unit or str(getattr(conversion, "unit", "") or "")
                 timed = index == master
                 name = f"{source}/{channel.name}"
+                # the library would hand a formula of the file to an evaluator of Python
+                if getattr(conversion, "formula", ""):
+                    notes.append(f"{spelled(name)} has a formula, which is not run: left out")
+                    continue
+                # by a table its numbers are words: the numbers themselves are taken
+                coded = bool(getattr(conversion, "referenced_blocks", None))
                 unit = unit or ("s" if timed else "")
-                made.append((Channel(name, unit, str(number), timed, rows), (number, index)))
+                made.append((Channel(name, unit, str(number), timed, rows), (number, index, coded)))
         self.channels = told_apart(path, [channel for channel, _ in made])
         self._places = {c.name: place for c, (_, place) in zip(self.channels, made, strict=True)}
+        self.notes = tuple(notes)
 
     def pieces(self, names: Sequence[str]) -> Iterator[Piece]:
         group = self._places[names[0]][0]
@@ -73,16 +79,15 @@ class _MdfSource(Source):
             yield piece
 
     def _read(self, name: str, group: int, start: int, count: int) -> Any:
-        number, index = self._places[name]
-        # of a damaged group it prints all it knows, where the result of a command belongs
-        with redirect_stdout(io.StringIO()):
-            signal = self._file.get(
-                group=number,
-                index=index,
-                record_offset=start,
-                record_count=count,
-                ignore_invalidation_bits=False,
-            )
+        number, index, coded = self._places[name]
+        signal = self._file.get(
+            group=number,
+            index=index,
+            record_offset=start,
+            record_count=count,
+            ignore_invalidation_bits=False,
+            raw=coded,
+        )
         values = np.asarray(signal.samples)
         found = numbers(values) if values.ndim == 1 else None
         if found is None:
@@ -98,14 +103,8 @@ class _MdfSource(Source):
         self._file.close()
 
 
-def _quiet_end(reader: Any) -> None:
-    with suppress(Exception):
-        reader.close()
-
-
 def open_file(path: Path) -> Source:
     """Open an MDF file."""
-    logging.getLogger("asammdf").setLevel(logging.CRITICAL)
     asammdf: Any = importlib.import_module("asammdf")
     if path.stat().st_size < 64 + 104:
         raise DataError(
@@ -113,12 +112,7 @@ def open_file(path: Path) -> Source:
             where=str(path),
             fix="copy the file again",
         )
-    # the end of one that could not be opened would raise, where nothing can catch it
-    for version, name in (("mdf_v3", "MDF3"), ("mdf_v4", "MDF4")):
-        reader = getattr(importlib.import_module(f"asammdf.blocks.{version}"), name)
-        reader.__del__ = _quiet_end
-    with redirect_stdout(io.StringIO()):
-        file = asammdf.MDF(path)
+    file = asammdf.MDF(path)
     try:
         return _MdfSource(path, file)
     except BaseException:

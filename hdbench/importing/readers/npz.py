@@ -84,11 +84,22 @@ def open_file(path: Path) -> Source:
     with path.open("rb") as file:
         single = file.read(6) == b"\x93NUMPY"
     if single:
-        return _source(path, {path.stem: lambda: path.open("rb")}, None)
+        source = _source(path, {path.stem: lambda: path.open("rb")}, None)
+        _check_length(path)
+        return source
     archive = zipfile.ZipFile(path)
     members = [name for name in archive.namelist() if name.endswith(".npy")]
     names = {name.removesuffix(".npy"): (lambda name=name: archive.open(name)) for name in members}
     return _source(path, names, archive)
+
+
+def _check_length(path: Path) -> None:
+    """Refuse a single array with something behind it."""
+    with path.open("rb") as file:
+        shape, _, dtype = _header(file)
+        needed = file.tell() + int(np.prod(shape, dtype=object)) * dtype.itemsize
+    if path.stat().st_size > needed:
+        raise damaged(path, _FORM, f"{path.stat().st_size} bytes, its array ends at {needed}")
 
 
 def _source(path: Path, names: Mapping[str, _Open], archive: zipfile.ZipFile | None) -> Source:

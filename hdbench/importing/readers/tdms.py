@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib
-import logging
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -103,8 +102,6 @@ def _ns(time: np.datetime64) -> int:
 
 def open_file(path: Path) -> Source:
     """Open a TDMS file."""
-    # what it says of a damaged file is said here, once
-    logging.getLogger("nptdms").setLevel(logging.CRITICAL)
     nptdms: Any = importlib.import_module("nptdms")
     file = nptdms.TdmsFile.open(path, raw_timestamps=False)
     try:

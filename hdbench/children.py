@@ -1,11 +1,11 @@
-"""Python programs of hdbench as children: the standard library before any folder of the user."""
+"""Children of hdbench: how one is started, and how much memory it may hold."""
 
 from __future__ import annotations
 
 import os
 import sys
 
-__all__ = ["child_command"]
+__all__ = ["child_command", "limit_memory"]
 
 
 def child_command(module: str) -> tuple[str, ...]:
@@ -33,3 +33,24 @@ def child_command(module: str) -> tuple[str, ...]:
         f"runpy.run_module({module!r}, run_name='__main__', alter_sys=True)"
     )
     return (sys.executable, "-I", "-S", "-c", program)
+
+
+def limit_memory(most_bytes: int) -> None:
+    """Let this process hold no more memory than that, where the system has such a limit.
+
+    Parameters
+    ----------
+    most_bytes : int
+        Data of the process, bytes: what is asked for beyond it raises `MemoryError`.
+
+    Notes
+    -----
+    Linux counts what is mapped for writing; macOS only what ``brk`` gives, Windows nothing.
+    """
+    try:
+        import resource
+    except ImportError:
+        return
+    _, hard = resource.getrlimit(resource.RLIMIT_DATA)
+    least = most_bytes if hard == resource.RLIM_INFINITY else min(most_bytes, hard)
+    resource.setrlimit(resource.RLIMIT_DATA, (least, hard))

@@ -1,0 +1,140 @@
+"""The process in which libraries read foreign files: what crashes or asks for too much ends here.
+
+It takes orders as lines of JSON on its standard input and answers each with the length of a head,
+the head as JSON, and the arrays that the head describes (`ReaderProcess` is the other end).
+"""
+
+from __future__ import annotations
+
+import importlib
+import json
+import os
+import signal
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hdbench.children import limit_memory
+from hdbench.errors import DataError
+from hdbench.importing.source import Piece, Source, told
+
+__all__ = ["main"]
+
+# with the process that asks, and what both hold beside their data, less than 500 MB
+_MOST_BYTES = 320 << 20
+# what no reader needs: a file that asks for it is not read
+_REFUSED = ("socket.connect", "socket.getaddrinfo", "socket.sendto", "pickle.find_class")
+
+
+@dataclass(slots=True)
+class _Open:
+    """A file that is read: its source, and the pieces that are left."""
+
+    source: Source
+    pieces: Iterator[Piece]
+
+
+_Answer = tuple[dict[str, Any], Sequence[NDArray[Any] | list[str]]]
+
+
+class _Server:
+    def __init__(self) -> None:
+        self._open: dict[int, _Open] = {}
+        self._guarded = False
+
+    def answer(self, order: Mapping[str, Any]) -> _Answer:
+        """Do what is asked; errors of the file are answers too."""
+        number = int(order["file"])
+        try:
+            match order["do"]:
+                case "open":
+                    return self._opened(number, order), ()
+                case "pieces":
+                    file = self._open[number]
+                    file.pieces = file.source.pieces(order["names"])
+                    return {}, ()
+                case "next":
+                    return self._next(number)
+                case "place":
+                    return {"place": self._open[number].source.place(int(order["row"]))}, ()
+                case _:
+                    self._open.pop(number).source.close()
+                    return {}, ()
+        except Exception as error:  # noqa: BLE001 - a library may raise anything on damaged bytes
+            form = str(order["form"])
+            return {"error": told(Path(order["path"]), form, error).to_dict()}, ()
+
+    def _opened(self, number: int, order: Mapping[str, Any]) -> dict[str, Any]:
+        try:
+            importlib.import_module(order["library"])
+            module = importlib.import_module(f"hdbench.importing.readers.{order['module']}")
+        except ImportError:
+            return {"missing": True}
+        if not self._guarded:
+            sys.addaudithook(_refuse)
+            self._guarded = True
+        source: Source = module.open_file(Path(order["path"]))
+        self._open[number] = _Open(source, iter(()))
+        return {
+            "channels": [asdict(channel) for channel in source.channels],
+            "notes": list(source.notes),
+            "decimal_comma": source.decimal_comma,
+        }
+
+    def _next(self, number: int) -> _Answer:
+        piece = next(self._open[number].pieces, None)
+        if piece is None:
+            return {"end": True}, ()
+        arrays = [v.tolist() if v.dtype == object else v for v in piece.values()]
+        return {"names": list(piece)}, arrays
+
+
+def _refuse(event: str, _arguments: tuple[object, ...]) -> None:
+    if event in _REFUSED:
+        raise DataError(
+            f"reading it asks for {event!r}; needed: a file that only holds data",
+            where="the file",
+            fix="do not use this file",
+        )
+
+
+def _write(file: Any, head: dict[str, Any], arrays: Sequence[NDArray[Any] | list[str]]) -> None:
+    bodies: list[bytes | memoryview] = []
+    kinds = []
+    for values in arrays:
+        if isinstance(values, list):
+            text = json.dumps(values).encode()
+            kinds.append(("text", len(text)))
+            bodies.append(text)
+        else:
+            plain = np.ascontiguousarray(values)
+            kinds.append((plain.dtype.str, len(plain)))
+            bodies.append(plain.data)
+    body = json.dumps({**head, "kinds": kinds}).encode()
+    file.write(len(body).to_bytes(8, "little") + body)
+    for part in bodies:
+        file.write(part)
+    file.flush()
+
+
+def main() -> None:
+    """Answer until nobody asks any more."""
+    # the process that asks ends this one; Ctrl-C goes to both
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    answers = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
+    # what a library prints belongs to nobody
+    with open(os.devnull, "w") as nowhere:
+        os.dup2(nowhere.fileno(), sys.stdout.fileno())
+    limit_memory(_MOST_BYTES)
+    server = _Server()
+    for line in sys.stdin.buffer:
+        _write(answers, *server.answer(json.loads(line)))
+
+
+if __name__ == "__main__":
+    main()
