@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from hdbench.errors import DoubtfulDataError, HdbenchError, LimitError, UsageError
-from hdbench_cli.options import out_option, seed_option
+from hdbench_cli.options import drive_option, out_option, seed_option
 from hdbench_cli.output import Output
 from hdbench_cli.parameters import StoredPath
 
@@ -46,6 +46,7 @@ def _list_causes(output: Output, cause_files: tuple[Path, ...]) -> None:
     type=StoredPath(dir_okay=False),
     help="Bench model to hold against the data, such as an extended one; else the profile's.",
 )
+@drive_option
 @out_option
 @click.option(
     "--materiality",
@@ -90,6 +91,7 @@ def command(
     output: Output,
     sources: Sequence[Path],
     profile_name: str | None,
+    drive: str | None,
     model_file: Path | None,
     out: Path,
     materiality: float,
@@ -131,7 +133,7 @@ def command(
     )
     done: list[tuple[Path, dict[str, Any]]] = []
     for source in sources:
-        profile = choose_profile(profile_name, source)
+        profile = choose_profile(profile_name, source, drive)
         with progress_bar("diagnose") as progress:
             done.append(diagnose_run(source, profile, out=out, options=options, progress=progress))
     bodies = [_named(result, folder) for folder, result in done]
