@@ -16,7 +16,7 @@ from hdbench_cli.output import Output
 if TYPE_CHECKING:
     from hdbench.records import RunSummary
 
-__all__ = ["chosen_runs", "filter_options", "list_", "note", "safe_cell"]
+__all__ = ["chosen_runs", "filter_options", "list_", "note"]
 
 F = TypeVar("F", bound=Callable[..., Any])
 _FILTERS = ("kind", "profile", "status", "verdict", "drive", "sensor")
@@ -89,13 +89,6 @@ def chosen_runs(ctx: click.Context, parent: Path, options: dict[str, Any]) -> li
         )
     wanted = {name: options[name] for name in _FILTERS}
     return select_runs(list_runs(parent), wanted, options["since"])
-
-
-def safe_cell(value: object) -> object:
-    """Return a cell that no spreadsheet takes for a formula: such a text gets an apostrophe."""
-    if isinstance(value, str) and value.lstrip()[:1] in ("=", "+", "-", "@"):
-        return f"'{value}"
-    return value
 
 
 def _key(run: RunSummary, name: str) -> str:
@@ -173,6 +166,7 @@ def _write_csv(file: str, runs: list[RunSummary]) -> None:
     import io
 
     from hdbench.records import write_atomic
+    from hdbench.records.table import safe_cell
 
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
