@@ -35,8 +35,8 @@ LEAST_RUNS = 6
 # a level needs two runs: one alone is an outlier, which the individuals chart shows
 _LEAST_LEVEL = 2
 _DRAWS = 10_000
-# finds the scatter between runs to a millionth of the largest range
-_HALVINGS = 20
+# finds the scatter between runs to 1e-4 of the largest range
+_HALVINGS = 14
 # numbers of one array of drawn histories
 _CHUNK = 1_500_000
 # runs whose stds differ by less share the limits of runs that are all alike
