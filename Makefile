@@ -81,6 +81,7 @@ real: $(VENV)/.formats
 bench: $(VENV)/.dev
 	$(BIN)/python tools/bench.py
 	$(BIN)/python tools/bench_plant.py
+	$(BIN)/python tools/bench_index.py
 
 # The documentation as a site in build/site; the reference pages are made from the code first.
 docs: $(VENV)/.dev

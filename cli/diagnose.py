@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from hdbench.errors import DoubtfulDataError, HdbenchError, LimitError, UsageError
-from hdbench_cli.options import out_option, seed_option
+from hdbench_cli.options import drive_option, out_option, seed_option
 from hdbench_cli.output import Output
 from hdbench_cli.parameters import StoredPath
 
@@ -48,6 +48,7 @@ def _list_causes(output: Output, cause_files: tuple[Path, ...]) -> None:
     type=StoredPath(dir_okay=False),
     help="Bench model to hold against the data, such as an extended one; else the profile's.",
 )
+@drive_option
 @out_option
 @click.option(
     "--materiality",
@@ -97,6 +98,7 @@ def command(
     output: Output,
     sources: Sequence[Path],
     profile_name: str | None,
+    drive: str | None,
     model_file: Path | None,
     out: Path,
     materiality: float,
@@ -138,7 +140,7 @@ def command(
         to_s=to_s,
     )
     done: list[tuple[Path, dict[str, Any]]] = []
-    profiles = [choose_profile(profile_name, source) for source in sources]
+    profiles = [choose_profile(profile_name, source, drive) for source in sources]
     if together:
         _one_bench(sources, profiles)
         with progress_bar("diagnose") as progress:

@@ -32,6 +32,7 @@ class Request:
     kind: str
     profile_name: str | None
     out: Path
+    drive: str | None = None
     source: Path | None = None
     address: str | None = None
     control: str | None = None
@@ -55,7 +56,7 @@ class Request:
     mistakes: str = ""
 
 
-def choose_profile(name: str | None, source: Path | None) -> Profile:
+def choose_profile(name: str | None, source: Path | None, drive: str | None = None) -> Profile:
     """Return the named profile, else the stored run's own, else the default.
 
     Parameters
@@ -64,21 +65,29 @@ def choose_profile(name: str | None, source: Path | None) -> Profile:
         What ``--profile`` said.
     source : Path or None
         A stored run or file.
+    drive : str or None
+        What ``--drive`` said.
 
     Returns
     -------
     Profile
-        A valid profile.
+        A valid profile, of the drive that was named, else of the stored run's, else of its own.
     """
     from hdbench.profile import load_profile, parse_profile
 
-    if name is None and source is not None and (source / "run.json").is_file():
+    manifest: dict[str, Any] = {}
+    if source is not None and (source / "run.json").is_file():
         from hdbench.records.jsonfile import read_json
 
-        stored = read_json(source / "run.json", None).get("profile")
-        if isinstance(stored, dict) and isinstance(stored.get("text"), str):
-            return parse_profile(stored["text"], f"{source / 'run.json'}: profile")
-    return load_profile(name or _DEFAULT_PROFILE)
+        manifest = read_json(source / "run.json", None)
+    stored = manifest.get("profile")
+    if name is None and isinstance(stored, dict) and isinstance(stored.get("text"), str):
+        profile = parse_profile(stored["text"], f"{source}/run.json: profile")
+    else:
+        profile = load_profile(name or _DEFAULT_PROFILE)
+    known = manifest.get("drive")
+    named = drive or (known if isinstance(known, str) else "") or profile.drive
+    return replace(profile, drive=named)
 
 
 def run_command(
@@ -107,7 +116,7 @@ def run_command(
     DoubtfulDataError
         When the data are doubtful.
     """
-    profile = choose_profile(request.profile_name, request.source)
+    profile = choose_profile(request.profile_name, request.source, request.drive)
     if request.plan_file is not None and request.source is not None:
         raise UsageError(
             "--plan and --from together; needed: one, a stored run has its own motion",

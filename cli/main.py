@@ -37,6 +37,7 @@ _COMMANDS: dict[str, tuple[str, str]] = {
     "regress": ("regress", "Re-evaluate stored traces and compare with stored results."),
     "import": ("import_", "Bring in traces and loads from other programs."),
     "runs": ("runs", "List, show, verify, resume and compare runs."),
+    "trend": ("trend", "Follow a quantity over many runs: control charts, steps, drift."),
     "gauge": ("gauge", "Film that places the strain gauges; what misplacing does."),
     "profile": ("profile", "List, show, check and make profiles."),
     "stop": ("stop", "Stop the motor of a bench now, whoever runs it."),

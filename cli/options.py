@@ -17,6 +17,7 @@ __all__ = [
     "bench_options",
     "calibration_option",
     "control_option",
+    "drive_option",
     "from_option",
     "model_option",
     "out_option",
@@ -69,6 +70,21 @@ control_option = click.option(
     help="Control channel of the simulated bench at --address, as hdbench emulate prints it: a "
     "simulated operator sets lock and weights. Motion still needs --yes or an answer.",
 )
+
+
+def _identity(_ctx: click.Context, _param: click.Parameter, value: str | None) -> str | None:
+    if value is not None and not (0 < len(value.strip()) <= 200 and value.isprintable()):
+        raise click.BadParameter("needed: 1 to 200 printable characters, such as a serial number")
+    return None if value is None else value.strip()
+
+
+drive_option = click.option(
+    "--drive",
+    metavar="ID",
+    callback=_identity,
+    help="Drive on the bench, such as its serial number; kept in run.json.  [default: the stored "
+    "run's, else the profile's identity.drive_serial]",
+)
 calibration_option = click.option(
     "--calibration",
     metavar="RUN|FILE",
@@ -114,6 +130,7 @@ def bench_options(function: F) -> F:
     """
     options = (
         profile_option,
+        drive_option,
         out_option,
         from_option,
         address_option,

@@ -1,4 +1,4 @@
-"""`hdbench runs`: list, show, verify and resume run folders."""
+"""`hdbench runs`: list, show, note on, verify, resume and compare run folders."""
 
 from __future__ import annotations
 
@@ -8,52 +8,24 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
-from click.core import ParameterSource
 
 from hdbench_cli.calibrate import mistakes_option
-from hdbench_cli.next_step import line
 from hdbench_cli.options import address_option, control_option
 from hdbench_cli.output import Output
 from hdbench_cli.runs_compare import compare
+from hdbench_cli.runs_list import list_, note
 
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from hdbench.records import RunSummary, VerifyReport
+    from hdbench.records import VerifyReport
 
 __all__ = ["command"]
 
 
 @click.group(name="runs", epilog="Example: hdbench runs verify runs/*")
 def command() -> None:
-    """List, show, verify and resume run folders."""
-
-
-def _list_lines(parent: Path, runs: tuple[RunSummary, ...]) -> str:
-    lines = [f"{r.path}  {r.status:10}  {r.profile}  {r.exit_reason}".rstrip() for r in runs]
-    return "\n".join(lines) or f"no runs in {parent.resolve()}\n{line('hdbench demo')}"
-
-
-@command.command("list", epilog="Example: hdbench runs list runs")
-@click.argument(
-    "parent", metavar="[DIR]", default="runs", type=click.Path(path_type=Path, file_okay=False)
-)
-@click.pass_context
-def list_(ctx: click.Context, parent: Path) -> None:
-    """List the runs in a folder, oldest first."""
-    from hdbench.errors import DataError
-    from hdbench.records import list_runs, result_header
-
-    output: Output = ctx.obj
-    if not parent.is_dir() and ctx.get_parameter_source("parent") is not ParameterSource.DEFAULT:
-        raise DataError(
-            "no such folder", where=str(parent), fix="name the folder that --out of the runs named"
-        )
-    runs = list_runs(parent)
-    output.result(
-        {**result_header("runs", None), "runs": [run.to_dict() for run in runs]},
-        lambda _console: click.echo(_list_lines(parent, runs)),
-    )
+    """List, show, note on, verify, resume and compare run folders."""
 
 
 @command.command("show", epilog="Example: hdbench runs show runs/20261121T101500Z-ripple-3f9a1c")
@@ -61,11 +33,14 @@ def list_(ctx: click.Context, parent: Path) -> None:
 @click.pass_obj
 def show(output: Output, run: Path) -> None:
     """Show what a run says of itself."""
-    from hdbench.records import RunFolder
+    from dataclasses import asdict
+
+    from hdbench.records import RunFolder, read_notes
     from hdbench_cli.runs_show import draw_run
 
     folder = RunFolder.open(run)
-    body = {**folder.manifest, "status": folder.status()}
+    notes = [asdict(note) for note in read_notes(run)]
+    body = {**folder.manifest, "status": folder.status(), "notes": notes}
     output.result(body, lambda console: draw_run(console, body, run))
 
 
@@ -142,4 +117,5 @@ def resume(output: Output, /, run: Path, **options: Any) -> None:
     resume_command(output, Resume(run=run, **options))
 
 
-command.add_command(compare)
+for child in (list_, note, compare):
+    command.add_command(child)

@@ -47,6 +47,9 @@ def _lines(body: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     yield "ended", str(body.get("ended_utc") or "not yet")
     profile = _table(body, "profile")
     yield "profile", f"{profile.get('name', '')}, SHA-256 {_short(profile.get('sha256'))}"
+    for name in ("drive", "sensor"):
+        if body.get(name):
+            yield name, str(body[name])
     gain = _table(body, "calibration")
     value = _table(gain, "gain_nm_per_v")
     if value.get("value") is not None:
@@ -65,6 +68,8 @@ def _lines(body: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         yield "plan", str(step)
     if details.get("simulation"):
         yield "simulation", _pairs(_table(details, "simulation"))
+    for note in body.get("notes", ()):
+        yield "note", f"{note['utc'][:19]}Z  {note['text']}"
     for name, digest in _table(body, "files").items():
         yield "file", f"{name}, SHA-256 {_short(digest)}"
 

@@ -47,17 +47,26 @@ class Profile:
         SHA-256 of that text in UTF-8.
     path : str
         Where it was read.
+    drive : str
+        Which drive is on the bench: ``identity.drive_serial``, or what was told beside the profile;
+        empty where nobody says.
     """
 
     data: ProfileData
     text: str
     sha256: str
     path: str
+    drive: str = ""
 
     @property
     def name(self) -> str:
         """Name of the profile."""
         return self.data.name
+
+    @property
+    def sensor(self) -> str:
+        """Serial number of the flexspline, which carries the gauges; empty where nobody says."""
+        return self.data.identity.flexspline_serial
 
     def describe(self) -> dict[str, str]:
         """Return ``name`` and ``sha256`` as results hold them."""
@@ -206,7 +215,8 @@ def parse_profile(text: str, path: str) -> Profile:
     found += [problem(path, lines, c.key, c.what, c.fix) for c in profile_problems(raw)]
     if data is None or found:
         raise _all_problems(path, found)
-    return Profile(data, text, hashlib.sha256(text.encode()).hexdigest(), path)
+    digest = hashlib.sha256(text.encode()).hexdigest()
+    return Profile(data, text, digest, path, data.identity.drive_serial)
 
 
 def _said_elsewhere(entry: Mapping[str, Any]) -> bool:

@@ -13,15 +13,17 @@ from hdbench.records.jsonfile import (
 )
 from hdbench.records.loads import LoadReading, Loads
 from hdbench.records.loadsfile import is_loads_file, read_loads, write_loads
+from hdbench.records.notes import RunNote, add_note, read_notes
 from hdbench.records.provenance import input_identity
 from hdbench.records.quantity import Quantity
 from hdbench.records.recovery import recover_run, resolve_input
 from hdbench.records.runfolder import RunFolder
+from hdbench.records.runindex import RunSummary, list_runs, select_runs
 from hdbench.records.scale import TorqueScale
 from hdbench.records.storage import write_atomic, write_new
 from hdbench.records.trace import FloatArray, Trace
 from hdbench.records.tracefile import read_trace, write_trace
-from hdbench.records.verify import RunSummary, VerifyReport, list_runs, verify_run, verify_runs
+from hdbench.records.verify import VerifyReport, verify_run, verify_runs
 
 __all__ = [
     "FloatArray",
@@ -33,10 +35,12 @@ __all__ = [
     "ProfileIdentity",
     "Quantity",
     "RunFolder",
+    "RunNote",
     "RunSummary",
     "TorqueScale",
     "Trace",
     "VerifyReport",
+    "add_note",
     "dumps",
     "input_identity",
     "is_loads_file",
@@ -44,10 +48,12 @@ __all__ = [
     "read_journal",
     "read_json",
     "read_loads",
+    "read_notes",
     "read_trace",
     "recover_run",
     "resolve_input",
     "result_header",
+    "select_runs",
     "sha256_file",
     "verify_run",
     "verify_runs",

@@ -36,6 +36,16 @@ class ProfileIdentity(Protocol):
         """SHA-256 of that text."""
         ...
 
+    @property
+    def drive(self) -> str:
+        """Which drive is on the bench; empty where nobody says."""
+        ...
+
+    @property
+    def sensor(self) -> str:
+        """Which sensor is on the bench; empty where nobody says."""
+        ...
+
 
 def _plain(value: object) -> object:
     if isinstance(value, np.ndarray | np.generic):

@@ -154,6 +154,8 @@ def first_manifest(
         "ended_utc": None,
         "exit_reason": None,
         "profile": {**head["profile"], "text": profile.text},
+        "drive": profile.drive,
+        "sensor": profile.sensor,
         "calibration": None,
         "device": None,
         "versions": {

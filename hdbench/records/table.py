@@ -20,10 +20,29 @@ __all__ = [
     "parse_table",
     "quoted",
     "read_header",
+    "safe_cell",
 ]
 
 _LIMIT_COLUMNS = 1000
 _LIMIT_HEADER = 1 << 20
+
+
+def safe_cell(value: object) -> object:
+    """Return a cell that no spreadsheet takes for a formula.
+
+    Parameters
+    ----------
+    value : object
+        A number or a text of somebody else.
+
+    Returns
+    -------
+    object
+        A text that starts like a formula gets an apostrophe; all else is as it was.
+    """
+    if isinstance(value, str) and value.lstrip()[:1] in ("=", "+", "-", "@"):
+        return f"'{value}"
+    return value
 
 
 @dataclass(frozen=True, slots=True)

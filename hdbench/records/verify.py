@@ -1,4 +1,4 @@
-"""Say whether runs are what their records say, and list them."""
+"""Whether runs are what their records say."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from hdbench.records.recovery import data_file, recover_run
 from hdbench.records.runfolder import RunFolder
 from hdbench.records.storage import sha256_file
 
-__all__ = ["RunSummary", "VerifyReport", "list_runs", "verify_run", "verify_runs"]
+__all__ = ["VerifyReport", "verify_run", "verify_runs"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,42 +58,6 @@ class VerifyReport:
             "ok": self.ok,
             **{f.name: getattr(self, f.name) for f in dataclasses.fields(self)},
             "problems": list(self.problems),
-        }
-
-
-@dataclass(frozen=True, slots=True)
-class RunSummary:
-    """One line of the list of runs.
-
-    Parameters
-    ----------
-    path : Path
-        The folder.
-    kind, status, started_utc, profile, exit_reason : str
-        As in ``run.json``; status ``invalid`` where that cannot be read.
-    files : tuple of str
-        Names of its hashed files.
-    """
-
-    path: Path
-    kind: str = ""
-    status: str = "invalid"
-    started_utc: str = ""
-    profile: str = ""
-    exit_reason: str = ""
-    files: tuple[str, ...] = ()
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the summary as ``--json`` prints it."""
-        return {
-            "run_id": self.path.name,
-            "path": str(self.path),
-            "kind": self.kind,
-            "status": self.status,
-            "started_utc": self.started_utc,
-            "profile": self.profile,
-            "exit_reason": self.exit_reason,
-            "files": list(self.files),
         }
 
 
@@ -182,49 +146,3 @@ def verify_runs(paths: Sequence[Path], *, recover: bool = False) -> list[VerifyR
             report = VerifyReport(path.name, "invalid", (f"{error.where}: {error.what}",))
         reports.append(report)
     return reports
-
-
-def _summary(path: Path) -> RunSummary:
-    try:
-        folder = RunFolder.open(path)
-    except DataError:
-        return RunSummary(path, exit_reason="run.json cannot be read")
-    body = folder.manifest
-    return RunSummary(
-        path,
-        kind=body["kind"],
-        status=folder.status(),
-        started_utc=str(body.get("started_utc") or ""),
-        profile=str(body["profile"].get("name") or ""),
-        exit_reason=str(body.get("exit_reason") or ""),
-        files=tuple(body["files"]),
-    )
-
-
-def list_runs(parent: Path) -> tuple[RunSummary, ...]:
-    """Return every run under `parent`, oldest first.
-
-    Parameters
-    ----------
-    parent : Path
-        Folder of run folders; a missing one holds no runs.
-
-    Returns
-    -------
-    tuple of RunSummary
-
-    Raises
-    ------
-    DataError
-        If the folder cannot be read.
-    """
-    parent = Path(parent)
-    if not parent.exists():
-        return ()
-    try:
-        entries = sorted(entry for entry in parent.iterdir() if (entry / "run.json").exists())
-    except OSError as error:
-        raise DataError(
-            f"cannot read: {error.strerror}", where=str(parent), fix="name a folder of runs"
-        ) from error
-    return tuple(_summary(entry) for entry in entries)

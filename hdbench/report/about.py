@@ -16,6 +16,8 @@ __all__ = ["filter_tables", "provenance", "raw_files"]
 
 _WORDS = {
     "kind": "experiment",
+    "drive": "drive",
+    "sensor": "sensor",
     "status": "status",
     "exit_reason": "ended because",
     "started_utc": "started (UTC)",
@@ -44,7 +46,7 @@ def provenance(source: Source) -> tuple[tuple[str, str], ...]:
     rows += [
         (words, plain(source.manifest[key]))
         for key, words in _WORDS.items()
-        if source.manifest.get(key) is not None
+        if source.manifest.get(key) not in (None, "")
     ]
     identity = source.manifest.get("profile") or source.result.get("profile")
     if isinstance(identity, Mapping):

@@ -18,9 +18,10 @@ _MARKS = {
         "quantity,value,std,dof,unit,source",
         "part,group,torque_nm,name,value,unit",
         "case,key,what,expected,found,allowed,in_tolerances,regression",
+        "name,series,unit,run,time_utc,value,std",
     ),
     ".json": tuple(
-        f'"schema": "hdbench/{kind}/' for kind in ("report", "comparison", "regression")
+        f'"schema": "hdbench/{kind}/' for kind in ("report", "comparison", "regression", "trend")
     ),
 }
 # the title stands behind the page's security policy, the schema on the first lines

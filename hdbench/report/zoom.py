@@ -9,6 +9,7 @@ from html import escape
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from matplotlib.dates import ConciseDateFormatter
 
 from hdbench.records import FloatArray
 from hdbench.report.decimate import min_max
@@ -62,6 +63,8 @@ class Zoom:
         for place, (one, curves) in enumerate(zip(self.figure.axes, self.curves, strict=True)):
             if not curves["lines"] or one.get_xscale() not in ("linear", "log"):
                 continue
+            if isinstance(one.xaxis.get_major_formatter(), ConciseDateFormatter):
+                continue  # the script writes numbers, not dates
             box = one.get_position()
             axes.append(
                 {

@@ -1,0 +1,361 @@
+"""Control charts of one history: individuals, moving range, EWMA, and one step of the level."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from hdbench.records import FloatArray
+
+__all__ = [
+    "CHARTS",
+    "EWMA_WEIGHT",
+    "LEAST_RUNS",
+    "Chart",
+    "Limits",
+    "Step",
+    "control_chart",
+    "find_limits",
+    "find_step",
+]
+
+CHARTS = ("individuals", "moving-range", "ewma", "step")
+# small enough for lasting shifts of one std, large enough to follow a step within some runs;
+# Montgomery, Introduction to Statistical Quality Control, recommends .05 to .25
+EWMA_WEIGHT = 0.2
+# mean range of two normal values over their std, as the NIST/SEMATECH e-Handbook rounds it (6.3.2)
+_D2 = 1.128
+# std of the steps that are expected, in run-to-run stds: the prior of the probability of a change
+_STEP_PRIOR_STD = 2.0
+# two levels of two runs, and two degrees of freedom for the scatter about them
+LEAST_RUNS = 6
+# a level needs two runs: one alone is an outlier, which the individuals chart shows
+_LEAST_LEVEL = 2
+_DRAWS = 10_000
+# finds the scatter between runs to 1e-4 of the largest range
+_HALVINGS = 14
+# numbers of one array of drawn histories
+_CHUNK = 1_500_000
+# runs whose stds differ by less share the limits of runs that are all alike
+_ALIKE = 1.1
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """The likeliest step of the level in one history.
+
+    Parameters
+    ----------
+    index : int
+        First run after it.
+    probability : float
+        Of a step anywhere, with even odds before the data, every place alike, and steps normal
+        with a std of two run-to-run stds.
+    log_odds : float
+        Logarithm of the odds behind `probability`; the statistic of the chart ``step``.
+    earliest, latest : int
+        First run after the step, at 95 %.
+    """
+
+    index: int
+    probability: float
+    log_odds: float
+    earliest: int
+    latest: int
+
+
+@dataclass(frozen=True, slots=True)
+class Chart:
+    """What is drawn of one history.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n,)
+        The quantity, run by run.
+    center : float
+        Mean of the runs, weighted by 1 / stds^2.
+    stds : ndarray, shape (n,)
+        Std of a single run about the center: own uncertainty and scatter between runs.
+    between_std : float
+        Scatter between runs beyond their own uncertainties.
+    moving_range, expected_range : ndarray, shape (n - 1,)
+        Difference to the run before, and its mean where nothing but scatter is at work.
+    ewma, ewma_stds : ndarray, shape (n,)
+        Exponentially weighted moving average that starts at the center, and its std.
+    """
+
+    values: FloatArray
+    center: float
+    stds: FloatArray
+    between_std: float
+    moving_range: FloatArray
+    expected_range: FloatArray
+    ewma: FloatArray
+    ewma_stds: FloatArray
+
+    def scores(self) -> dict[str, FloatArray]:
+        """Return each chart's statistic run by run, in units that `Limits` hold factors of."""
+        return {
+            "individuals": np.abs(self.values - self.center) / self.stds,
+            "moving-range": self.moving_range / self.expected_range,
+            "ewma": np.abs(self.ewma - self.center) / self.ewma_stds,
+        }
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """Factors that a stable history passes with a stated probability, all charts together.
+
+    Parameters
+    ----------
+    individuals, ewma : float
+        Limits are the center plus and minus so many stds.
+    moving_range : float
+        The upper limit is so many expected ranges.
+    step : float
+        Largest log-odds of a step.
+    """
+
+    individuals: float
+    moving_range: float
+    ewma: float
+    step: float
+
+
+def control_chart(
+    values: FloatArray,
+    own_stds: FloatArray | None = None,
+    *,
+    weight: float = EWMA_WEIGHT,
+    center: float | None = None,
+    std: float | None = None,
+) -> Chart:
+    """Return the charts of one history.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n,)
+        The quantity, run by run; n >= 2.
+    own_stds : ndarray, shape (n,), optional
+        Standard uncertainty of each value, same unit; none counts as 0.
+    weight : float
+        Weight of the newest run in the EWMA.
+    center, std : float, optional
+        Where they are known from elsewhere; else estimated from these runs.
+
+    Returns
+    -------
+    Chart
+
+    Notes
+    -----
+    A run has variance ``t^2 + u_i^2``: scatter between runs and own uncertainty. ``t`` makes the
+    moving ranges on average as large as expected, ``1.128 sqrt(t^2 + (u_i^2 + u_(i-1)^2) / 2)``.
+    Where the runs scatter less than their own uncertainties say, a part of those is common to all
+    runs; they are then scaled down to the scatter, with their ratios kept.
+
+    References
+    ----------
+    NIST/SEMATECH e-Handbook of Statistical Methods, 6.3.2.2 (individuals) and 6.3.2.4 (EWMA).
+    """
+    y = np.asarray(values, dtype=np.float64)
+    own = np.zeros(y.size) if own_stds is None else np.asarray(own_stds, dtype=np.float64)
+    if std is None:
+        all_stds, between = _stds(y[None, :], own)
+        stds, between_std = all_stds[0], float(between[0])
+    else:
+        stds, between_std = np.full(y.size, std), std
+    middle = float(_centers(y[None, :], stds[None, :])[0]) if center is None else center
+    ewma, ewma_stds = _ewma(y[None, :], np.array([middle]), stds[None, :], weight)
+    return Chart(
+        y,
+        middle,
+        stds,
+        between_std,
+        np.abs(np.diff(y)),
+        _ranges(stds[None, :])[0],
+        ewma[0],
+        ewma_stds[0],
+    )
+
+
+def find_step(values: FloatArray, stds: FloatArray) -> Step:
+    """Return the likeliest step of the level.
+
+    Parameters
+    ----------
+    values, stds : ndarray, shape (n,)
+        The quantity, and relative stds of the runs; n >= 4.
+
+    Returns
+    -------
+    Step
+
+    Notes
+    -----
+    The odds of a step at each place are the Bayes factor of the two-sample t statistic with a
+    normal prior of the step (Goenen, Johnson, Lu, Westfall, The American Statistician 59, 2005);
+    its scale is estimated from the runs about both levels.
+    """
+    odds = _step_odds(values[None, :], stds[None, :])[0]
+    total = _mean_odds(odds[None, :])[0]
+    share = np.exp(odds - odds.max())
+    share /= share.sum()
+    within = np.flatnonzero(_densest(share, 0.95)) + _LEAST_LEVEL
+    return Step(
+        int(np.argmax(odds)) + _LEAST_LEVEL,
+        float(1.0 / (1.0 + math.exp(-total))) if total < 700.0 else 1.0,
+        float(total),
+        int(within[0]),
+        int(within[-1]),
+    )
+
+
+def find_limits(
+    chart: Chart, own_stds: FloatArray, probability: float, draw: np.random.Generator
+) -> Limits:
+    """Return the limits that a stable history passes with a stated probability.
+
+    Parameters
+    ----------
+    chart : Chart
+        The history: its number of runs and their stds.
+    own_stds : ndarray, shape (n,)
+        Standard uncertainty of each value.
+    probability : float
+        Of any signal, on any chart, in a history with nothing but independent normal scatter.
+    draw : Generator
+        Where random numbers come from.
+
+    Returns
+    -------
+    Limits
+
+    Notes
+    -----
+    Stable histories are drawn with the stds of this one and charted as this one is, center and
+    scatter estimated from each; every chart gets the same share of the false alarms. So what the
+    estimates and the dependence of the charts on each other do is counted in.
+    """
+    if chart.stds.max() < _ALIKE * chart.stds.min():
+        return _alike(chart.values.size, probability, int(draw.integers(2**31)))
+    return _drawn(chart.stds, own_stds, probability, draw)
+
+
+@lru_cache(maxsize=256)
+def _alike(n: int, probability: float, seed: int) -> Limits:
+    draw = np.random.default_rng(seed)
+    return _drawn(np.ones(n), np.zeros(n), probability, draw)
+
+
+def _drawn(
+    stds: FloatArray, own: FloatArray, probability: float, draw: np.random.Generator
+) -> Limits:
+    size = max(1, _CHUNK // stds.size)
+    parts = []
+    for first in range(0, _DRAWS, size):
+        count = min(size, _DRAWS - first)
+        parts.append(_largest(draw.normal(size=(count, stds.size)) * stds, own))
+    largest = np.concatenate(parts)
+    # share of histories that reach as far on each chart; the least of them decides
+    tails = 1.0 - np.argsort(np.argsort(largest, axis=0), axis=0) / len(largest)
+    share = float(np.quantile(tails.min(axis=1), probability))
+    found = np.quantile(largest, 1.0 - share, axis=0)
+    return Limits(*(float(x) for x in found))
+
+
+def _largest(y: FloatArray, own: FloatArray) -> FloatArray:
+    """Return the largest statistic of each history on each chart, shape (m, 4)."""
+    stds, _ = _stds(y, own)
+    center = _centers(y, stds)
+    ewma, ewma_stds = _ewma(y, center, stds, EWMA_WEIGHT)
+    return np.column_stack(
+        [
+            np.max(np.abs(y - center[:, None]) / stds, axis=1),
+            np.max(np.abs(np.diff(y, axis=1)) / _ranges(stds), axis=1),
+            np.max(np.abs(ewma - center[:, None]) / ewma_stds, axis=1),
+            _mean_odds(_step_odds(y, stds)),
+        ]
+    )
+
+
+def _stds(y: FloatArray, own: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return stds of the runs, shape (m, n), and the scatter between runs, shape (m,)."""
+    ranges = np.abs(np.diff(y, axis=1)) / _D2
+    pairs = 0.5 * (own[1:] ** 2 + own[:-1] ** 2)
+    low, high = np.zeros(len(y)), np.mean(ranges, axis=1)
+    if not np.any(pairs):
+        low = high
+    else:
+        high = np.max(ranges, axis=1)
+        for _ in range(_HALVINGS):
+            middle = 0.5 * (low + high)
+            above = np.mean(ranges / np.sqrt(middle[:, None] ** 2 + pairs), axis=1) > 1.0
+            low, high = np.where(above, middle, low), np.where(above, high, middle)
+    scale = np.ones(len(y))
+    if np.all(pairs > 0.0):
+        scale = np.minimum(1.0, np.mean(ranges / np.sqrt(pairs), axis=1))
+    return scale[:, None] * np.sqrt(low[:, None] ** 2 + own**2), low
+
+
+def _centers(y: FloatArray, stds: FloatArray) -> FloatArray:
+    weights = 1.0 / stds**2
+    centers: FloatArray = np.sum(weights * y, axis=1) / np.sum(weights, axis=1)
+    return centers
+
+
+def _ranges(stds: FloatArray) -> FloatArray:
+    ranges: FloatArray = _D2 * np.sqrt(0.5 * (stds[:, 1:] ** 2 + stds[:, :-1] ** 2))
+    return ranges
+
+
+def _ewma(
+    y: FloatArray, center: FloatArray, stds: FloatArray, weight: float
+) -> tuple[FloatArray, FloatArray]:
+    level, variance = np.array(center), np.zeros(len(y))
+    levels, variances = np.empty_like(y), np.empty_like(y)
+    for k in range(y.shape[1]):
+        level = weight * y[:, k] + (1.0 - weight) * level
+        variance = (weight * stds[:, k]) ** 2 + (1.0 - weight) ** 2 * variance
+        levels[:, k], variances[:, k] = level, variance
+    return levels, np.sqrt(variances)
+
+
+def _step_odds(y: FloatArray, stds: FloatArray) -> FloatArray:
+    """Return the log Bayes factor of a step before run 2 ... n - 2, shape (m, n - 3)."""
+    n = y.shape[1]
+    typical = np.median(stds, axis=1)[:, None]
+    weights = (typical / stds) ** 2
+    z = (y - _centers(y, stds)[:, None]) / typical
+    before = np.cumsum(weights, axis=1)
+    sums = np.cumsum(weights * z, axis=1)
+    first, total = before[:, _LEAST_LEVEL - 1 : -_LEAST_LEVEL], before[:, -1:]
+    low = sums[:, _LEAST_LEVEL - 1 : -_LEAST_LEVEL]
+    variance = 1.0 / first + 1.0 / (total - first)
+    step = (sums[:, -1:] - low) / (total - first) - low / first
+    explained = step**2 / variance
+    dof = n - 2
+    rest = np.sum(weights * z**2, axis=1)[:, None] - explained
+    ratio = explained / np.maximum(rest, 1e-12 * (rest + explained))  # t^2 / dof
+    shrunk = variance / (variance + _STEP_PRIOR_STD**2)
+    gain = np.log1p(ratio) - np.log1p(ratio * shrunk)
+    odds: FloatArray = 0.5 * np.log(shrunk) + 0.5 * (dof + 1) * gain
+    return odds
+
+
+def _mean_odds(odds: FloatArray) -> FloatArray:
+    top = odds.max(axis=1)
+    mean: FloatArray = top + np.log(np.mean(np.exp(odds - top[:, None]), axis=1))
+    return mean
+
+
+def _densest(share: FloatArray, whole: float) -> FloatArray:
+    """Return which places make up the share `whole`, likeliest first."""
+    order = np.argsort(share)[::-1]
+    count = int(np.searchsorted(np.cumsum(share[order]), whole)) + 1
+    chosen = np.zeros(share.size)
+    chosen[order[:count]] = 1.0
+    return chosen

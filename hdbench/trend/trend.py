@@ -1,0 +1,322 @@
+"""One quantity over runs, group by group: points, charts, changes, drift, and what is due."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections import defaultdict
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hdbench.errors import DataError
+from hdbench.profile.validity import measured_utc
+from hdbench.records import Quantity, RunSummary, read_json, read_notes, result_header
+from hdbench.records.table import safe_cell
+from hdbench.trend.charts import EWMA_WEIGHT
+from hdbench.trend.history import Change, History, study_history
+from hdbench.trend.quantities import QUANTITIES, Reading, unit_of
+from hdbench.trend.remarks import remarks
+
+__all__ = ["GROUPINGS", "trend_csv", "trend_of_runs"]
+
+GROUPINGS = ("drive", "sensor", "profile")
+_COLUMNS = (
+    *("name", "series", "unit", "run", "time_utc", "value", "std", "lower", "upper"),
+    *("moving_range", "moving_range_upper", "ewma", "ewma_lower", "ewma_upper", "signals"),
+)
+_MONTH = timedelta(days=365.25 / 12)
+_DATA = ("trace.csv", "trace.csv.gz", "loads.csv", "loads.csv.gz")
+
+
+@dataclass(frozen=True, slots=True)
+class _Run:
+    """A run that took part: its summary, when it was measured, and its result."""
+
+    summary: RunSummary
+    moment: datetime
+    dated: bool
+    result: Mapping[str, Any]
+    manifest: Mapping[str, Any]
+
+
+def trend_of_runs(
+    runs: Sequence[RunSummary],
+    quantity: str,
+    *,
+    now: datetime,
+    by: str = "drive",
+    orders: Sequence[float] = (),
+    probability: float = 0.05,
+    seed: int = 0,
+) -> dict[str, Any]:
+    """Follow one quantity over runs.
+
+    Parameters
+    ----------
+    runs : sequence of RunSummary
+        Runs to look at; those of other kinds give marks and tell whether a calibration is due.
+    quantity : str
+        A key of `QUANTITIES`.
+    now : datetime
+        The present, with a time zone.
+    by : {"drive", "sensor", "profile"}
+        What makes a group. Runs that do not name it are grouped by their profile.
+    orders : sequence of float
+        Of the ripple: these only.
+    probability : float
+        Of any signal in one stable history, all its charts together.
+    seed : int
+        Of the histories that are drawn to find the limits.
+
+    Returns
+    -------
+    dict
+        Contract section 5, schema ``hdbench/trend/1``.
+    """
+    chosen = QUANTITIES[quantity]
+    left_out: list[dict[str, str]] = []
+    taken = list(_usable(runs, set(chosen.readers), left_out))
+    series: dict[tuple[str, str], list[tuple[_Run, Reading]]] = defaultdict(list)
+    wanted = {f"order {order:g}" for order in orders}
+    for run in taken:
+        readings = _readings(run, chosen.readers[run.summary.kind])
+        if not readings:
+            left_out.append(_left_out(run.summary, f"no {quantity} in its result"))
+        for reading in readings:
+            if not wanted or reading.series in wanted:
+                series[_group(run.summary, by), reading.series].append((run, reading))
+    groups = []
+    for (name, what), points in sorted(series.items()):
+        points.sort(key=lambda point: point[0].moment)
+        history = study_history(
+            np.array([reading.value for _, reading in points]),
+            np.array([reading.std or 0.0 for _, reading in points]),
+            np.array([(run.moment - points[0][0].moment) / _MONTH for run, _ in points]),
+            probability=probability,
+            draw=np.random.default_rng(seed),
+        )
+        head = {"by": by, "name": name, "series": what, "unit": unit_of(chosen, what)}
+        marks = _marks([run for run in runs if _group(run, by) == name])
+        groups.append({**head, **_body(points, history, marks)})
+    return {
+        **result_header("trend", None),
+        "quantity": quantity,
+        "label": chosen.label,
+        "by": by,
+        "false_alarm_probability": probability,
+        "ewma_weight": EWMA_WEIGHT,
+        "groups": groups,
+        "remarks": remarks(runs, lambda run: _group(run, by), now),
+        "left_out": left_out,
+    }
+
+
+def trend_csv(body: Mapping[str, Any]) -> str:
+    """Return the points of a trend as CSV, one row a run.
+
+    Parameters
+    ----------
+    body : mapping
+        What `trend_of_runs` gave.
+
+    Returns
+    -------
+    str
+        Names that a spreadsheet would take for a formula start with an apostrophe.
+    """
+    text = io.StringIO()
+    writer = csv.DictWriter(text, _COLUMNS, lineterminator="\n", extrasaction="ignore")
+    writer.writeheader()
+    for group in body["groups"]:
+        head = {key: safe_cell(group[key]) for key in ("name", "series", "unit")}
+        for point in group["points"]:
+            row = {**head, **point, "run": safe_cell(point["run"])}
+            row["signals"] = " ".join(point.get("signals", ()))
+            writer.writerow(row)
+    return text.getvalue()
+
+
+def _group(run: RunSummary, by: str) -> str:
+    return str(getattr(run, by)) or f"profile {run.profile}"
+
+
+def _left_out(run: RunSummary, why: str) -> dict[str, str]:
+    return {"run": run.path.name, "why": why}
+
+
+def _usable(
+    runs: Sequence[RunSummary], kinds: set[str], left_out: list[dict[str, str]]
+) -> Iterator[_Run]:
+    """Yield the runs of these kinds that count; of one record the newest evaluation."""
+    newest: dict[tuple[str, str], _Run] = {}
+    for run in runs:
+        if run.kind not in kinds:
+            continue
+        if run.status != "complete":
+            left_out.append(_left_out(run, f"status {run.status}"))
+            continue
+        try:
+            result = read_json(run.path / "result.json", f"hdbench/{run.kind}/1")
+            manifest = read_json(run.path / "run.json")
+            moment, dated = _measured(run, manifest)
+        except DataError as error:
+            left_out.append(_left_out(run, error.what))
+            continue
+        if any(result.get(key) for key in ("doubts", "flags", "data_flags")):
+            left_out.append(_left_out(run, "its data are doubtful"))
+            continue
+        found = _Run(run, moment, dated, result, manifest)
+        key = (run.kind, _data_hash(found))
+        if key in newest:
+            older = newest[key].summary
+            left_out.append(_left_out(older, f"the same data as {run.path.name}"))
+        newest[key] = found
+    yield from newest.values()
+
+
+def _data_hash(run: _Run) -> str:
+    files = run.manifest["files"]
+    stored = next((files[name] for name in _DATA if name in files), None)
+    return str(stored or run.result.get("input_sha256") or run.summary.path.name)
+
+
+def _measured(run: RunSummary, manifest: Mapping[str, Any]) -> tuple[datetime, bool]:
+    """Return when a run was measured, and whether that is known; else when it was evaluated."""
+    path = run.path
+    details = manifest.get("details")
+    if run.kind == "diagnosis" and isinstance(details, dict):
+        # a diagnosis is as old as the run that it looked at
+        named = Path(str(details.get("input", "")))
+        path = next(
+            (p for p in (named, path.parent / named.name) if (p / "run.json").is_file()), path
+        )
+    text = measured_utc(path)
+    for known, candidate in ((True, text), (False, run.started_utc)):
+        moment = _moment(candidate)
+        if moment is not None:
+            return moment, known
+    raise DataError("no time of measurement in run.json", where=str(path), fix="restore it")
+
+
+def _moment(text: str | None) -> datetime | None:
+    try:
+        moment = datetime.fromisoformat(text or "")
+    except ValueError:
+        return None
+    return moment if moment.tzinfo else moment.replace(tzinfo=UTC)
+
+
+def _readings(run: _Run, reader: Any) -> list[Reading]:
+    try:
+        return [r for r in reader(run.result) if np.isfinite(r.value)]
+    except (KeyError, TypeError, ValueError, AttributeError):
+        return []
+
+
+def _utc(moment: datetime) -> str:
+    return moment.astimezone(UTC).isoformat(timespec="seconds").replace("+00:00", "Z")
+
+
+def _marks(runs: Sequence[RunSummary]) -> list[dict[str, str]]:
+    """Return what people noted on the runs of a group, by the start of the run."""
+    dated = [(moment, run) for run in runs if (moment := _moment(run.started_utc)) is not None]
+    return [
+        {"run": run.path.name, "time_utc": _utc(moment), "text": note.text}
+        for moment, run in sorted(dated, key=lambda pair: pair[0])
+        for note in read_notes(run.path)
+    ]
+
+
+def _body(
+    points: Sequence[tuple[_Run, Reading]], history: History, marks: list[dict[str, str]]
+) -> dict[str, Any]:
+    rows: list[dict[str, Any]] = [
+        {
+            "run": run.summary.path.name,
+            "path": str(run.summary.path),
+            "time_utc": _utc(run.moment),
+            "time_known": run.dated,
+            "value": reading.value,
+            "std": reading.std,
+        }
+        for run, reading in points
+    ]
+    signals = [
+        {
+            "chart": signal.chart,
+            "run": rows[signal.index]["run"],
+            "time_utc": rows[signal.index]["time_utc"],
+            "value": signal.value,
+            "limit": signal.limit,
+        }
+        for signal in history.signals
+    ]
+    drift = history.drift_per_month
+    return {
+        "points": rows if history.chart is None else _with_limits(rows, history),
+        "limits": _limits(history),
+        "why_no_limits": history.why_not or None,
+        "signals": signals,
+        "drift_per_month": None if drift is None else _interval(drift),
+        "change_points": [_change(change, rows, marks) for change in history.changes],
+        "marks": marks,
+    }
+
+
+def _interval(quantity: Quantity) -> dict[str, Any]:
+    return {**quantity.to_dict(), "interval": list(quantity.interval())}
+
+
+def _limits(history: History) -> dict[str, Any] | None:
+    if history.chart is None or history.limits is None:
+        return None
+    chart = history.chart
+    std = float(np.sqrt(1.0 / np.sum(1.0 / chart.stds**2)))
+    return {
+        "center": {"value": chart.center, "std": std, "dof": None},
+        "between_run_std": chart.between_std,
+        "run_std": float(np.median(chart.stds)),
+        "factors": asdict(history.limits),
+    }
+
+
+def _with_limits(rows: list[dict[str, Any]], history: History) -> list[dict[str, Any]]:
+    chart, limits = history.chart, history.limits
+    if chart is None or limits is None:
+        return rows
+    seen = [[s.chart for s in history.signals if s.index == k] for k in range(len(rows))]
+    reach = limits.individuals * chart.stds
+    slow = limits.ewma * chart.ewma_stds
+    for k, row in enumerate(rows):
+        row["lower"], row["upper"] = chart.center - reach[k], chart.center + reach[k]
+        row["moving_range"] = chart.moving_range[k - 1] if k else None
+        row["moving_range_upper"] = limits.moving_range * chart.expected_range[k - 1] if k else None
+        row["ewma"] = chart.ewma[k]
+        row["ewma_lower"], row["ewma_upper"] = chart.center - slow[k], chart.center + slow[k]
+        row["signals"] = seen[k]
+    # plain numbers, as JSON has them
+    return [
+        {key: x.item() if isinstance(x, np.generic) else x for key, x in row.items()}
+        for row in rows
+    ]
+
+
+def _change(
+    change: Change, rows: Sequence[Mapping[str, Any]], marks: Sequence[Mapping[str, str]]
+) -> dict[str, Any]:
+    step = change.step
+    before, here = rows[step.earliest - 1]["time_utc"], rows[step.latest]["time_utc"]
+    return {
+        "run": rows[step.index]["run"],
+        "time_utc": rows[step.index]["time_utc"],
+        "probability": step.probability,
+        "earliest_run": rows[step.earliest]["run"],
+        "latest_run": rows[step.latest]["run"],
+        "step": _interval(change.size),
+        "marks": [m["text"] for m in marks if before < m["time_utc"] <= here],
+    }

@@ -1,0 +1,83 @@
+"""`hdbench runs list` and `runs note`: which runs there are, of which drive, with what noted."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from pathlib import Path
+
+import pytest
+
+from hdbench.profile import load_profile
+from hdbench_cli.experiment import choose_profile
+from hdbench_cli.main import main
+
+LOADS = Path(__file__).parents[1] / "stored" / "calibration" / "loads.csv"
+
+
+@pytest.fixture
+def hdbench(capsys: pytest.CaptureFixture[str]):
+    def run(*words: object, code: int = 0) -> str:
+        with pytest.raises(SystemExit) as ended:
+            main([str(word) for word in words])
+        said = capsys.readouterr()
+        assert ended.value.code == code, said
+        return said.out
+
+    return run
+
+
+@pytest.fixture
+def runs(tmp_path, hdbench):
+    """Two evaluations of one loads file, for two drives."""
+    for drive in ("A-17", "=B(1)"):
+        hdbench("calibrate", "--from", LOADS, "--drive", drive, "--out", tmp_path, "--no-report")
+    return tmp_path
+
+
+def names(text: str) -> list[str]:
+    return [run["drive"] for run in json.loads(text)["runs"]]
+
+
+def test_runs_are_found_by_drive_and_sorted(runs, hdbench):
+    assert names(hdbench("runs", "list", runs, "--json", "--drive", "A-17")) == ["A-17"]
+    assert names(hdbench("runs", "list", runs, "--json", "--sort", "drive")) == ["=B(1)", "A-17"]
+    assert names(hdbench("runs", "list", runs, "--json", "--kind", "ripple")) == []
+    assert names(hdbench("runs", "list", runs, "--json", "--verdict", "accepted", "--since", "1d"))
+    assert names(hdbench("runs", "list", runs, "--json", "--since", "2999-01-01")) == []
+    assert "needed: a date" in hdbench("runs", "list", runs, "--json", "--since", "soon", code=2)
+
+
+def test_no_cell_of_the_csv_is_a_formula(runs, hdbench, tmp_path):
+    rows = list(csv.DictReader(io.StringIO(hdbench("runs", "list", runs, "--csv"))))
+    assert sorted(row["drive"] for row in rows) == ["'=B(1)", "A-17"]
+    hdbench("runs", "list", runs, "--csv", tmp_path / "list.csv", "--json")
+    assert (tmp_path / "list.csv").read_text().count("\n") == 3
+
+
+def test_a_run_evaluated_again_keeps_its_drive_unless_another_is_named(runs, hdbench):
+    (run,) = json.loads(hdbench("runs", "list", runs, "--json", "--drive", "A-17"))["runs"]
+    hdbench("calibrate", "--from", run["path"], "--out", runs / "again", "--no-report")
+    assert names(hdbench("runs", "list", runs / "again", "--json")) == ["A-17"]
+    hdbench("calibrate", "--from", run["path"], "--drive", "C", "--out", runs / "x", "--no-report")
+    assert names(hdbench("runs", "list", runs / "x", "--json")) == ["C"]
+
+
+def test_a_drive_that_nobody_named_is_the_profiles(tmp_path):
+    text = load_profile("cim-tr-97-06").text
+    file = tmp_path / "bench.toml"
+    file.write_text(text + '\n[identity]\ndrive_serial = "RHS-20 17"\nflexspline_serial = "F3"\n')
+    profile = choose_profile(str(file), None)
+    assert (profile.drive, profile.sensor) == ("RHS-20 17", "F3")
+    assert choose_profile(str(file), None, "C").drive == "C"
+
+
+def test_notes_are_kept_and_shown(runs, hdbench):
+    (run,) = json.loads(hdbench("runs", "list", runs, "--json", "--drive", "A-17"))["runs"]
+    hdbench("runs", "note", run["path"], "re-clamped")
+    assert "new gauges" in hdbench("runs", "note", run["path"], "new gauges")
+    shown = json.loads(hdbench("runs", "show", run["path"], "--json"))
+    assert [note["text"] for note in shown["notes"]] == ["re-clamped", "new gauges"]
+    hdbench("runs", "note", run["path"], "a\nb", code=2)
+    hdbench("runs", "note", runs, "no run", code=4)
