@@ -17,7 +17,7 @@ from hdbench.errors import HdbenchError, StorageError, UsageError
 from hdbench_cli.ending import end_by_signals
 from hdbench_cli.output import Output
 
-__all__ = ["main"]
+__all__ = ["main", "run_line"]
 
 _COMMANDS: dict[str, tuple[str, str]] = {
     "calibrate": ("calibrate", "Arm-and-weight calibration with locked wave generator."),
@@ -35,6 +35,7 @@ _COMMANDS: dict[str, tuple[str, str]] = {
     "report": ("report", "Write runs as one offline HTML file with CSV and JSON."),
     "regress": ("regress", "Re-evaluate stored traces and compare with stored results."),
     "import": ("import_", "Bring in traces and loads from other programs."),
+    "batch": ("batch", "Run a command over many inputs; one table of all."),
     "runs": ("runs", "List, show, verify, resume and compare runs."),
     "gauge": ("gauge", "Film that places the strain gauges; what misplacing does."),
     "profile": ("profile", "List, show, check and make profiles."),
@@ -180,7 +181,21 @@ def _usage(error: click.ClickException, output: Output) -> int:
     return _fail(output, wrapped)
 
 
-def _run(arguments: Sequence[str], output: Output) -> int:
+def run_line(arguments: Sequence[str], output: Output) -> int:
+    """Run one command line and return its exit code; nothing is raised.
+
+    Parameters
+    ----------
+    arguments : sequence of str
+        Command line without the program name.
+    output : Output
+        Takes result, notes and error.
+
+    Returns
+    -------
+    int
+        The contract's code.
+    """
     try:
         code: Any = cli.main(
             list(arguments), prog_name="hdbench", standalone_mode=False, obj=output
@@ -240,7 +255,7 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
         warnings.simplefilter("ignore", RuntimeWarning)
     output = Output(json="--json" in words)
     try:
-        code = _run(words, output)
+        code = run_line(words, output)
     except KeyboardInterrupt:  # one more Ctrl-C while the first one's end was being told
         code = 130
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the exit code is decided

@@ -1,0 +1,316 @@
+"""Worker processes on dask.distributed: start them or find them, and run tasks until all are told.
+
+One task at a time runs in a process: the commands share process-wide state (figures, warnings).
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections.abc import Callable, Generator, Iterable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from types import ModuleType
+from typing import Any
+
+from hdbench.errors import DeviceError, UsageError
+
+__all__ = ["Outcome", "Workers", "run_tasks"]
+
+# an external scheduler without a single worker is waited for this long, s
+_WITHOUT_WORKERS_S = 60.0
+_LOOK_S = 0.5
+# the scheduler hands a task on without asking us first: one waits for each worker
+_AHEAD = 2
+_ONE_AT_A_TIME = threading.Lock()
+_CONFIG = {
+    # the client counts the deaths of a worker, so that --retries means what it says
+    "distributed.scheduler.allowed-failures": 0,
+    # a task waits at the scheduler, not at a worker that another task may kill
+    "distributed.scheduler.worker-saturation": 1.0,
+    "distributed.scheduler.work-stealing": False,
+    # nothing is kept in a worker between tasks: too much memory ends it, and never pauses it
+    "distributed.worker.memory.target": False,
+    "distributed.worker.memory.spill": False,
+    "distributed.worker.memory.pause": False,
+    "distributed.worker.memory.terminate": 0.95,
+    # handing every large array back to the system at once costs as much as the work itself
+    "distributed.nanny.pre-spawn-environ.MALLOC_TRIM_THRESHOLD_": None,
+    "distributed.worker.profile.enabled": False,
+    "distributed.logging.distributed": "critical",
+    "distributed.admin.log-format": "%(message)s",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Workers:
+    """Where tasks run.
+
+    Parameters
+    ----------
+    count : int
+        Processes of a cluster on this computer, started for the purpose.
+    scheduler : str or None
+        Address of an existing scheduler instead, such as ``tcp://HOST:8786``.
+    retries : int
+        How often a task runs again after its worker died.
+    memory : str
+        Most that one worker may hold, such as ``2GB``; ``auto`` shares this computer's memory
+        among the workers. An existing scheduler's workers have limits of their own.
+    """
+
+    count: int = 1
+    scheduler: str | None = None
+    retries: int = 2
+    memory: str = "auto"
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What became of one task.
+
+    Parameters
+    ----------
+    task : object
+        As it was given.
+    value : object
+        What the function returned; None where the worker died.
+    deaths : int
+        How many workers died while they held it.
+    lost : bool
+        Whether it was given up: more deaths than retries.
+    """
+
+    task: Any
+    value: Any = None
+    deaths: int = 0
+    lost: bool = False
+
+
+def require_distributed(where: str) -> ModuleType:
+    """Return dask's library, or name the extra that brings it."""
+    try:
+        import distributed
+    except ImportError as error:
+        raise UsageError(
+            "dask.distributed is not installed; needed to run over many inputs",
+            where=where,
+            fix="pip install 'hdbench[batch]'",
+        ) from error
+    return distributed
+
+
+def run_tasks(
+    function: Callable[[Any], Any], tasks: Iterable[Any], workers: Workers
+) -> Generator[Outcome, None, None]:
+    """Run a function over tasks and yield what came out, in the order of coming.
+
+    Parameters
+    ----------
+    function : callable
+        Takes one task. It must be importable by the workers, and is called once more with the
+        same task where a worker died: doing it twice must do no harm.
+    tasks : iterable
+        Taken one by one as workers become free, so that there may be very many.
+    workers : Workers
+        Where they run.
+
+    Yields
+    ------
+    Outcome
+        One for each task.
+
+    Raises
+    ------
+    UsageError
+        If dask.distributed is not installed, or the workers have another version of hdbench.
+    DeviceError
+        If the scheduler cannot be reached, is lost, or has no worker.
+    Exception
+        Whatever `function` raises.
+
+    Notes
+    -----
+    Closing the generator, Ctrl-C too, stops a local cluster with what it is doing.
+    """
+    distributed = require_distributed("hdbench batch")
+    import dask
+
+    with ExitStack() as stack:
+        stack.enter_context(dask.config.set(_CONFIG))
+        client = stack.enter_context(_client(distributed, workers))
+        try:
+            yield from _run(distributed, client, function, iter(tasks), workers)
+        except OSError as error:
+            if workers.scheduler is None:
+                raise
+            raise _scheduler_lost(workers.scheduler, str(error)) from error
+
+
+def _run(
+    distributed: ModuleType,
+    client: Any,
+    function: Callable[[Any], Any],
+    tasks: Iterator[Any],
+    workers: Workers,
+) -> Iterator[Outcome]:
+    held: dict[Any, Outcome] = {}
+    seats = _Seats(client, workers.scheduler)
+
+    def start(task: Any, deaths: int) -> None:
+        future = client.submit(_alone, function, task, pure=False)
+        held[future] = Outcome(task, deaths=deaths)
+
+    def fill() -> None:
+        while len(held) < _AHEAD * seats.count():
+            for task in tasks:
+                start(task, 0)
+                break
+            else:
+                return
+
+    fill()
+    while held:
+        try:
+            ended = distributed.wait(list(held), timeout=_LOOK_S, return_when="FIRST_COMPLETED")
+        except TimeoutError:
+            seats.check()
+            continue
+        for future in ended.done:
+            entry = held.pop(future)
+            error = future.exception() if future.status == "error" else None
+            if future.status == "finished":
+                yield Outcome(entry.task, future.result(), entry.deaths)
+            elif isinstance(error, distributed.KilledWorker):
+                deaths = entry.deaths + 1
+                if deaths > workers.retries:
+                    yield Outcome(entry.task, None, deaths, lost=True)
+                else:
+                    start(entry.task, deaths)
+            elif error is not None:
+                raise error
+            else:
+                raise _scheduler_lost(workers.scheduler or "local cluster", future.status)
+            future.release()
+        fill()
+
+
+class _Seats:
+    """How many workers there are now; an existing cluster may grow and shrink."""
+
+    def __init__(self, client: Any, scheduler: str | None) -> None:
+        self._client = client
+        self._scheduler = scheduler
+        self._count = 1
+        self._asked_s = float("-inf")
+        self._seen_s = time.monotonic()
+
+    def count(self) -> int:
+        now_s = time.monotonic()
+        if now_s - self._asked_s > _LOOK_S:
+            self._asked_s = now_s
+            found = len(self._client.nthreads())
+            if found:
+                self._seen_s = now_s
+            self._count = max(found, 1)
+        return self._count
+
+    def check(self) -> None:
+        """End where nobody has been there to work for a while."""
+        self.count()
+        if self._client.status != "running":
+            raise _scheduler_lost(self._scheduler or "local cluster", self._client.status)
+        if time.monotonic() - self._seen_s > _WITHOUT_WORKERS_S:
+            raise DeviceError(
+                f"no worker for {_WITHOUT_WORKERS_S:.0f} s",
+                where=self._scheduler or "local cluster",
+                fix="start workers (dask worker ADDRESS), then go on with --resume",
+            )
+
+
+def _alone(function: Callable[[Any], Any], task: Any) -> Any:
+    with _ONE_AT_A_TIME:
+        return function(task)
+
+
+@contextmanager
+def _client(distributed: ModuleType, workers: Workers) -> Iterator[Any]:
+    if workers.scheduler is None:
+        with _local_cluster(distributed, workers) as cluster, distributed.Client(cluster) as client:
+            yield client
+        return
+    try:
+        client = distributed.Client(workers.scheduler, timeout=10)
+    except (OSError, ValueError) as error:
+        raise DeviceError(
+            f"the scheduler cannot be reached: {error}",
+            where=workers.scheduler,
+            fix="start one (dask scheduler), or leave --scheduler out for a cluster on this "
+            "computer",
+        ) from error
+    try:
+        _check_versions(client, workers.scheduler)
+        yield client
+    finally:
+        client.close()
+
+
+@contextmanager
+def _local_cluster(distributed: ModuleType, workers: Workers) -> Iterator[Any]:
+    from dask.utils import parse_bytes
+
+    memory = workers.memory
+    try:
+        limit = "auto" if memory == "auto" else parse_bytes(memory)
+    except ValueError as error:
+        raise UsageError(
+            f"{memory!r} is no size", where="--memory", fix="give it such as 2GB"
+        ) from error
+    # only this computer can reach it, and no page is served
+    cluster = distributed.LocalCluster(
+        n_workers=workers.count,
+        threads_per_worker=1,
+        processes=True,
+        host="127.0.0.1",
+        dashboard_address=None,
+        memory_limit=limit,
+        silence_logs=logging.CRITICAL,
+        preload=["hdbench.batch.preload"],
+    )
+    try:
+        yield cluster
+    finally:
+        cluster.close(timeout=5)
+
+
+def _version(**_: Any) -> str:
+    from hdbench import __version__
+
+    return __version__
+
+
+def _check_versions(client: Any, scheduler: str) -> None:
+    """Refuse workers of another version: their results would not be ours."""
+    found = client.run(_version, on_error="return")
+    wrong = {
+        address: told if isinstance(told, str) else f"none ({told})"
+        for address, told in found.items()
+        if told != _version()
+    }
+    if wrong:
+        address, told = next(iter(wrong.items()))
+        raise UsageError(
+            f"{len(wrong)} of {len(found)} workers have another hdbench, such as {address}: "
+            f"{told}; needed: {_version()}",
+            where=scheduler,
+            fix=f"install hdbench {_version()} where the workers run",
+        )
+
+
+def _scheduler_lost(scheduler: str, detail: str) -> DeviceError:
+    return DeviceError(
+        f"the scheduler was lost: {detail}",
+        where=scheduler,
+        fix="start it again, then go on with --resume: what is done is kept",
+    )
