@@ -6,6 +6,7 @@ One task at a time runs in a process: the commands share process-wide state (fig
 from __future__ import annotations
 
 import logging
+import signal
 import threading
 import time
 from collections.abc import Callable, Generator, Iterable, Iterator
@@ -21,6 +22,8 @@ __all__ = ["Outcome", "Workers", "run_tasks"]
 # an external scheduler without a single worker is waited for this long, s
 _WITHOUT_WORKERS_S = 60.0
 _LOOK_S = 0.5
+_CLOSE_S = 5
+_STOPS = ("SIGINT", "SIGTERM", "SIGHUP")
 # the scheduler hands a task on without asking us first: one waits for each worker
 _AHEAD = 2
 _ONE_AT_A_TIME = threading.Lock()
@@ -267,21 +270,58 @@ def _local_cluster(distributed: ModuleType, workers: Workers) -> Iterator[Any]:
         raise UsageError(
             f"{memory!r} is no size", where="--memory", fix="give it such as 2GB"
         ) from error
-    # only this computer can reach it, and no page is served
-    cluster = distributed.LocalCluster(
-        n_workers=workers.count,
-        threads_per_worker=1,
-        processes=True,
-        host="127.0.0.1",
-        dashboard_address=None,
-        memory_limit=limit,
-        silence_logs=logging.CRITICAL,
-        preload=["hdbench.batch.preload"],
-    )
+    with _loop_without_ctrl_c() as loop:
+        # only this computer can reach it, and no page is served
+        with _undisturbed(*_STOPS):
+            cluster = distributed.LocalCluster(
+                n_workers=workers.count,
+                threads_per_worker=1,
+                processes=True,
+                host="127.0.0.1",
+                dashboard_address=None,
+                memory_limit=limit,
+                silence_logs=logging.CRITICAL,
+                loop=loop,
+            )
+        try:
+            yield cluster
+        finally:
+            with _undisturbed(*_STOPS):
+                cluster.close(timeout=_CLOSE_S)
+
+
+@contextmanager
+def _loop_without_ctrl_c() -> Iterator[Any]:
+    """Run the event loop in a thread that blocks Ctrl-C; the processes that it starts inherit that.
+
+    A terminal sends it to all of them, and it is for the client, which then stops the workers.
+    """
+    from multiprocessing import resource_tracker
+
+    from distributed.utils import LoopRunner
+
+    # it unblocks the signal in the thread that starts it: that must not be the loop's
+    resource_tracker.ensure_running()
+    runner = LoopRunner()
+    with _undisturbed("SIGINT"):
+        runner.start()
     try:
-        yield cluster
+        yield runner.loop
     finally:
-        cluster.close(timeout=5)
+        runner.stop()
+
+
+@contextmanager
+def _undisturbed(*names: str) -> Iterator[None]:
+    """Hold signals back: a cluster half started or half stopped would leave processes behind."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.Signals[name] for name in names})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _version(**_: Any) -> str:
