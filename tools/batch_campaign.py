@@ -133,7 +133,9 @@ def kill(campaign: Campaign) -> dict[str, Any]:
                 kills += 1
     wall_s = time.monotonic() - begin
     rows, different = rows_of(folder), 0
-    for row, file in zip(rows, campaign.inputs, strict=True):
+    for row, file in zip(rows, campaign.inputs, strict=False):
+        if not row["result"]:
+            continue
         alone = campaign.clear("single")
         words = [campaign.command, "--from", str(file.absolute()), "--out", str(alone)]
         if campaign.command == "diagnose":
@@ -144,7 +146,7 @@ def kill(campaign: Campaign) -> dict[str, Any]:
             result_of(single) != result_of(folder / "results" / Path(row["result"]).name)
         )
     found = len(list((folder / "results").iterdir()))
-    holds = batch.returncode == 0 and not different and found == len(campaign.inputs)
+    holds = batch.returncode == different == 0 and len(rows) == found == len(campaign.inputs)
     return {
         "kills": kills, "wall_s": round(wall_s, 1), "results": found, "different": different,
         "exit_code": batch.returncode, "holds": holds,

@@ -19,8 +19,8 @@ from hdbench.errors import DeviceError, UsageError
 
 __all__ = ["Outcome", "Workers", "run_tasks"]
 
-# an external scheduler without a single worker is waited for this long, s
-_WITHOUT_WORKERS_S = 60.0
+# so long without a single worker, s, nobody will come: a loaded computer starts one in 30
+_WITHOUT_WORKERS_S = 120.0
 _LOOK_S = 0.5
 _CLOSE_S = 5
 _STOPS = ("SIGINT", "SIGTERM", "SIGHUP")
@@ -159,7 +159,7 @@ def _run(
     workers: Workers,
 ) -> Iterator[Outcome]:
     held: dict[Any, Outcome] = {}
-    seats = _Seats(client, workers.scheduler)
+    seats = _Seats(client, workers)
 
     def start(task: Any, deaths: int) -> None:
         future = client.submit(_alone, function, task, pure=False)
@@ -202,9 +202,9 @@ def _run(
 class _Seats:
     """How many workers there are now; an existing cluster may grow and shrink."""
 
-    def __init__(self, client: Any, scheduler: str | None) -> None:
+    def __init__(self, client: Any, workers: Workers) -> None:
         self._client = client
-        self._scheduler = scheduler
+        self._workers = workers
         self._count = 1
         self._asked_s = float("-inf")
         self._seen_s = time.monotonic()
@@ -217,17 +217,20 @@ class _Seats:
             if found:
                 self._seen_s = now_s
             self._count = max(found, 1)
+            if self._workers.scheduler is None and found < self._workers.count:
+                _mend(self._client.cluster, self._workers.count)
         return self._count
 
     def check(self) -> None:
         """End where nobody has been there to work for a while."""
         self.count()
+        where = self._workers.scheduler or "local cluster"
         if self._client.status != "running":
-            raise _scheduler_lost(self._scheduler or "local cluster", self._client.status)
+            raise _scheduler_lost(where, self._client.status)
         if time.monotonic() - self._seen_s > _WITHOUT_WORKERS_S:
             raise DeviceError(
                 f"no worker for {_WITHOUT_WORKERS_S:.0f} s",
-                where=self._scheduler or "local cluster",
+                where=where,
                 fix="start workers (dask worker ADDRESS), then go on with --resume",
             )
 
@@ -270,11 +273,11 @@ def _local_cluster(distributed: ModuleType, workers: Workers) -> Iterator[Any]:
         raise UsageError(
             f"{memory!r} is no size", where="--memory", fix="give it such as 2GB"
         ) from error
-    with _loop_without_ctrl_c() as loop:
+    with _quiet_logs(), _loop_without_ctrl_c() as loop:
         # only this computer can reach it, and no page is served
         with _undisturbed(*_STOPS):
             cluster = distributed.LocalCluster(
-                n_workers=workers.count,
+                n_workers=0,
                 threads_per_worker=1,
                 processes=True,
                 host="127.0.0.1",
@@ -284,10 +287,37 @@ def _local_cluster(distributed: ModuleType, workers: Workers) -> Iterator[Any]:
                 loop=loop,
             )
         try:
+            _mend(cluster, workers.count)
             yield cluster
         finally:
             with _undisturbed(*_STOPS):
                 cluster.close(timeout=_CLOSE_S)
+
+
+def _mend(cluster: Any, count: int) -> None:
+    """Start the workers that there should be; one that died while it started is not kept."""
+
+    def mend() -> None:
+        for name, nanny in list(cluster.workers.items()):
+            if nanny.status.name in ("failed", "closed"):
+                del cluster.workers[name]
+        cluster.scale(count)
+
+    cluster.loop.add_callback(mend)
+
+
+@contextmanager
+def _quiet_logs() -> Iterator[None]:
+    """Keep to ourselves that workers died: the batch counts it, and says so where it matters."""
+    loggers = [logging.getLogger(name) for name in ("asyncio", "distributed", "tornado")]
+    before = [logger.level for logger in loggers]
+    for logger in loggers:
+        logger.setLevel(logging.CRITICAL + 1)
+    try:
+        yield
+    finally:
+        for logger, level in zip(loggers, before, strict=True):
+            logger.setLevel(level)
 
 
 @contextmanager
