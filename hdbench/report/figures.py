@@ -10,9 +10,9 @@ from hdbench.report import calibration, diagnosis, misalignment, ripple
 from hdbench.report.elements import KeyNumber
 from hdbench.report.keynumbers import key_number
 
-__all__ = ["key_figures"]
+__all__ = ["KINDS", "key_figures"]
 
-_KINDS = {
+KINDS = {
     "calibration": calibration,
     "misalignment": misalignment,
     "ripple": ripple,
@@ -37,7 +37,7 @@ def key_figures(result: Mapping[str, Any]) -> tuple[KeyNumber, ...]:
         Of a kind without a report every number at the top of the result and one step below it. A
         parameter of a cause is named by the cause, which stands at another place in every run.
     """
-    module = _KINDS.get(str(result.get("schema", "")).split("/")[1:2][0] if result else "")
+    module = KINDS.get(str(result.get("schema", "")).split("/")[1:2][0] if result else "")
     if module is None:
         return tuple(_plain(result))
     causes = [cause["name"] for cause in result.get("causes", ())]

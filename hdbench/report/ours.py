@@ -18,9 +18,10 @@ _MARKS = {
         "quantity,value,std,dof,unit,source",
         "part,group,torque_nm,name,value,unit",
         "case,key,what,expected,found,allowed,in_tolerances,regression",
+        "kind,drive,run,figure,value,std,score,outlier",
     ),
     ".json": tuple(
-        f'"schema": "hdbench/{kind}/' for kind in ("report", "comparison", "regression")
+        f'"schema": "hdbench/{kind}/' for kind in ("report", "comparison", "regression", "fleet")
     ),
 }
 # the title stands behind the page's security policy, the schema on the first lines
