@@ -6,11 +6,12 @@ One task at a time runs in a process: the commands share process-wide state (fig
 from __future__ import annotations
 
 import logging
+import os
 import signal
 import threading
 import time
 from collections.abc import Callable, Generator, Iterable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from types import ModuleType
 from typing import Any
@@ -22,10 +23,8 @@ __all__ = ["Outcome", "Workers", "run_tasks"]
 # so long without a single worker, s, nobody will come: a loaded computer starts one in 30
 _WITHOUT_WORKERS_S = 120.0
 _LOOK_S = 0.5
-_CLOSE_S = 5
+_CLOSE_S = 10
 _STOPS = ("SIGINT", "SIGTERM", "SIGHUP")
-# the scheduler hands a task on without asking us first: one waits for each worker
-_AHEAD = 2
 _ONE_AT_A_TIME = threading.Lock()
 _CONFIG = {
     # the client counts the deaths of a worker, so that --retries means what it says
@@ -166,7 +165,8 @@ def _run(
         held[future] = Outcome(task, deaths=deaths)
 
     def fill() -> None:
-        while len(held) < _AHEAD * seats.count():
+        # none waits at a worker that another task may kill
+        while len(held) < seats.count():
             for task in tasks:
                 start(task, 0)
                 break
@@ -291,7 +291,17 @@ def _local_cluster(distributed: ModuleType, workers: Workers) -> Iterator[Any]:
             yield cluster
         finally:
             with _undisturbed(*_STOPS):
-                cluster.close(timeout=_CLOSE_S)
+                _close(cluster)
+
+
+def _close(cluster: Any) -> None:
+    """Stop a cluster; what a loaded computer does not stop in time is killed: nothing is in it."""
+    try:
+        cluster.close(timeout=_CLOSE_S)
+    except TimeoutError:
+        for nanny in list(cluster.workers.values()):
+            with suppress(OSError, TypeError):
+                os.kill(nanny.pid, signal.SIGKILL)
 
 
 def _mend(cluster: Any, count: int) -> None:
