@@ -23,6 +23,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -116,6 +117,13 @@ def overhead(folder: Path, wall_s: float, workers: int) -> float:
     return wall_s * workers / inside_s - 1.0
 
 
+def is_worker(process: psutil.Process) -> bool:
+    """Say whether a process is a worker of a batch; one that ended meanwhile is none."""
+    with suppress(psutil.Error):
+        return "spawn_main" in " ".join(process.cmdline())
+    return False
+
+
 def kill(campaign: Campaign) -> dict[str, Any]:
     """Kill a worker every few seconds; compare every result with the single command's."""
     folder = campaign.clear("kill")
@@ -125,9 +133,7 @@ def kill(campaign: Campaign) -> dict[str, Any]:
         try:
             batch.wait(campaign.every)
         except subprocess.TimeoutExpired:
-            workers = [
-                child for child in parent.children() if "spawn_main" in " ".join(child.cmdline())
-            ]
+            workers = [child for child in parent.children() if is_worker(child)]
             if workers:
                 campaign.rng.choice(workers).kill()
                 kills += 1
