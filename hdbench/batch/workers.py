@@ -274,14 +274,15 @@ def _local_cluster(distributed: ModuleType, workers: Workers) -> Iterator[Any]:
             f"{memory!r} is no size", where="--memory", fix="give it such as 2GB"
         ) from error
     with _quiet_logs(), _loop_without_ctrl_c() as loop:
-        # only this computer can reach it, and no page is served
+        # only this computer can reach it
         with _undisturbed(*_STOPS):
             cluster = distributed.LocalCluster(
                 n_workers=0,
                 threads_per_worker=1,
                 processes=True,
                 host="127.0.0.1",
-                dashboard_address=None,
+                dashboard_address="127.0.0.1:0",
+                worker_dashboard_address="127.0.0.1:0",
                 memory_limit=limit,
                 silence_logs=logging.CRITICAL,
                 loop=loop,
