@@ -31,8 +31,8 @@ _MOST_LINES = 10
 @click.command(
     "batch",
     cls=BatchOptions,
-    epilog="Examples: hdbench batch run-ripple traces/ --calibration runs/RUN --workers 4; "
-    "hdbench batch diagnose drives.csv --resume; hdbench report --fleet batch",
+    epilog="Examples: hdbench batch filter trace.csv other.csv --workers 2; hdbench batch "
+    "run-ripple runs --out ripple --no-report; hdbench report --fleet runs",
 )
 @click.argument("name", metavar="COMMAND", type=click.Choice(list(COMMANDS)))
 @click.argument("inputs", metavar="INPUT...", nargs=-1, required=True)

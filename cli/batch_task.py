@@ -133,7 +133,7 @@ def _failure(error: HdbenchError) -> dict[str, Any]:
 
 
 def _run(task: Mapping[str, Any], path: Path, part: Path) -> dict[str, Any]:
-    from hdbench_cli.main import run_line
+    from hdbench_cli.main import _run as run_line
 
     command = COMMANDS[task["command"]]
     out: Sequence[str] = ()

@@ -17,7 +17,7 @@ from hdbench.errors import HdbenchError, StorageError, UsageError
 from hdbench_cli.ending import end_by_signals
 from hdbench_cli.output import Output
 
-__all__ = ["main", "run_line"]
+__all__ = ["main"]
 
 _COMMANDS: dict[str, tuple[str, str]] = {
     "calibrate": ("calibrate", "Arm-and-weight calibration with locked wave generator."),
@@ -181,21 +181,8 @@ def _usage(error: click.ClickException, output: Output) -> int:
     return _fail(output, wrapped)
 
 
-def run_line(arguments: Sequence[str], output: Output) -> int:
-    """Run one command line and return its exit code; nothing is raised.
-
-    Parameters
-    ----------
-    arguments : sequence of str
-        Command line without the program name.
-    output : Output
-        Takes result, notes and error.
-
-    Returns
-    -------
-    int
-        The contract's code.
-    """
+def _run(arguments: Sequence[str], output: Output) -> int:
+    """Run one command line and return its exit code; nothing is raised."""
     try:
         code: Any = cli.main(
             list(arguments), prog_name="hdbench", standalone_mode=False, obj=output
@@ -255,7 +242,7 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
         warnings.simplefilter("ignore", RuntimeWarning)
     output = Output(json="--json" in words)
     try:
-        code = run_line(words, output)
+        code = _run(words, output)
     except KeyboardInterrupt:  # one more Ctrl-C while the first one's end was being told
         code = 130
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the exit code is decided

@@ -15,7 +15,7 @@ __all__ = ["command"]
 @click.command(
     "report",
     epilog="Example: hdbench report runs/RUN1 runs/RUN2 --out report.html; "
-    "hdbench report --fleet batch",
+    "hdbench report --fleet runs",
 )
 @click.argument(
     "runs", metavar="FILE|RUN...", nargs=-1, required=True, type=click.Path(path_type=Path)

@@ -31,7 +31,7 @@ import psutil
 from null_campaign import NOISES, clean_record
 
 from hdbench.records import write_trace
-from hdbench_cli.main import run_line
+from hdbench_cli.main import _run as run_line
 from hdbench_cli.output import Output
 
 _HDBENCH = (sys.executable, "-m", "hdbench_cli")
