@@ -343,7 +343,7 @@ def _loop_without_ctrl_c() -> Iterator[Any]:
 
     # it unblocks the signal in the thread that starts it: that must not be the loop's
     resource_tracker.ensure_running()
-    runner = LoopRunner()
+    runner: Any = LoopRunner()
     with _undisturbed("SIGINT"):
         runner.start()
     try:

@@ -97,6 +97,10 @@ class _Figure:
     def outliers(self) -> Any:
         return np.abs(self.scores) > self.limit
 
+    def far(self) -> list[int]:
+        """Return the places of the outliers among the drives."""
+        return [int(k) for k in np.flatnonzero(self.outliers)]
+
 
 def fleet_runs(named: Sequence[Path]) -> list[FleetRun]:
     """Return the runs of a fleet.
@@ -150,8 +154,8 @@ def _run(path: Path, drive: str) -> FleetRun:
         return FleetRun(drive or path.name, path, {}, error=f"{error.where}: {error.what}")
     named = manifest.get("drive")
     known = drive or (named if isinstance(named, str) and named else path.name)
-    kind = str(result.get("schema", "")).split("/")[1:2]
-    return FleetRun(known, path, result, *kind, str(manifest.get("started_utc") or ""))
+    kind = str(result.get("schema", "")).removeprefix("hdbench/").partition("/")[0]
+    return FleetRun(known, path, result, kind, str(manifest.get("started_utc") or ""))
 
 
 def _newest(runs: Iterable[FleetRun]) -> list[FleetRun]:
@@ -257,7 +261,9 @@ def write_fleet(runs: Sequence[FleetRun], out: Path) -> ReportFiles:
             fix="look at the column error of the batch",
         )
     files = page_files(out if is_page(out) else out / "fleet.html")
-    sections, cells, body = [], [], {}
+    sections: list[Section] = []
+    cells: list[tuple[object, ...]] = []
+    body: dict[str, Any] = {}
     lost = [run for run in runs if not run.result]
     for kind, some in sorted(kinds.items(), key=lambda entry: _place(entry[0])):
         newest = _newest(some)
@@ -336,11 +342,7 @@ def _named(figure: _Figure) -> str:
 def _outlier_table(
     runs: Sequence[FleetRun], figures: Sequence[_Figure], files: ReportFiles
 ) -> Table:
-    found = [
-        (abs(figure.scores[k]), k, figure)
-        for figure in figures
-        for k in np.flatnonzero(figure.outliers)
-    ]
+    found = [(abs(figure.scores[k]), k, figure) for figure in figures for k in figure.far()]
     rows = tuple(
         (
             _link(runs[k], files),
@@ -455,9 +457,11 @@ def _cells(
     kind: str, runs: Sequence[FleetRun], figures: Sequence[_Figure]
 ) -> Iterator[tuple[object, ...]]:
     for figure in figures:
-        for k in np.flatnonzero(np.isfinite(figure.values)):
+        for k, run in enumerate(runs):
+            if math.isnan(figure.values[k]):
+                continue
             std = repr(float(figure.stds[k])) if figure.stds[k] else ""
-            yield (kind, runs[k].drive, str(runs[k].path), figure.name,
+            yield (kind, run.drive, str(run.path), figure.name,
                    repr(float(figure.values[k])), std, f"{figure.scores[k]:.4g}",
                    bool(figure.outliers[k]))  # fmt: skip
 
@@ -473,7 +477,7 @@ def _as_json(runs: Sequence[FleetRun], figures: Sequence[_Figure]) -> dict[str, 
                 "median": figure.median,
                 "robust_scatter": figure.scatter,
                 "limit_robust_deviations": figure.limit,
-                "outliers": [runs[k].drive for k in np.flatnonzero(figure.outliers)],
+                "outliers": [runs[k].drive for k in figure.far()],
             }
             for figure in figures
         ],
