@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import argparse
 import csv
+import io
 import json
 import os
 import random
@@ -23,7 +24,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Sequence
-from contextlib import suppress
+from contextlib import redirect_stdout, suppress
 from pathlib import Path
 from typing import Any
 
@@ -146,7 +147,8 @@ def kill(campaign: Campaign) -> dict[str, Any]:
         words = [campaign.command, "--from", str(file.absolute()), "--out", str(alone)]
         if campaign.command == "diagnose":
             words.remove("--from")
-        run_line([*words, *campaign.options], Output(json=True))
+        with redirect_stdout(io.StringIO()):
+            run_line([*words, *campaign.options], Output(json=True))
         single = next(alone.iterdir())
         different += Path(row["input"]) != file or (
             result_of(single) != result_of(folder / "results" / Path(row["result"]).name)

@@ -15,7 +15,7 @@ import shutil
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from hdbench.batch.fingerprint import stamps_of
 from hdbench.batch.inputs import Input
@@ -79,7 +79,7 @@ class BatchFolder:
         try:
             (path / "results").mkdir(parents=True, exist_ok=True)
             self._file = self._journal.open("a+b")
-            _hold(self._file.fileno(), path)
+            _hold(self._file, path)
             # a line that a kill cut short must not swallow the next one
             if self._file.tell() and not self._journal.read_bytes().endswith(b"\n"):
                 self._file.write(b"\n")
@@ -255,15 +255,16 @@ def _journal_entries(path: Path) -> list[dict[str, Any]]:
     return entries
 
 
-def _hold(handle: int, path: Path) -> None:
+def _hold(file: BinaryIO, path: Path) -> None:
     """Let one process write into a batch; the lock ends with the process."""
     try:
         import fcntl
     except ImportError:  # without flock nothing is held
         return
     try:
-        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        fcntl.flock(file.fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError as error:
+        file.close()
         raise BusyError(
             "another process writes into this batch",
             where=str(path),
