@@ -165,8 +165,8 @@ def _run(
         held[future] = Outcome(task, deaths=deaths)
 
     def fill() -> None:
-        # none waits at a worker that another task may kill
-        while len(held) < seats.count():
+        # one waits at the scheduler, so that no worker waits for us
+        while len(held) <= seats.count():
             for task in tasks:
                 start(task, 0)
                 break
@@ -243,8 +243,14 @@ def _alone(function: Callable[[Any], Any], task: Any) -> Any:
 @contextmanager
 def _client(distributed: ModuleType, workers: Workers) -> Iterator[Any]:
     if workers.scheduler is None:
-        with _local_cluster(distributed, workers) as cluster, distributed.Client(cluster) as client:
-            yield client
+        with _local_cluster(distributed, workers) as cluster:
+            client = distributed.Client(cluster)
+            try:
+                yield client
+            finally:
+                # a cluster that is stopped while it starts cancels what it waits for
+                with _undisturbed(*_STOPS), suppress(Exception):
+                    client.close(timeout=_CLOSE_S)
         return
     try:
         client = distributed.Client(workers.scheduler, timeout=10)
@@ -299,7 +305,7 @@ def _close(cluster: Any) -> None:
     """Stop a cluster; what a loaded computer does not stop in time is killed: nothing is in it."""
     try:
         cluster.close(timeout=_CLOSE_S)
-    except TimeoutError:
+    except Exception:  # noqa: BLE001 - it is stopped while it starts, or too slow: kill it
         for nanny in list(cluster.workers.values()):
             with suppress(OSError, TypeError):
                 os.kill(nanny.pid, signal.SIGKILL)
