@@ -36,6 +36,7 @@ _COMMANDS: dict[str, tuple[str, str]] = {
     "inspect": ("inspect", "Say what a log can tell, and what it cannot."),
     "regress": ("regress", "Re-evaluate stored traces and compare with stored results."),
     "import": ("import_", "Bring in traces and loads from other programs."),
+    "batch": ("batch", "Run a command over many inputs; one table of all."),
     "runs": ("runs", "List, show, verify, resume and compare runs."),
     "trend": ("trend", "Follow a quantity over many runs: control charts, steps, drift."),
     "gauge": ("gauge", "Film that places the strain gauges; what misplacing does."),
@@ -183,6 +184,7 @@ def _usage(error: click.ClickException, output: Output) -> int:
 
 
 def _run(arguments: Sequence[str], output: Output) -> int:
+    """Run one command line and return its exit code; nothing is raised."""
     try:
         code: Any = cli.main(
             list(arguments), prog_name="hdbench", standalone_mode=False, obj=output

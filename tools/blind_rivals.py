@@ -8,7 +8,6 @@ from __future__ import annotations
 import json
 import sys
 import time
-from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +16,8 @@ from blind_runner import case_of
 from injector.build import build
 from rivals.installed import INSTALLED
 from rivals.plain import METHODS, rival_answer
+
+from hdbench.batch import Workers, run_tasks
 
 __all__ = ["run_rivals"]
 
@@ -44,9 +45,10 @@ def run_rivals(folder: Path, count: int, processes: int) -> int:
         if case.part in "ABCD" and case.record in ("compact", "mixed", "constant"):
             texts.append((case.key, sealed["case"]))
     todo = [text for key, text in texts[:count] if key not in done]
-    with path.open("a") as file, ProcessPoolExecutor(processes) as pool:
-        for number, entries in enumerate(pool.map(_one, todo), start=1):
-            for entry in entries:
+    with path.open("a") as file:
+        outcomes = run_tasks(_one, todo, Workers(processes))
+        for number, outcome in enumerate(outcomes, start=1):
+            for entry in outcome.value or ():
                 file.write(json.dumps(entry) + "\n")
             file.flush()
             if number % 25 == 0:

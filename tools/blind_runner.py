@@ -15,11 +15,12 @@ import signal
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from collections.abc import Iterable, Iterator
-from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from dataclasses import dataclass
 from datetime import date
+from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
@@ -37,6 +38,7 @@ from injector.signatures import axes_of, signatures  # noqa: E402
 from rivals.oracle import oracle  # noqa: E402
 from scorer.spans import Spanned, axes_shares, names_share  # noqa: E402
 
+from hdbench.batch import Workers, run_tasks  # noqa: E402
 from hdbench.diagnosis import diagnose_loads, diagnose_trace  # noqa: E402
 from hdbench.errors import HdbenchError  # noqa: E402
 from hdbench.profile import Profile, load_profile  # noqa: E402
@@ -101,8 +103,11 @@ def _peak_mb() -> float:
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
 
 
-def _expire(*_: object) -> None:
-    raise TimeoutError(f"no answer within {_PATIENCE_S} s")
+def _expire(thread: int) -> None:
+    """Raise in the thread that diagnoses: in a worker that is not the main one."""
+    ctypes.pythonapi.PyThreadState_SetAsyncExc(
+        ctypes.c_ulong(thread), ctypes.py_object(TimeoutError)
+    )
 
 
 def _diagnose(case: Case, made: Any, materiality: float) -> dict[str, Any]:
@@ -156,8 +161,9 @@ def answer_case(case: Case, with_oracle: bool = True) -> tuple[dict[str, Any], d
     entry: dict[str, Any] = {"key": case.key, "seal": seal(salt, text)}
     entry["made_s"] = round(time.perf_counter() - begin, 2)
     _peak_reset()
-    signal.signal(signal.SIGALRM, _expire)
-    signal.alarm(_PATIENCE_S)
+    patience = threading.Timer(_PATIENCE_S, _expire, [threading.get_ident()])
+    patience.daemon = True
+    patience.start()
     begin, burnt = time.perf_counter(), time.process_time()
     try:
         entry["answer"] = _diagnose(case, made, materiality_of(case.part))
@@ -166,7 +172,7 @@ def answer_case(case: Case, with_oracle: bool = True) -> tuple[dict[str, Any], d
     except Exception as error:  # noqa: BLE001 - a crash is an answer too, and it is counted
         entry["crashed"] = f"{type(error).__name__}: {error}"
     finally:
-        signal.alarm(0)
+        patience.cancel()
     entry["seconds"] = round(time.perf_counter() - begin, 3)
     entry["cpu_s"] = round(time.process_time() - burnt, 3)
     entry["peak_mb"] = round(_peak_mb(), 1)
@@ -189,9 +195,8 @@ def case_of(text: str) -> Case:
     return Case(hidden=hidden, **fields)
 
 
-def _worker_start() -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+def _answer_task(task: tuple[Case, bool]) -> tuple[dict[str, Any], dict[str, Any]]:
+    return answer_case(*task)
 
 
 def _commit(cases: list[Case], out: Path) -> None:
@@ -235,23 +240,12 @@ def _answers(
     todo: list[Case], options: Options, brake: _Brake
 ) -> Iterator[tuple[dict[str, Any], dict[str, Any]]]:
     """Yield truth and answer of each case as they come, until the brake is pulled."""
-    if options.processes == 1:
-        for case in todo:
-            if brake:
-                return
-            yield answer_case(case, options.with_oracle)
-        return
-    queue = iter(todo)
-    with ProcessPoolExecutor(options.processes, initializer=_worker_start) as pool:
-        first = zip(range(options.processes), queue, strict=False)
-        waiting = {pool.submit(answer_case, case, options.with_oracle) for _, case in first}
-        while waiting:
-            done, waiting = wait(waiting, timeout=1.0, return_when=FIRST_COMPLETED)
-            for future in done:
-                yield future.result()
-                case = None if brake else next(queue, None)
-                if case is not None:
-                    waiting.add(pool.submit(answer_case, case, options.with_oracle))
+    tasks = ((case, options.with_oracle) for case in takewhile(lambda _: not brake, todo))
+    for outcome in run_tasks(_answer_task, tasks, Workers(options.processes)):
+        if outcome.lost:
+            print(f"{outcome.task[0].key}: the worker died", file=sys.stderr, flush=True)
+        else:
+            yield outcome.value
 
 
 def run(cases: Iterable[Case], options: Options) -> int:

@@ -13,9 +13,9 @@ import json
 import shutil
 import sys
 import tempfile
-from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
+from hdbench.batch import Workers, run_tasks
 from hdbench.profile import load_profile
 from hdbench.records import Quantity
 from hdbench.session import BenchOptions, run_experiment
@@ -62,13 +62,13 @@ def main() -> int:
     parser.add_argument("--workers", type=int, default=2)
     arguments = parser.parse_args()
     seeds = range(arguments.first, arguments.first + arguments.seeds)
-    with ProcessPoolExecutor(arguments.workers) as pool:
-        outcomes = list(pool.map(one_seed, seeds))
+    found = run_tasks(one_seed, seeds, Workers(arguments.workers))
+    outcomes = [outcome.value for outcome in found if not outcome.lost]
     counts = {name: sum(o[name] for o in outcomes) for name in outcomes[0]}
-    print(json.dumps({"seeds": arguments.seeds, "covered": counts}))
+    print(json.dumps({"seeds": len(outcomes), "covered": counts}))
     # 182-198 of 200, and as many standard deviations of a binomial for other numbers of seeds
-    slack = 8.0 * (arguments.seeds / 200.0) ** 0.5
-    middle = 0.95 * arguments.seeds
+    slack = 8.0 * (len(outcomes) / 200.0) ** 0.5
+    middle = 0.95 * len(outcomes)
     return int(any(abs(count - middle) > slack + 1e-9 for count in counts.values()))
 
 

@@ -1,6 +1,6 @@
 """Count how often the 95 % intervals of the evaluations cover a truth drawn outside the product.
 
-Usage: python tools/coverage_evaluations.py [--runs 400] [--first 0]
+Usage: python tools/coverage_evaluations.py [--runs 400] [--first 0] [--workers 1]
 
 Each run draws the gains of four flexspline positions with 2 % between them, loads them in both
 directions, and scales a reversing run of 12 s and two output turns both ways by the calibration
@@ -32,6 +32,7 @@ from known_traces import (
     reversing_velocity,
 )
 
+from hdbench.batch import Workers, run_tasks
 from hdbench.calibration import evaluate_calibration
 from hdbench.filter import preset
 from hdbench.misalignment import evaluate_misalignment
@@ -92,16 +93,23 @@ def covered(seed: int, colour: float) -> list[str]:
     return found
 
 
+def _covered(task: tuple[int, float]) -> list[str]:
+    return covered(*task)
+
+
 def main() -> None:
     """Run the campaign and print a line per noise and quantity."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--runs", type=int, default=400)
     parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--workers", type=int, default=1)
     arguments = parser.parse_args()
     for label, colour in (("white", 0.0), ("pole at 0.9", 0.9)):
         counts: Counter[str] = Counter()
-        for seed in range(arguments.first, arguments.first + arguments.runs):
-            counts.update(covered(seed, colour))
+        seeds = range(arguments.first, arguments.first + arguments.runs)
+        tasks = ((seed, colour) for seed in seeds)
+        for outcome in run_tasks(_covered, tasks, Workers(arguments.workers)):
+            counts.update(outcome.value or ())
         for name, count in counts.items():
             print(f"{label:12} {name:20} {100.0 * count / arguments.runs:5.1f} %", flush=True)
 

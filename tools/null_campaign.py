@@ -19,7 +19,7 @@ import json
 import os
 import sys
 import time
-from concurrent.futures import ProcessPoolExecutor
+from itertools import takewhile
 from pathlib import Path
 
 # one core per process: threads of small matrix products only wait for each other
@@ -32,6 +32,7 @@ from blind_null import NOISES, table  # noqa: E402
 from numpy.typing import NDArray  # noqa: E402
 from scipy.signal import lfilter  # noqa: E402
 
+from hdbench.batch import Workers, run_tasks  # noqa: E402
 from hdbench.diagnosis import diagnose_trace  # noqa: E402
 from hdbench.profile import load_profile  # noqa: E402
 from hdbench.records import Trace  # noqa: E402
@@ -129,15 +130,12 @@ def main() -> int:
     todo = [task for task in tasks if task not in done]
     end = time.monotonic() + 60.0 * args.stop_after
     end_line(path)
-    with path.open("a") as file, ProcessPoolExecutor(args.processes) as pool:
-        # in portions, so that the time can end it
-        step = 20 * args.processes
-        for first in range(0, len(todo), step):
-            if time.monotonic() > end:
-                break
-            for entry in pool.map(_answer, todo[first : first + step]):
-                file.write(json.dumps(entry) + "\n")
-            file.flush()
+    in_time = takewhile(lambda _: time.monotonic() < end, todo)
+    with path.open("a") as file:
+        for outcome in run_tasks(_answer, in_time, Workers(args.processes)):
+            if not outcome.lost:
+                file.write(json.dumps(outcome.value) + "\n")
+                file.flush()
     wanted = {*tasks}
     entries = [
         e for e in read_lines(path) if (e["seed"], e["noise"], e["seconds"], e["alpha"]) in wanted

@@ -315,6 +315,11 @@ def one(scenario: Scenario, seed: int, duration_s: float) -> dict[str, object]:
     }
 
 
+def _one(task: tuple[str, int, float]) -> dict[str, object]:
+    name, seed, duration_s = task
+    return one(SCENARIOS[name], seed, duration_s)
+
+
 def _band(model: object, velocity: float) -> Array:
     from hdbench.filter import transfer_at_steady_speed
 
@@ -354,23 +359,30 @@ def table(results: dict[str, list[dict[str, object]]]) -> str:
 
 def main() -> int:
     """Run the campaign."""
+    from hdbench.batch import Workers, run_tasks
+
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("--seeds", type=int, default=20)
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--duration", type=float, default=60.0)
     parser.add_argument("--scenario", action="append", choices=["all", *SCENARIOS])
     parser.add_argument("--json", type=Path)
+    parser.add_argument("--workers", type=int, default=1)
     args = parser.parse_args()
     wanted = args.scenario or ["all"]
     names = list(SCENARIOS) if "all" in wanted else wanted
     results: dict[str, list[dict[str, object]]] = {name: [] for name in names}
-    for seed in range(args.first, args.first + args.seeds):
-        for name in names:
-            row = one(SCENARIOS[name], seed, args.duration)
-            results[name].append(row)
-            print(name, json.dumps(row), file=sys.stderr, flush=True)
-            if args.json is not None:
-                args.json.write_text(json.dumps(results, indent=1))
+    seeds = range(args.first, args.first + args.seeds)
+    tasks = ((name, seed, args.duration) for seed in seeds for name in names)
+    for outcome in run_tasks(_one, tasks, Workers(args.workers)):
+        name, row = outcome.task[0], outcome.value
+        if outcome.lost:
+            print(name, "the worker died", file=sys.stderr, flush=True)
+            continue
+        results[name].append(row)
+        print(name, json.dumps(row), file=sys.stderr, flush=True)
+        if args.json is not None:
+            args.json.write_text(json.dumps(results, indent=1))
     print(table(results))
     return 0
 

@@ -100,15 +100,15 @@ def summary(result: Mapping[str, Any], source: Source) -> str:
     return text
 
 
-def numbers(result: Mapping[str, Any], source: Source) -> tuple[KeyNumber, ...]:
+def numbers(result: Mapping[str, Any], run_id: str) -> tuple[KeyNumber, ...]:
     """Return gain, consistency and size of the calibration.
 
     Parameters
     ----------
     result : mapping
         The calibration result.
-    source : Source
-        The run.
+    run_id : str
+        Name of the run.
 
     Returns
     -------
@@ -125,7 +125,7 @@ def numbers(result: Mapping[str, Any], source: Source) -> tuple[KeyNumber, ...]:
         (result.get("n_experiments"), "experiments", "n_experiments", ""),
         (result.get("class"), "class (indicative)", "class", ""),
     )
-    return key_numbers(rows, source.run_id)
+    return key_numbers(rows, run_id)
 
 
 def pictures(source: Source, prefix: str, _doubts: list[str]) -> tuple[Picture, ...]:

@@ -162,15 +162,15 @@ def _filter_words(gain: Any) -> str:
     )
 
 
-def numbers(result: Mapping[str, Any], source: Source) -> tuple[KeyNumber, ...]:
+def numbers(result: Mapping[str, Any], run_id: str) -> tuple[KeyNumber, ...]:
     """Return the parameters of every cause and the gain on held-out data.
 
     Parameters
     ----------
     result : mapping
         The diagnosis result.
-    source : Source
-        The run.
+    run_id : str
+        Name of the run.
 
     Returns
     -------
@@ -192,7 +192,7 @@ def numbers(result: Mapping[str, Any], source: Source) -> tuple[KeyNumber, ...]:
         ),
         (_rms(result, "extended"), "held-out residual, extended", "extended.heldout_rms_nm", "N m"),
     ]
-    return key_numbers(rows, source.run_id)
+    return key_numbers(rows, run_id)
 
 
 def pictures(source: Source, prefix: str, doubts: list[str]) -> tuple[Picture, ...]:

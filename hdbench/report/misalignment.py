@@ -76,15 +76,15 @@ def summary(result: Mapping[str, Any], _source: Source) -> str:
     return text
 
 
-def numbers(result: Mapping[str, Any], source: Source) -> tuple[KeyNumber, ...]:
+def numbers(result: Mapping[str, Any], run_id: str) -> tuple[KeyNumber, ...]:
     """Return amplitude, phase and what the filter leaves.
 
     Parameters
     ----------
     result : mapping
         The misalignment result.
-    source : Source
-        The run.
+    run_id : str
+        Name of the run.
 
     Returns
     -------
@@ -111,7 +111,7 @@ def numbers(result: Mapping[str, Any], source: Source) -> tuple[KeyNumber, ...]:
         (result.get("output_turns"), "output turns", "output_turns", ""),
         (result.get("mean_torque_nm"), "mean torque", "mean_torque_nm", "N m"),
     )
-    return key_numbers(rows, source.run_id)
+    return key_numbers(rows, run_id)
 
 
 def pictures(source: Source, prefix: str, doubts: list[str]) -> tuple[Picture, ...]:

@@ -19,9 +19,11 @@ _MARKS = {
         "part,group,torque_nm,name,value,unit",
         "case,key,what,expected,found,allowed,in_tolerances,regression",
         "name,series,unit,run,time_utc,value,std",
+        "kind,drive,run,figure,value,std,score,outlier",
     ),
     ".json": tuple(
-        f'"schema": "hdbench/{kind}/' for kind in ("report", "comparison", "regression", "trend")
+        f'"schema": "hdbench/{kind}/'
+        for kind in ("report", "comparison", "regression", "trend", "fleet")
     ),
 }
 # the title stands behind the page's security policy, the schema on the first lines

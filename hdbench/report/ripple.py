@@ -100,15 +100,15 @@ def summary(result: Mapping[str, Any], _source: Source) -> str:
     return text
 
 
-def numbers(result: Mapping[str, Any], source: Source) -> tuple[KeyNumber, ...]:
+def numbers(result: Mapping[str, Any], run_id: str) -> tuple[KeyNumber, ...]:
     """Return amplitudes, phases, suppression and rms.
 
     Parameters
     ----------
     result : mapping
         The ripple result.
-    source : Source
-        The run.
+    run_id : str
+        Name of the run.
 
     Returns
     -------
@@ -144,7 +144,7 @@ def numbers(result: Mapping[str, Any], source: Source) -> tuple[KeyNumber, ...]:
         (rms.get("filtered"), "torque rms, filtered", "torque_rms_nm.filtered", "N m"),
         (speed.get("mean"), "motor velocity, mean", "motor_velocity_rad_s.mean", "rad/s"),
     ]
-    return key_numbers(rows, source.run_id)
+    return key_numbers(rows, run_id)
 
 
 def pictures(source: Source, prefix: str, doubts: list[str]) -> tuple[Picture, ...]:

@@ -23,7 +23,7 @@ class _Kind:
     title: str
     verdict: Callable[[Mapping[str, Any]], Verdict]
     summary: Callable[[Mapping[str, Any], Source], str]
-    numbers: Callable[[Mapping[str, Any], Source], tuple[KeyNumber, ...]]
+    numbers: Callable[[Mapping[str, Any], str], tuple[KeyNumber, ...]]
     pictures: Callable[[Source, str, list[str]], tuple[Picture, ...]]
     tables: Callable[[Mapping[str, Any]], tuple[Table, ...]]
 
@@ -84,7 +84,7 @@ def make_section(source: Source, number: int, out: Path) -> Section:
     try:
         verdict = kind.verdict(source.result)
         words = kind.summary(source.result, source)
-        found = kind.numbers(source.result, source)
+        found = kind.numbers(source.result, source.run_id)
         tables = (*kind.tables(source.result), *_notes(source.result), *filter_tables(source))
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise DataError(

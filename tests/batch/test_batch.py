@@ -1,0 +1,224 @@
+"""`hdbench batch`: the single command's results, rows with errors, deaths, Ctrl-C, --resume."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hdbench.batch import BatchFolder, Input, expand_inputs, stamps_of
+from hdbench.errors import BusyError, UsageError
+from hdbench.records import Trace, write_trace
+from hdbench_cli.batch_task import run_one
+from hdbench_cli.main import _run as run_line
+from hdbench_cli.output import Output
+
+pytest.importorskip("distributed")
+HDBENCH = [sys.executable, "-m", "hdbench_cli"]
+
+
+def record(path: Path, seed: int) -> Path:
+    """Write four seconds of a motion with ripple."""
+    t = np.arange(4000) * 1e-3
+    v = 100.0 + 60.0 * np.sin(2.0 * t)
+    angle = 100.0 * t + 30.0 * (1.0 - np.cos(2.0 * t))
+    rng = np.random.default_rng(seed)
+    torque = 0.4 * np.cos(2.0 * angle) + 0.05 * rng.standard_normal(t.size)
+    columns = {"time_s": t, "motor_velocity_rad_s": v, "motor_angle_rad": angle}
+    write_trace(path, Trace({**columns, "torque_nm": torque}))
+    # older than the moment in which a file may change again unseen
+    os.utime(path, (1e9 + seed, 1e9 + seed))
+    return path
+
+
+@pytest.fixture
+def traces(tmp_path: Path) -> Path:
+    folder = tmp_path / "traces"
+    folder.mkdir()
+    for seed in range(3):
+        record(folder / f"drive-{seed}.csv", seed)
+    (folder / "spoilt.csv").write_text("time_s,torque_nm\n0,1\nnot a number\n")
+    return folder
+
+
+def batch(*words: object) -> subprocess.CompletedProcess[str]:
+    line = [*HDBENCH, "batch", *map(str, words)]
+    return subprocess.run(line, capture_output=True, text=True, check=False)
+
+
+def table(out: Path) -> list[dict[str, str]]:
+    with (out / "batch.csv").open(newline="") as file:
+        return [{**row, "seconds": ""} for row in csv.DictReader(file)]
+
+
+def test_a_batch_is_the_single_command_and_a_broken_input_a_row(traces: Path, tmp_path: Path):
+    out = tmp_path / "out"
+    words = ["run-ripple", traces, "--no-report", "--workers", "2", "--out", out]
+    first = batch(*words, "--json")
+    assert first.returncode == 6, first.stderr
+    body = json.loads(first.stdout)
+    assert (body["done"], body["failed"], body["skipped"]) == (3, 1, 0)
+    assert [Path(row["input"]).stem for row in body["rows"]] == [
+        "drive-0", "drive-1", "drive-2", "spoilt",
+    ]  # fmt: skip
+    assert body["rows"][3]["exit_code"] == 4
+    assert "spoilt.csv" in body["rows"][3]["error"]
+    row = body["rows"][1]
+    alone = ["run-ripple", "--from", row["input"], "--no-report", "--out", str(tmp_path / "alone")]
+    output = Output(json=True)
+    assert run_line(alone, output) == row["exit_code"]
+    single = json.loads(next((tmp_path / "alone").glob("*/result.json")).read_text())
+    result = json.loads((Path(row["result"]) / "result.json").read_text())
+    assert result | {"run": ""} == single | {"run": ""}
+    amplitude = single["ripple"][0]["amplitude_nm"]
+    assert row["ripple[order=2].amplitude_nm"] == amplitude["value"]
+    assert row["ripple[order=2].amplitude_nm_std"] == amplitude["std"]
+
+    # the same again computes nothing; a changed input and a new option do
+    again = json.loads(batch(*words, "--resume", "--json").stdout)
+    assert (again["done"], again["skipped"]) == (0, 3)
+    assert again["rows"] == body["rows"]
+    journal = (out / "batch.jsonl").read_bytes()
+    os.utime(traces / "drive-0.csv", (2e9 - 1e9, 3e8))
+    record(traces / "drive-2.csv", 7)
+    third = json.loads(batch(*words, "--resume", "--json").stdout)
+    assert (third["done"], third["skipped"]) == (1, 2)
+    assert (out / "batch.jsonl").read_bytes().startswith(journal)
+    assert json.loads(batch(*words, "--to-s", "3", "--resume", "--json").stdout)["done"] == 3
+    assert batch(*words).returncode == 2
+
+
+def test_a_worker_that_dies_is_replaced_and_its_task_run_again(tmp_path: Path):
+    script = Path(__file__).with_name("deaths.py")
+    words = [sys.executable, str(script), str(tmp_path)]
+    ran = subprocess.run(words, capture_output=True, text=True, check=False)
+    told = json.loads(ran.stdout)
+    values = [value for value, _, _ in told]
+    assert values == [0, 10, None, 30, 40], ran.stderr
+    assert [deaths for _, deaths, _ in told][1:3] == [1, 2]
+    assert [lost for _, _, lost in told] == [False, False, True, False, False]
+    assert "Traceback" not in ran.stderr
+
+
+def test_ctrl_c_keeps_what_is_done_and_resume_gives_the_same_table(traces: Path, tmp_path: Path):
+    out = tmp_path / "out"
+    words = ["run-ripple", str(traces), "--workers", "1", "--out", str(out)]
+    running = subprocess.Popen(
+        [*HDBENCH, "batch", *words], stderr=subprocess.PIPE, text=True, start_new_session=True
+    )
+    journal = out / "batch.jsonl"
+    while running.poll() is None:
+        if journal.exists() and journal.read_text().count('"row"') >= 1:
+            os.killpg(running.pid, signal.SIGINT)
+            break
+        time.sleep(0.05)
+    _, error = running.communicate()
+    assert running.returncode == 130, error
+    assert "--resume" in error
+    assert "Traceback" not in error
+    assert not (out / ".parts").exists()
+    assert len(table(out)) < 4
+    assert batch(*words, "--resume").returncode == 6
+    undisturbed = [*words[:-1], str(tmp_path / "whole")]
+    assert batch(*undisturbed).returncode == 6
+    plain = [
+        [{**row, "result": Path(row["result"]).name} for row in table(folder)]
+        for folder in (out, tmp_path / "whole")
+    ]
+    assert plain[0] == plain[1]
+
+
+@pytest.mark.parametrize(
+    ("command", "options", "results"),
+    [
+        ("filter", (), {"x.csv", "x.result.json"}),
+        ("tune", ("--slow", "none"), {"x.json", "x.result.json"}),
+        ("orders", ("--model", "report-6"), {"x.result.json"}),
+        ("diagnose", (), {"x"}),
+    ],
+)
+def test_every_command_leaves_its_own_files(command, options, results, tmp_path: Path):
+    for name in ("results", ".parts"):
+        (tmp_path / "out" / name).mkdir(parents=True)
+    source = record(tmp_path / "x.csv", 0)
+    task = {
+        "command": command, "options": options, "input": "x.csv", "path": str(source),
+        "name": "x", "out": str(tmp_path / "out"), "shown": "out", "known": None, "drive": "HD-1",
+    }  # fmt: skip
+    row = run_one(task)["row"]
+    assert row["exit_code"] in (0, 6), row["error"]
+    assert {file.name for file in (tmp_path / "out" / "results").iterdir()} == results
+    assert (tmp_path / row["result"]).exists()
+    assert row["drive"] == "HD-1"
+    known = run_one(task | {"known": row["sha256"]})
+    assert known["row"] is None
+
+
+def test_inputs_are_files_folders_patterns_and_lists(traces: Path, tmp_path: Path):
+    four = sorted(traces.iterdir())
+    assert [entry.path for entry in expand_inputs([str(traces)])] == four
+    pattern = expand_inputs([str(traces / "drive-*.csv"), str(four[0])])
+    assert [entry.path for entry in pattern] == four[:3]
+    listed = tmp_path / "list.csv"
+    listed.write_text("input,drive,profile\ntraces/drive-1.csv,HD-7,\ngone.csv,,bench\n")
+    assert expand_inputs([str(listed)]) == [
+        Input(traces / "drive-1.csv", drive="HD-7"),
+        Input(tmp_path / "gone.csv", profile="bench"),
+    ]
+    with pytest.raises(UsageError, match="no file fits"):
+        expand_inputs([str(tmp_path / "*.none")])
+
+
+def test_a_batch_folder_has_one_writer_and_survives_a_torn_line(tmp_path: Path):
+    entry = Input(record(tmp_path / "a.csv", 0))
+    done = {"stamps": stamps_of(entry.path), "row": {
+        "input": "a.csv", "sha256": "0", "exit_code": 4, "error": "=1+1", "result": None,
+    }}  # fmt: skip
+    folder = BatchFolder(tmp_path / "out", "filter", resume=False)
+    with pytest.raises(BusyError):
+        BatchFolder(tmp_path / "out", "filter", resume=True)
+    folder.add(entry, "asked", "a", done)
+    folder.write_table([done["row"]])
+    folder.close()
+    assert table(tmp_path / "out")[0]["error"] == "'=1+1"  # no formula of a spreadsheet
+    with (tmp_path / "out" / "batch.jsonl").open("a") as file:
+        file.write('{"identity": "half a li')
+    with pytest.raises(UsageError, match="batch of filter"):
+        BatchFolder(tmp_path / "out", "tune", resume=True)
+    folder = BatchFolder(tmp_path / "out", "filter", resume=True)
+    assert folder.kept(entry, "asked") is not None
+    assert folder.kept(entry, "another option") is None
+    folder.add(entry, "asked", "a", done)
+    folder.close()
+    assert len((tmp_path / "out" / "batch.jsonl").read_text().splitlines()) == 4
+
+
+def test_names_of_results_are_unique_and_stay(tmp_path: Path):
+    inputs = [Input(tmp_path / place) for place in ("a/x.csv", "b/x.csv", "x.csv.gz")]
+    folder = BatchFolder(tmp_path / "out", "filter", resume=False)
+    assert folder.names(inputs) == ["x", "x-2", "x-3"]
+    assert folder.names(inputs[::-1]) == ["x-3", "x-2", "x"]
+    folder.close()
+
+
+def test_help_imports_nothing_of_it_and_the_extra_is_named():
+    code = (
+        "import sys\n{}\nfrom hdbench_cli.main import main\n"
+        "try:\n    main(sys.argv[1:])\nfinally:\n    print('distributed' in sys.modules)"
+    )
+    for hidden, words, said in (
+        ("", ["--help"], "False"),
+        ("", ["batch", "run-ripple", "--help"], "False"),
+        ("sys.modules['distributed'] = None", ["batch", "filter", "x.csv"], "hdbench[batch]"),
+    ):
+        line = [sys.executable, "-c", code.format(hidden), *words]
+        ran = subprocess.run(line, capture_output=True, text=True, check=False)
+        assert said in ran.stdout + ran.stderr

@@ -1,0 +1,95 @@
+"""The page of a fleet: false alarms, outliers, causes, links, size."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hdbench.errors import DataError
+from hdbench.report.fleet import FALSE_ALARM, fleet_runs, outlier_limit, write_fleet
+
+
+def run_of(folder: Path, drive: str, kind: str, result: dict) -> Path:
+    folder.mkdir(parents=True)
+    body = {"schema": f"hdbench/{kind}/1", **result}
+    (folder / "result.json").write_text(json.dumps(body))
+    manifest = {"drive": drive, "kind": kind, "started_utc": "2026-11-23T07:00:00Z"}
+    (folder / "run.json").write_text(json.dumps(manifest))
+    (folder / "report.html").write_text("its own report")
+    return folder
+
+
+def misalignment(amplitude: float, std: float = 0.001) -> dict:
+    size = {"value": amplitude, "std": std, "dof": 50.0}
+    peak = {"value": 2.0 * amplitude, "std": 2.0 * std, "dof": 50.0}
+    return {
+        "amplitude_nm": size, "peak_to_peak_nm": peak, "phase_rad": size, "before": {},
+        "after": {"peak_to_peak_nm": peak}, "output_turns": 2.0,
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("count", [8, 30, 300])
+def test_a_fleet_without_outliers_names_one_as_often_as_stated(count: int):
+    # own draws; 4000 fleets at 5 %: a standard deviation of 0.34 %, here 4 of them
+    rng = np.random.default_rng(99)
+    drawn = rng.standard_normal((4000, count))
+    away = np.abs(drawn - np.median(drawn, axis=1, keepdims=True))
+    scatter = 1.4826 * np.median(away, axis=1)
+    named = np.mean(away.max(axis=1) > outlier_limit(count, FALSE_ALARM) * scatter)
+    assert abs(named - FALSE_ALARM) < 0.014
+
+
+def test_an_outlier_is_named_and_leads_to_its_report(tmp_path: Path):
+    rng = np.random.default_rng(1)
+    for number in range(40):
+        amplitude = 0.9 + 0.03 * rng.standard_normal() + (0.4 if number == 7 else 0.0)
+        drive = f"HD-{number:02d} <b>"
+        run_of(tmp_path / "runs" / f"r {number}", drive, "misalignment", misalignment(amplitude))
+    files = write_fleet(fleet_runs([tmp_path / "runs"]), tmp_path / "page")
+    body = json.loads(files.json.read_text())["kinds"]["misalignment"]
+    told = {figure["figure"]: figure["outliers"] for figure in body["figures"]}
+    assert told["amplitude_nm"] == ["HD-07 <b>"]
+    assert not any("phase" in name or "turns" in name for name in told)
+    page = files.html.read_text()
+    assert "../runs/r%207/report.html" in page
+    assert "HD-07 &lt;b&gt;" in page
+    assert "<b>" not in page.split("Drives")[-1]
+    assert len(files.csv.read_text().splitlines()) == 1 + 3 * 40
+
+
+def test_an_uncertain_drive_is_not_called_an_outlier(tmp_path: Path):
+    rng = np.random.default_rng(2)
+    for number in range(40):
+        amplitude = 0.9 + 0.03 * rng.standard_normal() + (0.4 if number == 7 else 0.0)
+        std = 0.2 if number == 7 else 0.001
+        run_of(tmp_path / f"r{number}", f"d{number}", "misalignment", misalignment(amplitude, std))
+    files = write_fleet(fleet_runs([tmp_path]), tmp_path)
+    body = json.loads(files.json.read_text())["kinds"]["misalignment"]
+    assert all(not figure["outliers"] for figure in body["figures"])
+
+
+def test_causes_by_frequency_and_a_thousand_drives_in_three_megabytes(tmp_path: Path):
+    for number in range(1000):
+        size = {"value": 0.5 + 0.0001 * number, "std": 0.01, "unit": "N m"}
+        cause = {"name": "coulomb-friction", "parameters": {"coulomb_nm": size}}
+        causes = [cause] if number % 4 == 0 else []
+        result = {"verdict": "named" if causes else "nothing-found", "causes": causes,
+                  "simulated": {"heldout_rms_nm": 0.1 + 1e-5 * number}}  # fmt: skip
+        run_of(tmp_path / "runs" / f"r{number}", f"HD-{number}", "diagnosis", result)
+    files = write_fleet(fleet_runs([tmp_path / "runs"]), tmp_path / "fleet.html")
+    page = files.html.read_text()
+    assert files.html.stat().st_size < 3e6
+    assert page.count("report.html") >= 1000
+    # 250 of 1000, interval of Clopper and Pearson
+    assert "<td>coulomb-friction</td><td>250</td><td>25.0% (22.3% to 27.8%)</td>" in page
+
+
+def test_few_drives_are_shown_and_not_judged_and_none_is_an_error(tmp_path: Path):
+    run_of(tmp_path / "runs" / "a", "HD-1", "misalignment", misalignment(0.9))
+    page = write_fleet(fleet_runs([tmp_path / "runs" / "a"]), tmp_path).html.read_text()
+    assert "No drive is judged" in page
+    with pytest.raises(DataError, match="no batch and no run"):
+        fleet_runs([tmp_path / "nothing"])
