@@ -12,7 +12,7 @@ PROFILE = load_profile("cim-tr-97-06")
 def test_angle_errors_poles_and_friction_by_direction_are_explained_by_their_model():
     model = BenchModel.from_profile(PROFILE.data)
     for term in (
-        CauseTerm("transmission-error", {}, (0.01, 0.0, 0.05, 0.02, 0.0, 0.01)),
+        CauseTerm("transmission-error", {}, (0.01, 0.0, 0.05, 0.02, 0.0, 0.01, 0.0)),
         CauseTerm("cogging", {"order": 12.0}, (0.1, 0.0, 0.0, 0.0, 0.05, 0.0, 0.0, 0.02)),
         CauseTerm("asymmetric-friction", {}, (0.1, -0.002)),
     ):

@@ -147,6 +147,10 @@ class Coverage:
     limits: tuple[Finding, ...]
 
 
+def _as_json(items: list[tuple[str, Any]]) -> dict[str, Any]:
+    return {key: list(value) if isinstance(value, tuple) else value for key, value in items}
+
+
 @dataclass(frozen=True, slots=True)
 class Inspection:
     """What a log can tell.
@@ -185,10 +189,5 @@ class Inspection:
         dict
             ``sampling``, ``channels``, ``coverage``, ``findings`` and ``notes``.
         """
-        return {
-            "sampling": asdict(self.sampling),
-            "channels": [asdict(one) for one in self.channels],
-            "coverage": None if self.coverage is None else asdict(self.coverage),
-            "findings": [asdict(one) for one in self.findings],
-            "notes": list(self.notes),
-        }
+        told = asdict(self, dict_factory=_as_json)
+        return {key: told[key] for key in ("sampling", "channels", "coverage", "findings", "notes")}

@@ -152,22 +152,22 @@ TRANSMISSION_ERROR = Cause(
     "A_m cos(theta_m + phase_m) + A_1 cos(theta_o + phase_1) + A_2 cos(2 theta_o + phase_2) "
     "+ c T, T the known torque; dy/d theta_m over the whole way e",
     shape=(),
-    linear=tuple(
-        Parameter(
-            f"{part}_{place}_rad",
-            "rad",
-            -_ANGLE_LIMIT_RAD,
-            _ANGLE_LIMIT_RAD,
-            f"{part} part of the recorded motor angle's error, {often}",
-        )
-        for place, often in (
-            ("motor", "once per motor turn"),
-            ("output_1", "once per output turn"),
-            ("output_2", "twice per output turn"),
-        )
-        for part in ("cosine", "sine")
-    )
-    + (
+    linear=(
+        *(
+            Parameter(
+                f"{part}_{place}_rad",
+                "rad",
+                -_ANGLE_LIMIT_RAD,
+                _ANGLE_LIMIT_RAD,
+                f"{part} part of the recorded motor angle's error, {often}",
+            )
+            for place, often in (
+                ("motor", "once per motor turn"),
+                ("output_1", "once per output turn"),
+                ("output_2", "twice per output turn"),
+            )
+            for part in ("cosine", "sine")
+        ),
         Parameter(
             "windup_rad_per_nm",
             "rad/(N m)",
