@@ -361,7 +361,9 @@ def test_a_missing_file_is_one_json_object_with_a_fix(
         if isinstance(param, click.Option) and param.required:
             kinds = getattr(param.type, "choices", None)
             needed += [param.opts[0], kinds[0] if kinds else str(tmp_path / "out.csv")]
-    told = ask(*path, *needed, tmp_path / "missing")
+    arguments = [p for p in command_of(path).params if isinstance(p, click.Argument)]
+    texts = ["text" for p in arguments if p.required and p.name == "text"]
+    told = ask(*path, *needed, tmp_path / "missing", *texts)
     assert told.code in (2, 4)
     assert told.fix
     assert "missing" in told.what + told.where

@@ -151,6 +151,7 @@ def _build(folder: Path) -> dict[str, str]:
     (folder / "own.toml").write_text(OWN_CAUSE)
     shutil.copytree(STORED, folder / "tests" / "stored")
     _json(folder, "profile", "new", "my-bench", "--out", "my-bench.toml")
+    shutil.copy(folder / "my-bench.toml", folder / "robot.toml")
     _json(folder, "tune", other, "--out", "tuned.json")
     _json(folder, "plan", "--cause", "ripple-harmonic", "--no-loads", "--out", "plan.toml")
     _staircases(folder)

@@ -83,7 +83,7 @@ BY_HAND: dict[str, tuple[Shape, Callable[..., list[float]]]] = {
     ),
     "transmission-error": (
         {},
-        lambda a, o, r, **_: wave(a, -r) + wave(o, -r) + wave(2 * o, -r),
+        lambda a, o, r, tau, **_: wave(a, -r) + wave(o, -r) + wave(2 * o, -r) + [-r * tau],
     ),
     "misalignment": ({}, lambda o, **_: wave(o)),
     "angular-misalignment": ({}, lambda o, **_: wave(2 * o)),
