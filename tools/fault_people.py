@@ -26,13 +26,13 @@ from pathlib import Path
 from fault_kit import Row, in_time, short_profile
 from spoilt_line import in_thread
 
-from hdbench.devices.emulator.bench import SimulatedBench
 from hdbench.devices.emulator.core import NodeCore
 from hdbench.devices.emulator.machine import NodeMachine
-from hdbench.devices.emulator.plantfile import load_plant
 from hdbench.devices.emulator.ratings import identity_values, limit_values
 from hdbench.devices.emulator.server import NodeServer
 from hdbench.devices.node.registers import Capability
+from hdbench.plant.bench import SimulatedBench
+from hdbench.plant.plantfile import load_plant
 from hdbench.profile import load_profile
 
 __all__ = ["clock_steps", "people"]

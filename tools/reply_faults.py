@@ -21,7 +21,6 @@ from pathlib import Path
 import numpy as np
 
 from hdbench.devices.daq import DaqSettings, ScanBlock
-from hdbench.devices.emulator.converter import RawSamples
 from hdbench.devices.emulator.faults import FaultKind, Mangler, RtuFraming, TcpFraming
 from hdbench.devices.emulator.rtuserver import RtuNodeServer
 from hdbench.devices.emulator.serve import build_core
@@ -30,6 +29,7 @@ from hdbench.devices.node.driver import NodeDaq
 from hdbench.devices.node.opening import open_node
 from hdbench.devices.wire.crc import crc16
 from hdbench.errors import DeviceError
+from hdbench.plant.converter import RawSamples
 from hdbench.profile import load_profile
 
 sys.path.insert(0, str(Path(__file__).parent))

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-sys.path.insert(0, str(Path(__file__).parent))
+sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parents[1] / "plant")]
 
 # what ends by itself after a test, such as a server's last turn, s
 _PATIENCE_S = 5.0

@@ -13,7 +13,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from hdbench.devices.emulator.converter import RawSamples
 from hdbench.devices.emulator.serve import build_core
 from hdbench.devices.emulator.server import NodeServer
 from hdbench.devices.hosted import HostedBench, host_settings
@@ -21,6 +20,7 @@ from hdbench.devices.node.driver import NodeDaq
 from hdbench.devices.node.spans import node_probe
 from hdbench.devices.node.wire import NodeWire
 from hdbench.devices.wire import connect, parse_address
+from hdbench.plant.converter import RawSamples
 from hdbench.profile import load_profile
 
 _REPORT = load_profile("cim-tr-97-06").data

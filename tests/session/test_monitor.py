@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hdbench.devices.emulator.bench import SimulatedBench
 from hdbench.devices.emulator.faults import Mangler, TcpFraming
-from hdbench.devices.emulator.plantfile import load_plant
 from hdbench.devices.emulator.serve import build_core
 from hdbench.devices.emulator.server import NodeServer
 from hdbench.filter import preset
+from hdbench.plant.bench import SimulatedBench
+from hdbench.plant.plantfile import load_plant
 from hdbench.profile import load_profile
 from hdbench.profile.scaling import profile_scale
 from hdbench.session.monitor import ChannelStatistics, Monitor

@@ -129,9 +129,9 @@ def emulate_bench(
     DeviceError, StorageError
         As for `serve`.
     """
-    from hdbench.devices.emulator.bench import SimulatedBench
-    from hdbench.devices.emulator.plantfile import load_plant
     from hdbench.model.modelfile import load_model
+    from hdbench.plant.bench import SimulatedBench
+    from hdbench.plant.plantfile import load_plant
 
     model = load_model(model_file) if model_file else None
     bench = SimulatedBench(profile, load_plant(plant), seed, model=model)

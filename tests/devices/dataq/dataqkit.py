@@ -13,12 +13,12 @@ from typing import Any
 from hdbench.devices.daq import DaqSettings, ScanBlock
 from hdbench.devices.dataq.driver import DataqDaq
 from hdbench.devices.dataq.opening import open_dataq
-from hdbench.devices.emulator.bench import SimulatedBench
 from hdbench.devices.emulator.dataq.device import DataqDevice
 from hdbench.devices.emulator.dataq.line import DataqLine
 from hdbench.devices.emulator.dataq.serve import dataq_part
 from hdbench.devices.emulator.instrument import DeviceClock, SimulatedInstrument
-from hdbench.devices.emulator.plantfile import load_plant
+from hdbench.plant.bench import SimulatedBench
+from hdbench.plant.plantfile import load_plant
 from hdbench.profile import load_profile
 from hdbench.profile.acquiring_dataq import DataqAcquisition
 

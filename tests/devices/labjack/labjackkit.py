@@ -13,14 +13,14 @@ from typing import Any
 import numpy as np
 
 from hdbench.devices.daq import DaqSettings, ScanBlock
-from hdbench.devices.emulator.bench import SimulatedBench
 from hdbench.devices.emulator.instrument import DeviceClock, SimulatedInstrument
 from hdbench.devices.emulator.labjack.device import LabJackDevice
 from hdbench.devices.emulator.labjack.server import LabJackServer
 from hdbench.devices.emulator.labjack.wiring import Wiring
-from hdbench.devices.emulator.plantfile import load_plant
 from hdbench.devices.labjack.driver import LabJackDaq
 from hdbench.devices.labjack.opening import open_labjack
+from hdbench.plant.bench import SimulatedBench
+from hdbench.plant.plantfile import load_plant
 from hdbench.profile import load_profile
 
 PROFILE = load_profile("labjack-t7").data

@@ -11,13 +11,13 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from hdbench.devices.daq import DaqSettings, ScanBlock
-from hdbench.devices.emulator.bench import SimulatedBench
 from hdbench.devices.emulator.instrument import DeviceClock, SimulatedInstrument
 from hdbench.devices.emulator.modbus.device import ModbusDevice
 from hdbench.devices.emulator.modbus.servers import RtuServer, TcpServer
-from hdbench.devices.emulator.plantfile import load_plant
 from hdbench.devices.modbus.driver import ModbusDaq
 from hdbench.devices.modbus.opening import open_modbus
+from hdbench.plant.bench import SimulatedBench
+from hdbench.plant.plantfile import load_plant
 from hdbench.profile import load_profile
 from hdbench.profile.acquiring_modbus import ModbusAcquisition
 

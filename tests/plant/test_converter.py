@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.signal import freqz
 
-from hdbench.devices.emulator.converter import (
+from hdbench.plant.converter import (
     HALF_LENGTH_SAMPLES,
     Decimator,
     steps_per_sample,

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from hdbench.devices.emulator.plantfile import PlantSpec, load_plant
-from hdbench.devices.emulator.plantschema import PlantFile
+from hdbench.plant.plantfile import PlantSpec, load_plant
+from hdbench.plant.plantschema import PlantFile
 from hdbench.profile import ProfileData, load_profile
 
 

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hdbench.devices.emulator.extended import ROOM_C
+from hdbench.plant.extended import ROOM_C
 from hdbench.profile.schema import ProfileData
 from hdbench.records.trace import FloatArray
 
 if TYPE_CHECKING:
-    from hdbench.devices.emulator.fixture import Mount
     from hdbench.model import BenchModel
+    from hdbench.plant.fixture import Mount
 
 __all__ = ["LockedCauses"]
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hdbench.devices.emulator.servo import command_rad_s, servo_loop
+from hdbench.plant.servo import command_rad_s, servo_loop
 from hdbench.profile.schema import (
     HarmonicParameters,
     MisalignmentParameters,
@@ -16,9 +16,9 @@ from hdbench.profile.schema import (
 from hdbench.records.trace import FloatArray
 
 if TYPE_CHECKING:
-    from hdbench.devices.emulator.fixture import Mount
-    from hdbench.devices.emulator.torque import AnalogueChannels
     from hdbench.model import BenchModel
+    from hdbench.plant.fixture import Mount
+    from hdbench.plant.torque import AnalogueChannels
 
 __all__ = ["ROOM_C", "cause_volts", "with_model"]
 

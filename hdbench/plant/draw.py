@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from hdbench.devices.emulator.effects import EFFECT_KINDS, Effect
-from hdbench.devices.emulator.plantfile import PlantSpec
-from hdbench.devices.emulator.plantschema import Draw, EffectSpec
+from hdbench.plant.effects import EFFECT_KINDS, Effect
+from hdbench.plant.plantfile import PlantSpec
+from hdbench.plant.plantschema import Draw, EffectSpec
 
 __all__ = ["draw_effects"]
 

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from plant_tools import plant, quiet_profile
 
-from hdbench.devices.emulator.bench import SimulatedBench
 from hdbench.model import (
     BenchModel,
     Motion,
@@ -18,6 +17,7 @@ from hdbench.model import (
     motion_from_trace,
     with_signal,
 )
+from hdbench.plant.bench import SimulatedBench
 from hdbench.profile.schema import MisalignmentParameters, ReferenceWave
 from hdbench.records.trace import FloatArray, Trace
 

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from plant_tools import profile
 
-from hdbench.devices.emulator.bridge import GaugeBridge, place_gauges
+from hdbench.plant.bridge import GaugeBridge, place_gauges
 from hdbench.profile.schema import HarmonicParameters
 
 SENSOR = profile().sensor

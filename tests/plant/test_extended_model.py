@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from plant_tools import AS_MODELLED, quiet_profile
 
-from hdbench.devices.emulator.bench import SimulatedBench
-from hdbench.devices.emulator.converter import HALF_LENGTH_SAMPLES
-from hdbench.devices.emulator.extended import cause_volts
-from hdbench.devices.emulator.fixture import ArmLoad, Mount, Settling
-from hdbench.devices.emulator.torque import AnalogueChannels
 from hdbench.model import BenchModel, CauseTerm, catalogue
+from hdbench.plant.bench import SimulatedBench
+from hdbench.plant.converter import HALF_LENGTH_SAMPLES
+from hdbench.plant.extended import cause_volts
+from hdbench.plant.fixture import ArmLoad, Mount, Settling
+from hdbench.plant.torque import AnalogueChannels
 from hdbench.profile.schema import ReferenceWave
 
 QUIET = quiet_profile()

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hdbench.devices.emulator.drivetrain import AsymmetricFriction, Cogging, TransmissionError
-from hdbench.devices.emulator.truemotion import PlantMotion
+from hdbench.plant.drivetrain import AsymmetricFriction, Cogging, TransmissionError
+from hdbench.plant.truemotion import PlantMotion
 from hdbench.records.trace import FloatArray
 
 __all__ = [

@@ -7,17 +7,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hdbench.devices.emulator.bridge import GaugeBridge, place_gauges
-from hdbench.devices.emulator.drivetrain import AsymmetricFriction
-from hdbench.devices.emulator.effects import (
+from hdbench.plant.bridge import GaugeBridge, place_gauges
+from hdbench.plant.drivetrain import AsymmetricFriction
+from hdbench.plant.effects import (
     Effect,
     OutputFriction,
     effect_torque_nm,
 )
-from hdbench.devices.emulator.fixture import Mount
-from hdbench.devices.emulator.plantschema import MotorSpec
-from hdbench.devices.emulator.servo import HoldMotion, motor_current_a
-from hdbench.devices.emulator.truemotion import PlantMotion
+from hdbench.plant.fixture import Mount
+from hdbench.plant.plantschema import MotorSpec
+from hdbench.plant.servo import HoldMotion, motor_current_a
+from hdbench.plant.truemotion import PlantMotion
 from hdbench.profile.schema import HarmonicParameters, ProfileData
 from hdbench.records.trace import FloatArray
 

@@ -12,9 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from plant_tools import AS_MODELLED, WORN, plant, profile, quiet_profile
 
-from hdbench.devices.emulator.bench import SimulatedBench
-from hdbench.devices.emulator.converter import RawSamples
 from hdbench.errors import UsageError
+from hdbench.plant.bench import SimulatedBench
+from hdbench.plant.converter import RawSamples
 from hdbench.profile.schema import HarmonicParameters, ProfileData, ReferenceWave
 
 V_PER_CODE = 10.0 / 32768.0

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hdbench.devices.emulator.converter import HALF_LENGTH_SAMPLES, Decimator, steps_per_sample
-from hdbench.devices.emulator.fixture import Mount
-from hdbench.devices.emulator.reference import ReferenceLine
-from hdbench.devices.emulator.servo import HoldMotion, command_rad_s, servo_loop
-from hdbench.devices.emulator.torque import AnalogueChannels
+from hdbench.plant.converter import HALF_LENGTH_SAMPLES, Decimator, steps_per_sample
+from hdbench.plant.fixture import Mount
+from hdbench.plant.reference import ReferenceLine
+from hdbench.plant.servo import HoldMotion, command_rad_s, servo_loop
+from hdbench.plant.torque import AnalogueChannels
 from hdbench.records.trace import FloatArray
 
 __all__ = ["Timeline", "TrueSamples"]

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from hdbench.devices.emulator.extended import cause_volts
-from hdbench.devices.emulator.fixture import Mount
-from hdbench.devices.emulator.lockedcauses import LockedCauses
-from hdbench.devices.emulator.torque import AnalogueChannels
+from hdbench.plant.extended import cause_volts
+from hdbench.plant.fixture import Mount
+from hdbench.plant.lockedcauses import LockedCauses
+from hdbench.plant.torque import AnalogueChannels
 from hdbench.profile.schema import ProfileData
 from hdbench.records.trace import FloatArray
 

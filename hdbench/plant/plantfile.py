@@ -12,8 +12,8 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from hdbench.devices.emulator.plantschema import PlantFile
 from hdbench.errors import ProfileError
+from hdbench.plant.plantschema import PlantFile
 from hdbench.profile.loader import read_toml
 from hdbench.profile.problems import problem
 from hdbench.profile.toml_map import Key, key_lines

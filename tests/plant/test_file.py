@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from hdbench.devices.emulator.draw import draw_effects
-from hdbench.devices.emulator.plantfile import list_plants, load_plant
 from hdbench.errors import ProfileError
+from hdbench.plant.draw import draw_effects
+from hdbench.plant.plantfile import list_plants, load_plant
 
 GOOD = """name = "mine"
 

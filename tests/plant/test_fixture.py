@@ -9,9 +9,9 @@ import pytest
 from plant_tools import AS_MODELLED, plant, profile, quiet_profile
 from scipy.stats import chi2
 
-from hdbench.devices.emulator.bench import SimulatedBench
-from hdbench.devices.emulator.fixture import ArmLoad, PositionGain, Settling
 from hdbench.errors import UsageError
+from hdbench.plant.bench import SimulatedBench
+from hdbench.plant.fixture import ArmLoad, PositionGain, Settling
 
 SETTLING = Settling(12.0, 0.05, 0.035, 0.3, 1.0)
 V_PER_CODE = 10.0 / 32768.0

@@ -2,24 +2,21 @@
 
 from __future__ import annotations
 
-import ast
 import math
 from collections import Counter
-from pathlib import Path
 
 import numpy as np
 import pytest
 from plant_tools import WORN, plant
 
-import hdbench.devices.emulator
-from hdbench.devices.emulator.draw import draw_effects
-from hdbench.devices.emulator.drivetrain import (
+from hdbench.plant.draw import draw_effects
+from hdbench.plant.drivetrain import (
     AsymmetricFriction,
     Cogging,
     TransmissionError,
     encoder_error_rad,
 )
-from hdbench.devices.emulator.effects import (
+from hdbench.plant.effects import (
     GainError,
     MotorOrder,
     OutputFriction,
@@ -30,7 +27,7 @@ from hdbench.devices.emulator.effects import (
     ZeroStep,
     start_effect,
 )
-from hdbench.devices.emulator.truemotion import PlantMotion
+from hdbench.plant.truemotion import PlantMotion
 
 TIME = np.linspace(-0.5, 9.5, 10_001)
 SPEED = 60.0 * np.sin(TIME)
@@ -166,16 +163,3 @@ def test_an_effect_of_probability_zero_is_never_chosen() -> None:
     )
     for seed in range(20):
         assert draw_effects(spec, np.random.default_rng(seed)) == (ZeroDrift(0.1),)
-
-
-def test_the_plant_shares_no_code_with_what_has_to_find_its_effects() -> None:
-    folder = Path(hdbench.devices.emulator.__path__[0])
-    imported = set()
-    for file in folder.glob("*.py"):
-        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.ImportFrom):
-                imported.add(str(node.module))
-            elif isinstance(node, ast.Import):
-                imported.update(alias.name for alias in node.names)
-    assert "hdbench.model.waves" in imported
-    assert not [n for n in imported if n.startswith(("hdbench.model.causes", "hdbench.diagnosis"))]

@@ -7,8 +7,8 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from hdbench.devices.emulator.converter import AnalogueSamples
-from hdbench.devices.emulator.timeline import Timeline
+from hdbench.plant.converter import AnalogueSamples
+from hdbench.plant.timeline import Timeline
 from hdbench.profile.schema import ProfileData
 from hdbench.records.trace import FloatArray
 

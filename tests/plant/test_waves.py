@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from plant_tools import AS_MODELLED, quiet_profile
 
-from hdbench.devices.emulator.bench import SimulatedBench
 from hdbench.model.waves import reference_voltage
+from hdbench.plant.bench import SimulatedBench
 from hdbench.profile.schema import ReferenceWave
 
 QUIET = quiet_profile()

@@ -9,22 +9,22 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from hdbench.devices.emulator.clamping import Fixture
-from hdbench.devices.emulator.converter import AnalogueSamples, RawSamples, to_code, to_count
-from hdbench.devices.emulator.draw import draw_effects
-from hdbench.devices.emulator.drivetrain import encoder_error_rad
-from hdbench.devices.emulator.effects import start_effect
-from hdbench.devices.emulator.extended import with_model
-from hdbench.devices.emulator.fixture import PositionGain, shunt_volts
-from hdbench.devices.emulator.modelcauses import ModelCauses
-from hdbench.devices.emulator.plantfile import PlantSpec
-from hdbench.devices.emulator.readout import read_out
-from hdbench.devices.emulator.reference import reference_values_v
-from hdbench.devices.emulator.timeline import Timeline
-from hdbench.devices.emulator.torque import AnalogueChannels
-from hdbench.devices.emulator.truth import sensor_truth, torque_truth
 from hdbench.errors import UsageError
 from hdbench.model.program import ReferenceProgram
+from hdbench.plant.clamping import Fixture
+from hdbench.plant.converter import AnalogueSamples, RawSamples, to_code, to_count
+from hdbench.plant.draw import draw_effects
+from hdbench.plant.drivetrain import encoder_error_rad
+from hdbench.plant.effects import start_effect
+from hdbench.plant.extended import with_model
+from hdbench.plant.fixture import PositionGain, shunt_volts
+from hdbench.plant.modelcauses import ModelCauses
+from hdbench.plant.plantfile import PlantSpec
+from hdbench.plant.readout import read_out
+from hdbench.plant.reference import reference_values_v
+from hdbench.plant.timeline import Timeline
+from hdbench.plant.torque import AnalogueChannels
+from hdbench.plant.truth import sensor_truth, torque_truth
 from hdbench.profile.schema import ProfileData, ReferenceWave
 from hdbench.records.trace import FloatArray
 

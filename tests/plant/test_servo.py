@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from hdbench.devices.emulator.servo import ServoLoop, motor_current_a
+from hdbench.plant.servo import ServoLoop, motor_current_a
 from hdbench.profile import load_profile
 
 LOOP = ServoLoop(2.0 * math.pi * 15.0, 2500.0)

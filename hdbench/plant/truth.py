@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from dataclasses import asdict
 
-from hdbench.devices.emulator.effects import EFFECT_KINDS, Effect
-from hdbench.devices.emulator.fixture import GAIN_HARMONICS, PositionGain
-from hdbench.devices.emulator.torque import AnalogueChannels
+from hdbench.plant.effects import EFFECT_KINDS, Effect
+from hdbench.plant.fixture import GAIN_HARMONICS, PositionGain
+from hdbench.plant.torque import AnalogueChannels
 from hdbench.profile.schema import ProfileData
 
 __all__ = ["sensor_truth", "torque_truth"]

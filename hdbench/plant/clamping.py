@@ -8,15 +8,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from hdbench.devices.emulator.fixture import (
+from hdbench.errors import UsageError
+from hdbench.plant.fixture import (
     FREE_SWING_S,
     ArmLoad,
     Mount,
     PositionGain,
     Settling,
 )
-from hdbench.devices.emulator.plantschema import FixtureSpec
-from hdbench.errors import UsageError
+from hdbench.plant.plantschema import FixtureSpec
 from hdbench.profile.schema import Arm
 
 __all__ = ["Fixture"]

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from hdbench.devices.emulator.mistakes import Mistakes
+from hdbench.devices.mistakes import Mistakes
 from hdbench.devices.ports import AcquisitionSettings, Bench
 from hdbench.errors import UsageError
 

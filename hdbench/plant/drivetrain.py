@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hdbench.devices.emulator.truemotion import PlantMotion
+from hdbench.plant.truemotion import PlantMotion
 from hdbench.records.trace import FloatArray
 
 __all__ = ["AsymmetricFriction", "Cogging", "TransmissionError", "encoder_error_rad"]
