@@ -98,8 +98,7 @@ def command(
     commands takes. It is open to this machine only: Modbus has no authentication.
     """
     from hdbench import __version__
-    from hdbench.devices.emulator.kinds import emulator_of
-    from hdbench.devices.emulator.serve import EmulatorSettings
+    from hdbench.devices.emulator.serving import EmulatorSettings, emulate
     from hdbench.profile import load_profile
 
     _check_listen(listen, unprotected=unprotected)
@@ -137,7 +136,6 @@ def command(
         record=record,
         rtu=rtu,
     )
-    emulate = emulator_of(profile.data.daq.driver)
     emulate(profile.data, plant, seed, settings, ready=ready, model_file=model_file)
 
 

@@ -27,7 +27,6 @@ from hdbench.devices.wire import FrameError, read_registers, write_register
 from hdbench.devices.wire.crc import crc16
 from hdbench.errors import DeviceError
 from hdbench.profile import load_profile
-from hdbench.profile.acquiring import PluginAcquisition
 from hdbench.profile.schema import ReferenceWave
 
 WAVE = ReferenceWave(wave="constant", amplitude_v=1.0)
@@ -225,7 +224,6 @@ HOST = """
 import os, sys
 from hdbench.devices import AcquisitionSettings, open_bench
 from hdbench.profile import load_profile
-from hdbench.profile.acquiring import PluginAcquisition
 from hdbench.profile.schema import ReferenceWave
 
 wave = ReferenceWave(wave="constant", amplitude_v=1.0)
@@ -392,8 +390,7 @@ def test_every_bench_that_moves_has_bytes_for_its_guard(name):
 
 
 def test_a_driver_without_known_bytes_is_made_safe_through_itself(tmp_path):
-    plugin = PluginAcquisition(driver="acme", sample_period_s=1e-3)
-    order = order_of(PROFILE.model_copy(update={"daq": plugin}))
+    order = order_of(load_profile("seneca-z-sg").data)
     assert order.targets == ()
     assert order.command
     with served(TinyBench(), pace="realtime") as node, guarded(node, tmp_path) as bench:

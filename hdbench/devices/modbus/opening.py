@@ -2,21 +2,28 @@
 
 from __future__ import annotations
 
+import math
+from typing import TYPE_CHECKING
+
+from hdbench.devices.driver import Driver
 from hdbench.devices.modbus.abilities import exchange_s, max_rates_hz, reads_of
 from hdbench.devices.modbus.access import QUIET_S, TRY, Access
 from hdbench.devices.modbus.driver import ModbusDaq
 from hdbench.devices.modbus.probe import make_probe
 from hdbench.devices.wire import connect, parse_address
 from hdbench.devices.wire.address import serial_settings
-from hdbench.errors import ProfileError, UsageError
-from hdbench.profile.acquiring import Acquisition
+from hdbench.errors import ProfileError
 from hdbench.profile.acquiring_modbus import ModbusAcquisition
 from hdbench.profile.schema import ProfileData
 
-__all__ = ["modbus_rate_hz", "open_modbus"]
+if TYPE_CHECKING:
+    from hdbench.devices.emulator.serving import EmulatedDevice, Emulation
+    from hdbench.devices.guard.order import Target
+
+__all__ = ["DRIVER", "modbus_rate_hz", "open_modbus"]
 
 
-def open_modbus(profile: ProfileData, table: Acquisition) -> ModbusDaq:
+def open_modbus(profile: ProfileData, table: ModbusAcquisition) -> ModbusDaq:
     """Open the device; nothing is connected or written yet.
 
     Parameters
@@ -33,30 +40,29 @@ def open_modbus(profile: ProfileData, table: Acquisition) -> ModbusDaq:
     Raises
     ------
     UsageError
-        If the table or its address is another driver's.
+        If the address is another driver's.
     ProfileError
         If the deadline is too short for a serial line to recover from one lost frame.
     """
-    found = _own(table)
-    given = None if found.serial is None else serial_settings(found.serial)
-    address = parse_address(found.address, given, default_port=502)
+    given = None if table.serial is None else serial_settings(table.serial)
+    address = parse_address(table.address, given, default_port=502)
     if address.scheme == "rtu":
-        _check_deadline(found)
-    probe = make_probe(found)
-    link = connect(address, unit=found.unit, probe=probe, tls=found.tls)
+        _check_deadline(table)
+    probe = make_probe(table)
+    link = connect(address, unit=table.unit, probe=probe, tls=table.tls)
     access = Access(
         link,
-        deadline_s=found.deadline_s,
+        deadline_s=table.deadline_s,
         probe=probe if address.scheme == "rtu" else None,
         numbered=address.scheme != "rtu",
-        min_gap_s=found.min_gap_s,
-        max_registers=found.max_read_registers,
-        bridge=found.bridge_registers,
+        min_gap_s=table.min_gap_s,
+        max_registers=table.max_read_registers,
+        bridge=table.bridge_registers,
     )
-    return ModbusDaq(access, found)
+    return ModbusDaq(access, table)
 
 
-def modbus_rate_hz(table: Acquisition) -> float:
+def modbus_rate_hz(table: ModbusAcquisition) -> float:
     """Return the highest rate of the profile's channels, Hz.
 
     Parameters
@@ -67,17 +73,11 @@ def modbus_rate_hz(table: Acquisition) -> float:
     Returns
     -------
     float
-        As the profile describes device and wire, embedded or not: the emulator is as slow.
-
-    Raises
-    ------
-    ValueError
-        If it has no channels.
+        As the profile describes device and wire, embedded or not: the emulator is as slow. inf
+        without channels.
     """
-    rates = max_rates_hz(_own(table))
-    if not rates:
-        raise ValueError("no channels")
-    return rates[-1]
+    rates = max_rates_hz(table)
+    return rates[-1] if rates else math.inf
 
 
 def _check_deadline(table: ModbusAcquisition) -> None:
@@ -93,11 +93,22 @@ def _check_deadline(table: ModbusAcquisition) -> None:
         )
 
 
-def _own(table: Acquisition) -> ModbusAcquisition:
-    if not isinstance(table, ModbusAcquisition):
-        raise UsageError(
-            f"the table of driver {table.driver!r} is none of modbus",
-            where="key daq.driver",
-            fix='set driver = "modbus"',
-        )
-    return table
+def _stop_target(_profile: ProfileData, table: ModbusAcquisition) -> Target | None:
+    from hdbench.devices.modbus.stopping import stop_target
+
+    return stop_target(table)
+
+
+def _emulate(emulation: Emulation, table: ModbusAcquisition) -> EmulatedDevice:
+    from hdbench.devices.emulator.modbus.serve import emulate_modbus
+
+    return emulate_modbus(emulation, table)
+
+
+DRIVER = Driver(
+    open=open_modbus,
+    rate_hz=modbus_rate_hz,
+    drives=lambda table: table.output is not None,
+    stop_target=_stop_target,
+    emulate=_emulate,
+)

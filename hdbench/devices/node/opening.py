@@ -3,23 +3,34 @@
 from __future__ import annotations
 
 from functools import partial
+from typing import TYPE_CHECKING
 
+from hdbench.devices.driver import Driver
 from hdbench.devices.node.abilities import exchange_rate_hz
+from hdbench.devices.node.codec import decode_group
 from hdbench.devices.node.driver import NodeDaq
-from hdbench.devices.node.registers import block_scans
+from hdbench.devices.node.registers import IDENTITY, WORD_ORDER_TEST, block_scans
 from hdbench.devices.node.spans import node_probe
 from hdbench.devices.node.wire import NodeWire
 from hdbench.devices.wire import Address, connect, parse_address
 from hdbench.devices.wire.address import SerialSettings, serial_settings
-from hdbench.errors import UsageError
-from hdbench.profile.acquiring import Acquisition, NodeAcquisition
+from hdbench.errors import BusyError, HdbenchError
+from hdbench.profile.acquiring import NodeAcquisition
 from hdbench.profile.schema import ProfileData
 
-__all__ = ["node_address", "node_rate_hz", "open_node"]
+if TYPE_CHECKING:
+    from hdbench.devices.emulator.serving import EmulatedDevice, Emulation
+    from hdbench.devices.guard.order import Target
+
+__all__ = ["DRIVER", "node_address", "node_rate_hz", "open_node"]
+
+# rates at which a port is asked for a node, fastest first
+_RATES_BD = (921600, 115200)
+_PROBE_S = 0.3
 
 
-def open_node(profile: ProfileData, table: Acquisition) -> NodeDaq:
-    """Return the driver of the node in `table`; an `hdbench.devices.registry.OpenDaq`.
+def open_node(profile: ProfileData, table: NodeAcquisition) -> NodeDaq:
+    """Return the driver of the node in `table`.
 
     Parameters
     ----------
@@ -38,11 +49,10 @@ def open_node(profile: ProfileData, table: Acquisition) -> NodeDaq:
     UsageError
         If address or certificates cannot be used.
     """
-    node = _node_table(table)
-    address = node_address(node)
-    link = connect(address, unit=node.unit, probe=node_probe, tls=node.tls)
+    address = node_address(table)
+    link = connect(address, unit=table.unit, probe=node_probe, tls=table.tls)
     return NodeDaq(
-        NodeWire(link, deadline_s=node.deadline_s),
+        NodeWire(link, deadline_s=table.deadline_s),
         exchanges_hz=partial(exchange_rate_hz, address),
         tacho_rad_s_per_v=profile.tacho.gain_rad_s_per_v,
     )
@@ -64,7 +74,7 @@ def node_address(table: NodeAcquisition) -> Address:
     return parse_address(table.address, serial)
 
 
-def node_rate_hz(table: Acquisition) -> float:
+def node_rate_hz(table: NodeAcquisition) -> float:
     """Return the highest scan rate that the wire of `table` sustains, Hz; inf where embedded.
 
     Parameters
@@ -76,16 +86,51 @@ def node_rate_hz(table: Acquisition) -> float:
     -------
     float
     """
-    node = _node_table(table)
-    if node.address == "embedded":
+    if table.address == "embedded":
         return float("inf")
-    n_channels = len(node.channels)
-    return exchange_rate_hz(node_address(node), n_channels) * block_scans(n_channels)
+    n_channels = len(table.channels)
+    return exchange_rate_hz(node_address(table), n_channels) * block_scans(n_channels)
 
 
-def _node_table(table: Acquisition) -> NodeAcquisition:
-    if not isinstance(table, NodeAcquisition):
-        raise UsageError(
-            f"driver {table.driver!r} is no node", where="key daq.driver", fix='driver = "node"'
-        )
-    return table
+def _stop_target(_profile: ProfileData, table: NodeAcquisition) -> Target:
+    from hdbench.devices.node.stopping import stop_target
+
+    return stop_target(table)
+
+
+def _emulate(emulation: Emulation, table: NodeAcquisition) -> EmulatedDevice:
+    from hdbench.devices.emulator.serve import emulate_node
+
+    return emulate_node(emulation, table)
+
+
+def _probe(path: str) -> str:
+    """Ask a port for the identity of a node, at the usual rates."""
+    last: HdbenchError | None = None
+    for rate_bd in _RATES_BD:
+        link = connect(parse_address(f"rtu://{path}?baud={rate_bd}"), probe=node_probe)
+        wire = NodeWire(link, deadline_s=_PROBE_S)
+        try:
+            values = decode_group(IDENTITY, wire.read(IDENTITY))
+        except BusyError:
+            raise
+        except HdbenchError as error:
+            last = error
+            continue
+        finally:
+            wire.close()
+        if values["word_order"] == WORD_ORDER_TEST:
+            who = " ".join(str(values[key]) for key in ("vendor", "model", "serial"))
+            return f"bench controller node: {who} (rtu://{path}?baud={rate_bd})"
+    if last is not None:
+        raise last
+    return ""
+
+
+DRIVER = Driver(
+    open=open_node,
+    rate_hz=node_rate_hz,
+    stop_target=_stop_target,
+    emulate=_emulate,
+    probe=_probe,
+)
