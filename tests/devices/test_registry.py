@@ -1,9 +1,11 @@
 """Drivers by name, those of other packages too; a broken one is told, not fatal."""
 
 import os
+import re
 import subprocess
 import sys
 from importlib.metadata import EntryPoint, EntryPoints
+from pathlib import Path
 
 import pytest
 
@@ -135,6 +137,13 @@ def test_no_plugin_takes_the_name_of_a_built_in_driver(plugins):
         type(open_daq(PROFILE, PROFILE.daq.model_copy(update={"address": "tcp://h:1"}))).__name__
         == "NodeDaq"
     )
+
+
+def test_the_documents_say_of_each_driver_what_it_was_tested_on():
+    text = (Path(__file__).parents[2] / "docs" / "devices.md").read_text(encoding="utf-8")
+    for info in drivers():
+        if info.origin == "hdbench":
+            assert re.search(rf"\| `{info.name}` \|.*\| emulator only \|", text), info.name
 
 
 def test_an_unknown_driver_is_told_with_the_nearest_name(plugins):

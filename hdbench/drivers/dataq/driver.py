@@ -9,7 +9,8 @@ from typing import NoReturn
 import numpy as np
 
 from hdbench.devices.capabilities import Capabilities, Role
-from hdbench.devices.daq import DaqSettings, ScanBlock, WatchdogState
+from hdbench.devices.daq import DaqSettings, ScanBlock
+from hdbench.devices.inputsonly import InputsOnly
 from hdbench.devices.ports import Identity, SafeState
 from hdbench.drivers.dataq.abilities import describe_abilities
 from hdbench.drivers.dataq.acquisition import Acquisition
@@ -31,7 +32,7 @@ _LOOK_SCANS = 8
 _LOOK_S = 0.5
 
 
-class DataqDaq:
+class DataqDaq(InputsOnly):
     """Driver of one instrument; implements `hdbench.devices.daq.Daq`.
 
     Parameters
@@ -73,10 +74,6 @@ class DataqDaq:
             self._be_quiet()
             self._identity = check_identity(self._commands, self._table)
         return self._identity
-
-    def claim(self) -> None:
-        """Check who answers: the port itself is open for one program only."""
-        self.identity()
 
     def configure(self, settings: DaqSettings) -> float:
         """Send scan list, rate and packet size, and return the actual sample period, s."""
@@ -127,29 +124,6 @@ class DataqDaq:
         if acquisition is None or not acquisition.sampling:
             return
         acquisition.stop(self._be_quiet())
-
-    def write_output(self, name: str, value: float) -> float:
-        """Refuse: there is no analog output."""
-        raise self._no_output()
-
-    def enable(self, *, on: bool) -> bool:
-        """Refuse: nothing here enables a drive."""
-        raise self._no_output()
-
-    def arm_watchdog(self, time_s: float) -> float:
-        """Refuse: there is no watchdog."""
-        raise self._no_output()
-
-    def feed_watchdog(self) -> None:
-        """Refuse: there is no watchdog."""
-        raise self._no_output()
-
-    def watchdog(self) -> WatchdogState:
-        """Return that there is none."""
-        return WatchdogState(armed=False, tripped=False, time_s=0.0)
-
-    def clear_watchdog(self) -> None:
-        """Do nothing: there is none."""
 
     def snapshot(self) -> Mapping[Role, float]:
         """Return the mean of a short stream; empty while an acquisition has the inputs."""
@@ -240,12 +214,6 @@ class DataqDaq:
                 "free this computer of other work, sample more slowly, or name fewer channels",
             )
         raise self._error(f"{what} ({done})", _STEP)
-
-    def _no_output(self) -> DeviceError:
-        return self._error(
-            f"a {self._table.model} has no analog output and no watchdog",
-            'drive the motor with another device: driver = "composite"',
-        )
 
     def _error(self, what: str, fix: str) -> DeviceError:
         return DeviceError(what, where=self._commands.where, fix=fix)
