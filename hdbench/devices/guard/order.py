@@ -10,10 +10,8 @@ from typing import Any
 from hdbench.devices.wire import Address, Request
 from hdbench.profile.acquiring_table import TlsFiles
 
-__all__ = ["STANDSTILL_RAD_S", "Check", "GuardOrder", "Look", "Target", "target_at"]
+__all__ = ["Check", "GuardOrder", "Look", "Target", "target_at"]
 
-# standing still: eight standard deviations of a tacho with 1 mV noise at 56 rad/s per volt
-STANDSTILL_RAD_S = 0.5
 
 # how long the guard goes on trying after the session's end, s
 _TRY_S = 60.0

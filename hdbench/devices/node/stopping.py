@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from hdbench.devices.guard.order import STANDSTILL_RAD_S, Check, Look, Target, target_at
+from hdbench.devices.guard.order import Check, Look, Target, target_at
 from hdbench.devices.node.opening import node_address
 from hdbench.devices.node.registers import IDENTITY, STATUS, Command, Flag, register
+from hdbench.devices.safestate import STANDSTILL_RAD_S
 from hdbench.devices.wire import read_registers, write_register
 from hdbench.profile.acquiring import NodeAcquisition
 

@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping
 from hdbench.devices.capabilities import Capabilities, Role
 from hdbench.devices.daq import DaqSettings, ScanBlock, WatchdogState
 from hdbench.devices.ports import Identity, SafeState
+from hdbench.devices.safestate import SafeActs, Seen, reach_safe_state
 from hdbench.drivers.labjack.abilities import describe_abilities
 from hdbench.drivers.labjack.acquisition import Acquisition
 from hdbench.drivers.labjack.control import Control
@@ -16,7 +17,6 @@ from hdbench.drivers.labjack.identity import check_identity
 from hdbench.drivers.labjack.inputs import input_scales, read_inputs
 from hdbench.drivers.labjack.outputs import Outputs
 from hdbench.drivers.labjack.registers import STREAM_ENABLE
-from hdbench.drivers.labjack.safe import SafeActs, reach_safe_state
 from hdbench.drivers.labjack.scaling import InputScale
 from hdbench.drivers.labjack.scanlist import plan_scan
 from hdbench.drivers.labjack.session import Session
@@ -27,6 +27,9 @@ from hdbench.drivers.labjack.watchdog import Watchdog
 from hdbench.errors import BusyError, DeviceError, HdbenchError
 
 __all__ = ["LabJackDaq"]
+
+# the looped-back reference: offset and noise of the converter, far below what turns a motor
+_ZERO_V = 0.02
 
 
 class LabJackDaq:
@@ -215,10 +218,10 @@ class LabJackDaq:
             # a device that is not the one meant is never written to
             return SafeState(False, None, None, error.what)
         acts = SafeActs(
-            zero=self._outputs.zero,
-            disable=lambda: not self._outputs.enable(on=False),
-            stop=lambda: stop_stream(self._control),
+            stop=self._stop,
             look=self._measured,
+            disable=lambda: not self._outputs.enable(on=False),
+            zero_v=_ZERO_V,
         )
         return reach_safe_state(acts, self._clock, self._sleep)
 
@@ -231,12 +234,16 @@ class LabJackDaq:
         self._session.release()
         self._control.close()
 
-    def _measured(self) -> tuple[float | None, float | None]:
+    def _stop(self) -> None:
+        self._outputs.zero()
+        stop_stream(self._control)
+
+    def _measured(self) -> Seen:
         """Return reference, V, and motor speed, rad/s, as the inputs show them now."""
         seen = read_inputs(self._control, self._table)
         tacho_v = seen.get("tacho")
         speed = None if tacho_v is None else tacho_v * self._tacho_rad_s_per_v
-        return seen.get("reference", self._outputs.read_back()), speed
+        return Seen(seen.get("reference", self._outputs.read_back()), speed)
 
     def _drop_acquisition(self) -> None:
         if self._acquisition is not None:
