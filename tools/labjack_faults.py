@@ -16,9 +16,9 @@ import time
 from collections.abc import Callable
 
 import numpy as np
+from linefaults.faults import Mangler, TcpFraming
+from linefaults.lines import faulty_tcp
 
-from hdbench.devices.emulator.faultlines import faulty_tcp
-from hdbench.devices.emulator.faults import Mangler, TcpFraming
 from hdbench.devices.wire import connect, parse_address
 from hdbench.drivers.labjack.control import Control
 from hdbench.drivers.labjack.packets import PacketParser, StreamFault

@@ -16,8 +16,9 @@ import threading
 import tty
 from pathlib import Path
 
+from linefaults.paced import PacedLine
+
 from hdbench.devices.emulator.answer import answer
-from hdbench.devices.emulator.paced import PacedLine
 from hdbench.devices.emulator.rtuserver import request_size
 from hdbench.devices.emulator.serve import build_core
 from hdbench.devices.wire.address import parse_address
@@ -29,7 +30,7 @@ from reply_faults import PROFILE, CountingBench
 
 
 class _Firmware:
-    """Implements `hdbench.devices.emulator.paced.Device`."""
+    """Implements `linefaults.paced.Device`."""
 
     def __init__(self) -> None:
         self._core = build_core(CountingBench(), PROFILE, 0, pace="fast")

@@ -21,7 +21,8 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from hdbench.devices.emulator.faults import FaultKind, Mangler, RtuFraming, TcpFraming
+from linefaults.faults import FaultKind, Mangler, RtuFraming, TcpFraming
+
 from hdbench.devices.emulator.modbus.memory import Cell, Memory
 from hdbench.devices.emulator.modbus.servers import RtuServer, TcpServer
 from hdbench.devices.modbus.access import Access

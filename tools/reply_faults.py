@@ -19,9 +19,9 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
+from linefaults.faults import FaultKind, Mangler, RtuFraming, TcpFraming
 
 from hdbench.devices.daq import DaqSettings, ScanBlock
-from hdbench.devices.emulator.faults import FaultKind, Mangler, RtuFraming, TcpFraming
 from hdbench.devices.emulator.rtuserver import RtuNodeServer
 from hdbench.devices.emulator.serve import build_core
 from hdbench.devices.emulator.server import NodeServer

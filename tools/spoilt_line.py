@@ -10,8 +10,8 @@ from collections.abc import Coroutine, Iterator
 from contextlib import contextmanager
 from typing import Any, Protocol
 
-from hdbench.devices.emulator.faultlines import faulty_serial, faulty_tcp
-from hdbench.devices.emulator.faults import Mangler
+from linefaults.faults import Mangler
+from linefaults.lines import faulty_serial, faulty_tcp
 
 __all__ = ["Deadlines", "behind", "in_thread"]
 

@@ -3,6 +3,7 @@
 import sys
 from pathlib import Path
 
-sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parents[1] / "plant")]
+TESTS = Path(__file__).parents[1]
+sys.path[:0] = [str(TESTS / "devices"), str(TESTS / "plant"), str(TESTS.parent / "tools")]
 
 from leftovers import nothing_stays_open  # noqa: E402, F401

@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from linefaults.paced import paced_line
 from pymodbus.client import ModbusSerialClient
 
 from hdbench.devices import stop_bench, wakeup
 from hdbench.devices.daq import DaqSettings
-from hdbench.devices.emulator.paced import paced_line
 from hdbench.devices.emulator.rtuserver import request_size
 from hdbench.devices.lock import holder
 from hdbench.devices.node.opening import open_node

@@ -3,6 +3,7 @@
 import sys
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "devices"))
+TESTS = Path(__file__).parents[1]
+sys.path[:0] = [str(TESTS / "devices"), str(TESTS.parent / "tools")]
 
-from leftovers import nothing_stays_open  # noqa: F401
+from leftovers import nothing_stays_open  # noqa: E402, F401

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from linefaults.faults import Mangler, TcpFraming
 
-from hdbench.devices.emulator.faults import Mangler, TcpFraming
 from hdbench.devices.emulator.serve import build_core
 from hdbench.devices.emulator.server import NodeServer
 from hdbench.filter import preset

@@ -3,11 +3,11 @@
 import time
 
 import pytest
+from linefaults.faults import Mangler, RtuFraming, TcpFraming
+from linefaults.lines import faulty_serial, faulty_tcp
 from modbuskit import COUPLER, TORQUE, driver, read_all, served, settings, table
 from pymodbus.client import ModbusTcpClient
 
-from hdbench.devices.emulator.faultlines import faulty_serial, faulty_tcp
-from hdbench.devices.emulator.faults import Mangler, RtuFraming, TcpFraming
 from hdbench.devices.wire.crc import crc16
 from hdbench.errors import DeviceError, ProfileError, UsageError
 

@@ -6,9 +6,9 @@ import time
 import numpy as np
 import pytest
 from dataqkit import BENCH, ROLES, driver, read_all, served, settings, table
+from linefaults.faults import Mangler, RawFraming
+from linefaults.lines import faulty_serial
 
-from hdbench.devices.emulator.faultlines import faulty_serial
-from hdbench.devices.emulator.faults import Mangler, RawFraming
 from hdbench.drivers.dataq.commands import Commands
 from hdbench.drivers.dataq.models import MODELS
 from hdbench.drivers.dataq.port import Port

@@ -6,9 +6,9 @@ import time
 import numpy as np
 import pytest
 from labjackkit import PROFILE, driver, read_all, served, settings, table_for, values
+from linefaults.faults import Mangler, TcpFraming
+from linefaults.lines import faulty_tcp
 
-from hdbench.devices.emulator.faultlines import faulty_tcp
-from hdbench.devices.emulator.faults import Mangler, TcpFraming
 from hdbench.devices.wire import connect, parse_address
 from hdbench.drivers.labjack.control import Control
 from hdbench.drivers.labjack.opening import STREAM_OFFSET, open_labjack

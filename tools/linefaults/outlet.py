@@ -9,7 +9,7 @@ import threading
 import time
 from collections.abc import Callable
 
-from hdbench.devices.emulator.faults import Delivery
+from linefaults.faults import Delivery
 
 __all__ = ["Outlet"]
 

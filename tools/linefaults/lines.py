@@ -19,8 +19,8 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from hdbench.devices.emulator.faults import Mangler
-from hdbench.devices.emulator.outlet import Outlet
+from linefaults.faults import Mangler
+from linefaults.outlet import Outlet
 
 __all__ = ["faulty_serial", "faulty_tcp"]
 

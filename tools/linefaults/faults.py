@@ -18,7 +18,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from hdbench.devices.emulator.framing import (
+from linefaults.framing import (
     COUNTED,
     ECHOED,
     Framing,
