@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-import threading
 import time
 from collections.abc import Callable, Sequence
 from typing import NoReturn
 
+from hdbench.devices.transactor import TWICE, Transactor
 from hdbench.devices.wire import (
     ExceptionReply,
     FrameError,
     Link,
+    ReplyCheck,
     read_registers,
     write_registers,
 )
@@ -21,8 +22,6 @@ from hdbench.errors import DeviceError
 
 __all__ = ["Control", "Refused"]
 
-# a lost request or reply is repeated once, each try within half of the deadline
-_ATTEMPTS = 2
 _MAX_REGISTERS = 120
 _FIX = "check power and network of the device, then run `hdbench doctor`"
 
@@ -61,11 +60,13 @@ class Control:
         self, link: Link, *, deadline_s: float, clock: Callable[[], float] = time.monotonic
     ) -> None:
         self.where = f"LabJack {link.where}"
-        self.repeats = 0
         self._link = link
-        self._deadline_s = deadline_s
-        self._clock = clock
-        self._lock = threading.Lock()
+        self._transactor = Transactor(link, deadline_s=deadline_s, clock=clock)
+
+    @property
+    def repeats(self) -> int:
+        """Requests that were sent again so far."""
+        return self._transactor.repeats
 
     def read(self, *registers: Register) -> list[float | int]:
         """Return the values of registers anywhere in the map.
@@ -89,7 +90,7 @@ class Control:
         for part in _parts(registers):
             count = sum(register.size for register in part)
             request = read_registers(part[0].address, count)
-            values += _decoded(part, self._transact(*request, part[0], _ATTEMPTS)[2:])
+            values += _decoded(part, self._transact(*request, part[0], TWICE)[2:])
         return values
 
     def write(self, registers: Sequence[Register], values: Sequence[float]) -> None:
@@ -138,7 +139,7 @@ class Control:
             As for `write`.
         """
         first = writes[0][0] if writes else reads[0]
-        attempts = _ATTEMPTS if repeatable else 1
+        attempts = TWICE if repeatable else 1
         raw = self._transact(*feedback_request(writes, reads), first, attempts)
         return _decoded(reads, raw[1:])
 
@@ -146,26 +147,15 @@ class Control:
         """Close the connection; never raises."""
         self._link.close()
 
-    def _transact(
-        self, request: bytes, check: Callable[[bytes], None], first: Register, attempts: int
-    ) -> bytes:
-        start_s = self._clock()
-        if not self._lock.acquire(timeout=self._deadline_s):
-            raise self._fault(first, "another transaction did not end")
-        try:
-            for attempt in range(1, attempts + 1):
-                until_s = start_s + self._deadline_s * attempt / attempts
-                try:
-                    return self._link.transact(request, check, until_s)
-                except ExceptionReply as reply:
-                    self._refused(reply, first, start_s + self._deadline_s)
-                except FrameError as fault:
-                    self.repeats += attempt < attempts
-                    last = fault
-            times = f", {attempts} times" if attempts > 1 else ""
-            raise self._fault(first, f"{last}{times}") from last
-        finally:
-            self._lock.release()
+    def _transact(self, request: bytes, check: ReplyCheck, first: Register, attempts: int) -> bytes:
+        return self._transactor.transact(
+            lambda: (request, check),
+            attempts,
+            refused=lambda reply, until_s: self._refused(reply, first, until_s),
+            fault=lambda what: DeviceError(
+                what, where=f"{self.where}, register {first.describe()}", fix=_FIX
+            ),
+        )
 
     def _refused(self, reply: ExceptionReply, first: Register, until_s: float) -> NoReturn:
         """Raise what the device's exception means, with its own code."""
@@ -186,13 +176,6 @@ class Control:
             return int.from_bytes(self._link.transact(request, check, until_s)[2:], "big")
         except (ExceptionReply, FrameError):
             return 0
-
-    def _fault(self, first: Register, what: str) -> DeviceError:
-        return DeviceError(
-            f"{what} (deadline {self._deadline_s:g} s)",
-            where=f"{self.where}, register {first.describe()}",
-            fix=_FIX,
-        )
 
 
 def _parts(registers: Sequence[Register]) -> list[Sequence[Register]]:
