@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from hdbench.devices.daq import Daq
@@ -14,7 +15,7 @@ if TYPE_CHECKING:
     from hdbench.devices.emulator.serving import EmulatedDevice, Emulation
     from hdbench.devices.guard.order import Target
 
-__all__ = ["Driver"]
+__all__ = ["Driver", "later"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,3 +53,24 @@ class Driver:
     emulate: Callable[[Emulation, Any], EmulatedDevice] | None = None
     emulated_speed: float = 1.0
     probe: Callable[[str], str] | None = None
+
+
+def later(place: str) -> Callable[..., Any]:
+    """Return a function that is imported when it is first called.
+
+    Parameters
+    ----------
+    place : str
+        ``module:function``. A record of such functions loads nothing of host or emulator before it
+        is needed.
+
+    Returns
+    -------
+    callable
+    """
+
+    def call(*given: Any) -> Any:
+        module, _, name = place.partition(":")
+        return getattr(import_module(module), name)(*given)
+
+    return call

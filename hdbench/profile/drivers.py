@@ -16,16 +16,16 @@ BROKEN = (ImportError, AttributeError, TypeError, ValueError, SyntaxError)
 
 # where the driver of a name is, and its table
 _OWN = {
-    "node": ("hdbench.devices.node.opening", "hdbench.profile.acquiring_node:NodeAcquisition"),
+    "node": ("hdbench.devices.node.record", "hdbench.profile.acquiring_node:NodeAcquisition"),
     "modbus": (
-        "hdbench.devices.modbus.opening",
+        "hdbench.devices.modbus.record",
         "hdbench.profile.acquiring_modbus:ModbusAcquisition",
     ),
     "labjack-t": (
-        "hdbench.drivers.labjack.opening",
+        "hdbench.drivers.labjack.record",
         "hdbench.drivers.labjack.table:LabJackAcquisition",
     ),
-    "dataq": ("hdbench.drivers.dataq.opening", "hdbench.drivers.dataq.table:DataqAcquisition"),
+    "dataq": ("hdbench.drivers.dataq.record", "hdbench.drivers.dataq.table:DataqAcquisition"),
     "composite": (
         "hdbench.devices.composite.opening",
         "hdbench.profile.acquiring:CompositeAcquisition",
@@ -46,10 +46,7 @@ def installed(group: Group) -> tuple[EntryPoint, ...]:
     tuple of EntryPoint
         The names may repeat; the first one counts. One without `dist` is hdbench's own.
     """
-    own = (
-        EntryPoint(name, table if group == "hdbench.tables" else f"{module}:DRIVER", group)
-        for name, (module, table) in _OWN.items()
-    )
+    own = (_own(group, name) for name in _OWN)
     return (*own, *sorted(entry_points(group=group), key=lambda entry: entry.name))
 
 
@@ -67,7 +64,9 @@ def find(group: Group, name: str) -> EntryPoint | None:
     -------
     EntryPoint or None
     """
-    return next((entry for entry in installed(group) if entry.name == name), None)
+    if name in _OWN:
+        return _own(group, name)
+    return next(iter(entry_points(group=group, name=name)), None)
 
 
 def closest(name: str) -> tuple[str, str]:
@@ -87,3 +86,8 @@ def closest(name: str) -> tuple[str, str]:
     near = difflib.get_close_matches(name, names, n=1)
     fix = f"did you mean {near[0]!r}?" if near else "install the package that brings this driver"
     return ", ".join(names), fix
+
+
+def _own(group: Group, name: str) -> EntryPoint:
+    module, table = _OWN[name]
+    return EntryPoint(name, table if group == "hdbench.tables" else f"{module}:DRIVER", group)

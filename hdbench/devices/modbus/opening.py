@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
-from hdbench.devices.driver import Driver
 from hdbench.devices.modbus.abilities import exchange_s, max_rates_hz, reads_of
 from hdbench.devices.modbus.access import QUIET_S, TRY, Access
 from hdbench.devices.modbus.driver import ModbusDaq
@@ -16,11 +14,7 @@ from hdbench.errors import ProfileError
 from hdbench.profile.acquiring_modbus import ModbusAcquisition
 from hdbench.profile.schema import ProfileData
 
-if TYPE_CHECKING:
-    from hdbench.devices.emulator.serving import EmulatedDevice, Emulation
-    from hdbench.devices.guard.order import Target
-
-__all__ = ["DRIVER", "modbus_rate_hz", "open_modbus"]
+__all__ = ["modbus_rate_hz", "open_modbus"]
 
 
 def open_modbus(profile: ProfileData, table: ModbusAcquisition) -> ModbusDaq:
@@ -91,24 +85,3 @@ def _check_deadline(table: ModbusAcquisition) -> None:
             where="key daq.deadline_s",
             fix=f"set it to {needed_s:.2g} s or more",
         )
-
-
-def _stop_target(_profile: ProfileData, table: ModbusAcquisition) -> Target | None:
-    from hdbench.devices.modbus.stopping import stop_target
-
-    return stop_target(table)
-
-
-def _emulate(emulation: Emulation, table: ModbusAcquisition) -> EmulatedDevice:
-    from hdbench.devices.emulator.modbus.serve import emulate_modbus
-
-    return emulate_modbus(emulation, table)
-
-
-DRIVER = Driver(
-    open=open_modbus,
-    rate_hz=modbus_rate_hz,
-    drives=lambda table: table.output is not None,
-    stop_target=_stop_target,
-    emulate=_emulate,
-)

@@ -15,6 +15,7 @@ from hdbench.devices.wire import (
 )
 from hdbench.devices.wire.address import serial_settings
 from hdbench.profile.acquiring_modbus import ModbusAcquisition
+from hdbench.profile.schema import ProfileData
 
 __all__ = ["stop_target"]
 
@@ -25,11 +26,13 @@ _DATA_AT = 2
 _ZERO_V = 1e-3
 
 
-def stop_target(table: ModbusAcquisition) -> Target | None:
+def stop_target(_profile: ProfileData, table: ModbusAcquisition) -> Target | None:
     """Return how the outputs of a polled device are made safe.
 
     Parameters
     ----------
+    _profile : ProfileData
+        The bench; its scales are not needed.
     table : ModbusAcquisition
         ``[daq]``, with the address of a device.
 

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING
 
-from hdbench.devices.driver import Driver
 from hdbench.devices.node.abilities import exchange_rate_hz
 from hdbench.devices.node.codec import decode_group
 from hdbench.devices.node.driver import NodeDaq
@@ -18,11 +16,7 @@ from hdbench.errors import BusyError, HdbenchError
 from hdbench.profile.acquiring import NodeAcquisition
 from hdbench.profile.schema import ProfileData
 
-if TYPE_CHECKING:
-    from hdbench.devices.emulator.serving import EmulatedDevice, Emulation
-    from hdbench.devices.guard.order import Target
-
-__all__ = ["DRIVER", "node_address", "node_rate_hz", "open_node"]
+__all__ = ["node_address", "node_rate_hz", "open_node", "probe"]
 
 # rates at which a port is asked for a node, fastest first
 _RATES_BD = (921600, 115200)
@@ -92,19 +86,7 @@ def node_rate_hz(table: NodeAcquisition) -> float:
     return exchange_rate_hz(node_address(table), n_channels) * block_scans(n_channels)
 
 
-def _stop_target(_profile: ProfileData, table: NodeAcquisition) -> Target:
-    from hdbench.devices.node.stopping import stop_target
-
-    return stop_target(table)
-
-
-def _emulate(emulation: Emulation, table: NodeAcquisition) -> EmulatedDevice:
-    from hdbench.devices.emulator.serve import emulate_node
-
-    return emulate_node(emulation, table)
-
-
-def _probe(path: str) -> str:
+def probe(path: str) -> str:
     """Ask a port for the identity of a node, at the usual rates."""
     last: HdbenchError | None = None
     for rate_bd in _RATES_BD:
@@ -125,12 +107,3 @@ def _probe(path: str) -> str:
     if last is not None:
         raise last
     return ""
-
-
-DRIVER = Driver(
-    open=open_node,
-    rate_hz=node_rate_hz,
-    stop_target=_stop_target,
-    emulate=_emulate,
-    probe=_probe,
-)

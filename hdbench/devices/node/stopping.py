@@ -8,15 +8,18 @@ from hdbench.devices.node.registers import IDENTITY, STATUS, Command, Flag, regi
 from hdbench.devices.safestate import STANDSTILL_RAD_S
 from hdbench.devices.wire import read_registers, write_register
 from hdbench.profile.acquiring import NodeAcquisition
+from hdbench.profile.schema import ProfileData
 
 __all__ = ["stop_target"]
 
 
-def stop_target(table: NodeAcquisition) -> Target:
+def stop_target(_profile: ProfileData, table: NodeAcquisition) -> Target:
     """Return how a node stops the motor.
 
     Parameters
     ----------
+    _profile : ProfileData
+        The bench; its scales are not needed.
     table : NodeAcquisition
         ``[daq]``, with the address of a node.
 

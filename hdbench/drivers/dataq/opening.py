@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import time
-from typing import TYPE_CHECKING
 
-from hdbench.devices.driver import Driver
 from hdbench.devices.text import clean_text
 from hdbench.drivers.dataq.abilities import max_rates_hz
 from hdbench.drivers.dataq.commands import Commands
@@ -15,10 +13,7 @@ from hdbench.drivers.dataq.scanlist import plan_scan
 from hdbench.drivers.dataq.table import DataqAcquisition
 from hdbench.profile.schema import ProfileData
 
-if TYPE_CHECKING:
-    from hdbench.devices.emulator.serving import EmulatedDevice, Emulation
-
-__all__ = ["DRIVER", "open_dataq"]
+__all__ = ["dataq_rate_hz", "open_dataq", "probe", "verify"]
 
 _PROBE_S = 0.3
 
@@ -45,17 +40,17 @@ def open_dataq(profile: ProfileData, table: DataqAcquisition) -> DataqDaq:
     return DataqDaq(Commands(Port(port_path(table.address)), deadline_s=table.deadline_s), table)
 
 
-def _verify(table: DataqAcquisition) -> None:
+def dataq_rate_hz(table: DataqAcquisition) -> float:
+    """Return the highest rate of the profile's channels, Hz, embedded or not."""
+    return max_rates_hz(table)[-1]
+
+
+def verify(table: DataqAcquisition) -> None:
+    """Refuse what the model does not have."""
     plan_scan(table, tuple(channel.role for channel in table.channels))
 
 
-def _emulate(emulation: Emulation, table: DataqAcquisition) -> EmulatedDevice:
-    from hdbench.drivers.dataq.emulator.serve import emulate_dataq
-
-    return emulate_dataq(emulation, table)
-
-
-def _probe(path: str) -> str:
+def probe(path: str) -> str:
     """Ask ``info 1``: a DATAQ echoes the words and adds its model."""
     from serial import Serial
 
@@ -67,15 +62,3 @@ def _probe(path: str) -> str:
             reply += line.read(64)
     said = clean_text(reply.replace(b"\r", b" "))
     return f"DATAQ: {said.removeprefix('info 1').strip()}" if said.startswith("info 1 ") else ""
-
-
-DRIVER = Driver(
-    open=open_dataq,
-    verify=_verify,
-    rate_hz=lambda table: max_rates_hz(table)[-1],
-    # no DATAQ instrument has an analog output
-    drives=lambda _: False,
-    emulate=_emulate,
-    emulated_speed=10.0,
-    probe=_probe,
-)

@@ -3,23 +3,16 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
-from hdbench.devices.driver import Driver
 from hdbench.devices.wire import connect, parse_address
 from hdbench.drivers.labjack.abilities import describe_abilities
-from hdbench.drivers.labjack.checks import check_table
 from hdbench.drivers.labjack.control import Control
 from hdbench.drivers.labjack.driver import LabJackDaq
 from hdbench.drivers.labjack.table import LabJackAcquisition
 from hdbench.errors import UsageError
 from hdbench.profile.schema import ProfileData
 
-if TYPE_CHECKING:
-    from hdbench.devices.emulator.serving import EmulatedDevice, Emulation
-    from hdbench.devices.guard.order import Target
-
-__all__ = ["DRIVER", "STREAM_OFFSET", "labjack_rate_hz", "open_labjack"]
+__all__ = ["STREAM_OFFSET", "labjack_rate_hz", "open_labjack"]
 
 # 502 and 702
 STREAM_OFFSET = 200
@@ -76,27 +69,3 @@ def labjack_rate_hz(table: LabJackAcquisition) -> float:
     if table.model == "T8":
         return math.inf
     return describe_abilities(table, simulated=False).max_rates_hz[-1]
-
-
-def _stop_target(profile: ProfileData, table: LabJackAcquisition) -> Target | None:
-    from hdbench.drivers.labjack.stopping import stop_target
-
-    return stop_target(profile, table)
-
-
-def _emulate(emulation: Emulation, table: LabJackAcquisition) -> EmulatedDevice:
-    from hdbench.drivers.labjack.emulator.serve import emulate_labjack
-
-    return emulate_labjack(emulation, table)
-
-
-DRIVER = Driver(
-    open=open_labjack,
-    verify=check_table,
-    rate_hz=labjack_rate_hz,
-    drives=lambda table: table.output is not None,
-    stop_target=_stop_target,
-    emulate=_emulate,
-    # the host writes the reference every millisecond of real time then, what two cores still keep
-    emulated_speed=5.0,
-)
