@@ -39,14 +39,14 @@ class RefusingDevice(CountingDevice):
         # exception 5 says that the request was taken: it is carried out all the same
         self.done_after = 0
 
-    def answer(self, pdu: bytes) -> bytes:
+    def answer(self, pdu: bytes, *numbers: int) -> bytes | None:
         """Answer one request."""
         self.asked.append(pdu[0])
         if not self.codes:
-            return super().answer(pdu)
+            return super().answer(pdu, *numbers)
         code = self.codes.pop(0)
         if code == 5:
-            super().answer(pdu)
+            super().answer(pdu, *numbers)
         return bytes((pdu[0] | 0x80, code))
 
 

@@ -23,7 +23,7 @@ from pathlib import Path
 
 from hdbench.devices.emulator.faults import FaultKind, Mangler, RtuFraming, TcpFraming
 from hdbench.devices.emulator.modbus.memory import Cell, Memory
-from hdbench.devices.emulator.modbus.servers import RtuServer, TcpServer
+from hdbench.devices.emulator.server import Device, ModbusServer, Space
 from hdbench.devices.modbus.access import Access
 from hdbench.devices.modbus.layout import Place, place_of
 from hdbench.devices.modbus.outputs import Outputs
@@ -111,10 +111,10 @@ class Outcome:
     worst_over_deadline: float
 
 
-class CountingDevice:
+class CountingDevice(Device):
     """Answers each request with its number, and with a second number that belongs to it."""
 
-    reply_s = 0.0
+    functions = frozenset((3, 6, 16))
     unit = 1
 
     def __init__(self) -> None:
@@ -128,10 +128,18 @@ class CountingDevice:
             raise ValueError("the table has no output")
         self.output = self.memory.add(Cell(place_of(TABLE, TABLE.output)))
 
-    def answer(self, pdu: bytes) -> bytes:
-        """Answer one request."""
+    def hears(self, function: int) -> bool:
+        """Count one request."""
         self.count += 1
-        return self.memory.answer(pdu)
+        return True
+
+    def read(self, space: Space, address: int, count: int, connection: int) -> bytes:
+        """Return registers."""
+        return self.memory.read(space, address, count)
+
+    def write(self, space: Space, address: int, raw: bytes, connection: int) -> None:
+        """Write registers."""
+        self.memory.write(space, address, raw)
 
     def tick(self) -> None:
         """Nothing happens by itself."""
@@ -148,9 +156,8 @@ def partner(number: int) -> int:
 @contextmanager
 def served(wire: str, device: CountingDevice) -> Iterator[str]:
     """Serve a device in a thread; yields its address."""
-    server = RtuServer(device) if wire == "rtu" else TcpServer(device)  # type: ignore[arg-type]
-    opening = server.open() if isinstance(server, RtuServer) else server.open("127.0.0.1", 0)
-    with in_thread(server, opening) as address:
+    server = ModbusServer(device, wire)
+    with in_thread(server, server.open()) as address:
         yield address
 
 

@@ -31,7 +31,7 @@ def main() -> int:
     try:
         profile = profile_from_json(order["profile"])
         settings = EmulatorSettings(
-            pace=order["pace"], record=_path(order["record"]), lifeline=0, rtu=order["rtu"]
+            pace=order["pace"], record=_path(order["record"]), lifeline=0, wire=order["wire"]
         )
         emulator_of(profile.daq.driver)(
             profile,

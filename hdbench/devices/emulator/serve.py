@@ -13,14 +13,15 @@ from hdbench.devices.emulator.channel import open_channel
 from hdbench.devices.emulator.core import NodeCore
 from hdbench.devices.emulator.lifetime import ending, open_record, until_motor_stands
 from hdbench.devices.emulator.machine import NodeMachine, Pace, PlantBench
+from hdbench.devices.emulator.parameters import RefusedError
 from hdbench.devices.emulator.ratings import identity_values, limit_values
-from hdbench.devices.emulator.rtuserver import RtuNodeServer
-from hdbench.devices.emulator.server import NodeServer
+from hdbench.devices.emulator.server import Device, ModbusRefusedError, ModbusServer, Space, Wire
+from hdbench.devices.node.registers import Refusal
 from hdbench.devices.node.states import State
-from hdbench.errors import DeviceError
+from hdbench.errors import DeviceError, UsageError
 from hdbench.profile.schema import ProfileData
 
-__all__ = ["EmulatorSettings", "build_core", "emulate_bench", "serve"]
+__all__ = ["EmulatorSettings", "NodeDevice", "build_core", "emulate_bench", "serve"]
 
 # time in which an orphaned node must have stopped its motor: watchdog (2 s at most) and braking
 _ORPHAN_S = 3.0
@@ -44,8 +45,8 @@ class EmulatorSettings:
         File for one JSON line per change of state.
     lifeline : int or None
         File descriptor whose end of file ends the node, once its motor stands.
-    rtu : bool
-        Whether to serve Modbus RTU on a pseudo-terminal instead of a TCP port.
+    wire : str
+        What a device of registers speaks; see `hdbench.devices.emulator.server.Wire`.
     """
 
     host: str = "127.0.0.1"
@@ -53,7 +54,54 @@ class EmulatorSettings:
     pace: Pace = "realtime"
     record: Path | None = None
     lifeline: int | None = None
-    rtu: bool = False
+    wire: Wire = "tcp"
+
+
+class NodeDevice(Device):
+    """A node's registers behind a server.
+
+    Parameters
+    ----------
+    core : NodeCore
+        The node.
+    """
+
+    functions = frozenset((3, 6, 16, 23))
+
+    def __init__(self, core: NodeCore) -> None:
+        self.core = core
+
+    def tick(self) -> None:
+        """Let the wall clock act."""
+        self.core.tick()
+
+    def left(self, connection: int) -> None:
+        """End the session of a host that is gone."""
+        self.core.disconnected(connection)
+
+    def rest(self) -> None:
+        """Produce samples."""
+        self.core.machine.produce_ahead()
+
+    def hears(self, function: int) -> bool:
+        """Bring the node up to now."""
+        self.core.machine.tick()
+        return True
+
+    def read(self, space: Space, address: int, count: int, connection: int) -> bytes:
+        """Return registers."""
+        return self.core.read(address, count, connection)
+
+    def write(self, space: Space, address: int, raw: bytes, connection: int) -> None:
+        """Write registers."""
+        self.core.write(address, raw, connection)
+
+    def note_refusal(self, refused: ModbusRefusedError, connection: int, transaction: int) -> None:
+        """Keep the reason; a request that is none as Modbus has it concerns no register."""
+        if not isinstance(refused, RefusedError):
+            reason = Refusal.VALUE if refused.exception == 3 else Refusal.NONE
+            refused = RefusedError(refused.exception, reason, 0)
+        self.core.note_refusal(refused, connection)
 
 
 def build_core(
@@ -190,20 +238,21 @@ async def _serve(
     server.close()
 
 
-async def _open(
-    core: NodeCore, settings: EmulatorSettings
-) -> tuple[NodeServer | RtuNodeServer, str]:
+async def _open(core: NodeCore, settings: EmulatorSettings) -> tuple[ModbusServer, str]:
     """Open the wire and return its server and the address that a host opens."""
+    if settings.wire not in ("tcp", "rtu"):
+        raise UsageError(
+            f"a node speaks no {settings.wire}",
+            where="--wire",
+            fix="choose tcp or rtu, or a profile with a polled Modbus device",
+        )
+    server = ModbusServer(NodeDevice(core), settings.wire)
     try:
-        if settings.rtu:
-            line = RtuNodeServer(core)
-            return line, f"rtu://{await line.open()}{_QUERY}"
-        server = NodeServer(core)
-        host, port = await server.open(settings.host, settings.port)
+        address = await server.open(settings.host, settings.port)
     except OSError as error:
         raise DeviceError(
             f"cannot listen ({error.strerror})",
-            where="serial line" if settings.rtu else f"{settings.host}:{settings.port}",
+            where="serial line" if settings.wire == "rtu" else f"{settings.host}:{settings.port}",
             fix="choose another port, or 0 for a free one",
         ) from error
-    return server, f"tcp://{host}:{port}"
+    return server, address + (_QUERY if settings.wire == "rtu" else "")
