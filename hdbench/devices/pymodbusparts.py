@@ -68,7 +68,7 @@ INTERNALS = (
     ("ModbusBaseSyncClient", "recv", "self, size", "asks the line for what came"),
     ("TransactionManager", "sync_get_response", "self, dev_id, tid", "hands it to the framer"),
     ("ModbusProtocol", "close", "self, reconnect", "ends every connection of a server"),
-    ("ModbusProtocol", "datagram_received", "self, data, addr", "keeps unfinished requests"),
+    ("ModbusProtocol", "datagram_received", "self, data, addr", "takes what a host sends"),
     (
         "ServerRequestHandler",
         "__init__",

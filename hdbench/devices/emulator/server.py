@@ -50,6 +50,7 @@ _VALUES_AT = {5: 3, 6: 3, 16: 6, 23: 10}
 _MAX_WRITTEN = 123
 _ILLEGAL_FUNCTION, _ILLEGAL_VALUE = 1, 3
 _DECODER = DecodePDU(True)
+_HEADER = struct.Struct(">HH")
 # wall-clock grain of watchdogs, real-time samples and motion, s
 _TICK_S = 0.005
 # on a serial line what is no whole request by then is none, s
@@ -283,7 +284,6 @@ class _Connection(ServerRequestHandler):
     def __init__(self, owner: _Listener) -> None:
         super().__init__(owner, None, None, None)  # type: ignore[no-untyped-call]
         self.number = next(owner.numbers)
-        self.max_buffer_size = _CHUNK
         self._device = owner.device
         self._wire = owner.wire
         self._on_line = owner.wire in ("rtu", "ascii")
@@ -315,24 +315,33 @@ class _Connection(ServerRequestHandler):
         super().callback_disconnected(exc)
         self._device.left(self.number)
 
+    def data_received(self, data: bytes) -> None:
+        """Take what came on a stream or a line."""
+        self.datagram_received(data, None)
+
     def datagram_received(self, data: bytes, addr: Any) -> None:
         """Take what came; on a line that was silent it begins a request."""
-        now_s = self.loop.time()
-        if self._on_line and now_s - (self._heard_s or -math.inf) > _QUIET_S:
-            self.recv_buffer = b""
-        self._heard_s = now_s
-        super().datagram_received(data, addr)
+        if self._on_line:
+            now_s = self.loop.time()
+            if now_s - (self._heard_s or -math.inf) > _QUIET_S:
+                self.recv_buffer = b""
+            self._heard_s = now_s
+        data = self.recv_buffer + data
+        self.recv_buffer = data[self.callback_data(data, addr) :][:_CHUNK]
 
     def callback_data(self, data: bytes, addr: Any = None) -> int:
         """Answer every whole request; return how much of `data` is done with."""
-        used = 0
+        used, decode = 0, self.framer.decode
         while used < len(data):
             rest = data[used:]
-            if self._wire == "tcp" and self._is_none(rest):
-                self.transport.close()
-                return len(data)
+            if self._wire == "tcp" and len(rest) >= 6:
+                protocol, length = _HEADER.unpack_from(rest, 2)
+                if protocol or not 2 <= length <= self._device.longest:
+                    # not Modbus TCP
+                    self.transport.close()
+                    return len(data)
             try:
-                size, unit, transaction, pdu = self.framer.decode(rest)
+                size, unit, transaction, pdu = decode(rest)
             except (ModbusException, ValueError):
                 # nothing that a request begins with
                 return len(data)
@@ -342,13 +351,6 @@ class _Connection(ServerRequestHandler):
             if pdu and self._device.unit in (None, unit):
                 self._answer(pdu, unit, transaction, addr)
         return len(data) if self._wire == "udp" else used
-
-    def _is_none(self, data: bytes) -> bool:
-        """Return whether a stream is not Modbus TCP."""
-        if len(data) < 6:
-            return False
-        protocol, length = struct.unpack_from(">HH", data, 2)
-        return bool(protocol) or not 2 <= length <= self._device.longest
 
     def _answer(self, pdu: bytes, unit: int, transaction: int, addr: Any) -> None:
         reply = self._device.answer(pdu, self.number, transaction)

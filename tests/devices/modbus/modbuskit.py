@@ -40,6 +40,7 @@ class Served:
     instrument: SimulatedInstrument
     address: str
     loop: asyncio.AbstractEventLoop
+    server: ModbusServer
     requests: list[bytes] = field(default_factory=list)
 
     @property
@@ -70,7 +71,7 @@ def served(what: ModbusAcquisition, *, wire: Wire = "tcp", seed: int = 3) -> Ite
     thread = threading.Thread(target=loop.run_forever, daemon=True)
     thread.start()
     address = asyncio.run_coroutine_threadsafe(server.open(), loop).result(5)
-    found = Served(device, instrument, address, loop)
+    found = Served(device, instrument, address, loop, server)
     answer = device.answer
 
     def kept(pdu: bytes, *numbers: int) -> bytes | None:

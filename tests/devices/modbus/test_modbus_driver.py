@@ -264,7 +264,7 @@ def test_a_deadline_too_short_for_a_serial_line_is_refused():
     """At 9600 bit/s 8E1 a 32-bit float takes 27.5 ms: 50 ms and three of them in 0.35 of it."""
     made = table()
     with (
-        pytest.raises(ProfileError, match=r"0\.2 s; on this serial line .* within 0\.38 s"),
+        pytest.raises(ProfileError, match=r"0\.2 s; on this line .* within 0\.38 s"),
         driver(made, "rtu:///dev/none?baud=9600", deadline_s=0.2),
     ):
         pass
