@@ -59,9 +59,21 @@ def node_address(table: NodeAcquisition) -> Address:
     Returns
     -------
     Address
+
+    Raises
+    ------
+    UsageError
+        If it is none, or a wire that nodes do not speak.
     """
     serial = serial_settings(table.serial) if table.serial else SerialSettings()
-    return parse_address(table.address, serial)
+    address = parse_address(table.address, serial)
+    if address.scheme not in ("tcp", "tls", "rtu"):
+        raise UsageError(
+            f"{table.address[:80]!r}: a node is reached by tcp://HOST:PORT, tls:// or rtu://",
+            where="address",
+            fix="for example tcp://192.168.0.7:502",
+        )
+    return address
 
 
 def node_rate_hz(table: Acquisition) -> float:
