@@ -108,4 +108,4 @@ def behind(address: str, mangler: Mangler) -> Iterator[str]:
         return
     host, _, port = rest.rpartition(":")
     with faulty_tcp(host, int(port), mangler) as (near, near_port):
-        yield f"tcp://{near}:{near_port}"
+        yield f"{scheme}://{near}:{near_port}"

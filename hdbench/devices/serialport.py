@@ -24,6 +24,7 @@ def open_port(
     where: str,
     *,
     baud_bd: int,
+    data_bits: int = 8,
     parity: str = "N",
     stop_bits: float = 1,
     claim: Claim = "hold",
@@ -38,6 +39,8 @@ def open_port(
         Its address, for messages.
     baud_bd : int
         Bit rate, bit/s.
+    data_bits : int, optional
+        7 or 8.
     parity : {"N", "E", "O"}, optional
         Parity.
     stop_bits : float, optional
@@ -63,12 +66,13 @@ def open_port(
 
     from serial import Serial, SerialException
 
-    # a pseudo-terminal has no parity, and says so only when it is opened again
+    # a pseudo-terminal has eight bits and no parity, and says so only when it is opened again
     pseudo = os.path.realpath(path).startswith("/dev/pts/")
     try:
         port = Serial(
             path,
             baudrate=baud_bd,
+            bytesize=8 if pseudo else data_bits,
             parity="N" if pseudo else parity,
             stopbits=stop_bits,
             timeout=0,

@@ -88,11 +88,11 @@ def _wire(table: Mapping[object, object], base: Key) -> Iterator[Conflict]:
             "is tls://, but there is no [daq.tls]; needed: certificate, key, authority",
             "add [daq.tls], or use tcp:// on a network of its own",
         )
-    for name, needed in (("serial", "rtu"), ("tls", "tls")):
-        if table.get(name) is not None and scheme not in (needed, "embedded"):
+    for name, needed in (("serial", ("rtu", "ascii")), ("tls", ("tls",))):
+        if table.get(name) is not None and scheme not in (*needed, "embedded"):
             yield Conflict(
                 (*base, name),
-                f"is for {needed}:// only; the address is {scheme}://",
+                f"is for {':// and '.join(needed)}:// only; the address is {scheme}://",
                 "take the table out, or change the address",
             )
 

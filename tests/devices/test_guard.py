@@ -245,7 +245,7 @@ def test_on_a_serial_line_the_guard_takes_over_from_a_dead_or_frozen_session(tmp
     record = tmp_path / "motor.jsonl"
     data = load_profile("cim-tr-97-06").data
     with running_emulator(
-        data, plant="as-modelled", seed=0, pace="realtime", record=record, rtu=True
+        data, plant="as-modelled", seed=0, pace="realtime", record=record, wire="rtu"
     ) as found:
         process = subprocess.Popen(
             [sys.executable, "-c", HOST, found["address"]],
@@ -324,7 +324,7 @@ def test_a_serial_line_that_another_program_has_taken_over_is_left_in_peace():
 
 def test_on_a_serial_line_the_guard_knows_who_answered_before_the_motion():
     data = load_profile("cim-tr-97-06").data
-    with running_emulator(data, plant="as-modelled", seed=0, pace="realtime", rtu=True) as found:
+    with running_emulator(data, plant="as-modelled", seed=0, pace="realtime", wire="rtu") as found:
         (target,) = order_of(profile_at(found["address"])).targets
         told = target.to_dict()
         note_identity(told)

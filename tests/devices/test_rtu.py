@@ -18,7 +18,6 @@ from pymodbus.client import ModbusSerialClient
 
 from hdbench.devices import stop_bench, wakeup
 from hdbench.devices.daq import DaqSettings
-from hdbench.devices.emulator.rtuserver import request_size
 from hdbench.devices.lock import holder
 from hdbench.devices.node.opening import open_node
 from hdbench.devices.wire import (
@@ -444,8 +443,6 @@ def test_any_bytes_have_a_length_or_are_no_reply(data):
         assert len(data) >= 2
         return
     assert size is None or 5 <= size <= 260
-    asked = request_size(data)
-    assert asked is None or asked == 0 or 8 <= asked <= 268
 
 
 # -- the wire's pace ------------------------------------------------------------------------------

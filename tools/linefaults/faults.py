@@ -7,8 +7,8 @@ Three parts, each usable alone:
   in one read).
 * `Mangler` makes of one frame what arrives: nothing, two of it, other bytes, later. It is a plain
   function of frames and seed, and keeps count of what it changed.
-* `faultlines.faulty_tcp` and `faultlines.faulty_serial` put a `Mangler` between a host and a
-  device that already runs.
+* `lines.faulty_tcp` and `lines.faulty_serial` put a `Mangler` between a host and a device that
+  already runs.
 """
 
 from __future__ import annotations
@@ -46,6 +46,7 @@ FaultKind = Literal[
     "stale",
     "truncate",
     "mutate",
+    "header",
     "noise",
     "garbage",
     "transaction",
@@ -95,7 +96,8 @@ class Mangler:
     kind : FaultKind
         ``drop``; ``late`` (by `late_s`); ``duplicate``; ``reorder`` (after the next frame);
         ``stale`` (the frame before in place of this one); ``truncate`` (some bytes at the end are
-        missing); ``mutate`` (one bit of the frame); ``noise`` (every bit with `bit_rate`);
+        missing); ``mutate`` (one bit of the frame);
+        ``header`` (one bit before the values); ``noise`` (every bit with `bit_rate`);
         ``garbage`` (bytes before the frame); ``transaction``, ``protocol`` (Modbus TCP header);
         ``unit``; ``function``, ``count``, ``echo``, ``exception``, ``word-swap`` (well-formed
         replies that are wrong); ``slow-loris`` (`late_s` per byte); ``fin`` and ``reset`` (the
@@ -184,6 +186,10 @@ class Mangler:
             case "mutate":
                 bit = int(random.integers(8 * len(frame)))
                 return _flipped(frame, [bit])
+            case "header":
+                # function and byte count, or the first byte of an echo
+                before = len(frame) - len(self.framing.unit(frame)) - self.framing.trailer + 2
+                return _flipped(frame, [int(random.integers(8 * before))])
             case "noise":
                 hits = np.flatnonzero(random.random(8 * len(frame)) < self._bit_rate)
                 return _flipped(frame, hits.tolist())

@@ -17,7 +17,15 @@ ECHOED = (5, 6, 15, 16)
 
 
 class Framing(Protocol):
-    """Where a frame ends, and what in it is function code and data."""
+    """Where a frame ends, and what in it is function code and data.
+
+    Attributes
+    ----------
+    trailer : int
+        Bytes of the checksum behind them.
+    """
+
+    trailer: int
 
     def split(self, buffer: bytearray) -> list[bytes]:
         """Take whole frames off the front of `buffer`."""
@@ -38,6 +46,8 @@ class Framing(Protocol):
 
 class TcpFraming:
     """Modbus TCP: a header of number, protocol, length and unit."""
+
+    trailer = 0
 
     def split(self, buffer: bytearray) -> list[bytes]:
         """Take whole frames off the front of `buffer`."""
@@ -72,6 +82,8 @@ class RtuFraming:
         Checksum of bytes, as it stands on the wire.
     """
 
+    trailer = 2
+
     def __init__(self, crc: Callable[[bytes], bytes]) -> None:
         self._crc = crc
 
@@ -104,6 +116,8 @@ class RtuFraming:
 
 class RawFraming:
     """Bytes without frames: each read counts as one."""
+
+    trailer = 0
 
     def split(self, buffer: bytearray) -> list[bytes]:
         """Take everything."""

@@ -30,7 +30,7 @@ def main() -> int:
     try:
         profile = profile_from_json(order["profile"])
         settings = EmulatorSettings(
-            pace=order["pace"], record=_path(order["record"]), lifeline=0, rtu=order["rtu"]
+            pace=order["pace"], record=_path(order["record"]), lifeline=0, wire=order["wire"]
         )
         emulate(
             profile,

@@ -11,12 +11,15 @@ import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, TYPE_CHECKING, Any
 
 from hdbench.devices.children import child_command
-from hdbench.devices.emulator.machine import Pace
 from hdbench.errors import DeviceError, HdbenchError, ProfileError
 from hdbench.profile.schema import ProfileData
+
+if TYPE_CHECKING:
+    from hdbench.devices.emulator.machine import Pace
+    from hdbench.devices.emulator.server import Wire
 
 __all__ = ["running_emulator"]
 
@@ -40,7 +43,7 @@ def running_emulator(
     pace: Pace,
     model_file: Path | None = None,
     record: Path | None = None,
-    rtu: bool = False,
+    wire: Wire = "tcp",
 ) -> Iterator[Mapping[str, Any]]:
     """Run an emulated node in a process of its own.
 
@@ -58,8 +61,8 @@ def running_emulator(
         Extended model to emulate in place of the profile's.
     record : Path, optional
         File for the node's changes of state, one JSON line each.
-    rtu : bool, optional
-        Whether a node is on a serial line instead of a TCP port.
+    wire : str, optional
+        What a device of registers speaks.
 
     Yields
     ------
@@ -86,7 +89,7 @@ def running_emulator(
         "pace": pace,
         "model": str(model_file) if model_file else None,
         "record": str(record) if record else None,
-        "rtu": rtu,
+        "wire": wire,
     }
     with _kept_words() as words:
         process = subprocess.Popen(

@@ -7,18 +7,67 @@ from collections.abc import Callable, Mapping
 
 from hdbench.devices.emulator.core import NodeCore
 from hdbench.devices.emulator.machine import NodeMachine, Pace, PlantBench
+from hdbench.devices.emulator.parameters import RefusedError
 from hdbench.devices.emulator.ratings import identity_values, limit_values
-from hdbench.devices.emulator.rtuserver import RtuNodeServer
-from hdbench.devices.emulator.server import NodeServer
+from hdbench.devices.emulator.server import Device, ModbusRefusedError, ModbusServer, Space
 from hdbench.devices.emulator.serving import Emulation, EmulatorSettings
+from hdbench.devices.node.registers import Refusal
 from hdbench.devices.node.states import State
+from hdbench.errors import UsageError
 from hdbench.profile.acquiring import NodeAcquisition
 from hdbench.profile.schema import ProfileData
 
-__all__ = ["EmulatedNode", "build_core", "emulate_node"]
+__all__ = ["EmulatedNode", "NodeDevice", "build_core", "emulate_node"]
 
 # a pseudo-terminal passes characters at once; hosts reckon with the fastest usual rate
 _QUERY = "?baud=921600"
+
+
+class NodeDevice(Device):
+    """A node's registers behind a server.
+
+    Parameters
+    ----------
+    core : NodeCore
+        The node.
+    """
+
+    functions = frozenset((3, 6, 16, 23))
+
+    def __init__(self, core: NodeCore) -> None:
+        self.core = core
+
+    def tick(self) -> None:
+        """Let the wall clock act."""
+        self.core.tick()
+
+    def left(self, connection: int) -> None:
+        """End the session of a host that is gone."""
+        self.core.disconnected(connection)
+
+    def rest(self) -> None:
+        """Produce samples."""
+        self.core.machine.produce_ahead()
+
+    def hears(self, function: int) -> bool:
+        """Bring the node up to now."""
+        self.core.machine.tick()
+        return True
+
+    def read(self, space: Space, address: int, count: int, connection: int) -> bytes:
+        """Return registers."""
+        return self.core.read(address, count, connection)
+
+    def write(self, space: Space, address: int, raw: bytes, connection: int) -> None:
+        """Write registers."""
+        self.core.write(address, raw, connection)
+
+    def note_refusal(self, refused: ModbusRefusedError, connection: int, transaction: int) -> None:
+        """Keep the reason; a request that is none as Modbus has it concerns no register."""
+        if not isinstance(refused, RefusedError):
+            reason = Refusal.VALUE if refused.exception == 3 else Refusal.NONE
+            refused = RefusedError(refused.exception, reason, 0)
+        self.core.note_refusal(refused, connection)
 
 
 def build_core(
@@ -71,18 +120,19 @@ class EmulatedNode:
 
     def __init__(self, core: NodeCore) -> None:
         self.core = core
-        self._server: NodeServer | RtuNodeServer | None = None
+        self._server: ModbusServer | None = None
 
     async def open(self, settings: EmulatorSettings) -> Mapping[str, object]:
         """Open the wire and return ``address``."""
-        if settings.rtu:
-            line = RtuNodeServer(self.core)
-            self._server = line
-            return {"address": f"rtu://{await line.open()}{_QUERY}"}
-        server = NodeServer(self.core)
-        self._server = server
-        host, port = await server.open(settings.host, settings.port)
-        return {"address": f"tcp://{host}:{port}"}
+        if settings.wire not in ("tcp", "rtu"):
+            raise UsageError(
+                f"a node speaks no {settings.wire}",
+                where="--wire",
+                fix="choose tcp or rtu, or a profile with a polled Modbus device",
+            )
+        self._server = ModbusServer(NodeDevice(self.core), settings.wire)
+        address = await self._server.open(settings.host, settings.port)
+        return {"address": address + (_QUERY if settings.wire == "rtu" else "")}
 
     def close(self) -> None:
         """Close the wire."""

@@ -16,6 +16,7 @@ from hdbench.devices.emulator.channel import open_channel
 from hdbench.devices.emulator.instrument import DeviceClock, SimulatedInstrument
 from hdbench.devices.emulator.lifetime import ending, open_record, until_motor_stands
 from hdbench.devices.emulator.machine import Pace
+from hdbench.devices.emulator.server import Wire
 from hdbench.devices.registry import driver_of
 from hdbench.errors import DeviceError, UsageError
 from hdbench.plant.bench import SimulatedBench
@@ -47,8 +48,8 @@ class EmulatorSettings:
         File for one JSON line per change of state.
     lifeline : int or None
         File descriptor whose end of file ends the emulator, once its motor stands.
-    rtu : bool
-        Whether a device that knows both is on a pseudo-terminal instead of a TCP port.
+    wire : str
+        What a device of registers speaks; see `hdbench.devices.emulator.server.Wire`.
     """
 
     host: str = "127.0.0.1"
@@ -56,7 +57,7 @@ class EmulatorSettings:
     pace: Pace = "realtime"
     record: Path | None = None
     lifeline: int | None = None
-    rtu: bool = False
+    wire: Wire = "tcp"
 
 
 class EmulatedDevice(Protocol):
@@ -263,7 +264,9 @@ async def _serve(
             raise DeviceError(
                 f"the wire{f' of the {name}' if name else ''} cannot be opened "
                 f"({error.strerror or error})",
-                where="serial line" if settings.rtu else f"{settings.host}:{settings.port}",
+                where="serial line"
+                if settings.wire in ("rtu", "ascii")
+                else f"{settings.host}:{settings.port}",
                 fix="choose another port, or 0 for a free one",
             ) from error
     reached = emulation.instrument if emulation.hosted else emulation.bench

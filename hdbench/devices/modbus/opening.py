@@ -7,8 +7,9 @@ import math
 from hdbench.devices.modbus.abilities import exchange_s, max_rates_hz, reads_of
 from hdbench.devices.modbus.access import QUIET_S, TRY, Access
 from hdbench.devices.modbus.driver import ModbusDaq
+from hdbench.devices.modbus.links import polled_link
 from hdbench.devices.modbus.probe import make_probe
-from hdbench.devices.wire import connect, parse_address
+from hdbench.devices.wire import parse_address
 from hdbench.devices.wire.address import serial_settings
 from hdbench.errors import ProfileError
 from hdbench.profile.acquiring_modbus import ModbusAcquisition
@@ -40,15 +41,15 @@ def open_modbus(profile: ProfileData, table: ModbusAcquisition) -> ModbusDaq:
     """
     given = None if table.serial is None else serial_settings(table.serial)
     address = parse_address(table.address, given, default_port=502)
-    if address.scheme == "rtu":
+    if not address.is_numbered:
         _check_deadline(table)
     probe = make_probe(table)
-    link = connect(address, unit=table.unit, probe=probe, tls=table.tls)
+    link = polled_link(address, unit=table.unit, probe=probe, tls=table.tls)
     access = Access(
         link,
         deadline_s=table.deadline_s,
-        probe=probe if address.scheme == "rtu" else None,
-        numbered=address.scheme != "rtu",
+        probe=None if address.is_numbered else probe,
+        numbered=address.is_numbered,
         min_gap_s=table.min_gap_s,
         max_registers=table.max_read_registers,
         bridge=table.bridge_registers,
@@ -80,7 +81,7 @@ def _check_deadline(table: ModbusAcquisition) -> None:
     needed_s = (QUIET_S + 3.0 * exchange_s(table, longest)) / TRY
     if not table.deadline_s >= needed_s:
         raise ProfileError(
-            f"{table.deadline_s:g} s; on this serial line a lost frame is got over within "
+            f"{table.deadline_s:g} s; on this line a lost frame is got over within "
             f"{needed_s:.2g} s",
             where="key daq.deadline_s",
             fix=f"set it to {needed_s:.2g} s or more",

@@ -12,7 +12,7 @@ from hdbench.devices.node.spans import node_probe
 from hdbench.devices.node.wire import NodeWire
 from hdbench.devices.wire import Address, connect, parse_address
 from hdbench.devices.wire.address import SerialSettings, serial_settings
-from hdbench.errors import BusyError, HdbenchError
+from hdbench.errors import BusyError, HdbenchError, UsageError
 from hdbench.profile.acquiring import NodeAcquisition
 from hdbench.profile.schema import ProfileData
 
@@ -63,9 +63,21 @@ def node_address(table: NodeAcquisition) -> Address:
     Returns
     -------
     Address
+
+    Raises
+    ------
+    UsageError
+        If it is none, or a wire that nodes do not speak.
     """
     serial = serial_settings(table.serial) if table.serial else SerialSettings()
-    return parse_address(table.address, serial)
+    address = parse_address(table.address, serial)
+    if address.scheme not in ("tcp", "tls", "rtu"):
+        raise UsageError(
+            f"{table.address[:80]!r}: a node is reached by tcp://HOST:PORT, tls:// or rtu://",
+            where="address",
+            fix="for example tcp://192.168.0.7:502",
+        )
+    return address
 
 
 def node_rate_hz(table: NodeAcquisition) -> float:

@@ -7,7 +7,7 @@ import os
 import select
 import time
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 from hdbench.devices.serialport import Claim, is_gone, open_port
 from hdbench.devices.wakeup import FAST_BD, hold_wakeup, release_wakeup
@@ -16,15 +16,19 @@ from hdbench.devices.wire.checks import ExceptionReply, FrameError, ReplyCheck, 
 from hdbench.devices.wire.crc import CRC_START, crc16, crc_over
 from hdbench.devices.wire.rtuframe import reply_size
 
-if TYPE_CHECKING:
-    from serial import Serial
-
-__all__ = ["RtuLink"]
+__all__ = ["Port", "RtuLink"]
 
 # a line without a character for this long carries no frame of anybody
 _QUIET_S = 0.05
 _CHUNK = 4096
 _SHORT_S = 1e-4
+
+
+class Port(Protocol):
+    """What characters go through."""
+
+    def fileno(self) -> int: ...  # noqa: D102
+    def close(self) -> None: ...  # noqa: D102
 
 
 class RtuLink:
@@ -50,6 +54,8 @@ class RtuLink:
     and the probe's reply - of a length that nothing else has - must come before anything else.
     """
 
+    _line = "serial port"
+
     def __init__(
         self,
         address: Address,
@@ -66,7 +72,7 @@ class RtuLink:
         self._unit = bytes((unit,))
         self._probe = probe
         self._clock = clock
-        self._port: Serial | None = None
+        self._port: Port | None = None
         self._awake: int | None = None
         self._received = b""
         self._doubtful = self._robbed = False
@@ -88,7 +94,7 @@ class RtuLink:
             raise
         except OSError as error:
             self.close()
-            raise FrameError(f"the serial port failed ({error.strerror or error})") from error
+            raise FrameError(f"the {self._line} failed ({error.strerror or error})") from error
 
     def close(self) -> None:
         """Close the port; never raises."""
@@ -117,7 +123,7 @@ class RtuLink:
         while True:
             # the port never blocks; a request fits its buffer
             with contextlib.suppress(BlockingIOError):
-                frame = frame[os.write(descriptor, frame) :]
+                frame = frame[self._put(descriptor, frame) :]
             if not frame:
                 return
             left_s = until_s - self._clock()
@@ -174,13 +180,14 @@ class RtuLink:
 
     def _make_sure(self, descriptor: int, until_s: float) -> None:
         """Wait for a quiet line, drop what came, and let the device say who it is."""
+        fault = FrameError("the line did not become quiet in time")
         while True:
             while self._clock() < until_s and self._readable(
                 descriptor, min(_QUIET_S, until_s - self._clock())
             ):
                 self._take(descriptor)
             if not self._clock() < until_s:
-                raise FrameError("the line did not become quiet in time")
+                raise fault
             if self._probe is None:
                 break
             self._probes += 1
@@ -189,11 +196,15 @@ class RtuLink:
                 self._once(descriptor, pdu, check, until_s)
             except ExceptionReply:
                 break
-            except FrameError:
+            except FrameError as found:
                 # an older reply: quiet again, and a probe with another length
+                fault = found
                 continue
             break
         self._doubtful = False
+
+    def _put(self, descriptor: int, frame: bytes) -> int:
+        return os.write(descriptor, frame)
 
     def _readable(self, descriptor: int, wait_s: float) -> bool:
         return bool(select.select((descriptor,), (), (), max(0.0, wait_s))[0])
@@ -209,7 +220,7 @@ class RtuLink:
 
     def _connected(self, until_s: float) -> int:
         if self._port is None:
-            self._port = self._opened()
+            self._port = self._opened(until_s)
             if self._address.serial.baud_bd > FAST_BD:
                 self._awake = hold_wakeup()
             self._received = b""
@@ -219,13 +230,14 @@ class RtuLink:
                 self.opened(until_s)
         return int(self._port.fileno())
 
-    def _opened(self) -> Serial:
+    def _opened(self, until_s: float) -> Port:
         line = self._address.serial
         try:
             return open_port(
                 self._address.path,
                 self.where,
                 baud_bd=line.baud_bd,
+                data_bits=line.data_bits or 8,
                 parity=line.parity,
                 stop_bits=line.stop_bits,
                 claim=self._claim,

@@ -105,15 +105,7 @@ class TcpLink:
         """Send one request once and return the PDU of its reply."""
         try:
             connection = self._socket or self._connected(until_s)
-            self._number = number = self._number % 0xFFFF + 1
-            self._send(connection, _HEADER.pack(number, 0, len(pdu) + 1, self._unit) + pdu, until_s)
-            while True:
-                reply = self._reply(connection, number, until_s)
-                try:
-                    check(reply)
-                except StaleReply:
-                    continue
-                return reply
+            return self._once(connection, pdu, check, until_s)
         except ExceptionReply:
             raise
         except FrameError:
@@ -131,12 +123,29 @@ class TcpLink:
             with contextlib.suppress(OSError):
                 connection.close()
 
+    def _once(
+        self, connection: socket.socket, pdu: bytes, check: ReplyCheck, until_s: float
+    ) -> bytes:
+        self._number = number = self._number % 0xFFFF + 1
+        self._send(connection, _HEADER.pack(number, 0, len(pdu) + 1, self._unit) + pdu, until_s)
+        while True:
+            reply = self._reply(connection, number, until_s)
+            try:
+                check(reply)
+            except StaleReply:
+                continue
+            return reply
+
+    def _dial(self, left_s: float) -> socket.socket:
+        connection = dial(self._target, left_s)
+        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        return connection
+
     def _connected(self, until_s: float) -> socket.socket:
         left_s = until_s - self._clock()
         if not left_s > 0.0:
             raise FrameError("no time left to connect")
-        connection = dial(self._target, left_s)
-        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        connection = self._dial(left_s)
         if self._secure is not None:
             connection = self._secured(connection, self._secure, until_s)
         elif _POLLS:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from hdbench.devices.emulator.modbus.device import ModbusDevice
-from hdbench.devices.emulator.modbus.servers import RtuServer, TcpServer
+from hdbench.devices.emulator.server import ModbusServer
 from hdbench.devices.emulator.serving import Emulation, EmulatorSettings
 from hdbench.profile.acquiring_modbus import ModbusAcquisition
 
@@ -26,17 +26,13 @@ class EmulatedModbus:
     def __init__(self, device: ModbusDevice, *, rtu: bool) -> None:
         self.device = device
         self._rtu = rtu
-        self._server: TcpServer | RtuServer | None = None
+        self._server: ModbusServer | None = None
 
     async def open(self, settings: EmulatorSettings) -> Mapping[str, object]:
         """Open the wire and return ``address``."""
-        if self._rtu or settings.rtu:
-            line = RtuServer(self.device)
-            self._server = line
-            return {"address": await line.open()}
-        server = TcpServer(self.device)
-        self._server = server
-        return {"address": await server.open(settings.host, settings.port)}
+        wire = "rtu" if self._rtu and settings.wire == "tcp" else settings.wire
+        self._server = ModbusServer(self.device, wire)
+        return {"address": await self._server.open(settings.host, settings.port)}
 
     def close(self) -> None:
         """Close the wire."""

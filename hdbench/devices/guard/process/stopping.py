@@ -49,7 +49,7 @@ class Wire:
         address = Address(target["scheme"], target["host"], target["port"], target["path"], line)
         self._rest_s = float(target["rest_s"])
         self._reply_s = REPLY_S
-        if address.scheme == "rtu":
+        if address.is_line:
             self._reply_s += QUIET_S + line.exchange_s(_LONGEST, _LONGEST)
         tls = SimpleNamespace(**target["tls"]) if target["tls"] else None
         self._link: Link = connect(

@@ -6,13 +6,15 @@ import struct
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
+from hdbench.devices.emulator.server import ModbusRefusedError
+
 __all__ = ["Cell", "Memory", "RefusedError"]
 
 _FORMATS = {"u16": ">H", "u32": ">I", "f32": ">f"}
 _ILLEGAL_ADDRESS, _ILLEGAL_VALUE, _DEVICE_FAILURE = 2, 3, 4
 
 
-class RefusedError(Exception):
+class RefusedError(ModbusRefusedError):
     """A request that the device answers with an exception.
 
     Parameters
@@ -24,9 +26,8 @@ class RefusedError(Exception):
     """
 
     def __init__(self, detail: int, exception: int = _DEVICE_FAILURE) -> None:
-        super().__init__(f"exception {exception}, detail {detail}")
+        super().__init__(exception)
         self.detail = detail
-        self.exception = exception
 
 
 @dataclass(slots=True)

@@ -1,4 +1,4 @@
-"""The emulated device on two TCP ports: control and stream, with framing of its own."""
+"""The emulated device on two TCP ports: control and stream."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import errno
 import struct
 from collections.abc import Callable
 
+from hdbench.devices.emulator.server import Device, ModbusRefusedError, ModbusServer, Space
 from hdbench.drivers.labjack.emulator.device import LabJackDevice
 from hdbench.drivers.labjack.emulator.memory import RefusedError
 
@@ -14,18 +15,14 @@ __all__ = ["STREAM_OFFSET", "LabJackServer"]
 
 # 502 and 702
 STREAM_OFFSET = 200
-_HEADER = struct.Struct(">HHHB")
-# wall-clock grain of stream, watchdog and motion, s
-_TICK_S = 0.005
-_MAX_PDU = 1040
-_ILLEGAL_FUNCTION, _ILLEGAL_VALUE = 1, 3
+_ILLEGAL_VALUE = 3
 # a reader that has not taken this much is slow: packets then wait in the device's buffer
 _SLOW_BYTES = 16384
 _PORT_TRIES = 50
 _HIGHEST_PORT = 65535
 
 
-class LabJackServer:
+class LabJackServer(Device):
     """Serves one device until it is closed.
 
     Parameters
@@ -34,13 +31,16 @@ class LabJackServer:
         The device.
     """
 
+    functions = frozenset((3, 6, 16, 76))
+    # larger than Modbus has them: a feedback request may fill a packet of Ethernet
+    longest = 1040
+
     def __init__(self, device: LabJackDevice) -> None:
         self.device = device
         self.change_packets: Callable[[bytes], list[bytes]] = lambda packet: [packet]
-        self._servers: list[asyncio.Server] = []
-        self._timer: asyncio.TimerHandle | None = None
+        self._control: ModbusServer | None = None
+        self._stream: asyncio.Server | None = None
         self._readers: set[asyncio.WriteTransport] = set()
-        self._hosts: set[asyncio.WriteTransport] = set()
         device.rebooted = self._hang_up
 
     async def open(self, host: str, port: int) -> tuple[str, int]:
@@ -58,8 +58,9 @@ class LabJackServer:
         """
         loop = asyncio.get_running_loop()
         for attempt in range(1, _PORT_TRIES + 1):
-            control = await loop.create_server(lambda: _Control(self), host, port)
-            bound = int(control.sockets[0].getsockname()[1])
+            control = ModbusServer(self)
+            address = await control.open(host, port)
+            bound = int(address.rpartition(":")[2])
             try:
                 if bound + STREAM_OFFSET > _HIGHEST_PORT:
                     raise OSError(errno.EADDRNOTAVAIL, "no port left for the stream")
@@ -72,32 +73,38 @@ class LabJackServer:
                     raise
                 continue
             break
-        self._servers = [control, stream]
-        self._tick(loop)
+        self._control, self._stream = control, stream
         return host, bound
 
     def close(self) -> None:
         """Stop listening and end every connection."""
-        if self._timer is not None:
-            self._timer.cancel()
-        for server in self._servers:
-            server.close()
+        if self._control is not None:
+            self._control.close()
+        if self._stream is not None:
+            self._stream.close()
         self._hang_up()
 
-    def answer(self, pdu: bytes, transaction: int) -> bytes:
-        """Return the reply to one request."""
+    def hears(self, function: int) -> bool:
+        """Feed the watchdog."""
         self.device.watchdog.heard()
         self.device.watchdog.tick()
-        try:
-            return self._carry_out(pdu)
-        except RefusedError as refused:
-            self.device.note_error(refused, transaction)
-            return bytes((pdu[0] | 0x80, refused.exception))
-        except (struct.error, IndexError):
-            # shorter than its function code asks for
-            return bytes((pdu[0] | 0x80, _ILLEGAL_VALUE))
+        return True
 
-    def pump(self) -> None:
+    def read(self, space: Space, address: int, count: int, connection: int) -> bytes:
+        """Return registers."""
+        return self._swapped(self.device.memory.read(address, count))
+
+    def write(self, space: Space, address: int, raw: bytes, connection: int) -> None:
+        """Write registers."""
+        self.device.memory.write(address, raw)
+
+    def note_refusal(self, refused: ModbusRefusedError, connection: int, transaction: int) -> None:
+        """Keep it for LAST_ERR_*; what is no request at all has its exception as its reason."""
+        if not isinstance(refused, RefusedError):
+            refused = RefusedError(refused.exception, refused.exception)
+        self.device.note_error(refused, transaction)
+
+    def tick(self) -> None:
         """Let the device act, and send the packets that are complete."""
         # with nobody there yet, packets wait in the device's buffer, too
         slow = not self._readers or any(
@@ -112,38 +119,12 @@ class LabJackServer:
                 for reader in self._readers:
                     reader.write(changed)
 
-    def joined(self, transport: asyncio.WriteTransport) -> None:
-        """Note a host's connection."""
-        self._hosts.add(transport)
-
-    def left(self, transport: asyncio.WriteTransport | None) -> None:
-        """Note that a host's connection is gone."""
-        if transport is not None:
-            self._hosts.discard(transport)
-
-    def _carry_out(self, pdu: bytes) -> bytes:
-        function, memory = pdu[0], self.device.memory
-        if function == 3:
-            address, count = struct.unpack(">HH", pdu[1:])
-            raw = self._swapped(memory.read(address, count))
-            return bytes((3, 2 * count)) + raw
-        if function == 6:
-            address, _ = struct.unpack(">HH", pdu[1:])
-            memory.write(address, pdu[3:])
-            return pdu
-        if function == 16:
-            address, count, n_bytes = struct.unpack(">HHB", pdu[1:6])
-            if n_bytes != 2 * count or len(pdu) != 6 + n_bytes:
-                raise RefusedError(_ILLEGAL_VALUE, _ILLEGAL_VALUE)
-            memory.write(address, pdu[6:])
-            return pdu[:5]
-        if function == 76:
-            return b"\x4c" + self._feedback(pdu[1:])
-        raise RefusedError(_ILLEGAL_FUNCTION, _ILLEGAL_FUNCTION)
-
-    def _feedback(self, frames: bytes) -> bytes:
-        reply = b""
+    def other(self, pdu: bytes) -> bytes:
+        """Carry out a feedback request: reads and writes one after the other."""
+        frames, reply = pdu[1:], b""
         while frames:
+            if len(frames) < 4:
+                raise RefusedError(_ILLEGAL_VALUE, _ILLEGAL_VALUE)
             kind, address, count = struct.unpack(">BHB", frames[:4])
             frames = frames[4:]
             if kind == 0:
@@ -162,46 +143,10 @@ class LabJackServer:
         return b"".join(raw[n + 2 : n + 4] + raw[n : n + 2] for n in range(0, len(raw), 4))
 
     def _hang_up(self) -> None:
-        for transport in (*self._hosts, *self._readers):
+        if self._control is not None:
+            self._control.hang_up()
+        for transport in tuple(self._readers):
             transport.abort()
-
-    def _tick(self, loop: asyncio.AbstractEventLoop) -> None:
-        self.pump()
-        self._timer = loop.call_later(_TICK_S, self._tick, loop)
-
-
-class _Control(asyncio.Protocol):
-    """Framing of one control connection."""
-
-    def __init__(self, server: LabJackServer) -> None:
-        self._server = server
-        self._buffer = b""
-        self._transport: asyncio.WriteTransport | None = None
-
-    def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Keep what sends."""
-        if isinstance(transport, asyncio.WriteTransport):
-            self._transport = transport
-            self._server.joined(transport)
-
-    def data_received(self, data: bytes) -> None:
-        """Answer every whole frame; hang up on a stream that is not Modbus TCP."""
-        self._buffer += data
-        while len(self._buffer) >= _HEADER.size and self._transport is not None:
-            number, protocol, length, unit = _HEADER.unpack_from(self._buffer)
-            if protocol != 0 or not 2 <= length <= _MAX_PDU:
-                self._transport.close()
-                return
-            end = 6 + length
-            if len(self._buffer) < end:
-                return
-            pdu, self._buffer = self._buffer[_HEADER.size : end], self._buffer[end:]
-            reply = self._server.answer(pdu, number)
-            self._transport.write(_HEADER.pack(number, 0, len(reply) + 1, unit) + reply)
-
-    def connection_lost(self, exc: Exception | None) -> None:
-        """Forget it."""
-        self._server.left(self._transport)
 
 
 class _Reader(asyncio.Protocol):
