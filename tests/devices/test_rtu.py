@@ -15,7 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymodbus.client import ModbusSerialClient
 
-from hdbench.devices import stop_bench, wakeup
+from hdbench.devices import stop_bench
 from hdbench.devices.daq import DaqSettings
 from hdbench.devices.emulator.paced import paced_line
 from hdbench.devices.emulator.rtuserver import request_size
@@ -34,6 +34,7 @@ from hdbench.devices.wire.crc import crc16
 from hdbench.devices.wire.rtu import RtuLink
 from hdbench.devices.wire.rtuframe import reply_size
 from hdbench.errors import BusyError, DeviceError
+from hdbench.system import wakeup
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="needs pseudo-terminals")
 

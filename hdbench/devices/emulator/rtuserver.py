@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import asyncio
-import os
-import tty
 
 from hdbench.devices.emulator.answer import answer
 from hdbench.devices.emulator.core import NodeCore
 from hdbench.devices.wire.crc import crc16
+from hdbench.system.lines import PseudoTerminal
 
 __all__ = ["RtuNodeServer", "request_size"]
 
@@ -19,7 +18,6 @@ _QUIET_S = 0.005
 # a serial line shows no host go: without a request for this long its session counts as left
 _SILENCE_S = 2.0
 _CONNECTION = 0
-_CHUNK = 4096
 
 
 def request_size(data: bytes) -> int | None:
@@ -60,7 +58,7 @@ class RtuNodeServer:
     def __init__(self, core: NodeCore, unit: int = 1) -> None:
         self.core = core
         self._unit = unit
-        self._master = self._slave = -1
+        self._line: PseudoTerminal | None = None
         self._buffer = b""
         self._deaf = False
         self._loop: asyncio.AbstractEventLoop | None = None
@@ -78,13 +76,9 @@ class RtuNodeServer:
             If there is none.
         """
         self._loop = asyncio.get_running_loop()
-        # the other end stays open here, so that a host that leaves does not end the line
-        self._master, self._slave = os.openpty()
-        tty.setraw(self._slave)
-        os.set_blocking(self._master, False)
-        self._loop.add_reader(self._master, self._received)
+        self._line = PseudoTerminal(self._received)
         self._tick()
-        return os.ttyname(self._slave)
+        return self._line.path
 
     def close(self) -> None:
         """End the line."""
@@ -93,9 +87,8 @@ class RtuNodeServer:
         for timer in (self._timer, self._quiet):
             if timer is not None:
                 timer.cancel()
-        self._loop.remove_reader(self._master)
-        os.close(self._master)
-        os.close(self._slave)
+        if self._line is not None:
+            self._line.close()
         self._loop = None
 
     def _tick(self) -> None:
@@ -107,10 +100,9 @@ class RtuNodeServer:
             self.core.disconnected(_CONNECTION)
         self._timer = self._loop.call_later(_TICK_S, self._tick)
 
-    def _received(self) -> None:
+    def _received(self, data: bytes) -> None:
         if self._loop is None:
             return
-        data = os.read(self._master, _CHUNK)
         self._heard_s, self._present = self._loop.time(), True
         if self._deaf:
             self._turn_deaf()
@@ -129,11 +121,9 @@ class RtuNodeServer:
     def _answer(self, pdu: bytes) -> None:
         self.core.machine.tick()
         reply = bytes((self._unit,)) + answer(pdu, self.core, _CONNECTION)
-        try:
-            os.write(self._master, reply + crc16(reply))
-        except BlockingIOError:
-            # nobody reads: the line is full, and the reply is lost as on a real one
-            return
+        if self._line is not None:
+            # where nobody reads, the line is full, and the reply is lost as on a real one
+            self._line.write(reply + crc16(reply))
 
     def _turn_deaf(self) -> None:
         """Drop what came, and listen again once the line has been quiet."""

@@ -9,7 +9,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
-from hdbench.devices.emulator.channel import open_channel
+from hdbench.devices.emulator.channel import Channel
 from hdbench.devices.emulator.core import NodeCore
 from hdbench.devices.emulator.lifetime import ending, open_record, until_motor_stands
 from hdbench.devices.emulator.machine import NodeMachine, Pace, PlantBench
@@ -179,12 +179,11 @@ async def _serve(
 ) -> None:
     ended = ending(settings.lifeline)
     server, address = await _open(core, settings)
-    channel, control = await open_channel(
-        core.machine.bench, busy=lambda: core.machine.state == State.RUNNING
-    )
-    ready({"address": address, "control": control})
+    channel = Channel(core.machine.bench, busy=lambda: core.machine.state == State.RUNNING)
+    ready({"address": address, "control": await channel.open()})
     await ended.wait()
     if settings.lifeline is not None:
+        await channel.left()
         await until_motor_stands(lambda: core.machine.busy, _ORPHAN_S)
     channel.close()
     server.close()

@@ -9,7 +9,7 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from hdbench.devices.emulator.bench import SimulatedBench
-from hdbench.devices.emulator.channel import open_channel
+from hdbench.devices.emulator.channel import Channel
 from hdbench.devices.emulator.instrument import DeviceClock, SimulatedInstrument
 from hdbench.devices.emulator.kinds import EmulatedPart, part_of
 from hdbench.devices.emulator.lifetime import ending, open_record, until_motor_stands
@@ -142,10 +142,11 @@ async def _serve(
                 where=f"{settings.host}:{settings.port}",
                 fix="choose another port, or 0 for a free one",
             ) from error
-    channel, control = await open_channel(instrument)
-    opened(found, control)
+    channel = Channel(instrument)
+    opened(found, await channel.open())
     await ended.wait()
     if settings.lifeline is not None:
+        await channel.left()
         await until_motor_stands(lambda: instrument.moving, _ORPHAN_S)
     channel.close()
     for part in parts.values():

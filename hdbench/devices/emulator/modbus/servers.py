@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import asyncio
-import os
 import struct
-import tty
 from collections.abc import Callable
 
 from hdbench.devices.emulator.modbus.device import ModbusDevice
 from hdbench.devices.emulator.rtuserver import request_size
 from hdbench.devices.wire.crc import crc16
+from hdbench.system.lines import PseudoTerminal
 
 __all__ = ["RtuServer", "TcpServer"]
 
@@ -19,7 +18,6 @@ _HEADER = struct.Struct(">HHHB")
 _TICK_S = 0.005
 # after a damaged request nothing is answered until the line was quiet for this long, s
 _QUIET_S = 0.005
-_CHUNK = 4096
 
 
 class _Ticking:
@@ -137,7 +135,7 @@ class RtuServer:
     def __init__(self, device: ModbusDevice) -> None:
         self.device = device
         self._ticking = _Ticking(device)
-        self._master = self._slave = -1
+        self._line: PseudoTerminal | None = None
         self._buffer = b""
         self._deaf = False
         self._quiet: asyncio.TimerHandle | None = None
@@ -150,27 +148,20 @@ class RtuServer:
         OSError
             If there is none.
         """
-        # the other end stays open here, so that a host that leaves does not end the line
-        self._master, self._slave = os.openpty()
-        tty.setraw(self._slave)
-        os.set_blocking(self._master, False)
-        asyncio.get_running_loop().add_reader(self._master, self._received)
+        self._line = PseudoTerminal(self._received)
         self._ticking.start()
-        return f"rtu://{os.ttyname(self._slave)}"
+        return f"rtu://{self._line.path}"
 
     def close(self) -> None:
         """End the line."""
         self._ticking.end()
         if self._quiet is not None:
             self._quiet.cancel()
-        if self._master >= 0:
-            asyncio.get_running_loop().remove_reader(self._master)
-            os.close(self._master)
-            os.close(self._slave)
-            self._master = self._slave = -1
+        line, self._line = self._line, None
+        if line is not None:
+            line.close()
 
-    def _received(self) -> None:
-        data = os.read(self._master, _CHUNK)
+    def _received(self, data: bytes) -> None:
         if self._deaf:
             self._turn_deaf()
             return
@@ -191,13 +182,9 @@ class RtuServer:
         _later(self.device.reply_s, lambda: self._send(body + crc16(body)))
 
     def _send(self, frame: bytes) -> None:
-        if self._master < 0:
-            return
-        try:
-            os.write(self._master, frame)
-        except BlockingIOError:
-            # nobody reads: the line is full, and the reply is lost as on a real one
-            return
+        if self._line is not None:
+            # where nobody reads, the line is full, and the reply is lost as on a real one
+            self._line.write(frame)
 
     def _turn_deaf(self) -> None:
         """Drop what came, and listen again once the line has been quiet."""
