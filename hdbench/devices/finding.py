@@ -9,6 +9,7 @@ from pathlib import Path
 
 from hdbench.devices.node.codec import clean_text
 from hdbench.errors import BusyError, HdbenchError
+from hdbench.system.lines import may_open
 
 __all__ = ["SerialPort", "find_ports", "latency_timer_ms", "probe_port"]
 
@@ -61,7 +62,7 @@ def find_ports() -> tuple[SerialPort, ...]:
             manufacturer=_text(port.manufacturer),
             serial_number=_text(port.serial_number),
             usb_id="" if port.vid is None else f"{port.vid:04x}:{port.pid or 0:04x}",
-            accessible=os.access(port.device, os.R_OK | os.W_OK),
+            accessible=may_open(str(port.device)),
             latency_ms=latency_timer_ms(str(port.device)),
         )
         for port in comports()

@@ -5,7 +5,6 @@ from __future__ import annotations
 import errno
 import os
 import stat
-import tempfile
 from pathlib import Path
 
 __all__ = [
@@ -173,6 +172,8 @@ def user_folders() -> list[Path]:
         somebody else's, which `is_own` tells.
     """
     if not _OWNED:
+        import tempfile
+
         return [Path(os.environ.get("LOCALAPPDATA") or tempfile.gettempdir()) / "hdbench"]
     places = [os.environ.get("XDG_RUNTIME_DIR", ""), f"{_SYSTEM}/{os.geteuid()}"]
     found = [Path(place) / "hdbench" for place in places if place and is_own(Path(place))]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import os
 import select
 import time
@@ -20,6 +19,7 @@ __all__ = [
     "PortIo",
     "PseudoTerminal",
     "can_share_ports",
+    "may_open",
     "open_terminal",
     "port_io",
     "readable",
@@ -154,6 +154,11 @@ def can_share_ports() -> bool:
     return True
 
 
+def may_open(path: str) -> bool:
+    """Return whether this user may read and write a serial port; on Windows everybody may."""
+    return not can_share_ports() or os.access(path, os.R_OK | os.W_OK)
+
+
 def share_port(port: Serial) -> None:
     """Let other programs open a port, too, where the system can do that."""
     with suppress(ImportError):
@@ -237,6 +242,9 @@ class PseudoTerminal:
     def __init__(self, received: Callable[[bytes], None]) -> None:
         self._received = received
         self._near, self._far, self.path = terminal_pair()
+        # the guard, which reads serial ports only, starts sooner without it
+        import asyncio
+
         self._loop = asyncio.get_running_loop()
         self._loop.add_reader(self._near, self._read)
 

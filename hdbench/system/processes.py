@@ -25,7 +25,9 @@ __all__ = [
 DETACHED: dict[str, Any] = {"start_new_session": True}
 """Keywords of `subprocess.Popen` for a child that Ctrl-C and the end of the terminal miss."""
 if sys.platform == "win32":
-    DETACHED = {"creationflags": subprocess.CREATE_NEW_PROCESS_GROUP}
+    # with a console of its own, which nobody sees: closing a console ends whatever is in it
+    flags = subprocess.CREATE_NEW_PROCESS_GROUP | subprocess.CREATE_NO_WINDOW
+    DETACHED = {"creationflags": flags}
 
 # what ends a program from outside, where the system has it
 _ENDING = ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK", "SIGQUIT", "SIGTSTP", "SIGPIPE")

@@ -51,7 +51,7 @@ def port_path(address: str) -> str:
         raise UsageError(
             f"{address[:80]!r} is no serial port",
             where="address",
-            fix="for example serial:///dev/ttyACM0",
+            fix="for example serial:///dev/ttyACM0 or, on Windows, serial://COM3",
         )
     return path
 

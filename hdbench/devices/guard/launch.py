@@ -177,6 +177,11 @@ class Guard:
         """Let it go: the safe state was confirmed. Never raises."""
         with suppress(OSError):
             self._link.send(b"Q")
+            self._link.shutdown(socket.SHUT_WR)
+            self._link.settimeout(_END_S)
+            # a connection that is closed over words unread would be reset, the last one lost
+            while self._link.recv(4096):
+                pass
         self._link.close()
         try:
             self._process.wait(_END_S)

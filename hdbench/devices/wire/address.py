@@ -17,7 +17,10 @@ if TYPE_CHECKING:
 __all__ = ["Address", "SerialSettings", "parse_address", "serial_settings"]
 
 _PARITIES = {"none": "N", "even": "E", "odd": "O", "n": "N", "e": "E", "o": "O"}
-_FIX = "for example tcp://192.168.0.7:502, tls://bench-7:802 or rtu:///dev/ttyUSB0?baud=115200"
+_FIX = (
+    "for example tcp://192.168.0.7:502, tls://bench-7:802, rtu:///dev/ttyUSB0?baud=115200 or, on "
+    "Windows, rtu://COM3?baud=115200"
+)
 # 1.75 ms, which the specification advises above 19200 bit/s, is for hosts that cannot time less
 _GAP_CHARACTERS = 3.5
 
@@ -124,8 +127,8 @@ def parse_address(
     ----------
     address : str
         ``tcp://HOST:PORT``, ``tls://HOST:PORT`` (IPv6 in brackets) or
-        ``rtu:///dev/NAME[?KEY=VALUE&...]`` with the keys ``baud``, ``parity``
-        (``none``, ``even``, ``odd``), ``stop`` and ``gap_us``.
+        ``rtu:///dev/NAME[?KEY=VALUE&...]`` (on Windows ``rtu://COM3``) with the keys ``baud``,
+        ``parity`` (``none``, ``even``, ``odd``), ``stop`` and ``gap_us``.
     serial : SerialSettings, optional
         What holds where the address does not say.
     default_port : int, optional
@@ -159,7 +162,7 @@ def parse_address(
 def _serial(address: str, rest: str, given: SerialSettings) -> Address:
     path, _, query = rest.partition("?")
     if not is_port(path):
-        raise _bad(address, "needed: the path of a serial port after rtu://")
+        raise _bad(address, "needed: a serial port after rtu://, such as /dev/ttyUSB0 or COM3")
     values: dict[str, str] = dict(parse_qsl(query, keep_blank_values=True))
     unknown = sorted(set(values) - {"baud", "parity", "stop", "gap_us"})
     if unknown:
