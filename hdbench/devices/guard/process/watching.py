@@ -148,11 +148,15 @@ def main() -> NoReturn:
     """Take the order, watch, act if need be."""
     # what ends the session must not end the guard before it has done its work
     ignore_signals()
-    port, secret = sys.stdin.readline().split()
-    link = dial(("127.0.0.1", int(port)), CONNECT_S)
-    link.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-    link.settimeout(None)
-    link.sendall(secret.encode())
+    try:
+        port, secret = sys.stdin.readline().split()
+        link = dial(("127.0.0.1", int(port)), CONNECT_S)
+        link.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        link.settimeout(None)
+        link.sendall(secret.encode())
+    except (OSError, ValueError):
+        # the session is gone already, and nothing has moved
+        sys.exit(0)
     line = b""
     while not line.endswith(b"\n"):
         chunk = link.recv(1)
