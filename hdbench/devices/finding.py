@@ -8,6 +8,7 @@ from pathlib import Path
 
 from hdbench.devices.registry import probes
 from hdbench.errors import BusyError, HdbenchError
+from hdbench.system.lines import may_open
 
 __all__ = ["SerialPort", "find_ports", "latency_timer_ms", "probe_port"]
 
@@ -56,7 +57,7 @@ def find_ports() -> tuple[SerialPort, ...]:
             manufacturer=_text(port.manufacturer),
             serial_number=_text(port.serial_number),
             usb_id="" if port.vid is None else f"{port.vid:04x}:{port.pid or 0:04x}",
-            accessible=os.access(port.device, os.R_OK | os.W_OK),
+            accessible=may_open(str(port.device)),
             latency_ms=latency_timer_ms(str(port.device)),
         )
         for port in comports()

@@ -8,15 +8,19 @@ import re
 from typing import TYPE_CHECKING, Literal
 
 from hdbench.errors import BusyError
+from hdbench.system.lines import SETTING_ERRORS, can_share_ports, share_port
 
 if TYPE_CHECKING:
     from serial import Serial
 
-__all__ = ["Claim", "is_gone", "is_port", "open_port"]
+__all__ = ["Claim", "is_port", "open_port"]
 
 Claim = Literal["hold", "ask", "share"]
 """Have the port alone; or refuse one that another program has, and keep nobody else away; or
-share it with whoever has it."""
+share it with whoever has it. Windows shares no port."""
+
+# longest wait for characters to leave where a port takes them all or none, s
+_WRITE_S = 1.0
 
 
 def open_port(
@@ -61,9 +65,6 @@ def open_port(
     ValueError
         If it does not take these settings.
     """
-    import fcntl
-    import termios
-
     from serial import Serial, SerialException
 
     # a pseudo-terminal has eight bits and no parity, and says so only when it is opened again
@@ -76,12 +77,13 @@ def open_port(
             parity="N" if pseudo else parity,
             stopbits=stop_bits,
             timeout=0,
-            exclusive=claim != "share",
+            write_timeout=_WRITE_S,
+            exclusive=claim != "share" or not can_share_ports(),
         )
         if claim == "ask":
-            fcntl.flock(port.fileno(), fcntl.LOCK_UN)
+            share_port(port)
         return port
-    except termios.error as error:
+    except SETTING_ERRORS as error:
         raise ValueError(str(error)) from error
     except SerialException as error:
         if error.errno in (errno.EAGAIN, errno.EBUSY):
@@ -107,25 +109,3 @@ def is_port(name: str) -> bool:
     """
     form = r"/[A-Za-z0-9._:,+@/-]+|COM[0-9]{1,3}"
     return re.fullmatch(form, name) is not None and ".." not in name
-
-
-def is_gone(descriptor: int) -> bool:
-    """Return whether a port that has just read as empty is gone.
-
-    Parameters
-    ----------
-    descriptor : int
-        Of the open port.
-
-    Returns
-    -------
-    bool
-        False where it is still there: then another program took the characters that had come.
-    """
-    import termios
-
-    try:
-        termios.tcgetattr(descriptor)
-    except termios.error:
-        return True
-    return False

@@ -207,7 +207,7 @@ def test_a_bug_in_the_guard_does_not_end_its_trying(monkeypatch):
     monkeypatch.setattr(watching, "stop_motor", fails_once)
     near, far = socket.socketpair()
     with near, far:
-        guard = watching.Guard(near, {"targets": [], "try_s": 5.0, "log": None, "keep": []})
+        guard = watching.Guard(near, {"targets": [], "try_s": 5.0, "log": None, "emulator": None})
         guard.fire("test")
         assert far.recv(100).startswith(b"F")
     assert len(tries) == 2

@@ -197,7 +197,9 @@ def test_a_network_address_has_host_and_port(text, host, port):
     "port",
     [
         "COM3",
+        "COM12",
         "/dev/cu.usbmodem1",
+        "/dev/cu.SLAB_USBtoUART",
         "/dev/serial/by-path/pci-0000:00:14.0-usb-0:2:1.0-port0",
         "/dev/serial/by-id/usb-FTDI_FT232R_USB_UART_A50285BI-if00-port0",
     ],
@@ -208,9 +210,21 @@ def test_serial_ports_of_all_systems_have_an_address(port):
     NodeAcquisition(address=f"rtu://{port}?baud=9600", sample_period_s=1e-3)
 
 
-@pytest.mark.parametrize("host", ["bench_7", "[fd00::7]", "192.168.0.7"])
+@pytest.mark.parametrize(
+    "host", ["bench_7", "my_bench.lab-1.example", "[fd00::7]", "[fe80::1%eth0]", "192.168.0.7"]
+)
 def test_a_profile_takes_the_hosts_that_an_address_takes(host):
     NodeAcquisition(address=f"tcp://{host}:502", sample_period_s=1e-3)
+    found = parse_address(f"tcp://{host}:502")
+    assert (found.host, found.port) == (host.strip("[]"), 502)
+    assert str(found) == f"tcp://{host}:502"
+
+
+@pytest.mark.parametrize("port", ["COM", "COM3/..", "/dev/../etc", "/dev/a b", "ttyUSB0", ""])
+def test_what_is_no_serial_port_is_refused_with_an_example(port):
+    with pytest.raises(UsageError, match=r"COM3") as caught:
+        parse_address(f"rtu://{port}")
+    assert "rtu:///dev/ttyUSB0" in caught.value.fix
 
 
 def test_a_serial_address_has_its_settings():

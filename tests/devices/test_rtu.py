@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from linefaults.paced import paced_line
 from pymodbus.client import ModbusSerialClient
 
-from hdbench.devices import stop_bench, wakeup
+from hdbench.devices import stop_bench
 from hdbench.devices.daq import DaqSettings
 from hdbench.devices.lock import holder
 from hdbench.devices.node.opening import open_node
@@ -33,6 +33,7 @@ from hdbench.devices.wire.crc import crc16
 from hdbench.devices.wire.rtu import RtuLink
 from hdbench.devices.wire.rtuframe import reply_size
 from hdbench.errors import BusyError, DeviceError
+from hdbench.system import wakeup
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="needs pseudo-terminals")
 

@@ -19,6 +19,7 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
+from hdbench.system.lines import open_terminal, readable, terminal_pair
 from linefaults.faults import Mangler
 from linefaults.outlet import Outlet
 
@@ -189,13 +190,8 @@ def faulty_serial(path: str, mangler: Mangler) -> Iterator[str]:
     OSError
         If the terminal cannot be opened.
     """
-    import tty
-
-    far = os.open(path, os.O_RDWR | os.O_NOCTTY)
-    tty.setraw(far)
-    near, slave = os.openpty()
-    tty.setraw(slave)
-    os.set_blocking(near, False)
+    far = open_terminal(path)
+    near, slave, here = terminal_pair()
     ended = threading.Event()
 
     def deliver(data: bytes) -> None:
@@ -209,7 +205,7 @@ def faulty_serial(path: str, mangler: Mangler) -> Iterator[str]:
         _thread(_mangle, _reader(far, ended), outlet, mangler, ended.set),
     )
     try:
-        yield os.ttyname(slave)
+        yield here
     finally:
         ended.set()
         for thread in threads:
@@ -225,7 +221,7 @@ def _reader(descriptor: int, ended: threading.Event) -> Read:
 
     def read() -> bytes:
         while not ended.is_set():
-            if select.select([descriptor], [], [], _GRAIN_S)[0]:
+            if readable([descriptor], _GRAIN_S):
                 return os.read(descriptor, _CHUNK)
         return b""
 

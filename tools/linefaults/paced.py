@@ -9,16 +9,15 @@ from __future__ import annotations
 
 import contextlib
 import os
-import select
 import threading
 import time
-import tty
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Protocol
 
 from hdbench.devices.wire.address import SerialSettings
+from hdbench.system.lines import open_terminal, readable, terminal_pair
 
 __all__ = ["Device", "PacedLine", "paced_line"]
 
@@ -105,7 +104,7 @@ class PacedLine:
 
     def _turn(self) -> None:
         due_s = min((self._due_s(way) for way in self._ways if way.waiting), default=None)
-        for descriptor in select.select(self._ends, (), (), self._pause_s(due_s))[0]:
+        for descriptor in readable(tuple(self._ends), self._pause_s(due_s)):
             self._put(self._ends[descriptor], os.read(descriptor, _CHUNK))
         for way in self._ways:
             self._pass(way)
@@ -180,16 +179,14 @@ def paced_line(path: str, settings: SerialSettings) -> Iterator[str]:
     OSError
         If the terminal cannot be opened.
     """
-    far = os.open(path, os.O_RDWR | os.O_NOCTTY)
-    tty.setraw(far)
-    near, slave = os.openpty()
-    tty.setraw(slave)
+    far = open_terminal(path)
+    near, slave, here = terminal_pair(blocking=True)
     ended = threading.Event()
     line = PacedLine(near, far, settings)
     thread = threading.Thread(target=line.run, args=(ended.is_set,), daemon=True)
     thread.start()
     try:
-        yield os.ttyname(slave)
+        yield here
     finally:
         ended.set()
         thread.join()

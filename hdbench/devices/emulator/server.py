@@ -5,10 +5,8 @@ from __future__ import annotations
 import asyncio
 import itertools
 import math
-import os
 import socket
 import struct
-import tty
 from abc import ABC, abstractmethod
 from typing import Any, Literal
 
@@ -24,6 +22,7 @@ from hdbench.devices.pymodbusparts import (
     SimData,
     SimDevice,
 )
+from hdbench.system.lines import PseudoTerminal
 
 __all__ = ["Device", "ModbusRefusedError", "ModbusServer", "Space", "Wire"]
 
@@ -378,34 +377,22 @@ class _Terminal(asyncio.Transport):
 
     def __init__(self, connection: _Connection) -> None:
         super().__init__()
-        self._connection = connection
-        # the host's end stays open here, too, so that a host that leaves does not end the line
-        self._master, self._slave = os.openpty()
-        tty.setraw(self._slave)
-        os.set_blocking(self._master, False)
-        self.path = os.ttyname(self._slave)
-        self._loop = asyncio.get_running_loop()
-        self._loop.add_reader(self._master, self._read)
+        line = PseudoTerminal(connection.data_received)
+        self._line: PseudoTerminal | None = line
+        self.path = line.path
         connection.connection_made(self)
-
-    def _read(self) -> None:
-        self._connection.data_received(os.read(self._master, _CHUNK))
 
     def write(self, data: bytes | bytearray | memoryview) -> None:
         """Send; where nobody reads the line is full, and a reply is lost as on a real one."""
-        try:
-            os.write(self._master, data)
-        except BlockingIOError:
-            return
+        if self._line is not None:
+            self._line.write(bytes(data))
 
     def is_closing(self) -> bool:
         """Return whether it is closed."""
-        return self._master < 0
+        return self._line is None
 
     def close(self) -> None:
         """End the line."""
-        if self._master >= 0:
-            self._loop.remove_reader(self._master)
-            os.close(self._master)
-            os.close(self._slave)
-            self._master = self._slave = -1
+        line, self._line = self._line, None
+        if line is not None:
+            line.close()

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Protocol
 
 from hdbench.devices.driver import Driver
-from hdbench.devices.emulator.channel import open_channel
+from hdbench.devices.emulator.channel import Channel
 from hdbench.devices.emulator.instrument import DeviceClock, SimulatedInstrument
 from hdbench.devices.emulator.lifetime import ending, open_record, until_motor_stands
 from hdbench.devices.emulator.machine import Pace
@@ -270,11 +270,13 @@ async def _serve(
                 fix="choose another port, or 0 for a free one",
             ) from error
     reached = emulation.instrument if emulation.hosted else emulation.bench
-    channel, control = await open_channel(reached, busy=emulation.busy)
+    channel = Channel(reached, busy=emulation.busy)
+    control = await channel.open()
     keys = found.get("", {"address": "parts", **found})
     ready({**keys, **({"speed": emulation.speed} if emulation.hosted else {}), "control": control})
     await ended.wait()
     if settings.lifeline is not None:
+        await channel.left()
         await until_motor_stands(emulation.moving, _ORPHAN_S)
     channel.close()
     for device in devices.values():

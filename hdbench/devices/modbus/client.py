@@ -204,7 +204,11 @@ class StrictClient(ModbusBaseSyncClient):
     def recv(self, size: int | None) -> bytes:
         """Return what stood behind the last reply, or what comes."""
         data, self._strict.rest = self._strict.rest, b""
-        return data or self._get()
+        try:
+            return data or self._get()
+        except TimeoutError as error:
+            # pymodbus would take it for the end of a time limit of its own
+            raise FrameError("no valid reply in time") from error
 
     def forget(self) -> None:
         """Drop what stood behind the last reply: the line was closed."""

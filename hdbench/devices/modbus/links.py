@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import select
 import socket
 import time
 from collections.abc import Callable
@@ -13,8 +14,10 @@ from hdbench.devices.wire.address import Address
 from hdbench.devices.wire.checks import FrameError, ReplyCheck
 from hdbench.devices.wire.link import Link, Probe
 from hdbench.devices.wire.naming import dial
-from hdbench.devices.wire.rtu import Port, RtuLink
+from hdbench.devices.wire.rtu import RtuLink
 from hdbench.devices.wire.tcp import TcpLink
+from hdbench.system.lines import PortIo
+from hdbench.system.sockets import TimedSocket
 
 if TYPE_CHECKING:
     import ssl
@@ -22,8 +25,6 @@ if TYPE_CHECKING:
     from hdbench.devices.wire.tls import Certificates
 
 __all__ = ["polled_link"]
-
-_CHUNK = 4096
 
 
 def polled_link(
@@ -83,12 +84,12 @@ class _StreamLink(TcpLink):
         self._client.forget()
 
     def _once(
-        self, connection: socket.socket, pdu: bytes, check: ReplyCheck, until_s: float
+        self, connection: TimedSocket, pdu: bytes, check: ReplyCheck, until_s: float
     ) -> bytes:
         return self._client.ask(
             pdu,
             check,
-            lambda frame: self._send(connection, frame, until_s),
+            lambda frame: connection.send(frame, until_s),
             lambda: self._receive(connection, until_s),
         )
 
@@ -99,7 +100,7 @@ class _UdpLink(_StreamLink):
     def _dial(self, left_s: float) -> socket.socket:
         return dial(self._target, left_s, socket.SOCK_DGRAM)
 
-    def _receive(self, connection: socket.socket, until_s: float) -> bytes:
+    def _receive(self, connection: TimedSocket, until_s: float) -> bytes:
         while True:
             data = super()._receive(connection, until_s)
             # nothing follows a piece of a frame
@@ -121,13 +122,13 @@ class _LineLink(RtuLink):
         super().__init__(address, unit, probe, clock, claim)
         self._client = StrictClient("ascii" if address.scheme == "ascii" else "rtu", unit)
 
-    def _once(self, descriptor: int, pdu: bytes, check: ReplyCheck, until_s: float) -> bytes:
+    def _once(self, io: PortIo, pdu: bytes, check: ReplyCheck, until_s: float) -> bytes:
         try:
             return self._client.ask(
                 pdu,
                 check,
-                lambda frame: self._send(descriptor, frame, until_s),
-                lambda: self._piece(descriptor, until_s),
+                lambda frame: self._send(io, frame, until_s),
+                lambda: self._piece(io, until_s),
             )
         finally:
             self._silent_from_s = self._clock()
@@ -146,21 +147,42 @@ class _RtuOverTcpLink(_LineLink):
             self.close()
             raise
 
-    def _opened(self, until_s: float) -> Port:
+    def _opened(self, until_s: float) -> PortIo:
         left_s = until_s - self._clock()
         if not left_s > 0.0:
             raise FrameError("no time left to connect")
         connection = dial((self._address.host, self._address.port), left_s)
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         connection.setblocking(False)
+        return _SocketIo(connection)
+
+
+class _SocketIo:
+    """Implements `hdbench.system.lines.PortIo` on a connection."""
+
+    def __init__(self, connection: socket.socket) -> None:
         self._connection = connection
-        return connection
 
-    def _put(self, descriptor: int, frame: bytes) -> int:
-        return self._connection.send(frame)
+    def readable(self, wait_s: float) -> bool:
+        return bool(select.select((self._connection,), (), (), max(0.0, wait_s))[0])
 
-    def _take(self, descriptor: int) -> bytes:
-        data = self._connection.recv(_CHUNK)
+    def writable(self, wait_s: float) -> bool:
+        return bool(select.select((), (self._connection,), (), max(0.0, wait_s))[1])
+
+    def read(self, size: int) -> bytes:
+        data = self._connection.recv(size)
         if not data:
             raise OSError(0, "the device closed it")
         return data
+
+    def write(self, data: bytes) -> int:
+        try:
+            return self._connection.send(data)
+        except BlockingIOError:
+            return 0
+
+    def is_gone(self) -> bool:
+        return False
+
+    def close(self) -> None:
+        self._connection.close()

@@ -17,7 +17,10 @@ if TYPE_CHECKING:
 __all__ = ["Address", "SerialSettings", "parse_address", "serial_settings"]
 
 _PARITIES = {"none": "N", "even": "E", "odd": "O", "n": "N", "e": "E", "o": "O"}
-_FIX = "for example tcp://192.168.0.7:502, tls://bench-7:802 or rtu:///dev/ttyUSB0?baud=115200"
+_FIX = (
+    "for example tcp://192.168.0.7:502, tls://bench-7:802, rtu:///dev/ttyUSB0?baud=115200 or, on "
+    "Windows, rtu://COM3?baud=115200"
+)
 Scheme = Literal["tcp", "tls", "udp", "rtu+tcp", "rtu", "ascii"]
 _NETWORKS: dict[str, Scheme] = {name: name for name in ("tcp", "tls", "udp", "rtu+tcp")}
 # Modbus over Serial Line V1.02, 2.5: a character of the ASCII form has seven bits
@@ -144,8 +147,8 @@ def parse_address(
     ----------
     address : str
         ``tcp://``, ``tls://``, ``udp://`` or ``rtu+tcp://HOST:PORT`` (IPv6 in brackets), or
-        ``rtu://`` or ``ascii:///dev/NAME[?KEY=VALUE&...]`` with the keys ``baud``, ``parity``
-        (``none``, ``even``, ``odd``), ``stop``, ``bits`` and ``gap_us``.
+        ``rtu://`` or ``ascii:///dev/NAME[?KEY=VALUE&...]`` (on Windows ``rtu://COM3``) with the
+        keys ``baud``, ``parity`` (``none``, ``even``, ``odd``), ``stop``, ``bits`` and ``gap_us``.
     serial : SerialSettings, optional
         What holds where the address does not say.
     default_port : int, optional
@@ -179,7 +182,9 @@ def parse_address(
 def _serial(address: str, scheme: Scheme, rest: str, given: SerialSettings) -> Address:
     path, _, query = rest.partition("?")
     if not is_port(path):
-        raise _bad(address, f"needed: the path of a serial port after {scheme}://")
+        raise _bad(
+            address, f"needed: a serial port after {scheme}://, such as /dev/ttyUSB0 or COM3"
+        )
     values: dict[str, str] = dict(parse_qsl(query, keep_blank_values=True))
     unknown = sorted(set(values) - {"baud", "parity", "stop", "bits", "gap_us"})
     if unknown:

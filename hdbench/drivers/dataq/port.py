@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import contextlib
-import os
-import select
 import threading
 import time
 from collections import deque
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from hdbench.devices.serialport import is_gone, is_port, open_port
+from hdbench.devices.serialport import is_port, open_port
 from hdbench.errors import DeviceError, UsageError
+from hdbench.system.lines import PortIo, port_io
 
 if TYPE_CHECKING:
     from serial import Serial
@@ -52,7 +51,7 @@ def port_path(address: str) -> str:
         raise UsageError(
             f"{address[:80]!r} is no serial port",
             where="address",
-            fix="for example serial:///dev/ttyACM0",
+            fix="for example serial:///dev/ttyACM0 or, on Windows, serial://COM3",
         )
     return path
 
@@ -72,7 +71,7 @@ class Port:
         self.where = f"serial://{path}"
         self._path = path
         self._clock = clock
-        self._serial: Serial | None = None
+        self._io: PortIo | None = None
         self._thread: threading.Thread | None = None
         self._changed = threading.Condition()
         self._chunks: deque[Chunk] = deque()
@@ -87,13 +86,13 @@ class Port:
         DeviceError
             If the port does not take them in time, or is gone.
         """
-        descriptor = self._opened()
+        io = self._opened()
         try:
             while data:
                 left_s = until_s - self._clock()
-                if not left_s > 0.0 or not select.select((), (descriptor,), (), left_s)[1]:
+                if not left_s > 0.0 or not io.writable(left_s):
                     raise self._error("the port takes no characters")
-                data = data[os.write(descriptor, data) :]
+                data = data[io.write(data) :]
         except OSError as error:
             raise self._error(f"the port failed ({error.strerror or error})") from error
 
@@ -122,22 +121,22 @@ class Port:
         thread, self._thread = self._thread, None
         if thread is not None:
             thread.join(_JOIN_S)
-        serial, self._serial = self._serial, None
-        if serial is not None:
+        io, self._io = self._io, None
+        if io is not None:
             with contextlib.suppress(OSError):
-                serial.close()
+                io.close()
 
-    def _opened(self) -> int:
-        if self._serial is None:
-            self._serial = self._open()
+    def _opened(self) -> PortIo:
+        if self._io is None:
+            self._io = port_io(self._open())
             self._fault = ""
             self._ended.clear()
             self._chunks.clear()
             self._thread = threading.Thread(
-                target=self._read, args=(self._serial.fileno(),), name="dataq-port", daemon=True
+                target=self._read, args=(self._io,), name="dataq-port", daemon=True
             )
             self._thread.start()
-        return int(self._serial.fileno())
+        return self._io
 
     def _open(self) -> Serial:
         try:
@@ -146,16 +145,15 @@ class Port:
             why = getattr(error, "strerror", None) or error
             raise self._error(f"the port cannot be opened ({why})") from error
 
-    def _read(self, descriptor: int) -> None:
+    def _read(self, io: PortIo) -> None:
         """Take what comes until the port is closed or gone."""
         fault = ""
         while not self._ended.is_set() and not fault:
             try:
-                ready = select.select((descriptor,), (), (), _GRAIN_S)[0]
-                data = os.read(descriptor, _CHUNK) if ready else None
+                data = io.read(_CHUNK) if io.readable(_GRAIN_S) else None
             except (OSError, ValueError) as error:
                 data, fault = None, f"the port failed ({error})"
-            if data == b"" and is_gone(descriptor):
+            if data == b"" and io.is_gone():
                 fault = "the instrument was unplugged"
             with self._changed:
                 if data:
