@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import shlex
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -13,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from hdbench.errors import DoubtfulDataError, HdbenchError, LimitError, Stopped, UsageError
+from hdbench.system.processes import usable_cores
 from hdbench_cli.batch_options import Asked, BatchOptions, Job
 from hdbench_cli.batch_task import COMMANDS, run_one
 from hdbench_cli.output import Output
@@ -110,7 +110,7 @@ def command(
     entries = expand_inputs(inputs, kinds=kind.kinds, any_file=kind.any_file, whole=kind.whole)
     asked = Asked(name, ctx)
     jobs = [asked.job(entry) for entry in entries]
-    seats = Workers(workers or _cores(), scheduler, retries, memory)
+    seats = Workers(workers or usable_cores(), scheduler, retries, memory)
     with closing(BatchFolder(out, name, resume=resume)) as folder:
         batch = _Run(folder, [*zip(entries, jobs, folder.names(entries), strict=True)], name)
         try:
@@ -136,12 +136,6 @@ def _require() -> None:
             where="hdbench batch",
             fix="pip install 'hdbench[batch]'",
         )
-
-
-def _cores() -> int:
-    with suppress(AttributeError):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
 
 
 class _Run:

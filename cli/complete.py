@@ -25,7 +25,7 @@ def profiles(_ctx: click.Context, _param: click.Parameter, typed: str) -> _Items
 
 def plants(_ctx: click.Context, _param: click.Parameter, typed: str) -> _Items:
     """Complete a plant: built-in names and files."""
-    from hdbench.devices.emulator.plantfile import list_plants
+    from hdbench.plant.plantfile import list_plants
 
     return _with_files(list(list_plants()), typed)
 

@@ -26,8 +26,8 @@ def command(output: Output, probe: bool) -> None:
     """List the serial ports of this computer with their USB identity.
 
     Nothing is opened or sent, but with --probe: then every port that this user may open is asked
-    as a bench controller node and as a DATAQ are asked. A device that is neither gets bytes that it
-    does not know: leave --probe out where that matters.
+    as the installed drivers ask. A device that none of them knows gets bytes that it does not know:
+    leave --probe out where that matters.
     """
     from hdbench.devices.finding import find_ports, probe_port
     from hdbench.records import result_header

@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
     from rich.console import Console
 
+    from hdbench.devices.emulator.server import Wire
+
 __all__ = ["command"]
 
 _LOOPBACK = ("127.0.0.1", "localhost", "::1")
@@ -48,10 +50,14 @@ _LOOPBACK = ("127.0.0.1", "localhost", "::1")
     help="TCP port; 0 takes a free one.",
 )
 @click.option(
-    "--rtu",
-    is_flag=True,
-    help="Serve Modbus RTU on a pseudo-terminal instead of a TCP port (node or modbus).",
+    "--wire",
+    type=click.Choice(["tcp", "rtu", "rtu+tcp", "ascii", "udp"]),
+    default="tcp",
+    show_default=True,
+    help="What the device speaks: a node tcp or rtu, a polled device any; rtu and ascii on a "
+    "pseudo-terminal.",
 )
+@click.option("--rtu", "wire", flag_value="rtu", help="The same as --wire rtu.")
 @click.option(
     "--listen",
     metavar="ADDRESS",
@@ -86,7 +92,7 @@ def command(
     model_file: Path | None,
     seed: int,
     port: int,
-    rtu: bool,
+    wire: Wire,
     listen: str,
     unprotected: bool,
     pace: str,
@@ -98,8 +104,7 @@ def command(
     commands takes. It is open to this machine only: Modbus has no authentication.
     """
     from hdbench import __version__
-    from hdbench.devices.emulator.kinds import emulator_of
-    from hdbench.devices.emulator.serve import EmulatorSettings
+    from hdbench.devices.emulator.serving import EmulatorSettings, emulate
     from hdbench.profile import load_profile
 
     _check_listen(listen, unprotected=unprotected)
@@ -135,9 +140,8 @@ def command(
         port=port,
         pace="fast" if pace == "fast" else "realtime",
         record=record,
-        rtu=rtu,
+        wire=wire,
     )
-    emulate = emulator_of(profile.data.daq.driver)
     emulate(profile.data, plant, seed, settings, ready=ready, model_file=model_file)
 
 
@@ -159,7 +163,6 @@ def _check_listen(listen: str, *, unprotected: bool) -> None:
 
 
 def _host_and_port(address: str) -> dict[str, object]:
-    """Return host and port of a TCP address; nothing for another."""
-    scheme, _, rest = address.partition("://")
-    host, _, port = rest.rpartition(":")
-    return {"host": host, "port": int(port)} if scheme == "tcp" and port.isdecimal() else {}
+    """Return host and port of a network address; nothing for another."""
+    host, _, port = address.partition("://")[2].rpartition(":")
+    return {"host": host, "port": int(port)} if host and port.isdecimal() else {}

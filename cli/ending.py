@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import signal
 import sys
 from types import FrameType
@@ -42,6 +41,8 @@ def _send_again(lost: UnraisableHookArgs) -> None:
         return
     from threading import Timer
 
-    again = Timer(_AGAIN_S, os.kill, (os.getpid(), signum))
+    from hdbench.system.processes import signal_self
+
+    again = Timer(_AGAIN_S, signal_self, (signum,))
     again.daemon = True
     again.start()

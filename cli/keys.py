@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import os
-import select
-import sys
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
-from typing import Any
+from contextlib import contextmanager
+
+from hdbench.system.keyboard import keyboard
 
 __all__ = ["END", "Keys"]
 
@@ -15,7 +14,6 @@ END = ""
 """What `Keys.wait` returns when nobody can answer any more."""
 
 _ESCAPE = "\x1b"
-_CHUNK = 64
 
 
 class Keys:
@@ -33,7 +31,7 @@ class Keys:
     """
 
     def __init__(self, descriptor: int = 0) -> None:
-        self._descriptor = descriptor
+        self._keyboard = keyboard(descriptor)
         self.terminal = os.isatty(descriptor)
         self.single = False
         self._waiting = ""
@@ -48,37 +46,18 @@ class Keys:
         Keys
             Itself.
         """
-        before = self._single_keys() if self.terminal else None
+        self.single = self.terminal and self._keyboard.take_single()
         try:
             yield self
         finally:
-            if before is not None:
-                import termios
-
-                # a terminal that is gone cannot be set back
-                with suppress(termios.error):
-                    termios.tcsetattr(self._descriptor, termios.TCSADRAIN, before)
+            self._keyboard.give_back()
             self.single = False
-
-    def _single_keys(self) -> Any:
-        try:
-            import termios
-            import tty
-        except ImportError:
-            return None
-        try:
-            before = termios.tcgetattr(self._descriptor)
-            tty.setcbreak(self._descriptor, termios.TCSANOW)
-        except termios.error:
-            return None
-        self.single = True
-        return before
 
     def forget(self) -> None:
         """Drop what was typed ahead on a terminal: an answer belongs to the question before it."""
         if self.single:
-            self._single_keys()  # a stop with Ctrl-Z may have changed the terminal
-            while self._ready(0.0) and not self._ended:
+            self._keyboard.take_single()  # a stop with Ctrl-Z may have changed the terminal
+            while self._keyboard.ready(0.0) and not self._ended:
                 self._read()
             self._waiting = ""
 
@@ -107,7 +86,7 @@ class Keys:
         str or None
             As `wait`; None while nothing has come, also after the end of the input.
         """
-        if not self._ended and self._ready(0.0):
+        if not self._ended and self._keyboard.ready(0.0):
             self._read()
         return self._take()
 
@@ -124,17 +103,8 @@ class Keys:
         return line + "\n"
 
     def _read(self) -> None:
-        try:
-            raw = os.read(self._descriptor, _CHUNK)
-        except OSError:  # the terminal has gone
-            raw = b""
+        raw = self._keyboard.read()
         self._ended = not raw
         text = raw.decode("utf-8", errors="replace").replace("\r", "\n")
         # arrows and function keys come as a sequence behind an escape, in one piece
         self._waiting += text.partition(_ESCAPE)[0] if self.single else text
-
-    def _ready(self, seconds: float) -> bool:
-        try:
-            return bool(select.select([self._descriptor], [], [], seconds)[0])
-        except (OSError, ValueError):
-            return sys.platform != "win32"

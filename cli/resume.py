@@ -59,7 +59,7 @@ def resume_command(output: Output, asked: Resume) -> None:
     DoubtfulDataError
         When the data are doubtful.
     """
-    from hdbench.devices.emulator.mistakes import parse_mistakes
+    from hdbench.devices.mistakes import parse_mistakes
     from hdbench.records import RunFolder
     from hdbench.session.resuming import ResumeOptions
     from hdbench.session.stored import stored_address, stored_profile

@@ -1,10 +1,11 @@
-"""Measure how fast the node's block protocol is: on a paced serial line, and on TCP.
+"""Measure how fast devices are read: nodes on a paced serial line and on TCP, polled ones on TCP.
 
-Usage: python tools/bench_devices.py [--seconds 60] [--only serial|sustained|tcp]
+Usage: python tools/bench_devices.py [--seconds 60] [--only serial|sustained|tcp|polled]
 
 * serial: 1 kHz in real time over a line at the wire's pace: samples, losses, depth.
 * sustained: as many blocks as go, against the limit that characters and silences set.
 * tcp: the driver against a client of raw sockets on the same server, in turns.
+* polled: the link of polled devices against pymodbus as it comes, on the same server, in turns.
 """
 
 from __future__ import annotations
@@ -303,15 +304,104 @@ def _driver_rate(port: int, seconds: float, run: int, *, decode: bool) -> float:
     return n / (time.monotonic() - start_s)
 
 
+def polled(seconds: float) -> dict[str, object]:
+    """Compare the link of polled devices with pymodbus as it comes, reads of 2 to 125 registers."""
+    row: dict[str, object] = {}
+    shared = multiprocessing.Value("i", 0)
+    server = multiprocessing.Process(target=_register_server, args=(shared,), daemon=True)
+    server.start()
+    while not shared.value:
+        time.sleep(0.01)
+    for count in (2, 20, 125):
+        place = (shared.value, 0, count)
+        row[f"canned replies, {count} registers"] = _compare_polled(place, seconds / 4)
+    server.terminate()
+    server.join()
+    emulate = "from hdbench_cli.main import main; main()"
+    with process("-c", emulate, "emulate", "--profile", "laumas-tlb4", "--json") as told:
+        # its weight, after the 10 ms that the device takes for a reply
+        row["emulated device"] = _compare_polled((json.loads(told)["port"], 6, 2), seconds / 4)
+    print(json.dumps(row), flush=True)
+    return row
+
+
+def _register_server(port: Any) -> None:
+    """Answer every read of registers with zeros."""
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        port.value = listener.getsockname()[1]
+        while True:
+            connection, _ = listener.accept()
+            connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            with connection:
+                while request := connection.recv(4096):
+                    size = 2 * request[11]
+                    head = struct.pack(">HHBBB", 0, 3 + size, 1, 3, size)
+                    connection.sendall(request[:2] + head + bytes(size))
+
+
+def _compare_polled(place: tuple[int, int, int], seconds: float) -> dict[str, object]:
+    rates: dict[str, list[tuple[float, float]]] = {"strict": [], "stock": []}
+    for _ in range(TURNS):
+        for name, reader in (("strict", _strict), ("stock", _stock)):
+            with reader(*place) as ask:
+                rates[name].append(_rate(ask, seconds / (2 * TURNS)))
+    result: dict[str, object] = {}
+    for at, what in ((0, "per_s"), (1, "per_cpu_s")):
+        strict, stock = (np.array([each[at] for each in rates[name]]) for name in rates)
+        ratio = strict / stock
+        result[what] = {
+            "strict": round(float(np.median(strict))),
+            "stock": round(float(np.median(stock))),
+            "ratio_median": round(float(np.median(ratio)), 2),
+            "ratio_min": round(float(ratio.min()), 2),
+            "ratio_max": round(float(ratio.max()), 2),
+        }
+    return result
+
+
+def _rate(ask: Callable[[], object], seconds: float) -> tuple[float, float]:
+    """Return requests per second, and per second of this thread's processor time."""
+    for _ in range(20):
+        ask()
+    start_s, cpu_s, n = time.monotonic(), time.thread_time(), 0
+    while time.monotonic() - start_s < seconds:
+        for _ in range(10):
+            ask()
+        n += 10
+    return n / (time.monotonic() - start_s), n / (time.thread_time() - cpu_s)
+
+
+@contextmanager
+def _strict(port: int, start: int, count: int) -> Iterator[Callable[[], object]]:
+    from hdbench.devices.modbus.links import polled_link
+    from hdbench.devices.wire import read_registers
+
+    link = polled_link(parse_address(f"tcp://127.0.0.1:{port}"))
+    request, check = read_registers(start, count)
+    yield lambda: link.transact(request, check, time.monotonic() + 1.0)
+    link.close()
+
+
+@contextmanager
+def _stock(port: int, start: int, count: int) -> Iterator[Callable[[], object]]:
+    from pymodbus.client import ModbusTcpClient
+
+    client = ModbusTcpClient("127.0.0.1", port=port)
+    client.connect()
+    yield lambda: client.read_holding_registers(start, count=count).registers
+    client.close()
+
+
 def main() -> int:
     """Run what is asked for."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seconds", type=float, default=60.0)
-    parser.add_argument("--only", choices=["serial", "sustained", "tcp"])
+    parser.add_argument("--only", choices=["serial", "sustained", "tcp", "polled"])
     asked = parser.parse_args()
     os.environ.setdefault("OMP_NUM_THREADS", "1")
     results: dict[str, object] = {}
-    for name, run in (("serial", serial), ("sustained", sustained), ("tcp", tcp)):
+    runs = {"serial": serial, "sustained": sustained, "tcp": tcp, "polled": polled}
+    for name, run in runs.items():
         if asked.only in (None, name):
             results[name] = run(asked.seconds)
     print(json.dumps(results))

@@ -8,9 +8,9 @@ from __future__ import annotations
 import argparse
 import time
 
-from hdbench.devices.emulator.bench import SimulatedBench
-from hdbench.devices.emulator.plantfile import load_plant
 from hdbench.devices.node.registers import BLOCK_SCANS
+from hdbench.plant.bench import SimulatedBench
+from hdbench.plant.plantfile import load_plant
 from hdbench.profile import load_profile
 
 

@@ -17,9 +17,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-from hdbench.devices.dataq.scanlist import plan_scan
-from hdbench.devices.dataq.scans import ScanAssembler, StreamFault
-from hdbench.profile.acquiring_dataq import DataqAcquisition
+from hdbench.drivers.dataq.scanlist import plan_scan
+from hdbench.drivers.dataq.scans import ScanAssembler, StreamFault
+from hdbench.drivers.dataq.table import DataqAcquisition
 
 __all__ = ["FAULTS", "campaign"]
 

@@ -137,10 +137,20 @@ def profile_page() -> str:
 def tables(model: type[BaseModel], path: str) -> Iterator[tuple[str, type[BaseModel]]]:
     """Yield every table below a model, with its path."""
     for name, field in model.model_fields.items():
-        for inner in models_of(field.annotation):
+        for inner in tables_of(field):
             where = f"{path}.{name}" if path else name
             yield where, inner
             yield from tables(inner, where)
+
+
+def tables_of(field: FieldInfo) -> list[type[BaseModel]]:
+    """Return the tables that a key holds, of every driver where they depend on it."""
+    from hdbench.profile.acquiring import ByDriver, PluginAcquisition
+
+    for mark in field.metadata:
+        if isinstance(mark, ByDriver):
+            return [*mark.tables().values(), PluginAcquisition]
+    return models_of(field.annotation)
 
 
 def models_of(kind: Any) -> list[type[BaseModel]]:
@@ -154,7 +164,7 @@ def table_rows(path: str, model: type[BaseModel]) -> str:
     """Return the keys of one table as rows."""
     rows = ["| key | type | domain | default | meaning |", "|---|---|---|---|---|"]
     for name, field in model.model_fields.items():
-        if models_of(field.annotation):
+        if tables_of(field):
             rows.append(f"| `{name}` | table{plural(field)} | | {default_of(field)} | see below |")
             continue
         rows.append(

@@ -13,13 +13,11 @@ from fault_kit import Row
 from polled_faults import TABLE, CountingDevice
 
 from hdbench.devices.daq import DaqSettings
-from hdbench.devices.modbus.access import Access
 from hdbench.devices.modbus.layout import place_of
 from hdbench.devices.modbus.outputs import Outputs
 from hdbench.devices.node.blockcodec import BlockHeader, encode_block, encode_scans, seal_block
 from hdbench.devices.node.blocks import BlockReader
 from hdbench.devices.node.registers import block_registers, block_scans
-from hdbench.devices.wire import connect, parse_address
 from hdbench.errors import HdbenchError
 
 __all__ = ["refusals", "waits", "wraps"]
@@ -39,14 +37,14 @@ class RefusingDevice(CountingDevice):
         # exception 5 says that the request was taken: it is carried out all the same
         self.done_after = 0
 
-    def answer(self, pdu: bytes) -> bytes:
+    def answer(self, pdu: bytes, *numbers: int) -> bytes | None:
         """Answer one request."""
         self.asked.append(pdu[0])
         if not self.codes:
-            return super().answer(pdu)
+            return super().answer(pdu, *numbers)
         code = self.codes.pop(0)
         if code == 5:
-            super().answer(pdu)
+            super().answer(pdu, *numbers)
         return bytes((pdu[0] | 0x80, code))
 
 
@@ -57,12 +55,7 @@ def _tried(wire: str, trials: int, seed: int, row: Row, choose, judge) -> None:
     if TABLE.output is None:
         raise ValueError("the table has no output")
     with polled_faults.served(wire, device) as address:
-        probe = polled_faults.make_probe(TABLE)
-        link = connect(parse_address(address), unit=1, probe=probe)
-        serial = wire == "rtu"
-        access = Access(
-            link, deadline_s=DEADLINE_S, probe=probe if serial else None, numbered=not serial
-        )
+        access = polled_faults.reached(address, DEADLINE_S)
         outputs = Outputs(access, TABLE, TABLE.output)
         access.read(places)
         for number in range(trials):

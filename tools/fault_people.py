@@ -26,13 +26,14 @@ from pathlib import Path
 from fault_kit import Row, in_time, short_profile
 from spoilt_line import in_thread
 
-from hdbench.devices.emulator.bench import SimulatedBench
 from hdbench.devices.emulator.core import NodeCore
 from hdbench.devices.emulator.machine import NodeMachine
-from hdbench.devices.emulator.plantfile import load_plant
 from hdbench.devices.emulator.ratings import identity_values, limit_values
-from hdbench.devices.emulator.server import NodeServer
+from hdbench.devices.emulator.serve import NodeDevice
+from hdbench.devices.emulator.server import ModbusServer
 from hdbench.devices.node.registers import Capability
+from hdbench.plant.bench import SimulatedBench
+from hdbench.plant.plantfile import load_plant
 from hdbench.profile import load_profile
 
 __all__ = ["clock_steps", "people"]
@@ -134,9 +135,9 @@ def unsimulated(profile: Path) -> Iterator[tuple[str, list[float]]]:
     identity["capabilities"] = int(identity["capabilities"]) & ~int(Capability.SIMULATED)
     machine = NodeMachine(bench, pace="realtime", clock=time.monotonic, record=record)
     core = NodeCore(machine, identity=identity, limits=limit_values(data), clock=time.monotonic)
-    server = NodeServer(core)
-    with in_thread(server, server.open("127.0.0.1", 0)) as found:
-        yield f"tcp://{found[0]}:{found[1]}", speeds
+    server = ModbusServer(NodeDevice(core))
+    with in_thread(server, server.open()) as address:
+        yield address, speeds
 
 
 def people(folder: Path, trials: int, seed: int) -> Row:

@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 from fault_kit import Row
 
-from hdbench.devices.emulator.bench import SimulatedBench
-from hdbench.devices.emulator.plantfile import load_plant
 from hdbench.devices.ports import Block
 from hdbench.errors import DeviceError
 from hdbench.filter import preset
+from hdbench.plant.bench import SimulatedBench
+from hdbench.plant.plantfile import load_plant
 from hdbench.profile import load_profile
 from hdbench.session.limitwatch import LimitWatch
 from hdbench.session.recorder import TraceRecorder

@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 import reply_faults
 from fault_kit import Row
-
-from hdbench.devices.emulator.faults import FaultKind
+from linefaults.faults import FaultKind
 
 __all__ = [
     "cuts",

@@ -16,14 +16,14 @@ import time
 from collections.abc import Callable
 
 import numpy as np
+from linefaults.faults import Mangler, TcpFraming
+from linefaults.lines import faulty_tcp
 
-from hdbench.devices.emulator.faultlines import faulty_tcp
-from hdbench.devices.emulator.faults import Mangler, TcpFraming
-from hdbench.devices.labjack.control import Control
-from hdbench.devices.labjack.packets import PacketParser, StreamFault
-from hdbench.devices.labjack.registers import IDENTITY, TEST
-from hdbench.devices.labjack.scans import ScanAssembler, ScanLayout
 from hdbench.devices.wire import connect, parse_address
+from hdbench.drivers.labjack.control import Control
+from hdbench.drivers.labjack.packets import PacketParser, StreamFault
+from hdbench.drivers.labjack.registers import IDENTITY, TEST
+from hdbench.drivers.labjack.scans import ScanAssembler, ScanLayout
 from hdbench.errors import DeviceError
 
 LAYOUT = ScanLayout(4, 2, 40_000.0)

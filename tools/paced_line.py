@@ -15,7 +15,8 @@ import signal
 import sys
 import threading
 
-from hdbench.devices.emulator.paced import paced_line
+from linefaults.paced import paced_line
+
 from hdbench.devices.wire.address import parse_address
 
 

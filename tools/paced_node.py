@@ -16,12 +16,11 @@ import threading
 import tty
 from pathlib import Path
 
-from hdbench.devices.emulator.answer import answer
-from hdbench.devices.emulator.paced import PacedLine
-from hdbench.devices.emulator.rtuserver import request_size
-from hdbench.devices.emulator.serve import build_core
+from linefaults.paced import PacedLine
+
+from hdbench.devices.emulator.serve import NodeDevice, build_core
+from hdbench.devices.pymodbusparts import DecodePDU, FramerRTU
 from hdbench.devices.wire.address import parse_address
-from hdbench.devices.wire.crc import crc16
 
 sys.path.insert(0, str(Path(__file__).parent))
 
@@ -29,30 +28,27 @@ from reply_faults import PROFILE, CountingBench
 
 
 class _Firmware:
-    """Implements `hdbench.devices.emulator.paced.Device`."""
+    """Implements `linefaults.paced.Device`."""
 
     def __init__(self) -> None:
-        self._core = build_core(CountingBench(), PROFILE, 0, pace="fast")
+        self._device = NodeDevice(build_core(CountingBench(), PROFILE, 0, pace="fast"))
+        self._framer = FramerRTU(DecodePDU(True))
         self._buffer = b""
 
     def received(self, data: bytes) -> bytes:
         """Answer a request once it is whole."""
         self._buffer += data
-        size = request_size(self._buffer)
-        if size is None or len(self._buffer) < size:
+        used, unit, _, pdu = self._framer.decode(self._buffer)
+        self._buffer = self._buffer[used:]
+        if not pdu:
             return b""
-        frame, self._buffer = self._buffer[:size], self._buffer[size:]
-        if not frame or crc16(frame[:-2]) != frame[-2:]:
-            # what is left of it is over when the line is silent
-            self._buffer = b""
-            return b""
-        self._core.tick()
-        reply = frame[:1] + answer(frame[1:-2], self._core, 0)
-        return reply + crc16(reply)
+        self._device.tick()
+        reply = self._device.answer(pdu, 0)
+        return b"" if reply is None else self._framer.encode(reply, unit, 0)
 
     def rest(self) -> None:
         """Sample while the reply is on its way."""
-        self._core.machine.produce_ahead()
+        self._device.rest()
 
 
 def main() -> int:

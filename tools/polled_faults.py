@@ -1,6 +1,6 @@
 """Wrong, stale, duplicate, reordered and mutated replies between the driver and a polled device.
 
-Usage: python tools/polled_faults.py [--faults 10000] [--wire tcp|rtu] [--kind KIND]
+Usage: python tools/polled_faults.py [--faults 10000] [--wire tcp|rtu|rtu+tcp] [--kind KIND]
 
 The device answers every request with a number of its own and a second one that belongs to it, so
 that every reading tells whether it was made for this very request. Writes go to an output that is
@@ -21,14 +21,16 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from hdbench.devices.emulator.faults import FaultKind, Mangler, RtuFraming, TcpFraming
+from linefaults.faults import FaultKind, Mangler, RtuFraming, TcpFraming
+
 from hdbench.devices.emulator.modbus.memory import Cell, Memory
-from hdbench.devices.emulator.modbus.servers import RtuServer, TcpServer
+from hdbench.devices.emulator.server import Device, ModbusServer, Space
 from hdbench.devices.modbus.access import Access
 from hdbench.devices.modbus.layout import Place, place_of
+from hdbench.devices.modbus.links import polled_link
 from hdbench.devices.modbus.outputs import Outputs
 from hdbench.devices.modbus.probe import make_probe
-from hdbench.devices.wire import connect, parse_address
+from hdbench.devices.wire import parse_address
 from hdbench.devices.wire.crc import crc16
 from hdbench.errors import DeviceError, ProfileError
 from hdbench.profile.acquiring_modbus import ModbusAcquisition
@@ -39,28 +41,23 @@ from spoilt_line import Deadlines, behind, in_thread
 
 __all__ = ["KINDS", "Outcome", "campaign"]
 
-WRONG: tuple[FaultKind, ...] = (
+KINDS: tuple[FaultKind, ...] = (
     "function", "count", "unit", "exception", "truncate", "garbage", "transaction", "protocol",
+    "header", "echo", "late", "stale", "duplicate", "reorder", "mutate", "drop",
 )  # fmt: skip
-KINDS: dict[str, tuple[FaultKind, ...]] = {
-    "wrong": WRONG,
-    "echo": ("echo",),
-    "late": ("late",),
-    "stale": ("stale",),
-    "duplicate": ("duplicate",),
-    "reordered": ("reorder",),
-    "mutated": ("mutate",),
-    "dropped": ("drop",),
-}
+WIRES = ("tcp", "rtu", "rtu+tcp")
+NUMBERED: tuple[FaultKind, ...] = ("transaction", "protocol")
 # nothing on these wires tells these from right replies; a copy only where it comes so late that the
 # next request has been sent
-UNTOLD = {("tcp", "mutated"), ("rtu", "stale"), ("rtu", "duplicate")}
+UNTOLD = {("tcp", "mutate")} | {
+    (wire, kind) for wire in ("rtu", "rtu+tcp") for kind in ("stale", "duplicate")
+}
 # on a serial line every fault costs a wait for late replies: fewer of them, so that calls succeed
-SHARES = {"tcp": 0.3, "rtu": 0.1}
+SHARES = {"tcp": 0.3, "rtu": 0.1, "rtu+tcp": 0.1}
 HOPELESS = 50
 # of a late reply, in deadlines: on a serial line within what the driver waits for late ones
-LATE = {"tcp": 1.2, "rtu": 0.34}
-DEADLINES_S = {"tcp": 0.06, "rtu": 0.4}
+LATE = {"tcp": 1.2, "rtu": 0.34, "rtu+tcp": 0.34}
+DEADLINES_S = {"tcp": 0.06, "rtu": 0.4, "rtu+tcp": 0.4}
 TABLE = ModbusAcquisition.model_validate(
     {
         "driver": "modbus",
@@ -83,7 +80,7 @@ class Outcome:
     Parameters
     ----------
     wire, kind : str
-        ``tcp`` or ``rtu``, and the fault.
+        The wire and the fault.
     faults : int
         Replies changed.
     readings, wrong_readings : int
@@ -111,10 +108,10 @@ class Outcome:
     worst_over_deadline: float
 
 
-class CountingDevice:
+class CountingDevice(Device):
     """Answers each request with its number, and with a second number that belongs to it."""
 
-    reply_s = 0.0
+    functions = frozenset((3, 6, 16))
     unit = 1
 
     def __init__(self) -> None:
@@ -128,10 +125,18 @@ class CountingDevice:
             raise ValueError("the table has no output")
         self.output = self.memory.add(Cell(place_of(TABLE, TABLE.output)))
 
-    def answer(self, pdu: bytes) -> bytes:
-        """Answer one request."""
+    def hears(self, function: int) -> bool:
+        """Count one request."""
         self.count += 1
-        return self.memory.answer(pdu)
+        return True
+
+    def read(self, space: Space, address: int, count: int, connection: int) -> bytes:
+        """Return registers."""
+        return self.memory.read(space, address, count)
+
+    def write(self, space: Space, address: int, raw: bytes, connection: int) -> None:
+        """Write registers."""
+        self.memory.write(space, address, raw)
 
     def tick(self) -> None:
         """Nothing happens by itself."""
@@ -148,23 +153,33 @@ def partner(number: int) -> int:
 @contextmanager
 def served(wire: str, device: CountingDevice) -> Iterator[str]:
     """Serve a device in a thread; yields its address."""
-    server = RtuServer(device) if wire == "rtu" else TcpServer(device)  # type: ignore[arg-type]
-    opening = server.open() if isinstance(server, RtuServer) else server.open("127.0.0.1", 0)
-    with in_thread(server, opening) as address:
+    server = ModbusServer(device, wire)
+    with in_thread(server, server.open()) as address:
         yield address
 
 
+def reached(address: str, deadline_s: float) -> Access:
+    """Return the way to a served device, as the driver takes it."""
+    place, probe = parse_address(address), make_probe(TABLE)
+    return Access(
+        polled_link(place, unit=1, probe=probe),
+        deadline_s=deadline_s,
+        probe=None if place.is_numbered else probe,
+        numbered=place.is_numbered,
+    )
+
+
 def campaign(
-    wire: str, kind: str, faults: int, *, deadline_s: float | None = None, seed: int = 0
+    wire: str, kind: FaultKind, faults: int, *, deadline_s: float | None = None, seed: int = 0
 ) -> Outcome:
     """Make faults of one kind until there were enough, and check every answer of the driver.
 
     Parameters
     ----------
     wire : str
-        ``tcp`` or ``rtu``.
-    kind : str
-        A key of `KINDS`.
+        One of `WIRES`.
+    kind : FaultKind
+        One of `KINDS`.
     faults : int
         Replies to change.
     deadline_s : float, optional
@@ -176,44 +191,16 @@ def campaign(
     -------
     Outcome
     """
-    names = [
-        name for name in KINDS[kind] if wire == "tcp" or name not in ("transaction", "protocol")
-    ]
     limit_s = deadline_s or DEADLINES_S[wire]
-    parts = [_part(wire, name, faults // len(names) or 1, limit_s, seed) for name in names]
-    sums = [sum(part[n] for part in parts) for n in range(8)]
-    return Outcome(wire, kind, *sums, round(max(part[8] for part in parts), 3))  # type: ignore[arg-type]
-
-
-def _open(access: Access, places: list[Place]) -> None:
-    """Read once, so that what follows is not the cost of opening; a busy machine may need more."""
-    for attempt in range(5):
-        try:
-            access.read(places)
-        except DeviceError:
-            if attempt == 4:
-                raise
-        else:
-            return
-
-
-def _part(
-    wire: str, kind: FaultKind, faults: int, deadline_s: float, seed: int
-) -> tuple[int, int, int, int, int, int, int, int, float]:
-    framing = RtuFraming(crc16) if wire == "rtu" else TcpFraming()
-    mangler = Mangler(kind, framing, share=0.0, seed=seed, late_s=LATE[wire] * deadline_s)
+    framing = TcpFraming() if wire == "tcp" else RtuFraming(crc16)
+    mangler = Mangler(kind, framing, share=0.0, seed=seed, late_s=LATE[wire] * limit_s)
     device = CountingDevice()
     places = [place_of(TABLE, channel) for channel in TABLE.channels]
     readings = wrong = writes = wrong_writes = failed = hopeless = calls = 0
-    deadlines = Deadlines(deadline_s)
+    deadlines = Deadlines(limit_s)
     with ExitStack() as stack:
         address = stack.enter_context(behind(stack.enter_context(served(wire, device)), mangler))
-        probe = make_probe(TABLE)
-        link = connect(parse_address(address), unit=1, probe=probe)
-        serial = wire == "rtu"
-        access = Access(
-            link, deadline_s=deadline_s, probe=probe if serial else None, numbered=not serial
-        )
+        access = reached(address, limit_s)
         stack.callback(access.close)
         if TABLE.output is None:
             raise ValueError("the table has no output")
@@ -241,7 +228,20 @@ def _part(
                 failed, hopeless = failed + 1, hopeless + 1
         mangler.share = 0.0
     counted = (mangler.changed, readings, wrong, writes, wrong_writes, failed)
-    return *counted, deadlines.over, deadlines.held_up, deadlines.worst
+    late = (deadlines.over, deadlines.held_up, round(deadlines.worst, 3))
+    return Outcome(wire, kind, *counted, *late)
+
+
+def _open(access: Access, places: list[Place]) -> None:
+    """Read once, so that what follows is not the cost of opening; a busy machine may need more."""
+    for attempt in range(5):
+        try:
+            access.read(places)
+        except DeviceError:
+            if attempt == 4:
+                raise
+        else:
+            return
 
 
 def main() -> int:
@@ -254,13 +254,15 @@ def main() -> int:
     """
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--faults", type=int, default=10_000)
-    parser.add_argument("--wire", choices=["tcp", "rtu"])
-    parser.add_argument("--kind", choices=[*KINDS])
+    parser.add_argument("--wire", choices=WIRES)
+    parser.add_argument("--kind", choices=KINDS)
     parser.add_argument("--deadline-s", type=float, help="longest time of one call")
     asked = parser.parse_args()
     bad = 0
-    for wire in ("tcp", "rtu") if asked.wire is None else (asked.wire,):
+    for wire in WIRES if asked.wire is None else (asked.wire,):
         for kind in KINDS if asked.kind is None else (asked.kind,):
+            if wire != "tcp" and kind in NUMBERED:
+                continue
             outcome = campaign(wire, kind, asked.faults, deadline_s=asked.deadline_s)
             print(json.dumps(asdict(outcome)), flush=True)
             if (wire, kind) not in UNTOLD:

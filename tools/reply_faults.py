@@ -19,17 +19,16 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
+from linefaults.faults import FaultKind, Mangler, RtuFraming, TcpFraming
 
 from hdbench.devices.daq import DaqSettings, ScanBlock
-from hdbench.devices.emulator.converter import RawSamples
-from hdbench.devices.emulator.faults import FaultKind, Mangler, RtuFraming, TcpFraming
-from hdbench.devices.emulator.rtuserver import RtuNodeServer
-from hdbench.devices.emulator.serve import build_core
-from hdbench.devices.emulator.server import NodeServer
+from hdbench.devices.emulator.serve import NodeDevice, build_core
+from hdbench.devices.emulator.server import ModbusServer
 from hdbench.devices.node.driver import NodeDaq
 from hdbench.devices.node.opening import open_node
 from hdbench.devices.wire.crc import crc16
 from hdbench.errors import DeviceError
+from hdbench.plant.converter import RawSamples
 from hdbench.profile import load_profile
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -139,10 +138,9 @@ def wrong_samples(block: ScanBlock) -> int:
 def served(wire: str) -> Iterator[str]:
     """Serve a counting node in a thread; yields its address."""
     core = build_core(CountingBench(), PROFILE, 0, pace="fast")
-    server = RtuNodeServer(core) if wire == "rtu" else NodeServer(core)
-    opening = server.open() if isinstance(server, RtuNodeServer) else server.open("127.0.0.1", 0)
-    with in_thread(server, opening) as found:
-        yield f"rtu://{found}" if wire == "rtu" else f"tcp://{found[0]}:{found[1]}"
+    server = ModbusServer(NodeDevice(core), wire)
+    with in_thread(server, server.open()) as address:
+        yield address
 
 
 def campaign(

@@ -10,8 +10,8 @@ from collections.abc import Coroutine, Iterator
 from contextlib import contextmanager
 from typing import Any, Protocol
 
-from hdbench.devices.emulator.faultlines import faulty_serial, faulty_tcp
-from hdbench.devices.emulator.faults import Mangler
+from linefaults.faults import Mangler
+from linefaults.lines import faulty_serial, faulty_tcp
 
 __all__ = ["Deadlines", "behind", "in_thread"]
 
@@ -108,4 +108,4 @@ def behind(address: str, mangler: Mangler) -> Iterator[str]:
         return
     host, _, port = rest.rpartition(":")
     with faulty_tcp(host, int(port), mangler) as (near, near_port):
-        yield f"tcp://{near}:{near_port}"
+        yield f"{scheme}://{near}:{near_port}"

@@ -22,6 +22,7 @@ from hdbench.batch.inputs import Input
 from hdbench.errors import BusyError, DataError, UsageError
 from hdbench.records.parquetfile import require_parquet
 from hdbench.records.storage import storage_error, write_atomic
+from hdbench.system.files import lock_file
 
 __all__ = ["BatchFolder", "read_table", "summary_of"]
 
@@ -257,19 +258,13 @@ def _journal_entries(path: Path) -> list[dict[str, Any]]:
 
 def _hold(file: BinaryIO, path: Path) -> None:
     """Let one process write into a batch; the lock ends with the process."""
-    try:
-        import fcntl
-    except ImportError:  # without flock nothing is held
-        return
-    try:
-        fcntl.flock(file.fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError as error:
+    if lock_file(file.fileno()) is False:
         file.close()
         raise BusyError(
             "another process writes into this batch",
             where=str(path),
             fix="wait for it, or name another --out",
-        ) from error
+        )
 
 
 def summary_of(rows: Iterable[Mapping[str, Any]], kept: int) -> dict[str, int]:

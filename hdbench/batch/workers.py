@@ -6,8 +6,6 @@ One task at a time runs in a process: the commands share process-wide state (fig
 from __future__ import annotations
 
 import logging
-import os
-import signal
 import threading
 import time
 from collections.abc import Callable, Generator, Iterable, Iterator
@@ -17,6 +15,7 @@ from types import ModuleType
 from typing import Any
 
 from hdbench.errors import DeviceError, UsageError
+from hdbench.system.processes import kill, undisturbed
 
 __all__ = ["Outcome", "Workers", "run_tasks"]
 
@@ -249,7 +248,7 @@ def _client(distributed: ModuleType, workers: Workers) -> Iterator[Any]:
                 yield client
             finally:
                 # a cluster that is stopped while it starts cancels what it waits for
-                with _undisturbed(*_STOPS), suppress(Exception):
+                with undisturbed(*_STOPS), suppress(Exception):
                     client.close(timeout=_CLOSE_S)
         return
     try:
@@ -281,7 +280,7 @@ def _local_cluster(distributed: ModuleType, workers: Workers) -> Iterator[Any]:
         ) from error
     with _quiet_logs(), _loop_without_ctrl_c() as loop:
         # only this computer can reach it
-        with _undisturbed(*_STOPS):
+        with undisturbed(*_STOPS):
             cluster = distributed.LocalCluster(
                 n_workers=0,
                 threads_per_worker=1,
@@ -297,7 +296,7 @@ def _local_cluster(distributed: ModuleType, workers: Workers) -> Iterator[Any]:
             _mend(cluster, workers.count)
             yield cluster
         finally:
-            with _undisturbed(*_STOPS):
+            with undisturbed(*_STOPS):
                 _close(cluster)
 
 
@@ -308,7 +307,7 @@ def _close(cluster: Any) -> None:
     except Exception:  # noqa: BLE001 - it is stopped while it starts, or too slow: kill it
         for nanny in list(cluster.workers.values()):
             with suppress(OSError, TypeError):
-                os.kill(nanny.pid, signal.SIGKILL)
+                kill(nanny.pid)
 
 
 def _mend(cluster: Any, count: int) -> None:
@@ -350,25 +349,12 @@ def _loop_without_ctrl_c() -> Iterator[Any]:
     # it unblocks the signal in the thread that starts it: that must not be the loop's
     resource_tracker.ensure_running()
     runner: Any = LoopRunner()
-    with _undisturbed("SIGINT"):
+    with undisturbed("SIGINT"):
         runner.start()
     try:
         yield runner.loop
     finally:
         runner.stop()
-
-
-@contextmanager
-def _undisturbed(*names: str) -> Iterator[None]:
-    """Hold signals back: a cluster half started or half stopped would leave processes behind."""
-    if not hasattr(signal, "pthread_sigmask"):
-        yield
-        return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.Signals[name] for name in names})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _version(**_: Any) -> str:

@@ -6,8 +6,8 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from hdbench.devices.node.operator import SimulatedOperator
     from hdbench.devices.opening import open_bench, stop_bench
+    from hdbench.devices.operator import SimulatedOperator
     from hdbench.devices.ports import (
         AcquisitionSettings,
         Bench,
@@ -30,7 +30,7 @@ __all__ = [
 ]
 
 _ELSEWHERE = {
-    "SimulatedOperator": "node.operator",
+    "SimulatedOperator": "operator",
     "open_bench": "opening",
     "stop_bench": "opening",
 }

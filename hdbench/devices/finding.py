@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from hdbench.devices.node.codec import clean_text
+from hdbench.devices.registry import probes
 from hdbench.errors import BusyError, HdbenchError
+from hdbench.system.lines import may_open
 
 __all__ = ["SerialPort", "find_ports", "latency_timer_ms", "probe_port"]
-
-# rates at which a node is asked who it is, fastest first
-_RATES_BD = (921600, 115200)
-_PROBE_S = 0.3
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +57,7 @@ def find_ports() -> tuple[SerialPort, ...]:
             manufacturer=_text(port.manufacturer),
             serial_number=_text(port.serial_number),
             usb_id="" if port.vid is None else f"{port.vid:04x}:{port.pid or 0:04x}",
-            accessible=os.access(port.device, os.R_OK | os.W_OK),
+            accessible=may_open(str(port.device)),
             latency_ms=latency_timer_ms(str(port.device)),
         )
         for port in comports()
@@ -93,7 +89,7 @@ def latency_timer_ms(path: str, root: Path = Path("/sys/bus/usb-serial/devices")
 
 
 def probe_port(port: SerialPort) -> str:
-    """Ask who is on a port, as a bench controller node and as a DATAQ are asked.
+    """Ask who is on a port, as every installed driver asks that knows a serial device.
 
     Parameters
     ----------
@@ -105,9 +101,8 @@ def probe_port(port: SerialPort) -> str:
     str
         Who answered, or why nobody is known; never raises.
     """
-    asked: Sequence[Callable[[str], str]] = (_node, _dataq)
     reason = "nobody that hdbench knows answers"
-    for ask in asked:
+    for ask in probes():
         try:
             who = ask(port.path)
         except BusyError as error:
@@ -118,50 +113,6 @@ def probe_port(port: SerialPort) -> str:
             if who:
                 return who
     return reason
-
-
-def _node(path: str) -> str:
-    from hdbench.devices.node.codec import decode_group
-    from hdbench.devices.node.registers import IDENTITY, WORD_ORDER_TEST
-    from hdbench.devices.node.spans import node_probe
-    from hdbench.devices.node.wire import NodeWire
-    from hdbench.devices.wire import connect, parse_address
-
-    last: HdbenchError | None = None
-    for rate_bd in _RATES_BD:
-        link = connect(parse_address(f"rtu://{path}?baud={rate_bd}"), probe=node_probe)
-        wire = NodeWire(link, deadline_s=_PROBE_S)
-        try:
-            values = decode_group(IDENTITY, wire.read(IDENTITY))
-        except BusyError:
-            raise
-        except HdbenchError as error:
-            last = error
-            continue
-        finally:
-            wire.close()
-        if values["word_order"] == WORD_ORDER_TEST:
-            who = " ".join(str(values[key]) for key in ("vendor", "model", "serial"))
-            return f"bench controller node: {who} (rtu://{path}?baud={rate_bd})"
-    if last is not None:
-        raise last
-    return ""
-
-
-def _dataq(path: str) -> str:
-    """Ask ``info 1``: a DATAQ echoes the words and adds its model."""
-    import time
-
-    from serial import Serial
-
-    with Serial(path, 115200, timeout=0.05, exclusive=True) as line:
-        line.reset_input_buffer()
-        line.write(b"info 1\r")
-        until_s, reply = time.monotonic() + _PROBE_S, b""
-        while time.monotonic() < until_s and len(reply) < 64:
-            reply += line.read(64)
-    said = clean_text(reply.replace(b"\r", b" "))
-    return f"DATAQ: {said.removeprefix('info 1').strip()}" if said.startswith("info 1 ") else ""
 
 
 def _text(value: object) -> str:

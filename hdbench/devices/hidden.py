@@ -33,8 +33,8 @@ def hidden_effects(profile: Profile, plant: str, seed: int) -> tuple[Mapping[str
     UsageError
         If the seed is negative.
     """
-    from hdbench.devices.emulator.bench import SimulatedBench
-    from hdbench.devices.emulator.plantfile import load_plant
+    from hdbench.plant.bench import SimulatedBench
+    from hdbench.plant.plantfile import load_plant
 
     effects = SimulatedBench(profile.data, load_plant(plant), seed).truth()["effects"]
     return tuple(effects) if isinstance(effects, list) else ()

@@ -5,24 +5,21 @@ from __future__ import annotations
 import errno
 import os
 import re
-import signal
-import socket
-import stat
-import sys
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
+from hdbench.devices.request import Holder, listening
 from hdbench.errors import BusyError, StorageError
+from hdbench.system.files import OPEN_OWN, is_own, lock_file, user_folders
+from hdbench.system.processes import hold_name, process_mark, terminate
 
 __all__ = ["exclusive", "holder", "is_line", "release"]
 
 # a run ends within 4 s of SIGTERM, its motor stopped
 _RELEASE_S = 6.0
 _POLL_S = 0.05
-# folders of the system, one per user
-_SYSTEM = "/run/user"
 _LINES = ("rtu", "ascii", "serial")
 _PORT = "502"
 
@@ -50,31 +47,25 @@ def exclusive(address: str) -> Iterator[None]:
 
     Notes
     -----
-    ``flock`` on a file in a folder of this user, and on Linux a name that all users share: both end
-    with the process, so that no stale lock can remain. The file tells number and start time of the
-    process. Where the system has no ``flock``, the node's own session is the only guard.
+    A lock on a file in a folder of this user, and on Linux a name that all users share: both end
+    with the process, so that no stale lock can remain. The file tells number and mark of the
+    process, and where it takes a request to stop. On a file system without locks a bench is held
+    while that place answers, so that only two runs started at the same moment are not told apart.
     """
-    try:
-        import fcntl
-    except ImportError:
-        yield
-        return
     path = _path(address)
     with ExitStack() as held:
         try:
-            flags = os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC
-            descriptor = os.open(path, flags, 0o600)
+            descriptor = os.open(path, os.O_RDWR | os.O_CREAT | OPEN_OWN, 0o600)
             held.callback(os.close, descriptor)
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            if sys.platform == "linux":
-                shared = held.enter_context(socket.socket(socket.AF_UNIX))
-                shared.bind(_shared_name(address))
-            os.truncate(descriptor, 0)
-            os.write(descriptor, f"{os.getpid()} {_start_of(os.getpid())}\n".encode())
-        except BlockingIOError as error:
-            raise _busy(
-                address, f"process {_told(path)[0] or 'unknown'} holds the bench"
-            ) from error
+            locked = lock_file(descriptor)
+            if locked is False or (locked is None and _holder_in(path).ask("here")):
+                who = _holder_in(path).pid or "unknown"
+                raise _busy(address, f"process {who} holds the bench")
+            held.enter_context(hold_name(f"hdbench:{_key(address)}"))
+            asked = held.enter_context(listening())
+            os.ftruncate(descriptor, 0)
+            mark = process_mark(os.getpid()) or "-"
+            os.write(descriptor, f"{os.getpid()} {mark} {asked}\n".encode())
         except OSError as error:
             if error.errno == errno.EADDRINUSE:
                 raise _busy(address, "a process of another user holds the bench") from error
@@ -99,18 +90,18 @@ def release(address: str, *, timeout_s: float = _RELEASE_S) -> None:
 
     Notes
     -----
-    A serial line has one master. Who wants to stop the motor asks the run that has the line, with
-    SIGTERM, upon which it makes the bench safe; then the line is free. Signalled is only a process
-    of this user that holds the lock at this moment and is as old as the lock says: no stranger
-    with a reused number.
+    A serial line has one master. Who wants to stop the motor asks the run that has the line to end
+    as upon SIGTERM, upon which it makes the bench safe; then the line is free. Asked is only the
+    process that holds the lock: where the system can prove which one that is (Linux), by the signal
+    itself, else at the place that the lock file tells, with the secret word that stands there.
     """
     path = _held(address)
     if path is None:
         return
-    pid, started = _told(path)
-    if pid == os.getpid():
+    found = _holder_in(path)
+    if found.pid == os.getpid():
         return
-    if not _terminate(pid, started):
+    if not terminate(found.pid, found.mark) and not found.ask("stop"):
         raise _busy(
             address, "a process that cannot be told for certain holds the line", "stop it there"
         )
@@ -119,7 +110,7 @@ def release(address: str, *, timeout_s: float = _RELEASE_S) -> None:
         if not time.monotonic() < until_s:
             raise _busy(
                 address,
-                f"process {pid} holds the line and does not end within {timeout_s:g} s",
+                f"process {found.pid} holds the line and does not end within {timeout_s:g} s",
                 "press the emergency stop, then kill it",
             )
         time.sleep(_POLL_S)
@@ -138,8 +129,8 @@ def holder(address: str) -> int | None:
     int or None
     """
     path = _held(address)
-    pid, started = (0, "") if path is None else _told(path)
-    return pid if pid and started == _start_of(pid) else None
+    found = Holder() if path is None else _holder_in(path)
+    return found.pid if found.pid and found.mark == (process_mark(found.pid) or "-") else None
 
 
 def is_line(address: str) -> bool:
@@ -147,69 +138,30 @@ def is_line(address: str) -> bool:
     return address.partition("://")[0] in _LINES
 
 
-def _terminate(pid: int, started: str) -> bool:
-    """Send SIGTERM to the process that began at `started`; return whether it is that one.
-
-    The process is held by a descriptor first: its number cannot go to another one meanwhile.
-    """
-    if sys.platform != "linux":
-        return False
+def _holder_in(path: Path) -> Holder:
+    """Return what a lock file tells of its process."""
+    form = r"([0-9]{1,9}) (\S+) ([0-9]{1,5}) ([0-9a-f]{32})\n"
     try:
-        process = os.pidfd_open(pid)
-    except (OSError, ValueError):
-        return False
-    try:
-        if not started or started != _start_of(pid):
-            return False
-        signal.pidfd_send_signal(process, signal.SIGTERM)
-        # one that was stopped (SIGSTOP, a debugger) would hear of it only when it goes on
-        signal.pidfd_send_signal(process, signal.SIGCONT)
-    except OSError:
-        return False
-    finally:
-        os.close(process)
-    return True
-
-
-def _start_of(pid: int) -> str:
-    """Return when a process of this user began, in ticks of the system; empty if unknown."""
-    try:
-        folder = Path(f"/proc/{pid}")
-        if folder.stat().st_uid != os.geteuid():
-            return ""
-        # the name in parentheses may hold anything
-        return (folder / "stat").read_text(errors="replace").rpartition(")")[2].split()[19]
-    except (OSError, IndexError):
-        return ""
-
-
-def _told(path: Path) -> tuple[int, str]:
-    """Return number and start time that a lock file tells; 0 where it tells none."""
-    try:
-        found = re.fullmatch(r"([0-9]{1,9}) ([0-9]*)\n", path.read_text(errors="replace"))
+        found = re.fullmatch(form, path.read_text(errors="replace"))
     except OSError:
         found = None
-    return (int(found[1]), found[2]) if found else (0, "")
+    return Holder(int(found[1]), found[2], int(found[3]), found[4]) if found else Holder()
 
 
 def _held(address: str) -> Path | None:
     """Return the lock file of `address` if a process has locked it, in any folder of this user."""
-    try:
-        import fcntl
-    except ImportError:
-        return None
-    for folder in _folders():
+    for folder in filter(is_own, user_folders()):
         path = folder / _file_name(address)
         try:
-            descriptor = os.open(path, os.O_RDWR | os.O_NOFOLLOW | os.O_CLOEXEC)
+            descriptor = os.open(path, os.O_RDWR | OPEN_OWN)
         except OSError:
             continue
         try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            return path
+            locked = lock_file(descriptor)
         finally:
             os.close(descriptor)
+        if locked is False or (locked is None and _holder_in(path).ask("here")):
+            return path
     return None
 
 
@@ -228,39 +180,14 @@ def _file_name(address: str) -> str:
     return re.sub(r"[^A-Za-z0-9.-]+", "_", _key(address)) + ".lock"
 
 
-def _shared_name(address: str) -> str:
-    """Return a name of the system's own, in no folder, that only one process can have."""
-    return f"\0hdbench:{_key(address)}"
-
-
-def _folders() -> list[Path]:
-    """Return the folders of this user alone that locks may be in, the one for new locks first."""
-    places = [os.environ.get("XDG_RUNTIME_DIR", ""), f"{_SYSTEM}/{os.geteuid()}"]
-    found = [Path(place) / "hdbench" for place in places if place and _is_own(Path(place))]
-    return [folder for folder in (*found, _fallback()) if folder in found or _is_own(folder)]
-
-
-def _fallback() -> Path:
-    return Path(os.environ.get("TMPDIR") or "/tmp") / f"hdbench-{os.geteuid()}"
-
-
-def _is_own(folder: Path) -> bool:
-    try:
-        found = folder.lstat()
-    except OSError:
-        return False
-    own = stat.S_ISDIR(found.st_mode) and found.st_uid == os.geteuid()
-    return own and not stat.S_IMODE(found.st_mode) & 0o077
-
-
 def _path(address: str) -> Path:
     """Return the lock file of `address`, its folder made if need be."""
-    folder = next(iter(_folders()), _fallback())
+    folder = user_folders()[0]
     try:
-        folder.mkdir(mode=0o700, exist_ok=True)
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
     except OSError as error:
         raise _unusable(folder, error.strerror or str(error)) from error
-    if not _is_own(folder):
+    if not is_own(folder):
         raise _unusable(folder, "it is not a folder of this user alone")
     return folder / _file_name(address)
 

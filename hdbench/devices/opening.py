@@ -87,8 +87,7 @@ def open_bench(
     where = address or data.daq.address
     with ExitStack() as stack:
         watchdog_s, speed = data.daq.watchdog_s, 1.0
-        keep: list[int] = []
-        simulation = None
+        simulation = emulator = None
         if where == EMBEDDED:
             from hdbench.devices.emulator.process import running_emulator
 
@@ -99,9 +98,8 @@ def open_bench(
                 )
             )
             speed = float(found.get("speed", 1.0))
-            simulation = Simulation(str(found["control"]), embedded=True)
-            # an orphaned emulator lives until its guard has seen the motor stand
-            keep = [int(found["lifeline"])] if "lifeline" in found else []
+            emulator = str(found["control"])
+            simulation = Simulation(emulator, embedded=True)
             data = _at(data, found, deadline_s=max(data.daq.deadline_s, _EMBEDDED_DEADLINE_S))
             watchdog_s = max(watchdog_s, _EMBEDDED_WATCHDOG_S)
         else:
@@ -116,7 +114,7 @@ def open_bench(
         silence_s = guard_silence_s(watchdog_s, data.daq.deadline_s)
         guarded = GuardedBench(
             bench,
-            lambda: Guard(order_of(data), silence_s, log=guard_log, keep=keep),
+            lambda: Guard(order_of(data), silence_s, log=guard_log, emulator=emulator),
             simulation,
         )
         stack.callback(guarded.close)

@@ -1,46 +1,20 @@
-"""Whether the device of a profile is fast enough, told from the profile alone."""
+"""What the device of a profile can do, told from the profile alone."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from importlib import import_module
+import math
 
 from hdbench.devices.hosted.settings import roles_of
+from hdbench.devices.registry import driver_of
 from hdbench.errors import UsageError
 from hdbench.profile.acquiring import Acquisition, CompositeAcquisition
 from hdbench.profile.schema import ProfileData
 
-__all__ = ["RateLimit", "check_drives", "check_pace", "rate_limit"]
-
-# `rate_hz(table) -> float` of each driver: what its device and wire sustain, inf where embedded
-_RATES = {
-    "node": "hdbench.devices.node.opening:node_rate_hz",
-    "labjack-t": "hdbench.devices.labjack.opening:labjack_rate_hz",
-    "modbus": "hdbench.devices.modbus.opening:modbus_rate_hz",
-    "dataq": "hdbench.devices.dataq.opening:dataq_rate_hz",
-}
-# drivers whose reference this computer writes to an output that the profile has to describe
-_HOSTED = ("labjack-t", "modbus", "dataq")
+__all__ = ["check_drives", "check_pace", "check_tables", "rate_limit_hz"]
 
 
-@dataclass(frozen=True, slots=True)
-class RateLimit:
-    """How fast a device and its wire are.
-
-    Parameters
-    ----------
-    rate_hz : float
-        Highest sustained scan rate with the profile's channels, Hz; inf where nothing limits it.
-    because : str
-        Address and channels that it holds for.
-    """
-
-    rate_hz: float
-    because: str
-
-
-def rate_limit(table: Acquisition) -> RateLimit | None:
-    """Return what the device of a table sustains; None where only the device itself can tell.
+def rate_limit_hz(table: Acquisition) -> float:
+    """Return the highest sustained scan rate of a device and its wire with the table's channels.
 
     Parameters
     ----------
@@ -49,17 +23,32 @@ def rate_limit(table: Acquisition) -> RateLimit | None:
 
     Returns
     -------
-    RateLimit or None
+    float
+        Hz; inf where nothing limits it, or only the open device can tell.
+
+    Raises
+    ------
+    UsageError
+        If its driver is not installed.
     """
-    if isinstance(table, CompositeAcquisition):
-        return rate_limit(table.inputs)
-    module, _, function = _RATES.get(table.driver, "").partition(":")
-    try:
-        rate_hz = float(getattr(import_module(module), function)(table))
-    except (ImportError, ValueError, AttributeError):
-        return None
-    n_channels = len(roles_of(table))
-    return RateLimit(rate_hz, f"{n_channels} channels of {table.driver} at {table.address}")
+    return driver_of(table.driver).rate_hz(table)
+
+
+def check_tables(profile: ProfileData) -> None:
+    """Refuse a profile that asks its devices for what they do not have.
+
+    Parameters
+    ----------
+    profile : ProfileData
+        The bench.
+
+    Raises
+    ------
+    ProfileError
+        If a driver refuses its table.
+    """
+    for table in _devices(profile.daq):
+        driver_of(table.driver).verify(table)
 
 
 def check_drives(profile: ProfileData, what: str) -> None:
@@ -75,14 +64,12 @@ def check_drives(profile: ProfileData, what: str) -> None:
     Raises
     ------
     UsageError
-        If nothing in ``[daq]`` drives. Of a driver of another package only the device can tell.
+        If nothing in ``[daq]`` drives.
     """
-    table = profile.daq
-    driving = table.outputs if isinstance(table, CompositeAcquisition) else table
-    key = "daq.outputs" if isinstance(table, CompositeAcquisition) else "daq"
-    # a node makes its reference itself
-    if driving.driver not in _HOSTED or getattr(driving, "output", None) is not None:
+    driving = _devices(profile.daq)[-1]
+    if driver_of(driving.driver).drives(driving):
         return
+    key = "daq" if driving is profile.daq else "daq.outputs"
     raise UsageError(
         f"{what} moves the motor; {driving.driver} at {driving.address} has no output in this "
         "profile",
@@ -108,14 +95,22 @@ def check_pace(profile: ProfileData, sample_period_s: float, what: str) -> None:
     UsageError
         If the device or its wire is too slow.
     """
-    limit = rate_limit(profile.daq)
-    rate_hz = 1.0 / sample_period_s
+    table = _devices(profile.daq)[0]
+    rate_hz, limit_hz = 1.0 / sample_period_s, rate_limit_hz(table)
     # periods are decimal numbers: a rate equal to the limit differs by rounding
-    if limit is None or rate_hz <= limit.rate_hz * (1.0 + 1e-9):
+    if rate_hz <= limit_hz * (1.0 + 1e-9) or math.isnan(limit_hz):
         return
     raise UsageError(
-        f"{what} asks for {rate_hz:.6g} samples/s; {limit.because} sustain {limit.rate_hz:.4g}",
+        f"{what} asks for {rate_hz:.6g} samples/s; {len(roles_of(table))} channels of "
+        f"{table.driver} at {table.address} sustain {limit_hz:.4g}",
         where="key daq.sample_period_s",
-        fix=f"sample every {1.0 / limit.rate_hz:.3g} s or more slowly, name fewer daq.channels, or "
+        fix=f"sample every {1.0 / limit_hz:.3g} s or more slowly, name fewer daq.channels, or "
         "use a faster line",
     )
+
+
+def _devices(table: Acquisition) -> tuple[Acquisition, ...]:
+    """Return the devices of a table: the one that samples first, the one that drives last."""
+    if isinstance(table, CompositeAcquisition):
+        return (table.inputs, table.outputs)
+    return (table,)

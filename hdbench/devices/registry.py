@@ -1,37 +1,19 @@
-"""Drivers by name: those that come with hdbench, and those of other packages."""
+"""The drivers that are installed: those that come with hdbench, and those of other packages."""
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
-from importlib import import_module
-from importlib.metadata import EntryPoint, entry_points
+from importlib.metadata import EntryPoint
 
 from hdbench.devices.daq import Daq
+from hdbench.devices.driver import Driver
 from hdbench.errors import UsageError
-from hdbench.profile.acquiring import Acquisition
+from hdbench.profile.acquiring import Acquisition, load_table, table_of
+from hdbench.profile.drivers import BROKEN, closest, find, installed
 from hdbench.profile.schema import ProfileData
 
-__all__ = ["GROUP", "DriverInfo", "OpenDaq", "drivers", "open_daq"]
-
-GROUP = "hdbench.drivers"
-
-OpenDaq = Callable[[ProfileData, Acquisition], Daq]
-"""Opens the device that a table names: of the table in hand, scales and limits of the profile.
-
-The address is that of the table; nothing is written yet. Raises `HdbenchError`, nothing else.
-"""
-
-# the function of each driver that comes with hdbench
-_BUILT_IN = {
-    "node": "hdbench.devices.node.opening:open_node",
-    "modbus": "hdbench.devices.modbus.opening:open_modbus",
-    "labjack-t": "hdbench.devices.labjack.opening:open_labjack",
-    "dataq": "hdbench.devices.dataq.opening:open_dataq",
-    "composite": "hdbench.devices.composite.opening:open_composite",
-}
+__all__ = ["DriverInfo", "driver_of", "drivers", "open_daq", "probes"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,12 +43,57 @@ def drivers() -> tuple[DriverInfo, ...]:
     tuple of DriverInfo
         Those of hdbench first; a plugin never takes the name of one of them.
     """
-    found = [DriverInfo(name, "hdbench", _problem(partial(_built_in, name))) for name in _BUILT_IN]
-    for entry in sorted(entry_points(group=GROUP), key=lambda entry: entry.name):
+    found: list[DriverInfo] = []
+    for entry in installed("hdbench.drivers"):
         taken = any(info.name == entry.name for info in found)
-        problem = "its name is taken" if taken else _problem(partial(_plugin, entry))
+        problem = "its name is taken" if taken else _problem(entry)
         found.append(DriverInfo(entry.name, _origin(entry), problem))
     return tuple(found)
+
+
+def driver_of(name: str) -> Driver:
+    """Return the driver of a name.
+
+    Parameters
+    ----------
+    name : str
+        Value of ``driver`` in the profile.
+
+    Returns
+    -------
+    Driver
+
+    Raises
+    ------
+    UsageError
+        If no such driver is installed, or it cannot be loaded.
+    """
+    entry = find("hdbench.drivers", name)
+    if entry is None:
+        names, fix = closest(name)
+        raise UsageError(
+            f"no driver {name!r} is installed; installed: {names}", where="key daq.driver", fix=fix
+        )
+    try:
+        return _load(entry)
+    except BROKEN as error:
+        raise UsageError(
+            f"driver {name!r} cannot be loaded ({type(error).__name__}: {error})",
+            where="key daq.driver",
+            fix="install its package again, or choose another driver",
+        ) from error
+
+
+def probes() -> tuple[Callable[[str], str], ...]:
+    """Return how the drivers ask who is on a serial port; those that cannot be loaded do not.
+
+    Returns
+    -------
+    tuple of callable
+        ``(port) -> str``.
+    """
+    usable = (driver_of(info.name) for info in drivers() if not info.problem)
+    return tuple(driver.probe for driver in usable if driver.probe is not None)
 
 
 def open_daq(profile: ProfileData, table: Acquisition) -> Daq:
@@ -86,57 +113,38 @@ def open_daq(profile: ProfileData, table: Acquisition) -> Daq:
     Raises
     ------
     UsageError
-        If no such driver is installed, or it cannot be loaded.
+        If no such driver is installed, it cannot be loaded, or the table is another driver's.
+    ProfileError
+        If the table asks for what the device does not have.
     DeviceError, BusyError
         If the device cannot be opened.
     """
-    name = table.driver
-    if name in _BUILT_IN:
-        return _loaded(name, partial(_built_in, name))(profile, table)
-    entry = next(iter(entry_points(group=GROUP, name=name)), None)
-    if entry is None:
-        installed = [*_BUILT_IN, *entry_points(group=GROUP).names]
-        near = difflib.get_close_matches(name, installed, n=1)
+    driver = driver_of(table.driver)
+    if not isinstance(table, table_of(table.driver)):
         raise UsageError(
-            f"no driver {name!r} is installed; installed: {', '.join(installed)}",
+            f"a {type(table).__name__} is no table of driver {table.driver!r}",
             where="key daq.driver",
-            fix=f"did you mean {near[0]!r}?" if near else "install the package that brings it",
+            fix="load the profile again",
         )
-    return _loaded(name, partial(_plugin, entry))(profile, table)
+    driver.verify(table)
+    return driver.open(profile, table)
 
 
-def _loaded(name: str, load: Callable[[], OpenDaq]) -> OpenDaq:
+def _load(entry: EntryPoint) -> Driver:
+    driver = entry.load()
+    if not isinstance(driver, Driver):
+        raise TypeError(f"{entry.value} is no Driver")
+    return driver
+
+
+def _problem(entry: EntryPoint) -> str:
     try:
-        return load()
-    except (ImportError, AttributeError, TypeError, ValueError, SyntaxError) as error:
-        raise UsageError(
-            f"driver {name!r} cannot be loaded ({type(error).__name__}: {error})",
-            where="key daq.driver",
-            fix="install its package again, or choose another driver",
-        ) from error
-
-
-def _problem(load: Callable[[], OpenDaq]) -> str:
-    try:
-        load()
-    except (ImportError, AttributeError, TypeError, ValueError, SyntaxError) as error:
+        _load(entry)
+        load_table(entry.name)
+    except BROKEN as error:
         return f"{type(error).__name__}: {error}"
     return ""
 
 
-def _built_in(name: str) -> OpenDaq:
-    module, _, function = _BUILT_IN[name].partition(":")
-    opener: OpenDaq = getattr(import_module(module), function)
-    return opener
-
-
-def _plugin(entry: EntryPoint) -> OpenDaq:
-    opener = entry.load()
-    if not callable(opener):
-        raise TypeError(f"{entry.value} is no function")
-    plugin: OpenDaq = opener
-    return plugin
-
-
 def _origin(entry: EntryPoint) -> str:
-    return f"{entry.dist.name} {entry.dist.version}" if entry.dist is not None else "unknown"
+    return f"{entry.dist.name} {entry.dist.version}" if entry.dist is not None else "hdbench"

@@ -8,15 +8,19 @@ import re
 from typing import TYPE_CHECKING, Literal
 
 from hdbench.errors import BusyError
+from hdbench.system.lines import SETTING_ERRORS, can_share_ports, share_port
 
 if TYPE_CHECKING:
     from serial import Serial
 
-__all__ = ["Claim", "is_gone", "is_port", "open_port"]
+__all__ = ["Claim", "is_port", "open_port"]
 
 Claim = Literal["hold", "ask", "share"]
 """Have the port alone; or refuse one that another program has, and keep nobody else away; or
-share it with whoever has it."""
+share it with whoever has it. Windows shares no port."""
+
+# longest wait for characters to leave where a port takes them all or none, s
+_WRITE_S = 1.0
 
 
 def open_port(
@@ -24,6 +28,7 @@ def open_port(
     where: str,
     *,
     baud_bd: int,
+    data_bits: int = 8,
     parity: str = "N",
     stop_bits: float = 1,
     claim: Claim = "hold",
@@ -38,6 +43,8 @@ def open_port(
         Its address, for messages.
     baud_bd : int
         Bit rate, bit/s.
+    data_bits : int, optional
+        7 or 8.
     parity : {"N", "E", "O"}, optional
         Parity.
     stop_bits : float, optional
@@ -58,26 +65,25 @@ def open_port(
     ValueError
         If it does not take these settings.
     """
-    import fcntl
-    import termios
-
     from serial import Serial, SerialException
 
-    # a pseudo-terminal has no parity, and says so only when it is opened again
+    # a pseudo-terminal has eight bits and no parity, and says so only when it is opened again
     pseudo = os.path.realpath(path).startswith("/dev/pts/")
     try:
         port = Serial(
             path,
             baudrate=baud_bd,
+            bytesize=8 if pseudo else data_bits,
             parity="N" if pseudo else parity,
             stopbits=stop_bits,
             timeout=0,
-            exclusive=claim != "share",
+            write_timeout=_WRITE_S,
+            exclusive=claim != "share" or not can_share_ports(),
         )
         if claim == "ask":
-            fcntl.flock(port.fileno(), fcntl.LOCK_UN)
+            share_port(port)
         return port
-    except termios.error as error:
+    except SETTING_ERRORS as error:
         raise ValueError(str(error)) from error
     except SerialException as error:
         if error.errno in (errno.EAGAIN, errno.EBUSY):
@@ -103,25 +109,3 @@ def is_port(name: str) -> bool:
     """
     form = r"/[A-Za-z0-9._:,+@/-]+|COM[0-9]{1,3}"
     return re.fullmatch(form, name) is not None and ".." not in name
-
-
-def is_gone(descriptor: int) -> bool:
-    """Return whether a port that has just read as empty is gone.
-
-    Parameters
-    ----------
-    descriptor : int
-        Of the open port.
-
-    Returns
-    -------
-    bool
-        False where it is still there: then another program took the characters that had come.
-    """
-    import termios
-
-    try:
-        termios.tcgetattr(descriptor)
-    except termios.error:
-        return True
-    return False

@@ -14,9 +14,9 @@ from typing import IO, Any
 
 import numpy as np
 
-from hdbench.children import child_command
 from hdbench.errors import DataError, HdbenchError, UsageError
 from hdbench.importing.source import PIECE_ROWS, Channel, Piece, Source, damaged
+from hdbench.system.children import child_command
 
 __all__ = ["end_reader", "open_isolated"]
 

@@ -19,9 +19,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hdbench.children import limit_memory
 from hdbench.errors import DataError
 from hdbench.importing.source import Piece, Source, told
+from hdbench.system.children import limit_memory
 
 __all__ = ["main"]
 

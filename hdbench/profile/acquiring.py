@@ -2,13 +2,23 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal, Union
 
-from pydantic import BaseModel, Discriminator, Field, PositiveFloat, Tag, model_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Discriminator,
+    Field,
+    GetCoreSchemaHandler,
+    PositiveFloat,
+    Tag,
+    model_validator,
+)
+from pydantic_core import CoreSchema
 
-from hdbench.profile.acquiring_dataq import DataqAcquisition
-from hdbench.profile.acquiring_labjack import LabJackAcquisition
 from hdbench.profile.acquiring_modbus import ModbusAcquisition
 from hdbench.profile.acquiring_node import NodeAcquisition
 from hdbench.profile.acquiring_table import (
@@ -19,15 +29,14 @@ from hdbench.profile.acquiring_table import (
     SerialLine,
     TlsFiles,
 )
+from hdbench.profile.drivers import BROKEN, find, installed
 
 __all__ = [
-    "DRIVERS",
     "ROLES",
     "Acquisition",
     "AnyAcquisition",
+    "ByDriver",
     "CompositeAcquisition",
-    "DataqAcquisition",
-    "LabJackAcquisition",
     "ModbusAcquisition",
     "NodeAcquisition",
     "OutputChannel",
@@ -36,14 +45,17 @@ __all__ = [
     "SerialLine",
     "TlsFiles",
     "driver_table",
+    "load_table",
+    "table_of",
 ]
 
 _TAG = "driver:"
-DEFAULT_DRIVER = "node"
+_DEFAULT = "node"
+_COMPOSITE = "composite"
 
 
 class PluginAcquisition(Acquisition):
-    """A DAQ whose driver comes with another package."""
+    """A DAQ of another package that brings no table of its own."""
 
     driver: Annotated[
         str,
@@ -61,33 +73,91 @@ class PluginAcquisition(Acquisition):
     ]
 
 
-def _tag(value: object) -> str:
-    """Return the tag of the table that `value` is meant to be."""
-    driver = value.get("driver", DEFAULT_DRIVER) if isinstance(value, Mapping) else None
-    if isinstance(value, BaseModel):
-        driver = getattr(value, "driver", DEFAULT_DRIVER)
-    known = isinstance(driver, str) and driver in DRIVERS
-    return f"{_TAG}{driver}" if known else f"{_TAG}plugin"
+@functools.cache
+def table_of(driver: str) -> type[Acquisition]:
+    """Return the table of a driver.
+
+    Parameters
+    ----------
+    driver : str
+        Value of ``driver``.
+
+    Returns
+    -------
+    type of Acquisition
+        `PluginAcquisition` where the driver has none, or none that can be loaded.
+    """
+    try:
+        return load_table(driver)
+    except BROKEN:
+        return PluginAcquisition
 
 
-_Single = Annotated[
-    Annotated[NodeAcquisition, Tag("driver:node")]
-    | Annotated[ModbusAcquisition, Tag("driver:modbus")]
-    | Annotated[LabJackAcquisition, Tag("driver:labjack-t")]
-    | Annotated[DataqAcquisition, Tag("driver:dataq")]
-    | Annotated[PluginAcquisition, Tag("driver:plugin")],
-    Discriminator(lambda value: _part_tag(value)),
-]
+def load_table(driver: str) -> type[Acquisition]:
+    """Return the table of a driver, or raise one of `BROKEN` where it cannot be loaded.
+
+    Parameters
+    ----------
+    driver : str
+        Value of ``driver``.
+
+    Returns
+    -------
+    type of Acquisition
+    """
+    entry = find("hdbench.tables", driver)
+    if entry is None:
+        return PluginAcquisition
+    table = entry.load()
+    if not (isinstance(table, type) and issubclass(table, Acquisition)):
+        raise TypeError(f"{entry.value} is no subclass of Acquisition")
+    return table
 
 
-def _part_tag(value: object) -> str:
-    tag = _tag(value)
-    # a composite in a composite is taken for a driver that nobody has installed
-    return f"{_TAG}plugin" if tag == f"{_TAG}composite" else tag
+@dataclass(frozen=True)
+class ByDriver:
+    """Marks a table whose keys depend on ``driver``.
+
+    The tables are looked up when the first profile is checked, not on import: those of other
+    packages import this module.
+
+    Parameters
+    ----------
+    part : bool
+        Whether it is a part of a composite, and therefore no composite itself.
+    """
+
+    part: bool = False
+
+    def tables(self) -> dict[str, type[Acquisition]]:
+        """Return every table by the name of its driver."""
+        names = dict.fromkeys(entry.name for entry in installed("hdbench.tables"))
+        return {name: table_of(name) for name in names if not (self.part and name == _COMPOSITE)}
+
+    def __get_pydantic_core_schema__(
+        self, source: object, handler: GetCoreSchemaHandler
+    ) -> CoreSchema:
+        """Return the schema of all tables."""
+        tables = {**self.tables(), "": PluginAcquisition}
+
+        def tag(value: object) -> str:
+            driver = value.get("driver", _DEFAULT) if isinstance(value, Mapping) else None
+            if isinstance(value, BaseModel):
+                driver = getattr(value, "driver", None)
+            return f"{_TAG}{driver if isinstance(driver, str) and driver in tables else ''}"
+
+        tagged = tuple(Annotated[table, Tag(_TAG + name)] for name, table in tables.items())
+        return handler.generate_schema(Annotated[Union[tagged], Discriminator(tag)])  # noqa: UP007
+
+
+AnyAcquisition = Annotated[Acquisition, ByDriver()]
+_Part = Annotated[Acquisition, ByDriver(part=True)]
 
 
 class CompositeAcquisition(Acquisition):
     """Inputs of one device and outputs of another, on one clock."""
+
+    model_config = ConfigDict(defer_build=True)
 
     driver: Annotated[Literal["composite"], Field(description="two devices that act as one")]
     address: Annotated[
@@ -97,9 +167,9 @@ class CompositeAcquisition(Acquisition):
     channels: Annotated[
         tuple[Role, ...], Field(min_length=1, description="what is sampled, in order")
     ] = ROLES
-    inputs: Annotated[_Single, Field(description="table of the device that samples")]
+    inputs: Annotated[_Part, Field(description="table of the device that samples")]
     outputs: Annotated[
-        _Single, Field(description="table of the device that drives the motor; has the watchdog")
+        _Part, Field(description="table of the device that drives the motor; has the watchdog")
     ]
     max_skew_s: Annotated[
         PositiveFloat,
@@ -121,25 +191,6 @@ class CompositeAcquisition(Acquisition):
         return {**raw, **parts}
 
 
-DRIVERS: dict[str, type[Acquisition]] = {
-    "node": NodeAcquisition,
-    "modbus": ModbusAcquisition,
-    "labjack-t": LabJackAcquisition,
-    "dataq": DataqAcquisition,
-    "composite": CompositeAcquisition,
-}
-
-AnyAcquisition = Annotated[
-    Annotated[NodeAcquisition, Tag("driver:node")]
-    | Annotated[ModbusAcquisition, Tag("driver:modbus")]
-    | Annotated[LabJackAcquisition, Tag("driver:labjack-t")]
-    | Annotated[DataqAcquisition, Tag("driver:dataq")]
-    | Annotated[CompositeAcquisition, Tag("driver:composite")]
-    | Annotated[PluginAcquisition, Tag("driver:plugin")],
-    Discriminator(_tag),
-]
-
-
 def driver_table(part: Any) -> type[Acquisition] | None:
     """Return the table that one part of pydantic's error location names, None for other parts.
 
@@ -154,4 +205,4 @@ def driver_table(part: Any) -> type[Acquisition] | None:
     """
     if not isinstance(part, str) or not part.startswith(_TAG):
         return None
-    return DRIVERS.get(part.removeprefix(_TAG), PluginAcquisition)
+    return table_of(part.removeprefix(_TAG))

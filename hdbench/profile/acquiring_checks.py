@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Iterator, Mapping
-from importlib.metadata import entry_points
 
+from hdbench.profile.acquiring import load_table
 from hdbench.profile.conflict import Conflict
+from hdbench.profile.drivers import BROKEN, closest, find
 from hdbench.profile.modbus_checks import modbus_conflicts
 
 __all__ = ["acquiring_problems"]
 
-_BUILT_IN = ("node", "modbus", "labjack-t", "dataq", "composite")
-_GROUP = "hdbench.drivers"
 Key = tuple[str | int, ...]
 
 
@@ -41,24 +39,27 @@ def acquiring_problems(data: object) -> Iterator[Conflict]:
 
 def _table(table: Mapping[object, object], base: Key) -> Iterator[Conflict]:
     driver = table.get("driver", "node")
-    if isinstance(driver, str) and driver not in _BUILT_IN:
-        yield from _plugin(driver, base)
+    if isinstance(driver, str):
+        yield from _driver(driver, base)
     yield from _roles(table, base)
     yield from _wire(table, base)
     if driver == "modbus":
         yield from modbus_conflicts(table, base)
 
 
-def _plugin(driver: str, base: Key) -> Iterator[Conflict]:
-    installed = [*_BUILT_IN, *sorted(entry_points(group=_GROUP).names)]
-    if driver in installed:
-        return
-    near = difflib.get_close_matches(driver, installed, n=1)
-    yield Conflict(
-        (*base, "driver"),
-        f"names {driver!r}; installed: {', '.join(installed)}",
-        f"did you mean {near[0]!r}?" if near else "install the package that brings this driver",
-    )
+def _driver(driver: str, base: Key) -> Iterator[Conflict]:
+    if find("hdbench.drivers", driver) is None:
+        names, fix = closest(driver)
+        yield Conflict((*base, "driver"), f"names {driver!r}; installed: {names}", fix)
+    try:
+        load_table(driver)
+    except BROKEN as error:
+        why = f"{type(error).__name__}: {error}"
+        yield Conflict(
+            (*base, "driver"),
+            f"names {driver!r}, whose table cannot be loaded ({why})",
+            "install the package of this driver again",
+        )
 
 
 def _roles(table: Mapping[object, object], base: Key) -> Iterator[Conflict]:
@@ -87,11 +88,11 @@ def _wire(table: Mapping[object, object], base: Key) -> Iterator[Conflict]:
             "is tls://, but there is no [daq.tls]; needed: certificate, key, authority",
             "add [daq.tls], or use tcp:// on a network of its own",
         )
-    for name, needed in (("serial", "rtu"), ("tls", "tls")):
-        if table.get(name) is not None and scheme not in (needed, "embedded"):
+    for name, needed in (("serial", ("rtu", "ascii")), ("tls", ("tls",))):
+        if table.get(name) is not None and scheme not in (*needed, "embedded"):
             yield Conflict(
                 (*base, name),
-                f"is for {needed}:// only; the address is {scheme}://",
+                f"is for {':// and '.join(needed)}:// only; the address is {scheme}://",
                 "take the table out, or change the address",
             )
 

@@ -202,11 +202,11 @@ class ModbusAcquisition(Acquisition):
     address: Annotated[
         str,
         Field(
-            pattern=r"^(embedded|(tcp|tls)://(\[[0-9A-Fa-f:.]+(%\w+)?\]|[A-Za-z0-9._-]+)(:[0-9]{1,5})?"
-            r"|rtu://(/[A-Za-z0-9._:,+@/-]+|COM[0-9]{1,3})(\?[a-z0-9_=&.-]*)?)$",
+            pattern=r"^(embedded|(tcp|tls|udp|rtu\+tcp)://(\[[0-9A-Fa-f:.]+(%\w+)?\]|[A-Za-z0-9._-]+)(:[0-9]{1,5})?"
+            r"|(rtu|ascii)://(/[A-Za-z0-9._:,+@/-]+|COM[0-9]{1,3})(\?[a-z0-9_=&.-]*)?)$",
             max_length=256,
-            description="`embedded` (emulated), tcp://HOST[:PORT], tls://HOST[:PORT] or "
-            "rtu:///dev/NAME?baud=RATE",
+            description="`embedded` (emulated), tcp://, tls://, udp:// or rtu+tcp://HOST[:PORT], "
+            "rtu:// or ascii:///dev/NAME?baud=RATE",
         ),
     ] = "embedded"
     vendor: Annotated[str, Field(max_length=64, description="who makes the device")] = ""
@@ -258,7 +258,7 @@ class ModbusAcquisition(Acquisition):
     ] = None
     serial: Annotated[
         SerialLine | None,
-        Field(description="[daq.serial], for rtu:// only: the serial line"),
+        Field(description="[daq.serial], for rtu:// and ascii:// only: the serial line"),
     ] = None
     tls: Annotated[
         TlsFiles | None, Field(description="[daq.tls], for tls:// only: the certificates")

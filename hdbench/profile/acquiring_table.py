@@ -23,8 +23,8 @@ class Acquisition(Table):
         Field(
             min_length=1,
             max_length=256,
-            description="`embedded` (simulated bench), tcp://HOST:PORT, tls://HOST:PORT or "
-            "rtu:///dev/NAME; which of them depends on the driver",
+            description="`embedded` (simulated bench), tcp://HOST:PORT, tls://HOST:PORT, "
+            "rtu:///dev/NAME and others; which of them depends on the driver",
         ),
     ] = "embedded"
     sample_period_s: Annotated[
@@ -46,7 +46,7 @@ class Acquisition(Table):
 
 
 class SerialLine(Table):
-    """A serial line that carries Modbus RTU."""
+    """A serial line that carries Modbus RTU or ASCII."""
 
     baud_bd: Annotated[
         int, Field(ge=1200, le=4_000_000, description="bit rate of the line, bit/s")
@@ -57,6 +57,10 @@ class SerialLine(Table):
     stop_bits: Annotated[
         int, Field(ge=1, le=2, description="stop bits; two where there is no parity")
     ] = 1
+    data_bits: Annotated[
+        Literal[7, 8] | None,
+        Field(description="data bits; left out: 8, of Modbus ASCII 7"),
+    ] = None
     gap_s: Annotated[
         NonNegative | None,
         Field(

@@ -11,7 +11,7 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 from hdbench.errors import ProfileError
-from hdbench.profile.acquiring import driver_table
+from hdbench.profile.acquiring import Acquisition, NodeAcquisition, driver_table
 from hdbench.profile.toml_map import Key
 
 __all__ = ["key_text", "known_keys", "problem", "schema_problem"]
@@ -127,6 +127,8 @@ def known_keys(root: type[BaseModel], base: Key = ()) -> Iterator[Key]:
     for name, field in root.model_fields.items():
         yield (*base, name)
         below = _model_in(field.annotation)
+        if below is Acquisition:
+            below = NodeAcquisition
         if below is not None:
             yield from known_keys(below, (*base, name))
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import Field, PositiveFloat, PositiveInt, model_validator
+from pydantic import ConfigDict, Field, PositiveFloat, PositiveInt, model_validator
 
 from hdbench.profile.acquiring import Acquisition, AnyAcquisition
 from hdbench.profile.calibrating import Arm, CalibrationPlan, Identity, Standards
@@ -244,6 +244,9 @@ class ModelParameters(Table):
 
 class ProfileData(Table):
     """One bench: drive, sensor, DAQ, limits, experiments, filter, model."""
+
+    # the tables of [daq] are looked up when the first profile is checked
+    model_config = ConfigDict(defer_build=True)
 
     name: Name
     description: Annotated[str, Field(description="one line for a person")] = ""

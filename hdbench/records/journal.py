@@ -22,7 +22,8 @@ from hdbench.records.journalreading import (
     JournalContent,
     read_journal,
 )
-from hdbench.records.storage import storage_error, sync_folder
+from hdbench.records.storage import storage_error
+from hdbench.system.files import lock_file, sync_data, sync_file, sync_folder
 
 __all__ = ["JournalBlock", "JournalContent", "JournalWriter", "read_journal"]
 
@@ -42,26 +43,14 @@ def _payload(kind: str, columns: Mapping[str, NDArray[Any]], extra: Mapping[str,
     return b"".join([WORD.pack(len(header)), header, *arrays])
 
 
-def _sync(handle: int) -> None:
-    getattr(os, "fdatasync", os.fsync)(handle)
-
-
 def _lock(handle: int, path: Path) -> None:
-    """Let one process append; the lock ends with the process. Without ``flock`` nothing is held."""
-    try:
-        import fcntl
-    except ImportError:
-        return
-    try:
-        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError as error:
+    """Let one process append; without locks the process number in run.json is the only guard."""
+    if lock_file(handle) is False:
         raise BusyError(
             "another process records this run",
             where=str(path),
             fix="wait until it has finished, or stop it",
-        ) from error
-    except OSError:
-        return  # a file system without locks: the process number in run.json is the only guard
+        )
 
 
 class JournalWriter:
@@ -141,7 +130,7 @@ class JournalWriter:
             return
         try:
             os.ftruncate(self._handle, os.fstat(self._handle).st_size - torn_bytes)
-            os.fsync(self._handle)
+            sync_file(self._handle)
         except OSError as error:
             raise storage_error(error, self._path) from error
 
@@ -188,7 +177,7 @@ class JournalWriter:
             while rest:
                 rest = rest[os.write(self._handle, rest) :]
             if sync:
-                _sync(self._handle)
+                sync_data(self._handle)
         except OSError as error:
             self._abandon()
             raise storage_error(error, self._path) from error
@@ -205,7 +194,7 @@ class JournalWriter:
         if self._handle < 0:
             return
         try:
-            _sync(self._handle)
+            sync_data(self._handle)
         except OSError as error:
             raise storage_error(error, self._path) from error
         finally:

@@ -13,8 +13,9 @@ from typing import Any
 
 from hdbench.errors import DataError, StorageError
 from hdbench.records.jsonfile import ProfileIdentity, read_json, result_header
-from hdbench.records.process import process_mark
-from hdbench.records.storage import storage_error, sync_folder
+from hdbench.records.storage import storage_error
+from hdbench.system.files import sync_folder
+from hdbench.system.processes import process_mark
 
 __all__ = [
     "RUN_SCHEMA",

@@ -10,7 +10,8 @@ from pathlib import Path
 
 from hdbench.errors import DataError, UsageError
 from hdbench.records.manifest import read_manifest, utc_text
-from hdbench.records.storage import file_bytes, storage_error, sync_folder
+from hdbench.records.storage import file_bytes, storage_error
+from hdbench.system.files import sync_folder
 
 __all__ = ["RunNote", "add_note", "read_notes"]
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import errno
 import os
 import shutil
 from contextlib import suppress
@@ -10,6 +9,7 @@ from pathlib import Path
 
 from hdbench.errors import StorageError
 from hdbench.records.storage import storage_error
+from hdbench.system.files import allocate
 
 __all__ = ["RESERVE_NAME", "check_space", "free_reserve", "keep_reserve"]
 
@@ -65,24 +65,11 @@ def keep_reserve(folder: Path) -> None:
     try:
         handle = os.open(path, os.O_WRONLY | os.O_CREAT, 0o644)
         try:
-            _allocate(handle)
+            allocate(handle, _RESERVE)
         finally:
             os.close(handle)
     except OSError as error:
         raise storage_error(error, path) from error
-
-
-def _allocate(handle: int) -> None:
-    """Take the blocks, not only the length; where the file system cannot, write them."""
-    try:
-        os.posix_fallocate(handle, 0, _RESERVE)
-    except (AttributeError, OSError) as error:
-        known = (errno.EOPNOTSUPP, errno.EINVAL, errno.ENOSYS)
-        if isinstance(error, OSError) and error.errno not in known:
-            raise
-        block = bytes(1 << 16)
-        for _ in range(_RESERVE // len(block)):
-            os.write(handle, block)
 
 
 def free_reserve(folder: Path) -> None:

@@ -10,6 +10,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from hdbench.errors import DataError, StorageError, UsageError
+from hdbench.system.files import sync_file, sync_folder
 
 __all__ = [
     "file_bytes",
@@ -17,7 +18,6 @@ __all__ = [
     "sha256_file",
     "staged_path",
     "storage_error",
-    "sync_folder",
     "write_atomic",
     "write_new",
 ]
@@ -45,28 +45,6 @@ def storage_error(error: OSError, path: Path) -> StorageError:
     if error.errno in (errno.EEXIST, errno.ENOTDIR, errno.EISDIR):
         fix = "name another --out: a file stands where a folder has to be, or a folder for a file"
     return StorageError(f"cannot write: {error.strerror or error}", where=str(path), fix=fix)
-
-
-def sync_folder(folder: Path) -> None:
-    """Make the names in `folder` survive a power cut, where the system can do that.
-
-    Parameters
-    ----------
-    folder : Path
-        An existing folder.
-
-    Raises
-    ------
-    OSError
-        If the folder cannot be synced.
-    """
-    if os.name != "posix":
-        return
-    handle = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)
 
 
 def _is_special(path: Path) -> bool:
@@ -107,7 +85,7 @@ def write_atomic(path: Path, chunks: bytes | Iterable[bytes]) -> None:
                 for chunk in (chunks,) if isinstance(chunks, bytes) else chunks:
                     file.write(chunk)
                 file.flush()
-                os.fsync(file.fileno())
+                sync_file(file.fileno())
             temporary.replace(path)
             sync_folder(path.parent)
         finally:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from datetime import datetime
 
 from hdbench.devices import SimulatedOperator
-from hdbench.devices.emulator.mistakes import Mistakes
+from hdbench.devices.mistakes import Mistakes
 from hdbench.devices.ports import Bench, Identity, Operator
 from hdbench.errors import UsageError
 from hdbench.records.journal import JournalWriter

@@ -154,7 +154,7 @@ def check_ports(profile: Profile, address: str | None) -> list[Finding]:
     findings = []
     for name in addresses_of(profile.data.daq, address or profile.data.daq.address):
         scheme, _, path = name.partition("://")
-        if scheme in ("rtu", "serial"):
+        if scheme in ("rtu", "ascii", "serial"):
             findings += list(_port(path))
     return findings
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from hdbench.devices.emulator.mistakes import Mistake
+from hdbench.devices.mistakes import Mistake
 from hdbench.devices.ports import Operator
 from hdbench.diagnosis.planning.segments import MotionPlan
 from hdbench.records.runfolder import RunFolder

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from hdbench.devices.pace import check_drives, check_pace
+from hdbench.devices.pace import check_drives, check_pace, check_tables
 from hdbench.errors import UsageError
 from hdbench.model.program import ReferenceProgram, program_voltage
 from hdbench.model.waves import reference_voltage
@@ -32,9 +32,12 @@ def check_plan(plan: Plan, profile: ProfileData) -> None:
 
     Raises
     ------
+    ProfileError
+        If the profile asks its devices for what they do not have.
     UsageError
         With every step that is outside a limit.
     """
+    check_tables(profile)
     problems = [*_check_drives(plan, profile), *_check_pace(plan, profile)]
     for number, step in enumerate(plan.steps, start=1):
         where = f"step {number} of the {plan.kind} plan"

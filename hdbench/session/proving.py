@@ -13,6 +13,7 @@ from hdbench.devices import open_bench
 from hdbench.devices.daq import Daq
 from hdbench.devices.guard import GuardedBench
 from hdbench.devices.ports import AcquisitionSettings, SafeState
+from hdbench.devices.safestate import STANDSTILL_RAD_S
 from hdbench.errors import DeviceError, HdbenchError, UnsafeError, UsageError
 from hdbench.profile import Profile
 from hdbench.profile.schema import ProfileData, ReferenceWave
@@ -25,7 +26,6 @@ __all__ = ["WatchdogProof", "creep_rad_s", "prove_watchdog"]
 # a fiftieth of the fastest motion, at least ten times what counts as standing
 _SHARE = 0.02
 _LEAST_RAD_S = 5.0
-_STANDSTILL_RAD_S = 0.5
 _CREEP_S = 0.5
 _LONGEST_S = 60.0
 # after the watchdog's own time: braking from a creep, and the clocks of either side
@@ -221,8 +221,8 @@ def _judged(
 ) -> WatchdogProof:
     tripped, after, failed = found
     silence_s = watchdog_s + _BRAKING_S
-    turned = abs(creep) > 2.0 * _STANDSTILL_RAD_S
-    stands = after is not None and abs(after) < _STANDSTILL_RAD_S
+    turned = abs(creep) > 2.0 * STANDSTILL_RAD_S
+    stands = after is not None and abs(after) < STANDSTILL_RAD_S
     if failed:
         detail = f"after {silence_s:.2f} s of silence the device does not answer: {failed}"
     elif not turned:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from hdbench.devices.emulator.mistakes import Mistake
+from hdbench.devices.mistakes import Mistake
 from hdbench.devices.ports import Operator
 from hdbench.diagnosis.planning.planfile import read_plan
 from hdbench.errors import BusyError, UsageError

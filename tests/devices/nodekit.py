@@ -13,14 +13,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from hdbench.devices.emulator.converter import RawSamples
-from hdbench.devices.emulator.serve import build_core
-from hdbench.devices.emulator.server import NodeServer
+from hdbench.devices.emulator.serve import NodeDevice, build_core
+from hdbench.devices.emulator.server import ModbusServer
 from hdbench.devices.hosted import HostedBench, host_settings
 from hdbench.devices.node.driver import NodeDaq
 from hdbench.devices.node.spans import node_probe
 from hdbench.devices.node.wire import NodeWire
 from hdbench.devices.wire import connect, parse_address
+from hdbench.plant.converter import RawSamples
 from hdbench.profile import load_profile
 
 _REPORT = load_profile("cim-tr-97-06").data
@@ -116,12 +116,13 @@ def served(bench: object | None = None, *, pace: str = "fast") -> Iterator[Serve
         bench or TinyBench(), PROFILE, 0, pace=pace, record=lambda e: events.append(dict(e))
     )
     loop = asyncio.new_event_loop()
-    server = NodeServer(core)
+    server = ModbusServer(NodeDevice(core))
     thread = threading.Thread(target=loop.run_forever, daemon=True)
     thread.start()
-    host, port = asyncio.run_coroutine_threadsafe(server.open("127.0.0.1", 0), loop).result(5)
+    address = asyncio.run_coroutine_threadsafe(server.open(), loop).result(5)
+    host, _, port = address.removeprefix("tcp://").rpartition(":")
     try:
-        yield ServedNode(core, host, port, events)
+        yield ServedNode(core, host, int(port), events)
     finally:
 
         async def shut() -> None:

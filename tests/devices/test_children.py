@@ -10,7 +10,6 @@ from hdbench.devices.emulator import process
 from hdbench.devices.guard import order_of
 from hdbench.errors import DeviceError
 from hdbench.profile import load_profile
-from hdbench.profile.acquiring import PluginAcquisition
 
 SHADOWS = ("signal", "json", "asyncio", "struct", "pathlib", "site", "subprocess", "select")
 RUN = """
@@ -60,8 +59,8 @@ def test_modules_of_the_users_folder_are_no_standard_library(folder, late):
 
 def test_a_driver_that_the_guard_calls_is_not_shadowed_either(folder):
     data = load_profile("cim-tr-97-06").data
-    plugin = PluginAcquisition(driver="acme", sample_period_s=1e-3)
-    order = order_of(data.model_copy(update={"daq": plugin}))
+    static = load_profile("seneca-z-sg").data
+    order = order_of(static)
     nobody = data.daq.model_copy(update={"address": "tcp://127.0.0.1:1"})
     done = subprocess.run(
         order.command,

@@ -8,15 +8,15 @@ import time
 import tty
 
 import pytest
-
-from hdbench.devices.emulator.faultlines import faulty_serial, faulty_tcp
-from hdbench.devices.emulator.faults import (
+from linefaults.faults import (
     FAULT_KINDS,
     Mangler,
     RawFraming,
     RtuFraming,
     TcpFraming,
 )
+from linefaults.lines import faulty_serial, faulty_tcp
+
 from hdbench.devices.wire.crc import crc16
 
 # a reply with two registers, an echo of a write, and one of function 76

@@ -27,7 +27,6 @@ from hdbench.devices.wire import FrameError, read_registers, write_register
 from hdbench.devices.wire.crc import crc16
 from hdbench.errors import DeviceError
 from hdbench.profile import load_profile
-from hdbench.profile.acquiring import PluginAcquisition
 from hdbench.profile.schema import ReferenceWave
 
 WAVE = ReferenceWave(wave="constant", amplitude_v=1.0)
@@ -208,7 +207,7 @@ def test_a_bug_in_the_guard_does_not_end_its_trying(monkeypatch):
     monkeypatch.setattr(watching, "stop_motor", fails_once)
     near, far = socket.socketpair()
     with near, far:
-        guard = watching.Guard(near, {"targets": [], "try_s": 5.0, "log": None, "keep": []})
+        guard = watching.Guard(near, {"targets": [], "try_s": 5.0, "log": None, "emulator": None})
         guard.fire("test")
         assert far.recv(100).startswith(b"F")
     assert len(tries) == 2
@@ -225,7 +224,6 @@ HOST = """
 import os, sys
 from hdbench.devices import AcquisitionSettings, open_bench
 from hdbench.profile import load_profile
-from hdbench.profile.acquiring import PluginAcquisition
 from hdbench.profile.schema import ReferenceWave
 
 wave = ReferenceWave(wave="constant", amplitude_v=1.0)
@@ -247,7 +245,7 @@ def test_on_a_serial_line_the_guard_takes_over_from_a_dead_or_frozen_session(tmp
     record = tmp_path / "motor.jsonl"
     data = load_profile("cim-tr-97-06").data
     with running_emulator(
-        data, plant="as-modelled", seed=0, pace="realtime", record=record, rtu=True
+        data, plant="as-modelled", seed=0, pace="realtime", record=record, wire="rtu"
     ) as found:
         process = subprocess.Popen(
             [sys.executable, "-c", HOST, found["address"]],
@@ -326,7 +324,7 @@ def test_a_serial_line_that_another_program_has_taken_over_is_left_in_peace():
 
 def test_on_a_serial_line_the_guard_knows_who_answered_before_the_motion():
     data = load_profile("cim-tr-97-06").data
-    with running_emulator(data, plant="as-modelled", seed=0, pace="realtime", rtu=True) as found:
+    with running_emulator(data, plant="as-modelled", seed=0, pace="realtime", wire="rtu") as found:
         (target,) = order_of(profile_at(found["address"])).targets
         told = target.to_dict()
         note_identity(told)
@@ -392,8 +390,7 @@ def test_every_bench_that_moves_has_bytes_for_its_guard(name):
 
 
 def test_a_driver_without_known_bytes_is_made_safe_through_itself(tmp_path):
-    plugin = PluginAcquisition(driver="acme", sample_period_s=1e-3)
-    order = order_of(PROFILE.model_copy(update={"daq": plugin}))
+    order = order_of(load_profile("seneca-z-sg").data)
     assert order.targets == ()
     assert order.command
     with served(TinyBench(), pace="realtime") as node, guarded(node, tmp_path) as bench:

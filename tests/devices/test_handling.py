@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from plant_tools import AS_MODELLED, quiet_profile
 
-from hdbench.devices.emulator.bench import SimulatedBench
-from hdbench.devices.emulator.fixture import FREE_SWING_S, ArmLoad, Settling, shunt_volts
-from hdbench.devices.emulator.mistakes import Mistake, Mistakes, parse_mistakes
-from hdbench.devices.node.operator import SimulatedOperator
+from hdbench.devices.mistakes import Mistake, Mistakes, parse_mistakes
+from hdbench.devices.operator import SimulatedOperator
 from hdbench.errors import UsageError
+from hdbench.plant.bench import SimulatedBench
+from hdbench.plant.fixture import FREE_SWING_S, ArmLoad, Settling, shunt_volts
 from hdbench.profile.calibrating import ShuntCheck
 
 V_PER_CODE = 10.0 / 32768.0

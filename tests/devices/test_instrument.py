@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from plant_tools import AS_MODELLED, WORN, profile, quiet_profile
 
-from hdbench.devices.emulator.bench import SimulatedBench
 from hdbench.devices.emulator.instrument import DeviceClock, SimulatedInstrument
 from hdbench.errors import UsageError
+from hdbench.plant.bench import SimulatedBench
 from hdbench.profile.schema import ReferenceWave
 
 PERIOD_S = 1e-3

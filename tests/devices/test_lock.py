@@ -7,6 +7,7 @@ import stat
 import subprocess
 import sys
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 
 import pytest
 
@@ -14,6 +15,8 @@ from hdbench.devices import lock, open_bench
 from hdbench.devices.lock import exclusive, holder, release
 from hdbench.errors import BusyError, StorageError
 from hdbench.profile import load_profile
+from hdbench.system import files, processes
+from hdbench.system.processes import process_mark
 
 LINE = "rtu:///dev/no-such-line"
 HOLD = """
@@ -54,11 +57,25 @@ def process(*words):
         running.communicate()
 
 
-@pytest.mark.parametrize("told", ["{pid}\n", "{pid} 12345\n", "{pid} \n", "1 1\n", "\n", "x y\n"])
+WORD = 32 * "0"
+
+
+@pytest.mark.parametrize(
+    "told",
+    [
+        "{pid}\n",
+        "{pid} boot:1 1 " + WORD + "\n",
+        "{pid} - 1 " + WORD + "\n",
+        "{pid} {mark} 1 " + WORD[1:] + "\n",
+        "1 - 0 " + WORD + "\n",
+        "\n",
+        "x y\n",
+    ],
+)
 def test_a_stop_never_signals_a_process_that_does_not_hold_the_bench(told):
     with process("-c", "import time; print(1, flush=True); time.sleep(60)") as stranger:
         assert stranger.stdout.readline()
-        text = told.format(pid=stranger.pid)
+        text = told.format(pid=stranger.pid, mark=process_mark(stranger.pid))
         with process("-c", HOLD, str(lock._path(LINE)), text) as other:
             assert other.stdout.readline() == "held\n"
             with pytest.raises(BusyError) as caught:
@@ -129,7 +146,7 @@ def test_two_benches_are_two():
 @pytest.mark.skipif(sys.platform != "linux", reason="other systems have no abstract names")
 def test_a_bench_that_another_user_runs_is_busy():
     with socket.socket(socket.AF_UNIX) as theirs:
-        theirs.bind(lock._shared_name("tcp://192.0.2.7:502"))
+        theirs.bind("\0hdbench:192.0.2.7:502")
         with (
             pytest.raises(BusyError, match="another user"),
             exclusive("tcp://192.0.2.7:502"),
@@ -147,7 +164,7 @@ def test_the_lock_is_in_a_folder_that_nobody_else_can_enter(tmp_path):
 @pytest.mark.parametrize("kind", ["open to all", "link"])
 def test_a_folder_that_others_can_enter_is_not_used(kind, tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / "gone"))
-    monkeypatch.setattr(lock, "_SYSTEM", str(tmp_path / "gone"))
+    monkeypatch.setattr(files, "_SYSTEM", str(tmp_path / "gone"))
     folder = tmp_path / f"hdbench-{os.getuid()}"
     if kind == "link":
         (tmp_path / "theirs").mkdir(mode=0o700)
@@ -169,4 +186,45 @@ def test_a_lock_that_cannot_be_written_is_told(monkeypatch):
 
     monkeypatch.setattr(os, "write", full)
     with pytest.raises(StorageError, match="No space left"), exclusive(LINE):
+        pass
+
+
+@pytest.mark.parametrize("told", ["{pid} boot:1 {port} " + WORD, "{pid} - {port} " + WORD])
+def test_a_request_that_nobody_understands_stops_nobody(told):
+    """A port that another program has by now."""
+    with socket.create_server(("127.0.0.1", 0)) as stranger:
+        text = told.format(pid=os.getpid() + 1, port=stranger.getsockname()[1])
+        with process("-c", HOLD, str(lock._path(LINE)), text + "\n") as other:
+            assert other.stdout.readline() == "held\n"
+            with pytest.raises(BusyError):
+                release(LINE, timeout_s=0.3)
+            assert other.poll() is None
+
+
+def test_where_no_signal_is_safe_the_run_is_asked_to_end(monkeypatch):
+    monkeypatch.setattr(lock, "terminate", lambda pid, mark: False)
+    with process("-c", RUN, LINE) as run:
+        assert run.stdout.readline() == "held\n"
+        release(LINE)
+        assert run.wait(5) == -signal.SIGTERM
+    assert holder(LINE) is None
+
+
+def test_only_who_knows_the_word_can_ask(monkeypatch):
+    monkeypatch.setattr(processes, "signal_self", lambda _: pytest.fail("asked to end"))
+    with exclusive(LINE):
+        found = lock._holder_in(lock._path(LINE))
+        assert found.ask("here")
+        assert not replace(found, secret=WORD).ask("stop")
+
+
+def test_without_locks_a_bench_is_held_while_its_process_answers(monkeypatch):
+    monkeypatch.setattr(lock, "lock_file", lambda _: None)
+    with process("-c", RUN, LINE) as run:
+        assert run.stdout.readline() == "held\n"
+        with pytest.raises(BusyError, match=str(run.pid)), exclusive(LINE):
+            pass
+        run.kill()
+        run.wait(5)
+    with exclusive(LINE):
         pass

@@ -493,7 +493,7 @@ def test_another_device_is_recognised_before_anything_is_written():
 
 
 def test_control_characters_of_the_device_are_not_passed_on():
-    from hdbench.devices.node.codec import clean_text
+    from hdbench.devices.text import clean_text
 
     assert clean_text(b"T\x1b[31m7\x07\xff\r\n\x00junk") == "T[31m7"
     assert clean_text("nödë\N{RIGHT-TO-LEFT OVERRIDE}".encode()) == "nödë"

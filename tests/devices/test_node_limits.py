@@ -8,7 +8,8 @@ import pytest
 from hdbench.devices.emulator.core import NodeCore
 from hdbench.devices.emulator.machine import NodeMachine
 from hdbench.devices.emulator.ratings import identity_values, limit_values
-from hdbench.devices.emulator.server import NodeServer
+from hdbench.devices.emulator.serve import NodeDevice
+from hdbench.devices.emulator.server import ModbusServer
 from hdbench.devices.node.opening import open_node
 from hdbench.errors import DeviceError
 from hdbench.profile import load_profile
@@ -36,9 +37,9 @@ def test_a_scale_that_no_node_can_have_is_an_error_with_its_register(name, value
     machine = NodeMachine(CountingBench(), pace="fast", clock=lambda: 0.0, record=lambda _: None)
     limits = {**limit_values(PROFILE), name: value}
     core = NodeCore(machine, identity=identity_values(0), limits=limits, clock=lambda: 0.0)
-    server = NodeServer(core)
-    with in_thread(server, server.open("127.0.0.1", 0)) as (host, port):
-        table = PROFILE.daq.model_copy(update={"address": f"tcp://{host}:{port}"})
+    server = ModbusServer(NodeDevice(core))
+    with in_thread(server, server.open()) as address:
+        table = PROFILE.daq.model_copy(update={"address": address})
         daq = open_node(PROFILE, table)
         with pytest.raises(DeviceError, match=name) as told:
             daq.capabilities()

@@ -10,8 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from nodekit import PROFILE, ManualClock, TinyBench
 
-from hdbench.devices.emulator.answer import answer
-from hdbench.devices.emulator.serve import build_core
+from hdbench.devices.emulator.serve import NodeDevice, build_core
 from hdbench.devices.node.blockcodec import (
     BlockHeader,
     block_fault,
@@ -69,7 +68,7 @@ def test_the_worked_example_of_the_page_is_what_the_node_answers():
         request, reply = bytes.fromhex(request_text), bytes.fromhex(reply_text)
         assert struct.unpack(">H", request[4:6])[0] == len(request) - 6
         assert request[:4] == reply[:4]
-        assert answer(request[7:], core, 1) == reply[7:]
+        assert NodeDevice(core).answer(request[7:], 1) == reply[7:]
     assert core.machine.starts == 1
 
 
@@ -87,7 +86,8 @@ def test_every_read_only_register_refuses_a_write_with_exception_2():
     for entry in MAP:
         if entry.access == "r":
             request = struct.pack(">BHHB", 16, entry.address, entry.size, 2 * entry.size)
-            assert answer(request + bytes(2 * entry.size), core, 1) == b"\x90\x02", entry.name
+            reply = NodeDevice(core).answer(request + bytes(2 * entry.size), 1)
+            assert reply == b"\x90\x02", entry.name
 
 
 def test_any_bytes_as_a_request_get_an_answer_and_never_start_the_motor():
@@ -98,7 +98,7 @@ def test_any_bytes_as_a_request_get_an_answer_and_never_start_the_motor():
     )
     def check(function, rest):
         core = build_core(TinyBench(), PROFILE, 0, pace="fast", clock=ManualClock())
-        reply = answer(bytes((function,)) + rest, core, 1)
+        reply = NodeDevice(core).answer(bytes((function,)) + rest, 1)
         assert reply[0] in (function, function | 0x80)
         assert 2 <= len(reply) <= 253
         assert core.machine.starts == 0

@@ -230,10 +230,18 @@ def test_anybody_can_stop_a_bench_that_another_process_drives():
             assert stop_bench(PROFILE, address=address).confirmed
 
 
-@pytest.mark.parametrize("address", ["tcp://host", "tcp://host:0", "tcp://:5", "udp://h:5", "h:5"])
+@pytest.mark.parametrize("address", ["tcp://host", "tcp://host:0", "tcp://:5", "ftp://h:5", "h:5"])
 def test_an_address_of_another_form_is_a_usage_error(address):
     with pytest.raises(UsageError, match="tcp://HOST:PORT"):
         parse_address(address)
+
+
+@pytest.mark.parametrize(
+    "address", ["udp://127.0.0.1:5", "rtu+tcp://127.0.0.1:5", "ascii:///dev/x"]
+)
+def test_a_wire_that_only_polled_devices_speak_reaches_no_node(address):
+    with pytest.raises(UsageError, match="a node is reached by tcp"):
+        stop_bench(PROFILE, address=address)
 
 
 def test_the_embedded_bench_cannot_be_stopped_from_outside():

@@ -2,7 +2,7 @@
 
 import pytest
 
-from hdbench.devices.pace import check_pace, rate_limit
+from hdbench.devices.pace import check_pace, rate_limit_hz
 from hdbench.errors import UsageError
 from hdbench.profile import load_profile
 
@@ -25,8 +25,8 @@ def by_hand(baud, n_channels):
 
 @pytest.mark.parametrize(("baud", "channels"), [(115200, THREE), (921600, ALL), (57600, THREE)])
 def test_the_limit_of_a_serial_line_is_that_of_its_characters(baud, channels):
-    found = rate_limit(at(f"rtu:///dev/ttyUSB0?baud={baud}", channels).daq)
-    assert found.rate_hz == pytest.approx(by_hand(baud, len(channels)), rel=1e-12)
+    found = rate_limit_hz(at(f"rtu:///dev/ttyUSB0?baud={baud}", channels).daq)
+    assert found == pytest.approx(by_hand(baud, len(channels)), rel=1e-12)
 
 
 def test_three_channels_at_115200_keep_one_kilohertz_and_five_do_not():
@@ -49,8 +49,7 @@ def test_the_period_that_the_fix_names_is_accepted():
 
 def test_the_silence_of_the_profile_counts():
     fast, slow = (
-        rate_limit(at(f"rtu:///dev/ttyUSB0?baud=921600&gap_us={gap}").daq).rate_hz
-        for gap in (100, 1750)
+        rate_limit_hz(at(f"rtu:///dev/ttyUSB0?baud=921600&gap_us={gap}").daq) for gap in (100, 1750)
     )
     assert slow < 0.6 * fast
 

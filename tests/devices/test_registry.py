@@ -1,15 +1,19 @@
 """Drivers by name, those of other packages too; a broken one is told, not fatal."""
 
+import os
+import re
+import subprocess
 import sys
 from importlib.metadata import EntryPoint, EntryPoints
+from pathlib import Path
 
 import pytest
 
-from hdbench.devices import registry
-from hdbench.devices.dataq.port import port_path
-from hdbench.devices.registry import GROUP, drivers, open_daq
+from hdbench.devices.registry import drivers, open_daq
 from hdbench.devices.wire import parse_address
+from hdbench.drivers.dataq.port import port_path
 from hdbench.errors import UsageError
+from hdbench.profile import drivers as installed
 from hdbench.profile import load_profile
 from hdbench.profile.acquiring import NodeAcquisition, PluginAcquisition
 
@@ -24,20 +28,22 @@ def _table(driver, **options):
 def plugins(tmp_path, monkeypatch):
     """Install entry points: one good, one broken, one that takes a built-in name."""
     (tmp_path / "acme_daq.py").write_text(
-        "def open_acme(profile, table):\n    return ('acme', profile.name, table.options)\n"
+        "from hdbench.devices.driver import Driver\n"
+        "DRIVER = Driver(open=lambda profile, table: ('acme', profile.name, table.options))\n"
         "number = 3\n"
     )
     (tmp_path / "broken_daq.py").write_text("import no_such_module_anywhere\n")
     monkeypatch.syspath_prepend(str(tmp_path))
+    group = "hdbench.drivers"
     points = EntryPoints(
         (
-            EntryPoint("acme", "acme_daq:open_acme", GROUP),
-            EntryPoint("broken", "broken_daq:open_it", GROUP),
-            EntryPoint("number", "acme_daq:number", GROUP),
-            EntryPoint("node", "acme_daq:open_acme", GROUP),
+            EntryPoint("acme", "acme_daq:DRIVER", group),
+            EntryPoint("broken", "broken_daq:DRIVER", group),
+            EntryPoint("number", "acme_daq:number", group),
+            EntryPoint("node", "acme_daq:DRIVER", group),
         )
     )
-    monkeypatch.setattr(registry, "entry_points", lambda **words: points.select(**words))
+    monkeypatch.setattr(installed, "entry_points", lambda **words: points.select(**words))
     yield
     for name in ("acme_daq", "broken_daq"):
         sys.modules.pop(name, None)
@@ -49,13 +55,80 @@ def test_a_driver_of_another_package_is_opened_with_its_own_keys(plugins):
 
 
 def test_a_broken_driver_is_named_with_its_reason_and_stops_nothing_else(plugins):
-    found = {info.name: info for info in drivers() if info.origin != "hdbench"}
+    found = {info.name: info for info in drivers()}
     assert found["acme"].problem == ""
     assert "no_such_module_anywhere" in found["broken"].problem
-    assert "no function" in found["number"].problem
+    assert "no Driver" in found["number"].problem
     with pytest.raises(UsageError, match="no_such_module_anywhere") as caught:
         open_daq(PROFILE, _table("broken"))
     assert (caught.value.where, bool(caught.value.fix)) == ("key daq.driver", True)
+
+
+ACME = {
+    "acme-1.0.dist-info/METADATA": "Name: acme\nVersion: 1.0\n",
+    "acme-1.0.dist-info/entry_points.txt": """
+[hdbench.drivers]
+acme = acme_daq:DRIVER
+broken = acme_daq:DRIVER
+[hdbench.tables]
+acme = acme_table:AcmeTable
+broken = acme_table:nothing
+""",
+    "acme_daq.py": """
+from hdbench.devices.driver import Driver
+DRIVER = Driver(open=lambda profile, table: None, rate_hz=lambda table: 10.0 * table.gain)
+""",
+    "acme_table.py": """
+from typing import Annotated, Literal
+from pydantic import Field
+from hdbench.profile.acquiring_table import Acquisition
+class AcmeTable(Acquisition):
+    driver: Literal["acme"]
+    gain: Annotated[int, Field(ge=1, description="gain of the amplifier")]
+""",
+    "host.py": """
+import acme_table
+from hdbench.devices.pace import rate_limit_hz
+from hdbench.devices.registry import drivers
+from hdbench.errors import ProfileError
+from hdbench.profile import load_profile, parse_profile, profile_schema
+head, rest = load_profile("cim-tr-97-06").text.split("[daq]", 1)
+tail = "[limits]" + rest.split("[limits]", 1)[1]
+def parse(keys):
+    text = f"{head}[daq]\\nsample_period_s = 0.1\\n{keys}\\n{tail}"
+    return parse_profile(text, "acme.toml").data
+print(rate_limit_hz(parse("driver = 'acme'\\ngain = 3").daq))
+print("gain of the amplifier" in str(profile_schema()))
+print([info.problem for info in drivers() if info.name in ("acme", "broken")])
+for keys in ("driver = 'acme'\\ngian = 3", "driver = 'broken'"):
+    try:
+        parse(keys)
+    except ProfileError as error:
+        for problem in error.problems or (error,):
+            print(problem.what, problem.fix)
+""",
+}
+
+
+def test_a_driver_of_another_package_may_bring_its_own_table(tmp_path):
+    """In a process of its own: the tables are looked up once."""
+    for name, text in ACME.items():
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text(text)
+    done = subprocess.run(
+        [sys.executable, tmp_path / "host.py"],
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    rate, schema, problems, *told = done.stdout.splitlines()
+    assert (rate, schema) == ("30.0", "True")
+    assert problems.startswith("['', \"AttributeError")
+    assert any("'daq.gian': unknown" in line and "did you mean 'daq.gain'" in line for line in told)
+    assert any("table cannot be loaded (AttributeError" in line for line in told)
 
 
 def test_no_plugin_takes_the_name_of_a_built_in_driver(plugins):
@@ -64,6 +137,13 @@ def test_no_plugin_takes_the_name_of_a_built_in_driver(plugins):
         type(open_daq(PROFILE, PROFILE.daq.model_copy(update={"address": "tcp://h:1"}))).__name__
         == "NodeDaq"
     )
+
+
+def test_the_documents_say_of_each_driver_what_it_was_tested_on():
+    text = (Path(__file__).parents[2] / "docs" / "devices.md").read_text(encoding="utf-8")
+    for info in drivers():
+        if info.origin == "hdbench":
+            assert re.search(rf"\| `{info.name}` \|.*\| emulator only \|", text), info.name
 
 
 def test_an_unknown_driver_is_told_with_the_nearest_name(plugins):
@@ -117,7 +197,9 @@ def test_a_network_address_has_host_and_port(text, host, port):
     "port",
     [
         "COM3",
+        "COM12",
         "/dev/cu.usbmodem1",
+        "/dev/cu.SLAB_USBtoUART",
         "/dev/serial/by-path/pci-0000:00:14.0-usb-0:2:1.0-port0",
         "/dev/serial/by-id/usb-FTDI_FT232R_USB_UART_A50285BI-if00-port0",
     ],
@@ -128,9 +210,21 @@ def test_serial_ports_of_all_systems_have_an_address(port):
     NodeAcquisition(address=f"rtu://{port}?baud=9600", sample_period_s=1e-3)
 
 
-@pytest.mark.parametrize("host", ["bench_7", "[fd00::7]", "192.168.0.7"])
+@pytest.mark.parametrize(
+    "host", ["bench_7", "my_bench.lab-1.example", "[fd00::7]", "[fe80::1%eth0]", "192.168.0.7"]
+)
 def test_a_profile_takes_the_hosts_that_an_address_takes(host):
     NodeAcquisition(address=f"tcp://{host}:502", sample_period_s=1e-3)
+    found = parse_address(f"tcp://{host}:502")
+    assert (found.host, found.port) == (host.strip("[]"), 502)
+    assert str(found) == f"tcp://{host}:502"
+
+
+@pytest.mark.parametrize("port", ["COM", "COM3/..", "/dev/../etc", "/dev/a b", "ttyUSB0", ""])
+def test_what_is_no_serial_port_is_refused_with_an_example(port):
+    with pytest.raises(UsageError, match=r"COM3") as caught:
+        parse_address(f"rtu://{port}")
+    assert "rtu:///dev/ttyUSB0" in caught.value.fix
 
 
 def test_a_serial_address_has_its_settings():

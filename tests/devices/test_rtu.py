@@ -13,12 +13,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from linefaults.paced import paced_line
 from pymodbus.client import ModbusSerialClient
 
-from hdbench.devices import stop_bench, wakeup
+from hdbench.devices import stop_bench
 from hdbench.devices.daq import DaqSettings
-from hdbench.devices.emulator.paced import paced_line
-from hdbench.devices.emulator.rtuserver import request_size
 from hdbench.devices.lock import holder
 from hdbench.devices.node.opening import open_node
 from hdbench.devices.wire import (
@@ -34,6 +33,7 @@ from hdbench.devices.wire.crc import crc16
 from hdbench.devices.wire.rtu import RtuLink
 from hdbench.devices.wire.rtuframe import reply_size
 from hdbench.errors import BusyError, DeviceError
+from hdbench.system import wakeup
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="needs pseudo-terminals")
 
@@ -444,8 +444,6 @@ def test_any_bytes_have_a_length_or_are_no_reply(data):
         assert len(data) >= 2
         return
     assert size is None or 5 <= size <= 260
-    asked = request_size(data)
-    assert asked is None or asked == 0 or 8 <= asked <= 268
 
 
 # -- the wire's pace ------------------------------------------------------------------------------

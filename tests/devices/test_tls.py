@@ -10,6 +10,7 @@ import time
 
 import pytest
 
+from hdbench.devices.modbus.links import polled_link
 from hdbench.devices.wire import FrameError, connect, parse_address, read_registers
 from hdbench.errors import UsageError
 from hdbench.profile.acquiring_table import TlsFiles
@@ -100,8 +101,8 @@ def _files(folder, *, host="host", authority="ours", server_name=None):
     )
 
 
-def _read(port, files, deadline_s=2.0):
-    link = connect(parse_address(f"tls://127.0.0.1:{port}"), tls=files)
+def _read(port, files, deadline_s=2.0, make=connect):
+    link = make(parse_address(f"tls://127.0.0.1:{port}"), tls=files)
     pdu, check = read_registers(0x0100, 2)
     try:
         return link.transact(pdu, check, time.monotonic() + deadline_s)
@@ -109,11 +110,13 @@ def _read(port, files, deadline_s=2.0):
         link.close()
 
 
+@pytest.mark.parametrize("make", [connect, polled_link])
 @pytest.mark.parametrize("server_name", [None, "bench-7"])
-def test_a_read_passes_where_both_certificates_are_signed(folder, server_name):
+def test_a_read_passes_where_both_certificates_are_signed(folder, server_name, make):
     node = _Node(folder)
     try:
-        assert _read(node.port, _files(folder, server_name=server_name))[2:] == b"\x00\x11\x22\x33"
+        files = _files(folder, server_name=server_name)
+        assert _read(node.port, files, make=make)[2:] == b"\x00\x11\x22\x33"
     finally:
         node.close()
     assert len(node.requests) == 1
@@ -129,11 +132,12 @@ def test_a_read_passes_where_both_certificates_are_signed(folder, server_name):
     ],
     ids=["unknown authority", "another host's certificate", "another name", "stranger as host"],
 )
-def test_nothing_is_asked_of_a_device_that_cannot_be_trusted(folder, certificate, files):
+@pytest.mark.parametrize("make", [connect, polled_link])
+def test_nothing_is_asked_of_a_device_that_cannot_be_trusted(folder, certificate, files, make):
     node = _Node(folder, certificate)
     try:
         with pytest.raises(FrameError, match=r"no secure connection|closed|no connection|reset"):
-            _read(node.port, _files(folder, **files))
+            _read(node.port, _files(folder, **files), make=make)
     finally:
         node.close()
     assert not node.requests

@@ -7,7 +7,6 @@ import math
 import numpy as np
 import pytest
 
-from hdbench.devices.emulator.servo import command_rad_s, servo_loop
 from hdbench.diagnosis.planning import LoadStep, MotionPlan, Segment
 from hdbench.diagnosis.planning.blocks import blocks, full_protocol
 from hdbench.diagnosis.planning.confusability import compare
@@ -15,6 +14,7 @@ from hdbench.diagnosis.planning.frame import Noise, make_frame
 from hdbench.diagnosis.planning.motion import planned_motion, planned_trace
 from hdbench.diagnosis.planning.proposal import effects_named
 from hdbench.model import Motion, catalogue, motion_from_trace
+from hdbench.plant.servo import command_rad_s, servo_loop
 from hdbench.profile import load_profile
 from hdbench.records.trace import Trace
 

@@ -50,7 +50,7 @@ def test_a_serial_node_has_its_line():
         (f'address = "tls://h:802"\n{COMMON}', "no \\[daq.tls\\]", "tcp://"),
         (
             f'address = "tcp://h:502"\n{COMMON}[daq.serial]\nbaud_bd = 9600\n',
-            "for rtu:// only",
+            "for rtu:// and ascii:// only",
             "take the table out",
         ),
         (f'driver = "labjack-t"\n{COMMON}', "'daq.channels': missing", "channels"),

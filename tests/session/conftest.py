@@ -8,7 +8,7 @@ import pytest
 
 from hdbench.records.journal import JournalWriter
 
-sys.path.insert(0, str(Path(__file__).parent))
+sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parents[2] / "tools")]
 
 
 @pytest.fixture(autouse=True)

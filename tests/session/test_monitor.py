@@ -9,13 +9,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from linefaults.faults import Mangler, TcpFraming
 
-from hdbench.devices.emulator.bench import SimulatedBench
-from hdbench.devices.emulator.faults import Mangler, TcpFraming
-from hdbench.devices.emulator.plantfile import load_plant
-from hdbench.devices.emulator.serve import build_core
-from hdbench.devices.emulator.server import NodeServer
+from hdbench.devices.emulator.serve import NodeDevice, build_core
+from hdbench.devices.emulator.server import ModbusServer
 from hdbench.filter import preset
+from hdbench.plant.bench import SimulatedBench
+from hdbench.plant.plantfile import load_plant
 from hdbench.profile import load_profile
 from hdbench.profile.scaling import profile_scale
 from hdbench.session.monitor import ChannelStatistics, Monitor
@@ -119,9 +119,9 @@ def test_what_looks_on_is_told_how_often_the_driver_asked_again() -> None:
         core = build_core(
             SimulatedBench(profile, load_plant("as-modelled"), 0), profile, 0, pace="fast"
         )
-        server = NodeServer(core)
-        host, port = stack.enter_context(in_thread(server, server.open("127.0.0.1", 0)))
-        address = stack.enter_context(behind(f"tcp://{host}:{port}", spoiler))
+        server = ModbusServer(NodeDevice(core))
+        node = stack.enter_context(in_thread(server, server.open()))
+        address = stack.enter_context(behind(node, spoiler))
         seen = Seen()
 
         class Spoiling(Seen):

@@ -3,7 +3,7 @@
 import pytest
 
 from hdbench.devices.pace import check_drives
-from hdbench.errors import UsageError
+from hdbench.errors import ProfileError, UsageError
 from hdbench.profile import load_profile
 from hdbench.session.plancheck import check_plan
 from hdbench.session.plans import Acquire, Plan
@@ -56,3 +56,10 @@ def test_a_motion_is_refused_where_no_device_of_the_profile_has_an_output(name, 
 @pytest.mark.parametrize("name", ["cim-tr-97-06", "di-2108-ek9000", "labjack-t7"])
 def test_a_bench_that_can_drive_may(name):
     check_drives(load_profile(name).data, "the run")
+
+
+def test_what_a_device_does_not_have_is_refused_from_the_profile_alone():
+    data = load_profile("labjack-t7").data
+    other = data.model_copy(update={"daq": data.daq.model_copy(update={"model": "T8"})})
+    with pytest.raises(ProfileError, match="T8 is not supported"):
+        check_plan(plan(None), other)

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from hdbench.devices.composite.driver import CompositeDaq
-from hdbench.devices.registry import open_daq
-from hdbench.errors import UsageError
-from hdbench.profile.acquiring import Acquisition, CompositeAcquisition
+from hdbench.devices.driver import Driver
+from hdbench.devices.registry import driver_of, open_daq
+from hdbench.profile.acquiring import CompositeAcquisition
 from hdbench.profile.schema import ProfileData
 
-__all__ = ["open_composite"]
+__all__ = ["DRIVER", "open_composite"]
 
 
-def open_composite(profile: ProfileData, table: Acquisition) -> CompositeDaq:
-    """Return the driver of both devices; an `hdbench.devices.registry.OpenDaq`.
+def open_composite(profile: ProfileData, table: CompositeAcquisition) -> CompositeDaq:
+    """Return the driver of both devices.
 
     Parameters
     ----------
@@ -30,12 +30,6 @@ def open_composite(profile: ProfileData, table: Acquisition) -> CompositeDaq:
     UsageError
         If a part cannot be opened as it is described.
     """
-    if not isinstance(table, CompositeAcquisition):
-        raise UsageError(
-            f"driver {table.driver!r} is no composite",
-            where="key daq.driver",
-            fix='driver = "composite"',
-        )
     inputs = open_daq(profile, table.inputs)
     try:
         outputs = open_daq(profile, table.outputs)
@@ -43,3 +37,10 @@ def open_composite(profile: ProfileData, table: Acquisition) -> CompositeDaq:
         inputs.close()
         raise
     return CompositeDaq(inputs, outputs)
+
+
+DRIVER = Driver(
+    open=open_composite,
+    rate_hz=lambda table: driver_of(table.inputs.driver).rate_hz(table.inputs),
+    drives=lambda table: driver_of(table.outputs.driver).drives(table.outputs),
+)

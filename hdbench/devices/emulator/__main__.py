@@ -23,17 +23,16 @@ def main() -> int:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     order: dict[str, Any] = json.loads(_first_line(0))
 
-    from hdbench.devices.emulator.kinds import emulator_of
-    from hdbench.devices.emulator.serve import EmulatorSettings
+    from hdbench.devices.emulator.serving import EmulatorSettings, emulate
     from hdbench.errors import HdbenchError
     from hdbench.profile.loader import profile_from_json
 
     try:
         profile = profile_from_json(order["profile"])
         settings = EmulatorSettings(
-            pace=order["pace"], record=_path(order["record"]), lifeline=0, rtu=order["rtu"]
+            pace=order["pace"], record=_path(order["record"]), lifeline=0, wire=order["wire"]
         )
-        emulator_of(profile.daq.driver)(
+        emulate(
             profile,
             order["plant"],
             order["seed"],

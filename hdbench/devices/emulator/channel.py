@@ -9,7 +9,9 @@ from typing import Any, Protocol
 
 from hdbench.errors import UsageError
 
-__all__ = ["open_channel"]
+__all__ = ["Channel"]
+
+_POLL_S = 0.01
 
 # what each value may be; written so that NaN fails
 _DOMAINS: dict[str, dict[str, Callable[[Any], bool]]] = {
@@ -37,10 +39,8 @@ class _Bench(Protocol):
     def set_handling(self, *, swing_rad: float, release_s: float, shunt_ohm: float) -> None: ...
 
 
-async def open_channel(
-    bench: _Bench, *, busy: Callable[[], bool] = lambda: False
-) -> tuple[asyncio.Server, str]:
-    """Listen on a free loopback port for a simulated operator.
+class Channel:
+    """Listens on a free loopback port for a simulated operator.
 
     Parameters
     ----------
@@ -48,17 +48,35 @@ async def open_channel(
         The simulated bench.
     busy : callable, optional
         Whether nobody can reach into the bench now.
-
-    Returns
-    -------
-    tuple of asyncio.Server and str
-        The server, and its address.
     """
 
-    async def talk(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    def __init__(self, bench: _Bench, *, busy: Callable[[], bool] = lambda: False) -> None:
+        self._bench = bench
+        self._busy = busy
+        self._server: asyncio.Server | None = None
+        self._connected = 0
+
+    async def open(self) -> str:
+        """Listen, and return the address."""
+        self._server = await asyncio.start_server(self._talk, "127.0.0.1", 0)
+        host, port = self._server.sockets[0].getsockname()[:2]
+        return f"tcp://{host}:{port}"
+
+    async def left(self) -> None:
+        """Wait until nobody is connected: a guard stays until it has seen the motor stand."""
+        while self._connected:
+            await asyncio.sleep(_POLL_S)
+
+    def close(self) -> None:
+        """Listen no more."""
+        if self._server is not None:
+            self._server.close()
+
+    async def _talk(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        self._connected += 1
         try:
             while line := await reader.readline():
-                refused = _carry_out(line, bench, busy)
+                refused = _carry_out(line, self._bench, self._busy)
                 answer = {"refused": refused} if refused else {"ok": True}
                 writer.write(json.dumps(answer).encode() + b"\n")
                 await writer.drain()
@@ -66,11 +84,8 @@ async def open_channel(
             # it hung up, or sent a line without an end
             pass
         finally:
+            self._connected -= 1
             writer.close()
-
-    server = await asyncio.start_server(talk, "127.0.0.1", 0)
-    host, port = server.sockets[0].getsockname()[:2]
-    return server, f"tcp://{host}:{port}"
 
 
 def _carry_out(line: bytes, bench: _Bench, busy: Callable[[], bool]) -> str:

@@ -42,15 +42,15 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from hdbench.devices.emulator.bench import SimulatedBench
-from hdbench.devices.emulator.converter import HALF_LENGTH_SAMPLES, to_count
-from hdbench.devices.emulator.reference import ReferenceLine
 from hdbench.devices.emulator.terminals import (
     ChannelFault,
     DeviceClock,
     ElectricalSamples,
     Input,
 )
+from hdbench.plant.bench import SimulatedBench
+from hdbench.plant.converter import HALF_LENGTH_SAMPLES, to_count
+from hdbench.plant.reference import ReferenceLine
 from hdbench.records.trace import FloatArray
 
 __all__ = ["ChannelFault", "DeviceClock", "ElectricalSamples", "Input", "SimulatedInstrument"]

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import asyncio
 import json
+import os
 import signal
-import sys
+import threading
 import time
 from collections.abc import Callable, Mapping
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import IO
 
@@ -68,19 +69,26 @@ def ending(lifeline: int | None) -> asyncio.Event:
     """
     loop = asyncio.get_running_loop()
     ended = asyncio.Event()
-    if sys.platform != "win32":
-        loop.add_signal_handler(signal.SIGTERM, ended.set)
-        if lifeline is None:
-            loop.add_signal_handler(signal.SIGINT, ended.set)
-    if lifeline is not None:
-        descriptor = lifeline
 
-        def hung_up() -> None:
-            loop.remove_reader(descriptor)
-            ended.set()
+    def end(*_: object) -> None:
+        # perhaps the loop has ended meanwhile
+        with suppress(RuntimeError):
+            loop.call_soon_threadsafe(ended.set)
 
-        loop.add_reader(descriptor, hung_up)
+    signal.signal(signal.SIGTERM, end)
+    if lifeline is None:
+        signal.signal(signal.SIGINT, end)
+    else:
+        threading.Thread(target=_until_end, args=(lifeline, end), daemon=True).start()
     return ended
+
+
+def _until_end(descriptor: int, end: Callable[[], None]) -> None:
+    """Wait for the end of a file in a thread: no loop can wait for a pipe on every system."""
+    with suppress(OSError):
+        while os.read(descriptor, 1):
+            pass
+    end()
 
 
 async def until_motor_stands(moving: Callable[[], bool], longest_s: float) -> None:

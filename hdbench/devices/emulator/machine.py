@@ -7,7 +7,6 @@ from typing import Literal, Protocol
 
 import numpy as np
 
-from hdbench.devices.emulator.converter import RawSamples
 from hdbench.devices.emulator.fifo import ScanFifo
 from hdbench.devices.emulator.parameters import reference_wave
 from hdbench.devices.emulator.ratings import FIFO_SCANS
@@ -15,6 +14,7 @@ from hdbench.devices.node.blockcodec import encode_scans
 from hdbench.devices.node.codec import Value
 from hdbench.devices.node.registers import ALL_CHANNELS, Flag, State, block_scans
 from hdbench.model.program import ReferenceProgram
+from hdbench.plant.converter import RawSamples
 from hdbench.profile.schema import ReferenceWave
 
 __all__ = ["NodeMachine", "Pace", "PlantBench", "Record"]

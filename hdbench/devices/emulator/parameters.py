@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
+from hdbench.devices.emulator.server import ModbusRefusedError
 from hdbench.devices.node.codec import Value
 from hdbench.devices.node.registers import (
     ALL_CHANNELS,
@@ -26,8 +26,7 @@ DEFAULT_PARAMETERS: Mapping[str, Value] = {
 }
 
 
-@dataclass(slots=True)
-class RefusedError(Exception):
+class RefusedError(ModbusRefusedError):
     """A request that the node answers with an exception.
 
     Parameters
@@ -40,9 +39,10 @@ class RefusedError(Exception):
         First register concerned.
     """
 
-    exception: int
-    reason: Refusal
-    address: int
+    def __init__(self, exception: int, reason: Refusal, address: int) -> None:
+        super().__init__(exception)
+        self.reason = reason
+        self.address = address
 
 
 def reference_wave(values: Mapping[str, Value]) -> ReferenceWave | None:

@@ -4,19 +4,23 @@ from __future__ import annotations
 
 import json
 import os
-import select
 import subprocess
 import tempfile
+import threading
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, TYPE_CHECKING, Any
 
-from hdbench.children import child_command
-from hdbench.devices.emulator.machine import Pace
 from hdbench.errors import DeviceError, HdbenchError, ProfileError
 from hdbench.profile.schema import ProfileData
+from hdbench.system.children import child_command
+from hdbench.system.processes import DETACHED
+
+if TYPE_CHECKING:
+    from hdbench.devices.emulator.machine import Pace
+    from hdbench.devices.emulator.server import Wire
 
 __all__ = ["running_emulator"]
 
@@ -24,6 +28,7 @@ __all__ = ["running_emulator"]
 _START_S = 60.0
 # the node gives its watchdog 3 s to stop the motor
 _END_S = 5.0
+_GRAIN_S = 0.05
 _WHERE = "embedded bench"
 # of what it said before it ended, bytes
 _SAID = 4096
@@ -40,7 +45,7 @@ def running_emulator(
     pace: Pace,
     model_file: Path | None = None,
     record: Path | None = None,
-    rtu: bool = False,
+    wire: Wire = "tcp",
 ) -> Iterator[Mapping[str, Any]]:
     """Run an emulated node in a process of its own.
 
@@ -58,14 +63,14 @@ def running_emulator(
         Extended model to emulate in place of the profile's.
     record : Path, optional
         File for the node's changes of state, one JSON line each.
-    rtu : bool, optional
-        Whether a node is on a serial line instead of a TCP port.
+    wire : str, optional
+        What a device of registers speaks.
 
     Yields
     ------
     mapping
         Keys of ``[daq]`` as the emulated device has them: ``address``, and what else its driver
-        needs; and ``lifeline``, the file descriptor whose last copy closed ends the emulator.
+        needs; and ``control``, the address of the simulated operator's channel.
 
     Raises
     ------
@@ -76,8 +81,9 @@ def running_emulator(
 
     Notes
     -----
-    The process is in a session of its own, so that Ctrl-C does not reach it, and ends by itself
-    when this process does: its standard input ends, its watchdog stops the motor, it leaves.
+    Ctrl-C does not reach the process. It ends by itself when this process does: its standard input
+    ends, nobody is connected to its control channel any more, its watchdog stops the motor, it
+    leaves.
     """
     order = {
         "profile": profile.model_dump_json(exclude_none=True),
@@ -86,7 +92,7 @@ def running_emulator(
         "pace": pace,
         "model": str(model_file) if model_file else None,
         "record": str(record) if record else None,
-        "rtu": rtu,
+        "wire": wire,
     }
     with _kept_words() as words:
         process = subprocess.Popen(
@@ -94,14 +100,11 @@ def running_emulator(
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=words,
-            start_new_session=True,
             env={**os.environ, **_THREADS},
+            **DETACHED,
         )
         try:
-            message = _handshake(process, json.dumps(order).encode() + b"\n", words)
-            if process.stdin is not None:
-                message["lifeline"] = process.stdin.fileno()
-            yield message
+            yield _handshake(process, json.dumps(order).encode() + b"\n", words)
         finally:
             _end(process)
 
@@ -125,7 +128,7 @@ def _handshake(process: subprocess.Popen[bytes], order: bytes, words: IO[bytes])
     with suppress(BrokenPipeError):
         process.stdin.write(order)
         process.stdin.flush()
-    line = _line(process.stdout.fileno(), time.monotonic() + _START_S)
+    line = _line(process.stdout.fileno(), _START_S)
     if not line.endswith(b"\n"):
         raise DeviceError(
             _why_not_started(process, words), where=_WHERE, fix="run `hdbench doctor`"
@@ -147,17 +150,22 @@ def _why_not_started(process: subprocess.Popen[bytes], words: IO[bytes]) -> str:
     return f"the emulator ended with exit code {code}: {last[0]}"
 
 
-def _line(descriptor: int, until_s: float) -> bytes:
-    line = b""
-    while not line.endswith(b"\n"):
-        left_s = until_s - time.monotonic()
-        if not left_s > 0.0 or not select.select([descriptor], [], [], left_s)[0]:
-            break
-        chunk = os.read(descriptor, 4096)
-        if not chunk:
-            break
-        line += chunk
-    return line
+def _line(descriptor: int, limit_s: float) -> bytes:
+    """Return the first line of a pipe, or what has come of it; a thread waits for it."""
+    line = bytearray()
+
+    def read() -> None:
+        with suppress(OSError):
+            while not line.endswith(b"\n") and (chunk := os.read(descriptor, 4096)):
+                line.extend(chunk)
+
+    reader = threading.Thread(target=read, daemon=True)
+    reader.start()
+    until_s = time.monotonic() + limit_s
+    while reader.is_alive() and time.monotonic() < until_s:
+        # in short waits: on Windows Ctrl-C does not end a long one
+        reader.join(_GRAIN_S)
+    return bytes(line)
 
 
 def _as_error(body: dict[str, Any]) -> HdbenchError:

@@ -1,4 +1,4 @@
-"""Serve emulated instruments around one simulated bench: in a session, or as a command."""
+"""Serve emulated devices around one simulated bench: in a session, or as a command."""
 
 from __future__ import annotations
 
@@ -6,33 +6,153 @@ import asyncio
 import time
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
+from typing import Protocol
 
-from hdbench.devices.emulator.bench import SimulatedBench
-from hdbench.devices.emulator.channel import open_channel
+from hdbench.devices.driver import Driver
+from hdbench.devices.emulator.channel import Channel
 from hdbench.devices.emulator.instrument import DeviceClock, SimulatedInstrument
-from hdbench.devices.emulator.kinds import EmulatedPart, part_of
 from hdbench.devices.emulator.lifetime import ending, open_record, until_motor_stands
 from hdbench.devices.emulator.machine import Pace
-from hdbench.devices.emulator.plantfile import load_plant
-from hdbench.devices.emulator.serve import EmulatorSettings
+from hdbench.devices.emulator.server import Wire
+from hdbench.devices.registry import driver_of
 from hdbench.errors import DeviceError, UsageError
+from hdbench.plant.bench import SimulatedBench
+from hdbench.plant.plantfile import load_plant
 from hdbench.profile.acquiring import Acquisition, CompositeAcquisition
 from hdbench.profile.schema import ProfileData
 
-__all__ = ["emulate_instruments", "emulated_speed"]
+__all__ = ["EmulatedDevice", "Emulation", "EmulatorSettings", "emulate", "emulated_speed"]
 
-# Fast pace: device seconds per second. The host writes the reference every few milliseconds of
-# device time; of a LabJack that is a millisecond of real time, what two cores still keep. A polled
-# device has the host's time at any pace.
-_FAST_SPEEDS = {"labjack-t": 5.0, "modbus": 1.0, "dataq": 10.0}
 # that a host-written reference and two wires keep up with
 _FAST_COMPOSITE = 4.0
 # time in which devices that have lost their host must have stopped the motor: watchdog and braking
 _ORPHAN_S = 7.0
 
 
-def emulate_instruments(
+@dataclass(frozen=True, slots=True)
+class EmulatorSettings:
+    """How an emulated device is served.
+
+    Parameters
+    ----------
+    host : str
+        Address to listen on; Modbus has no authentication, so keep it on the loopback.
+    port : int
+        TCP port; 0 takes a free one. Of a composite it is the first one's.
+    pace : {"realtime", "fast"}
+        Samples by the wall clock, or as fast as the host reads them.
+    record : Path or None
+        File for one JSON line per change of state.
+    lifeline : int or None
+        File descriptor whose end of file ends the emulator, once its motor stands.
+    wire : str
+        What a device of registers speaks; see `hdbench.devices.emulator.server.Wire`.
+    """
+
+    host: str = "127.0.0.1"
+    port: int = 0
+    pace: Pace = "realtime"
+    record: Path | None = None
+    lifeline: int | None = None
+    wire: Wire = "tcp"
+
+
+class EmulatedDevice(Protocol):
+    """One device at the terminals of a simulated bench that it may share with another one."""
+
+    async def open(self, settings: EmulatorSettings) -> Mapping[str, object]:
+        """Open its wire and return the keys of its table as it has them, ``address`` at least.
+
+        Raises `OSError` if the wire cannot be used.
+        """
+        ...
+
+    def close(self) -> None:
+        """Close its wire."""
+        ...
+
+
+class Emulation:
+    """One simulated bench, for the devices around it.
+
+    Parameters
+    ----------
+    profile : ProfileData
+        The bench.
+    plant : str
+        Name or path of the plant.
+    seed : int
+        Seed of everything simulated, at least 0.
+    pace : {"realtime", "fast"}
+        What was asked for.
+    model_file : Path, optional
+        Extended model to simulate in place of the profile's.
+    record : callable, optional
+        Takes one mapping per change of state and while the motor turns.
+
+    Attributes
+    ----------
+    moving : callable
+        Whether the motor moves; a device that moves it by itself puts its own here.
+    busy : callable
+        Whether nobody can reach into the bench now; likewise.
+    """
+
+    def __init__(
+        self,
+        profile: ProfileData,
+        plant: str,
+        seed: int,
+        *,
+        pace: Pace = "realtime",
+        model_file: Path | None = None,
+        record: Callable[[Mapping[str, object]], None] = lambda _: None,
+    ) -> None:
+        self.profile = profile
+        self.seed = seed
+        self.pace = pace
+        self.record = record
+        self.speed = emulated_speed(profile.daq, pace)
+        self.moving: Callable[[], bool] = lambda: self.instrument.moving
+        self.busy: Callable[[], bool] = lambda: False
+        self._plant = plant
+        self._model_file = model_file
+
+    @cached_property
+    def bench(self) -> SimulatedBench:
+        """Drive, load and sensor, for a device that makes the motor reference itself."""
+        from hdbench.model.modelfile import load_model
+
+        model = load_model(self._model_file) if self._model_file else None
+        return SimulatedBench(self.profile, load_plant(self._plant), self.seed, model=model)
+
+    @cached_property
+    def instrument(self) -> SimulatedInstrument:
+        """The bench at electrical terminals, for devices whose host writes the reference."""
+        if self._model_file is not None:
+            raise UsageError(
+                "an extended model needs the whole motion beforehand; this device's reference is "
+                "written by its host as it goes",
+                where="--model",
+                fix="emulate the profile's own model, or a node",
+            )
+        return SimulatedInstrument(
+            self.bench,
+            self.profile.encoder.counts_per_turn,
+            clock=DeviceClock(self.speed, time.monotonic()),
+            record=self.record,
+        )
+
+    @property
+    def hosted(self) -> bool:
+        """Whether a host writes the motor reference."""
+        return "instrument" in self.__dict__
+
+
+def emulate(
     profile: ProfileData,
     plant: str,
     seed: int,
@@ -41,7 +161,7 @@ def emulate_instruments(
     ready: Callable[[Mapping[str, object]], None],
     model_file: Path | None = None,
 ) -> None:
-    """Serve one device, or both of a composite, until SIGTERM, Ctrl-C or the lifeline's end.
+    """Serve the devices of a profile until SIGTERM, Ctrl-C or the lifeline's end.
 
     Parameters
     ----------
@@ -52,52 +172,41 @@ def emulate_instruments(
     seed : int
         Seed of everything simulated, at least 0.
     settings : EmulatorSettings
-        Where and how; of a composite the port is the first one's, the others are free ones.
+        Where and how.
     ready : callable
         Called once with the keys of ``[daq]`` as the device has them - of a composite ``inputs``
-        and ``outputs``, each with its keys -, ``speed`` and
-        ``control``, the address of the simulated operator's channel.
+        and ``outputs``, each with its keys -, ``control``, the address of the simulated operator's
+        channel, and ``speed`` where a host writes the reference.
     model_file : Path, optional
-        Refused: a host-written reference does not tell the whole motion beforehand.
+        Extended model to emulate in place of the profile's; refused where a host writes the
+        reference, which does not tell the whole motion beforehand.
 
     Raises
     ------
     UsageError
-        If a model file is given, or a device has no emulator.
-    ProfileError
-        If the plant is invalid.
+        If a device has no emulator, or not with this model.
+    ProfileError, DataError
+        If plant or model file are invalid.
     DeviceError, StorageError
         If a wire or the record file cannot be used.
     """
-    if model_file is not None:
-        raise UsageError(
-            "an extended model needs the whole motion beforehand; this device's reference is "
-            "written by its host as it goes",
-            where="--model",
-            fix="emulate the profile's own model, or a node",
-        )
-    speed = emulated_speed(profile.daq, settings.pace)
     with ExitStack() as stack:
-        instrument = SimulatedInstrument(
-            SimulatedBench(profile, load_plant(plant), seed),
-            profile.encoder.counts_per_turn,
-            clock=DeviceClock(speed, time.monotonic()),
+        emulation = Emulation(
+            profile,
+            plant,
+            seed,
+            pace=settings.pace,
+            model_file=model_file,
             record=open_record(settings.record, stack),
         )
-        parts = {
-            name: part_of(table.driver)(instrument, profile, table, seed)
-            for name, table in _tables(profile.daq).items()
+        devices = {
+            name: _emulated(table, emulation) for name, table in _tables(profile.daq).items()
         }
-
-        def opened(found: Mapping[str, Mapping[str, object]], control: str) -> None:
-            keys = found.get("", {"address": "parts", **found})
-            ready({**keys, "speed": speed, "control": control})
-
-        asyncio.run(_serve(instrument, parts, settings, opened))
+        asyncio.run(_serve(emulation, devices, settings, ready))
 
 
 def emulated_speed(table: Acquisition, pace: Pace) -> float:
-    """Return how many device seconds pass in a second.
+    """Return how many device seconds pass in a second where a host writes the reference.
 
     Parameters
     ----------
@@ -111,10 +220,26 @@ def emulated_speed(table: Acquisition, pace: Pace) -> float:
     float
         1 with polled inputs at any pace: they are read by this computer's clock.
     """
-    composite = isinstance(table, CompositeAcquisition)
-    sampling = table.inputs if isinstance(table, CompositeAcquisition) else table
-    speed = _FAST_SPEEDS.get(sampling.driver, 1.0) if pace == "fast" else 1.0
-    return min(speed, _FAST_COMPOSITE) if composite else speed
+    if pace != "fast":
+        return 1.0
+    if isinstance(table, CompositeAcquisition):
+        return min(_driver(table.inputs).emulated_speed, _FAST_COMPOSITE)
+    return _driver(table).emulated_speed
+
+
+def _driver(table: Acquisition) -> Driver:
+    return driver_of(table.driver)
+
+
+def _emulated(table: Acquisition, emulation: Emulation) -> EmulatedDevice:
+    make = _driver(table).emulate
+    if make is None:
+        raise UsageError(
+            f"driver {table.driver!r} has no emulator",
+            where="key daq.address",
+            fix="name the address of a real device, or choose another driver",
+        )
+    return make(emulation, table)
 
 
 def _tables(table: Acquisition) -> dict[str, Acquisition]:
@@ -125,28 +250,34 @@ def _tables(table: Acquisition) -> dict[str, Acquisition]:
 
 
 async def _serve(
-    instrument: SimulatedInstrument,
-    parts: Mapping[str, EmulatedPart],
+    emulation: Emulation,
+    devices: Mapping[str, EmulatedDevice],
     settings: EmulatorSettings,
-    opened: Callable[[Mapping[str, Mapping[str, object]], str], None],
+    ready: Callable[[Mapping[str, object]], None],
 ) -> None:
     ended = ending(settings.lifeline)
     found: dict[str, Mapping[str, object]] = {}
-    for name, part in parts.items():
+    for name, device in devices.items():
         try:
-            found[name] = await part.open(settings)
+            found[name] = await device.open(settings)
         except OSError as error:
             raise DeviceError(
                 f"the wire{f' of the {name}' if name else ''} cannot be opened "
                 f"({error.strerror or error})",
-                where=f"{settings.host}:{settings.port}",
+                where="serial line"
+                if settings.wire in ("rtu", "ascii")
+                else f"{settings.host}:{settings.port}",
                 fix="choose another port, or 0 for a free one",
             ) from error
-    channel, control = await open_channel(instrument)
-    opened(found, control)
+    reached = emulation.instrument if emulation.hosted else emulation.bench
+    channel = Channel(reached, busy=emulation.busy)
+    control = await channel.open()
+    keys = found.get("", {"address": "parts", **found})
+    ready({**keys, **({"speed": emulation.speed} if emulation.hosted else {}), "control": control})
     await ended.wait()
     if settings.lifeline is not None:
-        await until_motor_stands(lambda: instrument.moving, _ORPHAN_S)
+        await channel.left()
+        await until_motor_stands(emulation.moving, _ORPHAN_S)
     channel.close()
-    for part in parts.values():
-        part.close()
+    for device in devices.values():
+        device.close()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 
 from hdbench.devices.capabilities import Capabilities
@@ -13,10 +12,6 @@ from hdbench.devices.simulation import Simulation
 from hdbench.errors import DeviceError
 
 __all__ = ["GuardedBench"]
-
-
-# the guard needs socket pairs as standard input and signals that can be ignored
-_HAS_GUARD = os.name == "posix"
 
 
 class GuardedBench:
@@ -60,7 +55,7 @@ class GuardedBench:
         """Configure the bench; before the first motion the guard is started."""
         self.bench.configure(settings)
         self._moves = settings.reference is not None
-        if self._moves and self.guard is None and _HAS_GUARD:
+        if self._moves and self.guard is None:
             self.guard = self.start_guard()
 
     def start(self) -> None:

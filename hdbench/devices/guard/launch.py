@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import json
+import secrets
 import select
 import socket
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import suppress
 from importlib.util import find_spec
 from pathlib import Path
@@ -16,6 +17,7 @@ from typing import Literal
 
 from hdbench.devices.guard.order import GuardOrder
 from hdbench.errors import DeviceError
+from hdbench.system.processes import DETACHED
 
 __all__ = ["Guard", "guard_silence_s"]
 
@@ -27,6 +29,7 @@ _WHERE = "guard process"
 # a cold start of the interpreter; seconds only on a machine that is swamped
 _START_S = 20.0
 _END_S = 2.0
+_GRAIN_S = 0.1
 # a guard that has not answered a sign of life for this long hangs, s
 _DEAF_S = 2.0
 # signs of life per longest silence
@@ -67,8 +70,9 @@ class Guard:
         Longest time between two signs of life while the motor may turn, s.
     log : Path or None
         File that it notes in what it did.
-    keep : sequence of int
-        Lifelines of emulators, pipes that it holds open while it lives.
+    emulator : str, optional
+        Control channel of the emulator that it guards: kept open, so that the emulator lives until
+        its motor was seen standing, and so that its end is noticed.
     clock : callable, optional
         Monotonic clock, s.
 
@@ -79,7 +83,8 @@ class Guard:
 
     Notes
     -----
-    It is in a session of its own, so that Ctrl-C does not reach it.
+    Ctrl-C does not reach it. It talks with this process over a loopback connection: it is told port
+    and a secret word on its standard input, and says that word first.
     """
 
     def __init__(
@@ -88,29 +93,26 @@ class Guard:
         silence_s: float,
         *,
         log: Path | None = None,
-        keep: Sequence[int] = (),
+        emulator: str | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self.silence_s = silence_s
         self._clock = clock
-        self._link, theirs = socket.socketpair()
         try:
-            self._process: subprocess.Popen[bytes] = subprocess.Popen(
-                [sys.executable, "-I", "-S", "-c", _PROGRAM],
-                stdin=theirs.fileno(),
-                stdout=subprocess.DEVNULL,
-                start_new_session=True,
-                pass_fds=tuple(keep),
-            )
+            with socket.create_server(("127.0.0.1", 0)) as listener:
+                self._process: subprocess.Popen[bytes] = subprocess.Popen(
+                    [sys.executable, "-I", "-S", "-c", _PROGRAM],
+                    stdin=subprocess.PIPE,
+                    stdout=subprocess.DEVNULL,
+                    **DETACHED,
+                )
+                self._link = self._called(listener)
         except OSError as error:
-            self._link.close()
-            raise _fault(f"it cannot be started ({error.strerror})") from error
-        finally:
-            theirs.close()
+            raise _fault(f"it cannot be started ({error.strerror or error})") from error
         self._watch: Watch = "end-only"
         self._said_s = self._heard_s = clock()
         self._words = b""
-        told = {**order.to_dict(silence_s, log), "keep": list(keep)}
+        told = {**order.to_dict(silence_s, log), "emulator": emulator}
         self._hand_over(json.dumps(told).encode() + b"\n")
 
     @property
@@ -175,6 +177,11 @@ class Guard:
         """Let it go: the safe state was confirmed. Never raises."""
         with suppress(OSError):
             self._link.send(b"Q")
+            self._link.shutdown(socket.SHUT_WR)
+            self._link.settimeout(_END_S)
+            # a connection that is closed over words unread would be reset, the last one lost
+            while self._link.recv(4096):
+                pass
         self._link.close()
         try:
             self._process.wait(_END_S)
@@ -192,6 +199,27 @@ class Guard:
         self._link.close()
         with suppress(subprocess.TimeoutExpired):
             self._process.wait(_END_S)
+
+    def _called(self, listener: socket.socket) -> socket.socket:
+        """Tell the process where to call, and return its connection."""
+        secret = secrets.token_hex(16).encode()
+        stdin = self._process.stdin
+        if stdin is not None:
+            with suppress(OSError), stdin:
+                stdin.write(b"%d %s\n" % (listener.getsockname()[1], secret))
+        until_s = time.monotonic() + _START_S
+        listener.settimeout(_GRAIN_S)
+        while self._process.poll() is None and time.monotonic() < until_s:
+            with suppress(TimeoutError):
+                link, _ = listener.accept()
+                if _said(link, len(secret)) == secret:
+                    link.settimeout(None)
+                    link.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+                    return link
+                link.close()
+        self._process.kill()
+        self._process.wait()
+        raise _fault("it does not start")
 
     def _hand_over(self, order: bytes) -> None:
         """Hand the order over, and wait until the guard knows the device."""
@@ -225,10 +253,9 @@ class Guard:
 
     def _send(self, word: bytes) -> None:
         try:
-            self._link.send(word, socket.MSG_DONTWAIT)
-        except BlockingIOError:
-            # it reads no more: `check` notices by its silence
-            return
+            # where it reads no more, `check` notices by its silence
+            if select.select([], [self._link], [], 0.0)[1]:
+                self._link.send(word)
         except OSError as error:
             raise _fault(f"it has ended ({error.strerror})") from error
 
@@ -243,6 +270,16 @@ class Guard:
                 raise _fault("it has ended")
             self._heard_s = self._clock()
             self._words += words
+
+
+def _said(link: socket.socket, size: int) -> bytes:
+    """Return the first words of a caller who does not dawdle."""
+    words = b""
+    link.settimeout(_GRAIN_S)
+    with suppress(OSError):
+        while len(words) < size and (piece := link.recv(size - len(words))):
+            words += piece
+    return words
 
 
 def _fault(what: str, fix: str = "") -> DeviceError:

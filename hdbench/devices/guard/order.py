@@ -12,6 +12,7 @@ from hdbench.profile.acquiring_table import TlsFiles
 
 __all__ = ["Check", "GuardOrder", "Look", "Target", "target_at"]
 
+
 # how long the guard goes on trying after the session's end, s
 _TRY_S = 60.0
 

@@ -9,16 +9,10 @@ from dataclasses import replace
 from hdbench.devices.daq import Daq
 from hdbench.devices.hosted.settings import HostSettings
 from hdbench.devices.ports import SafeState
+from hdbench.devices.safestate import STANDSTILL_RAD_S, until_calm
 from hdbench.errors import HdbenchError
 
 __all__ = ["confirm_safe", "wait_for_standstill"]
-
-# standing still: eight standard deviations of a tacho with 1 mV noise at 56 rad/s per volt
-STANDSTILL_RAD_S = 0.5
-# longest time for the motor to come to rest, and between two looks at it
-_TIMEOUT_S = 2.5
-_POLL_S = 0.02
-_CALM = 2
 
 
 class _Speed:
@@ -68,24 +62,26 @@ def wait_for_standstill(
         when it stands.
     """
     speed = _Speed(daq, settings, clock)
-    until_s = clock() + _TIMEOUT_S
     found: float | None = None
-    why, calm = "no answer from the device", 0
-    while calm < _CALM and clock() < until_s:
+    blind = False
+
+    def look(_: int) -> str:
+        nonlocal found, blind
         try:
             found = speed()
         except HdbenchError as error:
-            found, why, calm = None, error.what, 0
-        else:
-            if found is None:
-                return None, "the device measures no motor speed"
-            stands = abs(found) < STANDSTILL_RAD_S
-            calm = calm + 1 if stands else 0
-            why = "" if stands else f"the motor turns at {found:.4g} rad/s"
-        if calm < _CALM:
-            sleep(_POLL_S)
+            found = None
+            return error.what
+        blind = found is None
+        # one who cannot see is not asked again
+        stands = found is None or abs(found) < STANDSTILL_RAD_S
+        return "" if stands else f"the motor turns at {found:.4g} rad/s"
+
+    why = until_calm(look, clock, sleep)
+    if blind:
+        return None, "the device measures no motor speed"
     known = found if found is not None and math.isfinite(found) else None
-    return known, "" if calm == _CALM else why or "the motor's speed was read once only"
+    return known, why
 
 
 def confirm_safe(
@@ -116,6 +112,5 @@ def confirm_safe(
     if not safe.confirmed or safe.velocity_rad_s is not None:
         return safe
     speed, why = wait_for_standstill(daq, settings, clock, sleep)
-    stands = safe.detail if "standing" in safe.detail else f"{safe.detail}, motor standing"
-    detail = why or stands
+    detail = why or f"{safe.detail}, motor standing"
     return replace(safe, confirmed=not why, velocity_rad_s=speed, detail=detail)

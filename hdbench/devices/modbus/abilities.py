@@ -8,7 +8,7 @@ from hdbench.devices.capabilities import Capabilities, OutputInfo, WatchdogInfo
 from hdbench.devices.modbus.inputs import input_info
 from hdbench.devices.modbus.layout import Block, place_of, plan_blocks
 from hdbench.devices.modbus.outputs import output_range_v, output_step_v
-from hdbench.devices.wire.address import SerialSettings, parse_address, serial_settings
+from hdbench.devices.wire.address import parse_address, serial_settings
 from hdbench.profile.acquiring_modbus import ModbusAcquisition
 
 __all__ = ["describe_abilities", "exchange_s", "max_rates_hz", "reads_of"]
@@ -107,20 +107,17 @@ def exchange_s(table: ModbusAcquisition, data_bytes: int) -> float:
     float
         On a network the wire's own time is not counted: it is far below ``reply_s``.
     """
-    line = _line(table)
-    wire_s = 0.0
+    sent, received = _REQUEST + _ENVELOPE, _REPLY_HEAD + data_bytes + _ENVELOPE
+    line, wire_s = None if table.serial is None else serial_settings(table.serial), 0.0
+    if table.address != "embedded":
+        address = parse_address(table.address, line, default_port=502)
+        line = address.serial if address.is_line else None
+        if address.scheme == "ascii":
+            # two characters for a byte, a shorter checksum, and what frames them
+            sent, received = 2 * sent + 1, 2 * received + 1
     if line is not None:
-        wire_s = line.exchange_s(_REQUEST + _ENVELOPE, _REPLY_HEAD + data_bytes + _ENVELOPE)
+        wire_s = line.exchange_s(sent, received)
     return wire_s + table.reply_s + table.min_gap_s
-
-
-def _line(table: ModbusAcquisition) -> SerialSettings | None:
-    """Return the serial line; None for a network."""
-    given = None if table.serial is None else serial_settings(table.serial)
-    if table.address == "embedded":
-        return given
-    address = parse_address(table.address, given, default_port=502)
-    return address.serial if address.scheme == "rtu" else None
 
 
 def reads_of(table: ModbusAcquisition, count: int | None = None) -> tuple[Block, ...]:

@@ -13,10 +13,11 @@ from hdbench.devices.modbus.identity import check_identity
 from hdbench.devices.modbus.inputs import Inputs
 from hdbench.devices.modbus.outputs import Outputs, output_step_v
 from hdbench.devices.modbus.polling import Polling
-from hdbench.devices.modbus.safe import reach_safe_state, switch_off, zero
+from hdbench.devices.modbus.safe import switch_off, zero
 from hdbench.devices.modbus.setup import set_up
 from hdbench.devices.modbus.watchdog import Watchdog
 from hdbench.devices.ports import Identity, SafeState
+from hdbench.devices.safestate import SafeActs, Seen, reach_safe_state
 from hdbench.errors import DeviceError, UsageError
 from hdbench.profile.acquiring_modbus import ModbusAcquisition, ModbusOutput
 
@@ -171,15 +172,25 @@ class ModbusDaq:
         output = self._table.output
         if self._outputs is None or output is None:
             return SafeState(True, None, None, "the device drives nothing")
-        return reach_safe_state(
-            self._outputs,
-            self._watchdog,
-            _zero_v(output),
-            output.brake_s,
-            known=self.identity,
-            clock=self._clock,
-            sleep=self._sleep,
+        outputs = self._outputs
+        zero_v = _zero_v(output)
+
+        def stop() -> None:
+            self.identity()
+            zero(outputs, self._watchdog, zero_v)
+
+        def disable() -> bool:
+            self.identity()
+            return not switch_off(outputs, self._watchdog)
+
+        acts = SafeActs(
+            stop=stop,
+            look=lambda: Seen(outputs.read_back()),
+            disable=disable,
+            zero_v=zero_v,
+            brake_s=output.brake_s,
         )
+        return reach_safe_state(acts, self._clock, self._sleep)
 
     def close(self) -> None:
         """Close the connection; never raises."""

@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
+import math
+
 from hdbench.devices.modbus.abilities import exchange_s, max_rates_hz, reads_of
 from hdbench.devices.modbus.access import QUIET_S, TRY, Access
 from hdbench.devices.modbus.driver import ModbusDaq
+from hdbench.devices.modbus.links import polled_link
 from hdbench.devices.modbus.probe import make_probe
-from hdbench.devices.wire import connect, parse_address
+from hdbench.devices.wire import parse_address
 from hdbench.devices.wire.address import serial_settings
-from hdbench.errors import ProfileError, UsageError
-from hdbench.profile.acquiring import Acquisition
+from hdbench.errors import ProfileError
 from hdbench.profile.acquiring_modbus import ModbusAcquisition
 from hdbench.profile.schema import ProfileData
 
 __all__ = ["modbus_rate_hz", "open_modbus"]
 
 
-def open_modbus(profile: ProfileData, table: Acquisition) -> ModbusDaq:
+def open_modbus(profile: ProfileData, table: ModbusAcquisition) -> ModbusDaq:
     """Open the device; nothing is connected or written yet.
 
     Parameters
@@ -33,30 +35,29 @@ def open_modbus(profile: ProfileData, table: Acquisition) -> ModbusDaq:
     Raises
     ------
     UsageError
-        If the table or its address is another driver's.
+        If the address is another driver's.
     ProfileError
         If the deadline is too short for a serial line to recover from one lost frame.
     """
-    found = _own(table)
-    given = None if found.serial is None else serial_settings(found.serial)
-    address = parse_address(found.address, given, default_port=502)
-    if address.scheme == "rtu":
-        _check_deadline(found)
-    probe = make_probe(found)
-    link = connect(address, unit=found.unit, probe=probe, tls=found.tls)
+    given = None if table.serial is None else serial_settings(table.serial)
+    address = parse_address(table.address, given, default_port=502)
+    if not address.is_numbered:
+        _check_deadline(table)
+    probe = make_probe(table)
+    link = polled_link(address, unit=table.unit, probe=probe, tls=table.tls)
     access = Access(
         link,
-        deadline_s=found.deadline_s,
-        probe=probe if address.scheme == "rtu" else None,
-        numbered=address.scheme != "rtu",
-        min_gap_s=found.min_gap_s,
-        max_registers=found.max_read_registers,
-        bridge=found.bridge_registers,
+        deadline_s=table.deadline_s,
+        probe=None if address.is_numbered else probe,
+        numbered=address.is_numbered,
+        min_gap_s=table.min_gap_s,
+        max_registers=table.max_read_registers,
+        bridge=table.bridge_registers,
     )
-    return ModbusDaq(access, found)
+    return ModbusDaq(access, table)
 
 
-def modbus_rate_hz(table: Acquisition) -> float:
+def modbus_rate_hz(table: ModbusAcquisition) -> float:
     """Return the highest rate of the profile's channels, Hz.
 
     Parameters
@@ -67,17 +68,11 @@ def modbus_rate_hz(table: Acquisition) -> float:
     Returns
     -------
     float
-        As the profile describes device and wire, embedded or not: the emulator is as slow.
-
-    Raises
-    ------
-    ValueError
-        If it has no channels.
+        As the profile describes device and wire, embedded or not: the emulator is as slow. inf
+        without channels.
     """
-    rates = max_rates_hz(_own(table))
-    if not rates:
-        raise ValueError("no channels")
-    return rates[-1]
+    rates = max_rates_hz(table)
+    return rates[-1] if rates else math.inf
 
 
 def _check_deadline(table: ModbusAcquisition) -> None:
@@ -86,18 +81,8 @@ def _check_deadline(table: ModbusAcquisition) -> None:
     needed_s = (QUIET_S + 3.0 * exchange_s(table, longest)) / TRY
     if not table.deadline_s >= needed_s:
         raise ProfileError(
-            f"{table.deadline_s:g} s; on this serial line a lost frame is got over within "
+            f"{table.deadline_s:g} s; on this line a lost frame is got over within "
             f"{needed_s:.2g} s",
             where="key daq.deadline_s",
             fix=f"set it to {needed_s:.2g} s or more",
         )
-
-
-def _own(table: Acquisition) -> ModbusAcquisition:
-    if not isinstance(table, ModbusAcquisition):
-        raise UsageError(
-            f"the table of driver {table.driver!r} is none of modbus",
-            where="key daq.driver",
-            fix='set driver = "modbus"',
-        )
-    return table

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import struct
-import unicodedata
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from hdbench.devices.node.registers import Register
+from hdbench.devices.text import clean_text
 
-__all__ = ["Value", "as_float32", "clean_text", "decode_group", "encode_group"]
+__all__ = ["Value", "as_float32", "decode_group", "encode_group"]
 
 Value = int | float | str
 _FORMATS = {"u16": ">H", "i16": ">h", "u32": ">I", "i32": ">i", "f32": ">f"}
@@ -29,23 +29,6 @@ def as_float32(value: float) -> float:
     float
     """
     return float(np.float32(value))
-
-
-def clean_text(raw: bytes) -> str:
-    """Return device text without control, format and undecodable characters.
-
-    Parameters
-    ----------
-    raw : bytes
-        UTF-8, ended by NUL or its length.
-
-    Returns
-    -------
-    str
-    """
-    text = raw.split(b"\0", 1)[0].decode("utf-8", errors="replace")
-    printable = (c for c in text if unicodedata.category(c)[0] != "C")
-    return "".join(printable).replace("\N{REPLACEMENT CHARACTER}", "").strip()
 
 
 def _encode(entry: Register, value: Value) -> bytes:

@@ -21,10 +21,10 @@ from hdbench.devices.node.registers import (
     State,
     block_scans,
 )
-from hdbench.devices.node.safe import reach_safe_state
 from hdbench.devices.node.settings import parameter_values
 from hdbench.devices.node.wire import NodeWire
 from hdbench.devices.ports import Identity, SafeState
+from hdbench.devices.safestate import SafeActs, Seen, reach_safe_state
 from hdbench.devices.wire import FrameError
 from hdbench.errors import DeviceError
 from hdbench.model.program import ReferenceProgram
@@ -234,7 +234,8 @@ class NodeDaq:
         Safe is: not running, reference zero, drive disabled and the motor slower than 0.5 rad/s in
         two readings. The motor gets 2.5 s to decelerate.
         """
-        safe = reach_safe_state(self._node.make_safe, self.status, self._clock, self._sleep)
+        acts = SafeActs(stop=self._node.make_safe, look=self._seen, zero_v=0.0)
+        safe = reach_safe_state(acts, self._clock, self._sleep)
         self._reader = None
         self._settings = None
         return safe
@@ -242,6 +243,15 @@ class NodeDaq:
     def close(self) -> None:
         """Give the session back and close the connection; never raises."""
         self._wire.close()
+
+    def _seen(self) -> Seen:
+        status = self.status()
+        problem = ""
+        if status["state"] == State.RUNNING:
+            problem = "the node still runs"
+        elif int(status["status_flags"]) & Flag.DRIVE_ENABLED:
+            problem = "the drive is still enabled"
+        return Seen(float(status["reference_v"]), float(status["velocity_rad_s"]), problem)
 
     def _poll_period_s(self) -> float:
         settings = self._settings

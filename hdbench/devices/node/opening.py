@@ -5,21 +5,26 @@ from __future__ import annotations
 from functools import partial
 
 from hdbench.devices.node.abilities import exchange_rate_hz
+from hdbench.devices.node.codec import decode_group
 from hdbench.devices.node.driver import NodeDaq
-from hdbench.devices.node.registers import block_scans
+from hdbench.devices.node.registers import IDENTITY, WORD_ORDER_TEST, block_scans
 from hdbench.devices.node.spans import node_probe
 from hdbench.devices.node.wire import NodeWire
 from hdbench.devices.wire import Address, connect, parse_address
 from hdbench.devices.wire.address import SerialSettings, serial_settings
-from hdbench.errors import UsageError
-from hdbench.profile.acquiring import Acquisition, NodeAcquisition
+from hdbench.errors import BusyError, HdbenchError, UsageError
+from hdbench.profile.acquiring import NodeAcquisition
 from hdbench.profile.schema import ProfileData
 
-__all__ = ["node_address", "node_rate_hz", "open_node"]
+__all__ = ["node_address", "node_rate_hz", "open_node", "probe"]
+
+# rates at which a port is asked for a node, fastest first
+_RATES_BD = (921600, 115200)
+_PROBE_S = 0.3
 
 
-def open_node(profile: ProfileData, table: Acquisition) -> NodeDaq:
-    """Return the driver of the node in `table`; an `hdbench.devices.registry.OpenDaq`.
+def open_node(profile: ProfileData, table: NodeAcquisition) -> NodeDaq:
+    """Return the driver of the node in `table`.
 
     Parameters
     ----------
@@ -38,11 +43,10 @@ def open_node(profile: ProfileData, table: Acquisition) -> NodeDaq:
     UsageError
         If address or certificates cannot be used.
     """
-    node = _node_table(table)
-    address = node_address(node)
-    link = connect(address, unit=node.unit, probe=node_probe, tls=node.tls)
+    address = node_address(table)
+    link = connect(address, unit=table.unit, probe=node_probe, tls=table.tls)
     return NodeDaq(
-        NodeWire(link, deadline_s=node.deadline_s),
+        NodeWire(link, deadline_s=table.deadline_s),
         exchanges_hz=partial(exchange_rate_hz, address),
         tacho_rad_s_per_v=profile.tacho.gain_rad_s_per_v,
     )
@@ -59,12 +63,24 @@ def node_address(table: NodeAcquisition) -> Address:
     Returns
     -------
     Address
+
+    Raises
+    ------
+    UsageError
+        If it is none, or a wire that nodes do not speak.
     """
     serial = serial_settings(table.serial) if table.serial else SerialSettings()
-    return parse_address(table.address, serial)
+    address = parse_address(table.address, serial)
+    if address.scheme not in ("tcp", "tls", "rtu"):
+        raise UsageError(
+            f"{table.address[:80]!r}: a node is reached by tcp://HOST:PORT, tls:// or rtu://",
+            where="address",
+            fix="for example tcp://192.168.0.7:502",
+        )
+    return address
 
 
-def node_rate_hz(table: Acquisition) -> float:
+def node_rate_hz(table: NodeAcquisition) -> float:
     """Return the highest scan rate that the wire of `table` sustains, Hz; inf where embedded.
 
     Parameters
@@ -76,16 +92,30 @@ def node_rate_hz(table: Acquisition) -> float:
     -------
     float
     """
-    node = _node_table(table)
-    if node.address == "embedded":
+    if table.address == "embedded":
         return float("inf")
-    n_channels = len(node.channels)
-    return exchange_rate_hz(node_address(node), n_channels) * block_scans(n_channels)
+    n_channels = len(table.channels)
+    return exchange_rate_hz(node_address(table), n_channels) * block_scans(n_channels)
 
 
-def _node_table(table: Acquisition) -> NodeAcquisition:
-    if not isinstance(table, NodeAcquisition):
-        raise UsageError(
-            f"driver {table.driver!r} is no node", where="key daq.driver", fix='driver = "node"'
-        )
-    return table
+def probe(path: str) -> str:
+    """Ask a port for the identity of a node, at the usual rates."""
+    last: HdbenchError | None = None
+    for rate_bd in _RATES_BD:
+        link = connect(parse_address(f"rtu://{path}?baud={rate_bd}"), probe=node_probe)
+        wire = NodeWire(link, deadline_s=_PROBE_S)
+        try:
+            values = decode_group(IDENTITY, wire.read(IDENTITY))
+        except BusyError:
+            raise
+        except HdbenchError as error:
+            last = error
+            continue
+        finally:
+            wire.close()
+        if values["word_order"] == WORD_ORDER_TEST:
+            who = " ".join(str(values[key]) for key in ("vendor", "model", "serial"))
+            return f"bench controller node: {who} (rtu://{path}?baud={rate_bd})"
+    if last is not None:
+        raise last
+    return ""

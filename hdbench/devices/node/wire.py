@@ -23,6 +23,7 @@ from hdbench.devices.node.registers import (
     register_at,
 )
 from hdbench.devices.node.spans import span, writable
+from hdbench.devices.transactor import TWICE, Transactor
 from hdbench.devices.wire import (
     ExceptionReply,
     FrameError,
@@ -39,9 +40,6 @@ from hdbench.errors import BusyError, DeviceError, HdbenchError
 
 __all__ = ["NodeWire"]
 
-# a lost request or reply is repeated once, each try within half of the deadline
-_ATTEMPTS = 2
-
 
 class NodeWire:
     """Register access to one node.
@@ -55,11 +53,6 @@ class NodeWire:
     clock : callable, optional
         Monotonic clock, s.
 
-    Attributes
-    ----------
-    repeats : int
-        Requests that were sent again so far.
-
     Notes
     -----
     Reads and the acknowledged block exchange are repeated once within the deadline. Writes are
@@ -70,16 +63,19 @@ class NodeWire:
         self, link: Link, *, deadline_s: float, clock: Callable[[], float] = time.monotonic
     ) -> None:
         self.where = f"node {link.where}"
-        self.repeats = 0
         self._link = link
-        self._deadline_s = deadline_s
-        self._clock = clock
+        self._transactor = Transactor(link, deadline_s=deadline_s, clock=clock)
         self._session = 0
         self._heartbeat = 0
         self._nonce = 0
         self._window: BlockExchange | None = None
         self._window_count = 0
         link.opened = self._present_session
+
+    @property
+    def repeats(self) -> int:
+        """Requests that were sent again so far."""
+        return self._transactor.repeats
 
     def read(self, group: Sequence[Register]) -> bytes:
         """Return the bytes of adjacent registers.
@@ -165,17 +161,12 @@ class NodeWire:
             If another host holds the node.
         """
         address, count = writable(group, values)
-        if count == 1:
-            pdu, check = write_register(address, int.from_bytes(values, "big"))
-        else:
-            pdu, check = write_registers(address, values)
-        until_s = self._clock() + self._deadline_s
-        try:
-            self._link.transact(pdu, check, until_s)
-        except ExceptionReply as reply:
-            self._refused(reply, group[0], until_s)
-        except FrameError as fault:
-            raise self._fault(group[0], str(fault)) from fault
+        request = (
+            write_register(address, int.from_bytes(values, "big"))
+            if count == 1
+            else write_registers(address, values)
+        )
+        self._transact(lambda: request, group[0], 1)
 
     def take_session(self, token: int) -> None:
         """Write the session's token; it is shown again on every later connection.
@@ -216,18 +207,17 @@ class NodeWire:
             raise
 
     def _repeat(self, build: Callable[[], tuple[bytes, ReplyCheck]], first: Register) -> bytes:
-        start_s = self._clock()
-        for attempt in range(1, _ATTEMPTS + 1):
-            until_s = start_s + self._deadline_s * attempt / _ATTEMPTS
-            pdu, check = build()
-            try:
-                return self._link.transact(pdu, check, until_s)[2:]
-            except ExceptionReply as reply:
-                self._refused(reply, first, start_s + self._deadline_s)
-            except FrameError as fault:
-                self.repeats += attempt < _ATTEMPTS
-                last = fault
-        raise self._fault(first, f"{last}, {_ATTEMPTS} times") from last
+        return self._transact(build, first, TWICE)[2:]
+
+    def _transact(
+        self, build: Callable[[], tuple[bytes, ReplyCheck]], first: Register, attempts: int
+    ) -> bytes:
+        return self._transactor.transact(
+            build,
+            attempts,
+            refused=lambda reply, until_s: self._refused(reply, first, until_s),
+            fault=lambda what: self._fault(first, what),
+        )
 
     def _refused(self, reply: ExceptionReply, first: Register, until_s: float) -> NoReturn:
         """Raise what the node's exception means, with its own reason where it gives one."""
@@ -264,9 +254,7 @@ class NodeWire:
             fix = "take a port that `hdbench devices` lists, and check the cable"
         elif "another program" in what:
             fix = "close the other program that has the port open, then run again"
-        return DeviceError(
-            f"{what} (deadline {self._deadline_s:g} s)", where=self._place(first), fix=fix
-        )
+        return DeviceError(what, where=self._place(first), fix=fix)
 
     def _place(self, entry: Register) -> str:
         return f"{self.where}, register {entry.name} (0x{entry.address:04X})"

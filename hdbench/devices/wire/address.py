@@ -1,4 +1,4 @@
-"""Where a device is: ``tcp://``, ``tls://``, ``rtu://``."""
+"""Where a device is: ``tcp://``, ``tls://``, ``udp://``, ``rtu+tcp://``, ``rtu://``, ``ascii://``."""
 
 from __future__ import annotations
 
@@ -17,14 +17,22 @@ if TYPE_CHECKING:
 __all__ = ["Address", "SerialSettings", "parse_address", "serial_settings"]
 
 _PARITIES = {"none": "N", "even": "E", "odd": "O", "n": "N", "e": "E", "o": "O"}
-_FIX = "for example tcp://192.168.0.7:502, tls://bench-7:802 or rtu:///dev/ttyUSB0?baud=115200"
+_FIX = (
+    "for example tcp://192.168.0.7:502, tls://bench-7:802, rtu:///dev/ttyUSB0?baud=115200 or, on "
+    "Windows, rtu://COM3?baud=115200"
+)
+Scheme = Literal["tcp", "tls", "udp", "rtu+tcp", "rtu", "ascii"]
+_NETWORKS: dict[str, Scheme] = {name: name for name in ("tcp", "tls", "udp", "rtu+tcp")}
+# Modbus over Serial Line V1.02, 2.5: a character of the ASCII form has seven bits
+_LINES: dict[str, Scheme] = {"rtu": "rtu", "ascii": "ascii"}
+_DATA_BITS = {"rtu": 8, "ascii": 7}
 # 1.75 ms, which the specification advises above 19200 bit/s, is for hosts that cannot time less
 _GAP_CHARACTERS = 3.5
 
 
 @dataclass(frozen=True, slots=True)
 class SerialSettings:
-    """A serial line with Modbus RTU.
+    """A serial line.
 
     Parameters
     ----------
@@ -36,17 +44,20 @@ class SerialSettings:
         1 or 2.
     gap_s : float or None
         Silence between frames, s; None for 3.5 characters.
+    data_bits : int or None
+        Of a character; None for what the form of Modbus asks for: 8, of ASCII 7.
     """
 
     baud_bd: int = 115200
     parity: str = "E"
     stop_bits: int = 1
     gap_s: float | None = None
+    data_bits: int | None = None
 
     @property
     def character_s(self) -> float:
-        """Time of one character on the wire, s: start, eight data, parity, stop bits."""
-        bits = 1 + 8 + (self.parity != "N") + self.stop_bits
+        """Time of one character on the wire, s: start, data, parity, stop bits."""
+        bits = 1 + (self.data_bits or 8) + (self.parity != "N") + self.stop_bits
         return bits / self.baud_bd
 
     @property
@@ -75,28 +86,38 @@ class Address:
 
     Parameters
     ----------
-    scheme : {"tcp", "tls", "rtu"}
+    scheme : {"tcp", "tls", "udp", "rtu+tcp", "rtu", "ascii"}
         What is spoken.
     host : str
         Host name or address; empty for a serial line.
     port : int
-        TCP port; 0 for a serial line.
+        TCP or UDP port; 0 for a serial line.
     path : str
         Serial port; empty for a network.
     serial : SerialSettings
         Settings of a serial line.
     """
 
-    scheme: Literal["tcp", "tls", "rtu"]
+    scheme: Scheme
     host: str = ""
     port: int = 0
     path: str = ""
     serial: SerialSettings = SerialSettings()
 
+    @property
+    def is_line(self) -> bool:
+        """Whether it is a serial port of this computer."""
+        return self.scheme in _LINES
+
+    @property
+    def is_numbered(self) -> bool:
+        """Whether every reply carries the number of its request."""
+        return self.scheme in ("tcp", "tls", "udp")
+
     def __str__(self) -> str:
         """Return the address in its shortest form."""
-        if self.scheme == "rtu":
-            return f"rtu://{self.path}"
+        if self.is_line:
+            return f"{self.scheme}://{self.path}"
         return f"{self.scheme}://{bracketed(self.host)}:{self.port}"
 
 
@@ -112,7 +133,9 @@ def serial_settings(line: SerialLine) -> SerialSettings:
     -------
     SerialSettings
     """
-    return SerialSettings(line.baud_bd, _PARITIES[line.parity], line.stop_bits, line.gap_s)
+    return SerialSettings(
+        line.baud_bd, _PARITIES[line.parity], line.stop_bits, line.gap_s, line.data_bits
+    )
 
 
 def parse_address(
@@ -123,9 +146,9 @@ def parse_address(
     Parameters
     ----------
     address : str
-        ``tcp://HOST:PORT``, ``tls://HOST:PORT`` (IPv6 in brackets) or
-        ``rtu:///dev/NAME[?KEY=VALUE&...]`` with the keys ``baud``, ``parity``
-        (``none``, ``even``, ``odd``), ``stop`` and ``gap_us``.
+        ``tcp://``, ``tls://``, ``udp://`` or ``rtu+tcp://HOST:PORT`` (IPv6 in brackets), or
+        ``rtu://`` or ``ascii:///dev/NAME[?KEY=VALUE&...]`` (on Windows ``rtu://COM3``) with the
+        keys ``baud``, ``parity`` (``none``, ``even``, ``odd``), ``stop``, ``bits`` and ``gap_us``.
     serial : SerialSettings, optional
         What holds where the address does not say.
     default_port : int, optional
@@ -141,9 +164,9 @@ def parse_address(
         If `address` has another form or a value is out of range.
     """
     scheme, _, rest = address.partition("://")
-    if scheme == "rtu":
-        return _serial(address, rest, serial or SerialSettings())
-    if scheme not in ("tcp", "tls"):
+    if scheme in _LINES:
+        return _serial(address, _LINES[scheme], rest, serial or SerialSettings())
+    if scheme not in _NETWORKS:
         raise _bad(address, "needed: tcp://HOST:PORT, tls://HOST:PORT or rtu:///dev/NAME")
     found = NETWORK.fullmatch(address)
     if found is None:
@@ -153,17 +176,19 @@ def parse_address(
     port = str(default_port or 0) if found["port"] is None else found["port"]
     if not re.fullmatch("[0-9]{1,5}", port) or not 0 < int(port) < 65536:
         raise _bad(address, "needed: tcp://HOST:PORT with a port from 1 to 65535")
-    return Address("tls" if scheme == "tls" else "tcp", found["host"].strip("[]"), int(port))
+    return Address(_NETWORKS[scheme], found["host"].strip("[]"), int(port))
 
 
-def _serial(address: str, rest: str, given: SerialSettings) -> Address:
+def _serial(address: str, scheme: Scheme, rest: str, given: SerialSettings) -> Address:
     path, _, query = rest.partition("?")
     if not is_port(path):
-        raise _bad(address, "needed: the path of a serial port after rtu://")
+        raise _bad(
+            address, f"needed: a serial port after {scheme}://, such as /dev/ttyUSB0 or COM3"
+        )
     values: dict[str, str] = dict(parse_qsl(query, keep_blank_values=True))
-    unknown = sorted(set(values) - {"baud", "parity", "stop", "gap_us"})
+    unknown = sorted(set(values) - {"baud", "parity", "stop", "bits", "gap_us"})
     if unknown:
-        raise _bad(address, f"{unknown[0]!r} is no key; known: baud, parity, stop, gap_us")
+        raise _bad(address, f"{unknown[0]!r} is no key; known: baud, parity, stop, bits, gap_us")
     parity = values.get("parity", "").lower()
     if parity and parity not in _PARITIES:
         raise _bad(address, f"parity {parity!r}; needed: none, even or odd")
@@ -173,8 +198,11 @@ def _serial(address: str, rest: str, given: SerialSettings) -> Address:
         _PARITIES[parity] if parity else given.parity,
         _whole(address, values, "stop", (1, 2)) or given.stop_bits,
         given.gap_s if gap_us is None else gap_us / 1e6,
+        _whole(address, values, "bits", (7, 8)) or given.data_bits or _DATA_BITS[scheme],
     )
-    return Address("rtu", path=path, serial=settings)
+    if settings.data_bits != 8 and scheme == "rtu":
+        raise _bad(address, "bits 7; RTU needs 8")
+    return Address(scheme, path=path, serial=settings)
 
 
 def _whole(address: str, values: dict[str, str], key: str, ends: tuple[int, int]) -> int | None:

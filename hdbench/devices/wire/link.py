@@ -81,6 +81,8 @@ def connect(
 ) -> Link:
     """Return a link to the device at `address`; nothing is opened or sent yet.
 
+    TCP, TLS and RTU need nothing but the standard library and pyserial; the others are pymodbus'.
+
     Parameters
     ----------
     address : Address
@@ -105,6 +107,10 @@ def connect(
     UsageError
         If certificates are missing, or cannot be used.
     """
+    if address.scheme in ("udp", "rtu+tcp", "ascii"):
+        from hdbench.devices.modbus.links import polled_link
+
+        return polled_link(address, unit=unit, probe=probe, claim=claim, clock=clock)
     if address.scheme == "rtu":
         from hdbench.devices.wire.rtu import RtuLink
 

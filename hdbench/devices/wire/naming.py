@@ -13,7 +13,7 @@ from hdbench.errors import DeviceError
 __all__ = ["NETWORK", "bracketed", "dial", "numbered"]
 
 NETWORK = re.compile(
-    r"(?P<scheme>tcp|tls)://(?P<host>\[[0-9A-Fa-f:.]+(?:%\w+)?\]|[A-Za-z0-9._-]+)"
+    r"(?P<scheme>tcp|tls|udp|rtu\+tcp)://(?P<host>\[[0-9A-Fa-f:.]+(?:%\w+)?\]|[A-Za-z0-9._-]+)"
     r"(?::(?P<port>[^:/?\[\]]*))?"
 )
 """An address on the network: a host name, an IPv4 address, or an IPv6 address in brackets."""
@@ -52,7 +52,9 @@ def numbered(address: str) -> str:
     return f"{found['scheme']}://{number}{address[found.end('host') :]}"
 
 
-def dial(target: tuple[str, int], timeout_s: float) -> socket.socket:
+def dial(
+    target: tuple[str, int], timeout_s: float, kind: socket.SocketKind = socket.SOCK_STREAM
+) -> socket.socket:
     """Return a connection to a host that is given by its number: no name server is waited for.
 
     Parameters
@@ -61,6 +63,8 @@ def dial(target: tuple[str, int], timeout_s: float) -> socket.socket:
         Number of the host, and port.
     timeout_s : float
         Longest time, s.
+    kind : SocketKind, optional
+        A stream, or datagrams to and from this host alone.
 
     Returns
     -------
@@ -71,8 +75,8 @@ def dial(target: tuple[str, int], timeout_s: float) -> socket.socket:
     OSError
         If there is none, or the host is a name.
     """
-    found = socket.getaddrinfo(*target, type=socket.SOCK_STREAM, flags=socket.AI_NUMERICHOST)
-    family, kind, _, _, place = found[0]
+    found = socket.getaddrinfo(*target, type=kind, flags=socket.AI_NUMERICHOST)
+    family, _, _, _, place = found[0]
     connection = socket.socket(family, kind)
     try:
         connection.settimeout(timeout_s)

@@ -3,21 +3,16 @@
 from __future__ import annotations
 
 import contextlib
-import os
-import select
 import time
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
-from hdbench.devices.serialport import Claim, is_gone, open_port
-from hdbench.devices.wakeup import FAST_BD, hold_wakeup, release_wakeup
+from hdbench.devices.serialport import Claim, open_port
 from hdbench.devices.wire.address import Address
 from hdbench.devices.wire.checks import ExceptionReply, FrameError, ReplyCheck, StaleReply
 from hdbench.devices.wire.crc import CRC_START, crc16, crc_over
 from hdbench.devices.wire.rtuframe import reply_size
-
-if TYPE_CHECKING:
-    from serial import Serial
+from hdbench.system.lines import PortIo, port_io
+from hdbench.system.wakeup import FAST_BD, hold_wakeup, release_wakeup
 
 __all__ = ["RtuLink"]
 
@@ -50,6 +45,8 @@ class RtuLink:
     and the probe's reply - of a length that nothing else has - must come before anything else.
     """
 
+    _line = "serial port"
+
     def __init__(
         self,
         address: Address,
@@ -66,7 +63,7 @@ class RtuLink:
         self._unit = bytes((unit,))
         self._probe = probe
         self._clock = clock
-        self._port: Serial | None = None
+        self._io: PortIo | None = None
         self._awake: int | None = None
         self._received = b""
         self._doubtful = self._robbed = False
@@ -77,10 +74,10 @@ class RtuLink:
         """Send one request once and return the PDU of its reply."""
         self._robbed = False
         try:
-            descriptor = self._connected(until_s)
+            io = self._connected(until_s)
             if self._doubtful:
-                self._make_sure(descriptor, until_s)
-            return self._once(descriptor, pdu, check, until_s)
+                self._make_sure(io, until_s)
+            return self._once(io, pdu, check, until_s)
         except ExceptionReply:
             raise
         except FrameError:
@@ -88,58 +85,55 @@ class RtuLink:
             raise
         except OSError as error:
             self.close()
-            raise FrameError(f"the serial port failed ({error.strerror or error})") from error
+            raise FrameError(f"the {self._line} failed ({error.strerror or error})") from error
 
     def close(self) -> None:
         """Close the port; never raises."""
-        port, self._port = self._port, None
+        io, self._io = self._io, None
         awake, self._awake = self._awake, None
         release_wakeup(awake)
         self._received = b""
-        if port is not None:
+        if io is not None:
             with contextlib.suppress(OSError):
-                port.close()
+                io.close()
 
-    def _once(self, descriptor: int, pdu: bytes, check: ReplyCheck, until_s: float) -> bytes:
+    def _once(self, io: PortIo, pdu: bytes, check: ReplyCheck, until_s: float) -> bytes:
         frame = self._unit + pdu
-        self._send(descriptor, frame + crc16(frame), until_s)
+        self._send(io, frame + crc16(frame), until_s)
         while True:
-            reply = self._reply(descriptor, until_s)
+            reply = self._reply(io, until_s)
             try:
                 check(reply)
             except StaleReply:
                 continue
             return reply
 
-    def _send(self, descriptor: int, frame: bytes, until_s: float) -> None:
+    def _send(self, io: PortIo, frame: bytes, until_s: float) -> None:
         """Send `frame` after the silence between frames; what came before it is thrown away."""
-        self._be_silent(descriptor, until_s)
+        self._be_silent(io, until_s)
         while True:
             # the port never blocks; a request fits its buffer
-            with contextlib.suppress(BlockingIOError):
-                frame = frame[os.write(descriptor, frame) :]
+            frame = frame[io.write(frame) :]
             if not frame:
                 return
             left_s = until_s - self._clock()
-            if not left_s > 0.0 or not select.select((), (descriptor,), (), left_s)[1]:
+            if not left_s > 0.0 or not io.writable(left_s):
                 raise FrameError("the serial port takes no characters")
 
-    def _be_silent(self, descriptor: int, until_s: float) -> None:
+    def _be_silent(self, io: PortIo, until_s: float) -> None:
         """Wait for the silence between frames; characters that come begin it anew."""
         self._received = b""
         while (wait_s := self._silent_from_s + self._silence_s - self._clock()) > 0.0 or (
-            self._readable(descriptor, 0.0)
+            io.readable(0.0)
         ):
             left_s = until_s - self._clock()
             if not left_s > 0.0:
                 raise FrameError("the line is never silent")
             # a sleep this short lasts three times as long as asked for
-            if self._readable(descriptor, min(wait_s - _SHORT_S, left_s)) and (
-                self._take(descriptor)
-            ):
+            if io.readable(min(wait_s - _SHORT_S, left_s)) and (self._take(io)):
                 self._silent_from_s = self._clock()
 
-    def _reply(self, descriptor: int, until_s: float) -> bytes:
+    def _reply(self, io: PortIo, until_s: float) -> bytes:
         """Return function code and data of the next frame; its checksum is made as it comes."""
         data, piece = b"", self._received
         size, remainder = None, CRC_START
@@ -152,7 +146,7 @@ class RtuLink:
                 remainder = crc_over(data[known:size], remainder)
                 if len(data) >= size:
                     break
-            piece = self._piece(descriptor, until_s)
+            piece = self._piece(io, until_s)
         self._silent_from_s = self._clock()
         self._received = data[size:]
         if remainder:
@@ -161,55 +155,52 @@ class RtuLink:
             raise FrameError(f"unit {data[0]} answers; needed: {self._unit[0]}")
         return data[1 : size - 2]
 
-    def _piece(self, descriptor: int, until_s: float) -> bytes:
+    def _piece(self, io: PortIo, until_s: float) -> bytes:
         """Return what has come of a reply, once something has."""
         while True:
-            ready = self._readable(descriptor, until_s - self._clock())
-            piece = self._take(descriptor) if ready else b""
+            ready = io.readable(until_s - self._clock())
+            piece = self._take(io) if ready else b""
             if piece:
                 return piece
             if not self._clock() < until_s:
                 other = "; another program reads from this port" if self._robbed else ""
                 raise FrameError(f"no valid reply in time{other}")
 
-    def _make_sure(self, descriptor: int, until_s: float) -> None:
+    def _make_sure(self, io: PortIo, until_s: float) -> None:
         """Wait for a quiet line, drop what came, and let the device say who it is."""
+        fault = FrameError("the line did not become quiet in time")
         while True:
-            while self._clock() < until_s and self._readable(
-                descriptor, min(_QUIET_S, until_s - self._clock())
-            ):
-                self._take(descriptor)
+            while self._clock() < until_s and io.readable(min(_QUIET_S, until_s - self._clock())):
+                self._take(io)
             if not self._clock() < until_s:
-                raise FrameError("the line did not become quiet in time")
+                raise fault
             if self._probe is None:
                 break
             self._probes += 1
             pdu, check = self._probe(self._probes)
             try:
-                self._once(descriptor, pdu, check, until_s)
+                self._once(io, pdu, check, until_s)
             except ExceptionReply:
                 break
-            except FrameError:
+            except FrameError as found:
                 # an older reply: quiet again, and a probe with another length
+                fault = found
                 continue
             break
         self._doubtful = False
 
-    def _readable(self, descriptor: int, wait_s: float) -> bool:
-        return bool(select.select((descriptor,), (), (), max(0.0, wait_s))[0])
-
-    def _take(self, descriptor: int) -> bytes:
+    def _take(self, io: PortIo) -> bytes:
         """Return what has come; nothing where somebody else was faster."""
-        data = os.read(descriptor, _CHUNK)
+        data = io.read(_CHUNK)
         if not data:
-            if is_gone(descriptor):
+            if io.is_gone():
                 raise OSError(0, "it was unplugged")
             self._robbed = True
         return data
 
-    def _connected(self, until_s: float) -> int:
-        if self._port is None:
-            self._port = self._opened()
+    def _connected(self, until_s: float) -> PortIo:
+        if self._io is None:
+            io = self._io = self._opened(until_s)
             if self._address.serial.baud_bd > FAST_BD:
                 self._awake = hold_wakeup()
             self._received = b""
@@ -217,18 +208,21 @@ class RtuLink:
             self._doubtful = True
             if self.opened is not None:
                 self.opened(until_s)
-        return int(self._port.fileno())
+            return io
+        return self._io
 
-    def _opened(self) -> Serial:
+    def _opened(self, until_s: float) -> PortIo:
         line = self._address.serial
         try:
-            return open_port(
+            port = open_port(
                 self._address.path,
                 self.where,
                 baud_bd=line.baud_bd,
+                data_bits=line.data_bits or 8,
                 parity=line.parity,
                 stop_bits=line.stop_bits,
                 claim=self._claim,
             )
         except ValueError as error:
             raise FrameError(f"the port does not take these settings ({error})") from error
+        return port_io(port)

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
-import math
-import select
 import socket
 import ssl
 import struct
@@ -14,18 +11,13 @@ from collections.abc import Callable
 from hdbench.devices.wire.address import Address
 from hdbench.devices.wire.checks import ExceptionReply, FrameError, ReplyCheck, StaleReply
 from hdbench.devices.wire.naming import dial
+from hdbench.system.sockets import TimedSocket
 
 __all__ = ["TcpLink", "next_reply"]
 
 _HEADER = struct.Struct(">HHHB")
 # ten replies of the greatest length
 _CHUNK = 2600
-# The kernel ends a read of a socket after this time: one system call per reply where it comes in
-# time. Its clock for this is coarse (10 ms at 100 Hz, 12 % later on), so a read is left to it only
-# with twice as much time left, and what remains is waited for with the fine clock of `poll`.
-_KERNEL_S = 0.02
-_TIMEVAL = struct.Struct("@ll")
-_POLLS = hasattr(select, "poll")
 
 
 def next_reply(data: bytes, number: int, unit: int) -> tuple[bytes | None, bytes]:
@@ -96,24 +88,15 @@ class TcpLink:
         self._unit = unit
         self._clock = clock
         self._secure = secure
-        self._socket: socket.socket | None = None
+        self._socket: TimedSocket | None = None
         self._number = 0
         self._received = b""
-        self._poller: select.poll | None = None
 
     def transact(self, pdu: bytes, check: ReplyCheck, until_s: float) -> bytes:
         """Send one request once and return the PDU of its reply."""
         try:
             connection = self._socket or self._connected(until_s)
-            self._number = number = self._number % 0xFFFF + 1
-            self._send(connection, _HEADER.pack(number, 0, len(pdu) + 1, self._unit) + pdu, until_s)
-            while True:
-                reply = self._reply(connection, number, until_s)
-                try:
-                    check(reply)
-                except StaleReply:
-                    continue
-                return reply
+            return self._once(connection, pdu, check, until_s)
         except ExceptionReply:
             raise
         except FrameError:
@@ -126,28 +109,40 @@ class TcpLink:
     def close(self) -> None:
         """Close the connection; never raises."""
         connection, self._socket = self._socket, None
-        self._received, self._poller = b"", None
+        self._received = b""
         if connection is not None:
-            with contextlib.suppress(OSError):
-                connection.close()
+            connection.close()
 
-    def _connected(self, until_s: float) -> socket.socket:
+    def _once(
+        self, connection: TimedSocket, pdu: bytes, check: ReplyCheck, until_s: float
+    ) -> bytes:
+        self._number = number = self._number % 0xFFFF + 1
+        connection.send(_HEADER.pack(number, 0, len(pdu) + 1, self._unit) + pdu, until_s)
+        while True:
+            reply = self._reply(connection, number, until_s)
+            try:
+                check(reply)
+            except StaleReply:
+                continue
+            return reply
+
+    def _dial(self, left_s: float) -> socket.socket:
+        connection = dial(self._target, left_s)
+        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        return connection
+
+    def _connected(self, until_s: float) -> TimedSocket:
         left_s = until_s - self._clock()
         if not left_s > 0.0:
             raise FrameError("no time left to connect")
-        connection = dial(self._target, left_s)
-        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        connection = self._dial(left_s)
         if self._secure is not None:
             connection = self._secured(connection, self._secure, until_s)
-        elif _POLLS:
-            connection.setblocking(True)
-            timeval = _TIMEVAL.pack(0, int(1e6 * _KERNEL_S))
-            connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, timeval)
-            self._poller = select.poll()
-        self._socket, self._received = connection, b""
+        timed = TimedSocket(connection, self._clock)
+        self._socket, self._received = timed, b""
         if self.opened is not None:
             self.opened(until_s)
-        return connection
+        return timed
 
     def _secured(
         self,
@@ -156,13 +151,16 @@ class TcpLink:
         until_s: float,
     ) -> socket.socket:
         try:
-            self._wait(connection, until_s)
+            left_s = until_s - self._clock()
+            if not left_s > 0.0:
+                raise TimeoutError
+            connection.settimeout(left_s)
             return secure(connection)
-        except (OSError, FrameError):
+        except OSError:
             connection.close()
             raise
 
-    def _reply(self, connection: socket.socket, number: int, until_s: float) -> bytes:
+    def _reply(self, connection: TimedSocket, number: int, until_s: float) -> bytes:
         """Return the next PDU of this transaction."""
         data = self._received or self._receive(connection, until_s)
         while True:
@@ -171,51 +169,11 @@ class TcpLink:
                 return reply
             data = self._received + self._receive(connection, until_s)
 
-    def _send(self, connection: socket.socket, frame: bytes, until_s: float) -> None:
-        if self._poller is None:
-            self._wait(connection, until_s)
-            connection.sendall(frame)
-            return
-        # a request fits the socket's buffer; only a device that reads nothing lets it fill
-        while frame:
-            with contextlib.suppress(BlockingIOError):
-                frame = frame[connection.send(frame, socket.MSG_DONTWAIT) :]
-            if frame:
-                self._ready(connection, select.POLLOUT, until_s)
-
-    def _receive(self, connection: socket.socket, until_s: float) -> bytes:
-        """Return what comes; by one system call where it comes soon."""
-        soon = until_s - self._clock() > 2.0 * _KERNEL_S
-        while True:
-            if self._poller is None:
-                self._wait(connection, until_s)
-            elif not soon:
-                self._ready(connection, select.POLLIN, until_s)
-            try:
-                chunk = connection.recv(_CHUNK)
-            except BlockingIOError:
-                soon = False
-                continue
-            if not chunk:
-                raise FrameError("the device closed the connection")
-            return chunk
-
-    def _ready(self, connection: socket.socket, event: int, until_s: float) -> None:
-        """Wait for a connection by the fine clock."""
-        left_s = until_s - self._clock()
-        poller = self._poller
-        if poller is None or not left_s > 0.0:
-            raise FrameError("no valid reply in time")
-        poller.register(connection, event)
-        if not poller.poll(math.ceil(1e3 * left_s)):
-            raise FrameError("no valid reply in time")
-
-    def _wait(self, connection: socket.socket, until_s: float) -> None:
-        """Let the next call on the connection end by `until_s`."""
-        left_s = until_s - self._clock()
-        if not left_s > 0.0:
-            raise FrameError("no valid reply in time")
-        connection.settimeout(left_s)
+    def _receive(self, connection: TimedSocket, until_s: float) -> bytes:
+        chunk = connection.receive(_CHUNK, until_s)
+        if not chunk:
+            raise FrameError("the device closed the connection")
+        return chunk
 
     def _describe(self, error: OSError, until_s: float) -> str:
         if isinstance(error, TimeoutError) or not self._clock() < until_s:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import socket
 import ssl
 import stat
@@ -13,6 +12,7 @@ from typing import Protocol
 
 from hdbench.devices.wire.address import Address
 from hdbench.errors import UsageError
+from hdbench.system.files import is_private
 
 __all__ = ["Certificates", "client_security"]
 
@@ -95,7 +95,7 @@ def _check_key(path: Path) -> None:
             where="key daq.tls.key",
             fix="give the path of the private key's PEM file",
         ) from error
-    if os.name == "posix" and stat.S_IMODE(mode) & 0o077:
+    if not is_private(mode):
         raise UsageError(
             f"{path} has mode {stat.S_IMODE(mode):04o}; needed: 0600, nobody else may read it",
             where="key daq.tls.key",

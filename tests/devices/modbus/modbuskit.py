@@ -11,13 +11,13 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from hdbench.devices.daq import DaqSettings, ScanBlock
-from hdbench.devices.emulator.bench import SimulatedBench
 from hdbench.devices.emulator.instrument import DeviceClock, SimulatedInstrument
 from hdbench.devices.emulator.modbus.device import ModbusDevice
-from hdbench.devices.emulator.modbus.servers import RtuServer, TcpServer
-from hdbench.devices.emulator.plantfile import load_plant
+from hdbench.devices.emulator.server import ModbusServer, Wire
 from hdbench.devices.modbus.driver import ModbusDaq
 from hdbench.devices.modbus.opening import open_modbus
+from hdbench.plant.bench import SimulatedBench
+from hdbench.plant.plantfile import load_plant
 from hdbench.profile import load_profile
 from hdbench.profile.acquiring_modbus import ModbusAcquisition
 
@@ -40,6 +40,7 @@ class Served:
     instrument: SimulatedInstrument
     address: str
     loop: asyncio.AbstractEventLoop
+    server: ModbusServer
     requests: list[bytes] = field(default_factory=list)
 
     @property
@@ -57,7 +58,7 @@ class Served:
 
 
 @contextmanager
-def served(what: ModbusAcquisition, *, rtu: bool = False, seed: int = 3) -> Iterator[Served]:
+def served(what: ModbusAcquisition, *, wire: Wire = "tcp", seed: int = 3) -> Iterator[Served]:
     """Serve a device; every request it hears is kept."""
     instrument = SimulatedInstrument(
         SimulatedBench(BENCH, load_plant("as-modelled"), seed),
@@ -65,18 +66,17 @@ def served(what: ModbusAcquisition, *, rtu: bool = False, seed: int = 3) -> Iter
         clock=DeviceClock(1.0, time.monotonic()),
     )
     device = ModbusDevice(instrument, what, amperes_per_v=1.0)
-    server = RtuServer(device) if rtu else TcpServer(device)
+    server = ModbusServer(device, wire)
     loop = asyncio.new_event_loop()
     thread = threading.Thread(target=loop.run_forever, daemon=True)
     thread.start()
-    opening = server.open() if isinstance(server, RtuServer) else server.open("127.0.0.1", 0)
-    address = asyncio.run_coroutine_threadsafe(opening, loop).result(5)
-    found = Served(device, instrument, address, loop)
+    address = asyncio.run_coroutine_threadsafe(server.open(), loop).result(5)
+    found = Served(device, instrument, address, loop, server)
     answer = device.answer
 
-    def kept(pdu: bytes) -> bytes | None:
+    def kept(pdu: bytes, *numbers: int) -> bytes | None:
         found.requests.append(pdu)
-        return answer(pdu)
+        return answer(pdu, *numbers)
 
     device.answer = kept
     try:

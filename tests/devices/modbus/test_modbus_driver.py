@@ -3,11 +3,11 @@
 import time
 
 import pytest
+from linefaults.faults import Mangler, RtuFraming, TcpFraming
+from linefaults.lines import faulty_serial, faulty_tcp
 from modbuskit import COUPLER, TORQUE, driver, read_all, served, settings, table
 from pymodbus.client import ModbusTcpClient
 
-from hdbench.devices.emulator.faultlines import faulty_serial, faulty_tcp
-from hdbench.devices.emulator.faults import Mangler, RtuFraming, TcpFraming
 from hdbench.devices.wire.crc import crc16
 from hdbench.errors import DeviceError, ProfileError, UsageError
 
@@ -24,11 +24,11 @@ def lock(found, mass_kg=2.0):
     )
 
 
-@pytest.mark.parametrize("rtu", [False, True])
+@pytest.mark.parametrize("wire", ["tcp", "rtu"])
 @pytest.mark.parametrize("order", ["ABCD", "CDAB", "BADC", "DCBA"])
-def test_a_float_is_read_in_every_order_on_both_wires(rtu, order):
+def test_a_float_is_read_in_every_order_on_both_wires(wire, order):
     made = table(channels=({**TORQUE, "order": order},))
-    with served(made, rtu=rtu) as found, driver(made, found.address) as daq:
+    with served(made, wire=wire) as found, driver(made, found.address) as daq:
         true = found.call(lambda: float(found.instrument.look().volts["torque"][-1]))
         # the same reading stands for a millisecond; noise is 8 mV, eight of its deviations
         assert daq.snapshot()["torque"] == pytest.approx(true, abs=0.08)
@@ -236,7 +236,7 @@ def test_a_late_reply_on_a_serial_line_is_never_another_reading():
         channels=({**TORQUE, "type": "u32"}, {"role": "tacho", "address": 12, "type": "u32"}),
         identify=({"address": 14, "type": "u16", "equals": 4660},),
     )
-    with served(made, rtu=True) as found:
+    with served(made, wire="rtu") as found:
         cell = found.device.memory._cells[("holding", 10)]
         cell.on_read = lambda: float(len(found.requests))
         mangler = Mangler("late", RtuFraming(crc16), share=0.0, seed=2, late_s=0.065)
@@ -264,7 +264,7 @@ def test_a_deadline_too_short_for_a_serial_line_is_refused():
     """At 9600 bit/s 8E1 a 32-bit float takes 27.5 ms: 50 ms and three of them in 0.35 of it."""
     made = table()
     with (
-        pytest.raises(ProfileError, match=r"0\.2 s; on this serial line .* within 0\.38 s"),
+        pytest.raises(ProfileError, match=r"0\.2 s; on this line .* within 0\.38 s"),
         driver(made, "rtu:///dev/none?baud=9600", deadline_s=0.2),
     ):
         pass

@@ -8,8 +8,9 @@ from functools import partial
 
 from hdbench.devices.emulator.instrument import ChannelFault, Input, SimulatedInstrument
 from hdbench.devices.emulator.modbus.driving import Driving
-from hdbench.devices.emulator.modbus.memory import ILLEGAL_VALUE, Cell, Memory, RefusedError
+from hdbench.devices.emulator.modbus.memory import ILLEGAL_VALUE, Cell, Memory
 from hdbench.devices.emulator.modbus.watchdog import DeviceWatchdog, told
+from hdbench.devices.emulator.server import Device, ModbusRefusedError, Space
 from hdbench.devices.modbus.inputs import input_info
 from hdbench.devices.modbus.layout import Place, place_of
 from hdbench.devices.modbus.window import SIGNATURE, window_start
@@ -24,7 +25,7 @@ _CHANNEL_FAULTS: tuple[ChannelFault | None, ...] = (None, "stuck", "high", "low"
 _FIRST_CHANNEL_FAULT = 5
 
 
-class ModbusDevice:
+class ModbusDevice(Device):
     """Holds the map, answers requests, and stops the motor when nobody feeds its watchdog.
 
     Parameters
@@ -38,6 +39,8 @@ class ModbusDevice:
     clock : callable, optional
         Monotonic clock, s.
     """
+
+    functions = frozenset((1, 2, 3, 4, 5, 6, 16))
 
     def __init__(
         self,
@@ -65,14 +68,22 @@ class ModbusDevice:
         """Its watchdog, None where it has none."""
         return None if self._driving is None else self._driving.watchdog
 
-    def answer(self, pdu: bytes) -> bytes | None:
-        """Return the reply to one request; None while the device is silent."""
+    def hears(self, function: int) -> bool:
+        """Feed the watchdog; False while the device is silent."""
         self.tick()
         if self._clock() < self._silent_until_s:
-            return None
+            return False
         if self.watchdog is not None:
-            self.watchdog.heard(pdu[0])
-        return self.memory.answer(pdu)
+            self.watchdog.heard(function)
+        return True
+
+    def read(self, space: Space, address: int, count: int, connection: int) -> bytes:
+        """Return registers or bits."""
+        return self.memory.read(space, address, count)
+
+    def write(self, space: Space, address: int, raw: bytes, connection: int) -> None:
+        """Write registers or a bit."""
+        self.memory.write(space, address, raw)
 
     def tick(self) -> None:
         """Let time pass."""
@@ -166,4 +177,4 @@ class ModbusDevice:
         elif 0 <= number < len(_CHANNELS) and 0 <= int(argument) < len(_CHANNEL_FAULTS):
             self._instrument.disturb(_CHANNELS[number], _CHANNEL_FAULTS[int(argument)])
         else:
-            raise RefusedError(ILLEGAL_VALUE)
+            raise ModbusRefusedError(ILLEGAL_VALUE)

@@ -6,8 +6,9 @@ from collections.abc import Callable
 from functools import partial
 
 from hdbench.devices.emulator.instrument import SimulatedInstrument
-from hdbench.devices.emulator.modbus.memory import DEVICE_FAILURE, Cell, Memory, RefusedError
+from hdbench.devices.emulator.modbus.memory import DEVICE_FAILURE, Cell, Memory
 from hdbench.devices.emulator.modbus.watchdog import DeviceWatchdog
+from hdbench.devices.emulator.server import ModbusRefusedError
 from hdbench.devices.modbus.layout import Place, place_of
 from hdbench.profile.acquiring_modbus import (
     ModbusAcquisition,
@@ -126,4 +127,4 @@ class Driving:
 
     def _refuse_after_trip(self) -> None:
         if self.watchdog is not None and self.watchdog.tripped:
-            raise RefusedError(DEVICE_FAILURE)
+            raise ModbusRefusedError(DEVICE_FAILURE)

@@ -6,28 +6,14 @@ import struct
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from hdbench.devices.emulator.server import ModbusRefusedError, Space
 from hdbench.devices.modbus.layout import Place
 from hdbench.devices.modbus.values import decode, encode, range_of
 
-__all__ = ["DEVICE_FAILURE", "ILLEGAL_VALUE", "Cell", "Memory", "RefusedError"]
+__all__ = ["DEVICE_FAILURE", "ILLEGAL_VALUE", "Cell", "Memory"]
 
-ILLEGAL_FUNCTION, ILLEGAL_ADDRESS, ILLEGAL_VALUE, DEVICE_FAILURE = 1, 2, 3, 4
-_READS = {1: "coil", 2: "discrete", 3: "holding", 4: "input"}
-_MAX_REGISTERS, _MAX_BITS = 125, 2000
-
-
-class RefusedError(Exception):
-    """A request that the device answers with an exception.
-
-    Parameters
-    ----------
-    code : int
-        Modbus exception code.
-    """
-
-    def __init__(self, code: int) -> None:
-        super().__init__(f"exception {code}")
-        self.code = code
+ILLEGAL_ADDRESS, ILLEGAL_VALUE, DEVICE_FAILURE = 2, 3, 4
+_MAX_REGISTERS = 125
 
 
 @dataclass(slots=True)
@@ -43,7 +29,7 @@ class Cell:
     on_read : callable, optional
         Gives the value in place of `value`.
     on_write : callable, optional
-        Takes what was written; may raise `RefusedError`, and then nothing is kept.
+        Takes what was written; may raise `ModbusRefusedError`, and then nothing is kept.
     writable : bool
         Whether a host may write it.
     """
@@ -91,51 +77,23 @@ class Memory:
         """Put a cell where its place says; one that begins at the same place is kept instead."""
         return self._cells.setdefault((cell.place.space, cell.place.start), cell)
 
-    def answer(self, pdu: bytes) -> bytes:
-        """Return the reply to one request; refusals are exceptions in it."""
-        try:
-            return self._carry_out(pdu)
-        except RefusedError as refused:
-            return bytes((pdu[0] | 0x80, refused.code))
-        except (struct.error, IndexError):
-            # shorter or longer than its function asks for
-            return bytes((pdu[0] | 0x80, ILLEGAL_VALUE))
-
-    def _carry_out(self, pdu: bytes) -> bytes:
-        function = pdu[0]
-        if function in _READS:
-            start, count = struct.unpack(">HH", pdu[1:])
-            return bytes((function,)) + self._read(_READS[function], start, count)
-        if function == 5:
-            start, value = struct.unpack(">HH", pdu[1:])
-            if value not in (0, 0xFF00):
-                raise RefusedError(ILLEGAL_VALUE)
-            self._write("coil", start, [int(value != 0)])
-            return pdu
-        if function == 6:
-            start, value = struct.unpack(">HH", pdu[1:])
-            self._write("holding", start, [value])
-            return pdu
-        if function == 16:
-            start, count, n_bytes = struct.unpack(">HHB", pdu[1:6])
-            if n_bytes != 2 * count or len(pdu) != 6 + n_bytes:
-                raise RefusedError(ILLEGAL_VALUE)
-            self._write("holding", start, list(struct.unpack(f">{count}H", pdu[6:])))
-            return pdu[:5]
-        raise RefusedError(ILLEGAL_FUNCTION)
-
-    def _read(self, space: str, start: int, count: int) -> bytes:
+    def read(self, space: Space, start: int, count: int) -> bytes:
+        """Return registers, or bits packed from the lowest on."""
         bits = space in ("coil", "discrete")
-        if not 1 <= count <= (_MAX_BITS if bits else self.max_registers):
-            raise RefusedError(ILLEGAL_VALUE)
+        if not bits and count > self.max_registers:
+            raise ModbusRefusedError(ILLEGAL_VALUE)
         words = self._words(space, start, count)
         if not bits:
-            return bytes((2 * count,)) + struct.pack(f">{count}H", *words)
+            return struct.pack(f">{count}H", *words)
         packed = sum(bit << number for number, bit in enumerate(words))
-        n_bytes = (count + 7) // 8
-        return bytes((n_bytes,)) + packed.to_bytes(n_bytes, "little")
+        return packed.to_bytes((count + 7) // 8, "little")
 
-    def _words(self, space: str, start: int, count: int) -> list[int]:
+    def write(self, space: Space, start: int, raw: bytes) -> None:
+        """Write registers, or one bit as 0xFF00 or 0."""
+        words = list(struct.unpack(f">{len(raw) // 2}H", raw))
+        self._write(space, start, [int(words[0] != 0)] if space == "coil" else words)
+
+    def _words(self, space: Space, start: int, count: int) -> list[int]:
         found: dict[int, int] = {}
         for cell in self._cells.values():
             place = cell.place
@@ -146,15 +104,15 @@ class Memory:
                     found[place.start + number] = word
         wanted = range(start, start + count)
         if not found or not (self.lenient or len(found.keys() & set(wanted)) == count):
-            raise RefusedError(ILLEGAL_ADDRESS)
+            raise ModbusRefusedError(ILLEGAL_ADDRESS)
         return [found.get(at, 0) for at in wanted]
 
-    def _write(self, space: str, start: int, words: list[int]) -> None:
+    def _write(self, space: Space, start: int, words: list[int]) -> None:
         at = 0
         while at < len(words):
             cell = self._cells.get((space, start + at))
             if cell is None or not cell.writable or at + cell.place.size > len(words):
-                raise RefusedError(ILLEGAL_ADDRESS)
+                raise ModbusRefusedError(ILLEGAL_ADDRESS)
             raw = struct.pack(f">{cell.place.size}H", *words[at : at + cell.place.size])
             value: float = (
                 words[at] if cell.place.is_bit else decode(raw, cell.place.kind, cell.place.order)

@@ -4,20 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from hdbench.devices.emulator.instrument import SimulatedInstrument
 from hdbench.devices.emulator.modbus.device import ModbusDevice
-from hdbench.devices.emulator.modbus.servers import RtuServer, TcpServer
-from hdbench.devices.emulator.serve import EmulatorSettings
-from hdbench.errors import UsageError
-from hdbench.profile.acquiring import Acquisition
+from hdbench.devices.emulator.server import ModbusServer
+from hdbench.devices.emulator.serving import Emulation, EmulatorSettings
 from hdbench.profile.acquiring_modbus import ModbusAcquisition
-from hdbench.profile.schema import ProfileData
 
-__all__ = ["ModbusPart", "modbus_part"]
+__all__ = ["EmulatedModbus", "emulate_modbus"]
 
 
-class ModbusPart:
-    """Implements `hdbench.devices.emulator.kinds.EmulatedPart`.
+class EmulatedModbus:
+    """Implements `hdbench.devices.emulator.serving.EmulatedDevice`.
 
     Parameters
     ----------
@@ -30,17 +26,13 @@ class ModbusPart:
     def __init__(self, device: ModbusDevice, *, rtu: bool) -> None:
         self.device = device
         self._rtu = rtu
-        self._server: TcpServer | RtuServer | None = None
+        self._server: ModbusServer | None = None
 
     async def open(self, settings: EmulatorSettings) -> Mapping[str, object]:
         """Open the wire and return ``address``."""
-        if self._rtu or settings.rtu:
-            line = RtuServer(self.device)
-            self._server = line
-            return {"address": await line.open()}
-        server = TcpServer(self.device)
-        self._server = server
-        return {"address": await server.open(settings.host, settings.port)}
+        wire = "rtu" if self._rtu and settings.wire == "tcp" else settings.wire
+        self._server = ModbusServer(self.device, wire)
+        return {"address": await self._server.open(settings.host, settings.port)}
 
     def close(self) -> None:
         """Close the wire."""
@@ -48,38 +40,22 @@ class ModbusPart:
             self._server.close()
 
 
-def modbus_part(
-    instrument: SimulatedInstrument, profile: ProfileData, table: Acquisition, seed: int
-) -> ModbusPart:
-    """Return a device with the registers of `table` and the bench of `instrument` behind them.
+def emulate_modbus(emulation: Emulation, table: ModbusAcquisition) -> EmulatedModbus:
+    """Return a device with the registers of `table` and a simulated bench behind them.
 
     Parameters
     ----------
-    instrument : SimulatedInstrument
+    emulation : Emulation
         The bench; another device may share it.
-    profile : ProfileData
-        Its profile.
     table : ModbusAcquisition
         ``[daq]``, or one part of a composite.
-    seed : int
-        Not used: such a device has no constants of its own.
 
     Returns
     -------
-    ModbusPart
-
-    Raises
-    ------
-    UsageError
-        If the table is another driver's.
+    EmulatedModbus
     """
-    if not isinstance(table, ModbusAcquisition):
-        raise UsageError(
-            f"the profile's driver is {table.driver!r}; needed: modbus",
-            where="key daq.driver",
-            fix="name a profile with a Modbus device, such as seneca-z-sg",
-        )
     # the instrument's current channel has max_current_a at range_v
+    profile = emulation.profile
     amperes_per_v = profile.servo.max_current_a / profile.daq.range_v
-    device = ModbusDevice(instrument, table, amperes_per_v=amperes_per_v)
-    return ModbusPart(device, rtu=table.serial is not None)
+    device = ModbusDevice(emulation.instrument, table, amperes_per_v=amperes_per_v)
+    return EmulatedModbus(device, rtu=table.serial is not None)

@@ -12,6 +12,7 @@ from typing import Any
 from hdbench.devices.wire import Address, ExceptionReply, FrameError, Link, ReplyForm, connect
 from hdbench.devices.wire.address import SerialSettings
 from hdbench.errors import HdbenchError
+from hdbench.system.lines import can_share_ports
 
 # between two looks at the motor, s
 POLL_S = 0.01
@@ -49,7 +50,7 @@ class Wire:
         address = Address(target["scheme"], target["host"], target["port"], target["path"], line)
         self._rest_s = float(target["rest_s"])
         self._reply_s = REPLY_S
-        if address.scheme == "rtu":
+        if address.is_line:
             self._reply_s += QUIET_S + line.exchange_s(_LONGEST, _LONGEST)
         tls = SimpleNamespace(**target["tls"]) if target["tls"] else None
         self._link: Link = connect(
@@ -92,7 +93,8 @@ def wrong(reply: bytes, check: dict[str, Any]) -> str:
 
 def note_identity(target: dict[str, Any]) -> None:
     """Note who answers, so that nobody else is ever written to; the session waits meanwhile."""
-    if not target["identity"]:
+    if not target["identity"] or (target["scheme"] == "rtu" and not can_share_ports()):
+        # the session has the port for itself; the guard gets it at the session's end
         return
     for ask in range(1, ASKS + 1):
         try:

@@ -5,18 +5,28 @@ from __future__ import annotations
 import contextlib
 import json
 import os
-import select
+import threading
 import time
 from typing import Any
+
+from hdbench.system.files import sync_file
+
+# what a line takes where somebody reads it, s
+_SAY_S = 0.05
 
 
 def say(text: str) -> None:
     """Say it on stderr, if that is still there and takes it: nobody need read it."""
     line = f"hdbench guard: {text}\n".encode(errors="replace")
-    with contextlib.suppress(OSError, ValueError):
-        # a pipe or terminal that is ready takes so much without a wait
-        if select.select([], [2], [], 0.0)[1]:
-            os.write(2, line[: select.PIPE_BUF])
+
+    def write() -> None:
+        with contextlib.suppress(OSError):
+            os.write(2, line)
+
+    # a pipe that is full holds up this thread alone
+    writer = threading.Thread(target=write, daemon=True)
+    writer.start()
+    writer.join(_SAY_S)
 
 
 def let_go_of_pipes() -> None:
@@ -44,6 +54,6 @@ def write_down(log: str | None, why: str, problem: str, took_s: float) -> None:
             handle = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
             try:
                 os.write(handle, json.dumps(event).encode() + b"\n")
-                os.fsync(handle)
+                sync_file(handle)
             finally:
                 os.close(handle)

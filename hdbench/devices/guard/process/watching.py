@@ -5,11 +5,13 @@ from __future__ import annotations
 import contextlib
 import json
 import select
-import signal
 import socket
 import sys
 import time
 from typing import Any, NoReturn
+
+from hdbench.devices.wire import dial, parse_address
+from hdbench.system.processes import ignore_signals
 
 from .stopping import FAULTS, POLL_S, note_identity, reason, stop_motor
 from .telling import let_go_of_pipes, say, write_down
@@ -17,6 +19,8 @@ from .telling import let_go_of_pipes, say, write_down
 # while the session brakes by itself, it may be silent for so long, s
 PATIENT_S = 6.0
 SAY_S = 10.0
+# to this computer itself, s
+CONNECT_S = 5.0
 
 
 class Guard:
@@ -35,10 +39,18 @@ class Guard:
         self._order = order
         self._silence_s: float | None = None
         self._fired = False
+        self._words = b""
+        self._alone = False
+        self._emulator: socket.socket | None = None
+        link.setblocking(False)
 
     def prepare(self) -> None:
         """Find out who answers, so that only that device is ever written to."""
         try:
+            if self._order["emulator"]:
+                place = parse_address(self._order["emulator"])
+                self._emulator = dial((place.host, place.port), CONNECT_S)
+                self._emulator.setblocking(False)
             for target in self._order["targets"]:
                 note_identity(target)
         except FAULTS as error:
@@ -54,17 +66,27 @@ class Guard:
                 self.fire(f"no sign of life for {self._silence_s:g} s")
                 self._silence_s = None
                 continue
-            try:
-                words = self._link.recv(4096)
-            except OSError:
-                words = b""
+            self._listen()
+            words, self._words = self._words, b""
             if b"Q" in words:
                 return 0
-            if not words:
+            if words:
+                self._note(words)
+            if self._alone:
                 if not self._fired:
                     self.fire("the session has ended")
                 return 0
-            self._note(words)
+
+    def _listen(self) -> None:
+        """Take what the session has said, and notice its end."""
+        try:
+            while words := self._link.recv(4096):
+                self._words += words
+        except BlockingIOError:
+            return
+        except OSError:
+            pass
+        self._alone = True
 
     def _note(self, words: bytes) -> None:
         for letter in words.decode("ascii", "replace"):
@@ -100,34 +122,41 @@ class Guard:
     def _stopped(self) -> str:
         """Try once; return why the motor is not known to stand. Nothing ends the trying."""
         try:
-            return stop_motor(self._order, alone=self._alone())
+            self._listen()
+            # a session that is gone leaves its serial port; one that is only frozen has it still
+            return stop_motor(self._order, alone=self._alone)
         except Exception as error:  # noqa: BLE001 - a bug here must not leave a motor on
             return f"{type(error).__name__}: {error}"
 
-    def _alone(self) -> bool:
-        """Return whether the session is gone, not only frozen."""
-        asked = select.poll()
-        asked.register(self._link, 0)
-        return any(event & select.POLLHUP for _, event in asked.poll(0))
-
     def _simulation_over(self) -> bool:
-        """Return whether this guarded an emulator that has ended: nobody reads its lifeline."""
-        asked = select.poll()
-        for handle in self._order["keep"]:
-            asked.register(handle, 0)
-        return any(event & select.POLLERR for _, event in asked.poll(0))
+        """Return whether this guarded an emulator that has ended."""
+        if self._emulator is None:
+            return False
+        try:
+            return not self._emulator.recv(1)
+        except BlockingIOError:
+            return False
+        except OSError:
+            return True
 
     def _tell(self, words: str) -> None:
         with contextlib.suppress(OSError):
-            self._link.send(words.encode(errors="replace"), socket.MSG_DONTWAIT)
+            self._link.send(words.encode(errors="replace"))
 
 
 def main() -> NoReturn:
     """Take the order, watch, act if need be."""
     # what ends the session must not end the guard before it has done its work
-    for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT", "SIGTSTP", "SIGPIPE"):
-        signal.signal(getattr(signal, name), signal.SIG_IGN)
-    link = socket.socket(fileno=0)
+    ignore_signals()
+    try:
+        port, secret = sys.stdin.readline().split()
+        link = dial(("127.0.0.1", int(port)), CONNECT_S)
+        link.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        link.settimeout(None)
+        link.sendall(secret.encode())
+    except (OSError, ValueError):
+        # the session is gone already, and nothing has moved
+        sys.exit(0)
     line = b""
     while not line.endswith(b"\n"):
         chunk = link.recv(1)

@@ -1,0 +1,95 @@
+"""The guard's order for a polled Modbus device, from the registers that the profile names."""
+
+from __future__ import annotations
+
+from hdbench.devices.guard.order import Check, Look, Target, target_at
+from hdbench.devices.modbus.layout import Place, place_of, plan_blocks
+from hdbench.devices.modbus.outputs import output_step_v
+from hdbench.devices.modbus.values import encode
+from hdbench.devices.wire import (
+    Request,
+    parse_address,
+    write_bit,
+    write_register,
+    write_registers,
+)
+from hdbench.devices.wire.address import serial_settings
+from hdbench.profile.acquiring_modbus import ModbusAcquisition
+from hdbench.profile.schema import ProfileData
+
+__all__ = ["stop_target"]
+
+_FORMS = {"i16": ">h", "u16": ">H", "i32": ">i", "u32": ">I", "f32": ">f", "f64": ">d"}
+# data of a reply stand behind function code and byte count
+_DATA_AT = 2
+# what still counts as zero where the output is a float, V
+_ZERO_V = 1e-3
+
+
+def stop_target(_profile: ProfileData, table: ModbusAcquisition) -> Target | None:
+    """Return how the outputs of a polled device are made safe.
+
+    Parameters
+    ----------
+    _profile : ProfileData
+        The bench; its scales are not needed.
+    table : ModbusAcquisition
+        ``[daq]``, with the address of a device.
+
+    Returns
+    -------
+    Target or None
+        Reference to zero, read back; then the enable line off, read back. The speed is measured by
+        another device, if by any. None where the table has no output.
+    """
+    if table.output is None:
+        return None
+    output = table.output
+    given = None if table.serial is None else serial_settings(table.serial)
+    place = place_of(table, output)
+    back = place if output.read_back is None else place_of(table, output.read_back)
+    zero, scale = -output.offset / output.scale, abs(output.scale)
+    spread = (output_step_v(output) or _ZERO_V) / scale
+    finals, final_looks = [], []
+    if output.enable is not None:
+        line, off = place_of(table, output.enable), float(output.enable.off)
+        finals.append(_write(line, off))
+        final_looks.append(_look(line, "enable line", off, off))
+    known = [place_of(table, one) for one in table.identify if one.equals is not None]
+    address = parse_address(table.address, given, default_port=502)
+    return Target(
+        target_at(address, table.unit, table.tls, rest_s=table.min_gap_s),
+        acts=(_write(place, zero, output.function),),
+        looks=(_look(back, "motor reference, steps", zero - spread, zero + spread),),
+        identity=_read(known[0]) if known else None,
+        finals=tuple(finals),
+        final_looks=tuple(final_looks),
+        brake_s=output.brake_s,
+    )
+
+
+def _read(place: Place) -> Request:
+    (block,) = plan_blocks([place], most=place.size, bridge=0)
+    return block.request()
+
+
+def _write(place: Place, value: float, function: int | None = None) -> Request:
+    """Return a write as the driver makes it."""
+    if place.is_bit:
+        return write_bit(place.start, on=bool(value))
+    raw = encode(value, place.kind, place.order)
+    if len(raw) == 2 and function != 16:
+        return write_register(place.start, int.from_bytes(raw, "big"))
+    return write_registers(place.start, raw)
+
+
+def _look(place: Place, name: str, low: float, high: float) -> Look:
+    if place.is_bit:
+        return Look(_read(place), (Check(name, _DATA_AT, ">B", low, high, mask=1),))
+    words = [(2 * number, 2 * number + 1) for number in range(place.size)]
+    if place.order in ("CDAB", "DCBA"):
+        words.reverse()
+    if place.order in ("BADC", "DCBA"):
+        words = [(second, first) for first, second in words]
+    order = tuple(index for word in words for index in word)
+    return Look(_read(place), (Check(name, _DATA_AT, _FORMS[place.kind], low, high, order=order),))

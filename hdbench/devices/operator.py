@@ -1,0 +1,198 @@
+"""The operator of a simulated bench: sets the fixture as the prompts ask."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from hdbench.devices.mistakes import Mistakes
+from hdbench.devices.ports import AcquisitionSettings, Bench
+from hdbench.errors import UsageError
+
+__all__ = ["SimulatedOperator"]
+
+_BURN_PERIOD_S = 0.01  # any period that a node takes
+
+
+@dataclass(slots=True)
+class _Fixture:
+    locked: bool = False
+    position_rad: float = 0.0
+    mass_kg: float = 0.0
+    direction: int = 1
+    shunt_ohm: float = 0.0
+
+    def to_dict(self) -> dict[str, float]:
+        return {
+            "locked": float(self.locked),
+            "position_rad": self.position_rad,
+            "mass_kg": self.mass_kg,
+            "direction": float(self.direction),
+            "shunt_ohm": self.shunt_ohm,
+        }
+
+
+class SimulatedOperator:
+    """Does at once what a person would be asked to do, without error but for chosen mistakes.
+
+    Implements `hdbench.devices.ports.Operator` and `hdbench.session.calibrating.Hands`.
+
+    Parameters
+    ----------
+    bench : Bench
+        The driver of a simulated bench.
+    mistakes : Mistakes, optional
+        What goes wrong, and when.
+    shunt_ohm : float
+        The resistor at hand, ohm; 0 none.
+    fresh : bool
+        Whether the bench begins with this session; otherwise it has kept its fixture.
+    motion : callable, optional
+        Asked before a motion; left out, every motion is allowed.
+
+    Raises
+    ------
+    UsageError
+        If `bench` has no control channel.
+    """
+
+    def __init__(
+        self,
+        bench: Bench,
+        mistakes: Mistakes | None = None,
+        *,
+        shunt_ohm: float = 0.0,
+        fresh: bool = True,
+        motion: Callable[[str], bool] = lambda _: True,
+    ) -> None:
+        if bench.simulation is None:
+            raise UsageError(
+                "a real bench needs a person beside it",
+                where="bench",
+                fix="run the command on a terminal, without --no-input",
+            )
+        self._bench = bench
+        self._simulation = bench.simulation
+        self._motion = motion
+        self._mistakes = mistakes or Mistakes()
+        self._shunt_ohm = shunt_ohm
+        self._fresh = fresh
+        self._now = _Fixture()
+        self._history: list[dict[str, float]] = []
+
+    # -- motion runs ------------------------------------------------------------------------------
+
+    def confirm_lock(self, *, locked: bool) -> bool:
+        """Lock or release the wave generator; released, nothing hangs on the arm."""
+        self.mount(locked=locked, position_rad=self._now.position_rad)
+        return True
+
+    def set_position(self, position_rad: float, *, index: int, count: int) -> bool:
+        """Turn the unloaded flexspline to `position_rad`, rad."""
+        self.mount(locked=self._now.locked, position_rad=position_rad)
+        return True
+
+    def hang(self, mass_kg: float, *, direction: str, expected_nm: float, step: str) -> bool:
+        """Hang `mass_kg` on the arm for `direction` (``cw`` or ``ccw``)."""
+        self._now.mass_kg, self._now.direction = mass_kg, {"cw": 1, "ccw": -1}[direction]
+        self._set()
+        return True
+
+    def confirm_motion(self, description: str) -> bool:
+        """Allow the motion of a bench beside which nobody stands, or ask."""
+        return self._motion(description)
+
+    # -- calibrations -----------------------------------------------------------------------------
+
+    def mount(self, *, locked: bool, position_rad: float) -> None:
+        """Lock or release the wave generator and turn the unloaded flexspline, rad."""
+        self._now.locked, self._now.position_rad = locked, position_rad
+        self._now.mass_kg, self._now.direction = 0.0, 1
+        self._set()
+
+    def put(self, mass_kg: float, *, direction: str, number: int, attempt: int) -> None:
+        """Hang a weight, with the mistakes planned for it.
+
+        Parameters
+        ----------
+        mass_kg : float
+            What is asked for, kg; 0 takes everything off.
+        direction : str
+            ``cw`` or ``ccw``.
+        number : int
+            Point of the sequence.
+        attempt : int
+            Which time it is loaded, from 1.
+        """
+        wrong = self._mistakes.of(number, attempt)
+        if "wrong-weight" in wrong:
+            named = wrong["wrong-weight"]
+            mass_kg = self._mistakes.other_mass_kg(mass_kg, number) if math.isnan(named) else named
+        self._handle(wrong.get("swing", 0.0), wrong.get("early-release", 0.0))
+        self.hang(mass_kg, direction=direction, expected_nm=0.0, step="")
+        if "early-release" in wrong:
+            # what a bench that is opened later finds: the weight is off
+            self._history[-1]["mass_kg"] = 0.0
+
+    def shunt(self, *, closed: bool) -> bool:
+        """Switch the shunt resistor; False where the bench has none."""
+        if not self._shunt_ohm > 0.0:
+            return False
+        self._now.shunt_ohm = self._shunt_ohm if closed else 0.0
+        self._handle(0.0, 0.0)
+        self._history.append(self._now.to_dict())
+        return True
+
+    def history(self) -> list[dict[str, float]]:
+        """Return every change so far, for `restore`."""
+        return [dict(change) for change in self._history]
+
+    def restore(self, history: list[dict[str, float]], acquisitions: int) -> None:
+        """Bring the bench to where an earlier session left it.
+
+        Parameters
+        ----------
+        history : list of dict
+            What `history` returned there.
+        acquisitions : int
+            How many acquisitions the earlier session began.
+
+        Notes
+        -----
+        A simulated bench that begins anew numbers its clampings and acquisitions from the start
+        and draws the gain of a clamping and the noise of an acquisition by that number: both are
+        gone through again, so that gain and zero go on as they were and no noise comes twice.
+        """
+        changes = history if self._fresh else history[-1:]
+        for change in changes:
+            self._now = _Fixture(
+                bool(change["locked"]),
+                change["position_rad"],
+                change["mass_kg"],
+                int(change["direction"]),
+                change["shunt_ohm"],
+            )
+            self._set()
+        if changes:
+            self._handle(0.0, 0.0)
+        self._history = [dict(change) for change in history]
+        for _ in range(acquisitions if self._fresh else 0):
+            self._bench.configure(AcquisitionSettings(_BURN_PERIOD_S, 1, None))
+            self._bench.start()
+            self._bench.stop()
+
+    def _handle(self, swing_rad: float, release_s: float) -> None:
+        self._simulation.set_handling(
+            swing_rad=swing_rad, release_s=release_s, shunt_ohm=self._now.shunt_ohm
+        )
+
+    def _set(self) -> None:
+        now = self._now
+        self._simulation.set_fixture(
+            locked=now.locked,
+            position_rad=now.position_rad,
+            mass_kg=now.mass_kg,
+            direction=now.direction,
+        )
+        self._history.append(now.to_dict())

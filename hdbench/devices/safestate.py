@@ -1,0 +1,160 @@
+"""Bring a bench to its safe state through its device, and prove it by reading back."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from hdbench.devices.ports import SafeState
+from hdbench.errors import HdbenchError
+
+__all__ = ["STANDSTILL_RAD_S", "SafeActs", "Seen", "reach_safe_state", "until_calm"]
+
+# standing still: eight standard deviations of a tacho with 1 mV noise at 56 rad/s per volt
+STANDSTILL_RAD_S = 0.5
+# time for everything, for braking under the drive's control where the motor is seen, and between
+# two looks, s
+_TIMEOUT_S = 2.5
+_BRAKING_S = 1.0
+_POLL_S = 0.02
+# looks in a row that must find everything safe
+_CALM = 2
+
+
+@dataclass(frozen=True, slots=True)
+class Seen:
+    """What a device shows of its outputs and its motor.
+
+    Parameters
+    ----------
+    reference_v : float or None
+        Motor reference as measured or read back, V; None where the device has none.
+    velocity_rad_s : float or None
+        Motor speed as measured, rad/s; None where the device measures none.
+    problem : str
+        What else is not safe; empty when nothing.
+    """
+
+    reference_v: float | None = None
+    velocity_rad_s: float | None = None
+    problem: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SafeActs:
+    """What the safe state needs of a device; every act may be repeated and raise `HdbenchError`.
+
+    Parameters
+    ----------
+    stop : callable
+        Brings the reference to zero and stops whatever runs.
+    look : callable
+        Returns what is `Seen`.
+    disable : callable, optional
+        Switches the drive off and returns whether it reads back as off.
+    zero_v : float
+        What still counts as reference zero, V.
+    brake_s : float, optional
+        Time from reference zero to drive off in any case, s.
+    """
+
+    stop: Callable[[], object]
+    look: Callable[[], Seen]
+    disable: Callable[[], bool] = field(default=lambda: True)
+    zero_v: float
+    brake_s: float = 0.0
+
+
+def reach_safe_state(
+    acts: SafeActs, clock: Callable[[], float], sleep: Callable[[float], None]
+) -> SafeState:
+    """Zero the reference, let the drive brake, disable it, and confirm; never raises.
+
+    Parameters
+    ----------
+    acts : SafeActs
+        The device.
+    clock, sleep : callable
+        Monotonic clock in s, and waiting.
+
+    Returns
+    -------
+    SafeState
+        ``velocity_rad_s`` is None where the device measures no speed.
+
+    Notes
+    -----
+    A motor that is seen turning gets up to 1 s to brake actively before the drive is disabled.
+    Where the reference cannot be brought to zero, the drive is disabled at once.
+    """
+    start_s = clock()
+    seen = Seen()
+
+    def look(calm: int) -> str:
+        nonlocal seen
+        problem, seen = "", Seen()
+        try:
+            if calm == 0:
+                acts.stop()
+            seen = acts.look()
+        except HdbenchError as error:
+            problem = error.what
+        problem = problem or _not_zero(seen, acts.zero_v)
+        turns = _turns(seen)
+        braking_s = clock() - start_s
+        if not problem and (braking_s < acts.brake_s or (turns and braking_s < _BRAKING_S)):
+            return turns or "the drive is to brake first"
+        try:
+            off = "" if acts.disable() else "the drive is still enabled"
+        except HdbenchError as error:
+            off = error.what
+        return problem or off or turns or seen.problem
+
+    problem = until_calm(look, clock, sleep)
+    done = "motor reference zero, drive disabled"
+    return SafeState(
+        confirmed=not problem,
+        reference_v=seen.reference_v,
+        velocity_rad_s=seen.velocity_rad_s,
+        detail=problem or (done if seen.velocity_rad_s is None else f"{done}, motor standing"),
+    )
+
+
+def until_calm(
+    look: Callable[[int], str], clock: Callable[[], float], sleep: Callable[[float], None]
+) -> str:
+    """Look until two looks in a row find nothing wrong, 2.5 s at most.
+
+    Parameters
+    ----------
+    look : callable
+        Takes how many looks in a row have found nothing; returns what is wrong, empty for nothing.
+    clock, sleep : callable
+        Monotonic clock in s, and waiting.
+
+    Returns
+    -------
+    str
+        What was wrong at the end; empty when nothing.
+    """
+    until_s = clock() + _TIMEOUT_S
+    problem, calm = "no time was left to look", 0
+    while calm < _CALM and clock() < until_s:
+        problem = look(calm)
+        calm = 0 if problem else calm + 1
+        if calm < _CALM:
+            sleep(_POLL_S)
+    return "" if calm == _CALM else problem or "it was seen safe once only"
+
+
+def _not_zero(seen: Seen, zero_v: float) -> str:
+    # written so that NaN fails
+    if seen.reference_v is None or abs(seen.reference_v) <= zero_v:
+        return ""
+    return f"the motor reference is {seen.reference_v:.4g} V"
+
+
+def _turns(seen: Seen) -> str:
+    if seen.velocity_rad_s is None or abs(seen.velocity_rad_s) < STANDSTILL_RAD_S:
+        return ""
+    return f"the motor turns at {seen.velocity_rad_s:.4g} rad/s"

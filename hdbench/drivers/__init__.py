@@ -1,0 +1,1 @@
+"""Drivers for makes of device, each behind the registry like one of another package."""

@@ -1,0 +1,198 @@
+"""Control of one device on its Modbus port: named registers, one transaction at a time."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from typing import NoReturn
+
+from hdbench.devices.transactor import TWICE, Transactor
+from hdbench.devices.wire import (
+    ExceptionReply,
+    FrameError,
+    Link,
+    ReplyCheck,
+    read_registers,
+    write_registers,
+)
+from hdbench.drivers.labjack.errornames import error_name
+from hdbench.drivers.labjack.feedback import Write, feedback_request
+from hdbench.drivers.labjack.registers import LAST_ERROR, Register
+from hdbench.errors import DeviceError
+
+__all__ = ["Control", "Refused"]
+
+_MAX_REGISTERS = 120
+_FIX = "check power and network of the device, then run `hdbench doctor`"
+
+
+class Refused(DeviceError):  # noqa: N818 - an error that the device itself told
+    """The device refused a request.
+
+    Attributes
+    ----------
+    code : int
+        The device's own error code; 0 where it told none.
+    """
+
+    code = 0
+
+
+class Control:
+    """Register access; every call keeps its deadline, from any thread.
+
+    Parameters
+    ----------
+    link : Link
+        Connection to the control port; owned from now on.
+    deadline_s : float
+        Longest time of one call, s, the wait for another thread's transaction included.
+    clock : callable, optional
+        Monotonic clock, s.
+
+    Notes
+    -----
+    Reads are repeated once within the deadline. Writes are sent exactly once, but for those that
+    their caller calls repeatable; what became of a write without an answer has to be read back.
+    """
+
+    def __init__(
+        self, link: Link, *, deadline_s: float, clock: Callable[[], float] = time.monotonic
+    ) -> None:
+        self.where = f"LabJack {link.where}"
+        self._link = link
+        self._transactor = Transactor(link, deadline_s=deadline_s, clock=clock)
+
+    @property
+    def repeats(self) -> int:
+        """Requests that were sent again so far."""
+        return self._transactor.repeats
+
+    def read(self, *registers: Register) -> list[float | int]:
+        """Return the values of registers anywhere in the map.
+
+        Raises
+        ------
+        DeviceError
+            If no valid answer came in time, or the device refused.
+        """
+        return self.feedback((), registers, repeatable=True)
+
+    def read_block(self, registers: Sequence[Register]) -> list[float | int]:
+        """Return the values of adjacent registers, by function 3.
+
+        Raises
+        ------
+        DeviceError
+            As for `read`.
+        """
+        values: list[float | int] = []
+        for part in _parts(registers):
+            count = sum(register.size for register in part)
+            request = read_registers(part[0].address, count)
+            values += _decoded(part, self._transact(*request, part[0], TWICE)[2:])
+        return values
+
+    def write(self, registers: Sequence[Register], values: Sequence[float]) -> None:
+        """Write adjacent registers, by function 16, sent exactly once.
+
+        Raises
+        ------
+        DeviceError
+            If no valid answer came in time (the write may or may not have happened; the error's
+            cause is a `FrameError` then), or the device refused.
+        """
+        if not all(register.writable for register in registers):
+            raise ValueError(f"not written by this driver: {registers[0].name}")
+        pairs = list(zip(registers, values, strict=True))
+        for part in _parts(registers):
+            raw = b"".join(reg.encode(value) for reg, value in pairs[: len(part)])
+            pairs = pairs[len(part) :]
+            self._transact(*write_registers(part[0].address, raw), part[0], 1)
+
+    def feedback(
+        self,
+        writes: Sequence[Write],
+        reads: Sequence[Register] = (),
+        *,
+        repeatable: bool = False,
+    ) -> list[float | int]:
+        """Write, then read, in one transaction.
+
+        Parameters
+        ----------
+        writes : sequence of tuple
+            Registers and values.
+        reads : sequence of Register
+            What is read afterwards.
+        repeatable : bool
+            Whether a second copy of the writes does no harm.
+
+        Returns
+        -------
+        list of float or int
+            Values of `reads`.
+
+        Raises
+        ------
+        DeviceError
+            As for `write`.
+        """
+        first = writes[0][0] if writes else reads[0]
+        attempts = TWICE if repeatable else 1
+        raw = self._transact(*feedback_request(writes, reads), first, attempts)
+        return _decoded(reads, raw[1:])
+
+    def close(self) -> None:
+        """Close the connection; never raises."""
+        self._link.close()
+
+    def _transact(self, request: bytes, check: ReplyCheck, first: Register, attempts: int) -> bytes:
+        return self._transactor.transact(
+            lambda: (request, check),
+            attempts,
+            refused=lambda reply, until_s: self._refused(reply, first, until_s),
+            fault=lambda what: DeviceError(
+                what, where=f"{self.where}, register {first.describe()}", fix=_FIX
+            ),
+        )
+
+    def _refused(self, reply: ExceptionReply, first: Register, until_s: float) -> NoReturn:
+        """Raise what the device's exception means, with its own code."""
+        code = self._error_code(until_s)
+        why = f": {error_name(code)}" if code else ""
+        error = Refused(
+            f"the device refused with {reply}{why}",
+            where=f"{self.where}, register {first.describe()}",
+            fix="compare the value with the device's data sheet, section of that register",
+        )
+        error.code = code
+        raise error from reply
+
+    def _error_code(self, until_s: float) -> int:
+        """Ask once, in what is left of the deadline, for the device's own error code."""
+        request, check = read_registers(LAST_ERROR[0].address, 1)
+        try:
+            return int.from_bytes(self._link.transact(request, check, until_s)[2:], "big")
+        except (ExceptionReply, FrameError):
+            return 0
+
+
+def _parts(registers: Sequence[Register]) -> list[Sequence[Register]]:
+    """Return runs of whole registers that fit one frame."""
+    parts: list[Sequence[Register]] = []
+    start = count = 0
+    for number, register in enumerate(registers):
+        if count + register.size > _MAX_REGISTERS:
+            parts.append(registers[start:number])
+            start, count = number, 0
+        count += register.size
+    return [*parts, registers[start:]]
+
+
+def _decoded(registers: Sequence[Register], raw: bytes) -> list[float | int]:
+    values: list[float | int] = []
+    for register in registers:
+        values.append(register.decode(raw[: 2 * register.size]))
+        raw = raw[2 * register.size :]
+    return values

@@ -1,0 +1,270 @@
+"""A LabJack T4 or T7 as `hdbench.devices.daq.Daq`."""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from collections.abc import Callable, Mapping
+
+from hdbench.devices.capabilities import Capabilities, Role
+from hdbench.devices.daq import DaqSettings, ScanBlock, WatchdogState
+from hdbench.devices.ports import Identity, SafeState
+from hdbench.devices.safestate import SafeActs, Seen, reach_safe_state
+from hdbench.drivers.labjack.abilities import describe_abilities
+from hdbench.drivers.labjack.acquisition import Acquisition
+from hdbench.drivers.labjack.control import Control
+from hdbench.drivers.labjack.identity import check_identity
+from hdbench.drivers.labjack.inputs import input_scales, read_inputs
+from hdbench.drivers.labjack.outputs import Outputs
+from hdbench.drivers.labjack.registers import STREAM_ENABLE
+from hdbench.drivers.labjack.scaling import InputScale
+from hdbench.drivers.labjack.scanlist import plan_scan
+from hdbench.drivers.labjack.session import Session
+from hdbench.drivers.labjack.setup import set_up_inputs, set_up_stream, stop_stream
+from hdbench.drivers.labjack.stream import Stream
+from hdbench.drivers.labjack.table import LabJackAcquisition
+from hdbench.drivers.labjack.watchdog import Watchdog
+from hdbench.errors import BusyError, DeviceError, HdbenchError
+
+__all__ = ["LabJackDaq"]
+
+# the looped-back reference: offset and noise of the converter, far below what turns a motor
+_ZERO_V = 0.02
+
+
+class LabJackDaq:
+    """Driver of one device; implements `hdbench.devices.daq.Daq`.
+
+    Parameters
+    ----------
+    control : Control
+        Its Modbus port; owned by the driver from now on.
+    table : LabJackAcquisition
+        The profile's table, checked.
+    stream_address : tuple of str and int
+        Host and port of its stream.
+    tacho_rad_s_per_v : float
+        Motor speed per volt of the tacho channel, for the safe state.
+    clock, sleep : callable, optional
+        Monotonic clock in s, and waiting.
+
+    Notes
+    -----
+    `read_block` reads the stream's own socket; everything else goes over the Modbus port, one
+    transaction at a time. The two never wait for each other but for a moment at start and stop.
+    """
+
+    def __init__(
+        self,
+        control: Control,
+        table: LabJackAcquisition,
+        stream_address: tuple[str, int],
+        *,
+        tacho_rad_s_per_v: float,
+        clock: Callable[[], float] = time.monotonic,
+        sleep: Callable[[float], None] = time.sleep,
+    ) -> None:
+        self._control = control
+        self._table = table
+        self._stream_address = stream_address
+        self._tacho_rad_s_per_v = tacho_rad_s_per_v
+        self._clock = clock
+        self._sleep = sleep
+        self._session = Session(control, clock, sleep)
+        self._outputs = Outputs(control, table)
+        self._watchdog = Watchdog(control, table.output) if table.output is not None else None
+        self._identity: Identity | None = None
+        self._scales: dict[Role, InputScale] = {}
+        self._settings: DaqSettings | None = None
+        self._acquisition: Acquisition | None = None
+
+    @property
+    def repeats(self) -> int:
+        """Requests that were sent again so far."""
+        return self._control.repeats
+
+    def capabilities(self) -> Capabilities:
+        """Return what the device can do as the profile wires it."""
+        return describe_abilities(self._table, simulated=self.identity().simulated)
+
+    def identity(self) -> Identity:
+        """Return who answers; asked once, before anything is written."""
+        if self._identity is None:
+            self._identity = check_identity(self._control, self._table)
+        return self._identity
+
+    def claim(self) -> None:
+        """Become the one host, and clean up what a dead one has left running.
+
+        Raises
+        ------
+        BusyError
+            If another host is alive, or a program that is none of hdbench's streams.
+        """
+        self.identity()
+        if self._session.claim():
+            self._outputs.make_safe()
+            stop_stream(self._control)
+        elif self._control.read(STREAM_ENABLE)[0]:
+            self._session.release()
+            raise BusyError(
+                "another program has a stream running on this device",
+                where=f"{self._control.where}, register {STREAM_ENABLE.describe()}",
+                fix="end that program; if nobody owns the stream any more, run `hdbench stop`",
+            )
+
+    def configure(self, settings: DaqSettings) -> float:
+        """Set inputs and stream, outputs safe, and return the actual sample period, s."""
+        self.identity()
+        self._drop_acquisition()
+        stop_stream(self._control)
+        self._outputs.make_safe()
+        set_up_inputs(self._control, self._table)
+        if not self._scales:
+            self._scales = input_scales(self._control, self._table)
+        plan = plan_scan(self._table, settings.roles, self._scales)
+        setup = set_up_stream(
+            self._control,
+            plan,
+            settings.sample_period_s,
+            stop_when_full=None if self._table.model == "T4" else not self._table.auto_recover,
+        )
+        self._settings = settings
+        self._acquisition = Acquisition(plan, setup, settings.n_samples, self._clock)
+        return setup.period_s
+
+    def start(self) -> None:
+        """Open the stream's socket, then start it; sent once, then read back."""
+        acquisition = self._acquisition
+        if acquisition is None or acquisition.started:
+            raise self._error("no acquisition is configured", "configure it first")
+        stream = Stream(
+            self._stream_address,
+            acquisition.layout,
+            acquisition.samples_per_packet,
+            deadline_s=self._table.deadline_s,
+            clock=self._clock,
+        )
+        acquisition.begin(stream)
+        self._control.write((STREAM_ENABLE,), (1,))
+        if not self._control.read(STREAM_ENABLE)[0]:
+            raise self._error("the stream did not start", "configure it again")
+
+    def read_block(self) -> ScanBlock | None:
+        """Return the next scans; None when none has come within a packet's time."""
+        acquisition = self._acquisition
+        if acquisition is None or not acquisition.started:
+            raise self._error("no acquisition has been started", "start it first")
+        block = acquisition.next_block(self._outputs)
+        if acquisition.complete and not acquisition.stopped:
+            acquisition.stopped = True
+            stop_stream(self._control)
+        if block is None and acquisition.silent:
+            self._why_silent(acquisition)
+        return block
+
+    def stop(self) -> None:
+        """Stop the stream; scans already taken can still be read."""
+        stop_stream(self._control)
+        if self._acquisition is not None:
+            self._acquisition.stop()
+
+    def write_output(self, name: str, value: float) -> float:
+        """Write the motor reference and return what is read back, V.
+
+        Notes
+        -----
+        A DAC reads back. A LJTick-DAC cannot be read: what it acknowledged is returned, and what
+        stands at its terminal shows in the looped-back reference channel.
+        """
+        return self._outputs.write(name, value)
+
+    def enable(self, *, on: bool) -> bool:
+        """Switch the drive's enable line and return the level at its terminal, as on or off."""
+        return self._outputs.enable(on=on)
+
+    def arm_watchdog(self, time_s: float) -> float:
+        """Bring the watchdog in flash to the wanted settings, feed it, and return its time, s."""
+        return self._guard().arm(time_s)
+
+    def feed_watchdog(self) -> None:
+        """Feed it once; the same transaction shows whether the enable line has dropped."""
+        self._outputs.note_levels(self._guard().feed())
+
+    def watchdog(self) -> WatchdogState:
+        """Return its state: settings from flash, a trip from the level of the enable line."""
+        values = self._guard().read()
+        armed = bool(values["WATCHDOG_ENABLE_DEFAULT"] and values["WATCHDOG_STRICT_ENABLE_DEFAULT"])
+        self._outputs.look()
+        time_s = float(values["WATCHDOG_TIMEOUT_S_DEFAULT"])
+        return WatchdogState(armed, self._outputs.tripped, time_s)
+
+    def clear_watchdog(self) -> None:
+        """Forget a trip; outputs stay safe, and the watchdog stays on, as it is kept in flash."""
+        self._outputs.make_safe()
+
+    def snapshot(self) -> Mapping[Role, float]:
+        """Return one reading of every channel; empty while a stream has the inputs."""
+        if self._acquisition is not None and self._acquisition.sampling:
+            return {}
+        return read_inputs(self._control, self._table)
+
+    def safe_state(self) -> SafeState:
+        """Zero the reference, disable the drive at standstill, stop the stream; all read back."""
+        self._drop_acquisition()
+        try:
+            self.identity()
+        except HdbenchError as error:
+            # a device that is not the one meant is never written to
+            return SafeState(False, None, None, error.what)
+        acts = SafeActs(
+            stop=self._stop,
+            look=self._measured,
+            disable=lambda: not self._outputs.enable(on=False),
+            zero_v=_ZERO_V,
+        )
+        return reach_safe_state(acts, self._clock, self._sleep)
+
+    def close(self) -> None:
+        """Give the bench back and close both connections; never raises."""
+        if self._acquisition is not None and self._acquisition.sampling:
+            with contextlib.suppress(HdbenchError):
+                stop_stream(self._control)
+        self._drop_acquisition()
+        self._session.release()
+        self._control.close()
+
+    def _stop(self) -> None:
+        self._outputs.zero()
+        stop_stream(self._control)
+
+    def _measured(self) -> Seen:
+        """Return reference, V, and motor speed, rad/s, as the inputs show them now."""
+        seen = read_inputs(self._control, self._table)
+        tacho_v = seen.get("tacho")
+        speed = None if tacho_v is None else tacho_v * self._tacho_rad_s_per_v
+        return Seen(seen.get("reference", self._outputs.read_back()), speed)
+
+    def _drop_acquisition(self) -> None:
+        if self._acquisition is not None:
+            self._acquisition.close()
+        self._acquisition = None
+
+    def _why_silent(self, acquisition: Acquisition) -> None:
+        """Ask whether the stream still runs; a running one may be late."""
+        if not self._control.read(STREAM_ENABLE)[0]:
+            raise self._error(
+                f"the device no longer streams after {acquisition.delivered} scans",
+                "it was restarted, or another program stopped it: check both, then run again",
+            )
+
+    def _guard(self) -> Watchdog:
+        if self._watchdog is None:
+            raise self._error(
+                "the profile names no output, so there is nothing to guard",
+                "add [daq.output] with an enable line",
+            )
+        return self._watchdog
+
+    def _error(self, what: str, fix: str) -> DeviceError:
+        return DeviceError(what, where=self._control.where, fix=fix)

@@ -1,0 +1,259 @@
+"""The emulated device: its map, wired to terminals, stream and watchdog."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from functools import partial
+
+from hdbench.drivers.labjack.emulator.injection import Injection
+from hdbench.drivers.labjack.emulator.memory import Cell, Memory, RefusedError
+from hdbench.drivers.labjack.emulator.streaming import CORE_TIMER_HZ, StreamEngine
+from hdbench.drivers.labjack.emulator.streamregisters import StreamRegisters
+from hdbench.drivers.labjack.emulator.watchdog import DeviceWatchdog
+from hdbench.drivers.labjack.emulator.wiring import Wiring
+
+__all__ = ["EMULATOR_NAME", "LabJackDevice"]
+
+EMULATOR_NAME = "hdbench-emulator"
+_PRODUCTS = {"T4": 4, "T7": 7}
+_LINES = 23
+_CALIBRATION = 0x3C4000
+_REBOOT = 0x4C4A
+_BAD_REBOOT, _BAD_RANGE = 2402, 2370
+_BAD_INDEX, _EF_RUNS, _AIN_BUSY = 2551, 2566, 2605
+_QUADRATURE = 10
+
+
+class LabJackDevice:
+    """A T4 or T7 that knows the registers a bench needs.
+
+    Parameters
+    ----------
+    wiring : Wiring
+        What its terminals lead to.
+    serial : int
+        Serial number.
+    clock : callable, optional
+        Monotonic clock, s, of the watchdog.
+    count_joint : bool, optional
+        See `StreamEngine`.
+
+    Attributes
+    ----------
+    rebooted : callable
+        Called when the device restarts: every connection is gone then.
+    """
+
+    def __init__(
+        self,
+        wiring: Wiring,
+        serial: int,
+        *,
+        clock: Callable[[], float] = time.monotonic,
+        count_joint: bool = False,
+    ) -> None:
+        self.rebooted: Callable[[], None] = lambda: None
+        self.swap_words = False
+        self.wiring = wiring
+        self.memory = Memory()
+        self.stream = StreamEngine(wiring, lambda: self.levels, count_joint=count_joint)
+        self.watchdog = DeviceWatchdog(self.memory, clock, self._time_out)
+        self.levels = self.directions = 0
+        self._clock = clock
+        self._held_until_s = clock()
+        self._build(serial)
+        Injection(
+            self.memory,
+            {
+                1: self._hold,
+                2: partial(setattr, self.stream, "skip_scans"),
+                3: self.stream.fail,
+                4: lambda on: setattr(self, "swap_words", bool(on)),
+                9: lambda _: self.reboot(),
+            },
+            wiring.instrument.disturb,
+        )
+
+    def tick(self) -> list[bytes]:
+        """Let time pass; return stream packets that are complete."""
+        self.watchdog.tick()
+        held = self.stream.hold
+        self.stream.hold = held or self._clock() < self._held_until_s
+        packets = self.stream.tick()
+        self.stream.hold = held
+        self.wiring.instrument.catch_up()
+        return packets
+
+    def _hold(self, time_ms: int) -> None:
+        """Keep packets back for a time, as while the network is away."""
+        self._held_until_s = self._clock() + 1e-3 * time_ms
+
+    def note_error(self, error: RefusedError, transaction: int) -> None:
+        """Keep a refusal for LAST_ERR_*."""
+        self.memory.put(55000, error.detail)
+        self.memory.put(55003, transaction)
+
+    def reboot(self) -> None:
+        """Restart: lines become inputs, outputs fall to zero, stream and memory are gone."""
+        self.stream.stop()
+        self.directions = 0
+        for line in range(_LINES):
+            self._set_line(line, high=False)
+        for terminal in ("DAC0", "DAC1"):
+            self.wiring.write_reference(terminal, 0.0)
+        for address in (*range(46000, 46080, 2), *range(46100, 46180, 2)):
+            self.memory.put(address, 0)
+        self.rebooted()
+
+    def _build(self, serial: int) -> None:
+        add = self.memory.add
+        fixed = ((55000, "u16", 0), (55002, "u16", 0), (55003, "u16", 0))
+        identity = (
+            (55100, "u32", 0x00112233),
+            (60000, "f32", _PRODUCTS[self.wiring.model]),
+            (60002, "f32", 1.3),
+            (60004, "f32", 1.0331),
+            (60010, "u32", 0),
+            (60028, "u32", serial),
+        )
+        for address, kind, value in (*fixed, *identity):
+            add(address, Cell(kind, value, writable=False))
+        for address, kind, value in ((55110, "u16", 0x11), (55120, "u32", 0x00112233)):
+            add(address, Cell(kind, value))
+        add(55124, Cell("f32", -9999.0))
+        name = EMULATOR_NAME.encode().ljust(50, b"\0")
+        for position in range(25):
+            word = int.from_bytes(name[2 * position : 2 * position + 2], "big")
+            add(60500 + position, Cell("u16", word, writable=False))
+        self._build_inputs()
+        self._build_lines()
+        StreamRegisters(self.memory, self.stream, self.wiring, self._ticks)
+        self._build_rest()
+
+    def _build_inputs(self) -> None:
+        add = self.memory.add
+        for number in range(14):
+            add(2 * number, Cell("f32", on_read=partial(self._ain, number), writable=False))
+            add(40000 + 2 * number, Cell("f32", on_write=self._check_range))
+            add(41000 + number, Cell("u16", 199))
+            add(41500 + number, Cell("u16"))
+        for number in (0, 1):
+            dac = f"DAC{number}"
+            add(
+                1000 + 2 * number,
+                Cell("f32", on_write=partial(self.wiring.write_reference, dac)),
+            )
+        for number in range(22):
+            tick = f"TDAC{number}"
+            add(
+                30000 + 2 * number,
+                Cell(
+                    "f32",
+                    on_write=partial(self.wiring.write_reference, tick),
+                    readable=False,
+                ),
+            )
+
+    def _build_lines(self) -> None:
+        add = self.memory.add
+        for line in range(_LINES):
+            add(
+                2000 + line,
+                Cell(
+                    "u16",
+                    on_read=partial(self._level, line),
+                    on_write=partial(self._write_line, line),
+                ),
+            )
+            enable = add(44000 + 2 * line, Cell("u32"))
+            add(
+                44100 + 2 * line,
+                Cell("u32", on_write=partial(self._check_index, enable)),
+            )
+            add(
+                3000 + 2 * line,
+                Cell("u32", on_read=partial(self._counter, line), writable=False),
+            )
+        add(2580, Cell("u16", on_read=lambda: self.levels & 0xFFFF, writable=False))
+        add(2800, Cell("u32", on_read=lambda: self.levels, writable=False))
+        add(2850, Cell("u32", on_read=lambda: self.directions, writable=False))
+
+    def _build_rest(self) -> None:
+        add = self.memory.add
+        for number in range(40):
+            add(46000 + 2 * number, Cell("f32"))
+            add(46100 + 2 * number, Cell("u32"))
+        add(61520, Cell("u32", on_read=lambda: self._ticks() % 2**32, writable=False))
+        add(61810, Cell("u32"))
+        for word in range(60):
+            add(
+                61812 + 2 * word,
+                Cell("f32", on_read=partial(self._flash, word), writable=False),
+            )
+        add(61998, Cell("u32", on_write=self._order_reboot, readable=False))
+
+    def _ticks(self) -> int:
+        return int(self._clock() * CORE_TIMER_HZ)
+
+    def _ain(self, number: int) -> float:
+        if self.stream.running:
+            raise RefusedError(_AIN_BUSY)
+        range_v = float(self.memory.value(40000 + 2 * number))
+        word = self.wiring.words(self.wiring.instrument.look(), number, range_v)
+        return self.wiring.calibration.volts(int(word[-1]), number, range_v)
+
+    def _counter(self, line: int) -> int:
+        if line != self.wiring.counter_line or not self._paired():
+            return 0
+        return self.wiring.instrument.count % 2**32
+
+    def _paired(self) -> bool:
+        first = self.wiring.counter_line
+        return all(
+            self.memory.value(44000 + 2 * line) == 1
+            and self.memory.value(44100 + 2 * line) == _QUADRATURE
+            for line in (first, first + 1)
+        )
+
+    def _check_index(self, enable: Cell, value: float) -> None:
+        if enable.value:
+            raise RefusedError(_EF_RUNS)
+        if value not in (0, 1, 3, 4, 5, 7, 8, 9, _QUADRATURE, 11):
+            raise RefusedError(_BAD_INDEX)
+
+    def _check_range(self, value: float) -> None:
+        ranges = (0.0,) if self.wiring.model == "T4" else (0.0, 10.0, 1.0, 0.1, 0.01)
+        # ranges travel as 32-bit floats
+        if not any(abs(value - known) <= 1e-6 * known for known in ranges):
+            raise RefusedError(_BAD_RANGE)
+
+    def _level(self, line: int) -> int:
+        return self.levels >> line & 1
+
+    def _write_line(self, line: int, value: float) -> None:
+        self.directions |= 1 << line
+        self._set_line(line, high=bool(value))
+
+    def _set_line(self, line: int, *, high: bool) -> None:
+        self.levels = self.levels & ~(1 << line) | int(high) << line
+        self.wiring.write_line(line, high=high)
+
+    def _time_out(self, state: int, direction: int, inhibit: int, dacs: dict[int, float]) -> None:
+        for line in range(_LINES):
+            if not inhibit >> line & 1 and direction >> line & 1:
+                self.directions |= 1 << line
+                self._set_line(line, high=bool(state >> line & 1))
+        for number, value in dacs.items():
+            self.memory.put(1000 + 2 * number, value)
+            self.wiring.write_reference(f"DAC{number}", value)
+
+    def _flash(self, word: int) -> float:
+        at = (int(self.memory.value(61810)) - _CALIBRATION) // 4 + word
+        floats = self.wiring.calibration.floats
+        return floats[at] if 0 <= at < len(floats) else -1.0
+
+    def _order_reboot(self, value: float) -> None:
+        if int(value) >> 16 != _REBOOT:
+            raise RefusedError(_BAD_REBOOT)
+        self.reboot()

@@ -1,0 +1,253 @@
+"""The stream engine: scans on the device's clock, its buffer, packets, and what a full one does."""
+
+from __future__ import annotations
+
+import struct
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hdbench.devices.emulator.instrument import ElectricalSamples
+from hdbench.drivers.labjack.emulator.memory import RefusedError
+from hdbench.drivers.labjack.emulator.wiring import Wiring
+
+__all__ = ["CORE_TIMER_HZ", "StreamEngine", "StreamOrder", "actual_rate_hz"]
+
+CORE_TIMER_HZ = 40e6
+_HEADER = struct.Struct(">HHHBBBBHHH")
+_JOINT = 0xFFFF
+# scans taken from the bench at once
+_TAKE = 4096
+# longest scan list that fits the rate limit of the model, samples/s
+_LIMIT_HZ = {"T7": 100_000.0, "T4": 50_000.0}
+# where in a scan the timer is read, ticks: 25 us after its first input
+_TIMER_OFFSET = 1000
+
+RECOVERING, RECOVERED, OVERLAP, UNCOUNTED, BURST, FULL = range(2940, 2946)
+_AIN_END, _LINES, _CAPTURE, _TIMER = 500, 2580, 4899, 61520
+
+
+@dataclass(frozen=True, slots=True)
+class StreamOrder:
+    """What the registers ask for when the stream is enabled.
+
+    Parameters
+    ----------
+    rate_hz : float
+        Scan rate.
+    addresses : tuple of int
+        Scan list.
+    samples_per_packet : int
+        Samples of a packet.
+    buffer_samples : int
+        What the buffer holds.
+    n_scans : int
+        Scans of a burst; 0 without end.
+    stop_when_full : bool
+        Whether a full buffer ends the stream.
+    ranges_v : dict of int to float
+        Range of every analog input.
+    """
+
+    rate_hz: float
+    addresses: tuple[int, ...]
+    samples_per_packet: int
+    buffer_samples: int
+    n_scans: int
+    stop_when_full: bool
+    ranges_v: dict[int, float]
+
+
+def actual_rate_hz(rate_hz: float) -> float:
+    """Return the rate that the device's divider makes of the one asked for.
+
+    Parameters
+    ----------
+    rate_hz : float
+        Asked for, above 0.
+
+    Returns
+    -------
+    float
+        A multiple of 100 ns as period up to 6.5 ms, of 1 us, 10 us, 100 us, 1 ms above.
+    """
+    for divider in (8, 80, 800, 8000, 80_000):
+        roll = round(80e6 / (divider * rate_hz))
+        if roll <= 65536:
+            return 80e6 / (divider * max(roll, 1))
+    return 80e6 / (80_000 * 65536)
+
+
+class StreamEngine:
+    """One stream session.
+
+    Parameters
+    ----------
+    wiring : Wiring
+        Terminals.
+    levels : callable
+        Levels of all lines now.
+    count_joint : bool
+        Whether the number of skipped scans includes the one that marks the joint.
+    """
+
+    def __init__(
+        self, wiring: Wiring, levels: Callable[[], int], *, count_joint: bool = False
+    ) -> None:
+        self.running = False
+        self.start_ticks = 0
+        self.skip_scans = 0
+        self.hold = False
+        self._wiring = wiring
+        self._levels = levels
+        self._count_joint = count_joint
+        self._order: StreamOrder | None = None
+        self._rows: deque[NDArray[np.uint16]] = deque()
+        self._number = 0
+        self._taken = 0
+        self._skipped: int | None = None
+        self._joint: int | None = None
+        self._status = 0
+
+    def start(self, order: StreamOrder, ticks: int) -> None:
+        """Start scanning.
+
+        Raises
+        ------
+        RefusedError
+            With the device's code for what cannot be.
+        """
+        self._check(order)
+        self._order = order
+        self._rows.clear()
+        self._number = self._taken = 0
+        self._skipped = self._joint = None
+        self._status = 0
+        self.skip_scans = 0
+        self.start_ticks = ticks + round(CORE_TIMER_HZ / order.rate_hz)
+        self._wiring.instrument.begin(1.0 / order.rate_hz)
+        self.running = True
+
+    def stop(self) -> None:
+        """Stop scanning; what is in the buffer is gone."""
+        if self.running:
+            self._wiring.instrument.end()
+        self.running = False
+        self._rows.clear()
+
+    def tick(self) -> list[bytes]:
+        """Scan what is due and return the packets that are complete."""
+        if not self.running or self._order is None:
+            return []
+        self._scan(self._order)
+        packets: list[bytes] = []
+        scans = self._order.samples_per_packet // len(self._order.addresses)
+        while not self.hold and len(self._rows) >= scans:
+            packets.append(self._packet(self._order, scans))
+        self._recover(self._order, scans)
+        if self._status in (OVERLAP, UNCOUNTED, FULL, BURST) and not self.hold:
+            # less than a packet is left: it carries the status
+            packets.append(self._packet(self._order, len(self._rows), self._status))
+            self.stop()
+        return packets
+
+    def fail(self, status: int) -> None:
+        """End the stream with a status, as for a scan that overlaps the next."""
+        self._status = status
+
+    def _scan(self, order: StreamOrder) -> None:
+        samples = self._wiring.instrument.take(_TAKE)
+        if not len(samples) or self._status:
+            return
+        words = np.stack([self._column(samples, order, n) for n in range(len(order.addresses))], 1)
+        room = order.buffer_samples // len(order.addresses) - len(self._rows)
+        for row in words:
+            if self.skip_scans > 0:
+                # scans that vanish without a trace: an index jump
+                self.skip_scans -= 1
+            elif self._skipped is not None:
+                self._skipped += 1
+            elif room > 0:
+                self._rows.append(row)
+                room -= 1
+            elif order.stop_when_full:
+                self._status = FULL
+                break
+            else:
+                self._skipped = 1
+        self._taken += len(words)
+        if order.n_scans and self._taken >= order.n_scans and not self._status:
+            self._status = BURST
+
+    def _recover(self, order: StreamOrder, scans: int) -> None:
+        """Take new scans again once the buffer has been emptied."""
+        if self._skipped is None or len(self._rows) >= scans or self.hold:
+            return
+        if self._skipped > 0xFFFF:
+            self._status = UNCOUNTED
+            return
+        self._joint = self._skipped + self._count_joint
+        self._skipped = None
+        self._rows.append(np.full(len(order.addresses), _JOINT, dtype=np.uint16))
+
+    def _packet(self, order: StreamOrder, scans: int, status: int = 0) -> bytes:
+        rows = [self._rows.popleft() for _ in range(scans)]
+        backlog = 2 * len(order.addresses) * len(self._rows)
+        additional = 0
+        if self._skipped is not None and not status:
+            status = RECOVERING
+        if self._joint is not None and any(row[0] == _JOINT for row in rows):
+            status, additional, self._joint = RECOVERED, self._joint, None
+        data = np.concatenate(rows).astype(">u2").tobytes() if rows else b""
+        number, self._number = self._number, (self._number + 1) % 0x10000
+        head = (number, 0, 10 + len(data), 1, 76, 16, 0, backlog, status, additional)
+        return _HEADER.pack(*head) + data
+
+    def _column(
+        self, samples: ElectricalSamples, order: StreamOrder, position: int
+    ) -> NDArray[np.uint16]:
+        address = order.addresses[position]
+        if address < _AIN_END:
+            return self._wiring.words(samples, address // 2, order.ranges_v[address // 2])
+        if address == _LINES:
+            return np.full(len(samples), self._levels() & 0xFFFF, dtype=np.uint16)
+        # the upper half of a 32-bit value stands at the capture address right behind it
+        upper = address == _CAPTURE
+        if upper:
+            address = order.addresses[position - 1]
+        wide = self._wide(samples, order, address) % 2**32
+        word: NDArray[np.uint16] = (wide >> 16 if upper else wide & 0xFFFF).astype(np.uint16)
+        return word
+
+    def _wide(
+        self, samples: ElectricalSamples, order: StreamOrder, address: int
+    ) -> NDArray[np.int64]:
+        if address == _TIMER:
+            index = samples.first_index + np.arange(len(samples), dtype=np.int64)
+            ticks = np.rint(index * (CORE_TIMER_HZ / order.rate_hz)).astype(np.int64)
+            timer: NDArray[np.int64] = ticks + self.start_ticks + _TIMER_OFFSET
+            return timer
+        return samples.count
+
+    def _check(self, order: StreamOrder) -> None:
+        entries = len(order.addresses)
+        if not 1 <= entries <= 128:
+            raise RefusedError(2600)
+        if not 0.0 < order.rate_hz * entries <= _LIMIT_HZ[self._wiring.model]:
+            raise RefusedError(2608)
+        if order.buffer_samples not in [2**n for n in range(8, 15)]:
+            raise RefusedError(2615)
+        if not 1 <= order.samples_per_packet <= 512:
+            raise RefusedError(2618)
+        counter = 3000 + 2 * self._wiring.counter_line
+        known = {_LINES, _CAPTURE, _TIMER, counter}
+        for position, address in enumerate(order.addresses):
+            analog = address < _AIN_END and address % 2 == 0
+            after = order.addresses[position - 1] if position else 0
+            if address == _CAPTURE and after not in (_TIMER, counter):
+                raise RefusedError(2607)
+            if not (analog or address in known):
+                raise RefusedError(2625)

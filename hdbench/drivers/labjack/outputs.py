@@ -1,0 +1,183 @@
+"""The motor reference and the drive's enable line."""
+
+from __future__ import annotations
+
+import struct
+
+from hdbench.drivers.labjack.control import Control
+from hdbench.drivers.labjack.registers import (
+    DIO_STATE,
+    Register,
+    dac,
+    digital_line,
+    tick_dac,
+)
+from hdbench.drivers.labjack.table import LabJackAcquisition, LabJackOutput
+from hdbench.errors import DeviceError, UsageError
+
+__all__ = ["Outputs", "output_range_v", "output_step_v"]
+
+_TICK_DAC_V = 10.0
+_DAC_V = 5.0
+_BITS = {"T7": 12, "T4": 10}
+_TICK_DAC_BITS = 14
+
+
+def output_range_v(output: LabJackOutput) -> tuple[float, float]:
+    """Return the range that may be written: that of the converter within the profile's limit.
+
+    Parameters
+    ----------
+    output : LabJackOutput
+        The profile's table.
+
+    Returns
+    -------
+    tuple of float
+        Ends, V.
+    """
+    low, high = (-_TICK_DAC_V, _TICK_DAC_V) if _is_tick_dac(output) else (0.0, _DAC_V)
+    return max(low, -output.limit_v), min(high, output.limit_v)
+
+
+def output_step_v(output: LabJackOutput, model: str) -> float:
+    """Return the smallest change that the converter shows.
+
+    Parameters
+    ----------
+    output : LabJackOutput
+        The profile's table.
+    model : str
+        ``T7`` or ``T4``.
+
+    Returns
+    -------
+    float
+        V.
+    """
+    if _is_tick_dac(output):
+        return 2.0 * _TICK_DAC_V / (1 << _TICK_DAC_BITS)
+    return _DAC_V / (1 << _BITS[model])
+
+
+class Outputs:
+    """Writes them, and remembers what was ordered.
+
+    Parameters
+    ----------
+    control : Control
+        The device.
+    table : LabJackAcquisition
+        The profile's table.
+
+    Attributes
+    ----------
+    tripped : bool
+        Whether the enable line was found off while it was ordered on: the watchdog dropped it.
+    ordered_on : bool
+        Whether the drive was last ordered on.
+    """
+
+    def __init__(self, control: Control, table: LabJackAcquisition) -> None:
+        self.tripped = False
+        self.ordered_on = False
+        self._control = control
+        self._output = table.output
+        self._model = table.model
+
+    def write(self, name: str, value: float) -> float:
+        """Write the reference and return what is read back, V; see `LabJackDaq.write_output`."""
+        output = self._named(name)
+        low, high = output_range_v(output)
+        # written so that NaN fails
+        if not low <= value <= high:
+            raise UsageError(
+                f"reference {value!r} V; needed: {low:g} to {high:g} V",
+                where=f"{self._control.where}, {output.output}",
+                fix="ask for less, or raise daq.output.limit_v if the drive allows it",
+            )
+        register = _register(output)
+        wanted = _as_float32(value)
+        if _is_tick_dac(output):
+            self._control.feedback(((register, value),))
+            return wanted
+        (found,) = self._control.feedback(((register, value),), (register,))
+        if not abs(found - wanted) <= output_step_v(output, self._model):
+            raise DeviceError(
+                f"{register.name} reads back as {found:.6g} V; written: {value:.6g} V",
+                where=f"{self._control.where}, register {register.describe()}",
+                fix="use the emergency stop if the motor turns, then check the output",
+            )
+        return float(found)
+
+    def zero(self) -> None:
+        """Write reference 0; nothing where the profile names no output."""
+        if self._output is not None:
+            self.write("reference", 0.0)
+
+    def read_back(self) -> float | None:
+        """Return the reference that the output register holds, V; None where it cannot be read."""
+        if self._output is None or _is_tick_dac(self._output):
+            return None
+        return float(self._control.read(_register(self._output))[0])
+
+    def enable(self, *, on: bool) -> bool:
+        """Write the enable line and return the level at its terminal, as on or off."""
+        if self._output is None:
+            return False
+        self.ordered_on = on
+        if on:
+            self.tripped = False
+        register = digital_line(self._output.enable_line)
+        level = int(on == self._output.enable_high)
+        (found,) = self._control.feedback(((register, level),), (register,))
+        return bool(found) == self._output.enable_high
+
+    def make_safe(self) -> None:
+        """Write reference 0, then switch the line off; raise if it does not read back as off."""
+        self.zero()
+        if self.enable(on=False):
+            raise DeviceError(
+                "the enable line reads back as on after it was switched off",
+                where=self._control.where,
+                fix="use the emergency stop, then check the wiring of the line",
+            )
+        self.tripped = False
+
+    def look(self) -> None:
+        """Read the lines and note a trip."""
+        self.note_levels(int(self._control.read(DIO_STATE)[0]))
+
+    def note_levels(self, levels: int) -> None:
+        """Note a trip from the levels of all lines."""
+        if self._output is not None:
+            level = bool(levels >> self._output.enable_line & 1)
+            self.note_enabled(on=level == self._output.enable_high)
+
+    def note_enabled(self, *, on: bool) -> None:
+        """Note a trip from the level of the enable line."""
+        if self.ordered_on and not on:
+            self.tripped = True
+
+    def _named(self, name: str) -> LabJackOutput:
+        if self._output is None or name != "reference":
+            raise UsageError(
+                f"no output {name!r}; the profile's [daq.output] has a reference or nothing",
+                where=self._control.where,
+                fix="add [daq.output] to the profile",
+            )
+        return self._output
+
+
+def _is_tick_dac(output: LabJackOutput) -> bool:
+    return output.output.startswith("TDAC")
+
+
+def _register(output: LabJackOutput) -> Register:
+    if _is_tick_dac(output):
+        return tick_dac(int(output.output.removeprefix("TDAC")))
+    return dac(int(output.output.removeprefix("DAC")))
+
+
+def _as_float32(value: float) -> float:
+    return float(struct.unpack(">f", struct.pack(">f", value))[0])

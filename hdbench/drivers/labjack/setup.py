@@ -1,0 +1,212 @@
+"""Everything that is written before a stream starts, read back."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from hdbench.drivers.labjack.control import Control, Refused
+from hdbench.drivers.labjack.registers import (
+    BUFFER_SIZE,
+    STREAM_AUTORECOVER_DISABLE,
+    STREAM_ENABLE,
+    STREAM_SETUP,
+    STREAM_TARGET,
+    Register,
+    analog_range,
+    ef_enable,
+    ef_index,
+    negative_channel,
+    scan_list,
+)
+from hdbench.drivers.labjack.scanlist import QUADRATURE, ScanPlan, input_number, quadrature_lines
+from hdbench.drivers.labjack.table import LabJackAcquisition
+from hdbench.errors import DeviceError
+
+__all__ = ["StreamSetup", "check_rate", "set_up_inputs", "set_up_stream", "stop_stream"]
+
+# the device's own code for stopping a stream that does not run
+_NOT_RUNNING = 2620
+_SINGLE_ENDED = 199
+_QUADRATURE_INDEX = 10
+# a packet is to hold this time, so that data are not older; 512 samples is a packet's limit
+_PACKET_S = 0.02
+_MAX_SAMPLES = 512
+# the scan clock's grain is 100 ns up to 6.5 ms and 1 ms at worst for 60 s: below 2 in 1e4 of any
+# period that a profile may ask for
+_RATE_TOLERANCE = 2e-4
+
+
+@dataclass(frozen=True, slots=True)
+class StreamSetup:
+    """What the device was set to.
+
+    Parameters
+    ----------
+    period_s : float
+        Actual sampling period, s.
+    samples_per_packet : int
+        Samples of a packet, whole scans.
+    """
+
+    period_s: float
+    samples_per_packet: int
+
+
+def stop_stream(control: Control) -> None:
+    """Stop a stream, one that a dead host has left included.
+
+    Parameters
+    ----------
+    control : Control
+        The device.
+
+    Raises
+    ------
+    DeviceError
+        If the device does not answer or the stream goes on.
+    """
+    try:
+        control.feedback(((STREAM_ENABLE, 0),), repeatable=True)
+    except Refused as refused:
+        if refused.code != _NOT_RUNNING:
+            raise
+    if control.read(STREAM_ENABLE)[0]:
+        raise DeviceError(
+            "the stream goes on after it was stopped",
+            where=f"{control.where}, register {STREAM_ENABLE.describe()}",
+            fix="switch the device off and on",
+        )
+
+
+def set_up_inputs(control: Control, table: LabJackAcquisition) -> None:
+    """Set ranges, negative sides and the encoder's counter, only where they differ.
+
+    Parameters
+    ----------
+    control : Control
+        The device, no stream running.
+    table : LabJackAcquisition
+        The profile's table.
+
+    Raises
+    ------
+    DeviceError
+        If one of them reads back otherwise.
+    """
+    analog = [channel for channel in table.channels if channel.input != QUADRATURE]
+    # a T4 has neither ranges nor negative sides
+    for channel in analog if table.model == "T7" else ():
+        number = input_number(channel)
+        negative = _SINGLE_ENDED if channel.negative is None else channel.negative
+        _ensure(control, analog_range(number), channel.range_v)
+        _ensure(control, negative_channel(number), negative)
+    if len(analog) < len(table.channels):
+        _set_up_counter(control, table.model)
+
+
+def _set_up_counter(control: Control, model: str) -> None:
+    """Pair two lines as a quadrature counter; one that counts already goes on counting."""
+    lines = quadrature_lines(model)
+    wanted = (_QUADRATURE_INDEX, 1)
+    if all(tuple(control.read(ef_index(n), ef_enable(n))) == wanted for n in lines):
+        return
+    for value, register in ((0, ef_enable), (_QUADRATURE_INDEX, ef_index), (1, ef_enable)):
+        for number in lines:
+            control.write((register(number),), (value,))
+    for number in lines:
+        _ensure(control, ef_index(number), _QUADRATURE_INDEX)
+        _ensure(control, ef_enable(number), 1)
+
+
+def set_up_stream(
+    control: Control, plan: ScanPlan, sample_period_s: float, *, stop_when_full: bool | None
+) -> StreamSetup:
+    """Write the stream's settings and return what they read back as.
+
+    Parameters
+    ----------
+    control : Control
+        The device, no stream running.
+    plan : ScanPlan
+        The scan list.
+    sample_period_s : float
+        Wanted, s.
+    stop_when_full : bool or None
+        Whether a full buffer ends the stream; otherwise it goes on with a counted gap. None where
+        the device has no choice: a T4 always goes on.
+
+    Returns
+    -------
+    StreamSetup
+
+    Raises
+    ------
+    DeviceError
+        If a setting reads back otherwise, or the device's clock has no such period.
+    """
+    entries = len(plan.addresses)
+    scans = max(1, min(round(_PACKET_S / sample_period_s), _MAX_SAMPLES // entries))
+    wanted = (1.0 / sample_period_s, entries, scans * entries, 0.0, 0, BUFFER_SIZE)
+    control.write(STREAM_SETUP, wanted)
+    # to Ethernet, 16-bit samples, until it is stopped
+    control.write(STREAM_TARGET, (1, 0, 0))
+    if stop_when_full is not None:
+        _ensure(control, STREAM_AUTORECOVER_DISABLE, int(stop_when_full))
+    addresses = tuple(scan_list(position) for position in range(entries))
+    control.write(addresses, plan.addresses)
+    _check(control, addresses, plan.addresses)
+    _check(control, STREAM_SETUP[1:], wanted[1:])
+    _check(control, (STREAM_TARGET[0], STREAM_TARGET[2]), (1, 0))
+    rate_hz = float(control.read(STREAM_SETUP[0])[0])
+    check_rate(control.where, rate_hz, sample_period_s)
+    return StreamSetup(1.0 / rate_hz, scans * entries)
+
+
+def check_rate(where: str, rate_hz: float, sample_period_s: float) -> None:
+    """Refuse a scan rate that is not the one asked for.
+
+    Parameters
+    ----------
+    where : str
+        The device, for the message.
+    rate_hz : float
+        As read back.
+    sample_period_s : float
+        Asked for, s.
+
+    Raises
+    ------
+    DeviceError
+        If it is further off than the device's clock grain explains.
+    """
+    if not abs(rate_hz * sample_period_s - 1.0) <= _RATE_TOLERANCE:
+        raise DeviceError(
+            f"the device scans at {rate_hz:.6g} Hz; asked for {1.0 / sample_period_s:.6g} Hz",
+            where=f"{where}, register {STREAM_SETUP[0].describe()}",
+            fix="choose a sample period of whole microseconds, or milliseconds above 6 ms",
+        )
+
+
+def _ensure(control: Control, register: Register, value: float) -> None:
+    """Write a setting where it differs, and read it back."""
+    if not _same(control.read(register)[0], value):
+        control.write((register,), (value,))
+        _check(control, (register,), (value,))
+
+
+def _check(control: Control, registers: tuple[Register, ...], wanted: tuple[float, ...]) -> None:
+    found: list[float | int] = []
+    for at in range(0, len(registers), 30):
+        found += control.read(*registers[at : at + 30])
+    for register, value, asked in zip(registers, found, wanted, strict=True):
+        if not _same(value, asked):
+            raise DeviceError(
+                f"{register.name} reads back as {value:g}; written: {asked:g}",
+                where=f"{control.where}, register {register.describe()}",
+                fix="compare the value with the device's data sheet and its firmware version",
+            )
+
+
+def _same(found: float, wanted: float) -> bool:
+    # values travel as 32-bit floats
+    return abs(found - wanted) <= 1e-6 * abs(wanted)

@@ -1,0 +1,1 @@
+"""Physics of the simulated bench: what a real one has beyond its model."""

@@ -1,0 +1,382 @@
+"""The simulated bench: profile, plant and seed to the raw samples of a node."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hdbench.errors import UsageError
+from hdbench.model.program import ReferenceProgram
+from hdbench.plant.clamping import Fixture
+from hdbench.plant.converter import AnalogueSamples, RawSamples, to_code, to_count
+from hdbench.plant.draw import draw_effects
+from hdbench.plant.drivetrain import encoder_error_rad
+from hdbench.plant.effects import start_effect
+from hdbench.plant.extended import with_model
+from hdbench.plant.fixture import PositionGain, shunt_volts
+from hdbench.plant.modelcauses import ModelCauses
+from hdbench.plant.plantfile import PlantSpec
+from hdbench.plant.readout import read_out
+from hdbench.plant.reference import reference_values_v
+from hdbench.plant.timeline import Timeline
+from hdbench.plant.torque import AnalogueChannels
+from hdbench.plant.truth import sensor_truth, torque_truth
+from hdbench.profile.schema import ProfileData, ReferenceWave
+from hdbench.records.trace import FloatArray
+
+if TYPE_CHECKING:
+    from hdbench.model import BenchModel
+
+__all__ = ["SimulatedBench"]
+
+# One random stream per purpose: what one of them draws does not move another.
+_EFFECTS, _GAIN, _CLAMPING, _ACQUISITION = range(4)
+
+# Below this speed the drive is switched off: a quarter of an encoder count of 1.6 mrad per second.
+_STANDSTILL_RAD_S = 4e-4
+
+# Time after a halt for which causes of an extended model are computed: ten time constants of a
+# velocity loop of 1.6 Hz, slower than any servo.
+_BRAKING_S = 1.0
+
+
+class SimulatedBench:
+    """Drive, load, sensor and converter behind a node's registers.
+
+    Parameters
+    ----------
+    profile : ProfileData
+        The bench.
+    plant : PlantSpec
+        What it has beyond its model.
+    seed : int
+        Chooses noise, effects and the gain by position; at least 0.
+    model : BenchModel, optional
+        An extended model to emulate in place of the profile's.
+
+    Raises
+    ------
+    UsageError
+        If `seed` is negative.
+
+    Notes
+    -----
+    Every acquisition begins with the wave generator and the load standing at their home marks:
+    motor angle, output angle and encoder count are 0 at its first sample, and phases refer to it.
+    Equations, sources and assumptions stand in ``docs/plant.md``.
+    """
+
+    def __init__(
+        self,
+        profile: ProfileData,
+        plant: PlantSpec,
+        seed: int,
+        *,
+        model: BenchModel | None = None,
+    ) -> None:
+        if not seed >= 0:
+            raise UsageError(
+                f"seed {seed} is negative; needed: a whole number of at least 0",
+                where="--seed",
+                fix="give a seed of 0 or more",
+            )
+        self._profile = profile if model is None else with_model(profile, model)
+        self._plant = plant
+        self._seed = seed
+        self._effects = draw_effects(plant, self._stream(_EFFECTS))
+        sensor = profile.sensor
+        self._gain = PositionGain.draw(
+            sensor.gain_nm_per_v, sensor.gain_consistency, self._stream(_GAIN)
+        )
+        self._fixture = Fixture(
+            profile.arm,
+            plant.data.fixture,
+            self._gain,
+            lambda number: self._stream(_CLAMPING, number),
+        )
+        self._channels = AnalogueChannels.build(self._profile, plant.data.motor, self._effects)
+        self._acquisitions = 0
+        self._noise = self._stream(_ACQUISITION)
+        self._timeline: Timeline | None = None
+        self._driven = False
+        self._shunt_v = 0.0
+        self._causes = ModelCauses(model, self._profile)
+
+    @property
+    def reference_v(self) -> float:
+        """Motor reference that is put out now, V."""
+        return 0.0 if self._timeline is None else self._timeline.reference_now_v
+
+    @property
+    def velocity_rad_s(self) -> float:
+        """True motor speed now, rad/s."""
+        return 0.0 if self._timeline is None else self._timeline.velocity_now_rad_s
+
+    @property
+    def enabled(self) -> bool:
+        """Whether the drive is on: from the begin of a driven run to standstill after its halt."""
+        if self._timeline is None or not self._driven:
+            return False
+        return not self._timeline.stopped or abs(self.velocity_rad_s) > _STANDSTILL_RAD_S
+
+    def begin(
+        self,
+        *,
+        sample_period_s: float,
+        wave: ReferenceWave | ReferenceProgram | None,
+        duration_s: float,
+    ) -> None:
+        """Begin a new acquisition from standstill at the home marks.
+
+        Parameters
+        ----------
+        sample_period_s : float
+            Sampling period, s, above 0.
+        wave : ReferenceWave, ReferenceProgram or None
+            Reference generator; None keeps the drive disabled.
+        duration_s : float
+            Length of the acquisition, s, above 0. After it the generator's last value stays until
+            `halt`.
+
+        Raises
+        ------
+        UsageError
+            If a time is not positive and finite.
+        DataError
+            If a cause of the extended model needs a channel that no motion has.
+        """
+        if not (0.0 < sample_period_s < math.inf and 0.0 < duration_s < math.inf):
+            raise UsageError(
+                f"sample_period_s {sample_period_s!r}, duration_s {duration_s!r}; needed: positive "
+                "and finite, s",
+                where="simulated acquisition",
+                fix="give times above 0 s",
+            )
+        self._restart()
+        self._driven = wave is not None
+        reference_v = reference_values_v(sample_period_s, wave, duration_s)
+        mount = self._fixture.mount
+        self._causes.move(self._channels, mount, sample_period_s, reference_v)
+        self._timeline = Timeline(self._channels, sample_period_s, reference_v, mount)
+
+    def begin_host_written(
+        self,
+        *,
+        sample_period_s: float,
+        start: tuple[float, float] = (0.0, 0.0),
+        counted: bool = True,
+    ) -> Timeline:
+        """Begin a new acquisition whose reference a host writes while it runs.
+
+        Parameters
+        ----------
+        sample_period_s : float
+            Sampling period, s, above 0.
+        start : tuple of float, optional
+            Motor angle, rad, and speed, rad/s, at the start.
+        counted : bool, optional
+            False for a time in which no samples are taken: the next acquisition then has the noise
+            that it would have had without.
+
+        Returns
+        -------
+        Timeline
+            Takes the reference; its own reference is 0 until something is written.
+
+        Raises
+        ------
+        UsageError
+            If an extended model is emulated: its causes may depend on all of the motion, which a
+            reference that is still to be written does not give.
+        """
+        if self._causes.any:
+            raise UsageError(
+                "an extended model needs the whole motion beforehand; this device's reference is "
+                "written by its host as it goes",
+                where="--model",
+                fix="emulate the profile's own model, or a node",
+            )
+        self._restart(counted=counted)
+        self._driven = False
+        self._timeline = Timeline(
+            self._channels,
+            sample_period_s,
+            np.zeros(1),
+            self._fixture.mount,
+            start=start,
+            host_written=True,
+        )
+        return self._timeline
+
+    def halt(self) -> None:
+        """Zero the motor reference now; the drive brakes to standstill within its limits."""
+        timeline = self._timeline
+        if timeline is None or timeline.stopped:
+            return
+        timeline.stop()
+        braking = round(_BRAKING_S / timeline.sample_period_s)
+        until = timeline.now_hold + max(1, braking)
+        self._causes.move(
+            self._channels,
+            self._fixture.mount,
+            timeline.sample_period_s,
+            timeline.references(0, until),
+        )
+
+    def advance(self, n_samples: int) -> RawSamples:
+        """Return the next samples as the node's converter gives them.
+
+        Parameters
+        ----------
+        n_samples : int
+            How many, at least 0. Any split of the same total gives the same bits.
+
+        Returns
+        -------
+        RawSamples
+
+        Raises
+        ------
+        UsageError
+            As for `measure`.
+        """
+        true = self.measure(n_samples)
+        return RawSamples(
+            torque_code=self._code(true.torque_v),
+            tacho_code=self._code(true.tacho_v),
+            current_code=self._code(true.current_v),
+            reference_code=self._code(true.reference_v),
+            encoder_count=to_count(true.angle_rad, self._profile.encoder.counts_per_turn),
+        )
+
+    def measure(self, n_samples: int) -> AnalogueSamples:
+        """Return the next samples in volts, as they stand before a converter.
+
+        Parameters
+        ----------
+        n_samples : int
+            How many, at least 0.
+
+        Returns
+        -------
+        AnalogueSamples
+
+        Raises
+        ------
+        UsageError
+            If no acquisition was begun, or `n_samples` is negative.
+        """
+        timeline = self._timeline
+        if timeline is None or not n_samples >= 0:
+            raise UsageError(
+                f"{n_samples} samples asked for; needed: an acquisition that was begun, and 0 "
+                "samples or more",
+                where="simulated bench",
+                fix="begin an acquisition first",
+            )
+        read = read_out(
+            timeline,
+            n_samples,
+            profile=self._profile,
+            noise=self._noise,
+            added_v=self._added_volts,
+        )
+        wander = encoder_error_rad(self._effects, read.angle_rad, self._profile.drive.gear_ratio)
+        return replace(read, angle_rad=read.angle_rad + wander)
+
+    def set_fixture(
+        self, *, locked: bool, position_rad: float, mass_kg: float, direction: int
+    ) -> None:
+        """Lock or release the wave generator, turn the flexspline, hang a weight.
+
+        Parameters
+        ----------
+        locked : bool
+            Whether the wave generator is locked and the arm mounted.
+        position_rad : float
+            Flexspline position, rad, finite.
+        mass_kg : float
+            Mass on the arm, kg, at least 0; does nothing while not locked.
+        direction : int
+            +1 loads clockwise, -1 counter-clockwise.
+
+        Raises
+        ------
+        UsageError
+            If a value is out of its domain.
+        """
+        now_s = 0.0 if self._timeline is None else self._timeline.now_s
+        mount = self._fixture.change(
+            now_s,
+            locked=locked,
+            position_rad=position_rad,
+            mass_kg=mass_kg,
+            direction=direction,
+        )
+        self._causes.change(mount)
+        if self._timeline is not None:
+            self._timeline.remount(mount)
+
+    def set_handling(self, *, swing_rad: float, release_s: float, shunt_ohm: float) -> None:
+        """Set how the next weight is handled, and the resistor across one arm of the bridge.
+
+        Parameters
+        ----------
+        swing_rad : float
+            Angle at which the next weight swings freely, rad, at least 0; 0 as the plant says.
+        release_s : float
+            Time after which the next weight is taken off again, s; 0 leaves it.
+        shunt_ohm : float
+            Shunt resistor, ohm; 0 none.
+        """
+        self._fixture.handle(swing_rad=swing_rad, release_s=release_s)
+        self._shunt_v = shunt_volts(self._profile, shunt_ohm)
+
+    def truth(self) -> dict[str, object]:
+        """Return everything that is simulated, ready for JSON.
+
+        Returns
+        -------
+        dict
+            ``gain_nm_per_v``: average of the gain over the whole turn of the flexspline, which is
+            also the gain in motion; gains at equally spaced positions (2, 3, 4, 6, 8, 12 or 24) are
+            independent and normal about it over seeds, so their plain mean is unbiased for it.
+            ``gain_at_position``: [position in rad, gain in N m/V] at 24 positions, without the
+            repeatability of one clamping. ``zero_nm``, ``ripple`` (motor orders), ``misalignment``,
+            ``effects`` (as they are in the present acquisition), ``gauges`` (what the bridge's
+            ripple comes from), ``causes`` (names of an extended model's), ``plant``, ``seed``.
+        """
+        return {
+            "plant": self._plant.name,
+            "plant_sha256": self._plant.sha256,
+            "seed": self._seed,
+            **sensor_truth(self._gain, self._channels),
+            **torque_truth(self._profile, self._channels.effects),
+            "causes": self._causes.names,
+        }
+
+    def _stream(self, *key: int) -> np.random.Generator:
+        """Return the random stream of one purpose."""
+        return np.random.default_rng([self._seed, *key])
+
+    def _restart(self, *, counted: bool = True) -> None:
+        """Count time, noise and effects from a new acquisition."""
+        if self._timeline is not None:
+            self._fixture.restart(self._timeline.now_s)
+            self._causes.restart(self._timeline.now_s)
+        self._noise = self._stream(_ACQUISITION, self._acquisitions)
+        self._acquisitions += counted
+        effects = tuple(start_effect(effect, self._noise) for effect in self._effects)
+        self._channels = AnalogueChannels.build(self._profile, self._plant.data.motor, effects)
+
+    def _added_volts(self, stamps: NDArray[np.int64], time_s: FloatArray) -> FloatArray:
+        """Return what causes and a shunt add to the torque channel at samples, V."""
+        return self._causes.volts(stamps, time_s) + self._shunt_v
+
+    def _code(self, volt: FloatArray) -> NDArray[np.int16]:
+        """Return codes of a channel."""
+        return to_code(volt, self._profile.daq.range_v, self._profile.daq.resolution_bits)

@@ -1,0 +1,276 @@
+"""Serial ports without a wait, and pseudo-terminals that stand for them."""
+
+from __future__ import annotations
+
+import os
+import select
+import time
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from typing import TYPE_CHECKING, Protocol
+
+from hdbench.errors import UsageError
+
+if TYPE_CHECKING:
+    from serial import Serial
+
+__all__ = [
+    "SETTING_ERRORS",
+    "PortIo",
+    "PseudoTerminal",
+    "can_share_ports",
+    "may_open",
+    "open_terminal",
+    "port_io",
+    "readable",
+    "share_port",
+    "terminal_pair",
+]
+
+try:
+    from termios import error as _setting_error
+except ImportError:
+    SETTING_ERRORS: tuple[type[Exception], ...] = ()
+else:
+    SETTING_ERRORS = (_setting_error,)
+"""What pyserial lets through where a port does not take its settings."""
+
+_CHUNK = 4096
+# how often a port is looked at where it cannot be waited for, s
+_LOOK_S = 5e-4
+
+
+class PortIo(Protocol):
+    """What is done with an open port; only `readable` and `writable` wait."""
+
+    def readable(self, wait_s: float) -> bool:
+        """Return whether characters have come within this time."""
+        ...
+
+    def writable(self, wait_s: float) -> bool:
+        """Return whether it takes characters within this time."""
+        ...
+
+    def read(self, size: int) -> bytes:
+        """Return what has come, at most `size` characters."""
+        ...
+
+    def write(self, data: bytes) -> int:
+        """Return how many characters it took."""
+        ...
+
+    def is_gone(self) -> bool:
+        """Return whether a port that has just read as empty is gone."""
+        ...
+
+    def close(self) -> None:
+        """Close the port."""
+        ...
+
+
+def port_io(port: Serial) -> PortIo:
+    """Return what reads and writes an open port in the way of this system.
+
+    Parameters
+    ----------
+    port : Serial
+        Opened with ``timeout=0``.
+
+    Returns
+    -------
+    PortIo
+        Where ports are files, waits end with the first character; elsewhere up to 1 ms later.
+    """
+    try:
+        import termios  # noqa: F401 - asked for, not used
+    except ImportError:
+        return _PolledIo(port)
+    return _FileIo(port)
+
+
+class _FileIo:
+    """A port that is a file."""
+
+    def __init__(self, port: Serial) -> None:
+        self._port = port
+        self._descriptor = port.fileno()
+
+    def readable(self, wait_s: float) -> bool:
+        return bool(select.select((self._descriptor,), (), (), max(0.0, wait_s))[0])
+
+    def writable(self, wait_s: float) -> bool:
+        return bool(select.select((), (self._descriptor,), (), max(0.0, wait_s))[1])
+
+    def read(self, size: int) -> bytes:
+        return os.read(self._descriptor, size)
+
+    def write(self, data: bytes) -> int:
+        try:
+            return os.write(self._descriptor, data)
+        except BlockingIOError:
+            return 0
+
+    def is_gone(self) -> bool:
+        import termios
+
+        try:
+            termios.tcgetattr(self._descriptor)
+        except termios.error:
+            return True
+        return False
+
+    def close(self) -> None:
+        self._port.close()
+
+
+class _PolledIo:
+    """A port by pyserial alone."""
+
+    def __init__(self, port: Serial) -> None:
+        self._port = port
+
+    def readable(self, wait_s: float) -> bool:
+        until_s = time.monotonic() + wait_s
+        while not self._port.in_waiting:
+            if not time.monotonic() < until_s:
+                return False
+            time.sleep(_LOOK_S)
+        return True
+
+    def writable(self, wait_s: float) -> bool:
+        return True
+
+    def read(self, size: int) -> bytes:
+        return bytes(self._port.read(min(size, self._port.in_waiting)))
+
+    def write(self, data: bytes) -> int:
+        return self._port.write(data) or 0
+
+    def is_gone(self) -> bool:
+        try:
+            return self._port.in_waiting < 0
+        except OSError:
+            return True
+
+    def close(self) -> None:
+        self._port.close()
+
+
+def can_share_ports() -> bool:
+    """Return whether two programs can have one serial port open; on Windows they cannot."""
+    try:
+        import termios  # noqa: F401 - asked for, not used
+    except ImportError:
+        return False
+    return True
+
+
+def may_open(path: str) -> bool:
+    """Return whether this user may read and write a serial port; on Windows everybody may."""
+    return not can_share_ports() or os.access(path, os.R_OK | os.W_OK)
+
+
+def share_port(port: Serial) -> None:
+    """Let other programs open a port, too, where the system can do that."""
+    with suppress(ImportError):
+        import fcntl
+
+        fcntl.flock(port.fileno(), fcntl.LOCK_UN)
+
+
+def terminal_pair(*, blocking: bool = False) -> tuple[int, int, str]:
+    """Open a pseudo-terminal that passes every character as it is.
+
+    Parameters
+    ----------
+    blocking : bool, optional
+        Whether a write at the device's end waits where nobody reads.
+
+    Returns
+    -------
+    tuple of int, int and str
+        Descriptors of the device's end and of the other one, and the path that a host opens. The
+        other one stays open, so that a host that leaves does not end the line.
+
+    Raises
+    ------
+    UsageError
+        If the system has no pseudo-terminals.
+    OSError
+        If none is left.
+    """
+    try:
+        import tty
+
+        near, far = os.openpty()
+    except (ImportError, AttributeError) as error:
+        raise UsageError(
+            "this system has no pseudo-terminals, and an emulated serial line needs one",
+            where="emulated serial line",
+            fix="emulate a bench on TCP, or connect a real serial port",
+        ) from error
+    tty.setraw(far)
+    os.set_blocking(near, blocking)
+    return near, far, os.ttyname(far)
+
+
+def open_terminal(path: str) -> int:
+    """Open a pseudo-terminal by its path, so that it passes every character as it is.
+
+    Raises
+    ------
+    OSError
+        If it cannot be opened.
+    """
+    import tty
+
+    descriptor = os.open(path, os.O_RDWR | os.O_NOCTTY)
+    tty.setraw(descriptor)
+    return descriptor
+
+
+def readable(descriptors: Sequence[int], wait_s: float) -> list[int]:
+    """Return which pseudo-terminals have characters within this time."""
+    return select.select(descriptors, (), (), wait_s)[0]
+
+
+class PseudoTerminal:
+    """The device's end of an emulated serial line, in the running event loop.
+
+    Parameters
+    ----------
+    received : callable
+        Takes what a host has sent.
+
+    Raises
+    ------
+    UsageError
+        If the system has no pseudo-terminals.
+    OSError
+        If none is left.
+    """
+
+    def __init__(self, received: Callable[[bytes], None]) -> None:
+        self._received = received
+        self._near, self._far, self.path = terminal_pair()
+        # the guard, which reads serial ports only, starts sooner without it
+        import asyncio
+
+        self._loop = asyncio.get_running_loop()
+        self._loop.add_reader(self._near, self._read)
+
+    def write(self, data: bytes) -> int:
+        """Return how many characters the line took; 0 while nobody reads and it is full."""
+        try:
+            return os.write(self._near, data)
+        except BlockingIOError:
+            return 0
+
+    def close(self) -> None:
+        """End the line."""
+        self._loop.remove_reader(self._near)
+        os.close(self._near)
+        os.close(self._far)
+
+    def _read(self) -> None:
+        self._received(os.read(self._near, _CHUNK))

@@ -1,0 +1,252 @@
+"""Links to polled devices: every wire, and replies that are none."""
+
+import math
+import socket
+import struct
+import threading
+import time
+
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+from modbuskit import BENCH as PROFILE
+from modbuskit import TORQUE, driver, served, table
+
+from hdbench.devices.guard.process.stopping import make_safe, note_identity
+from hdbench.devices.modbus.client import StrictClient
+from hdbench.devices.modbus.links import polled_link
+from hdbench.devices.modbus.stopping import stop_target
+from hdbench.devices.wire import (
+    ExceptionReply,
+    FrameError,
+    parse_address,
+    read_registers,
+    write_register,
+)
+from hdbench.devices.wire.crc import crc16
+from hdbench.errors import DeviceError, UsageError
+
+WIRES = ("tcp", "udp", "rtu+tcp", "rtu", "ascii")
+KNOWN = {"address": 1, "type": "u16", "equals": 4660}
+OUTPUT = {"address": 50, "type": "i16", "scale": 0.001, "limit_v": 5.0}
+BENCH = table(identify=(KNOWN,), output=OUTPUT, channels=(TORQUE,))
+# what a scheduler adds to a deadline, s
+SLACK_S = 0.3
+READ, CHECK = read_registers(7, 2)
+REPLY = bytes.fromhex("0304 0102 0304".replace(" ", ""))
+
+
+@pytest.mark.parametrize("wire", WIRES)
+def test_a_device_is_read_driven_and_made_safe_on_every_wire(wire):
+    with served(BENCH, wire=wire) as found, driver(BENCH, found.address) as daq:
+        assert found.address.startswith(f"{wire}://")
+        assert daq.identity().simulated
+        true = found.call(lambda: float(found.instrument.look().volts["torque"][-1]))
+        # noise is 8 mV, eight of its deviations
+        assert daq.snapshot()["torque"] == pytest.approx(true, abs=0.08)
+        assert daq.write_output("reference", 1.234) == pytest.approx(1.234)
+        assert found.instrument.reference_v == pytest.approx(1.234)
+        # sent once, and the same bytes on every wire
+        assert [pdu.hex() for pdu in found.written] == ["06003204d2"]
+        assert daq.safe_state().confirmed
+        assert found.instrument.reference_v == 0.0
+
+
+@pytest.mark.parametrize("wire", WIRES)
+def test_the_guard_stops_the_motor_on_every_wire(wire):
+    with served(BENCH, wire=wire) as found:
+        at = BENCH.model_copy(update={"address": found.address})
+        target = stop_target(PROFILE, at).to_dict()
+        with driver(BENCH, found.address) as daq:
+            daq.write_output("reference", 2.0)
+        note_identity(target)
+        assert make_safe(target, alone=True) == ""
+        assert found.instrument.reference_v == 0.0
+
+
+@pytest.mark.parametrize("wire", WIRES)
+def test_a_device_that_is_silent_ends_a_call_at_its_deadline(wire):
+    with served(BENCH, wire=wire) as found, driver(BENCH, found.address, deadline_s=0.4) as daq:
+        daq.identity()
+        found.call(lambda: setattr(found.device, "_silent_until_s", math.inf))
+        start_s = time.monotonic()
+        with pytest.raises(DeviceError, match=r"no valid reply in time, 2 times"):
+            daq.snapshot()
+        assert time.monotonic() - start_s < 0.4 + SLACK_S
+        found.call(lambda: setattr(found.device, "_silent_until_s", 0.0))
+        assert "torque" in daq.snapshot()
+
+
+@pytest.mark.parametrize("wire", ["tcp", "rtu+tcp"])
+def test_a_device_that_hangs_up_is_told_at_once_and_found_again(wire):
+    with served(BENCH, wire=wire) as found:
+        link = polled_link(parse_address(found.address))
+        reply = link.transact(*read_registers(1, 1), time.monotonic() + 2.0)
+        assert reply == bytes.fromhex("03021234")
+        found.call(found.server.hang_up)
+        start_s = time.monotonic()
+        with pytest.raises(FrameError, match=r"closed|reset"):
+            link.transact(*read_registers(1, 1), start_s + 5.0)
+        assert time.monotonic() - start_s < 1.0
+        assert link.transact(*read_registers(1, 1), time.monotonic() + 2.0) == reply
+        link.close()
+
+
+# -- replies that are none ------------------------------------------------------------------------
+
+
+def framed(form, pdu, *, number=1, unit=1):
+    """Return a reply as it stands on the wire, made without pymodbus."""
+    body = bytes((unit,)) + pdu
+    if form == "rtu":
+        return body + crc16(body)
+    if form == "ascii":
+        return b":" + (body + bytes((-sum(body) & 0xFF,))).hex().upper().encode() + b"\r\n"
+    return struct.pack(">HHH", number, 0, len(body)) + body
+
+
+def ask(form, *pieces, check=CHECK):
+    """Return what a client makes of pieces that come one after the other, then nothing."""
+    left = list(pieces)
+
+    def get():
+        if not left:
+            raise FrameError("no valid reply in time")
+        return left.pop(0)
+
+    return StrictClient(form, 1).ask(READ, check, lambda frame: None, get)
+
+
+FORMS = ("socket", "rtu", "ascii")
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_a_reply_is_taken_whole_or_in_any_pieces(form):
+    frame = framed(form, REPLY)
+    assert ask(form, frame) == REPLY
+    for cut in range(1, len(frame)):
+        assert ask(form, frame[:cut], frame[cut:]) == REPLY
+    assert ask(form, *(bytes((one,)) for one in frame)) == REPLY
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_a_refusal_is_told_and_a_wrong_one_is_none(form):
+    with pytest.raises(ExceptionReply) as told:
+        ask(form, framed(form, b"\x83\x02"))
+    assert told.value.code == 2
+    with pytest.raises(FrameError):
+        ask(form, framed(form, b"\x84\x02"))
+
+
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize(
+    "pdu",
+    ["04040102030 4", "0302 0102", "0306 010203040506", "0304 010203", "0305 0102030405", "03", ""],
+)
+def test_another_function_count_or_length_is_never_delivered(form, pdu):
+    with pytest.raises(FrameError):
+        ask(form, framed(form, bytes.fromhex(pdu.replace(" ", ""))))
+
+
+@pytest.mark.parametrize("form", FORMS)
+@given(data=st.data())
+@settings(max_examples=200, deadline=None)
+def test_a_changed_bit_that_a_frame_can_show_is_never_delivered(form, data):
+    frame = bytearray(framed(form, REPLY))
+    # Modbus TCP has no checksum: the values behind header, function and count can be anything
+    last = 9 if form == "socket" else len(frame)
+    at = data.draw(st.integers(0, 8 * last - 1))
+    frame[at // 8] ^= 1 << at % 8
+    # the form of a letter tells nothing
+    same = form == "ascii" and bytes(frame).upper() == framed(form, REPLY)
+    if same:
+        assert ask(form, bytes(frame)) == REPLY
+        return
+    with pytest.raises(FrameError):
+        ask(form, bytes(frame))
+
+
+@pytest.mark.parametrize("form", FORMS)
+@given(garbage=st.binary(max_size=300))
+@example(garbage=b":+10304")
+@example(garbage=bytes(300))
+@example(garbage=b"\x01\x08\x00")
+@settings(max_examples=200, deadline=None)
+def test_any_bytes_end_as_a_fault_of_the_frame(form, garbage):
+    with pytest.raises((FrameError, ExceptionReply)):
+        ask(form, garbage)
+
+
+def test_replies_of_other_transactions_and_units_are_passed_over():
+    good = framed("socket", REPLY)
+    other = bytes.fromhex("0304ffffffff")
+    late, foreign = framed("socket", other, number=9), framed("socket", other, unit=7)
+    assert ask("socket", late + foreign + good) == REPLY
+    assert ask("socket", late[:5], late[5:] + good[:9], good[9:]) == REPLY
+
+
+def test_what_stands_behind_a_reply_is_read_before_what_comes():
+    """Half a duplicate left on a stream must not put the next reply out of step."""
+    client = StrictClient("socket", 1)
+    first, second = framed("socket", REPLY), framed("socket", b"\x03\x04\0\0\0\5", number=2)
+    pieces = [first + first[:8], first[8:] + second]
+    assert client.ask(READ, CHECK, lambda frame: None, lambda: pieces.pop(0)) == REPLY
+    assert client.ask(READ, CHECK, lambda frame: None, lambda: pieces.pop(0))[-1] == 5
+    assert pieces == []
+
+
+def test_a_request_goes_out_once_and_to_the_byte():
+    sent = []
+
+    def silent():
+        raise FrameError("no valid reply in time")
+
+    for form in FORMS:
+        with pytest.raises(FrameError):
+            StrictClient(form, 17).ask(*write_register(1, 3), sent.append, silent)
+    # the second and third example: "MODBUS over Serial Line" V1.02, 2.5.1 and 2.5.2.2
+    assert [frame.hex() for frame in sent[:2]] == [
+        "00010000000611" + "0600010003",
+        "11060001000" + "39a9b",
+    ]
+    assert sent[2] == b":110600010003E5\r\n"
+
+
+def test_a_piece_of_a_datagram_is_no_reply():
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as device:
+        device.bind(("127.0.0.1", 0))
+
+        def serve():
+            request, host = device.recvfrom(512)
+            number = int.from_bytes(request[:2], "big")
+            good = framed("socket", REPLY, number=number)
+            for datagram in (good[:9], good + b"\0", good[9:], good):
+                device.sendto(datagram, host)
+
+        thread = threading.Thread(target=serve, daemon=True)
+        thread.start()
+        link = polled_link(parse_address(f"udp://127.0.0.1:{device.getsockname()[1]}"))
+        assert link.transact(READ, CHECK, time.monotonic() + 2.0) == REPLY
+        link.close()
+        thread.join(5)
+
+
+@pytest.mark.parametrize(
+    ("address", "words"),
+    [
+        ("rtu+tcp://10.0.0.7", "port from 1 to 65535"),
+        ("ascii://", "serial port after ascii://"),
+        ("rtu:///dev/ttyUSB0?bits=7", "RTU needs 8"),
+        ("ascii:///dev/ttyUSB0?bits=9", "7 to 8"),
+    ],
+)
+def test_an_address_that_cannot_work_is_refused(address, words):
+    with pytest.raises(UsageError, match=words):
+        parse_address(address)
+
+
+def test_the_ascii_form_has_seven_bits_unless_told():
+    """MODBUS over Serial Line V1.02, 2.5.2: start, seven data, parity, stop."""
+    assert parse_address("ascii:///dev/ttyUSB0?baud=9600").serial.character_s == 10 / 9600
+    assert parse_address("ascii:///dev/ttyUSB0?baud=9600&bits=8").serial.data_bits == 8
+    assert parse_address("rtu:///dev/ttyUSB0?baud=9600").serial.character_s == 11 / 9600

@@ -1,0 +1,9 @@
+"""Makes the helpers of the devices importable; nothing stays open behind a test."""
+
+import sys
+from pathlib import Path
+
+TESTS = Path(__file__).parents[1]
+sys.path[:0] = [str(TESTS / "devices"), str(TESTS.parent / "tools")]
+
+from leftovers import nothing_stays_open  # noqa: E402, F401

@@ -1,0 +1,232 @@
+"""The driver on an emulated instrument."""
+
+import os
+import time
+
+import numpy as np
+import pytest
+from dataqkit import BENCH, ROLES, driver, read_all, served, settings, table
+from linefaults.faults import Mangler, RawFraming
+from linefaults.lines import faulty_serial
+
+from hdbench.drivers.dataq.commands import Commands
+from hdbench.drivers.dataq.models import MODELS
+from hdbench.drivers.dataq.port import Port
+from hdbench.errors import BusyError, DeviceError
+
+
+def keep_reading(daq, blocks):
+    until_s = time.monotonic() + 5.0
+    while time.monotonic() < until_s:
+        block = daq.read_block()
+        if block is not None:
+            blocks.append(block)
+
+
+def test_every_sample_of_a_stream_arrives_in_order_at_its_rate():
+    with served(table(), speed=4.0) as found, driver(table(), found.address) as daq:
+        assert daq.configure(settings(4000)) == pytest.approx(1e-3)
+        found.call(lambda: found.instrument.disturb("reference", None))
+        daq.start()
+        blocks = read_all(daq)
+    index = 0
+    for block in blocks:
+        assert (block.first_index, block.lost_before) == (index, 0)
+        index += len(block)
+    assert index == 4000
+    torque = np.concatenate([block.values for block in blocks])[:, 0]
+    # white noise of 7.6 mV: one sample given twice or one mean for all would not have it
+    assert np.std(torque) == pytest.approx(0.05 / 6.6, rel=0.1)
+    assert len(np.unique(torque)) > 50
+
+
+@pytest.mark.parametrize("model", sorted(set(MODELS) - {"DI-2008"}))
+def test_every_model_streams_what_stands_at_its_terminals(model):
+    roles = ("torque", "tacho", "reference")
+    made = table(model, roles)
+    with served(made, speed=2.0) as found, driver(made, found.address) as daq:
+        found.call(lambda: found.instrument.write_reference(1.25))
+        daq.configure(settings(300, roles=roles))
+        daq.start()
+        values = np.concatenate([block.values for block in read_all(daq)])
+        assert daq.identity().model == model
+    step = 2.0 * made.channels[0].range_v / (1 << MODELS[model].bits)
+    assert np.allclose(values[5:, 2], 1.25, atol=step)
+    # tacho at rest: 1 mV of noise
+    assert abs(np.mean(values[:, 1])) < step + 1e-3
+
+
+def test_a_slow_di_2008_is_slow():
+    made = table("DI-2008", ("torque", "tacho"))
+    with served(made) as found, driver(made, found.address) as daq:
+        assert daq.capabilities().max_rate_hz(2) == pytest.approx(800 / 3 / 4)
+        daq.configure(settings(10, 0.03, ("torque", "tacho")))
+        start_s = time.monotonic()
+        daq.start()
+        assert sum(len(block) for block in read_all(daq)) == 10
+        assert time.monotonic() - start_s > 0.25
+
+
+def test_an_average_is_one_of_the_instrument():
+    made = table("DI-4108", average=10)
+    with served(made, speed=2.0) as found, driver(made, found.address) as daq:
+        daq.configure(settings(2000))
+        daq.start()
+        torque = np.concatenate([block.values for block in read_all(daq)])[:, 0]
+    # the mean of ten samples has a third of their noise
+    assert np.std(torque) == pytest.approx(0.05 / 6.6 / np.sqrt(10), rel=0.1)
+
+
+def test_another_model_is_refused_before_anything_is_set():
+    with served(table("DI-1110")) as found, driver(table("DI-2108"), found.address) as daq:
+        with pytest.raises(DeviceError, match=r"'DATAQ' '1110' answers; needed: DATAQ 2108"):
+            daq.configure(settings(10))
+        assert found.device._entries == {}
+
+
+def test_a_port_is_open_for_one_program_only():
+    with served(table()) as found, driver(table(), found.address) as one:
+        one.identity()
+        with (
+            driver(table(), found.address) as other,
+            pytest.raises(BusyError, match="another program"),
+        ):
+            other.identity()
+
+
+def test_it_drives_nothing_and_says_so():
+    with served(table()) as found, driver(table(), found.address) as daq:
+        able = daq.capabilities()
+        assert (able.drives, able.guarded, able.buffered) == (False, False, True)
+        with pytest.raises(DeviceError, match="no analog output"):
+            daq.write_output("reference", 0.0)
+        assert daq.safe_state().confirmed
+
+
+def test_a_snapshot_reads_the_terminals_and_a_run_goes_on_after_it():
+    with served(table()) as found, driver(table(), found.address) as daq:
+        found.call(lambda: found.instrument.write_reference(2.0))
+        assert daq.snapshot()["reference"] == pytest.approx(2.0, abs=1e-3)
+        daq.configure(settings(50))
+        daq.start()
+        assert daq.snapshot() == {}
+        assert sum(len(block) for block in read_all(daq)) == 50
+        assert daq.snapshot()["reference"] == pytest.approx(2.0, abs=1e-3)
+
+
+def test_a_stream_that_a_dead_host_left_is_stopped_first():
+    with served(table()) as found:
+        with driver(table(), found.address) as first:
+            first.configure(settings(100_000))
+            first.start()
+            time.sleep(0.1)
+        assert found.device.scanning
+        with driver(table(), found.address) as second:
+            assert second.identity().model == "DI-2108"
+            assert not found.device.scanning
+
+
+@pytest.mark.parametrize(("code", "argument"), [(2, 1), (2, 3), (2, 26), (4, 0x7E)])
+def test_a_stream_out_of_step_ends_the_run_and_no_sample_is_wrong(code, argument):
+    """Bytes that vanish, or a digital input that is not left alone."""
+    with served(table()) as found, driver(table(), found.address) as daq:
+        found.call(lambda: found.instrument.write_reference(3.0))
+        daq.configure(settings(100_000))
+        daq.start()
+        blocks = []
+        while len(blocks) < 5:
+            blocks += [block for block in (daq.read_block(),) if block is not None]
+        found.call(lambda: found.device._disturb(code, argument))
+        with pytest.raises(DeviceError, match="is marked 0x"):
+            keep_reading(daq, blocks)
+    values = np.concatenate([block.values for block in blocks])
+    assert np.allclose(values[5:, 3], 3.0, atol=1e-3)
+
+
+def test_a_host_that_does_not_read_is_told_of_the_overflow():
+    with served(table()) as found, driver(table(), found.address) as daq:
+        daq.configure(settings(100_000))
+        daq.start()
+        # longer than the instrument's 1024 samples, five words of which make a scan
+        found.call(lambda: found.device._disturb(1, 400))
+        with pytest.raises(DeviceError, match="buffer ran over after"):
+            keep_reading(daq, [])
+
+
+@pytest.mark.parametrize(
+    "kind", ["mutate", "stale", "duplicate", "reorder", "truncate", "garbage", "drop"]
+)
+def test_spoilt_echoes_never_pass_for_a_setting(kind):
+    """Every setting that is accepted stands in the instrument."""
+    with served(table()) as found:
+        mangler = Mangler(kind, RawFraming(), share=0.3, seed=5)
+        path = found.address.removeprefix("serial://")
+        with faulty_serial(path, mangler) as near:
+            commands = Commands(Port(near), deadline_s=0.3)
+            refused = 0
+            for value in range(1000, 1015):
+                start_s = time.monotonic()
+                try:
+                    commands.set(f"srate {value}")
+                except DeviceError:
+                    refused += 1
+                else:
+                    assert found.device._numbers["srate"] == value
+                # a fifth more than the deadline: this machine has other work
+                assert time.monotonic() - start_s < 0.36
+            commands.close()
+        assert mangler.changed >= 3
+        assert refused < 8
+
+
+def test_a_port_that_is_not_there_is_told():
+    daq_table = table()
+    with (
+        driver(daq_table, "serial:///dev/hdbench-none") as daq,
+        pytest.raises(DeviceError, match="cannot be opened"),
+    ):
+        daq.identity()
+
+
+def test_an_instrument_that_is_unplugged_ends_the_run():
+    master, slave = os.openpty()
+    port = Port(os.ttyname(slave))
+    port.send(b"x", time.monotonic() + 1.0)
+    os.close(slave)
+    os.close(master)
+    with pytest.raises(DeviceError, match=r"port failed|unplugged"):
+        port.receive(time.monotonic() + 1.0)
+    port.close()
+
+
+def test_the_counter_follows_the_encoder_in_both_directions():
+    roles = ("tacho", "encoder")
+    made = table(roles=roles)
+    with served(made, speed=4.0) as found, driver(made, found.address) as daq:
+        daq.configure(settings(4000, roles=roles))
+        found.call(lambda: found.instrument.write_enable(on=True))
+        daq.start()
+        found.call(lambda: found.instrument.write_reference(1.0))
+        blocks = [daq.read_block() for _ in range(20)]
+        found.call(lambda: found.instrument.write_reference(-1.5))
+        blocks = [block for block in blocks if block is not None] + read_all(daq)
+        values = np.concatenate([block.values for block in blocks])
+    turns = (values[:, 1] + 2**31) % 2**32 - 2**31
+    speed = values[:, 0] * BENCH.tacho.gain_rad_s_per_v
+    angle = np.cumsum(speed) * 1e-3 * BENCH.encoder.counts_per_turn / (2.0 * np.pi)
+    assert np.max(turns) > 200 > 0 > np.min(np.diff(turns))
+    # an edge is 4 counts; the sum of 4000 noisy speeds is good to 0.06 * sqrt(4000) ms = 3 counts;
+    # around the reversal a few edges may have the other sign
+    assert np.max(np.abs(turns - turns[0] - angle)) < 40
+
+
+def test_roles_keep_their_order():
+    made = table()
+    with served(made) as found, driver(made, found.address) as daq:
+        found.call(lambda: found.instrument.write_reference(1.0))
+        daq.configure(settings(40, roles=("reference", "torque")))
+        daq.start()
+        values = np.concatenate([block.values for block in read_all(daq)])
+    assert values.shape == (40, 2)
+    assert np.allclose(values[5:, 0], 1.0, atol=1e-3)
+    assert ROLES[0] == "torque"

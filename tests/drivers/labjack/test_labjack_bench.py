@@ -1,0 +1,80 @@
+"""A whole bench on the emulated T7: the session's side of it."""
+
+import json
+
+import numpy as np
+import pytest
+
+from hdbench.devices import open_bench
+from hdbench.devices.emulator.serving import EmulatorSettings, emulate
+from hdbench.devices.ports import AcquisitionSettings
+from hdbench.errors import UsageError
+from hdbench.profile import load_profile
+from hdbench.profile.schema import ReferenceWave
+
+T7 = load_profile("labjack-t7")
+NODE = load_profile("cim-tr-97-06")
+
+
+def _acquire(bench, settings: AcquisitionSettings) -> dict[str, np.ndarray]:
+    bench.configure(settings)
+    bench.start()
+    blocks, taken = [], 0
+    while taken < settings.n_samples:
+        block = bench.read_block()
+        if block is not None:
+            blocks.append(block)
+            taken += len(block) + block.lost_before
+    bench.stop()
+    names = ("torque_v", "tacho_v", "motor_current_a", "reference_v", "encoder_count")
+    return {
+        "lost": sum(block.lost_before for block in blocks),
+        **{name: np.concatenate([getattr(block, name) for block in blocks]) for name in names},
+    }
+
+
+def test_with_the_same_seed_the_t7_and_the_node_measure_the_same_bench():
+    settings = AcquisitionSettings(0.01, 150, None)
+    with open_bench(NODE, seed=9) as bench:
+        node = _acquire(bench, settings)
+    with open_bench(T7, seed=9) as bench:
+        t7 = _acquire(bench, settings)
+    # the same torque and the same noise, sample by sample: a step of each converter, 0.32 mV
+    assert np.max(np.abs(t7["torque_v"] - node["torque_v"])) < 3.3e-4
+    assert np.max(np.abs(t7["tacho_v"] - node["tacho_v"])) < 3.3e-4
+    assert np.array_equal(t7["encoder_count"], node["encoder_count"])
+
+
+def test_a_motion_runs_from_reference_to_standstill(tmp_path):
+    record = tmp_path / "record.jsonl"
+    wave = ReferenceWave(wave="sine", amplitude_v=1.0, frequency_hz=0.5)
+    with open_bench(T7, seed=2, record=record) as bench:
+        got = _acquire(bench, AcquisitionSettings(1e-3, 4000, wave))
+        assert bench.safe_state().confirmed
+    assert got["lost"] == 0
+    assert len(got["torque_v"]) == 4000
+    # the reference as it was looped back: a staircase of host writes along the sine; at this pace
+    # a value may come 0.1 s of device time late on a busy machine, 0.3 V of the sine's slope
+    due = np.sin(np.pi * 1e-3 * np.arange(4000))
+    assert np.median(np.abs(got["reference_v"] - due)) < 0.3
+    speed = got["tacho_v"] * T7.data.tacho.gain_rad_s_per_v
+    assert np.max(speed) == pytest.approx(56.3, rel=0.1)
+    # encoder and tacho tell the same motion: counts against integrated volts
+    turned = got["encoder_count"] * 2.0 * np.pi / T7.data.encoder.counts_per_turn
+    assert np.max(np.abs(turned - turned[0] - np.cumsum(speed - speed[0]) * 1e-3)) < 0.5
+    events = [json.loads(line) for line in record.read_text().splitlines()]
+    assert {event["event"] for event in events} >= {"begin", "enable", "reference", "disable"}
+    assert events[-1]["enabled"] is False
+    assert abs(events[-1]["reference_v"]) == 0.0
+
+
+def test_an_extended_model_is_refused_by_the_emulator(tmp_path):
+    with pytest.raises(UsageError, match="written by its host"):
+        emulate(
+            T7.data,
+            "as-modelled",
+            0,
+            EmulatorSettings(),
+            ready=lambda _: None,
+            model_file=tmp_path / "model.json",
+        )

@@ -1,0 +1,410 @@
+"""The driver against the emulated T7, on the wire."""
+
+import math
+import struct
+import time
+
+import numpy as np
+import pytest
+from labjackkit import PROFILE, driver, read_all, served, settings, values
+
+from hdbench.drivers.labjack.emulator import streaming
+from hdbench.drivers.labjack.opening import labjack_rate_hz
+from hdbench.drivers.labjack.registers import dac, digital_line
+from hdbench.drivers.labjack.table import LabJackOutput
+from hdbench.drivers.labjack.watchdog import KEY
+from hdbench.errors import BusyError, DeviceError, ProfileError, UsageError
+
+TACHO = PROFILE.tacho.gain_rad_s_per_v
+
+
+def _run(daq, n_samples: int, **changes):
+    daq.configure(settings(n_samples, **changes))
+    daq.start()
+    return read_all(daq)
+
+
+def test_every_sample_asked_for_comes_once_and_in_order():
+    with served(speed=4.0) as device, driver(device.port) as daq:
+        daq.claim()
+        blocks = _run(daq, 1500)
+        assert [block.lost_before for block in blocks] == [0] * len(blocks)
+        firsts = np.cumsum([0, *(len(block) for block in blocks)])
+        assert [block.first_index for block in blocks] == firsts[:-1].tolist()
+        assert firsts[-1] == 1500
+        assert [block.running for block in blocks] == [True] * (len(blocks) - 1) + [False]
+        assert blocks[-1].depth == 0
+        again = daq.read_block()
+        assert (len(again), again.running, again.depth) == (0, False, 0)
+        assert not device.device.stream.running, "the driver stops the stream by itself"
+
+
+def test_volts_are_those_at_the_terminals_by_the_devices_own_constants():
+    # the same bench read out directly: what stands at the terminals, to a step of the converter
+    with served(speed=4.0, seed=5) as device:
+        taken = []
+        take = device.instrument.take
+
+        def tee(count):
+            samples = take(count)
+            if device.instrument.sampling:
+                taken.append(samples)
+            return samples
+
+        device.instrument.take = tee
+        with driver(device.port) as daq:
+            daq.claim()
+            read = values(_run(daq, 400))
+        with driver(device.port, calibration="nominal") as daq:
+            nominal = values(_run(daq, 100))
+    for column, name in enumerate(("torque", "tacho", "current", "reference")):
+        true = np.concatenate([samples.volts[name] for samples in taken])[:400]
+        # half a step of 0.316 mV, and constants that travel as 32-bit floats
+        assert np.max(np.abs(read[:, column] - true)) < 0.5 * 3.2e-4 + 1e-6, name
+    # the constants of this device are off by up to 0.2 %: the nominal ones show it
+    assert not np.isclose(np.mean(nominal[:, 0]), np.mean(read[:100, 0]), rtol=1e-4, atol=0)
+
+
+def test_the_encoder_is_exact_over_32_bits_and_both_words_belong_together():
+    with served(speed=4.0) as device, driver(device.port) as daq:
+        daq.claim()
+        # a counter just below a turn of its low word, zero, and the end of its 32 bits
+        for start in (65_000, -600, 2**31 - 600):
+            device.call(lambda s=start: setattr(device.instrument, "_count_offset", s))
+            daq.configure(settings(600))
+            daq.start()
+            daq.arm_watchdog(1.0)
+            daq.enable(on=True)
+            daq.write_output("reference", 4.0)
+            counts = values(read_all(daq))[:, 4]
+            assert counts[0] == start
+            steps = (np.diff(counts) + 2**31) % 2**32 - 2**31
+            # 8 V command at most 400 rad/s: 0.26 counts per ms and rad/s
+            assert np.all((steps >= -1) & (steps <= 300))
+            assert np.sum(steps) > 5_000
+            assert daq.safe_state().confirmed
+
+
+def test_a_single_reading_of_the_counter_has_its_sign():
+    with served() as device, driver(device.port) as daq:
+        daq.claim()
+        device.call(lambda: setattr(device.instrument, "_count_offset", -600))
+        daq.configure(settings(10))
+        time.sleep(0.02)
+        assert daq.snapshot()["encoder"] == -600
+
+
+def test_configuring_writes_flash_once_and_never_again():
+    with served() as device, driver(device.port) as daq:
+        daq.claim()
+        assert daq.arm_watchdog(1.0) == 1.0
+        written = device.device.watchdog.flash_writes
+        assert written > 0
+        daq.arm_watchdog(1.0)
+        daq.arm_watchdog(0.4)
+        assert device.device.watchdog.flash_writes == written, "whole seconds, rounded up"
+    with served() as device, driver(device.port) as daq:
+        daq.claim()
+        daq.configure(settings(10))
+        assert device.device.watchdog.flash_writes == 0, "no run without motion writes flash"
+
+
+def test_the_watchdog_settings_are_those_that_a_silent_host_needs():
+    with served() as device, driver(device.port) as daq:
+        daq.claim()
+        daq.arm_watchdog(2.0)
+        memory = device.device.memory
+        assert [memory.value(a) for a in (61600, 61604, 61610, 61620)] == [1, 2, 1, 0]
+        assert memory.value(61612) == KEY
+        # line 4 is driven low, and no other line is touched
+        assert [memory.value(a) for a in (61630, 61632, 61634)] == [1, 0, 1 << 4]
+        assert int(memory.value(61636)) == (1 << 23) - 1 - (1 << 4)
+
+
+def test_a_stream_reader_alone_does_not_keep_the_motor_alive():
+    with served() as device, driver(device.port) as daq:
+        daq.claim()
+        daq.configure(settings(4000))
+        daq.start()
+        daq.arm_watchdog(1.0)
+        daq.enable(on=True)
+        daq.write_output("reference", 1.0)
+        start_s = time.monotonic()
+        tripped_s = None
+        while tripped_s is None and time.monotonic() - start_s < 3.0:
+            block = daq.read_block()
+            daq.watchdog()
+            if block is not None and block.watchdog_tripped:
+                tripped_s = time.monotonic() - start_s
+        assert tripped_s is not None
+        # one second of silence, a packet of 20 ms, and what a busy machine adds
+        assert 0.9 < tripped_s < 1.6
+        assert not device.instrument.enabled
+        assert daq.watchdog().tripped
+        daq.clear_watchdog()
+        assert not daq.watchdog().tripped
+        assert daq.safe_state().confirmed
+
+
+def test_feeding_keeps_the_motor_alive_and_tells_a_trip():
+    with served() as device, driver(device.port) as daq:
+        daq.claim()
+        daq.arm_watchdog(1.0)
+        daq.enable(on=True)
+        for _ in range(8):
+            time.sleep(0.2)
+            daq.feed_watchdog()
+        assert device.instrument.enabled
+        assert not daq.watchdog().tripped
+        device.call(lambda: device.device._set_line(4, high=False))
+        daq.feed_watchdog()
+        assert daq.watchdog().tripped
+
+
+def test_an_output_reads_back_where_the_device_can():
+    output = LabJackOutput(output="DAC0", limit_v=4.0, enable_line=4)
+    table = PROFILE.daq.model_copy(update={"output": output})
+    with served(table=table) as device, driver(device.port, output=output) as daq:
+        daq.claim()
+        assert daq.write_output("reference", 2.5) == pytest.approx(2.5, abs=1e-6)
+        assert device.instrument.reference_v == 2.5
+        assert daq.capabilities().watchdog.drops == ("reference", "enable")
+        for wrong in (-0.1, 4.1, math.nan, math.inf):
+            with pytest.raises(UsageError, match=r"0 to 4 V"):
+                daq.write_output("reference", wrong)
+        assert device.instrument.reference_v == 2.5, "a refused value changes nothing"
+        device.device.memory._cells[dac(0).address].on_read = lambda: 1.0
+        with pytest.raises(DeviceError, match="reads back as 1 V"):
+            daq.write_output("reference", 2.0)
+
+
+def test_a_tick_dac_gives_both_signs_and_shows_in_the_looped_back_reference():
+    with served() as device, driver(device.port) as daq:
+        daq.claim()
+        assert daq.write_output("reference", -3.25) == -3.25
+        time.sleep(0.05)
+        assert daq.snapshot()["reference"] == pytest.approx(-3.25, abs=2e-3)
+        assert device.instrument.reference_v == -3.25
+
+
+def test_single_readings_and_a_stream_exclude_each_other():
+    with served() as device, driver(device.port) as daq:
+        daq.claim()
+        assert set(daq.snapshot()) == {"torque", "tacho", "current", "reference", "encoder"}
+        daq.configure(settings(5000))
+        daq.start()
+        assert daq.snapshot() == {}
+        daq.stop()
+        assert len(daq.snapshot()) == 5
+
+
+@pytest.mark.parametrize(
+    ("product", "swap", "changes", "said"),
+    [
+        (8.0, False, {}, "a T8 answers"),
+        (4.0, False, {}, "a T4 answers; the profile names a T7"),
+        (7.0, True, {}, "words are swapped"),
+        (7.0, False, {"serial_number": 99}, "the profile names 99"),
+    ],
+)
+def test_nothing_is_written_to_another_device(product, swap, changes, said):
+    with served() as device:
+        device.device.memory.put(60000, product)
+        device.device.swap_words = swap
+        writes = []
+        device.device.memory.write = lambda *parts: writes.append(parts)
+        with driver(device.port, **changes) as daq:
+            with pytest.raises(DeviceError, match=said):
+                daq.claim()
+            with pytest.raises(DeviceError, match=said):
+                daq.configure(settings(10))
+            assert not daq.safe_state().confirmed
+        assert writes == []
+
+
+def test_a_living_host_keeps_the_bench_and_a_dead_one_loses_it():
+    with served() as device, driver(device.port) as first:
+        first.claim()
+        with driver(device.port) as second, pytest.raises(BusyError, match="alive"):
+            second.claim()
+        # the first host dies with its motor on and its stream running
+        first.configure(settings(60_000))
+        first.start()
+        first.enable(on=True)
+        first.write_output("reference", 1.0)
+        first._session._ended.set()
+        first._session._thread.join()
+        first._session._thread = None
+        with driver(device.port) as third:
+            third.claim()
+            assert not device.device.stream.running
+            assert not device.instrument.enabled
+            assert device.instrument.reference_v == 0.0
+
+
+def test_another_programs_stream_is_left_alone_until_somebody_stops_it():
+    with served() as device:
+        with driver(device.port) as daq:
+            daq.claim()
+            daq.configure(settings(60_000))
+            daq.start()
+        assert not device.device.stream.running, "a host that closes stops its own"
+        device.call(lambda: device.device.memory.write(4990, b"\0\0\0\1"))
+        with driver(device.port) as daq:
+            with pytest.raises(BusyError, match="stream running"):
+                daq.claim()
+            assert device.device.stream.running
+            assert daq.safe_state().confirmed
+            daq.claim()
+            daq.claim()
+            assert values(_run(daq, 50)).shape == (50, 5)
+
+
+def test_the_devices_own_error_code_is_in_the_message(monkeypatch):
+    # a device that is slower than its data sheet says
+    monkeypatch.setitem(streaming._LIMIT_HZ, "T7", 50_000.0)
+    with served() as device, driver(device.port) as daq:
+        daq.claim()
+        daq.configure(settings(100, period_s=1.25e-4))
+        with pytest.raises(DeviceError, match=r"STREAM_SCAN_RATE_INVALID \(2608\)") as caught:
+            daq.start()
+        assert "STREAM_ENABLE (4990)" in caught.value.where
+
+
+def test_the_actual_period_is_the_devices_and_a_rate_it_cannot_keep_is_refused():
+    with served() as device, driver(device.port) as daq:
+        daq.claim()
+        assert daq.configure(settings(10, period_s=7e-4)) == pytest.approx(7e-4, rel=1e-7)
+        # 1/3000 s is no multiple of 100 ns: 3333 or 3334 of them are within 2e-4
+        assert daq.configure(settings(10, period_s=1 / 3000)) == pytest.approx(3333e-7, rel=1e-7)
+        device.device.memory._cells[4002].on_read = lambda: 1001.0
+        with pytest.raises(DeviceError, match="scans at 1001 Hz"):
+            daq.configure(settings(10))
+
+
+def test_the_safe_state_stops_a_turning_motor_and_proves_it():
+    with served() as device, driver(device.port) as daq:
+        daq.claim()
+        daq.configure(settings(60_000))
+        daq.start()
+        daq.arm_watchdog(1.0)
+        daq.enable(on=True)
+        daq.write_output("reference", 2.0)
+        time.sleep(0.4)
+        assert device.instrument.velocity_rad_s > 100.0
+        start_s = time.monotonic()
+        safe = daq.safe_state()
+        assert time.monotonic() - start_s < 2.0
+        assert safe.confirmed
+        assert abs(safe.reference_v) < 0.01
+        assert abs(safe.velocity_rad_s) < 0.5
+        # true speed, a moment later: the rest of an exponential
+        assert abs(device.instrument.velocity_rad_s) < 0.5
+        assert not device.device.stream.running
+
+
+def test_a_safe_state_that_cannot_be_seen_is_not_confirmed():
+    with served() as device, driver(device.port) as daq:
+        daq.claim()
+        # an enable line that is stuck on
+        device.device.memory._cells[digital_line(4).address].on_read = lambda: 1
+        safe = daq.safe_state()
+        assert not safe.confirmed
+        assert "still enabled" in safe.detail
+    with driver(1) as nobody:
+        safe = nobody.safe_state()
+        assert not safe.confirmed
+        assert safe.reference_v is None
+        assert "no connection" in safe.detail
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"model": "T8"}, "T8 is not supported"),
+        ({"output": LabJackOutput(output="TDAC0", limit_v=8.0, enable_line=4)}, "the encoder has"),
+        ({"output": LabJackOutput(output="TDAC2", limit_v=8.0, enable_line=1)}, "to the encoder"),
+        ({"output": LabJackOutput(output="TDAC2", limit_v=8.0, enable_line=3)}, "LJTick-DAC"),
+        ({"channels": PROFILE.daq.channels[4:]}, "no analog input"),
+        ({"channels": PROFILE.daq.channels[:1] * 2}, "2 channels have the role torque"),
+        (
+            {"channels": (PROFILE.daq.channels[0].model_copy(update={"range_v": 5.0}),)},
+            "a T7 has 10, 1, 0.1, 0.01 V",
+        ),
+        (
+            {"channels": (PROFILE.daq.channels[0].model_copy(update={"negative": 5}),)},
+            "even input against the next",
+        ),
+    ],
+)
+def test_a_profile_that_the_device_cannot_carry_out_is_refused_before_it_is_opened(changes, said):
+    with pytest.raises(ProfileError, match=said), driver(1, **changes):
+        pass
+
+
+def test_the_plan_is_told_what_the_device_sustains():
+    # 100 kS/s of a T7 over nine words a scan: five channels, the lines, the core timer
+    assert labjack_rate_hz(PROFILE.daq) == pytest.approx(100_000 / 9)
+    t4 = PROFILE.daq.model_copy(update={"model": "T4", "channels": PROFILE.daq.channels[:1]})
+    assert labjack_rate_hz(t4) == pytest.approx(50_000 / 4)
+
+
+def test_only_registers_of_the_driver_are_ever_written():
+    allowed = {0, 2, 4990}
+    seen: set[int] = set()
+    with served(speed=4.0) as device:
+        write = device.device.memory.write
+
+        def spy(address: int, raw: bytes) -> None:
+            seen.add(address)
+            write(address, raw)
+
+        device.device.memory.write = spy
+        with driver(device.port) as daq:
+            daq.claim()
+            _run(daq, 100)
+            daq.arm_watchdog(1.0)
+            daq.enable(on=True)
+            daq.write_output("reference", 0.5)
+            daq.feed_watchdog()
+            daq.safe_state()
+    stream = set(range(4002, 4030)) | set(range(4100, 4356)) | {4990}
+    watchdog = set(range(61600, 61654))
+    inputs = set(range(40000, 40500)) | set(range(41000, 41250)) | set(range(44000, 44200))
+    outputs = {30004, 2004}
+    memory = {46100, 46102, 61810}
+    assert seen <= stream | watchdog | inputs | outputs | memory
+    assert not seen & allowed - {4990}
+
+
+def test_a_t4_measures_the_same_bench_with_its_twelve_bits():
+    changes = {
+        "model": "T4",
+        "output": LabJackOutput(output="TDAC6", limit_v=8.0, enable_line=8),
+    }
+    table = PROFILE.daq.model_copy(update=changes)
+    with served(speed=4.0, table=table) as device, driver(device.port, **changes) as daq:
+        assert daq.identity().model == "T4"
+        daq.claim()
+        daq.arm_watchdog(1.0)
+        daq.configure(settings(600))
+        daq.start()
+        daq.enable(on=True)
+        daq.write_output("reference", 2.0)
+        read = values(read_all(daq))
+        # 16 steps of 0.324 mV are one of the converter's
+        assert np.max(read[:, 3]) == pytest.approx(2.0, abs=0.5 * 16 * 3.3e-4)
+        assert np.max(read[:, 1]) == pytest.approx(2.0, abs=0.01)
+        assert read[-1, 4] > read[0, 4]
+        assert daq.safe_state().confirmed
+        assert not device.instrument.enabled
+    with (
+        pytest.raises(ProfileError, match="always goes on"),
+        driver(1, auto_recover=False, **changes),
+    ):
+        pass
+
+
+def test_numbers_travel_big_end_first():
+    assert dac(0).encode(2.5) == struct.pack(">f", 2.5)
+    assert dac(0).decode(b"\x40\x20\0\0") == 2.5

@@ -1,0 +1,334 @@
+"""The driver when wire or device misbehave: nothing wrong is delivered, deadlines hold."""
+
+import math
+import time
+
+import numpy as np
+import pytest
+from labjackkit import PROFILE, driver, read_all, served, settings, table_for, values
+from linefaults.faults import Mangler, TcpFraming
+from linefaults.lines import faulty_tcp
+
+from hdbench.devices.wire import connect, parse_address
+from hdbench.drivers.labjack.control import Control
+from hdbench.drivers.labjack.opening import STREAM_OFFSET, open_labjack
+from hdbench.drivers.labjack.registers import IDENTITY, SESSION, TEST, Register
+from hdbench.errors import DeviceError
+
+DEADLINE_S = 0.1
+# what two cores shared with other work may add to a wait, s
+SLACK_S = 0.15
+
+CONTROL_FAULTS = (
+    "drop",
+    "late",
+    "duplicate",
+    "reorder",
+    "stale",
+    "truncate",
+    "garbage",
+    "transaction",
+    "unit",
+    "protocol",
+    "function",
+    "count",
+    "exception",
+    "fin",
+    "reset",
+    "slow-loris",
+)
+
+
+@pytest.mark.parametrize("kind", CONTROL_FAULTS)
+def test_no_fault_of_the_control_port_gives_a_wrong_value(kind):
+    with served() as device:
+        mangler = Mangler(kind, TcpFraming(), share=0.5, seed=1, late_s=0.15)
+        with faulty_tcp(device.host, device.port, mangler) as (host, port):
+            control = Control(connect(parse_address(f"tcp://{host}:{port}")), deadline_s=DEADLINE_S)
+            good = bad = 0
+            for _ in range(25):
+                start_s = time.monotonic()
+                try:
+                    found = control.read(TEST, IDENTITY[3])
+                    assert found == [0x00112233, 3]
+                    good += 1
+                except DeviceError:
+                    bad += 1
+                assert time.monotonic() - start_s < 1.1 * DEADLINE_S + SLACK_S
+            control.close()
+        assert mangler.changed > 0
+        assert good + bad == 25
+        if kind in ("duplicate", "late"):
+            assert good > 0
+
+
+@pytest.mark.parametrize("kind", ["echo", "function", "drop", "truncate", "transaction"])
+def test_a_write_without_its_echo_fails_and_is_sent_once(kind):
+    register = SESSION[0]
+    with served() as device:
+        writes = []
+        write = device.device.memory.write
+
+        def spy(address: int, raw: bytes) -> None:
+            writes.append(address)
+            write(address, raw)
+
+        device.device.memory.write = spy
+        mangler = Mangler(kind, TcpFraming(), seed=2)
+        with faulty_tcp(device.host, device.port, mangler) as (host, port):
+            link = connect(parse_address(f"tcp://{host}:{port}"))
+            control = Control(link, deadline_s=DEADLINE_S)
+            with pytest.raises(DeviceError):
+                control.write((register,), (7,))
+            control.close()
+        assert writes == [register.address]
+
+
+def _stream_faults():
+    """Give one packet after the other what a stream may suffer."""
+
+    def drop(state, packet):
+        return [] if state["n"] in (5, 6) else [packet]
+
+    def duplicate(state, packet):
+        return [packet, packet] if state["n"] % 7 == 0 else [packet]
+
+    def reorder(state, packet):
+        if state["n"] == 5:
+            state["held"] = packet
+            return []
+        return [packet, state.pop("held")] if "held" in state else [packet]
+
+    def truncate(state, packet):
+        return [packet[:-6]] if state["n"] == 5 else [packet]
+
+    def number(state, packet):
+        return [bytes((packet[0] ^ 4,)) + packet[1:]] if state["n"] == 5 else [packet]
+
+    def header(state, packet):
+        return [packet[:7] + b"\3" + packet[8:]] if state["n"] == 5 else [packet]
+
+    def status(state, packet):
+        return [packet[:12] + b"\x12\x34" + packet[14:]] if state["n"] == 5 else [packet]
+
+    def garbage(state, packet):
+        return [b"\xde\xad\xbe" + packet] if state["n"] == 5 else [packet]
+
+    faults = (drop, duplicate, reorder, truncate, number, header, status, garbage)
+    return {fault.__name__: fault for fault in faults}
+
+
+def _read_into(blocks, daq) -> None:
+    while True:
+        block = daq.read_block()
+        if block is not None:
+            blocks.append(block)
+
+
+@pytest.mark.parametrize("name", _stream_faults())
+def test_what_a_broken_stream_delivers_is_right_and_the_rest_is_told(name):
+    fault, state = _stream_faults()[name], {"n": 0}
+
+    def change(packet: bytes) -> list[bytes]:
+        state["n"] += 1
+        return fault(state, packet)
+
+    with served(speed=4.0) as device, driver(device.port) as daq:
+        device.server.change_packets = change
+        taken = []
+        take = device.instrument.take
+
+        def tee(count):
+            samples = take(count)
+            taken.append(samples)
+            return samples
+
+        device.instrument.take = tee
+        daq.claim()
+        daq.configure(settings(400))
+        daq.start()
+        blocks, error = [], None
+        try:
+            while not blocks or blocks[-1].running:
+                block = daq.read_block()
+                if block is not None:
+                    blocks.append(block)
+        except DeviceError as told:
+            error = told
+        true = np.concatenate([samples.volts["torque"] for samples in taken])
+        for block in blocks:
+            there = true[block.first_index : block.first_index + len(block)]
+            assert np.max(np.abs(block.values[:, 0] - there), initial=0.0) < 2e-4, name
+        counted = sum(len(block) + block.lost_before for block in blocks)
+        if name in ("drop", "duplicate"):
+            assert error is None
+            assert counted == 400
+            assert sum(block.lost_before for block in blocks) == (40 if name == "drop" else 0)
+        else:
+            assert error is not None
+            assert counted < 400
+
+
+@pytest.mark.parametrize("count_joint", [False, True])
+def test_a_network_that_was_away_leaves_one_gap_that_is_exact(count_joint):
+    with (
+        served(speed=10.0, count_joint=count_joint) as device,
+        driver(device.port, auto_recover=True) as daq,
+    ):
+        daq.claim()
+        daq.configure(settings(4000))
+        daq.start()
+        blocks = [block for _ in range(5) if (block := daq.read_block()) is not None]
+        # 1820 scans fit into the buffer: 0.3 s at ten times the pace are 3000
+        device.call(lambda: setattr(device.device.stream, "hold", True))
+        time.sleep(0.3)
+        device.call(lambda: setattr(device.device.stream, "hold", False))
+        blocks += read_all(daq)
+        lost = [block.lost_before for block in blocks if block.lost_before]
+        assert len(lost) == 1
+        assert 100 < lost[0] < 2000
+        assert sum(len(block) + block.lost_before for block in blocks) == 4000
+        # the samples after the gap are those of their time: the torque's own noise is the key
+        ends = [b.first_index + len(b) for b in blocks]
+        assert [b.first_index - b.lost_before for b in blocks[1:]] == ends[:-1]
+
+
+def test_without_recovery_a_full_buffer_ends_the_run_with_its_name():
+    with served(speed=10.0) as device, driver(device.port, auto_recover=False) as daq:
+        daq.claim()
+        daq.configure(settings(6000))
+        daq.start()
+        device.call(lambda: setattr(device.device.stream, "hold", True))
+        time.sleep(0.3)
+        device.call(lambda: setattr(device.device.stream, "hold", False))
+        blocks = []
+        with pytest.raises(DeviceError, match=r"STREAM_BUFFER_FULL \(2945\)"):
+            _read_into(blocks, daq)
+        # everything that was sampled until then was delivered: the whole buffer, of whole packets
+        assert sum(len(block) for block in blocks) >= 1800
+
+
+@pytest.mark.parametrize(
+    ("status", "said"),
+    [
+        (2942, r"STREAM_SCAN_OVERLAP \(2942\)"),
+        (2943, r"STREAM_AUTO_RECOVER_END_OVERFLOW \(2943\)"),
+        (2944, r"STREAM_BURST_COMPLETE \(2944\)"),
+    ],
+)
+def test_a_stream_that_the_device_ends_is_named(status, said):
+    with served(speed=4.0) as device, driver(device.port) as daq:
+        daq.claim()
+        daq.configure(settings(4000))
+        daq.start()
+        blocks = [block for _ in range(8) if (block := daq.read_block()) is not None]
+        device.call(lambda: device.device.stream.fail(status))
+        with pytest.raises(DeviceError, match=said):
+            _read_into(blocks, daq)
+        assert sum(block.lost_before for block in blocks) == 0
+
+
+def test_an_index_jump_that_the_device_does_not_tell_is_found():
+    with served(speed=4.0) as device, driver(device.port) as daq:
+        daq.claim()
+        daq.configure(settings(2000))
+        daq.start()
+        daq.read_block()
+        device.call(lambda: setattr(device.device.stream, "skip_scans", 3))
+        with pytest.raises(DeviceError, match="core timer"):
+            read_all(daq)
+
+
+def test_a_device_that_restarts_is_told_and_its_motor_stands():
+    with served() as device, driver(device.port) as daq:
+        daq.claim()
+        daq.configure(settings(20_000))
+        daq.start()
+        daq.enable(on=True)
+        daq.write_output("reference", 1.0)
+        time.sleep(0.2)
+        device.call(device.device.reboot)
+        with pytest.raises(DeviceError, match=r"stream (broke|)|no longer streams"):
+            read_all(daq)
+        assert not device.instrument.enabled
+        assert daq.safe_state().confirmed
+
+
+def test_stuck_and_saturated_inputs_reach_the_host_as_they_are():
+    with served(speed=4.0) as device, driver(device.port) as daq:
+        daq.claim()
+        device.call(lambda: device.instrument.disturb("torque", "high"))
+        device.call(lambda: device.instrument.disturb("tacho", "low"))
+        daq.configure(settings(100))
+        daq.start()
+        blocks = read_all(daq)
+        saturated = np.concatenate([block.saturated for block in blocks])
+        assert np.all(saturated[:, :2])
+        assert not np.any(saturated[:, 2:])
+        device.call(lambda: device.instrument.disturb("torque", None))
+        device.call(lambda: device.instrument.disturb("tacho", None))
+        device.call(lambda: device.instrument.disturb("torque", "stuck"))
+        daq.configure(settings(100))
+        daq.start()
+        read = values(read_all(daq))
+        assert np.ptp(read[:, 0]) == 0.0
+        assert np.ptp(read[:, 1]) > 0.0
+
+
+def test_faults_inside_the_device_can_be_ordered_over_its_wire():
+    code, argument = (Register(f"USER_RAM{n}_U32", 46100 + 2 * n, "u32", True) for n in (20, 21))
+    with served(speed=10.0) as device, driver(device.port) as daq:
+        daq.claim()
+        control = daq._control
+
+        def order(number: int, value: int = 0) -> None:
+            control.feedback(((argument, value), (code, number)))
+
+        order(5, 2)
+        daq.configure(settings(4000))
+        daq.start()
+        order(1, 300)
+        blocks = read_all(daq)
+        assert np.all(np.concatenate([block.saturated[:, 0] for block in blocks]))
+        assert len([block for block in blocks if block.lost_before]) == 1
+        order(5, 0)
+        daq.configure(settings(2000))
+        daq.start()
+        order(3, 2942)
+        with pytest.raises(DeviceError, match="SCAN_OVERLAP"):
+            read_all(daq)
+        daq.configure(settings(2000))
+        daq.start()
+        while daq.read_block() is None:
+            pass
+        order(2, 5)
+        with pytest.raises(DeviceError, match="core timer"):
+            read_all(daq)
+        order(4, 1)
+        assert control.read(TEST) == [0x22330011]
+        order(4, 0)
+        with pytest.raises(DeviceError, match="refused with exception 3"):
+            order(77)
+        with pytest.raises(DeviceError):
+            order(9)
+
+
+def test_nobody_there_is_told_within_the_deadline():
+    daq = open_labjack(PROFILE, table_for(1, deadline_s=0.2))
+    start_s = time.monotonic()
+    with pytest.raises(DeviceError, match="no connection"):
+        daq.identity()
+    assert time.monotonic() - start_s < 1.1 * 0.2 + SLACK_S
+    daq.close()
+
+
+def test_the_stream_port_stands_200_above_the_other():
+    assert STREAM_OFFSET == 702 - 502
+    with served() as device:
+        daq = open_labjack(PROFILE, table_for(device.port, stream_port=device.port + 1))
+        daq.claim()
+        daq.configure(settings(10))
+        with pytest.raises(DeviceError, match=f":{device.port + 1}"):
+            daq.start()
+        daq.close()
+    assert math.isclose(PROFILE.daq.watchdog_s, 1.0)

@@ -1,0 +1,396 @@
+"""The simulated bench as a whole against the closed form of its model."""
+
+from __future__ import annotations
+
+import json
+import math
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from plant_tools import AS_MODELLED, WORN, plant, profile, quiet_profile
+
+from hdbench.errors import UsageError
+from hdbench.plant.bench import SimulatedBench
+from hdbench.plant.converter import RawSamples
+from hdbench.profile.schema import HarmonicParameters, ProfileData, ReferenceWave
+
+V_PER_CODE = 10.0 / 32768.0
+NM_PER_CODE = 6.6 * V_PER_CODE
+NOISY, QUIET = profile(), quiet_profile()
+TRAPEZOID = NOISY.ripple.reference
+
+
+def _constant(volt: float) -> ReferenceWave:
+    return ReferenceWave(wave="constant", bias_v=volt)
+
+
+def _run(
+    bench: SimulatedBench, wave: ReferenceWave | None, n: int, period_s: float = 1e-3
+) -> RawSamples:
+    bench.begin(sample_period_s=period_s, wave=wave, duration_s=n * period_s)
+    return bench.advance(n)
+
+
+def _columns(samples: RawSamples) -> np.ndarray:
+    return np.stack(
+        [
+            samples.torque_code,
+            samples.tacho_code,
+            samples.current_code,
+            samples.reference_code,
+            samples.encoder_count,
+        ]
+    ).astype(np.int64)
+
+
+def _steady_torque(data: ProfileData, angle: np.ndarray, factor: float = 1.0) -> np.ndarray:
+    """Return zero, ripple and misalignment by the profile's definition; no acceleration."""
+    model = data.model
+    torque = model.zero_nm + model.misalignment.amplitude_nm * np.cos(
+        angle / data.drive.gear_ratio + model.misalignment.phase_rad
+    )
+    for part in model.ripple:
+        torque = torque + part.amplitude_nm * np.cos(part.order * factor * angle + part.phase_rad)
+    return np.asarray(torque)
+
+
+def _ramp_angle(time_s: np.ndarray, speed: float) -> np.ndarray:
+    """Return the angle of a start to a constant speed, once the loop has settled.
+
+    The loop runs at 2500 rad/s^2 until the rest is 2500 / k, then falls off with 1 / k.
+    """
+    k = 2 * math.pi * 15.0
+    tail = min(speed, 2500.0 / k)
+    ramp = (speed - tail) / 2500.0
+    return speed * time_s - speed * ramp + 0.5 * 2500.0 * ramp**2 - tail / k
+
+
+@pytest.mark.parametrize("flexspline", ["standing", "turning"])
+@pytest.mark.parametrize("speed", [20.0, 60.0, 156.0])
+def test_quiet_torque_is_the_model_within_one_code(flexspline: str, speed: float) -> None:
+    data = quiet_profile(drive={"flexspline": flexspline}, model={"zero_nm": 0.7})
+    factor = 1.01 if flexspline == "turning" else 1.0
+    samples = _run(SimulatedBench(data, AS_MODELLED, 1), _constant(speed / 56.2565), 3000)
+    time = np.arange(3000) * 1e-3
+    steady = time > 0.5
+    expected = _steady_torque(data, _ramp_angle(time, speed), factor)
+    error = samples.torque_code * NM_PER_CODE - expected
+    # half a code of rounding, and the filter's ripple of 0.03 % on 0.6 N m of ripple
+    assert np.abs(error[steady]).max() <= 0.5 * NM_PER_CODE + 2e-4
+
+
+def test_quiet_torque_follows_the_acceleration() -> None:
+    sine = ReferenceWave(wave="sine", amplitude_v=2.0, frequency_hz=2.0)
+    data = quiet_profile(model={"ripple": ()}, drive={"load_inertia_kg_m2": 0.5})
+    samples = _run(SimulatedBench(data, AS_MODELLED, 1), sine, 4000)
+    # first-order lag of 15 Hz; the reference is held for a period, half a sample late on average
+    time = np.arange(4000) * 1e-3
+    omega, k = 2 * math.pi * 2.0, 2 * math.pi * 15.0
+    response = 1j * omega * k / (k + 1j * omega) * np.exp(-0.5e-3j * omega)
+    acceleration = 2.0 * 56.2565 * np.imag(response * np.exp(1j * omega * time))
+    angle = 2 * math.pi / 4000 * samples.encoder_count
+    expected = 0.5 / 100.0 * acceleration + 0.9 * np.cos(angle / 100.0 + 0.3)
+    error = samples.torque_code * NM_PER_CODE - expected
+    # after 47 time constants; the last samples see the end of the sine through the filter
+    steady = slice(500, -10)
+    assert np.ptp(expected[steady]) > 12.0
+    # half a code, the filter's ripple of 0.03 % on 7 N m, and (k h)^2 / 12 of the trapezoid
+    assert np.abs(error[steady]).max() <= 0.5 * NM_PER_CODE + 2.2e-3
+
+
+def test_tacho_current_and_reference_at_constant_speed() -> None:
+    volt = 2.0
+    spec = plant(motor={"coulomb_nm": 0.03, "viscous_nm_s_per_rad": 1e-4})
+    samples = _run(SimulatedBench(QUIET, spec, 1), _constant(volt), 2000)
+    # reference and tacho have one scale on this bench
+    assert set(samples.reference_code[1500:]) == {round(volt / V_PER_CODE)}
+    assert set(samples.tacho_code[1500:]) == {round(volt / V_PER_CODE)}
+    speed = volt * 56.2565
+    friction = 0.03 * 2 / math.pi * math.atan(speed) + 1e-4 * speed
+    # ten amperes at ten volts; half a code
+    current = samples.current_code[1500:] * V_PER_CODE * 10.0 / 10.0
+    np.testing.assert_allclose(current, friction / 0.05, rtol=0, atol=0.51 * V_PER_CODE)
+
+
+def test_sampling_at_ten_milliseconds_gives_the_same_motion() -> None:
+    fast = _run(SimulatedBench(QUIET, AS_MODELLED, 1), _constant(1.0), 2000, 1e-3)
+    slow = _run(SimulatedBench(QUIET, AS_MODELLED, 1), _constant(1.0), 200, 1e-2)
+    np.testing.assert_array_equal(fast.encoder_count[::10], slow.encoder_count)
+    # settled: the tacho has no more transient, and half a code of rounding on both
+    np.testing.assert_allclose(fast.tacho_code[1000::10], slow.tacho_code[100:], rtol=0, atol=1)
+
+
+def test_noise_has_the_size_the_profile_states_and_is_white() -> None:
+    n = 40_000
+    samples = _run(SimulatedBench(NOISY, AS_MODELLED, 4), None, n)
+    torque = samples.torque_code * NM_PER_CODE
+    torque -= torque.mean()
+    # sigma is known to 1/sqrt(2 n) = 0.35 %, correlation to 1/sqrt(n) = 0.5 %: five sigma, 6e-7
+    assert torque.std() == pytest.approx(0.05, rel=0.018)
+    for lag in (1, 2, 7):
+        assert abs(np.mean(torque[lag:] * torque[:-lag])) / torque.var() < 0.025
+    tacho = samples.tacho_code * V_PER_CODE
+    # rounding adds q^2 / 12 to 1 mV squared: 0.4 %
+    assert tacho.std() == pytest.approx(math.hypot(0.001, V_PER_CODE / math.sqrt(12)), rel=0.018)
+
+
+@settings(max_examples=12, deadline=None, derandomize=True)
+@given(
+    st.lists(st.integers(0, 700), min_size=0, max_size=8).map(sorted),
+    st.sampled_from([AS_MODELLED, WORN]),
+)
+def test_any_split_gives_the_same_bits(cuts: list[int], spec: object) -> None:
+    wave = TRAPEZOID.model_copy(update={"frequency_hz": 2.0})
+    whole = _columns(_run(SimulatedBench(NOISY, spec, 9), wave, 700))  # type: ignore[arg-type]
+    bench = SimulatedBench(NOISY, spec, 9)  # type: ignore[arg-type]
+    bench.begin(sample_period_s=1e-3, wave=wave, duration_s=0.7)
+    parts = [_columns(bench.advance(b - a)) for a, b in pairwise([0, *cuts, 700])]
+    np.testing.assert_array_equal(np.concatenate(parts, axis=1), whole)
+
+
+@settings(max_examples=12, deadline=None, derandomize=True)
+@given(st.integers(0, 300), st.lists(st.integers(0, 300), max_size=4).map(sorted))
+def test_a_halt_gives_the_same_bits_however_samples_were_asked_for(
+    at: int, cuts: list[int]
+) -> None:
+    results = []
+    for places in ([0, at], [0, *[c for c in cuts if c < at], at]):
+        bench = SimulatedBench(NOISY, WORN, 2)
+        bench.begin(sample_period_s=1e-3, wave=_constant(2.0), duration_s=1.0)
+        parts = [_columns(bench.advance(b - a)) for a, b in pairwise(places)]
+        bench.halt()
+        parts.append(_columns(bench.advance(400)))
+        results.append(np.concatenate(parts, axis=1))
+    np.testing.assert_array_equal(results[0], results[1])
+
+
+def test_the_same_seed_gives_the_same_bits_and_another_does_not() -> None:
+    first, second, other = (
+        _columns(_run(SimulatedBench(NOISY, WORN, seed), TRAPEZOID, 500)) for seed in (3, 3, 4)
+    )
+    np.testing.assert_array_equal(first, second)
+    assert (first[0] != other[0]).mean() > 0.9
+
+
+def test_a_second_acquisition_has_new_noise_and_the_same_motion() -> None:
+    bench = SimulatedBench(NOISY, AS_MODELLED, 3)
+    first, second = (_columns(_run(bench, TRAPEZOID, 500)) for _ in range(2))
+    np.testing.assert_array_equal(first[4], second[4])
+    assert (first[0] != second[0]).mean() > 0.9
+
+
+def test_halt_brakes_within_the_limit_to_standstill() -> None:
+    bench = SimulatedBench(QUIET, AS_MODELLED, 1)
+    bench.begin(sample_period_s=1e-3, wave=_constant(6.0), duration_s=5.0)
+    bench.advance(1000)
+    assert bench.enabled
+    speed = bench.velocity_rad_s
+    # what is left of the start after a second: 80 time constants, rounding
+    assert speed == pytest.approx(6.0 * 56.2565, rel=1e-9)
+    bench.halt()
+    assert bench.reference_v == 0.0
+    assert bench.enabled
+    speeds = []
+    for _ in range(400):
+        bench.advance(1)
+        speeds.append(bench.velocity_rad_s)
+    steps = np.abs(np.diff([speed, *speeds]))
+    # 2500 rad/s^2 for a millisecond
+    assert steps.max() <= 2.5 * (1 + 1e-9)
+    assert abs(speeds[-1]) < 4e-4
+    assert not bench.enabled
+    # ramp of 311 rad/s at 2500 rad/s^2, then 11.2 time constants of 10.6 ms down to 4e-4 rad/s
+    still = next(i for i, value in enumerate(speeds) if abs(value) < 4e-4)
+    assert still * 1e-3 == pytest.approx(311.0 / 2500.0 + 11.1 / (2 * math.pi * 15), abs=0.003)
+
+
+@pytest.mark.parametrize("taken", [1, 2, 40, 56, 57, 58, 120, 121, 122])
+def test_a_halt_acts_when_the_filter_has_seen_the_last_sample(taken: int) -> None:
+    bench = SimulatedBench(QUIET, AS_MODELLED, 1)
+    bench.begin(sample_period_s=1e-3, wave=_constant(2.0), duration_s=5.0)
+    bench.advance(taken)
+    bench.halt()
+    reference = bench.advance(60).reference_code
+    # eight samples after the last one taken, that is seven after the next
+    assert np.flatnonzero(reference == 0)[0] == 7
+    assert np.all(reference[:7] == round(2.0 / V_PER_CODE))
+    assert not reference[7:].any()
+
+
+def test_the_motor_keeps_turning_until_it_is_halted() -> None:
+    bench = SimulatedBench(QUIET, AS_MODELLED, 1)
+    _run(bench, _constant(2.0), 500)
+    bench.advance(500)
+    # a second is 94 time constants: rounding is left
+    assert bench.velocity_rad_s == pytest.approx(2.0 * 56.2565, rel=1e-9)
+
+
+def test_without_a_wave_nothing_moves_and_the_drive_is_off() -> None:
+    bench = SimulatedBench(QUIET, AS_MODELLED, 1)
+    samples = _run(bench, None, 300)
+    assert not bench.enabled
+    assert bench.velocity_rad_s == 0.0
+    assert not samples.encoder_count.any()
+    assert len(set(samples.torque_code)) == 1
+
+
+def test_encoder_goes_back_over_its_counts_after_a_reversal() -> None:
+    square = ReferenceWave(wave="square", amplitude_v=1.0, frequency_hz=1.0)
+    counts = _run(SimulatedBench(QUIET, AS_MODELLED, 1), square, 1001).encoder_count
+    steps = np.diff(counts)
+    top = int(np.argmax(counts))
+    assert np.all(steps[:top] >= 0)
+    assert np.all(steps[top:] <= 0)
+    # from the reversal the speed falls at 2500 rad/s^2 and passes zero after 22.5 ms
+    assert top in (522, 523)
+    highest = _ramp_angle(np.array([0.5]), 56.2565)[0] + 56.2565**2 / (2 * 2500.0)
+    # one count
+    assert counts[top] * 2 * math.pi / 4000 == pytest.approx(highest, abs=2 * math.pi / 4000)
+
+
+def test_saturated_codes_stay_at_the_ends_of_the_range() -> None:
+    data = quiet_profile(model={"zero_nm": 65.5})
+    codes = _run(SimulatedBench(data, AS_MODELLED, 1), _constant(2.0), 500).torque_code
+    assert codes.max() == 32767
+    below = quiet_profile(model={"zero_nm": -70.0})
+    codes = _run(SimulatedBench(below, AS_MODELLED, 1), _constant(2.0), 500).torque_code
+    assert set(codes) == {-32768}
+
+
+def test_speed_stays_within_the_amplifiers_limit() -> None:
+    bench = SimulatedBench(QUIET, AS_MODELLED, 1)
+    _run(bench, _constant(9.0), 1000)
+    # a second is 94 time constants less the ramp: rounding is left
+    assert bench.velocity_rad_s == pytest.approx(QUIET.limits.velocity_rad_s, rel=1e-9)
+
+
+def test_as_modelled_has_no_effect_and_worn_shows_its_own() -> None:
+    assert SimulatedBench(NOISY, AS_MODELLED, 5).truth()["effects"] == []
+    still = quiet_profile(model={"ripple": (), "zero_nm": 0.0})
+    effect = {"kind": "motor-order", "order": 3.0, "amplitude_nm": 0.2, "phase_rad": 0.5}
+    spec = plant(effects=[effect])
+    samples = _run(SimulatedBench(still, spec, 5), _constant(60.0 / 56.2565), 3000)
+    time = np.arange(3000) * 1e-3
+    angle = _ramp_angle(time, 60.0)
+    expected = _steady_torque(still, angle) + 0.2 * np.cos(3 * angle + 0.5)
+    error = (samples.torque_code * NM_PER_CODE - expected)[time > 0.5]
+    # as above: half a code and the filter's ripple
+    assert np.abs(error).max() <= 0.5 * NM_PER_CODE + 2e-4
+
+
+def test_output_friction_is_in_torque_and_current() -> None:
+    effect = {
+        "kind": "output-friction",
+        "coulomb_nm": 4.0,
+        "viscous_nm_s_per_rad": 0.0,
+        "transition_rad_s": 1e-3,
+    }
+    runs = [
+        _run(SimulatedBench(QUIET, plant(effects=effects), 5), _constant(2.0), 1500)
+        for effects in ([effect], [])
+    ]
+    level = 4.0 * 2 / math.pi * math.atan(2.0 * 56.2565 / 100 / 1e-3)
+    torque = (runs[0].torque_code - runs[1].torque_code.astype(float))[1000:] * NM_PER_CODE
+    # both are rounded to a code
+    np.testing.assert_allclose(torque, level, rtol=0, atol=1.01 * NM_PER_CODE)
+    current = (runs[0].current_code - runs[1].current_code.astype(float))[1000:] * V_PER_CODE
+    np.testing.assert_allclose(current, level / 100 / 0.05, rtol=0, atol=1.01 * V_PER_CODE)
+
+
+def test_a_wandering_encoder_leaves_torque_and_tacho_where_they_are() -> None:
+    effect = {"kind": "transmission-error", "order": 1.0, "amplitude_rad": 0.3, "phase_rad": 0.0}
+    wandering, true = (
+        _run(SimulatedBench(QUIET, plant(effects=effects), 5), _constant(2.0), 6000)
+        for effects in ([effect], [])
+    )
+    assert (wandering.torque_code == true.torque_code).all()
+    assert (wandering.tacho_code == true.tacho_code).all()
+    assert wandering.encoder_count[0] == 0
+    per_count = 2 * math.pi / QUIET.encoder.counts_per_turn
+    output = true.encoder_count * per_count / QUIET.drive.gear_ratio
+    # the angles are rounded to a count each
+    error = (wandering.encoder_count - true.encoder_count) * per_count
+    want = 0.3 * (np.cos(output) - 1)
+    np.testing.assert_allclose(error, want, rtol=0, atol=1.01 * per_count)
+
+
+def test_friction_by_direction_is_in_torque_and_current() -> None:
+    effect = {
+        "kind": "asymmetric-friction",
+        "coulomb_difference_nm": 4.0,
+        "viscous_difference_nm_s_per_rad": 0.0,
+        "transition_rad_s": 1e-3,
+    }
+    runs = [
+        _run(SimulatedBench(QUIET, plant(effects=effects), 5), _constant(-2.0), 1500)
+        for effects in ([effect], [])
+    ]
+    torque = (runs[0].torque_code - runs[1].torque_code.astype(float))[1000:] * NM_PER_CODE
+    # 1e-6 of the level at 1.1 rad/s; both are rounded to a code
+    np.testing.assert_allclose(torque, 4.0, rtol=0, atol=1.01 * NM_PER_CODE)
+    current = (runs[0].current_code - runs[1].current_code.astype(float))[1000:] * V_PER_CODE
+    np.testing.assert_allclose(current, 4.0 / 100 / 0.05, rtol=0, atol=1.01 * V_PER_CODE)
+
+
+def test_truth_is_json_and_states_what_the_profile_says() -> None:
+    data = quiet_profile(drive={"flexspline": "turning"})
+    bench = SimulatedBench(data, WORN, 5)
+    bench.begin(sample_period_s=1e-3, wave=None, duration_s=1.0)
+    truth = json.loads(json.dumps(bench.truth(), allow_nan=False))
+    assert truth["gain_nm_per_v"] == 6.6
+    # order times 1 + 1/100, rounded
+    assert [part["order"] for part in truth["ripple"]] == pytest.approx([2.02, 4.04], rel=1e-12)
+    assert len(truth["gain_at_position"]) == 24
+    tones = [effect for effect in truth["effects"] if effect["kind"] == "tone"]
+    assert all(isinstance(tone["phase_rad"], float) for tone in tones)
+
+
+def test_orders_that_gauges_cannot_leave_are_simulated_too() -> None:
+    part = HarmonicParameters(order=3.5, amplitude_nm=0.3, phase_rad=0.2)
+    data = quiet_profile(model={"ripple": (part,)})
+    samples = _run(SimulatedBench(data, AS_MODELLED, 1), _constant(60.0 / 56.2565), 2000)
+    time = np.arange(2000) * 1e-3
+    expected = _steady_torque(data, _ramp_angle(time, 60.0))
+    error = (samples.torque_code * NM_PER_CODE - expected)[time > 0.5]
+    assert np.abs(error).max() <= 0.5 * NM_PER_CODE + 2e-4
+
+
+def test_an_extended_model_is_emulated_with_its_causes() -> None:
+    from hdbench.model import BenchModel, CauseTerm
+
+    base = BenchModel.from_profile(QUIET)
+    term = CauseTerm("ripple-harmonic", {"order": 6.0}, (0.3, 0.0))
+    model = base.with_cause(term)
+    bench = SimulatedBench(QUIET, AS_MODELLED, 1, model=model)
+    samples = _run(bench, _constant(60.0 / 56.2565), 2000)
+    time = np.arange(2000) * 1e-3
+    angle = _ramp_angle(time, 60.0)
+    expected = _steady_torque(QUIET, angle) + 0.3 * np.cos(6 * angle)
+    error = (samples.torque_code * NM_PER_CODE - expected)[time > 0.5]
+    assert np.abs(error).max() <= 0.5 * NM_PER_CODE + 2e-4
+    assert bench.truth()["causes"] == ["ripple-harmonic"]
+    bench.halt()
+    assert len(bench.advance(100)) == 100
+
+
+@pytest.mark.parametrize(("period_s", "duration_s"), [(0.0, 1.0), (1e-3, math.nan), (-1.0, 1.0)])
+def test_an_acquisition_without_a_time_is_refused(period_s: float, duration_s: float) -> None:
+    bench = SimulatedBench(NOISY, AS_MODELLED, 1)
+    with pytest.raises(UsageError, match="needed: positive"):
+        bench.begin(sample_period_s=period_s, wave=None, duration_s=duration_s)
+
+
+def test_samples_before_an_acquisition_are_refused() -> None:
+    with pytest.raises(UsageError, match="begun"):
+        SimulatedBench(NOISY, AS_MODELLED, 1).advance(1)
+    with pytest.raises(UsageError, match="negative"):
+        SimulatedBench(NOISY, AS_MODELLED, -1)
+
+
+def test_before_its_first_acquisition_the_bench_stands() -> None:
+    bench = SimulatedBench(NOISY, AS_MODELLED, 1)
+    bench.halt()
+    assert (bench.reference_v, bench.velocity_rad_s, bench.enabled) == (0.0, 0.0, False)

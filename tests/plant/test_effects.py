@@ -1,0 +1,165 @@
+"""Effects of a plant against their closed forms, and what a seed chooses."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+
+import numpy as np
+import pytest
+from plant_tools import WORN, plant
+
+from hdbench.plant.draw import draw_effects
+from hdbench.plant.drivetrain import (
+    AsymmetricFriction,
+    Cogging,
+    TransmissionError,
+    encoder_error_rad,
+)
+from hdbench.plant.effects import (
+    GainError,
+    MotorOrder,
+    OutputFriction,
+    OutputOrder,
+    Tone,
+    ToothBump,
+    ZeroDrift,
+    ZeroStep,
+    start_effect,
+)
+from hdbench.plant.truemotion import PlantMotion
+
+TIME = np.linspace(-0.5, 9.5, 10_001)
+SPEED = 60.0 * np.sin(TIME)
+ANGLE = 60.0 * (1.0 - np.cos(TIME))
+MOTION = PlantMotion(TIME, ANGLE, SPEED, ANGLE / 100, SPEED / 100, 3.0 * np.sin(2 * TIME))
+# a few roundings of numbers of order one
+EXACT = {"rtol": 0.0, "atol": 1e-12}
+
+
+def test_friction_is_odd_half_way_at_the_transition_and_viscous_beyond() -> None:
+    friction = OutputFriction(0.3, 0.1, 0.01)
+    speeds = np.array([-2.0, -0.01, 0.0, 0.01, 2.0])
+    still = np.zeros_like(speeds)
+    torque = friction.torque_nm(PlantMotion(still, still, 100 * speeds, still, speeds, still))
+    np.testing.assert_allclose(torque, -torque[::-1], **EXACT)
+    # closed form: rounding
+    assert torque[3] == pytest.approx(0.15 + 0.001, rel=1e-12)
+    # atan(200) is 1/200 short of a quarter turn
+    assert torque[4] == pytest.approx(0.3 * (1 - 2 / math.pi / 200) + 0.2, rel=1e-6)
+
+
+def test_orders_follow_their_angle() -> None:
+    motor = MotorOrder(6.0, 0.2, 0.5).torque_nm(MOTION)
+    np.testing.assert_allclose(motor, 0.2 * np.cos(6 * ANGLE + 0.5), **EXACT)
+    output = OutputOrder(2.0, 0.4, -0.5).torque_nm(MOTION)
+    np.testing.assert_allclose(output, 0.4 * np.cos(2 * ANGLE / 100 - 0.5), **EXACT)
+
+
+def test_a_tone_follows_the_clock_alone() -> None:
+    tone = Tone(50.03, 0.1, 0.7).torque_nm(MOTION)
+    np.testing.assert_allclose(tone, 0.1 * np.cos(2 * np.pi * 50.03 * TIME + 0.7), **EXACT)
+
+
+def test_zero_steps_and_drifts_from_the_start_of_the_acquisition() -> None:
+    step = ZeroStep(4.0, -0.2).torque_nm(MOTION)
+    assert set(step[TIME < 4.0]) == {0.0}
+    assert set(step[TIME >= 4.0]) == {-0.2}
+    drift = ZeroDrift(0.01).torque_nm(MOTION)
+    assert drift[0] == 0.0
+    # closed form: rounding
+    assert drift[-1] == pytest.approx(0.095, rel=1e-12)
+
+
+def test_gain_error_scales_the_transmitted_torque() -> None:
+    np.testing.assert_allclose(GainError(0.02).torque_nm(MOTION), 0.06 * np.sin(2 * TIME), **EXACT)
+
+
+def test_a_tooth_bump_returns_once_per_output_turn() -> None:
+    bump = ToothBump(6.2, 0.05, 0.3)
+    angles = np.array([6.2, 6.25, 6.2 - 2 * math.pi, 6.2 + 4 * math.pi, 3.0])
+    still = np.zeros_like(angles)
+    torque = bump.torque_nm(PlantMotion(still, 100 * angles, still, angles, still, still))
+    # angles of whole turns, rounded, on a bump of 0.05 rad
+    np.testing.assert_allclose(torque[[0, 2, 3]], 0.3, rtol=1e-9, atol=0)
+    assert torque[1] == pytest.approx(0.3 * math.exp(-0.5), rel=1e-9)
+    assert torque[4] < 1e-100
+
+
+def test_friction_by_direction_is_even_and_half_way_at_the_transition() -> None:
+    friction = AsymmetricFriction(0.3, -0.1, 0.01)
+    speeds = np.array([-2.0, -0.01, 0.0, 0.01, 2.0])
+    still = np.zeros_like(speeds)
+    torque = friction.torque_nm(PlantMotion(still, still, 100 * speeds, still, speeds, still))
+    # closed form: rounding
+    want = [0.3 * 4 / 4.0001 - 0.2, 0.15 - 0.001, 0.0, 0.15 - 0.001, 0.3 * 4 / 4.0001 - 0.2]
+    np.testing.assert_allclose(torque, want, **EXACT)
+
+
+def test_cogging_is_a_row_of_harmonics_that_decays() -> None:
+    torque = Cogging(12.0, 0.2, 0.5, 0.3).torque_nm(MOTION)
+    x = 12 * ANGLE + 0.5
+    # 0.3^30 is 2e-16
+    row = sum(0.2 * 0.3 ** (k - 1) * np.cos(k * x) for k in range(1, 31))
+    np.testing.assert_allclose(torque, row, **EXACT)
+    pure = Cogging(12.0, 0.2, 0.5, 0.0).torque_nm(MOTION)
+    np.testing.assert_allclose(pure, 0.2 * np.cos(x), **EXACT)
+
+
+def test_a_transmission_error_is_no_torque_but_an_angle() -> None:
+    once, motor = TransmissionError(1.0, 0.02, 0.7), TransmissionError(100.0, 0.001, 0.0)
+    assert set(once.torque_nm(MOTION)) == {0.0}
+    error = encoder_error_rad((GainError(0.1), once, motor), ANGLE, 100.0)
+    want = 0.02 * (np.cos(ANGLE / 100 + 0.7) - math.cos(0.7)) + 0.001 * (np.cos(ANGLE) - 1)
+    np.testing.assert_allclose(error, want, **EXACT)
+
+
+def test_a_tone_without_phase_gets_a_new_one_in_every_acquisition() -> None:
+    tone = Tone(50.0, 0.1, None)
+    phases = [start_effect(tone, np.random.default_rng(seed)).phase_rad for seed in (1, 2)]  # type: ignore[union-attr]
+    assert None not in phases
+    assert phases[0] != phases[1]
+    fixed = Tone(50.0, 0.1, 0.25)
+    assert start_effect(fixed, np.random.default_rng(1)) is fixed
+
+
+def test_worn_chooses_two_effects_or_more_and_every_kind_at_its_probability() -> None:
+    n = 400
+    found = [draw_effects(WORN, np.random.default_rng(seed)) for seed in range(n)]
+    assert min(len(effects) for effects in found) >= 2
+    counts = Counter(type(effect).__name__ for effects in found for effect in effects)
+    assert set(counts) == {"OutputFriction", "MotorOrder", "OutputOrder", "Tone"}
+    # 0.8 each, a little more for the minimum of two (0.8 + 0.0272 * 2/4 at most); six sigma of
+    # sqrt(400 * 0.8 * 0.2) = 8: false alarm 1e-8
+    assert all(320 - 48 <= count <= 331 + 48 for count in counts.values())
+
+
+def test_worn_keeps_to_its_ranges() -> None:
+    for seed in range(100):
+        for effect in draw_effects(WORN, np.random.default_rng(seed)):
+            if isinstance(effect, OutputFriction):
+                assert 0.15 <= effect.coulomb_nm <= 0.45
+            elif isinstance(effect, MotorOrder):
+                assert effect.order in (3.0, 6.0, 8.0)
+                assert 0.08 <= effect.amplitude_nm <= 0.25
+            elif isinstance(effect, OutputOrder):
+                assert effect.order == 2.0
+            else:
+                assert isinstance(effect, Tone)
+                assert 49.95 <= effect.frequency_hz <= 50.05
+
+
+def test_the_same_seed_chooses_the_same() -> None:
+    first, second = (draw_effects(WORN, np.random.default_rng(11)) for _ in range(2))
+    assert first == second
+
+
+def test_an_effect_of_probability_zero_is_never_chosen() -> None:
+    spec = plant(
+        effects=[
+            {"kind": "gain-error", "fraction": 0.1, "probability": 0.0},
+            {"kind": "zero-drift", "rate_nm_per_s": 0.1},
+        ]
+    )
+    for seed in range(20):
+        assert draw_effects(spec, np.random.default_rng(seed)) == (ZeroDrift(0.1),)

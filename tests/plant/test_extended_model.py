@@ -1,0 +1,135 @@
+"""Causes of an extended model on the true motion of the emulated bench."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from plant_tools import AS_MODELLED, quiet_profile
+
+from hdbench.model import BenchModel, CauseTerm, catalogue
+from hdbench.plant.bench import SimulatedBench
+from hdbench.plant.converter import HALF_LENGTH_SAMPLES
+from hdbench.plant.extended import cause_volts
+from hdbench.plant.fixture import ArmLoad, Mount, Settling
+from hdbench.plant.torque import AnalogueChannels
+from hdbench.profile.schema import ReferenceWave
+
+QUIET = quiet_profile()
+NM_PER_V = QUIET.sensor.gain_nm_per_v
+CHANNELS = AnalogueChannels.build(QUIET, AS_MODELLED.data.motor, ())
+FREE = Mount(False, 0.0, NM_PER_V, ArmLoad(0.0, 0.0, 9.81, Settling(12.0, 0.1, 0.0, 0.3, 5.0)), 0.0)
+# 2 s of a sine of speed: 45 rad/s at 3 Hz
+REFERENCE_V = 0.8 * np.sin(2.0 * np.pi * 3.0 * np.arange(2000) * 1e-3)
+
+
+def term_of(name: str) -> CauseTerm:
+    cause = catalogue()[name]
+    shape = {}
+    for parameter in cause.shape:
+        low, high = (parameter.bands or ((parameter.lower, parameter.upper),))[0]
+        shape[parameter.name] = (low * high) ** 0.5 if low > 0.0 else 0.5 * (low + high)
+    return CauseTerm(name, shape, (0.1,) * len(cause.linear))
+
+
+@pytest.mark.parametrize("name", catalogue())
+def test_every_cause_can_be_emulated(name: str) -> None:
+    model = BenchModel.from_profile(QUIET).with_cause(term_of(name))
+    volts = cause_volts(model, CHANNELS, FREE, 1e-3, REFERENCE_V)
+    assert volts.shape == (2000,)
+    assert np.isfinite(volts).all()
+    # a knee at some N m and a sharp limit above it lie beyond the torque of a free run
+    beyond = name in ("piecewise-stiffness", "saturation")
+    assert volts.any() == (catalogue()[name].additive and not beyond)
+
+
+def test_a_gain_error_acts_on_the_torque_of_the_models_inertia() -> None:
+    base = BenchModel.from_profile(QUIET)
+    inertia = CauseTerm("inertia-error", {}, (base.inertia_nm_s2 * 100.0,))
+    gain = CauseTerm("gain-error", {}, (1.0,))
+    both = [
+        cause_volts(base.with_cause(term), CHANNELS, FREE, 1e-3, REFERENCE_V)
+        for term in (inertia, gain)
+    ]
+    # products of two factors in another order
+    np.testing.assert_allclose(both[0], both[1], rtol=1e-13, atol=0)
+    assert np.abs(both[0]).max() > 0.01 / NM_PER_V
+
+
+def test_crosstalk_is_that_of_the_current_which_the_bench_records() -> None:
+    model = BenchModel.from_profile(QUIET).with_cause(CauseTerm("crosstalk", {}, (0.5,)))
+    wave = ReferenceWave(wave="sine", amplitude_v=0.8, frequency_hz=3.0)
+    codes = []
+    for emulated in (model, None):
+        bench = SimulatedBench(QUIET, AS_MODELLED, 1, model=emulated)
+        bench.begin(sample_period_s=1e-3, wave=wave, duration_s=2.0)
+        codes.append(bench.advance(2000))
+    per_code = 10.0 / 32768.0
+    added = (codes[0].torque_code - codes[1].torque_code.astype(float)) * per_code * NM_PER_V
+    current = codes[1].current_code * per_code * QUIET.servo.max_current_a / QUIET.daq.range_v
+    # rounding of three channels to codes of 2 mN m, and the converter's filter of the current
+    tolerance = 2.0 * per_code * NM_PER_V + 0.02 * 0.5 * np.abs(current).max()
+    assert np.abs(added - 0.5 * current)[20:].max() < tolerance
+    assert np.abs(added).max() > 10.0 * per_code * NM_PER_V
+
+
+def hung(model: BenchModel, masses: list[float], direction: int = 1) -> np.ndarray:
+    """Return the mean torque reading of each weight, N m, 10 s after it was hung."""
+    bench = SimulatedBench(QUIET, AS_MODELLED, 1, model=model)
+    bench.begin(sample_period_s=0.1, wave=None, duration_s=2000.0)
+    found = []
+    for mass in masses:
+        bench.set_fixture(locked=True, position_rad=0.5, mass_kg=mass, direction=direction)
+        bench.advance(100)
+        found.append(bench.advance(30).torque_code.mean() * 10.0 / 32768.0 * NM_PER_V)
+    return np.array(found)
+
+
+LOADS_KG = [0.0, 4.0, 8.0, 4.0, 0.0]
+# a code is 2 mN m; noise-free readings differ by the rounding of each
+CODE_NM = 10.0 / 32768.0 * NM_PER_V
+
+
+def added(term: CauseTerm, direction: int = 1) -> np.ndarray:
+    base = BenchModel.from_profile(QUIET)
+    both = [hung(model, LOADS_KG, direction) for model in (base.with_cause(term), base)]
+    return both[0] - both[1]
+
+
+@pytest.mark.parametrize("direction", [1, -1])
+def test_weights_on_a_locked_bench_show_a_cubic(direction: int) -> None:
+    load = direction * np.array(LOADS_KG) * QUIET.arm.gravity_m_s2 * QUIET.arm.length_m
+    got = added(CauseTerm("cubic-nonlinearity", {}, (0.02,)), direction)
+    np.testing.assert_allclose(got, 0.02 * (load / 10.0) ** 3, rtol=0, atol=CODE_NM)
+    assert np.abs(got).max() > 100.0 * CODE_NM
+
+
+def test_weights_on_a_locked_bench_go_round_a_loop() -> None:
+    got = added(CauseTerm("hysteresis", {"yield_nm": 1.0}, (0.3, 0.0)))
+    # a weight is twenty times the yield: all elements slip, upwards then downwards
+    np.testing.assert_allclose(got[1:3], 0.3, rtol=0, atol=CODE_NM)
+    np.testing.assert_allclose(got[3:], -0.3, rtol=0, atol=CODE_NM)
+
+
+def test_a_weight_that_hangs_long_creeps() -> None:
+    got = added(CauseTerm("creep", {"time_constant_s": 15.0}, (0.01,)))
+    weight = 4.0 * QUIET.arm.gravity_m_s2 * QUIET.arm.length_m
+    # hung when the converter has seen half its filter beyond the last of 130 samples; readings are
+    # means of 30 samples from the 100th on
+    age_s = 0.1 * (100.0 + np.arange(30) - (HALF_LENGTH_SAMPLES - 1))
+    left = np.exp(-age_s / 15.0).mean()
+    assert got[1] == pytest.approx(0.01 * weight * (1.0 - left), abs=CODE_NM)
+    assert got[-1] > 5.0 * CODE_NM
+
+
+def test_a_bench_that_is_set_free_forgets_its_weights() -> None:
+    model = BenchModel.from_profile(QUIET).with_cause(CauseTerm("gain-error", {}, (0.1,)))
+    benches = [SimulatedBench(QUIET, AS_MODELLED, 1, model=m) for m in (model, None)]
+    for bench in benches:
+        bench.begin(sample_period_s=0.1, wave=None, duration_s=100.0)
+        bench.set_fixture(locked=True, position_rad=0.0, mass_kg=4.0, direction=1)
+    locked = [b.advance(200).torque_code[-1] for b in benches]
+    assert locked[0] > locked[1] + 100
+    for bench in benches:
+        bench.set_fixture(locked=False, position_rad=0.0, mass_kg=0.0, direction=1)
+    free = [b.advance(50).torque_code[-1] for b in benches]
+    assert free[0] == free[1]

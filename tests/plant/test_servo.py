@@ -1,0 +1,97 @@
+"""Motor and servo amplifier against closed forms and a general integrator."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
+
+from hdbench.plant.servo import ServoLoop, motor_current_a
+from hdbench.profile import load_profile
+
+LOOP = ServoLoop(2.0 * math.pi * 15.0, 2500.0)
+
+
+def _integrated(commands: list[float], hold_s: float, times: np.ndarray) -> np.ndarray:
+    """Integrate the equation of the loop by a Runge-Kutta method, hold by hold."""
+    state, out = np.zeros(2), []
+    for i, command in enumerate(commands):
+
+        def slope(_: float, y: np.ndarray, command: float = command) -> list[float]:
+            return [y[1], float(np.clip(LOOP.rate_per_s * (command - y[1]), -2500.0, 2500.0))]
+
+        here = times[(times >= i * hold_s - 1e-12) & (times < (i + 1) * hold_s - 1e-12)]
+        done = solve_ivp(
+            slope,
+            (i * hold_s, (i + 1) * hold_s),
+            state,
+            t_eval=np.append(here, (i + 1) * hold_s),
+            rtol=1e-10,
+            atol=1e-10,
+            max_step=hold_s / 50,
+        )
+        out.append(done.y[:, :-1])
+        state = done.y[:, -1]
+    return np.concatenate(out, axis=1)
+
+
+@settings(max_examples=15, deadline=None, derandomize=True)
+@given(st.lists(st.floats(-400.0, 400.0), min_size=2, max_size=5))
+def test_motion_agrees_with_a_general_integrator(commands: list[float]) -> None:
+    motion = LOOP.run(np.array(commands), 0.004, 5, (0.0, 0.0, 0.0))
+    times = np.arange(5 * len(commands)) * 0.004
+    angle, speed = _integrated(commands, 0.02, times)
+    # the integrator steps over the corner of the limit: 2500 rad/s^2 over 0.4 ms steps, controlled
+    np.testing.assert_allclose(motion.velocity_rad_s.ravel(), speed, rtol=0, atol=1e-4)
+    np.testing.assert_allclose(motion.angle_rad.ravel(), angle, rtol=0, atol=1e-5)
+
+
+def test_speed_settles_at_the_command() -> None:
+    motion = LOOP.run(np.full(1000, 156.0), 1e-4, 10, (0.0, 0.0, 0.0))
+    # 94 time constants: what is left is rounding
+    assert motion.start_velocity_rad_s[-1] == pytest.approx(156.0, rel=1e-14, abs=0)
+    assert motion.acceleration_rad_s2[-1, -1] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_settling_time_is_that_of_ramp_and_time_constant() -> None:
+    command, band = 300.0, 0.02
+    motion = LOOP.run(np.full(500, command), 1e-4, 10, (0.0, 0.0, 0.0))
+    speed = motion.velocity_rad_s.ravel()
+    entered = np.argmax(np.abs(speed - command) <= band * command) * 1e-4
+    k = LOOP.rate_per_s
+    ramp_s = (command - 2500.0 / k) / 2500.0
+    expected = ramp_s + math.log((2500.0 / k) / (band * command)) / k
+    # one step of the grid on which the crossing is looked for
+    assert entered == pytest.approx(expected, rel=0, abs=1e-4)
+
+
+def test_acceleration_never_exceeds_its_limit() -> None:
+    commands = np.random.default_rng(3).uniform(-400.0, 400.0, 200)
+    motion = LOOP.run(commands, 1e-4, 10, (0.0, 0.0, 0.0))
+    assert np.abs(motion.acceleration_rad_s2).max() <= 2500.0 * (1 + 1e-12)
+    assert np.abs(np.diff(motion.velocity_rad_s.ravel())).max() <= 0.25 * (1 + 1e-9)
+
+
+def test_mean_acceleration_is_the_gain_in_speed() -> None:
+    commands = 100.0 * np.sin(np.arange(200) * 0.02)
+    motion = LOOP.run(commands, 1e-4, 10, (0.0, 0.0, 0.0))
+    acceleration = motion.acceleration_rad_s2.ravel()
+    gained = np.sum(acceleration[1:]) * 1e-4 + 0.5e-4 * acceleration[0]
+    # trapezoid over an exponential of 10.6 ms in steps of 0.1 ms: (k h)^2 / 12 = 7e-6, and half a
+    # step at the open end
+    end = motion.start_velocity_rad_s[-1] - 0.5e-4 * acceleration[-1]
+    assert gained == pytest.approx(end, rel=2e-5)
+
+
+def test_current_reaches_its_limit_at_the_acceleration_limit() -> None:
+    servo = load_profile("cim-tr-97-06").data.servo
+    still = np.zeros(3)
+    current = motor_current_a(servo, np.array([2500.0, -1250.0, 9999.0]), still)
+    # products of three numbers: rounding
+    np.testing.assert_allclose(current, [10.0, -5.0, 10.0], rtol=1e-12, atol=0)
+    # 0.02 N m of friction at 0.05 N m/A
+    assert motor_current_a(servo, still, still + 0.02)[0] == pytest.approx(0.4, rel=1e-12)
