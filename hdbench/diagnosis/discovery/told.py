@@ -16,7 +16,8 @@ from hdbench.diagnosis.discovery.lines import scan_power
 from hdbench.diagnosis.discovery.moments import solve
 from hdbench.diagnosis.discovery.naming import Named, name_causes
 from hdbench.diagnosis.discovery.rest import find_burst, find_humps
-from hdbench.diagnosis.discovery.search import SHARES, Search
+from hdbench.diagnosis.discovery.search import SHARES, SLOW_PRICE, Search
+from hdbench.diagnosis.discovery.spectrum import Shapes
 from hdbench.diagnosis.discovery.tables import axes_of, is_table
 from hdbench.diagnosis.discovery.term import smooth_shapes, tangent_columns, term_columns
 from hdbench.model import BenchModel, CauseTerm, cause_parameters
@@ -37,9 +38,10 @@ DOMAINS = {
 _POWER = 1.28
 # cells of a spectrum that a picture can show
 _SPECTRUM_POINTS = 2000
-# a random walk has power like 1/f^2, flicker like 1/f: what is steeper than halfway is a walk;
-# bands with three times the power of faster noise tell
-_STEEP, _ABOVE_FAST = 1.5, 3.0
+# a random walk has power like 1/f^2, flicker like 1/f: odds of 20 to 1 tell them apart; seventeen
+# more shapes that fall fit the scatter to some ten nats; single lines so many standard deviations
+# beyond normal noise are no noise
+_STEEPER_NATS, _FREE_NATS, _UNSTEADY = 3.0, 10.0, 5.0
 # humps that hold less than this share of what is left are no rest
 _HUMP_SHARE = 0.1
 
@@ -139,17 +141,21 @@ def tell(
 
 
 def walk_of(search: Search, variance: float) -> tuple[NamedCause, CauseTerm] | None:
-    """Return a random walk of the zero where the slow noise is steeper than 1/f; None without."""
+    """Return a random walk of the zero where slow noise is likely one; None without."""
     fit = search.fit
     cause = search.catalogue.get("zero-random-walk")
     if cause is None or not fit.shapes.with_slow or cause.applicable(fit.record.motion) is not None:
         return None
     power = fit.bands.power(fit.residual) / np.maximum(fit.bands.counts, 1e-9)
-    fast = fit.shapes.with_only(0).fit(power, fit.bands.counts).power
-    exponent, std, chance = _slope(fit, power, fast)
-    if exponent - std < _STEEP or chance > search.alpha * SHARES["burst"]:
+    fits = [_likelihood(fit.shapes.with_only(k), power, fit.bands.counts) for k in range(3)]
+    (none, fast), (flicker, _), (walking, both) = fits
+    gain = walking - none - SLOW_PRICE
+    chance = chi2_tail(2.0 * max(walking - none, 0.0), 2)
+    if gain < 0.0 or walking < flicker + _STEEPER_NATS:
         return None
-    gain = -float(np.log(max(chance, 1e-300)))
+    free, _ = _likelihood(fit.shapes.without_bumps(), power, fit.bands.counts)
+    if walking < free - _FREE_NATS or not _is_steady(fit, both, fast):
+        return None
     f = fit.bands.frequency_hz
     slow = slice(0, max(4, int(np.argmin(np.abs(f - 30.0 * f[0])))))
     walk = np.maximum(power - fast, 0.0)[slow]
@@ -175,20 +181,20 @@ def walk_of(search: Search, variance: float) -> tuple[NamedCause, CauseTerm] | N
     return told, CauseTerm(cause.name, shape, ())
 
 
-def _slope(fit: Fit, power: FloatArray, fast: FloatArray) -> tuple[float, float, float]:
-    """Return the exponent of the slow noise, its standard deviation, and the chance of none."""
-    counts, f = fit.bands.counts, fit.bands.frequency_hz
-    slow = np.flatnonzero((counts >= 2.0) & (power > _ABOVE_FAST * fast))
-    slow = slow[slow <= (slow[0] + 20 if len(slow) else 0)]
-    if len(slow) < 3:
-        return 0.0, 1.0, 1.0
-    # log of a mean of n squares of normal values scatters by sqrt(2 / n)
-    x, y, w = np.log(f[slow]), np.log(power[slow]), counts[slow] / 2.0
-    centre = float(np.sum(w * x) / w.sum())
-    exponent = -float(np.sum(w * (x - centre) * y) / np.sum(w * (x - centre) ** 2))
-    std = 1.0 / float(np.sqrt(np.sum(w * (x - centre) ** 2)))
-    total = float(np.sum(counts[slow] * power[slow] / fast[slow]))
-    return exponent, std, (chi2_tail(total, counts[slow].sum())) * len(counts)
+def _likelihood(shapes: Shapes, power: FloatArray, counts: FloatArray) -> tuple[float, FloatArray]:
+    """Return the log likelihood of the best noise of some shapes, nats, and its power."""
+    found = shapes.fit(power, counts).power
+    return -0.5 * float(np.sum(counts * (np.log(found) + power / found))), found
+
+
+def _is_steady(fit: Fit, walk: FloatArray, fast: FloatArray) -> bool:
+    """Return whether slow noise is normal: what a wrong form leaves stands in single lines."""
+    slow = np.repeat(walk > 2.0 * fast, np.diff(fit.bands.edges))
+    squares = (fit.residual**2 * fit.bands.spread(1.0 / walk))[slow]
+    if not len(squares):
+        return True
+    excess = float(np.mean(squares**2)) / float(np.mean(squares)) ** 2 - 3.0
+    return excess < _UNSTEADY * float(np.sqrt(24.0 / len(squares)))
 
 
 def cause_of(
