@@ -100,6 +100,7 @@ def test_a_worker_that_dies_is_replaced_and_its_task_run_again(tmp_path: Path):
     script = Path(__file__).with_name("deaths.py")
     words = [sys.executable, str(script), str(tmp_path)]
     ran = subprocess.run(words, capture_output=True, text=True, check=False)
+    assert ran.returncode == 0, ran.stderr
     told = json.loads(ran.stdout)
     values = [value for value, _, _ in told]
     assert values == [0, 10, None, 30, 40], ran.stderr

@@ -33,7 +33,10 @@ def console(monkeypatch):
     monkeypatch.setitem(sys.modules, "msvcrt", module)
     monkeypatch.setitem(sys.modules, "termios", None)
     monkeypatch.setattr(os, "isatty", lambda _: True)
-    return module
+    # other tests may have left a handler of a run
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield module
+    signal.signal(signal.SIGINT, before)
 
 
 def test_single_keys_come_from_the_console_of_windows(console):

@@ -13,10 +13,14 @@ from hdbench.system.files import sync_file
 
 # what a line takes where somebody reads it, s
 _SAY_S = 0.05
+# the thread of the last line
+_last: list[threading.Thread] = []
 
 
 def say(text: str) -> None:
-    """Say it on stderr, if that is still there and takes it: nobody need read it."""
+    """Say it on stderr, if that is still there and takes it: what nobody reads is dropped."""
+    if _last and _last[-1].is_alive():
+        return
     line = f"hdbench guard: {text}\n".encode(errors="replace")
 
     def write() -> None:
@@ -27,6 +31,7 @@ def say(text: str) -> None:
     writer = threading.Thread(target=write, daemon=True)
     writer.start()
     writer.join(_SAY_S)
+    _last[:] = [writer]
 
 
 def let_go_of_pipes() -> None:
