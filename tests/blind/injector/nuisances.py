@@ -3,6 +3,7 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 from scipy.signal import bilinear, butter, lfilter, sosfilt, sosfiltfilt, welch
 
 from .path import EVERY, RATIO, STIFFNESS
@@ -234,6 +235,5 @@ class Log:
 
 
 def _interpolated(places, time, values):
-    if values.ndim == 1:
-        return np.interp(places, time, values)
-    return np.column_stack([np.interp(places, time, column) for column in values.T])
+    # straight lines would take from a ripple what grows with the square of its frequency
+    return CubicSpline(time, values, axis=0)(places)
