@@ -42,6 +42,8 @@ _LEAST_SAMPLED = 4000
 PASSED = 0.1
 # directions of a member that hold less than this share of its information say nothing
 _OWN = 1e-4
+# rows are drawn in single precision: below this share of its power a row is rounding
+_ROUNDING = 1e-5
 # members of a name that are tried in pairs, and the rows that such a member may have
 _PER_NAME, _NARROW = 3, 2
 # draws of the null, and the level at which independent trials are counted
@@ -243,7 +245,10 @@ class Dictionary:
         white = self.rows[:, pick] * weight
         base = (fit.rows[fit.active][:, pick] * weight).astype(np.float64)
         q = np.linalg.qr(base.T)[0].astype(np.float32)
+        power = np.sum(white**2, axis=1)
         white = white - (white @ q) @ q.T
+        # what rounding leaves of a row that others explain is nothing
+        white[np.sum(white**2, axis=1) < _ROUNDING * power] = 0.0
         covariance = (white @ white.T).astype(np.float64)
         value, vector = np.linalg.eigh(covariance)
         root = vector * np.sqrt(np.maximum(value, 0.0))
