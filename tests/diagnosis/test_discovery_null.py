@@ -165,3 +165,13 @@ def test_the_best_step_is_that_of_plain_regression(start):
     # information is interpolated between some thirty places
     assert found.statistic == pytest.approx(values[at], rel=0.05)
     assert found.statistic > 0.95 * max(values.values())
+
+
+def test_a_member_that_the_baseline_explains_asks_no_trials(start):
+    record, fit = start
+    # both are one wave per output turn, which the baseline holds
+    names = ("viscous-friction", "load-gravity", "misalignment")
+    members = make_dictionary(record, [catalogue()[name] for name in names], fit)
+    members.calibrate(fit, np.random.default_rng(1))
+    assert set(members.family_trials) == {"viscous-friction"}
+    assert members.all_trials < 2.0
