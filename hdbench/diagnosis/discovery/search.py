@@ -454,8 +454,7 @@ class Search:
             found = [p for p in fit.causes() if fit.parts[p].name == TRANSMISSION_ERROR.name]
             if not found:
                 return
-            slope = signal_nm(fit)[1]
-            motion = replace(fit.record.motion, ripple_slope_nm_per_rad=slope)
+            motion = replace(fit.record.motion, ripple_slope_nm_per_rad=slope_nm_per_rad(fit))
             fit.record = replace(fit.record, motion=motion)
             before = fit.likelihood
             fit.reshape(found[0], fit.term(found[0]))
@@ -617,8 +616,8 @@ def _turns_with_motor(cause: Cause) -> bool:
     return cause.locked_to == "motor" and not cause.whole_signal
 
 
-def signal_nm(fit: Fit) -> tuple[FloatArray, FloatArray]:
-    """Return the fitted torque of the channel, N m, and its slope over the motor angle, N m/rad.
+def slope_nm_per_rad(fit: Fit) -> FloatArray:
+    """Return the slope of the fitted torque of the channel over the motor angle, N m/rad.
 
     Where the recorded angle has an error the slope is over the whole of it: the error times the
     slope is then the torque of any error, large or small.
@@ -647,7 +646,7 @@ def signal_nm(fit: Fit) -> tuple[FloatArray, FloatArray]:
             moved = term_columns(part.term, replace(record, motion=motion))
             here = term_columns(part.term, record)
             slope += (here - moved) @ fit.linear(index) / way
-    return fitted_nm(fit, whole=False), slope
+    return slope
 
 
 def search(
@@ -713,7 +712,7 @@ def _as_good(fit: Fit, other: Fit) -> bool:
 
 def _on_simulated(fit: Fit) -> Fit:
     """Return a fit whose record holds the torque that the fit simulates."""
-    fit.record = with_simulated(fit.record, *signal_nm(fit))
+    fit.record = with_simulated(fit.record, fitted_nm(fit, whole=False), slope_nm_per_rad(fit))
     return fit
 
 
