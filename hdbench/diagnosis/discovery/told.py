@@ -151,7 +151,7 @@ def walk_of(search: Search, variance: float) -> tuple[NamedCause, CauseTerm] | N
     (none, fast), (flicker, _), (walking, both) = fits
     gain = walking - none - SLOW_PRICE
     chance = chi2_tail(2.0 * max(walking - none, 0.0), 2)
-    if gain < 0.0 or walking < flicker + _STEEPER_NATS:
+    if chance > search.alpha * SHARES["burst"] or walking < flicker + _STEEPER_NATS:
         return None
     free, _ = _likelihood(fit.shapes.without_bumps(), power, fit.bands.counts)
     if walking < free - _FREE_NATS or not _is_steady(fit, both, fast):
