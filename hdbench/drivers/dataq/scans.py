@@ -55,10 +55,6 @@ class ScanAssembler:
         """Bytes that are no whole scan yet."""
         return self._rest
 
-    def drop_rest(self) -> None:
-        """Forget the bytes of a scan that will not be completed."""
-        self._rest = b""
-
     def take(self, data: bytes) -> NDArray[np.int16]:
         """Return the whole scans that `data` completes.
 
