@@ -34,17 +34,7 @@ class _Asked(Protocol):
 
 
 def handling_words(plan: Plan) -> str:
-    """Return how long a calibration takes with the hands of a person.
-
-    Parameters
-    ----------
-    plan : Plan
-        Of a calibration.
-
-    Returns
-    -------
-    str
-    """
+    """Return how long a calibration takes with the hands of a person."""
     minutes = (plan.duration_s + plan.handling_s) / 60.0
     return (
         f"preset {plan.preset}: {len(plan.points)} points; about {minutes:.0f} min with a person: "
@@ -61,34 +51,7 @@ def _silent(_what: str, _share: float) -> None:
 def attendance(
     output: Output, who: Who, profile: Profile, asked: _Asked
 ) -> Iterator[tuple[Conversation, bool, Callable[[str, float], None]]]:
-    """Bring who answers, and where progress is told.
-
-    Parameters
-    ----------
-    output : Output
-        The command's streams.
-    who : {"auto", "person", "simulated"}
-        What ``--operator`` said; ``auto`` asks a person at a real bench, and at a simulated one
-        where standard input and stderr are a terminal.
-    profile : Profile
-        The bench.
-    asked : object
-        ``no_input``, ``address`` and ``control`` of the command.
-
-    Yields
-    ------
-    talk : Conversation
-        Who answers.
-    rehearse : bool
-        Whether a person answers at a simulated bench too.
-    progress : callable
-        Takes what is going on and the share done.
-
-    Raises
-    ------
-    UsageError
-        If a person is wanted and must not be asked, or a simulated operator has no channel.
-    """
+    """Bring who answers, and where progress is told."""
     from hdbench.session.calibrating.conversation import Unattended
     from hdbench_cli.progress import progress_bar
 

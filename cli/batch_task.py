@@ -80,20 +80,7 @@ class _Kept(Output):
 
 
 def run_one(task: Mapping[str, Any]) -> dict[str, Any]:
-    """Run the command of a batch on one input.
-
-    Parameters
-    ----------
-    task : mapping
-        ``command``, its ``options``, ``input`` and ``path`` (as named, and absolute), ``name`` of
-        the results, ``out`` (absolute) and ``shown`` (as named) folder of the batch, ``known``
-        SHA-256 of a result that is there, ``drive``.
-
-    Returns
-    -------
-    dict
-        ``row`` of the table, None where the content is the known one; ``stamps`` of the input.
-    """
+    """Run the command of a batch on one input."""
     from hdbench.batch import content_of
 
     path, begin = Path(task["path"]), time.perf_counter()

@@ -11,21 +11,7 @@ __all__ = ["baseline_lines"]
 
 
 def baseline_lines(settings: Mapping[str, Any], label: int) -> list[str]:
-    """Return what a diagnosis tells of its baseline.
-
-    Parameters
-    ----------
-    settings : mapping
-        ``settings`` of the result; of calibration loads they hold neither.
-    label : int
-        Width of the words that a line begins with.
-
-    Returns
-    -------
-    list of str
-        The ripple of the baseline with its uncertainty, and the effects of the speed that look like
-        its zero; none, one or both.
-    """
+    """Return what a diagnosis tells of its baseline."""
     lines = []
     ripple = [
         f"order {one['order']:g}: {_amplitude(one)}" for one in settings.get("baseline_ripple", ())

@@ -11,18 +11,7 @@ __all__ = ["record_lines", "voice_lines"]
 
 
 def voice_lines(cause: Mapping[str, Any]) -> list[str]:
-    """Say which record speaks for a cause, and its sizes where records do not agree.
-
-    Parameters
-    ----------
-    cause : mapping
-        A cause of the result.
-
-    Returns
-    -------
-    list of str
-        Empty for a diagnosis of one record.
-    """
+    """Say which record speaks for a cause, and its sizes where records do not agree."""
     voices = cause.get("records") or ()
     if not voices:
         return []
@@ -46,18 +35,7 @@ def _sizes(voice: Mapping[str, Any]) -> str:
 
 
 def record_lines(result: Mapping[str, Any]) -> list[str]:
-    """Say of each record what the extended model makes of it, or why it took no part.
-
-    Parameters
-    ----------
-    result : mapping
-        The result object.
-
-    Returns
-    -------
-    list of str
-        One line a record; empty for a diagnosis of one record.
-    """
+    """Say of each record what the extended model makes of it, or why it took no part."""
     return [_record_line(one, result) for one in result.get("records") or ()]
 
 

@@ -53,17 +53,7 @@ _SKETCHES = {
 
 
 def show(console: Console, result: Mapping[str, Any], folder: Path | None = None) -> None:
-    """Draw a diagnosis on one screen.
-
-    Parameters
-    ----------
-    console : Console
-        Where to draw.
-    result : mapping
-        The result object.
-    folder : Path or None
-        Run folder with the tables of the pictures; no sketches where None.
-    """
+    """Draw a diagnosis on one screen."""
     if folder is not None:
         _comparison(console, folder)
     words = _WORDS[result["verdict"]]

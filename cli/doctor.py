@@ -28,13 +28,7 @@ _HINTS = ("filter kernel", "watchdog", "calibration", "clock")
 
 
 def version_facts() -> dict[str, str]:
-    """Return versions of hdbench, its filter kernel and the libraries under it.
-
-    Returns
-    -------
-    dict of str to str
-        Name to version; `kernel` says which form of the filter runs and why.
-    """
+    """Return versions of hdbench, its filter kernel and the libraries under it."""
     from importlib.metadata import version
 
     from hdbench import __version__

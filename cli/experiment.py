@@ -57,22 +57,7 @@ class Request:
 
 
 def choose_profile(name: str | None, source: Path | None, drive: str | None = None) -> Profile:
-    """Return the named profile, else the stored run's own, else the default.
-
-    Parameters
-    ----------
-    name : str or None
-        What ``--profile`` said.
-    source : Path or None
-        A stored run or file.
-    drive : str or None
-        What ``--drive`` said.
-
-    Returns
-    -------
-    Profile
-        A valid profile, of the drive that was named, else of the stored run's, else of its own.
-    """
+    """Return the named profile, else the stored run's own, else the default."""
     from hdbench.profile import load_profile, parse_profile
 
     manifest: dict[str, Any] = {}
@@ -96,26 +81,7 @@ def run_command(
     show: Callable[[Console, Mapping[str, Any]], None],
     failed: Callable[[Mapping[str, Any]], str | None],
 ) -> None:
-    """Run one experiment command.
-
-    Parameters
-    ----------
-    output : Output
-        The command's streams.
-    request : Request
-        What was asked for.
-    show : callable
-        Draws the result for a person.
-    failed : callable
-        Returns why the result does not pass, or None; asked with ``--check``.
-
-    Raises
-    ------
-    LimitError
-        With ``--check``, when the result does not pass.
-    DoubtfulDataError
-        When the data are doubtful.
-    """
+    """Run one experiment command."""
     profile = choose_profile(request.profile_name, request.source, request.drive)
     if request.plan_file is not None and request.source is not None:
         raise UsageError(

@@ -162,27 +162,7 @@ def _compared(
 
 
 def filter_input(request: Request, source: Path, out: Path) -> dict[str, Any]:
-    """Filter one stored trace and write the result.
-
-    Parameters
-    ----------
-    request : Request
-        What is asked.
-    source : Path
-        Trace file or run folder.
-    out : Path
-        File to write.
-
-    Returns
-    -------
-    dict
-        The result.
-
-    Raises
-    ------
-    HdbenchError
-        If the input, a model or a gain is invalid, or `out` belongs to the measured data.
-    """
+    """Filter one stored trace and write the result."""
     from hdbench.filter import filter_trace, filtered_columns
     from hdbench.records import result_header, write_trace
     from hdbench.session.filters import choose_filter
@@ -221,15 +201,7 @@ def filter_input(request: Request, source: Path, out: Path) -> dict[str, Any]:
 
 
 def show_filtered(console: Console, body: dict[str, Any]) -> None:
-    """Print one result for a person.
-
-    Parameters
-    ----------
-    console : rich.console.Console
-        Where to print.
-    body : dict
-        As `filter_input` returns it.
-    """
+    """Print one result for a person."""
     rms, model = body["torque_rms_nm"], body["filter"]
     places = [
         f"{block['frequency_hz']:g} Hz" if "frequency_hz" in block else f"{block['order']:g}"

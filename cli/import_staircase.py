@@ -21,26 +21,7 @@ __all__ = ["staircase", "staircase_plan"]
 def staircase_plan(
     maps: tuple[str, ...], constants: tuple[str, ...], time: str | None, loads: str | None
 ) -> StaircasePlan:
-    """Return what the options say of a staircase.
-
-    Parameters
-    ----------
-    maps, constants : tuple of str
-        What stands behind `--map` and `--set`.
-    time : str or None
-        What stands behind `--time`.
-    loads : str or None
-        What stands behind `--loads`.
-
-    Returns
-    -------
-    StaircasePlan
-
-    Raises
-    ------
-    UsageError
-        If one of them has another form.
-    """
+    """Return what the options say of a staircase."""
     from hdbench.calibration.staircase import StaircasePlan
     from hdbench.importing.mapping import parse_constant, parse_map
     from hdbench.importing.plan import known_columns
@@ -69,28 +50,7 @@ def _numbers(loads: str | None) -> tuple[float, ...]:
 def staircase(
     output: Output, plan: StaircasePlan, files: tuple[Path, ...], out: Path, profile: Profile
 ) -> None:
-    """Bring one staircase in and tell what was found.
-
-    Parameters
-    ----------
-    output : Output
-        Where the result goes.
-    plan : StaircasePlan
-        What comes from where.
-    files : tuple of Path
-        One file.
-    out : Path
-        Loads file to write.
-    profile : Profile
-        The bench.
-
-    Raises
-    ------
-    UsageError
-        If there is not one file.
-    DataError
-        If the file is damaged, or its plateaus do not match the loads.
-    """
+    """Bring one staircase in and tell what was found."""
     from hdbench.calibration.staircase import import_staircase
     from hdbench.errors import UsageError
     from hdbench.records import result_header

@@ -118,17 +118,7 @@ def _show(console: Console, body: Mapping[str, Any]) -> None:
 
 
 def finding_lines(findings: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Return one line for each kind of finding, with the channels that it is about.
-
-    Parameters
-    ----------
-    findings : sequence of mapping
-        As in the result.
-
-    Returns
-    -------
-    list of str
-    """
+    """Return one line for each kind of finding, with the channels that it is about."""
     kinds: dict[tuple[str, str], list[Mapping[str, Any]]] = {}
     for one in findings:
         kinds.setdefault((one["name"], one["consequence"]), []).append(one)

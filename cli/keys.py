@@ -39,13 +39,7 @@ class Keys:
 
     @contextmanager
     def opened(self) -> Iterator[Keys]:
-        """Take single keys from a terminal until the end of the block.
-
-        Yields
-        ------
-        Keys
-            Itself.
-        """
+        """Take single keys from a terminal until the end of the block."""
         self.single = self.terminal and self._keyboard.take_single()
         try:
             yield self
@@ -62,14 +56,7 @@ class Keys:
             self._waiting = ""
 
     def wait(self) -> str:
-        """Wait for a key or a line.
-
-        Returns
-        -------
-        str
-            One character with single keys, a whole line ending in a newline elsewhere; `END` when
-            the input has ended.
-        """
+        """Wait for a key or a line."""
         while True:
             taken = self._take()
             if taken is not None:
@@ -79,13 +66,7 @@ class Keys:
             self._read()
 
     def poll(self) -> str | None:
-        """Return the next key or line if there is one, without waiting.
-
-        Returns
-        -------
-        str or None
-            As `wait`; None while nothing has come, also after the end of the input.
-        """
+        """Return the next key or line if there is one, without waiting."""
         if not self._ended and self._keyboard.ready(0.0):
             self._read()
         return self._take()

@@ -171,22 +171,7 @@ def free_space(folder: Path) -> str:
 
 @contextmanager
 def live_view(title: str, profile: Profile, folder: Path) -> Iterator[Watcher]:
-    """Show a run while it goes.
-
-    Parameters
-    ----------
-    title : str
-        Kind of the run.
-    profile : Profile
-        The bench.
-    folder : Path
-        Where runs are kept.
-
-    Yields
-    ------
-    Watcher
-        To be told of frames and questions.
-    """
+    """Show a run while it goes."""
     view = LiveView(title, profile, folder, pretty=_pretty())
     view.start()
     try:

@@ -13,17 +13,7 @@ _BAR = 10
 
 
 def live_line(live: LiveReading) -> str:
-    """Return how a reading settles, in one line of less than 80 characters.
-
-    Parameters
-    ----------
-    live : LiveReading
-        The moment.
-
-    Returns
-    -------
-    str
-    """
+    """Return how a reading settles, in one line of less than 80 characters."""
     full = round(_BAR * min(1.0, max(0.0, live.share)))
     bar = "#" * full + "." * (_BAR - full)
     swing = "" if live.swing_period_s is None else f" swing {live.swing_period_s:.2f} s"

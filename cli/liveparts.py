@@ -142,20 +142,7 @@ class History:
         return (self._seen[0], self._seen[-1]) if self._seen else (nothing, nothing)
 
     def curve(self, curve: Curve, points: int) -> Array:
-        """Return a curve as means of equal parts of its span, NaN where there is nothing.
-
-        Parameters
-        ----------
-        curve : Curve
-            Which one.
-        points : int
-            Parts, >= 1.
-
-        Returns
-        -------
-        ndarray, shape (points,)
-            The newest part last.
-        """
+        """Return a curve as means of equal parts of its span, NaN where there is nothing."""
         values = self.columns.get(curve.column)
         out = np.full(points, math.nan)
         if values is None or not len(values):

@@ -29,24 +29,7 @@ _MOST_ORDERS = 8
 
 
 def picture(history: History, profile: Profile, words: tuple[str, str], width: int) -> Group:
-    """Return everything to be seen at this moment.
-
-    Parameters
-    ----------
-    history : History
-        With at least one frame.
-    profile : Profile
-        Limits.
-    words : tuple of str
-        Run, bench and phase; and the space left on the disk.
-    width : int
-        Columns of the terminal.
-
-    Returns
-    -------
-    Group
-        At most 20 lines of `width` columns.
-    """
+    """Return everything to be seen at this moment."""
     room = max(40, min(width, 140)) - 1
     heading, free = words
     lines = [Text(heading[:room], style="bold"), _bar(history, room)]

@@ -225,13 +225,7 @@ def _run(arguments: Sequence[str], output: Output) -> int:
 
 
 def main(arguments: Sequence[str] | None = None) -> NoReturn:
-    """Run the command line and exit with the contract's code.
-
-    Parameters
-    ----------
-    arguments : sequence of str, optional
-        Command line without the program name; `sys.argv` by default.
-    """
+    """Run the command line and exit with the contract's code."""
     # our matrices are tall and narrow: BLAS threads only wait for each other, at 2.5 times the CPU
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ.setdefault(name, "1")

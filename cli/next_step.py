@@ -11,17 +11,7 @@ __all__ = ["after_import", "after_run", "after_tune", "line"]
 
 
 def line(command: str) -> str:
-    """Return the line that tells the next command.
-
-    Parameters
-    ----------
-    command : str
-        Command line; an empty one gives an empty line.
-
-    Returns
-    -------
-    str
-    """
+    """Return the line that tells the next command."""
     return f"next    {command}" if command else ""
 
 
@@ -38,26 +28,7 @@ def after_run(
     profile_name: str | None = None,
     calibration: Path | None = None,
 ) -> str:
-    """Return what to do after an experiment.
-
-    Parameters
-    ----------
-    kind : str
-        ``calibration``, ``misalignment`` or ``ripple``.
-    folder : Path
-        The run.
-    result : mapping
-        Its result; a calibration that is not accepted is looked into before it is used.
-    profile_name : str or None
-        What ``--profile`` said; the next run is on the same bench.
-    calibration : Path or None
-        What ``--calibration`` said.
-
-    Returns
-    -------
-    str
-        Command line.
-    """
+    """Return what to do after an experiment."""
     bench: dict[str, str | Path | None] = {"--profile": profile_name}
     if kind == "calibration" and result.get("accepted") is not False:
         return _words("hdbench run-misalignment", {"--calibration": folder, **bench})
@@ -68,22 +39,7 @@ def after_run(
 
 
 def after_import(kind: str, out: Path, columns: tuple[str, ...]) -> str:
-    """Return what to do with a file that was brought in.
-
-    Parameters
-    ----------
-    kind : str
-        ``trace`` or ``loads``.
-    out : Path
-        The file.
-    columns : tuple of str
-        Its columns; without a velocity little can be done with a trace.
-
-    Returns
-    -------
-    str
-        Command line; empty where there is none.
-    """
+    """Return what to do with a file that was brought in."""
     if kind == "loads":
         return f"hdbench calibrate --from {shlex.quote(str(out))}"
     if not {"motor_velocity_rad_s", "tacho_v"} & set(columns):
@@ -92,16 +48,5 @@ def after_import(kind: str, out: Path, columns: tuple[str, ...]) -> str:
 
 
 def after_tune(model: Path) -> str:
-    """Return what to do with a tuned model.
-
-    Parameters
-    ----------
-    model : Path
-        The model file.
-
-    Returns
-    -------
-    str
-        Command line.
-    """
+    """Return what to do with a tuned model."""
     return f"hdbench response --model {shlex.quote(str(model))} --velocity 50"

@@ -15,18 +15,6 @@ __all__ = ["probability", "show_remarks", "with_uncertainty"]
 def with_uncertainty(quantity: Mapping[str, Any], unit: str) -> str:
     """Return ``value +- std unit`` with two significant digits of the standard uncertainty.
 
-    Parameters
-    ----------
-    quantity : mapping
-        With `value`, `std` and, where known, `dof`.
-    unit : str
-        Unit of the number.
-
-    Returns
-    -------
-    str
-        For example ``6.612 +- 0.048 N m/V (3 dof)``.
-
     Examples
     --------
     >>> with_uncertainty({"value": 6.6123, "std": 0.0484, "dof": 3}, "N m/V")
@@ -43,15 +31,6 @@ def with_uncertainty(quantity: Mapping[str, Any], unit: str) -> str:
 
 def probability(value: float) -> str:
     """Return a false-alarm probability in words: nothing is impossible, only below 1e-9.
-
-    Parameters
-    ----------
-    value : float
-        Probability, 0 to 1; 0 where it is too small for a float.
-
-    Returns
-    -------
-    str
 
     Examples
     --------

@@ -116,18 +116,7 @@ plan_option = click.option(
 
 
 def bench_options(function: F) -> F:
-    """Add the options of every command that drives the bench.
-
-    Parameters
-    ----------
-    function : callable
-        The click command function.
-
-    Returns
-    -------
-    callable
-        The same function with the options attached.
-    """
+    """Add the options of every command that drives the bench."""
     options = (
         profile_option,
         drive_option,

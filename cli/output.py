@@ -34,15 +34,7 @@ class Output:
     verbose: int = 0
 
     def result(self, obj: Mapping[str, Any], text: Callable[[Console], None]) -> None:
-        """Print a result: the object with ``--json``, else what `text` draws.
-
-        Parameters
-        ----------
-        obj : mapping
-            The machine-readable result, without NaN or infinities.
-        text : callable
-            Draws the result for a person on the console that it is handed.
-        """
+        """Print a result: the object with ``--json``, else what `text` draws."""
         if self.json:
             # a result names the version and the profile behind it, null where there is none
             named = {"hdbench_version": __version__, "profile": None} if "schema" in obj else {}

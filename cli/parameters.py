@@ -31,54 +31,14 @@ class StoredPath(click.Path):
         super().__init__(path_type=Path, dir_okay=dir_okay, readable=True)
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Return the path, or say that nothing is there.
-
-        Parameters
-        ----------
-        value : str or Path
-            What was typed.
-        param : click.Parameter, optional
-            Option or argument it was typed for.
-        ctx : click.Context, optional
-            Command it was typed for.
-
-        Returns
-        -------
-        Path
-            The path.
-
-        Raises
-        ------
-        DataError
-            If there is no such file or folder.
-        """
+        """Return the path, or say that nothing is there."""
         if not Path(value).exists():
             raise nothing_stored(value)
         return super().convert(value, param, ctx)
 
 
 def speeds(ctx: click.Context, param: click.Parameter, typed: tuple[str, ...]) -> tuple[float, ...]:
-    """Read motor velocities that are not zero; one option may name several, with commas between.
-
-    Parameters
-    ----------
-    ctx : click.Context
-        Command they were typed for.
-    param : click.Parameter
-        Option they were typed for.
-    typed : tuple of str
-        What was typed.
-
-    Returns
-    -------
-    tuple of float
-        Velocities, rad/s.
-
-    Raises
-    ------
-    click.BadParameter
-        If one is no number, not finite or zero.
-    """
+    """Read motor velocities that are not zero; one option may name several, with commas between."""
     found = []
     for word in ",".join(typed).split(",") if typed else ():
         try:

@@ -43,18 +43,7 @@ class Shown:
 
 
 def doubts_of(result: Mapping[str, Any]) -> list[str]:
-    """Return every reason to doubt a result: what the run saw and what its data show.
-
-    Parameters
-    ----------
-    result : mapping
-        A result with `doubts` of the run and `flags` of the data.
-
-    Returns
-    -------
-    list of str
-        Reasons in words; empty where there is none.
-    """
+    """Return every reason to doubt a result: what the run saw and what its data show."""
     flags = [str(flag["detail"]) for flag in result.get("flags", ())]
     return [*map(str, result.get("doubts", ())), *flags]
 
@@ -66,28 +55,7 @@ def present(
     found: tuple[Path, Mapping[str, Any]],
     shown: Shown,
 ) -> None:
-    """Write the report of a finished run, show its result, and say what speaks against it.
-
-    Parameters
-    ----------
-    output : Output
-        The command's streams.
-    asked : object
-        ``no_report`` and ``check`` of the command.
-    profile : Profile
-        The bench.
-    found : tuple of (Path, mapping)
-        Run folder and result.
-    shown : object
-        ``show`` draws the result; ``failed`` returns why it does not pass, or None.
-
-    Raises
-    ------
-    LimitError
-        With ``check``, when the result does not pass.
-    DoubtfulDataError
-        When the data are doubtful.
-    """
+    """Write the report of a finished run, show its result, and say what speaks against it."""
     folder, result = found
     doubts = doubts_of(result)
     if not asked.no_report:
@@ -123,17 +91,7 @@ def present(
 
 
 def doubt_fix(folder: Path) -> str:
-    """Return what to do about doubtful data: a file can be brought in anew, a run measured anew.
-
-    Parameters
-    ----------
-    folder : Path
-        The run; one that evaluates a stored file names it in its details.
-
-    Returns
-    -------
-    str
-    """
+    """Return what to do about doubtful data: a file can be brought in anew, a run measured anew."""
     from hdbench.records import RunFolder
 
     details = RunFolder.open(folder).manifest.get("details", {})

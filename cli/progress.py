@@ -13,18 +13,7 @@ __all__ = ["progress_bar"]
 
 @contextmanager
 def progress_bar(title: str) -> Iterator[Callable[[str, float], None]]:
-    """Show a bar on stderr where that is a terminal.
-
-    Parameters
-    ----------
-    title : str
-        Name of the work.
-
-    Yields
-    ------
-    callable
-        Takes what is going on and the share done, 0 to 1.
-    """
+    """Show a bar on stderr where that is a terminal."""
     if not sys.stderr.isatty():
         yield lambda _what, _share: None
         return

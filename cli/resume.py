@@ -41,24 +41,7 @@ class Resume:
 
 
 def resume_command(output: Output, asked: Resume) -> None:
-    """Go on with a run and show its result.
-
-    Parameters
-    ----------
-    output : Output
-        The command's streams.
-    asked : Resume
-        What was asked for.
-
-    Raises
-    ------
-    UsageError
-        If the run cannot be resumed.
-    LimitError
-        With ``check``, when the result does not pass.
-    DoubtfulDataError
-        When the data are doubtful.
-    """
+    """Go on with a run and show its result."""
     from hdbench.devices.mistakes import parse_mistakes
     from hdbench.records import RunFolder
     from hdbench.session.resuming import ResumeOptions

@@ -73,13 +73,7 @@ def filter_options(function: F) -> F:
 
 
 def chosen_runs(ctx: click.Context, parent: Path, options: dict[str, Any]) -> list[RunSummary]:
-    """Return the runs in a folder that the filter options choose.
-
-    Raises
-    ------
-    DataError
-        If the folder was named and is not there.
-    """
+    """Return the runs in a folder that the filter options choose."""
     from hdbench.errors import DataError
     from hdbench.records import list_runs, select_runs
 

@@ -20,17 +20,7 @@ _HASH = 12
 
 
 def draw_run(console: Console, body: Mapping[str, Any], run: Path) -> None:
-    """Draw what a run says of itself, for a person.
-
-    Parameters
-    ----------
-    console : rich.console.Console
-        Where to print.
-    body : mapping
-        Its ``run.json`` with the status as it is now.
-    run : Path
-        The folder, for the next command.
-    """
+    """Draw what a run says of itself, for a person."""
     from rich.text import Text
 
     for name, words in _lines(body):

@@ -17,22 +17,6 @@ def sparkline(
 ) -> str:
     """Return a curve as one line of block characters.
 
-    Parameters
-    ----------
-    values : sequence of float
-        The curve; what is not finite is left out.
-    width : int
-        Characters, at least 1.
-    span : tuple of float
-        Values of the lowest and the highest block.
-    plain : bool
-        Use ASCII alone.
-
-    Returns
-    -------
-    str
-        Each character is the mean of its share of the curve; a space where there is none.
-
     Examples
     --------
     >>> sparkline([0.0, 1.0, 2.0, 3.0], 4, (0.0, 3.0), plain=True)
@@ -54,18 +38,7 @@ def sparkline(
 
 
 def read_columns(path: Path) -> Mapping[str, list[float]] | None:
-    """Return the columns of a table that a diagnosis wrote; None where there is no such file.
-
-    Parameters
-    ----------
-    path : Path
-        A CSV file with one header row.
-
-    Returns
-    -------
-    mapping of str to list of float, or None
-        An empty cell is NaN.
-    """
+    """Return the columns of a table that a diagnosis wrote; None where there is no such file."""
     if not path.is_file():
         return None
     head, *rows = path.read_text(encoding="utf-8").splitlines()
@@ -74,19 +47,6 @@ def read_columns(path: Path) -> Mapping[str, list[float]] | None:
 
 
 def span_of(columns: Mapping[str, Sequence[float]], *names: str) -> tuple[float, float]:
-    """Return lowest and highest finite value of some columns, the span of a common picture.
-
-    Parameters
-    ----------
-    columns : mapping of str to sequence of float
-        A table.
-    *names : str
-        Columns.
-
-    Returns
-    -------
-    tuple of float
-        (0, 0) where nothing is finite.
-    """
+    """Return lowest and highest finite value of some columns, the span of a common picture."""
     values = [v for name in names for v in columns[name] if math.isfinite(v)]
     return (min(values), max(values)) if values else (0.0, 0.0)

@@ -95,13 +95,7 @@ class TerminalTalk:
     # -- asking ----------------------------------------------------------------------------------
 
     def ask(self, question: Question) -> Reply:
-        """Ask, and wait for the answer.
-
-        Raises
-        ------
-        DeviceError
-            If the input has ended.
-        """
+        """Ask, and wait for the answer."""
         self.close()
         if self.practice and not self._helped:
             self._say(_PRACTICE)

@@ -54,32 +54,7 @@ def read_input(
     calibration: Path | None,
     model: FilterModel | None = None,
 ) -> Input:
-    """Read a trace and give it its torque in N m.
-
-    Parameters
-    ----------
-    source : Path
-        Run folder or trace file.
-    profile : Profile
-        Its gain serves where nothing else is known.
-    gain : float or None
-        Gain named by the user, N m/V.
-    calibration : Path or None
-        Calibration named by the user.
-    model : FilterModel or None
-        A filter model that may know a gain.
-
-    Returns
-    -------
-    Input
-        The trace and which gain made its torque: the named one, else that of calibration, run,
-        model or profile, in that order.
-
-    Raises
-    ------
-    DataError
-        If a named gain finds no volts to scale, or the file is no trace.
-    """
+    """Read a trace and give it its torque in N m."""
     from hdbench.records import read_trace, resolve_input
 
     file = resolve_input(source)
@@ -134,20 +109,7 @@ def _by_gain(trace: Trace, gain: float) -> tuple[Trace, TorqueScale]:
 
 
 def check_out(out: Path, source: Path, file: Path) -> None:
-    """Refuse to write over what was measured.
-
-    Parameters
-    ----------
-    out : Path
-        File to be written.
-    source, file : Path
-        What was named, and the trace file it means.
-
-    Raises
-    ------
-    UsageError
-        If `out` is the trace or lies in the run.
-    """
+    """Refuse to write over what was measured."""
     if out.resolve() == file.resolve() or (
         source.is_dir() and out.resolve().parent == source.resolve()
     ):
@@ -159,27 +121,7 @@ def check_out(out: Path, source: Path, file: Path) -> None:
 
 
 def targets(out: Path, sources: Sequence[Path]) -> list[Path]:
-    """Return the file to write for each input.
-
-    Parameters
-    ----------
-    out : Path
-        The file for one input; for several the folder, which is made.
-    sources : sequence of Path
-        Trace files or run folders.
-
-    Returns
-    -------
-    list of Path
-        In a folder ``<name of the input>.csv``.
-
-    Raises
-    ------
-    UsageError
-        If `out` is of the wrong kind, or two inputs have one name.
-    StorageError
-        If the folder cannot be made.
-    """
+    """Return the file to write for each input."""
     if len(sources) == 1:
         if out.is_dir():
             raise UsageError(f"{out} is a folder", where="--out", fix="name a .csv file")
@@ -214,20 +156,7 @@ def targets(out: Path, sources: Sequence[Path]) -> list[Path]:
 
 
 def together(bodies: Sequence[dict[str, Any]], out: Path | None) -> dict[str, Any]:
-    """Return the results of several inputs as one.
-
-    Parameters
-    ----------
-    bodies : sequence of dict
-        One result per input.
-    out : Path or None
-        Folder that was written.
-
-    Returns
-    -------
-    dict
-        The header of the first result, and ``results``.
-    """
+    """Return the results of several inputs as one."""
     header = {key: bodies[0][key] for key in ("schema", "hdbench_version", "profile")}
     files = {} if out is None else {"out": str(out)}
     return {**header, **files, "results": list(bodies)}
@@ -238,17 +167,7 @@ def show_each(
     bodies: Sequence[dict[str, Any]],
     show: Callable[[Console, dict[str, Any]], None],
 ) -> None:
-    """Print several results, each under the name of its input.
-
-    Parameters
-    ----------
-    console : rich.console.Console
-        Where to print.
-    bodies : sequence of dict
-        One result per input.
-    show : callable
-        Prints one.
-    """
+    """Print several results, each under the name of its input."""
     for body in bodies:
         console.print(body["input"]["path"], markup=False, highlight=False, soft_wrap=True)
         show(console, body)

@@ -37,24 +37,7 @@ _SLOW = (
 def tune_inputs(
     inputs: list[Input], base: FilterModel, settings: TuningSettings, profile: Profile
 ) -> TuningResult:
-    """Tune a model on traces that were read.
-
-    Parameters
-    ----------
-    inputs : list of Input
-        The traces.
-    base : FilterModel
-        Gives the orders.
-    settings : TuningSettings
-        What is asked.
-    profile : Profile
-        The bench.
-
-    Returns
-    -------
-    TuningResult
-        The tuned model, with provenance.
-    """
+    """Tune a model on traces that were read."""
     from hdbench import __version__
     from hdbench.session.filters import tune_traces
 

@@ -54,14 +54,7 @@ class HdbenchError(Exception):
         return f"{self.where}: {self.what}\n  fix: {self.fix}"
 
     def to_dict(self) -> dict[str, object]:
-        """Return the error as the object that ``--json`` prints.
-
-        Returns
-        -------
-        dict
-            ``kind``, ``what``, ``where``, ``fix``, ``exit_code`` and, where there are several,
-            ``problems``.
-        """
+        """Return the error as the object that ``--json`` prints."""
         body: dict[str, object] = {
             "kind": self.kind,
             "what": self.what,
@@ -130,19 +123,7 @@ class UnsafeError(HdbenchError):
 
     @classmethod
     def unconfirmed(cls, detail: str, *, where: str) -> UnsafeError:
-        """Return the loudest message there is.
-
-        Parameters
-        ----------
-        detail : str
-            What was read back, or that nobody answered.
-        where : str
-            Run folder or address.
-
-        Returns
-        -------
-        UnsafeError
-        """
+        """Return the loudest message there is."""
         return cls(
             f"THE SAFE STATE COULD NOT BE CONFIRMED: {detail}",
             where=where,
@@ -176,18 +157,7 @@ class Stopped(HdbenchError):  # noqa: N818 - a stop that was asked for is not an
 
 
 def nothing_stored(path: object) -> DataError:
-    """Return the error for a path where neither a file nor a run is.
-
-    Parameters
-    ----------
-    path : str or Path
-        What was named.
-
-    Returns
-    -------
-    DataError
-        What is missing, and how to find it.
-    """
+    """Return the error for a path where neither a file nor a run is."""
     return DataError(
         "no such file or run",
         where=str(path),

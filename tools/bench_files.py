@@ -18,20 +18,7 @@ _COLUMNS = ("time_s", "motor_velocity_rad_s", "torque_nm", "motor_current_a", "r
 
 
 def seconds(work: Callable[[], object], rounds: int = 3) -> float:
-    """Return the least time of some rounds, s.
-
-    Parameters
-    ----------
-    work : callable
-        What to time.
-    rounds : int
-        How often.
-
-    Returns
-    -------
-    float
-        Seconds.
-    """
+    """Return the least time of some rounds, s."""
     times = []
     for _ in range(rounds):
         start = time.perf_counter()
@@ -41,18 +28,7 @@ def seconds(work: Callable[[], object], rounds: int = 3) -> float:
 
 
 def files(rows: int) -> tuple[dict[str, float], dict[str, float]]:
-    """Write and read a trace of six columns with everything that is here.
-
-    Parameters
-    ----------
-    rows : int
-        Number of samples.
-
-    Returns
-    -------
-    read, written : dict of str to float
-        Seconds by library; ours is ``hdbench``.
-    """
+    """Write and read a trace of six columns with everything that is here."""
     rng = np.random.default_rng(1)
     channels = {name: rng.normal(size=rows) for name in (*_COLUMNS, "motor_angle_rad")}
     channels["time_s"] = np.arange(rows) * 1e-3
@@ -82,13 +58,7 @@ def files(rows: int) -> tuple[dict[str, float], dict[str, float]]:
 
 
 def start() -> dict[str, float]:
-    """Time `hdbench --help` against a bare click command.
-
-    Returns
-    -------
-    dict of str to float
-        Seconds by command.
-    """
+    """Time `hdbench --help` against a bare click command."""
     bare = "import click; click.Command('x', help='y')(['--help'])"
     found = {}
     for name, arguments in (

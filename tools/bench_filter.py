@@ -33,31 +33,14 @@ _TRACES = 64
 
 
 def model() -> StateSpace:
-    """Return the report's model of six states, without expected torque.
-
-    Returns
-    -------
-    StateSpace
-        Orders 2, 4 and 1/100 with the report's noise.
-    """
+    """Return the report's model of six states, without expected torque."""
     orders = ((2.0, 1000.0), (4.0, 1000.0), (0.01, 0.05))
     blocks = (StateBlock("oscillator", "ripple", order=o, noise_per_sample=q) for o, q in orders)
     return StateSpace(tuple(blocks), 1.0, start="listing")
 
 
 def trace(n: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return time, velocity with reversals, and torque with ripple and noise.
-
-    Parameters
-    ----------
-    n : int
-        Number of samples.
-
-    Returns
-    -------
-    time_s, velocity_rad_s, torque_nm : ndarray, shape (n,)
-        Samples at 1 kHz.
-    """
+    """Return time, velocity with reversals, and torque with ripple and noise."""
     rng = np.random.default_rng(1)
     time_s = np.arange(n) * _PERIOD_S
     velocity = 156.0 * np.sin(2.0 * np.pi * 0.3 * time_s)
@@ -67,18 +50,7 @@ def trace(n: int) -> tuple[FloatArray, FloatArray, FloatArray]:
 
 
 def ours(n: int) -> dict[str, tuple[Work, int]]:
-    """Return our forms: what to time, and samples per call.
-
-    Parameters
-    ----------
-    n : int
-        Samples of the long trace.
-
-    Returns
-    -------
-    dict
-        By name.
-    """
+    """Return our forms: what to time, and samples per call."""
     space, (t, v, y) = model(), trace(n)
     m = max(n // 200, 10)
     columns = [np.repeat(a[:m, None], _TRACES, axis=1) * np.linspace(0.9, 1, 64) for a in (v, y)]
@@ -108,18 +80,7 @@ def ours(n: int) -> dict[str, tuple[Work, int]]:
 
 
 def float_ns(rounds: int) -> float | None:
-    """Return what a sample costs in the exported float32 build, ns; None without a compiler.
-
-    Parameters
-    ----------
-    rounds : int
-        Of the self-test's loop; the least time counts.
-
-    Returns
-    -------
-    float or None
-        ns per sample.
-    """
+    """Return what a sample costs in the exported float32 build, ns; None without a compiler."""
     from hdbench.filter.firmware import export_firmware
     from hdbench.filter.presets import preset
     from hdbench.profile import load_profile
@@ -161,18 +122,7 @@ int main(void)
 
 
 def timed(work: dict[str, tuple[Work, int]]) -> dict[str, float]:
-    """Return the least processor time of each contender over alternating rounds, ns per sample.
-
-    Parameters
-    ----------
-    work : dict
-        What to call, and samples per call.
-
-    Returns
-    -------
-    dict
-        ns per sample by name.
-    """
+    """Return the least processor time of each contender over alternating rounds, ns per sample."""
     best = dict.fromkeys(work, math.inf)
     for _ in range(_ROUNDS):
         for name, (function, samples) in work.items():
@@ -183,13 +133,7 @@ def timed(work: dict[str, tuple[Work, int]]) -> dict[str, float]:
 
 
 def covariance(n: int) -> None:
-    """Run `n` samples and print the eigenvalues of P on the way.
-
-    Parameters
-    ----------
-    n : int
-        Number of samples.
-    """
+    """Run `n` samples and print the eigenvalues of P on the way."""
     space, chunk = model(), 1_000_000
     t, v, y = trace(chunk)
     state, size = new_state(space), 6
@@ -225,20 +169,7 @@ class Row:
 
 
 def rows(n: int) -> tuple[list[Row], list[str]]:
-    """Time every form and library on the report's model of six states.
-
-    Parameters
-    ----------
-    n : int
-        Samples of our long run.
-
-    Returns
-    -------
-    rows : list of Row
-        ns per sample.
-    missing : list of str
-        Libraries that are not here.
-    """
+    """Time every form and library on the report's model of six states."""
     time_s, v, y = trace(LONGEST)
     contenders, missing = peers(v, y)
     best = timed({**ours(max(n, _FEW)), **contenders})
@@ -260,20 +191,7 @@ def rows(n: int) -> tuple[list[Row], list[str]]:
 
 
 def forms_apart(space: StateSpace, n: int) -> float:
-    """Return how far the compiled and the Python form are apart, N m.
-
-    Parameters
-    ----------
-    space : StateSpace
-        The model.
-    n : int
-        Number of samples.
-
-    Returns
-    -------
-    float
-        Largest difference of the filtered torque over a trace with reversals.
-    """
+    """Return how far the compiled and the Python form are apart, N m."""
     t, v, y = trace(n)
     one, two = (
         run(space, new_state(space), t, v, y, form=form).torque_filtered_nm

@@ -119,20 +119,7 @@ LONGEST = max(samples for *_, samples in _LIBRARIES)
 
 
 def peers(v: FloatArray, y: FloatArray) -> tuple[dict[str, tuple[Work, int]], list[str]]:
-    """Return every other library that is here, and the names of those that are not.
-
-    Parameters
-    ----------
-    v, y : ndarray, shape (n,)
-        Velocity, rad/s, and torque, N m, of at least `LONGEST` samples.
-
-    Returns
-    -------
-    work : dict
-        What to time, returning the predicted torque, and samples per call, by name and way.
-    missing : list of str
-        Libraries to install with ``pip install hdbench[bench]``.
-    """
+    """Return every other library that is here, and the names of those that are not."""
     work: dict[str, tuple[Work, int]] = {}
     missing = []
     for name, module, make, n in _LIBRARIES:

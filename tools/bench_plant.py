@@ -15,24 +15,7 @@ from hdbench.profile import load_profile
 
 
 def ratio(plant: str, *, block: int, seconds: float, locked: bool) -> float:
-    """Return simulated time over elapsed time.
-
-    Parameters
-    ----------
-    plant : str
-        Name of the plant.
-    block : int
-        Samples asked for at once.
-    seconds : float
-        Time to simulate, s.
-    locked : bool
-        A calibration at 10 ms with a weight on the arm, else free motion at 1 ms.
-
-    Returns
-    -------
-    float
-        Ratio, 1.
-    """
+    """Return simulated time over elapsed time."""
     profile = load_profile("cim-tr-97-06").data
     bench = SimulatedBench(profile, load_plant(plant), 1)
     bench.set_fixture(locked=locked, position_rad=0.0, mass_kg=4.0, direction=1)

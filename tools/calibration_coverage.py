@@ -66,23 +66,7 @@ def drawn(rng: np.random.Generator, design: str, positions: int) -> Loads:
 
 
 def count(runs: int, seed: int, design: str, positions: int = 4) -> Count:
-    """Return how many of `runs` intervals cover the truth.
-
-    Parameters
-    ----------
-    runs : int
-        Simulated calibrations.
-    seed : int
-        Seed of the generator.
-    design : str
-        One of `DESIGNS`.
-    positions : int
-        Flexspline positions.
-
-    Returns
-    -------
-    Count
-    """
+    """Return how many of `runs` intervals cover the truth."""
     rng = np.random.default_rng(seed)
     hits = naive = 0
     widths, naive_widths = [], []

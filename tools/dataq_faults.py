@@ -82,22 +82,7 @@ FAULTS: dict[str, Spoil] = {
 
 
 def campaign(name: str, trials: int, seed: int = 1) -> dict[str, object]:
-    """Spoil so many streams.
-
-    Parameters
-    ----------
-    name : str
-        A key of `FAULTS`.
-    trials : int
-        Streams.
-    seed : int
-        Of everything random.
-
-    Returns
-    -------
-    dict
-        ``fault``, ``trials``, ``trials_wrong``, ``wrong_scans``, ``errors``.
-    """
+    """Spoil so many streams."""
     random = np.random.default_rng(seed)
     wrong_trials = wrong = errors = 0
     for _ in range(trials):
@@ -129,13 +114,7 @@ def _delivered(packets: list[bytes]) -> tuple[np.ndarray, bool]:
 
 
 def main() -> int:
-    """Run all faults.
-
-    Returns
-    -------
-    int
-        0.
-    """
+    """Run all faults."""
     trials = int(sys.argv[1]) if len(sys.argv) > 1 else 1000
     for name in FAULTS:
         print(json.dumps(campaign(name, trials)), flush=True)

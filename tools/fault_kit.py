@@ -276,19 +276,7 @@ def begin(
     before: Callable[[], None] = lambda: None,
     limit_bytes: int | None = None,
 ) -> Run:
-    """Start ``hdbench WORDS`` in a fork of this process, its libraries loaded already.
-
-    Parameters
-    ----------
-    folder : Path
-        Where its run folders and words go.
-    words : sequence of str
-        Command line; ``--out`` is added to a command that measures.
-    before : callable
-        Called in the new process first.
-    limit_bytes : int, optional
-        Longest file that it may write.
-    """
+    """Start ``hdbench WORDS`` in a fork of this process, its libraries loaded already."""
     import hdbench.session.resuming  # noqa: F401 - what every run loads, loaded once
     import hdbench_cli.main as command_line
 

@@ -212,20 +212,7 @@ _STEPS = (
 
 
 def run_history(seed: int, steps: int = 15) -> None:
-    """Walk through one random history.
-
-    Parameters
-    ----------
-    seed : int
-        Seed of the history.
-    steps : int
-        How many things happen.
-
-    Raises
-    ------
-    AssertionError
-        If the list is not the truth after a step.
-    """
+    """Walk through one random history."""
     draw = random.Random(seed)
     with tempfile.TemporaryDirectory() as name:
         parent = Path(name)

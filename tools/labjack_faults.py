@@ -157,13 +157,7 @@ def control_campaign(host: str, port: int, serial: int, trials: int) -> None:
 
 
 def main() -> int:
-    """Run both parts.
-
-    Returns
-    -------
-    int
-        0.
-    """
+    """Run both parts."""
     from hdbench.devices.emulator.process import running_emulator
     from hdbench.profile import load_profile
 

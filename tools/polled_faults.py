@@ -172,25 +172,7 @@ def reached(address: str, deadline_s: float) -> Access:
 def campaign(
     wire: str, kind: FaultKind, faults: int, *, deadline_s: float | None = None, seed: int = 0
 ) -> Outcome:
-    """Make faults of one kind until there were enough, and check every answer of the driver.
-
-    Parameters
-    ----------
-    wire : str
-        One of `WIRES`.
-    kind : FaultKind
-        One of `KINDS`.
-    faults : int
-        Replies to change.
-    deadline_s : float, optional
-        Of one call; default 0.06 s on TCP, 0.4 s on RTU, where a fault costs a quiet line.
-    seed : int
-        Of the choice.
-
-    Returns
-    -------
-    Outcome
-    """
+    """Make faults of one kind until there were enough, and check every answer of the driver."""
     limit_s = deadline_s or DEADLINES_S[wire]
     framing = TcpFraming() if wire == "tcp" else RtuFraming(crc16)
     mangler = Mangler(kind, framing, share=0.0, seed=seed, late_s=LATE[wire] * limit_s)
@@ -245,13 +227,7 @@ def _open(access: Access, places: list[Place]) -> None:
 
 
 def main() -> int:
-    """Run what is asked for.
-
-    Returns
-    -------
-    int
-        0 where nothing wrong came through but what the wire cannot tell.
-    """
+    """Run what is asked for."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--faults", type=int, default=10_000)
     parser.add_argument("--wire", choices=WIRES)

@@ -146,25 +146,7 @@ def served(wire: str) -> Iterator[str]:
 def campaign(
     wire: str, kind: str, faults: int, *, deadline_s: float | None = None, seed: int = 0
 ) -> Outcome:
-    """Make faults of one kind until there were enough, and hold every sample against the node's.
-
-    Parameters
-    ----------
-    wire : str
-        ``tcp`` or ``rtu``.
-    kind : str
-        A key of `KINDS`.
-    faults : int
-        Replies to change.
-    deadline_s : float, optional
-        Of one call; default 0.06 s on TCP, 0.4 s on RTU, where a fault costs a quiet line.
-    seed : int
-        Of the choice.
-
-    Returns
-    -------
-    Outcome
-    """
+    """Make faults of one kind until there were enough, and hold every sample against the node's."""
     limit_s = deadline_s or (0.4 if wire == "rtu" else 0.06)
     parts = [part(wire, one, faults // len(KINDS[kind]) or 1, limit_s, seed) for one in KINDS[kind]]
     return Outcome(

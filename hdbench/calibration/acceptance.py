@@ -82,19 +82,7 @@ class Acceptance:
 
 
 def decide(tests: Sequence[LimitTest], rule: str) -> Acceptance:
-    """Decide by all tests.
-
-    Parameters
-    ----------
-    tests : sequence of LimitTest
-        Values and limits.
-    rule : str
-        ``simple`` or ``guarded``.
-
-    Returns
-    -------
-    Acceptance
-    """
+    """Decide by all tests."""
     held = [test.passed(rule) for test in tests]
     accepted = False if False in held else None if None in held else True
     return Acceptance(accepted, rule, tuple(tests))

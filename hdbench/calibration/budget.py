@@ -97,19 +97,6 @@ def expanded_uncertainty(
 ) -> ExpandedUncertainty:
     """Return the expanded uncertainty with k from the degrees of freedom.
 
-    Parameters
-    ----------
-    std : float
-        Standard uncertainty, at least 0.
-    dof : float or None
-        Degrees of freedom, above 0; None or infinity: normal distribution.
-    confidence : float
-        Coverage probability, in (0, 1).
-
-    Returns
-    -------
-    ExpandedUncertainty
-
     References
     ----------
     .. [1] JCGM 100:2008, annex G.
@@ -127,18 +114,6 @@ def expanded_uncertainty(
 def combined(parts: Sequence[tuple[float, float | None]]) -> tuple[float, float | None]:
     """Return root sum of squares and effective degrees of freedom.
 
-    Parameters
-    ----------
-    parts : sequence of (float, float or None)
-        Standard uncertainty and degrees of freedom of each independent part.
-
-    Returns
-    -------
-    std : float
-        Combined standard uncertainty.
-    dof : float or None
-        ``u^4 / sum(u_i^4 / nu_i)``; None where every part is known.
-
     References
     ----------
     .. [1] F. E. Satterthwaite, Biometrics Bull. 2 (1946) 110; JCGM 100:2008, equation G.2b.
@@ -149,18 +124,7 @@ def combined(parts: Sequence[tuple[float, float | None]]) -> tuple[float, float 
 
 
 def budget_dicts(rows: Sequence[BudgetRow]) -> list[dict[str, Any]]:
-    """Return the rows as results store them, with the share of each in the variance.
-
-    Parameters
-    ----------
-    rows : sequence of BudgetRow
-        Independent parts of one uncertainty.
-
-    Returns
-    -------
-    list of dict
-        The shares add up to 1 where any row has a size.
-    """
+    """Return the rows as results store them, with the share of each in the variance."""
     total = math.fsum(row.relative_std**2 for row in rows)
     return [
         {

@@ -22,20 +22,7 @@ _FIRST_STEP_SLACK = 0.055
 def course_dict(
     readings: Sequence[TakenReading], sequence: Sequence[SequenceEntry]
 ) -> dict[str, Any]:
-    """Return environment and times of the readings.
-
-    Parameters
-    ----------
-    readings : sequence of TakenReading
-        All readings, preloads among them.
-    sequence : sequence of SequenceEntry
-        Course of the calibration; empty where it is not told.
-
-    Returns
-    -------
-    dict
-        Entries are None where no reading tells.
-    """
+    """Return environment and times of the readings."""
     return {
         "temperature_c": _ends([t.reading.temperature_c for t in readings]),
         "humidity_percent": _ends([t.detail.humidity_percent for t in readings]),
@@ -56,19 +43,7 @@ def _ends(values: Sequence[float | None]) -> dict[str, float] | None:
 
 
 def sequence_deviations(found: Metrology, n_preloads: int) -> list[str]:
-    """Return what departs from the sequence of the guide, in words.
-
-    Parameters
-    ----------
-    found : Metrology
-        The evaluation.
-    n_preloads : int
-        Preloads that the file tells of.
-
-    Returns
-    -------
-    list of str
-    """
+    """Return what departs from the sequence of the guide, in words."""
     out: list[str] = []
     for group in found.groups:
         name = f"{group.group.direction}, {group.group.range} range"
@@ -101,24 +76,7 @@ def shunt_dict(
     shunt: ShuntCheck | None,
     gain_nm_per_v: float,
 ) -> dict[str, Any] | None:
-    """Return the shunt readings, and whether they are those of the last calibration.
-
-    Parameters
-    ----------
-    readings : sequence of TakenReading
-        All readings; those of kind ``shunt`` are with less without shunt, V.
-    sequence : sequence of SequenceEntry
-        Course of the calibration, with shunt readings of its own.
-    shunt : ShuntCheck or None
-        What the profile knows of the shunt.
-    gain_nm_per_v : float
-        Gain, N m/V.
-
-    Returns
-    -------
-    dict or None
-        None where there is neither a reading nor a shunt.
-    """
+    """Return the shunt readings, and whether they are those of the last calibration."""
     volts = [t.reading.reading_v for t in readings if t.detail.kind == "shunt"]
     volts += [e.reading_v for e in sequence if e.kind == "shunt" and e.reading_v is not None]
     if not volts and shunt is None:

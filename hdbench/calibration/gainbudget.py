@@ -29,24 +29,7 @@ def gain_rows(
     account: TorqueAccount,
     bench: ProfileData | None,
 ) -> tuple[BudgetRow, ...]:
-    """Return the budget of the mean gain.
-
-    Parameters
-    ----------
-    gain : Quantity
-        Mean gain with the uncertainty of its scatter alone, N m/V.
-    lines : tuple of ExperimentLine
-        Line of each experiment.
-    account : TorqueAccount
-        The applied torque.
-    bench : ProfileData or None
-        The bench; None: nothing is declared.
-
-    Returns
-    -------
-    tuple of BudgetRow
-        The scatter first; sources that are not declared among them, without a size.
-    """
+    """Return the budget of the mean gain."""
     loading = "single" if bench is None else bench.arm.loading
     return (
         _scatter_row(gain, len(lines)),
@@ -104,20 +87,7 @@ def _side_force(lines: tuple[ExperimentLine, ...], loading: str) -> tuple[Budget
 
 
 def expanded_of(value: float, rows: Sequence[BudgetRow]) -> ExpandedUncertainty:
-    """Return the expanded uncertainty of the gain averaged over positions.
-
-    Parameters
-    ----------
-    value : float
-        Mean gain, N m/V.
-    rows : sequence of BudgetRow
-        Its budget, the scatter first.
-
-    Returns
-    -------
-    ExpandedUncertainty
-        In N m/V.
-    """
+    """Return the expanded uncertainty of the gain averaged over positions."""
     sized = [row for row in rows if row.relative_std > 0.0]
     if not sized:
         return expanded_uncertainty(0.0, rows[0].dof)
@@ -133,24 +103,7 @@ def expanded_any_one(
     lines: tuple[ExperimentLine, ...],
     rows: Sequence[BudgetRow],
 ) -> ExpandedUncertainty | None:
-    """Return the expanded uncertainty of the gain at any one position.
-
-    Parameters
-    ----------
-    value : float
-        Mean gain, N m/V.
-    positions : OneWay or None
-        Repeatability and spread between positions.
-    lines : tuple of ExperimentLine
-        Line of each experiment.
-    rows : sequence of BudgetRow
-        Budget of the mean gain; its first row, the scatter of the mean, is replaced.
-
-    Returns
-    -------
-    ExpandedUncertainty or None
-        In N m/V; None for a single position.
-    """
+    """Return the expanded uncertainty of the gain at any one position."""
     n_positions = len(by_position(lines))
     if n_positions < 2:
         return None
@@ -166,18 +119,7 @@ def expanded_any_one(
 
 
 def expanded_naive(gains: Sequence[float]) -> ExpandedUncertainty | None:
-    """Return the expanded uncertainty as if every experiment were independent.
-
-    Parameters
-    ----------
-    gains : sequence of float
-        Gains, N m/V.
-
-    Returns
-    -------
-    ExpandedUncertainty or None
-        In N m/V; None for a single experiment.
-    """
+    """Return the expanded uncertainty as if every experiment were independent."""
     if len(gains) < 2:
         return None
     std = float(np.std(gains, ddof=1)) / math.sqrt(len(gains))

@@ -22,24 +22,7 @@ def limit_tests(
     consistency: LimitTest,
     limits: AcceptanceLimits | None,
 ) -> list[LimitTest]:
-    """Return every value that has a limit.
-
-    Parameters
-    ----------
-    found : Metrology
-        The evaluation.
-    gain_nm_per_v : float
-        Mean gain, N m/V.
-    consistency : LimitTest
-        The test of the consistency, which is always made.
-    limits : AcceptanceLimits or None
-        Further limits.
-
-    Returns
-    -------
-    list of LimitTest
-        The consistency first; limits that are absent make no test.
-    """
+    """Return every value that has a limit."""
     if limits is None:
         return [consistency]
     expanded = found.mean.expanded / abs(gain_nm_per_v)

@@ -103,25 +103,7 @@ def evaluate_metrology(
     account: TorqueAccount,
     bench: ProfileData | None,
 ) -> Metrology:
-    """Evaluate the readings as a metrologist does.
-
-    Parameters
-    ----------
-    readings : sequence of TakenReading
-        Loads, with applied torques; no preloads.
-    lines : tuple of ExperimentLine
-        Line of each experiment.
-    gain : Quantity
-        Mean gain with the uncertainty of its scatter alone, N m/V.
-    account : TorqueAccount
-        The applied torque.
-    bench : ProfileData or None
-        The bench; None: nothing is declared.
-
-    Returns
-    -------
-    Metrology
-    """
+    """Evaluate the readings as a metrologist does."""
     loading = "single" if bench is None else bench.arm.loading
     grouped = step_groups(readings, loading)
     resolution = reading_resolution(readings, bench)

@@ -20,18 +20,7 @@ _UNIT = "N m/V"
 
 
 def overall_class(found: Metrology) -> Classification:
-    """Return the worst class of the directions of the widest range.
-
-    Parameters
-    ----------
-    found : Metrology
-        The evaluation.
-
-    Returns
-    -------
-    Classification
-        With increasing and decreasing torque where both were measured.
-    """
+    """Return the worst class of the directions of the widest range."""
     if not found.groups:
         return Classification(None, "nothing was loaded", (), ())
     widest = found.groups[0].group.range
@@ -49,23 +38,7 @@ def overall_class(found: Metrology) -> Classification:
 def metrology_dict(
     found: Metrology, lines: tuple[ExperimentLine, ...], value: float, arm: Arm | None
 ) -> dict[str, Any]:
-    """Return the keys that the metrological evaluation adds to a calibration result.
-
-    Parameters
-    ----------
-    found : Metrology
-        The evaluation.
-    lines : tuple of ExperimentLine
-        Line of each experiment.
-    value : float
-        Mean gain, N m/V.
-    arm : Arm or None
-        The arm, where it is known.
-
-    Returns
-    -------
-    dict
-    """
+    """Return the keys that the metrological evaluation adds to a calibration result."""
     grade = overall_class(found)
     naive, any_one = found.naive, found.any_one
     return {

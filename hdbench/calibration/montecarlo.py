@@ -79,24 +79,6 @@ def propagate(
 ) -> MonteCarlo | None:
     """Draw the gain.
 
-    Parameters
-    ----------
-    value : float
-        Gain, N m/V.
-    rows : sequence of BudgetRow
-        Its relative sources; each is drawn once in a trial, which makes it common to all readings.
-    formula : tuple of float
-        Standard and expanded uncertainty by formula, N m/V.
-    seed : int
-        Seed of the generator; stored with the result.
-    draws : int
-        Trials, at least 1000.
-
-    Returns
-    -------
-    MonteCarlo or None
-        None where no row has a size.
-
     Notes
     -----
     ``G = value (1 + sum of draws)``; a source with degrees of freedom is a scaled t. Intervals

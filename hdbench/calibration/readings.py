@@ -135,23 +135,7 @@ class _Row:
 
 
 def taken_readings(loads: Loads) -> tuple[TakenReading, ...]:
-    """Return all readings with their optional columns.
-
-    Parameters
-    ----------
-    loads : Loads
-        Readings; columns that are absent take their stated defaults.
-
-    Returns
-    -------
-    tuple of TakenReading
-        In file order, preloads and shunt readings among them.
-
-    Raises
-    ------
-    DataError
-        If an optional column holds what it must not (with row and column).
-    """
+    """Return all readings with their optional columns."""
     return tuple(
         TakenReading(index, reading, _detail(_Row(loads, index)))
         for index, reading in enumerate(loads.readings)
@@ -177,18 +161,7 @@ def _detail(row: _Row) -> ReadingDetail:
 
 
 def flagged(readings: tuple[TakenReading, ...]) -> dict[str, tuple[int, ...]]:
-    """Return which readings bear which remark.
-
-    Parameters
-    ----------
-    readings : tuple of TakenReading
-        All readings.
-
-    Returns
-    -------
-    dict of str to tuple of int
-        Remark to places in the loads.
-    """
+    """Return which readings bear which remark."""
     found: dict[str, list[int]] = {}
     for taken in readings:
         for word in taken.detail.flags:

@@ -14,18 +14,7 @@ _DECIMALS = range(7)
 
 
 def reading_dict(taken: TakenReading) -> dict[str, object]:
-    """Return a reading as results store it.
-
-    Parameters
-    ----------
-    taken : TakenReading
-        The reading, with the applied torque that was used.
-
-    Returns
-    -------
-    dict
-        Entries are None where the file does not tell.
-    """
+    """Return a reading as results store it."""
     reading, detail = taken.reading, taken.detail
     return {
         "experiment": reading.experiment,
@@ -46,20 +35,7 @@ def reading_dict(taken: TakenReading) -> dict[str, object]:
 
 
 def reading_resolution(readings: Sequence[TakenReading], bench: ProfileData | None) -> float | None:
-    """Return the declared resolution, else the decimal step that all readings share.
-
-    Parameters
-    ----------
-    readings : sequence of TakenReading
-        Readings.
-    bench : ProfileData or None
-        The bench.
-
-    Returns
-    -------
-    float or None
-        Resolution, V; None where neither is there: averages of many samples share no step.
-    """
+    """Return the declared resolution, else the decimal step that all readings share."""
     if bench is not None and bench.standards.instrument.resolution_v is not None:
         return bench.standards.instrument.resolution_v
     volts = {t.reading.reading_v for t in readings}

@@ -16,18 +16,7 @@ _SHOWN = 10
 
 
 def doubts_of(lines: Sequence[ExperimentLine]) -> tuple[DataFlag, ...]:
-    """Return what makes the data doubtful: gains of both signs.
-
-    Parameters
-    ----------
-    lines : sequence of ExperimentLine
-        At least one experiment.
-
-    Returns
-    -------
-    tuple of DataFlag
-        The sign that fewer experiments have is named; nothing is turned round or left out.
-    """
+    """Return what makes the data doubtful: gains of both signs."""
     below = [line for line in lines if line.gain_nm_per_v.value < 0.0]
     above = [line for line in lines if line.gain_nm_per_v.value > 0.0]
     if not (below and above):
@@ -47,23 +36,7 @@ def notes_of(
     account: TorqueAccount,
     basis: tuple[str, str],
 ) -> tuple[DataFlag, ...]:
-    """Return what limits the evaluation of sound data.
-
-    Parameters
-    ----------
-    lines : sequence of ExperimentLine
-        Line of each experiment.
-    readings : tuple of TakenReading
-        All readings, preloads among them.
-    account : TorqueAccount
-        The applied torque.
-    basis : tuple of str
-        What the uncertainty of the gain rests on, and why.
-
-    Returns
-    -------
-    tuple of DataFlag
-    """
+    """Return what limits the evaluation of sound data."""
     notes = []
     n_doubtful = sum(len(line.doubtful) for line in lines)
     if n_doubtful:

@@ -23,18 +23,7 @@ _UNBALANCED, _REPEATED, _RESIDUAL = "positions-unbalanced", "repetitions", "resi
 
 
 def by_position(lines: tuple[ExperimentLine, ...]) -> list[list[ExperimentLine]]:
-    """Group experiments by flexspline position; a full turn is the same position.
-
-    Parameters
-    ----------
-    lines : tuple of ExperimentLine
-        Experiments.
-
-    Returns
-    -------
-    list of list of ExperimentLine
-        One list for each position, in the order of first appearance.
-    """
+    """Group experiments by flexspline position; a full turn is the same position."""
     groups: list[list[ExperimentLine]] = []
     for line in lines:
         for group in groups:
@@ -48,17 +37,7 @@ def by_position(lines: tuple[ExperimentLine, ...]) -> list[list[ExperimentLine]]
 
 
 def position_numbers(lines: tuple[ExperimentLine, ...]) -> tuple[int, ...]:
-    """Return the number of the position of each experiment, from 0.
-
-    Parameters
-    ----------
-    lines : tuple of ExperimentLine
-        Experiments.
-
-    Returns
-    -------
-    tuple of int
-    """
+    """Return the number of the position of each experiment, from 0."""
     number = {line.id: k for k, group in enumerate(by_position(lines)) for line in group}
     return tuple(number[line.id] for line in lines)
 
@@ -141,16 +120,6 @@ def _one_position(lines: tuple[ExperimentLine, ...], value: float) -> tuple[Quan
 def shared_dof(lines: tuple[ExperimentLine, ...]) -> float:
     """Return the effective dof of the spread of gains that share positions.
 
-    Parameters
-    ----------
-    lines : tuple of ExperimentLine
-        At least two experiments.
-
-    Returns
-    -------
-    float
-        Between 1 and the number of experiments less one.
-
     Notes
     -----
     With sums of squares B between and W within positions, of b and w dof:
@@ -209,20 +178,6 @@ def vangel_interval(
     consistency: float, dof: float, confidence: float = 0.95
 ) -> tuple[float, float | None]:
     """Return the interval of a coefficient of variation of normal values.
-
-    Parameters
-    ----------
-    consistency : float
-        Standard deviation over mean, at least 0.
-    dof : float
-        Degrees of freedom of that standard deviation, above 0.
-    confidence : float
-        Coverage probability, in (0, 1).
-
-    Returns
-    -------
-    tuple of (float, float or None)
-        Lower and upper end; None where the interval has no upper end.
 
     Notes
     -----

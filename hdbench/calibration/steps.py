@@ -50,19 +50,7 @@ class LoadStep:
 def load_steps(
     readings: Sequence[LoadReading], gain: float, intercept: float
 ) -> tuple[LoadStep, ...]:
-    """Return the steps of one experiment, by applied torque.
-
-    Parameters
-    ----------
-    readings : sequence of LoadReading
-        Its readings, at least one.
-    gain, intercept : float
-        Its line, N m/V and N m.
-
-    Returns
-    -------
-    tuple of LoadStep
-    """
+    """Return the steps of one experiment, by applied torque."""
     largest = max(abs(r.torque_nm) for r in readings)
     groups: list[list[LoadReading]] = []
     for reading in sorted(readings, key=lambda r: r.torque_nm):

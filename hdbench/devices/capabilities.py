@@ -164,17 +164,7 @@ class Capabilities:
         return next((info for info in self.outputs if info.name == name), None)
 
     def max_rate_hz(self, n_channels: int) -> float:
-        """Return the highest sustained scan rate with `n_channels`, Hz; 0 where it has fewer.
-
-        Parameters
-        ----------
-        n_channels : int
-            Channels per scan, >= 1.
-
-        Returns
-        -------
-        float
-        """
+        """Return the highest sustained scan rate with `n_channels`, Hz; 0 where it has fewer."""
         if not 1 <= n_channels <= len(self.max_rates_hz):
             return 0.0
         return self.max_rates_hz[n_channels - 1]

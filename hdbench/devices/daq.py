@@ -143,13 +143,7 @@ class Daq(Protocol):
         ...
 
     def claim(self) -> None:
-        """Become the one host that may write, where the device knows sessions.
-
-        Raises
-        ------
-        BusyError
-            If another host holds it.
-        """
+        """Become the one host that may write, where the device knows sessions."""
         ...
 
     def configure(self, settings: DaqSettings) -> float:

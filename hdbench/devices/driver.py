@@ -56,18 +56,7 @@ class Driver:
 
 
 def later(place: str) -> Callable[..., Any]:
-    """Return a function that is imported when it is first called.
-
-    Parameters
-    ----------
-    place : str
-        ``module:function``. A record of such functions loads nothing of host or emulator before it
-        is needed.
-
-    Returns
-    -------
-    callable
-    """
+    """Return a function that is imported when it is first called."""
 
     def call(*given: Any) -> Any:
         module, _, name = place.partition(":")

@@ -41,13 +41,7 @@ class SerialPort:
 
 
 def find_ports() -> tuple[SerialPort, ...]:
-    """Return the serial ports of this computer; nothing is opened or sent.
-
-    Returns
-    -------
-    tuple of SerialPort
-        Those with a USB identity first.
-    """
+    """Return the serial ports of this computer; nothing is opened or sent."""
     from serial.tools.list_ports import comports
 
     found = [
@@ -66,21 +60,7 @@ def find_ports() -> tuple[SerialPort, ...]:
 
 
 def latency_timer_ms(path: str, root: Path = Path("/sys/bus/usb-serial/devices")) -> int | None:
-    """Return for how long a USB adapter holds back characters, ms.
-
-    Parameters
-    ----------
-    path : str
-        Device file.
-    root : Path
-        Where the system shows USB serial adapters.
-
-    Returns
-    -------
-    int or None
-        None where it has no such timer. FTDI adapters start with 16 ms, which is longer than a
-        whole exchange.
-    """
+    """Return for how long a USB adapter holds back characters, ms."""
     file = root / Path(os.path.realpath(path)).name / "latency_timer"
     try:
         return int(file.read_text().strip())
@@ -89,18 +69,7 @@ def latency_timer_ms(path: str, root: Path = Path("/sys/bus/usb-serial/devices")
 
 
 def probe_port(port: SerialPort) -> str:
-    """Ask who is on a port, as every installed driver asks that knows a serial device.
-
-    Parameters
-    ----------
-    port : SerialPort
-        The port. Something else that listens there receives a few bytes it does not know.
-
-    Returns
-    -------
-    str
-        Who answered, or why nobody is known; never raises.
-    """
+    """Ask who is on a port, as every installed driver asks that knows a serial device."""
     reason = "nobody that hdbench knows answers"
     for ask in probes():
         try:

@@ -10,29 +10,7 @@ __all__ = ["hidden_effects"]
 
 
 def hidden_effects(profile: Profile, plant: str, seed: int) -> tuple[Mapping[str, object], ...]:
-    """Return the effects that a plant adds to the torque with this seed.
-
-    Parameters
-    ----------
-    profile : Profile
-        Bench.
-    plant : str
-        Name or file of the plant.
-    seed : int
-        Seed that chose and sized the effects, >= 0.
-
-    Returns
-    -------
-    tuple of mapping
-        ``kind`` and the numbers of each effect, with units in their names.
-
-    Raises
-    ------
-    ProfileError
-        If the plant is unknown or broken.
-    UsageError
-        If the seed is negative.
-    """
+    """Return the effects that a plant adds to the torque with this seed."""
     from hdbench.plant.bench import SimulatedBench
     from hdbench.plant.plantfile import load_plant
 

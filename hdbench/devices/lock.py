@@ -28,23 +28,6 @@ _PORT = "502"
 def exclusive(address: str) -> Iterator[None]:
     """Hold the bench at `address` against other processes of this machine.
 
-    Parameters
-    ----------
-    address : str
-        Address of the bench, its host as a number. A serial port is one bench by all its names.
-
-    Yields
-    ------
-    None
-        While the bench is held.
-
-    Raises
-    ------
-    BusyError
-        If another process holds it; the message names its process number.
-    StorageError
-        If the lock file cannot be written.
-
     Notes
     -----
     A lock on a file in a folder of this user, and on Linux a name that all users share: both end
@@ -76,18 +59,6 @@ def exclusive(address: str) -> Iterator[None]:
 def release(address: str, *, timeout_s: float = _RELEASE_S) -> None:
     """End the run that holds `address`, if one does, so that its line can be used.
 
-    Parameters
-    ----------
-    address : str
-        Address of the bench.
-    timeout_s : float
-        Longest wait for the run to make its bench safe and end, s.
-
-    Raises
-    ------
-    BusyError
-        If it does not end, or who it is cannot be proven.
-
     Notes
     -----
     A serial line has one master. Who wants to stop the motor asks the run that has the line to end
@@ -117,17 +88,7 @@ def release(address: str, *, timeout_s: float = _RELEASE_S) -> None:
 
 
 def holder(address: str) -> int | None:
-    """Return the number of the process that holds `address`, None when nobody is known to.
-
-    Parameters
-    ----------
-    address : str
-        Address of the bench.
-
-    Returns
-    -------
-    int or None
-    """
+    """Return the number of the process that holds `address`, None when nobody is known to."""
     path = _held(address)
     found = Holder() if path is None else _holder_in(path)
     return found.pid if found.pid and found.mark == (process_mark(found.pid) or "-") else None

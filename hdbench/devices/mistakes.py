@@ -49,23 +49,7 @@ class Mistake:
 
 
 def parse_mistakes(text: str) -> tuple[Mistake, ...]:
-    """Read a list of mistakes.
-
-    Parameters
-    ----------
-    text : str
-        Such as ``wrong-weight@5,swing@7,early-release@9`` or ``wrong-weight@5:0.5``: kind, point
-        of the sequence, size. Empty means none.
-
-    Returns
-    -------
-    tuple of Mistake
-
-    Raises
-    ------
-    UsageError
-        If a word is none of these.
-    """
+    """Read a list of mistakes."""
     found = []
     for word in filter(None, (part.strip() for part in text.split(","))):
         match = _WORD.fullmatch(word)
@@ -100,20 +84,7 @@ class Mistakes:
     seed: int = 0
 
     def of(self, number: int, attempt: int) -> dict[Kind, float]:
-        """Return the sizes of the mistakes at one loading.
-
-        Parameters
-        ----------
-        number : int
-            Point of the sequence.
-        attempt : int
-            Which time it is loaded; a mistake is made the first time only.
-
-        Returns
-        -------
-        dict of str to float
-            Mass (kg, NaN where the operator has to choose one), angle (rad), time (s).
-        """
+        """Return the sizes of the mistakes at one loading."""
         if attempt != 1:
             return {}
         return {m.kind: self._size(m) for m in self.planned if m.number == number}

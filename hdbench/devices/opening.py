@@ -179,20 +179,7 @@ def _made_safe(data: ProfileData) -> SafeState:
 
 
 def addresses_of(table: Acquisition, address: str) -> tuple[str, ...]:
-    """Return every address that a device at `address` takes, in their shortest form.
-
-    Parameters
-    ----------
-    table : Acquisition
-        ``[daq]`` of the profile.
-    address : str
-        Its address, or the one given in its place.
-
-    Returns
-    -------
-    tuple of str
-        One for a single device; for a composite those of its parts.
-    """
+    """Return every address that a device at `address` takes, in their shortest form."""
     parts: tuple[str, ...] = (address,)
     if isinstance(table, CompositeAcquisition):
         parts = (table.inputs.address, table.outputs.address)

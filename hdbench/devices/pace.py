@@ -14,58 +14,18 @@ __all__ = ["check_drives", "check_pace", "check_tables", "rate_limit_hz"]
 
 
 def rate_limit_hz(table: Acquisition) -> float:
-    """Return the highest sustained scan rate of a device and its wire with the table's channels.
-
-    Parameters
-    ----------
-    table : Acquisition
-        ``[daq]``, or one part of a composite.
-
-    Returns
-    -------
-    float
-        Hz; inf where nothing limits it, or only the open device can tell.
-
-    Raises
-    ------
-    UsageError
-        If its driver is not installed.
-    """
+    """Return the highest sustained scan rate of a device and its wire with the table's channels."""
     return driver_of(table.driver).rate_hz(table)
 
 
 def check_tables(profile: ProfileData) -> None:
-    """Refuse a profile that asks its devices for what they do not have.
-
-    Parameters
-    ----------
-    profile : ProfileData
-        The bench.
-
-    Raises
-    ------
-    ProfileError
-        If a driver refuses its table.
-    """
+    """Refuse a profile that asks its devices for what they do not have."""
     for table in _devices(profile.daq):
         driver_of(table.driver).verify(table)
 
 
 def check_drives(profile: ProfileData, what: str) -> None:
-    """Refuse a motion where no device of the profile can put out the motor's reference.
-
-    Parameters
-    ----------
-    profile : ProfileData
-        The bench.
-    what : str
-        What asks for the motion.
-
-    Raises
-    ------
-    UsageError
-        If nothing in ``[daq]`` drives.
-    """
+    """Refuse a motion where no device of the profile can put out the motor's reference."""
     driving = _devices(profile.daq)[-1]
     if driver_of(driving.driver).drives(driving):
         return
@@ -79,22 +39,7 @@ def check_drives(profile: ProfileData, what: str) -> None:
 
 
 def check_pace(profile: ProfileData, sample_period_s: float, what: str) -> None:
-    """Refuse a sampling period that the device of the profile cannot keep.
-
-    Parameters
-    ----------
-    profile : ProfileData
-        The bench.
-    sample_period_s : float
-        What is asked for, s.
-    what : str
-        What asks for it.
-
-    Raises
-    ------
-    UsageError
-        If the device or its wire is too slow.
-    """
+    """Refuse a sampling period that the device of the profile cannot keep."""
     table = _devices(profile.daq)[0]
     rate_hz, limit_hz = 1.0 / sample_period_s, rate_limit_hz(table)
     # periods are decimal numbers: a rate equal to the limit differs by rounding

@@ -86,13 +86,7 @@ logging.getLogger("pymodbus").addHandler(logging.NullHandler())
 
 
 def check_version(found: str = pymodbus.__version__) -> None:
-    """Refuse another version than the one whose internals are known.
-
-    Raises
-    ------
-    UsageError
-        With what to install.
-    """
+    """Refuse another version than the one whose internals are known."""
     if not found.startswith(f"{VERSION}."):
         raise UsageError(
             f"pymodbus {found} is installed; needed: {VERSION}, whose internals are known",

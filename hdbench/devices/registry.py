@@ -36,13 +36,7 @@ class DriverInfo:
 
 
 def drivers() -> tuple[DriverInfo, ...]:
-    """Return every driver that is installed; one that cannot be loaded is told, not fatal.
-
-    Returns
-    -------
-    tuple of DriverInfo
-        Those of hdbench first; a plugin never takes the name of one of them.
-    """
+    """Return every driver that is installed; one that cannot be loaded is told, not fatal."""
     found: list[DriverInfo] = []
     for entry in installed("hdbench.drivers"):
         taken = any(info.name == entry.name for info in found)
@@ -52,22 +46,7 @@ def drivers() -> tuple[DriverInfo, ...]:
 
 
 def driver_of(name: str) -> Driver:
-    """Return the driver of a name.
-
-    Parameters
-    ----------
-    name : str
-        Value of ``driver`` in the profile.
-
-    Returns
-    -------
-    Driver
-
-    Raises
-    ------
-    UsageError
-        If no such driver is installed, or it cannot be loaded.
-    """
+    """Return the driver of a name."""
     entry = find("hdbench.drivers", name)
     if entry is None:
         names, fix = closest(name)
@@ -85,40 +64,13 @@ def driver_of(name: str) -> Driver:
 
 
 def probes() -> tuple[Callable[[str], str], ...]:
-    """Return how the drivers ask who is on a serial port; those that cannot be loaded do not.
-
-    Returns
-    -------
-    tuple of callable
-        ``(port) -> str``.
-    """
+    """Return how the drivers ask who is on a serial port; those that cannot be loaded do not."""
     usable = (driver_of(info.name) for info in drivers() if not info.problem)
     return tuple(driver.probe for driver in usable if driver.probe is not None)
 
 
 def open_daq(profile: ProfileData, table: Acquisition) -> Daq:
-    """Open the device that `table` names.
-
-    Parameters
-    ----------
-    profile : ProfileData
-        Scales and limits of the bench.
-    table : Acquisition
-        ``[daq]`` of the profile, or one part of a composite.
-
-    Returns
-    -------
-    Daq
-
-    Raises
-    ------
-    UsageError
-        If no such driver is installed, it cannot be loaded, or the table is another driver's.
-    ProfileError
-        If the table asks for what the device does not have.
-    DeviceError, BusyError
-        If the device cannot be opened.
-    """
+    """Open the device that `table` names."""
     driver = driver_of(table.driver)
     if not isinstance(table, table_of(table.driver)):
         raise UsageError(

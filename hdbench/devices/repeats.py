@@ -18,15 +18,5 @@ class Repeating(Protocol):
 
 
 def repeats_of(daq: object) -> int:
-    """Return how many requests a driver has sent again so far; 0 where it does not count.
-
-    Parameters
-    ----------
-    daq : object
-        The driver.
-
-    Returns
-    -------
-    int
-    """
+    """Return how many requests a driver has sent again so far; 0 where it does not count."""
     return daq.repeats if isinstance(daq, Repeating) else 0

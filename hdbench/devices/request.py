@@ -47,18 +47,7 @@ class Holder:
     secret: str = ""
 
     def ask(self, what: Literal["here", "stop"]) -> bool:
-        """Ask whether it is there, or to end; return whether it said yes.
-
-        Parameters
-        ----------
-        what : {"here", "stop"}
-            The question.
-
-        Returns
-        -------
-        bool
-            False also where somebody else has that port by now.
-        """
+        """Ask whether it is there, or to end; return whether it said yes."""
         if not self.port:
             return False
         try:
@@ -71,18 +60,7 @@ class Holder:
 
 @contextmanager
 def listening() -> Iterator[str]:
-    """Take requests until the end of the block.
-
-    Yields
-    ------
-    str
-        Port and secret word, as a lock file tells them.
-
-    Raises
-    ------
-    OSError
-        If there is no port.
-    """
+    """Take requests until the end of the block."""
     secret = secrets.token_hex(16)
     ended = threading.Event()
     with socket.create_server(("127.0.0.1", 0)) as listener:

@@ -70,18 +70,6 @@ def reach_safe_state(
 ) -> SafeState:
     """Zero the reference, let the drive brake, disable it, and confirm; never raises.
 
-    Parameters
-    ----------
-    acts : SafeActs
-        The device.
-    clock, sleep : callable
-        Monotonic clock in s, and waiting.
-
-    Returns
-    -------
-    SafeState
-        ``velocity_rad_s`` is None where the device measures no speed.
-
     Notes
     -----
     A motor that is seen turning gets up to 1 s to brake actively before the drive is disabled.
@@ -123,20 +111,7 @@ def reach_safe_state(
 def until_calm(
     look: Callable[[int], str], clock: Callable[[], float], sleep: Callable[[float], None]
 ) -> str:
-    """Look until two looks in a row find nothing wrong, 2.5 s at most.
-
-    Parameters
-    ----------
-    look : callable
-        Takes how many looks in a row have found nothing; returns what is wrong, empty for nothing.
-    clock, sleep : callable
-        Monotonic clock in s, and waiting.
-
-    Returns
-    -------
-    str
-        What was wrong at the end; empty when nothing.
-    """
+    """Look until two looks in a row find nothing wrong, 2.5 s at most."""
     until_s = clock() + _TIMEOUT_S
     problem, calm = "no time was left to look", 0
     while calm < _CALM and clock() < until_s:

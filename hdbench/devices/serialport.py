@@ -33,38 +33,7 @@ def open_port(
     stop_bits: float = 1,
     claim: Claim = "hold",
 ) -> Serial:
-    """Open a port; reads and writes on it never wait.
-
-    Parameters
-    ----------
-    path : str
-        The port.
-    where : str
-        Its address, for messages.
-    baud_bd : int
-        Bit rate, bit/s.
-    data_bits : int, optional
-        7 or 8.
-    parity : {"N", "E", "O"}, optional
-        Parity.
-    stop_bits : float, optional
-        1 or 2.
-    claim : {"hold", "ask", "share"}, optional
-        Who else may have it.
-
-    Returns
-    -------
-    Serial
-
-    Raises
-    ------
-    BusyError
-        If another program has it open, and it is not to be shared.
-    OSError
-        If it cannot be opened.
-    ValueError
-        If it does not take these settings.
-    """
+    """Open a port; reads and writes on it never wait."""
     from serial import Serial, SerialException
 
     # a pseudo-terminal has eight bits and no parity, and says so only when it is opened again
@@ -96,16 +65,6 @@ def open_port(
 
 
 def is_port(name: str) -> bool:
-    """Return whether a text names a serial port: a path, with colons too, or a COM port.
-
-    Parameters
-    ----------
-    name : str
-        The text.
-
-    Returns
-    -------
-    bool
-    """
+    """Return whether a text names a serial port: a path, with colons too, or a COM port."""
     form = r"/[A-Za-z0-9._:,+@/-]+|COM[0-9]{1,3}"
     return re.fullmatch(form, name) is not None and ".." not in name

@@ -54,24 +54,7 @@ class Simulation:
     def set_fixture(
         self, *, locked: bool, position_rad: float, mass_kg: float, direction: int
     ) -> None:
-        """Lock or release the wave generator, turn the flexspline, hang a weight.
-
-        Parameters
-        ----------
-        locked : bool
-            Lock of the wave generator.
-        position_rad : float
-            Position of the flexspline, rad.
-        mass_kg : float
-            Weight on the arm, kg.
-        direction : {1, -1}
-            Clockwise, or counter-clockwise.
-
-        Raises
-        ------
-        DeviceError
-            If the bench refuses, or does not answer.
-        """
+        """Lock or release the wave generator, turn the flexspline, hang a weight."""
         self._ask(
             {
                 "fixture": {
@@ -84,22 +67,7 @@ class Simulation:
         )
 
     def set_handling(self, *, swing_rad: float, release_s: float, shunt_ohm: float) -> None:
-        """Set how the next weight is handled, and the resistor across the bridge.
-
-        Parameters
-        ----------
-        swing_rad : float
-            The weight swings freely so far, rad; 0 not.
-        release_s : float
-            It comes off after this time, s; 0 not.
-        shunt_ohm : float
-            Shunt resistor, ohm; 0 none.
-
-        Raises
-        ------
-        DeviceError
-            If the bench refuses, or does not answer.
-        """
+        """Set how the next weight is handled, and the resistor across the bridge."""
         values = {"swing_rad": swing_rad, "release_s": release_s, "shunt_ohm": shunt_ohm}
         self._ask({"handling": values})
 

@@ -8,17 +8,7 @@ __all__ = ["clean_text"]
 
 
 def clean_text(raw: bytes) -> str:
-    """Return device text without control, format and undecodable characters.
-
-    Parameters
-    ----------
-    raw : bytes
-        UTF-8, ended by NUL or its length.
-
-    Returns
-    -------
-    str
-    """
+    """Return device text without control, format and undecodable characters."""
     text = raw.split(b"\0", 1)[0].decode("utf-8", errors="replace")
     printable = (c for c in text if unicodedata.category(c)[0] != "C")
     return "".join(printable).replace("\N{REPLACEMENT CHARACTER}", "").strip()

@@ -51,23 +51,7 @@ class Transactor:
         refused: Callable[[ExceptionReply, float], NoReturn],
         fault: Callable[[str], DeviceError],
     ) -> bytes:
-        """Send a request and return the PDU of its reply.
-
-        Parameters
-        ----------
-        build : callable
-            Returns function code and data, and what the reply must be; called for every try.
-        attempts : int
-            1 for what must not be sent twice, else `TWICE`.
-        refused : callable
-            Raises what an exception of the device means; may ask for more until the time given.
-        fault : callable
-            Makes the error for what went wrong; its cause is a `FrameError` then.
-
-        Returns
-        -------
-        bytes
-        """
+        """Send a request and return the PDU of its reply."""
         start_s = self._clock()
         if not self._lock.acquire(timeout=self._deadline_s):
             raise fault("another transaction did not end")

@@ -78,13 +78,7 @@ class BenchOfLog:
     causes: tuple[Support, ...]
 
     def to_dict(self) -> dict[str, Any]:
-        """Return it as JSON holds it.
-
-        Returns
-        -------
-        dict
-            ``text``, ``filled``, ``experiments`` and ``causes``.
-        """
+        """Return it as JSON holds it."""
         return {
             "text": self.text,
             "filled": [
@@ -97,28 +91,7 @@ class BenchOfLog:
 
 
 def bench_of_trace(trace: Trace, name: str, known: Known) -> BenchOfLog:
-    """Make the profile of a bench by one of its traces.
-
-    Parameters
-    ----------
-    trace : Trace
-        Torque and motion.
-    name : str
-        Name of the new bench.
-    known : Known
-        What no log tells.
-
-    Returns
-    -------
-    BenchOfLog
-
-    Raises
-    ------
-    ProfileError
-        If the name or a value is outside of its domain.
-    DataError
-        If the trace holds no motion or no torque.
-    """
+    """Make the profile of a bench by one of its traces."""
     start = load_profile("cim-tr-97-06").data
     log = Log.of_trace(trace)
     seen = inspect_log(log, start)

@@ -38,13 +38,7 @@ class Part:
     cut: bool
 
     def to_dict(self) -> dict[str, Any]:
-        """Return it as a JSON object.
-
-        Returns
-        -------
-        dict
-            One key a field.
-        """
+        """Return it as a JSON object."""
         return asdict(self)
 
 
@@ -55,29 +49,7 @@ def part_of(
     *,
     most: int = MOST_SAMPLES,
 ) -> tuple[Trace, Part | None]:
-    """Return the part of a record to diagnose.
-
-    Parameters
-    ----------
-    trace : Trace
-        The record.
-    from_s, to_s : float or None
-        First and last time to look at, s on the record's own clock; its ends where None.
-    most : int
-        Samples at most; what comes later is left out.
-
-    Returns
-    -------
-    held : Trace
-        The samples to diagnose.
-    part : Part or None
-        Which they are; None where they are all.
-
-    Raises
-    ------
-    DataError
-        If no sample lies between the two times.
-    """
+    """Return the part of a record to diagnose."""
     time_s = trace.time_s
     begin = 0 if from_s is None else int(np.searchsorted(time_s, from_s, side="left"))
     end = len(trace) if to_s is None else int(np.searchsorted(time_s, to_s, side="right"))

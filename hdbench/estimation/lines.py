@@ -24,20 +24,7 @@ _ROUNDS = 3
 
 
 def background(power: FloatArray, bins: int = _MEDIAN_BINS) -> FloatArray:
-    """Return the mean noise power around each bin, from medians that lines cannot move.
-
-    Parameters
-    ----------
-    power : ndarray, shape (m,)
-        Power, any unit.
-    bins : int
-        Width of the running median, at least 16.
-
-    Returns
-    -------
-    ndarray, shape (m,)
-        Mean power of the noise, same unit: median over ln 2, interpolated between the medians.
-    """
+    """Return the mean noise power around each bin, from medians that lines cannot move."""
     half = bins // 2
     edges = np.arange(0, len(power) + half, half)
     centres = []
@@ -62,18 +49,6 @@ def _surroundings(power: FloatArray) -> FloatArray:
 
 def line_frequencies(series: FloatArray, valid: NDArray[np.bool_]) -> FloatArray:
     """Return the frequencies of sinusoids above six standard deviations.
-
-    Parameters
-    ----------
-    series : ndarray, shape (n,)
-        Residual, zero where not valid.
-    valid : ndarray of bool, shape (n,)
-        Samples that can be used.
-
-    Returns
-    -------
-    ndarray, shape (m,)
-        Frequencies in cycles per sample, strongest first, at most 24.
 
     Notes
     -----
@@ -108,20 +83,7 @@ def line_frequencies(series: FloatArray, valid: NDArray[np.bool_]) -> FloatArray
 
 
 def without_lines(series: FloatArray, valid: NDArray[np.bool_]) -> FloatArray:
-    """Return the series with its sinusoids above six standard deviations fitted and removed.
-
-    Parameters
-    ----------
-    series : ndarray, shape (n,)
-        Residual, zero where not valid.
-    valid : ndarray of bool, shape (n,)
-        Samples that can be used.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        Residual without lines, same unit, zero where not valid.
-    """
+    """Return the series with its sinusoids above six standard deviations fitted and removed."""
     time = np.arange(len(series)) - 0.5 * len(series)
     clean = series
     for _ in range(_ROUNDS):

@@ -90,27 +90,6 @@ def refine_order(
 ) -> OrderEstimate | None:
     """Measure the order of a component near a nominal one.
 
-    Parameters
-    ----------
-    nominal : float
-        Nominal order, cycles per motor turn, above 0.
-    fit : LinearFit
-        A coloured fit of the record; its noise model and samples are used.
-    others : ndarray, shape (n, k)
-        Columns of everything else.
-    response : ndarray, shape (n,)
-        Response, N m.
-    angle_rad : ndarray, shape (n,)
-        Motor angle, rad.
-    starts : ndarray of bool, shape (n,), optional
-        Where a new stretch begins.
-
-    Returns
-    -------
-    OrderEstimate or None
-        None where the component is weaker than five sigma, where the best order lies at the end
-        of the search, or where the residual has no noise.
-
     Notes
     -----
     Nonlinear least squares on whitened data by variable projection: the gain of likelihood is

@@ -52,20 +52,7 @@ class SteadyStretch:
 
 
 def smooth(time_s: FloatArray, values: FloatArray, window_s: float = _SMOOTH_S) -> FloatArray:
-    """Return a moving average; missing samples are bridged for the average only.
-
-    Parameters
-    ----------
-    time_s, values : ndarray, shape (n,)
-        Time, s, and values; NaN where missing.
-    window_s : float
-        Width of the average, s.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        Averages over a window centred on each sample, shorter at the ends.
-    """
+    """Return a moving average; missing samples are bridged for the average only."""
     known = np.isfinite(values)
     filled = np.interp(time_s, time_s[known], values[known])
     step = float(np.median(np.diff(time_s)))
@@ -95,20 +82,6 @@ def steady_runs(
     tolerance: float,
 ) -> tuple[SteadyStretch, ...]:
     """Return one steady stretch per direction of travel, in time order.
-
-    Parameters
-    ----------
-    time_s, velocity_rad_s : ndarray, shape (n,)
-        Time, s, and motor velocity, rad/s; NaN where missing.
-    settle_s : float
-        Time left out after the motor passed half its speed, s.
-    tolerance : float
-        Deviation from the stretch's median velocity that counts as steady, share of it.
-
-    Returns
-    -------
-    tuple of SteadyStretch
-        Empty where the motor never moves.
 
     Notes
     -----
@@ -147,21 +120,6 @@ def longest_steady(
     tolerance: float,
 ) -> SteadyStretch | None:
     """Return the longest stretch of usable samples whose velocity hardly changes.
-
-    Parameters
-    ----------
-    time_s, velocity_rad_s : ndarray, shape (n,)
-        Time, s, and motor velocity, rad/s.
-    usable : ndarray of bool, shape (n,)
-        Samples that may be used; the stretch holds no other.
-    tolerance : float
-        Largest deviation from the middle of the velocity's range, share of it.
-
-    Returns
-    -------
-    SteadyStretch or None
-        None where nothing lasts longer than two smoothing windows above half the fastest
-        velocity.
 
     Notes
     -----

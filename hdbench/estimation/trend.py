@@ -73,23 +73,7 @@ class SlowMotion:
 
 
 def trend_columns(trend: Trend, motion: SlowMotion, used: NDArray[np.bool_]) -> FloatArray:
-    """Return the columns of slow terms.
-
-    Parameters
-    ----------
-    trend : Trend
-        Which.
-    motion : SlowMotion
-        Time, velocity and output angle of n samples.
-    used : ndarray of bool, shape (n,)
-        Samples whose time range carries the polynomials.
-
-    Returns
-    -------
-    ndarray, shape (n, k)
-        Legendre polynomials of time on [-1, 1], ``tanh(velocity / 2 % of the fastest)``, cosine
-        and sine of the output angle, as far as chosen.
-    """
+    """Return the columns of slow terms."""
     time = motion.time_s
     first, last = float(time[used][0]), float(time[used][-1])
     scaled = (2.0 * time - first - last) / max(last - first, np.finfo(float).tiny)
@@ -113,23 +97,6 @@ def choose_trend(
     starts: NDArray[np.bool_] | None = None,
 ) -> Trend:
     """Choose the slow terms of a regression by BIC.
-
-    Parameters
-    ----------
-    others : ndarray, shape (n, k)
-        Columns of the components asked for.
-    response : ndarray, shape (n,)
-        Response, N m.
-    motion : SlowMotion
-        Time, velocity and output angle of n samples.
-    used : ndarray of bool, shape (n,)
-        Samples that may be used.
-    starts : ndarray of bool, shape (n,), optional
-        Where a new stretch begins.
-
-    Returns
-    -------
-    Trend
 
     Notes
     -----

@@ -37,18 +37,6 @@ class BlockAmplitude:
 def block_amplitudes(model: FilterModel, state: FloatArray) -> tuple[BlockAmplitude, ...]:
     """Return the amplitude of every oscillator of a filter.
 
-    Parameters
-    ----------
-    model : FilterModel
-        Whose state it is.
-    state : ndarray, shape (n,)
-        What `hdbench.filter.OnlineFilter.state` returned.
-
-    Returns
-    -------
-    tuple of BlockAmplitude
-        In the order of the model's blocks.
-
     Notes
     -----
     With states a, b of a block and P their covariance: amplitude A = sqrt(a^2 + b^2), variance

@@ -103,31 +103,7 @@ def compare_filters(
     truth_nm: FloatArray | None,
     lowpass: tuple[float, int],
 ) -> Comparison:
-    """Run filters over one trace and judge them alike.
-
-    Parameters
-    ----------
-    channels : Channels
-        The trace, with a measured angle where there is one.
-    models : mapping of str to FilterModel
-        Filters to run, by name, e.g. ``report``.
-    tuned : FilterModel
-        The tuned model: it runs too, smooths, and its blocks are what is suppressed.
-    truth_nm : ndarray, shape (n,), or None
-        True torque without ripple, misalignment and noise, N m, where it is known.
-    lowpass : tuple of (float, int)
-        Cut-off, Hz, and order of the Butterworth low-pass.
-
-    Returns
-    -------
-    Comparison
-        One row per contender.
-
-    Raises
-    ------
-    DataError
-        If the record is too short, or no sample has a torque.
-    """
+    """Run filters over one trace and judge them alike."""
     time = channels.time_s
     outputs: dict[str, FloatArray] = {"raw": channels.torque_nm}
     outputs["lowpass"] = _lowpassed(channels, lowpass)

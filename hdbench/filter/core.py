@@ -38,23 +38,7 @@ class KernelForm:
 
 
 def kernel_form(name: str) -> KernelForm:
-    """Return the entry points of a form.
-
-    Parameters
-    ----------
-    name : str
-        ``c`` or ``numpy``, as `kernel_name` returns it.
-
-    Returns
-    -------
-    KernelForm
-        Its functions.
-
-    Raises
-    ------
-    ValueError
-        If `name` is neither, or the compiled form is not there.
-    """
+    """Return the entry points of a form."""
     if name == "numpy":
         return KernelForm(twin.run, twin_smooth.batch, twin_smooth.smooth)
     form, reason = _compiled()

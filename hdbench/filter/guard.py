@@ -31,22 +31,6 @@ def guard_torque(
 ) -> tuple[FloatArray, np.ndarray[tuple[int], np.dtype[np.uint8]]]:
     """Return the torque with impossible samples missing, and why.
 
-    Parameters
-    ----------
-    model : FilterModel
-        Gives ``torque_limit_nm`` and ``stuck_samples``.
-    torque_nm : ndarray, shape (n,)
-        Measured torque, N m; NaN where missing.
-    state : ndarray, shape (GUARD_STATES,)
-        Where the previous call ended, zeros at first; changed in place.
-
-    Returns
-    -------
-    torque : ndarray, shape (n,)
-        The same array where nothing is wrong; else a copy, NaN at impossible samples.
-    flags : ndarray of uint8, shape (n,)
-        SATURATED, STUCK, with MISSING; 0 elsewhere.
-
     Notes
     -----
     Causal: a run of equal torques is flagged from its `stuck_samples`-th sample on, so that blocks

@@ -44,29 +44,6 @@ def inject(
 ) -> tuple[Injection, ...]:
     """Send sinusoids through the running filter and measure what comes out.
 
-    Parameters
-    ----------
-    model : FilterModel
-        Blocks and noise; its gate and guard are not asked.
-    velocity_rad_s : float
-        Motor velocity, rad/s, not 0.
-    sample_period_s : float
-        Sampling period, s, > 0.
-    frequency_hz : sequence of float
-        Frequencies, Hz; 0 sends a constant.
-    samples : int
-        Samples of each.
-
-    Returns
-    -------
-    tuple of Injection
-        Measured by the recursion itself, over the second half of the record.
-
-    Raises
-    ------
-    DataError
-        If no steady gain exists.
-
     Notes
     -----
     The recursion starts at its steady variances, so that its gain is soon the steady one; what its

@@ -16,18 +16,7 @@ __all__ = ["BatchResult", "RunResult", "SmoothResult", "batch", "new_state", "ru
 
 
 def new_state(model: StateSpace) -> FloatArray:
-    """Return the state of a filter that has seen nothing.
-
-    Parameters
-    ----------
-    model : StateSpace
-        The model.
-
-    Returns
-    -------
-    ndarray, shape (state_size,)
-        Zeros. `run` changes it in place; a copy, stored and given back, goes on with the same bits.
-    """
+    """Return the state of a filter that has seen nothing."""
     return np.zeros(state_size(len(model.blocks)))
 
 
@@ -42,35 +31,6 @@ def run(
     form: Form | None = None,
 ) -> RunResult:
     r"""Filter the next samples of one trace.
-
-    Parameters
-    ----------
-    model : StateSpace
-        The model.
-    state : ndarray
-        As `new_state` returned it, or where the previous call ended; changed in place.
-    time_s : array_like, shape (n,)
-        Sample times, s, finite, strictly increasing also across calls; need not be uniform.
-    velocity_rad_s : array_like, shape (n,)
-        Motor velocity, rad/s; NaN where missing.
-    torque_nm : array_like, shape (n,)
-        Measured torque, N m; NaN where missing.
-    angle_rad : array_like, shape (n,), or None
-        Measured motor angle, rad, unwrapped; turns the blocks in place of the velocity.
-    form : {"c", "numpy"} or None
-        Which form runs; None takes what `kernel_name` says. Both give the same bits.
-
-    Returns
-    -------
-    RunResult
-        One value per sample.
-
-    Raises
-    ------
-    DataError
-        If a time is not finite or does not increase; the state is then unchanged.
-    ValueError
-        If arrays are not one-dimensional and of one length, or the state is another model's.
 
     Notes
     -----
@@ -108,35 +68,7 @@ def batch(
     innovations: bool = False,
     form: Form | None = None,
 ) -> BatchResult:
-    """Filter many traces of one model at once, each with the bits that `run` gives it.
-
-    Parameters
-    ----------
-    model : StateSpace
-        The model of every trace.
-    time_s : array_like, shape (n,)
-        Sample times that all traces share, s.
-    velocity_rad_s, torque_nm : array_like, shape (n, n_traces)
-        Motor velocity, rad/s, and torque, N m, one trace per column; NaN where missing.
-    angle_rad : array_like, shape (n, n_traces), or None
-        Measured motor angle, rad, unwrapped.
-    innovations : bool
-        Whether innovations and their variance are returned beside the filtered torque.
-    form : {"c", "numpy"} or None
-        As in `run`.
-
-    Returns
-    -------
-    BatchResult
-        One column per trace.
-
-    Raises
-    ------
-    DataError
-        If a time is not finite or does not increase.
-    ValueError
-        If shapes do not fit.
-    """
+    """Filter many traces of one model at once, each with the bits that `run` gives it."""
     time = _array(time_s, 1)
     velocity, torque = _array(velocity_rad_s, 2), _array(torque_nm, 2)
     angle = None if angle_rad is None else _array(angle_rad, 2)
@@ -165,31 +97,6 @@ def smooth(
     form: Form | None = None,
 ) -> SmoothResult:
     r"""Estimate every block from the whole trace (fixed-interval smoother).
-
-    Parameters
-    ----------
-    model : StateSpace
-        The model.
-    time_s, velocity_rad_s, torque_nm : array_like, shape (n,)
-        As in `run`.
-    angle_rad : array_like, shape (n,), or None
-        As in `run`.
-    covariance : bool
-        Whether the blocks' covariances are returned.
-    form : {"c", "numpy"} or None
-        As in `run`.
-
-    Returns
-    -------
-    SmoothResult
-        NaN before the first sample at which the filter has started.
-
-    Raises
-    ------
-    DataError
-        If a time is not finite or does not increase.
-    ValueError
-        If arrays are not one-dimensional and of one length.
 
     Notes
     -----

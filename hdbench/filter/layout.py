@@ -42,17 +42,5 @@ MISSING, GATED, UNRESOLVED = 1, 2, 4
 
 
 def state_size(n_blocks: int) -> int:
-    """Return the length of the state vector of `n_blocks` blocks.
-
-    Parameters
-    ----------
-    n_blocks : int
-        Number of blocks, 1 to `MAX_BLOCKS`.
-
-    Returns
-    -------
-    int
-        Header; per block phase (two numbers), two states and P C' of both; lower triangle of the
-        covariance P. States and P as predicted for the last sample.
-    """
+    """Return the length of the state vector of `n_blocks` blocks."""
     return HEADER + 6 * n_blocks + n_blocks * (2 * n_blocks + 1)

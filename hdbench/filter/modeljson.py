@@ -16,45 +16,12 @@ _BLOCK_MORE = {"noise_per": "sample", "frequency_hz": 0.0}
 
 
 def bad_file(what: str, where: str) -> DataError:
-    """Return the error of a filter-model file.
-
-    Parameters
-    ----------
-    what, where : str
-        What was found and needed, and the file with its key.
-
-    Returns
-    -------
-    DataError
-        To be raised.
-    """
+    """Return the error of a filter-model file."""
     return DataError(what, where=where, fix="correct the filter-model file or write it again")
 
 
 def typed(body: Mapping[str, Any], key: str, kind: type, where: str) -> Any:
-    """Return the value of a key if it is of the kind needed.
-
-    Parameters
-    ----------
-    body : mapping
-        A JSON object.
-    key : str
-        Its key.
-    kind : type
-        Needed type.
-    where : str
-        The file, for messages.
-
-    Returns
-    -------
-    object
-        The value.
-
-    Raises
-    ------
-    DataError
-        If it is of another type.
-    """
+    """Return the value of a key if it is of the kind needed."""
     value = body.get(key)
     if not isinstance(value, kind):
         raise bad_file(f"{key} is {value!r}; needed: {kind.__name__}", f"{where}:{key}")
@@ -62,27 +29,7 @@ def typed(body: Mapping[str, Any], key: str, kind: type, where: str) -> Any:
 
 
 def number(body: Mapping[str, Any], key: str, where: str) -> float:
-    """Return the finite number of a key.
-
-    Parameters
-    ----------
-    body : mapping
-        A JSON object.
-    key : str
-        Its key.
-    where : str
-        The file, for messages.
-
-    Returns
-    -------
-    float
-        The number.
-
-    Raises
-    ------
-    DataError
-        If it is no finite number.
-    """
+    """Return the finite number of a key."""
     value = body.get(key)
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
         raise bad_file(f"{key} is {value!r}; needed: a finite number", f"{where}:{key}")
@@ -90,42 +37,13 @@ def number(body: Mapping[str, Any], key: str, where: str) -> float:
 
 
 def block_dict(block: OscillatorBlock) -> dict[str, object]:
-    """Return an oscillator block as its JSON object; defaults of the report are left out.
-
-    Parameters
-    ----------
-    block : OscillatorBlock
-        The block.
-
-    Returns
-    -------
-    dict
-        ``order``, ``role``, ``process_noise``, and what differs from the report's.
-    """
+    """Return an oscillator block as its JSON object; defaults of the report are left out."""
     names = [*_BLOCK_KEYS, *(n for n, plain in _BLOCK_MORE.items() if getattr(block, n) != plain)]
     return {name: getattr(block, name) for name in names}
 
 
 def read_block(item: object, where: str) -> OscillatorBlock:
-    """Read an oscillator block.
-
-    Parameters
-    ----------
-    item : object
-        As `block_dict` returns it.
-    where : str
-        The file and key, for messages.
-
-    Returns
-    -------
-    OscillatorBlock
-        The block.
-
-    Raises
-    ------
-    DataError
-        If a key is missing, unknown or out of its domain.
-    """
+    """Read an oscillator block."""
     needed = set(_BLOCK_KEYS)
     if not isinstance(item, Mapping) or not needed <= set(item) <= needed | set(_BLOCK_MORE):
         raise bad_file(f"found {item!r}; needed: an object with {', '.join(sorted(needed))}", where)
@@ -142,41 +60,12 @@ def read_block(item: object, where: str) -> OscillatorBlock:
 
 
 def slow_dict(block: SlowBlock) -> dict[str, object]:
-    """Return a slow-torque block as its JSON object.
-
-    Parameters
-    ----------
-    block : SlowBlock
-        The block.
-
-    Returns
-    -------
-    dict
-        ``kind`` and the numbers of that kind.
-    """
+    """Return a slow-torque block as its JSON object."""
     return {"kind": block.kind, **{name: getattr(block, name) for name in block.parameters}}
 
 
 def read_slow(item: object, where: str) -> SlowBlock:
-    """Read a slow-torque block.
-
-    Parameters
-    ----------
-    item : object
-        As `slow_dict` returns it.
-    where : str
-        The file and key, for messages.
-
-    Returns
-    -------
-    SlowBlock
-        The block.
-
-    Raises
-    ------
-    DataError
-        If a key is missing, unknown or out of its domain.
-    """
+    """Read a slow-torque block."""
     names = {"noise_per_s", "variance", "time_constant_s", "frequency_hz"}
     if not isinstance(item, Mapping) or "kind" not in item or not set(item) <= names | {"kind"}:
         raise bad_file(f"found {item!r}; needed: an object with kind and its numbers", where)

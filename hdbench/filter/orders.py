@@ -90,25 +90,6 @@ def order_spectrum(
 ) -> OrderSpectrum:
     """Return the order spectrum of a trace.
 
-    Parameters
-    ----------
-    channels : Channels
-        Time, velocity and, where there is one, the measured angle.
-    torque_nm : ndarray, shape (n,)
-        Torque to be looked at, N m; NaN where missing.
-    highest_order : float
-        Highest order wanted, > 0; less where the sampling does not reach it.
-
-    Returns
-    -------
-    OrderSpectrum
-        Of the longest stretch that turned one way.
-
-    Raises
-    ------
-    DataError
-        If no stretch has four motor turns.
-
     Notes
     -----
     The torque is interpolated by a cubic spline to even steps of the motor angle. At most half
@@ -146,27 +127,7 @@ def order_spectrum(
 def order_map(
     channels: Channels, torque_nm: FloatArray, *, highest_order: float = 12.0
 ) -> OrderMap:
-    """Return order spectra of overlapping windows along a trace.
-
-    Parameters
-    ----------
-    channels : Channels
-        As in `order_spectrum`.
-    torque_nm : ndarray, shape (n,)
-        As in `order_spectrum`.
-    highest_order : float
-        As in `order_spectrum`.
-
-    Returns
-    -------
-    OrderMap
-        About 24 windows that overlap by half, each of at least four motor turns.
-
-    Raises
-    ------
-    DataError
-        If no stretch has four motor turns.
-    """
+    """Return order spectra of overlapping windows along a trace."""
     stretch = _resampled(channels, torque_nm, highest_order)
     n = stretch.torque_nm.size
     least = math.ceil(_LEAST_TURNS / stretch.turn_step)

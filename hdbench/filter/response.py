@@ -144,27 +144,7 @@ class Response:
 
 
 def filter_response(model: FilterModel, velocity_rad_s: float, sample_period_s: float) -> Response:
-    """Return what a model does to the torque at a constant speed, after all time.
-
-    Parameters
-    ----------
-    model : FilterModel
-        Blocks and noise.
-    velocity_rad_s : float
-        Motor velocity, rad/s, not 0.
-    sample_period_s : float
-        Sampling period, s, > 0.
-
-    Returns
-    -------
-    Response
-        Exact, from the steady Kalman gain.
-
-    Raises
-    ------
-    DataError
-        If no steady gain exists: at standstill, or where two blocks have one frequency.
-    """
+    """Return what a model does to the torque at a constant speed, after all time."""
     steady = steady_filter(model, velocity_rad_s, sample_period_s)
     nyquist = 0.5 / sample_period_s
     places = [_place(block.order, block.frequency_hz, velocity_rad_s) for block in model.blocks]

@@ -28,18 +28,7 @@ _COSINE = (
 
 
 def tail(b: FloatArray) -> FloatArray:
-    """Return 6 (exp(b) - 1 - b - b^2/2) / b^3.
-
-    Parameters
-    ----------
-    b : ndarray, shape (n,)
-        Exponents, 0 to 1/2.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        To a few roundings.
-    """
+    """Return 6 (exp(b) - 1 - b - b^2/2) / b^3."""
     b = np.minimum(b, 0.5)
     total = np.ones_like(b)
     for k in range(16, 3, -1):
@@ -48,18 +37,7 @@ def tail(b: FloatArray) -> FloatArray:
 
 
 def decay(a: FloatArray) -> FloatArray:
-    """Return 1 - exp(-a) for a >= 0, by its series on [0, 1/4] and doublings.
-
-    Parameters
-    ----------
-    a : ndarray, shape (n,)
-        Exponents, >= 0.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        ``1 - exp(-a)``, to a few roundings.
-    """
+    """Return 1 - exp(-a) for a >= 0, by its series on [0, 1/4] and doublings."""
     small, doublings = np.minimum(a, 64.0), np.zeros(a.size, dtype=int)
     while (small > 0.25).any():
         doublings += small > 0.25
@@ -74,18 +52,7 @@ def decay(a: FloatArray) -> FloatArray:
 
 
 def sines(angle: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return cosine and sine by the kernel's polynomials on quarter turns.
-
-    Parameters
-    ----------
-    angle : ndarray, shape (n,)
-        Angles, rad, within 1e5.
-
-    Returns
-    -------
-    cosine, sine : ndarray, shape (n,)
-        To an absolute 3e-16.
-    """
+    """Return cosine and sine by the kernel's polynomials on quarter turns."""
     k = np.rint(angle * float.fromhex("0x1.45f306dc9c883p-1"))
     part1, part2 = float.fromhex("0x1.921fb5440p0"), float.fromhex("0x1.0b4611a60p-34")
     r = (angle - k * part1) - k * part2

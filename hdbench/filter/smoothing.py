@@ -72,19 +72,7 @@ class SmoothedTorque:
 
 
 def motor_angle(channels: Channels) -> FloatArray:
-    """Return the motor angle by which phases are stated.
-
-    Parameters
-    ----------
-    channels : Channels
-        The samples.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        The measured angle, its missing samples carried by the velocity; else the velocity
-        integrated from 0, each step with the velocity at its start, rad.
-    """
+    """Return the motor angle by which phases are stated."""
     time, velocity = channels.time_s, channels.velocity_rad_s
     known = np.abs(velocity) <= USABLE
     last = np.maximum.accumulate(np.where(known, np.arange(time.size), -1))
@@ -104,23 +92,6 @@ def motor_angle(channels: Channels) -> FloatArray:
 
 def smooth_channels(model: FilterModel, channels: Channels) -> SmoothedTorque:
     r"""Smooth a trace: every order's amplitude and phase over time.
-
-    Parameters
-    ----------
-    model : FilterModel
-        Blocks and noise. Its gate is not asked.
-    channels : Channels
-        The samples.
-
-    Returns
-    -------
-    SmoothedTorque
-        Torque without ripple and misalignment, slow torque, orders.
-
-    Raises
-    ------
-    DataError
-        If a time does not increase, or no sample has torque and velocity.
 
     Notes
     -----

@@ -169,29 +169,12 @@ class StateSpace:
             raise ValueError("the listing knows no slow torque; start such a model at its prior")
 
     def kernel_order(self) -> list[int]:
-        """Return the index of each block as the kernel holds them: oscillators first.
-
-        Returns
-        -------
-        list of int
-            A permutation of the blocks that keeps the order within oscillators and slow blocks.
-        """
+        """Return the index of each block as the kernel holds them: oscillators first."""
         return sorted(range(len(self.blocks)), key=lambda i: self.blocks[i].kind != "oscillator")
 
 
 def pack(model: StateSpace) -> FloatArray:
-    """Return the model as the vector that the kernel reads.
-
-    Parameters
-    ----------
-    model : StateSpace
-        The model.
-
-    Returns
-    -------
-    ndarray, shape (MODEL_HEADER + BLOCK * n_blocks,)
-        Header, then the blocks in `StateSpace.kernel_order`.
-    """
+    """Return the model as the vector that the kernel reads."""
     blocks = [model.blocks[i] for i in model.kernel_order()]
     n_oscillators = sum(block.kind == "oscillator" for block in blocks)
     gate = 0.0 if model.gate_sigma is None else model.gate_sigma

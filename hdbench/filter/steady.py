@@ -51,18 +51,7 @@ class SteadyFilter:
     sample_period_s: float
 
     def transfer(self, frequency_hz: FloatArray) -> NDArray[np.complex128]:
-        """Return filtered over measured torque.
-
-        Parameters
-        ----------
-        frequency_hz : ndarray, shape (n,)
-            Frequencies, Hz.
-
-        Returns
-        -------
-        ndarray of complex, shape (n,)
-            Dimensionless, at expected torque 0.
-        """
+        """Return filtered over measured torque."""
         n = self.gain.size
         z = np.exp(2j * np.pi * frequency_hz * self.sample_period_s)
         inner = z[:, None, None] * np.eye(n) - self.closed
@@ -83,20 +72,7 @@ class SteadyFilter:
 
 
 def geometric_sum(a: FloatArray, q: FloatArray) -> FloatArray:
-    """Return the sum of A^k Q A'^k over k >= 0, by doubling.
-
-    Parameters
-    ----------
-    a : ndarray, shape (n, n)
-        Eigenvalues inside of the unit circle.
-    q : ndarray, shape (n, n)
-        Symmetric.
-
-    Returns
-    -------
-    ndarray, shape (n, n)
-        Solution X of X = A X A' + Q.
-    """
+    """Return the sum of A^k Q A'^k over k >= 0, by doubling."""
     total, power = q.copy(), a.copy()
     for _ in range(_DOUBLINGS):
         step = power @ total @ power.T
@@ -111,25 +87,6 @@ def steady_filter(
     model: FilterModel, velocity_rad_s: float, sample_period_s: float
 ) -> SteadyFilter:
     """Return the filter at a constant speed after all time.
-
-    Parameters
-    ----------
-    model : FilterModel
-        Blocks and noise.
-    velocity_rad_s : float
-        Constant motor velocity, rad/s, not 0.
-    sample_period_s : float
-        Sampling period, s, > 0.
-
-    Returns
-    -------
-    SteadyFilter
-        Gain and covariance.
-
-    Raises
-    ------
-    DataError
-        If no steady gain exists: at standstill, or where two blocks alias to one frequency.
 
     Notes
     -----

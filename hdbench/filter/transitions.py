@@ -44,55 +44,20 @@ class Blocks:
 
     @classmethod
     def unpack(cls, packed: FloatArray) -> Blocks:
-        """Read what `hdbench.filter.statespace.pack` wrote.
-
-        Parameters
-        ----------
-        packed : ndarray, shape (MODEL_HEADER + BLOCK * n_blocks,)
-            The packed model.
-
-        Returns
-        -------
-        Blocks
-            Its blocks.
-        """
+        """Read what `hdbench.filter.statespace.pack` wrote."""
         table = packed[MODEL_HEADER:].reshape(-1, BLOCK)
         parts = np.stack([table[:, 1] == part for part in range(3)]).astype(np.float64)
         return cls(int(packed[0]), table.tolist(), parts)
 
     def prior(self) -> list[float]:
-        """Return the prior variance of every state.
-
-        Returns
-        -------
-        list of float
-            Two per block, (N m)^2.
-        """
+        """Return the prior variance of every state."""
         return [value for row in self.rows for value in row[_PRIOR : _PRIOR + 2]]
 
 
 def steps_of(
     blocks: Blocks, psi: list[float], turn: FloatArray, dt: FloatArray
 ) -> list[list[list[float]]]:
-    """Return what every block needs at every sample.
-
-    Parameters
-    ----------
-    blocks : Blocks
-        The model.
-    psi : list of float
-        Phase of each oscillator, rad; advanced in place.
-    turn : ndarray, shape (n,)
-        Motor turn from the previous sample, rad.
-    dt : ndarray, shape (n,)
-        Time since the previous sample, s.
-
-    Returns
-    -------
-    list of list of list of float
-        Per sample and block: cosine, sine and process noise of an oscillator; f11, f12, f21, f22,
-        q11, q12, q22 of a slow torque.
-    """
+    """Return what every block needs at every sample."""
     columns = []
     axes: list[tuple[FloatArray, FloatArray]] = []
     for i, row in enumerate(blocks.rows):
@@ -112,22 +77,7 @@ def steps_of(
 
 
 def transitions(blocks: Blocks, turn: FloatArray, dt: FloatArray) -> FloatArray:
-    """Return transition and process noise of every block, in the axes of its torque.
-
-    Parameters
-    ----------
-    blocks : Blocks
-        The model.
-    turn : ndarray, shape (n,)
-        Motor turn from the previous sample, rad, within 1e5 rad of the highest order.
-    dt : ndarray, shape (n,)
-        Time since the previous sample, s.
-
-    Returns
-    -------
-    ndarray, shape (n, n_blocks, 7)
-        f11, f12, f21, f22 and q11, q12, q22 of each block; an oscillator turns by its angle.
-    """
+    """Return transition and process noise of every block, in the axes of its torque."""
     out = np.zeros((turn.size, len(blocks.rows), 7))
     for i, row in enumerate(blocks.rows):
         if i < blocks.n_oscillators:

@@ -27,28 +27,6 @@ def run(
 ) -> int:
     """Filter samples in place; the C kernel's signature and its numbers.
 
-    Parameters
-    ----------
-    model : ndarray
-        As `hdbench.filter.statespace.pack` returns it.
-    state : ndarray, shape (state_size(n_blocks),)
-        Where the previous call ended; all zero at first. Changed in place.
-    samples : tuple of ndarray, shape (n,)
-        Time, s; velocity, rad/s; torque, N m; motor angle, rad, or None. A value that is NaN or
-        beyond 1e12 is missing.
-    outputs : tuple of ndarray, shape (n,)
-        Expected torque, ripple, misalignment, slow torque, filtered torque, innovation (N m),
-        innovation variance ((N m)^2).
-    flags : ndarray of uint8, shape (n,)
-        Bits MISSING, GATED, UNRESOLVED.
-    sums : ndarray, shape (3,)
-        Number of samples used, sum of log S, sum of e^2 / S.
-
-    Returns
-    -------
-    int
-        -1, or the first sample whose time is not finite or does not increase; then nothing changed.
-
     Notes
     -----
     ``x(k+1) = Phi x + K e``, ``P(k+1) = Q + (Phi - K C) P Phi'``,
@@ -80,16 +58,5 @@ def run(
 
 
 def unused_state(model: FloatArray) -> FloatArray:
-    """Return the state of a filter that has seen nothing.
-
-    Parameters
-    ----------
-    model : ndarray
-        The packed model.
-
-    Returns
-    -------
-    ndarray, shape (state_size(n_blocks),)
-        Zeros.
-    """
+    """Return the state of a filter that has seen nothing."""
     return np.zeros(state_size(int(model[0] + model[1])))

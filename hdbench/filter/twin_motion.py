@@ -24,20 +24,7 @@ __all__ = ["first_bad_time", "observe"]
 
 
 def first_bad_time(state: FloatArray, time_s: FloatArray) -> int:
-    """Return the first sample whose time does not increase.
-
-    Parameters
-    ----------
-    state : ndarray
-        Where the previous call ended.
-    time_s : ndarray, shape (n,)
-        Sample times, s.
-
-    Returns
-    -------
-    int
-        The sample, or -1.
-    """
+    """Return the first sample whose time does not increase."""
     before = np.concatenate(([state[TIME] if state[SEEN] else -math.inf], time_s[:-1]))
     bad = ~(np.isfinite(time_s) & (time_s > before[: time_s.size]))
     return int(np.argmax(bad)) if bad.any() else -1
@@ -49,24 +36,7 @@ def observe(
     motion: tuple[FloatArray, FloatArray, FloatArray | None],
     expected: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
-    """Advance the motion part of a state over time, velocity and angle.
-
-    Parameters
-    ----------
-    state : ndarray
-        Its header is changed in place.
-    model : ndarray
-        The packed model.
-    motion : tuple
-        Time, s; velocity, rad/s; motor angle, rad, or None.
-    expected : ndarray, shape (n,)
-        Filled with the expected torque, N m.
-
-    Returns
-    -------
-    turn, dt : ndarray, shape (n,)
-        Motor turn (rad) and time (s) since the sample before; 0 at the first.
-    """
+    """Advance the motion part of a state over time, velocity and angle."""
     inertia, ratio, constant = model[3:6].tolist()
     values: list[float] = state[:HEADER].tolist()
     times, velocities = motion[0].tolist(), motion[1].tolist()

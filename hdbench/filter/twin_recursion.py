@@ -56,55 +56,18 @@ class Recursion:
         self.likelihood = Likelihood()
 
     def transitions(self, turn: FloatArray, dt: FloatArray) -> list[list[list[float]]]:
-        """Return `hdbench.filter.transitions.steps_of` and advance the phases.
-
-        Parameters
-        ----------
-        turn, dt : ndarray, shape (n,)
-            Motor turn, rad, and time, s, since the sample before.
-
-        Returns
-        -------
-        list of list of list of float
-            Per sample and block.
-        """
+        """Return `hdbench.filter.transitions.steps_of` and advance the phases."""
         return steps_of(self.blocks, self.psi, turn, dt)
 
     def run(self, steps: list[list[list[float]]], residual: list[float]) -> FloatArray:
-        """Filter one chunk.
-
-        Parameters
-        ----------
-        steps : list
-            As `transitions` returns it.
-        residual : list of float
-            Torque minus expected torque, N m; NaN where a sample only predicts.
-
-        Returns
-        -------
-        ndarray, shape (6, n)
-            Ripple, misalignment, slow torque, innovation, its variance, flag.
-        """
+        """Filter one chunk."""
         out = np.empty((6, len(residual)))
         for k, (step, value) in enumerate(zip(steps, residual, strict=True)):
             out[:, k] = self.step(step, value)
         return out
 
     def step(self, step: list[list[float]], residual: float) -> tuple[float, ...]:
-        """Filter one sample.
-
-        Parameters
-        ----------
-        step : list of list of float
-            Of each block, as `transitions` returns it.
-        residual : float
-            As in `run`.
-
-        Returns
-        -------
-        tuple of float
-            One column of what `run` returns.
-        """
+        """Filter one sample."""
         known = not math.isnan(residual)
         self._move(step)
         ahead = along(self.blocks.n_oscillators, step, self.g)
@@ -228,13 +191,7 @@ class Recursion:
         return any(left[2 * i] + left[2 * i + 1] > limit for i in range(self.blocks.n_oscillators))
 
     def store(self, state: FloatArray) -> None:
-        """Write phases, z and P back in the kernel's layout.
-
-        Parameters
-        ----------
-        state : ndarray
-            Changed in place.
-        """
+        """Write phases, z and P back in the kernel's layout."""
         state[STARTED], state[GATED_RUN] = float(self.started), self.gated_run
         state[INVERSE], state[STEP] = self.inverse, self.to_do
         packed = [value for row in self.p for value in row]

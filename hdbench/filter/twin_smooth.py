@@ -24,24 +24,7 @@ def batch(
     sums: FloatArray,
     /,
 ) -> int:
-    """Filter many traces of one model; the C kernel's signature and its numbers.
-
-    Parameters
-    ----------
-    model : ndarray
-        As `hdbench.filter.statespace.pack` returns it.
-    samples : tuple
-        Time, shape (n,); velocity, torque, and angle or None, shape (n, n_traces).
-    outputs : tuple of ndarray, shape (n, n_traces), or None
-        Filtered torque, innovation, innovation variance.
-    sums : ndarray, shape (3, n_traces)
-        As in `hdbench.filter.twin.run`.
-
-    Returns
-    -------
-    int
-        As in `hdbench.filter.twin.run`.
-    """
+    """Filter many traces of one model; the C kernel's signature and its numbers."""
     time, velocity, torque, angle = samples
     n = time.size
     for j in range(torque.shape[1]):
@@ -66,26 +49,7 @@ def smooth(
     covariance: FloatArray | None,
     /,
 ) -> int:
-    """Smooth a trace; the C kernel's signature and, to rounding, its numbers.
-
-    Parameters
-    ----------
-    model : ndarray
-        As `hdbench.filter.statespace.pack` returns it.
-    samples : tuple of ndarray, shape (n,)
-        As in `hdbench.filter.twin.run`.
-    expected : ndarray, shape (n,)
-        Filled with the expected torque, N m.
-    mean : ndarray, shape (n, n_blocks, 2)
-        Filled with the smoothed states, in the kernel's order of blocks.
-    covariance : ndarray, shape (n, n_blocks, 3), or None
-        Filled with (p11, p12, p22) of each block.
-
-    Returns
-    -------
-    int
-        As in `hdbench.filter.twin.run`.
-    """
+    """Smooth a trace; the C kernel's signature and, to rounding, its numbers."""
     time, velocity, torque, angle = samples
     state = unused_state(model)
     bad = first_bad_time(state, time)

@@ -8,18 +8,7 @@ __all__ = ["Likelihood", "added", "along"]
 
 
 def added(values: list[float]) -> float:
-    """Add up from the left; `sum` of newer Pythons compensates its rounding.
-
-    Parameters
-    ----------
-    values : list of float
-        What to add.
-
-    Returns
-    -------
-    float
-        Their sum; 0 of none.
-    """
+    """Add up from the left; `sum` of newer Pythons compensates its rounding."""
     total = 0.0
     for value in values:
         total += value
@@ -27,22 +16,7 @@ def added(values: list[float]) -> float:
 
 
 def along(n_oscillators: int, step: list[list[float]], x: list[float]) -> float:
-    """Return C x as vectors are folded: even and odd states apart, every fourth slot together.
-
-    Parameters
-    ----------
-    n_oscillators : int
-        Blocks that turn; they come first. Slow torques stand in slots after the third.
-    step : list of list of float
-        Of each block, as `hdbench.filter.transitions.steps_of` returns it.
-    x : list of float
-        Two numbers per block.
-
-    Returns
-    -------
-    float
-        The sum.
-    """
+    """Return C x as vectors are folded: even and odd states apart, every fourth slot together."""
     even, odd = [0.0] * 4, [0.0] * 4
     for i, block in enumerate(step):
         if i < n_oscillators:
@@ -64,17 +38,7 @@ class Likelihood:
         self.product, self.log_sum, self.squares = 1.0, 0.0, 0.0
 
     def count(self, innovation: float, variance: float, inverse: float) -> None:
-        """Add a sample.
-
-        Parameters
-        ----------
-        innovation : float
-            e, N m.
-        variance : float
-            S, (N m)^2.
-        inverse : float
-            1 / S; 0 where the sample only predicts.
-        """
+        """Add a sample."""
         self.seen += 1
         if inverse > 0.0:
             self.used += 1
@@ -85,11 +49,5 @@ class Likelihood:
             self.product = 1.0
 
     def sums(self) -> tuple[float, float, float]:
-        """Return number of samples used, sum of log S and sum of e^2 / S.
-
-        Returns
-        -------
-        tuple of float
-            Over all samples so far.
-        """
+        """Return number of samples used, sum of log S and sum of e^2 / S."""
         return float(self.used), self.log_sum + math.log(self.product), self.squares

@@ -36,22 +36,7 @@ class Quantile:
 
 
 def sample_quantile(values: FloatArray, share: float) -> Quantile:
-    """Return a quantile of draws and its 95 % interval.
-
-    Parameters
-    ----------
-    values : ndarray, shape (n,)
-        Independent draws, n at least 100, finite.
-    share : float
-        In (0, 1).
-
-    Returns
-    -------
-    Quantile
-        The interval from order statistics: how many of n draws fall below the true quantile is
-        binomial, here by its normal approximation (H. A. David, Order Statistics, 2.5); it needs no
-        assumption on the distribution of the draws.
-    """
+    """Return a quantile of draws and its 95 % interval."""
     ordered = np.sort(values)
     n = len(ordered)
     half = _NORMAL_95 * math.sqrt(n * share * (1.0 - share))

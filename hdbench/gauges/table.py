@@ -15,19 +15,7 @@ Row = tuple[str, str, int | str, str, float | str, float, float | str, float | s
 
 
 def table_as_csv(table: ErrorTable) -> str:
-    """Return the table as CSV, one number per row.
-
-    Parameters
-    ----------
-    table : ErrorTable
-        What placement does.
-
-    Returns
-    -------
-    str
-        Columns case (``in-place``, ``one-off``, ``scatter``), kind, rosette, quantity, share_below,
-        value, low and high (95 % interval of a quantile). Torques in N m, gain changes as shares.
-    """
+    """Return the table as CSV, one number per row."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(_HEAD)

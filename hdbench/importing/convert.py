@@ -207,34 +207,7 @@ def conversion(
     ratio: float | None = None,
     given: str = "",
 ) -> Conversion:
-    """Return what turns a channel into our column, or refuse what would be another quantity.
-
-    Parameters
-    ----------
-    target : str
-        Our column.
-    source : Source
-        The file.
-    column : SourceColumn
-        The channel with what was declared of it.
-    turn : bool
-        Turn a unit that the file states into ours without being asked to.
-    side : str
-        ``output`` where angles and velocities of the file are those of the joint.
-    ratio : float or None
-        Gear ratio of the bench, where it is known.
-    given : str
-        The text behind ``--map NAME=``, for messages.
-
-    Returns
-    -------
-    Conversion
-
-    Raises
-    ------
-    UsageError
-        If a unit is that of another quantity, or is not ours and was neither declared nor scaled.
-    """
+    """Return what turns a channel into our column, or refuse what would be another quantity."""
     words = column.words
     units = [word for word in words if word not in WORDS]
     wanted, stated = target_unit(target), column.channel.unit

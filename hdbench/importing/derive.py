@@ -36,31 +36,7 @@ class Derived:
 def derived_columns(
     columns: Mapping[str, FloatArray], derived: Derived, where: str
 ) -> tuple[dict[str, FloatArray], dict[str, list[str]]]:
-    """Return the derived columns and what was done for each.
-
-    Parameters
-    ----------
-    columns : mapping of str to ndarray, shape (n,)
-        With ``time_s``.
-    derived : Derived
-        What is wanted.
-    where : str
-        The file, for messages.
-
-    Returns
-    -------
-    columns : dict of str to ndarray
-        ``torque_nm``, ``motor_velocity_rad_s`` where they were asked for.
-    done : dict of str to list of str
-        Steps.
-
-    Raises
-    ------
-    UsageError
-        If the column that is needed is not there, or the one to be made is there already.
-    DataError
-        If the cutoff is not below half the sample rate, or there are too few samples.
-    """
+    """Return the derived columns and what was done for each."""
     made: dict[str, FloatArray] = {}
     done: dict[str, list[str]] = {}
     constant = derived.torque_constant_nm_per_a

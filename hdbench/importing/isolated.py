@@ -185,28 +185,5 @@ def _as_error(body: dict[str, Any]) -> HdbenchError:
 
 
 def open_isolated(path: Path, form: str, module: str, library: str, extra: str) -> Source:
-    """Open a file by a reader in a process of its own.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    form : str
-        What kind of file it is, for people.
-    module : str
-        Reader, a module of ``hdbench.importing.readers``.
-    library, extra : str
-        What it needs, and the extra that brings it.
-
-    Returns
-    -------
-    Source
-
-    Raises
-    ------
-    DataError
-        If the file is damaged, needs too much memory, or its reader crashed.
-    UsageError
-        If the library is not installed.
-    """
+    """Open a file by a reader in a process of its own."""
     return _IsolatedSource(path, form, module, library, extra)

@@ -140,23 +140,7 @@ def _score(rows: Sequence[_Row]) -> int:
 def table_layout(
     rows: Sequence[_Row], delimiter: str, *, named: bool, comments: Sequence[_Row] = ()
 ) -> TableLayout | None:
-    """Find the table among the first rows of a file; None where no row holds a number.
-
-    Parameters
-    ----------
-    rows : sequence of (int, list of str)
-        Place and cells of the rows that hold something.
-    delimiter : str
-        What separated them.
-    named : bool
-        Whether the table may have rows of names.
-    comments : sequence of (int, list of str)
-        Comments without their mark; the one directly above the data may name the columns.
-
-    Returns
-    -------
-    TableLayout or None
-    """
+    """Find the table among the first rows of a file; None where no row holds a number."""
     tail = [cells for _, cells in rows[-_TAIL:]]
     widths = Counter(_filled(cells) for cells in tail if any(map(_says_number, cells)))
     if not widths:

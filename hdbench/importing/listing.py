@@ -96,29 +96,7 @@ def _values(source: Source, raw: NDArray[Any]) -> tuple[NDArray[np.float64], boo
 def read_numbers(
     source: Source, names: Sequence[str], most_rows: int = LOOKED_AT
 ) -> tuple[dict[str, NDArray[np.float64]], dict[str, bool]]:
-    """Read the first values of channels of one clock.
-
-    Parameters
-    ----------
-    source : Source
-        The file.
-    names : sequence of str
-        Channels.
-    most_rows : int
-        Rows after which reading ends, to the next piece.
-
-    Returns
-    -------
-    values : dict of str to ndarray
-        Numbers, NaN where there is none.
-    words : dict of str to bool
-        Which of the channels hold words.
-
-    Raises
-    ------
-    DataError
-        If the file is damaged.
-    """
+    """Read the first values of channels of one clock."""
     parts: dict[str, list[NDArray[np.float64]]] = {name: [] for name in names}
     words = dict.fromkeys(names, False)
     rows = 0
@@ -156,25 +134,7 @@ def _rate(source: Source, clock: str, values: dict[str, Any], time: str | None) 
 
 
 def list_channels(source: Source, time: str | None = None) -> list[ChannelFacts]:
-    """Look at every channel of a file.
-
-    Parameters
-    ----------
-    source : Source
-        The file.
-    time : str or None
-        Channel that is taken for the time of its clock; None takes what the file names so.
-
-    Returns
-    -------
-    list of ChannelFacts
-        In the order of the file.
-
-    Raises
-    ------
-    DataError
-        If the file is damaged.
-    """
+    """Look at every channel of a file."""
     facts: dict[str, ChannelFacts] = {}
     numbers = {c.name: k for k, c in enumerate(source.channels, 1)}
     for clock in dict.fromkeys(c.clock for c in source.channels):

@@ -85,27 +85,7 @@ def _names(parts: Sequence[Part]) -> list[str]:
 
 
 def loads_lines(parts: Sequence[Part]) -> tuple[tuple[str, ...], bytes]:
-    """Join foreign readings into one loads file.
-
-    Parameters
-    ----------
-    parts : sequence of Part
-        The files and what is taken from them, in the order of the readings.
-
-    Returns
-    -------
-    names : tuple of str
-        Columns.
-    content : bytes
-        The loads file.
-
-    Raises
-    ------
-    UsageError
-        If a column is missing.
-    DataError
-        If a cell is no number (with its line).
-    """
+    """Join foreign readings into one loads file."""
     names = _names(parts)
     lines = [",".join(names)]
     for part in parts:

@@ -110,72 +110,17 @@ def _split(
 
 
 def parse_map(text: str, known: Sequence[str]) -> ColumnMap:
-    """Parse ``[FILE_NUMBER:]NAME=COLUMN[*SCALE][+OFFSET][@WORD...]``.
-
-    Parameters
-    ----------
-    text : str
-        What stands behind ``--map``.
-    known : sequence of str
-        Column names of the contract; a name near one of them is taken for a slip.
-
-    Returns
-    -------
-    ColumnMap
-
-    Raises
-    ------
-    UsageError
-        If it has another form.
-    """
+    """Parse ``[FILE_NUMBER:]NAME=COLUMN[*SCALE][+OFFSET][@WORD...]``."""
     return ColumnMap(*_split(text, "--map", "such as --map torque_nm=Torque*0.001", known))
 
 
 def parse_constant(text: str, known: Sequence[str]) -> Constant:
-    """Parse ``[FILE_NUMBER:]NAME=VALUE``.
-
-    Parameters
-    ----------
-    text : str
-        What stands behind ``--set``.
-    known : sequence of str
-        As for `parse_map`.
-
-    Returns
-    -------
-    Constant
-
-    Raises
-    ------
-    UsageError
-        If it has another form.
-    """
+    """Parse ``[FILE_NUMBER:]NAME=VALUE``."""
     return Constant(*_split(text, "--set", "such as --set 2:series=down", known))
 
 
 def find_source(source: Source, text: str, option: str) -> SourceColumn:
-    """Return the channel that `text` means; a channel's own name goes before arithmetic.
-
-    Parameters
-    ----------
-    source : Source
-        The file.
-    text : str
-        As in `ColumnMap`.
-    option : str
-        Option it was given by, for messages.
-
-    Returns
-    -------
-    SourceColumn
-
-    Raises
-    ------
-    UsageError
-        If there is no such channel, a word is not known, or the scale is 0.
-    DataError
-        If the name means several channels.
-    """
+    """Return the channel that `text` means; a channel's own name goes before arithmetic."""
     exact = find_channel(source, text)
     if exact is not None:
         return SourceColumn(exact)

@@ -119,17 +119,7 @@ class ImportReport:
 
 
 def known_columns(kind: str) -> tuple[str, ...]:
-    """Return the column names of the contract for one kind of file.
-
-    Parameters
-    ----------
-    kind : str
-        ``trace`` or ``loads``.
-
-    Returns
-    -------
-    tuple of str
-    """
+    """Return the column names of the contract for one kind of file."""
     return _COLUMNS[kind]
 
 
@@ -230,33 +220,7 @@ def _check(plan: ImportPlan, files: Sequence[Path], out: Path) -> None:
 def import_files(
     plan: ImportPlan, files: Sequence[Path], out: Path, arm: ArmLike | None = None
 ) -> ImportReport:
-    """Bring foreign logs into one trace or loads file, and read it back.
-
-    Parameters
-    ----------
-    plan : ImportPlan
-        What comes from where.
-    files : sequence of Path
-        The logs, at least one. Traces are joined in the order of their times.
-    out : Path
-        ``.csv`` or (traces) ``.csv.gz`` file to write or replace; replaced only when the new
-        content was read back. What was done stands beside it (`write_provenance`).
-    arm : Arm or None
-        Arm of the bench, for loads with masses.
-
-    Returns
-    -------
-    ImportReport
-
-    Raises
-    ------
-    UsageError
-        If the plan does not fit the files.
-    DataError
-        If a file is damaged, a cell is no number, a time repeats or files overlap (with lines).
-    StorageError
-        If the disk is full or failed; an old file at `out` is then untouched.
-    """
+    """Bring foreign logs into one trace or loads file, and read it back."""
     _check(plan, files, out)
     with ExitStack() as stack:
         parts: list[Part] = []

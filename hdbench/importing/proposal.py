@@ -138,34 +138,12 @@ def time_candidate(channels: Sequence[Channel]) -> Channel | None:
 
 
 def is_measured(name: str) -> bool:
-    """Return whether a channel's name does not say that it was asked for or estimated.
-
-    Parameters
-    ----------
-    name : str
-        Name of a channel.
-
-    Returns
-    -------
-    bool
-    """
+    """Return whether a channel's name does not say that it was asked for or estimated."""
     return not _NOT_MEASURED & set(_tokens(name))
 
 
 def is_unit(channel: Channel, wanted: str) -> bool:
-    """Return whether a channel states a unit of a quantity.
-
-    Parameters
-    ----------
-    channel : Channel
-        A channel.
-    wanted : str
-        Unit of one of our columns.
-
-    Returns
-    -------
-    bool
-    """
+    """Return whether a channel states a unit of a quantity."""
     scale = unit_scale(channel.unit, wanted) if channel.unit else None
     return scale is not None and not scale.is_nan()
 
@@ -241,23 +219,7 @@ def proposed_mapping(
     channels: Sequence[Channel],
     bench: str | None = None,
 ) -> Proposal:
-    """Propose a mapping.
-
-    Parameters
-    ----------
-    facts : sequence of ChannelFacts
-        What is in the file.
-    given : Recipe
-        What was said already: topic, joint, side, rate, layout.
-    channels : sequence of Channel
-        All channels of the file.
-    bench : str or None
-        Profile of the drive; angles of its joint are turned into those of the motor by it alone.
-
-    Returns
-    -------
-    Proposal
-    """
+    """Propose a mapping."""
     best, joints = _choose(facts, given.joint)
     joint = given.joint if given.joint is not None else next(iter(joints), None)
     reasons: dict[str, str] = {}

@@ -136,22 +136,7 @@ class Recipe:
         return Asked(self.topic, self.joint)
 
     def plan(self, gear_ratio: float | None) -> ImportPlan:
-        """Return the plan of an import.
-
-        Parameters
-        ----------
-        gear_ratio : float or None
-            Gear ratio of the bench.
-
-        Returns
-        -------
-        ImportPlan
-
-        Raises
-        ------
-        UsageError
-            If an entry of the mapping has another form.
-        """
+        """Return the plan of an import."""
         known = known_columns(self.kind)
         maps: list[ColumnMap] = [parse_map(f"{n}={text}", known) for n, text in self.map.items()]
         fixed: list[Constant] = [parse_constant(f"{n}={t}", known) for n, t in self.set.items()]
@@ -174,22 +159,7 @@ def _bad(path: Path, key: str, what: str, fix: str) -> DataError:
 
 
 def read_recipe(path: Path) -> Recipe:
-    """Read a recipe.
-
-    Parameters
-    ----------
-    path : Path
-        TOML file.
-
-    Returns
-    -------
-    Recipe
-
-    Raises
-    ------
-    DataError
-        If it is missing, no TOML, or a key or value is not known.
-    """
+    """Read a recipe."""
     try:
         body = tomllib.loads(read_text(path, "recipe", keep_bom=False))
     except (tomllib.TOMLDecodeError, RecursionError) as error:
@@ -232,22 +202,7 @@ def _check_value(path: Path, key: str, value: object) -> None:
 
 
 def write_recipe(path: Path, recipe: Recipe) -> None:
-    """Keep a recipe as a new TOML file.
-
-    Parameters
-    ----------
-    path : Path
-        File to make.
-    recipe : Recipe
-        What is kept.
-
-    Raises
-    ------
-    UsageError
-        If the file exists.
-    StorageError
-        If the disk is full or failed.
-    """
+    """Keep a recipe as a new TOML file."""
     lines = ["# hdbench import FILE... --recipe THIS --out FILE|FOLDER"]
     tables = []
     for name, value in recipe.changed().items():

@@ -174,28 +174,7 @@ def _chosen(path: Path, head: bytes) -> Format | None:
 
 
 def open_source(path: Path, layout: ForeignFormat, asked: Asked | None = None) -> Source:
-    """Open a foreign file.
-
-    Parameters
-    ----------
-    path : Path
-        The file, or the folder of a ROS 2 bag.
-    layout : ForeignFormat
-        How it is laid out, where it is text.
-    asked : Asked or None
-        Leave only the channels of a topic and a joint; None leaves all.
-
-    Returns
-    -------
-    Source
-
-    Raises
-    ------
-    DataError
-        If the file is missing, damaged or holds no data.
-    UsageError
-        If its reader is not installed, or there is no such topic or joint.
-    """
+    """Open a foreign file."""
     path = Path(path)
     kind = _chosen(path, _head(path))
     try:

@@ -197,24 +197,7 @@ def _lines(path: Path, skip: int) -> Iterator[str]:
 
 
 def open_text(path: Path, layout: ForeignFormat) -> CellsSource:
-    """Open a table of text.
-
-    Parameters
-    ----------
-    path : Path
-        Text in UTF-8, with or without byte order mark; packed by gzip or not.
-    layout : ForeignFormat
-        How it is laid out.
-
-    Returns
-    -------
-    CellsSource
-
-    Raises
-    ------
-    DataError
-        If it is damaged, is no text or holds no numbers (with the line where there is one).
-    """
+    """Open a table of text."""
     head = [line for line, _ in zip(_lines(path, layout.skip), range(SEARCHED_LINES), strict=False)]
     found = text_layout(head, layout.delimiter, named=layout.header)
     if found is None:

@@ -302,32 +302,7 @@ def joined_trace(
     rate_hz: float | None = None,
     keep_time: bool = False,
 ) -> Joined:
-    """Join channels of foreign files into one trace.
-
-    Parameters
-    ----------
-    parts : sequence of Part
-        The files.
-    derived : Derived
-        What is computed of other columns.
-    rate_hz : float, optional
-        Sample rate where there is no time column, Hz; files then follow one another.
-    keep_time : bool
-        Keep the time as it is; else the first sample is at 0 and differences are those of the
-        numbers in the file, rounded once.
-
-    Returns
-    -------
-    Joined
-
-    Raises
-    ------
-    UsageError
-        If a column is missing or a constant is no number.
-    DataError
-        If a cell is no number, there is no time, a time repeats or goes back, a channel is empty,
-        or files overlap (with the place).
-    """
+    """Join channels of foreign files into one trace."""
     rate = None if rate_hz is None else Fraction(rate_hz)
     for part in parts:
         _check_torque(part, derived)

@@ -76,69 +76,24 @@ def _spelled(unit: str, wanted: str) -> str:
 
 
 def stated_unit(header: str) -> str:
-    """Return the unit in brackets at the end of a column name; empty where there is none.
-
-    Parameters
-    ----------
-    header : str
-        Such as ``AIN0 (mV)`` or ``speed [rpm]``.
-
-    Returns
-    -------
-    str
-        As it is written.
-    """
+    """Return the unit in brackets at the end of a column name; empty where there is none."""
     match = _BRACKETS.fullmatch(header)
     return match["unit"].strip() if match else ""
 
 
 def bare_name(header: str) -> str:
-    """Return a column name without the unit in brackets behind it.
-
-    Parameters
-    ----------
-    header : str
-        As for `stated_unit`.
-
-    Returns
-    -------
-    str
-    """
+    """Return a column name without the unit in brackets behind it."""
     match = _BRACKETS.fullmatch(header)
     return match["name"].strip() if match else header
 
 
 def target_unit(column: str) -> str:
-    """Return the unit of one of our columns by the end of its name; empty where it has none.
-
-    Parameters
-    ----------
-    column : str
-        Such as ``torque_nm``.
-
-    Returns
-    -------
-    str
-    """
+    """Return the unit of one of our columns by the end of its name; empty where it has none."""
     return next((unit for end, unit in _SUFFIXES if column.endswith(end)), "")
 
 
 def unit_scale(unit: str, wanted: str) -> Decimal | None:
-    """Return the factor between two units.
-
-    Parameters
-    ----------
-    unit : str
-        What a header states.
-    wanted : str
-        Unit of our column, as of `target_unit`.
-
-    Returns
-    -------
-    Decimal or None
-        Value in `wanted` of one `unit`; NaN where `unit` is known and measures another quantity;
-        None where `unit` is not known.
-    """
+    """Return the factor between two units."""
     scale = _SCALES.get(wanted, {}).get(_spelled(unit, wanted))
     if scale is not None:
         return scale
@@ -146,15 +101,5 @@ def unit_scale(unit: str, wanted: str) -> Decimal | None:
 
 
 def known_unit(unit: str) -> bool:
-    """Return whether a word is a unit of one of our quantities.
-
-    Parameters
-    ----------
-    unit : str
-        What a header states.
-
-    Returns
-    -------
-    bool
-    """
+    """Return whether a word is a unit of one of our quantities."""
     return any(_spelled(unit, wanted) in scales for wanted, scales in _SCALES.items())

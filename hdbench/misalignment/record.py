@@ -71,19 +71,7 @@ class Record:
 
 
 def cannot_fit(trace: Trace, what: str) -> DataError:
-    """Return the error for a trace that no misalignment can be fitted to.
-
-    Parameters
-    ----------
-    trace : Trace
-        The trace.
-    what : str
-        What was found and needed.
-
-    Returns
-    -------
-    DataError
-    """
+    """Return the error for a trace that no misalignment can be fitted to."""
     return DataError(
         what,
         where=f"{trace.source}: motor velocity",
@@ -92,26 +80,7 @@ def cannot_fit(trace: Trace, what: str) -> DataError:
 
 
 def prepare(trace: Trace, profile: ProfileData, scale: TorqueScale) -> Record:
-    """Return torque, motion and steady stretches of a trace.
-
-    Parameters
-    ----------
-    trace : Trace
-        Torque, velocity and, where there is one, an angle.
-    profile : ProfileData
-        Gear ratio, load inertia, settling time and tolerance.
-    scale : TorqueScale
-        Gain for volts.
-
-    Returns
-    -------
-    Record
-
-    Raises
-    ------
-    DataError
-        If a channel is missing, nothing is steady, or no stretch spans one output turn.
-    """
+    """Return torque, motion and steady stretches of a trace."""
     torque = torque_channel(trace, scale)
     motion = motion_from_trace(trace, profile)
     stretches, turns = _steady(trace, motion, profile)
@@ -166,15 +135,6 @@ def _turns(motion: Motion, run: SteadyStretch) -> float:
 
 def design_columns(record: Record) -> FloatArray:
     """Return offset per stretch, output order 1, orders 2 and 4, and output order 2, in this order.
-
-    Parameters
-    ----------
-    record : Record
-        The trace made ready.
-
-    Returns
-    -------
-    ndarray, shape (n, k)
 
     Notes
     -----

@@ -53,36 +53,12 @@ def baseline_orders(profile: ProfileData) -> tuple[float, ...]:
 
 
 def expected_torque_nm(motion: Motion, inertia_nm_s2: float) -> FloatArray:
-    r"""Return the expected torque.
-
-    Parameters
-    ----------
-    motion : Motion
-        Motion with its lag-free acceleration.
-    inertia_nm_s2 : float
-        :math:`J_{load} / N`, N m s^2 per rad of the motor.
-
-    Returns
-    -------
-    ndarray, shape (n_samples,)
-        :math:`J_{load} \alpha_m / N`, N m; NaN where the acceleration is.
-    """
+    r"""Return the expected torque."""
     return np.asarray(inertia_nm_s2 * motion.acceleration_rad_s2)
 
 
 def output_turns(motion: Motion) -> float:
-    """Return the span of the output angle over the valid samples.
-
-    Parameters
-    ----------
-    motion : Motion
-        A motion.
-
-    Returns
-    -------
-    float
-        Turns, at least 0.
-    """
+    """Return the span of the output angle over the valid samples."""
     angle = motion.output_angle_rad[motion.valid]
     return float(np.ptp(angle)) / (2.0 * math.pi) if len(angle) else 0.0
 
@@ -131,29 +107,7 @@ def baseline_columns(
 def baseline_numbers(
     names: Sequence[str], coefficients: Sequence[float]
 ) -> tuple[float | None, tuple[tuple[float, float, float], ...], tuple[float, float]]:
-    """Return what the coefficients of a fitted baseline say.
-
-    Parameters
-    ----------
-    names : sequence of str
-        Names as `baseline_columns` gives them.
-    coefficients : sequence of float
-        Fitted coefficient of each column, N m.
-
-    Returns
-    -------
-    zero_nm : float or None
-        Zero offset, N m; None where it was not fitted.
-    ripple : tuple of (float, float, float)
-        Order, amplitude in N m and phase in rad of each component.
-    misalignment : tuple of float
-        Amplitude in N m and phase in rad; zero where it was not fitted.
-
-    Raises
-    ------
-    ValueError
-        If the lengths differ, a name is unknown or a coefficient is not finite.
-    """
+    """Return what the coefficients of a fitted baseline say."""
     values = dict(zip(names, (float(c) for c in coefficients), strict=True))
     if not all(math.isfinite(value) for value in values.values()):
         raise ValueError(f"baseline coefficients must be finite, got {values}")

@@ -64,34 +64,13 @@ class Parameter:
 
 
 def always(motion: Motion) -> str | None:
-    """Return None: the cause needs nothing that a motion can lack.
-
-    Parameters
-    ----------
-    motion : Motion
-        Any motion.
-
-    Returns
-    -------
-    None
-    """
+    """Return None: the cause needs nothing that a motion can lack."""
     del motion
     return None
 
 
 def unbounded(motion: Motion) -> Mapping[str, tuple[float, float]]:
-    """Return no bounds: every value of the domain can be told on any record.
-
-    Parameters
-    ----------
-    motion : Motion
-        Any motion.
-
-    Returns
-    -------
-    mapping
-        Empty.
-    """
+    """Return no bounds: every value of the domain can be told on any record."""
     del motion
     return {}
 

@@ -18,23 +18,7 @@ _UNIFORM = 1e-6
 
 
 def delayed(time_s: FloatArray, values: FloatArray, delay_s: float) -> FloatArray:
-    """Return a signal as it was a delay ago.
-
-    Parameters
-    ----------
-    time_s : ndarray, shape (n_samples,)
-        Time, s, strictly increasing.
-    values : ndarray, shape (n_samples,)
-        Samples; NaN marks a lost one.
-    delay_s : float
-        Delay, s; negative for what is still to come.
-
-    Returns
-    -------
-    ndarray, shape (n_samples,)
-        ``y(t - delay)`` by an interpolating spline of degree 5 on every stretch without a gap; held
-        at the ends of a stretch; NaN at lost samples.
-    """
+    """Return a signal as it was a delay ago."""
     result = np.full(len(time_s), np.nan)
     present = np.flatnonzero(np.isfinite(values))
     if len(present) < 2:

@@ -35,18 +35,7 @@ class Quadratures:
 
 
 def quadratures(cause: Cause) -> tuple[Quadratures, ...]:
-    """Return the (cosine, sine) pairs among the linear parameters.
-
-    Parameters
-    ----------
-    cause : Cause
-        A cause.
-
-    Returns
-    -------
-    tuple of Quadratures
-        In order of the parameters.
-    """
+    """Return the (cosine, sine) pairs among the linear parameters."""
     units = {parameter.name: parameter.unit for parameter in cause.linear}
     pairs = []
     for name, unit in units.items():
@@ -94,16 +83,5 @@ def amplitude_phase(
 
 
 def standard_uncertainty(variance: float) -> float | None:
-    """Return the root of a variance.
-
-    Parameters
-    ----------
-    variance : float
-        A variance, square of any unit.
-
-    Returns
-    -------
-    float or None
-        Standard uncertainty; None where `variance` is negative or not finite.
-    """
+    """Return the root of a variance."""
     return math.sqrt(variance) if 0.0 <= variance < math.inf else None

@@ -61,20 +61,7 @@ def integrate_velocity(
 
 
 def velocity_slope(time_s: FloatArray, velocity_rad_s: FloatArray) -> FloatArray:
-    """Return the acceleration that a velocity gives, without lag.
-
-    Parameters
-    ----------
-    time_s : ndarray, shape (n_samples,)
-        Time, s, strictly increasing.
-    velocity_rad_s : ndarray, shape (n_samples,)
-        Velocity, rad/s; NaN where lost.
-
-    Returns
-    -------
-    ndarray, shape (n_samples,)
-        Slope of a cubic over 20 ms around each sample, rad/s^2; NaN where it cannot be formed.
-    """
+    """Return the acceleration that a velocity gives, without lag."""
     return fit_derivative(
         time_s,
         velocity_rad_s,
@@ -85,21 +72,7 @@ def velocity_slope(time_s: FloatArray, velocity_rad_s: FloatArray) -> FloatArray
 
 
 def angle_curvature(time_s: FloatArray, angle_rad: FloatArray) -> FloatArray:
-    """Return the acceleration that a measured angle gives, without lag.
-
-    Parameters
-    ----------
-    time_s : ndarray, shape (n_samples,)
-        Time, s, strictly increasing.
-    angle_rad : ndarray, shape (n_samples,)
-        Angle, rad; NaN where lost.
-
-    Returns
-    -------
-    ndarray, shape (n_samples,)
-        Second derivative of a quartic over 20 ms around each sample, rad/s^2; NaN where it cannot
-        be formed.
-    """
+    """Return the acceleration that a measured angle gives, without lag."""
     return fit_derivative(
         time_s, angle_rad, derivative=2, degree=_ANGLE_DEGREE, window_s=ACCELERATION_WINDOW_S
     ).derivative
@@ -108,28 +81,7 @@ def angle_curvature(time_s: FloatArray, angle_rad: FloatArray) -> FloatArray:
 def sampled_acceleration(
     time: FloatArray, velocity: FloatArray, angle: FloatArray, source: str
 ) -> tuple[FloatArray, str, float]:
-    """Return the acceleration by velocity or measured angle, whichever has less noise.
-
-    Parameters
-    ----------
-    time : ndarray, shape (n_samples,)
-        Time, s, strictly increasing.
-    velocity : ndarray, shape (n_samples,)
-        Velocity, rad/s; NaN where lost.
-    angle : ndarray, shape (n_samples,)
-        Angle, rad.
-    source : str
-        Where the angle came from; one by ``velocity`` holds nothing of its own.
-
-    Returns
-    -------
-    acceleration : ndarray, shape (n_samples,)
-        rad/s^2; NaN where it cannot be formed.
-    chosen : str
-        ``velocity`` or ``angle``.
-    noise : float
-        Standard deviation of its noise, rad/s^2.
-    """
+    """Return the acceleration by velocity or measured angle, whichever has less noise."""
     by_velocity = fit_derivative(
         time, velocity, derivative=1, degree=_VELOCITY_DEGREE, window_s=ACCELERATION_WINDOW_S
     )

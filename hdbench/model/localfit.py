@@ -41,20 +41,7 @@ class LocalFit:
 
 
 def segments(time_s: FloatArray, period_s: float) -> list[slice]:
-    """Return the stretches of `time_s` without a gap.
-
-    Parameters
-    ----------
-    time_s : ndarray, shape (n_samples,)
-        Times of present samples, s, strictly increasing.
-    period_s : float
-        Median sampling period, s.
-
-    Returns
-    -------
-    list of slice
-        In order; together they hold every sample. A step of more than 3.5 periods is a gap.
-    """
+    """Return the stretches of `time_s` without a gap."""
     cuts = np.flatnonzero(np.diff(time_s) > _GAP * period_s) + 1
     edges = [0, *cuts.tolist(), len(time_s)]
     return [slice(a, b) for a, b in pairwise(edges) if b > a]
@@ -64,24 +51,6 @@ def fit_derivative(
     time_s: FloatArray, values: FloatArray, *, derivative: int, degree: int, window_s: float
 ) -> LocalFit:
     """Differentiate by a polynomial fitted to the samples around each sample.
-
-    Parameters
-    ----------
-    time_s : ndarray, shape (n_samples,)
-        Time, s, strictly increasing, at least two samples.
-    values : ndarray, shape (n_samples,)
-        Samples; NaN marks a lost one, which no fit uses.
-    derivative : int
-        Order of the derivative, 1 or 2.
-    degree : int
-        Degree of the polynomial, at least `derivative`.
-    window_s : float
-        Length of the window, s; at least seven samples are used.
-
-    Returns
-    -------
-    LocalFit
-        The derivative at every sample; NaN at lost samples and in stretches of too few samples.
 
     Notes
     -----
@@ -115,25 +84,7 @@ def fit_derivative(
 
 
 def smoothed(time_s: FloatArray, values: FloatArray, *, degree: int, window_s: float) -> FloatArray:
-    """Smooth by a polynomial fitted to the samples around each sample.
-
-    Parameters
-    ----------
-    time_s : ndarray, shape (n_samples,)
-        Time, s, strictly increasing, at least two samples.
-    values : ndarray, shape (n_samples,)
-        Samples; NaN marks a lost one, which no fit uses.
-    degree : int
-        Degree of the polynomial, at least 1.
-    window_s : float
-        Length of the window, s; at least seven samples are used.
-
-    Returns
-    -------
-    ndarray, shape (n_samples,)
-        Value of the polynomial at every sample, without phase; the sample itself where too few
-        stand around it, NaN where it is lost.
-    """
+    """Smooth by a polynomial fitted to the samples around each sample."""
     result = np.array(values, dtype=np.float64)
     present = np.flatnonzero(np.isfinite(values))
     if len(present) < 2:

@@ -19,19 +19,7 @@ CAUSES_GROUP = "hdbench.causes"
 
 @cache
 def plugin_causes() -> tuple[Cause, ...]:
-    """Return the causes of all installed packages.
-
-    Returns
-    -------
-    tuple of Cause
-        By name of the entry point; read once in a process.
-
-    Raises
-    ------
-    DataError
-        If an entry point cannot be loaded, gives no cause, or a name that is taken. The message
-        names the distribution.
-    """
+    """Return the causes of all installed packages."""
     found: dict[str, Cause] = {cause.name: cause for cause in ALL_CAUSES}
     own: list[Cause] = []
     for entry in sorted(entry_points(group=CAUSES_GROUP), key=lambda e: (e.name, e.value)):

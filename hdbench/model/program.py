@@ -74,25 +74,7 @@ class ReferenceProgram:
 
 
 def program_voltage(program: ReferenceProgram, sample_period_s: float) -> FloatArray:
-    """Return the generator's output at every sample of a program.
-
-    Parameters
-    ----------
-    program : ReferenceProgram
-        The program.
-    sample_period_s : float
-        Sampling period, s, above 0.
-
-    Returns
-    -------
-    ndarray, shape (n_samples,)
-        Motor reference, V.
-
-    Raises
-    ------
-    ValueError
-        If the period is not positive and finite, or a part is empty or not finite.
-    """
+    """Return the generator's output at every sample of a program."""
     if not 0.0 < sample_period_s < math.inf:
         raise ValueError(f"sample_period_s {sample_period_s!r} must be positive and finite, s")
     pieces = []

@@ -24,40 +24,14 @@ __all__ = [
 
 
 def experiment_numbers(loads: Loads) -> NDArray[np.int64]:
-    """Return the number of each reading's experiment.
-
-    Parameters
-    ----------
-    loads : Loads
-        Static readings.
-
-    Returns
-    -------
-    ndarray of int, shape (n_readings,)
-        0, 1, ... in the order in which experiments first appear.
-    """
+    """Return the number of each reading's experiment."""
     names: dict[str, int] = {}
     numbers = [names.setdefault(r.experiment, len(names)) for r in loads.readings]
     return np.array(numbers, dtype=np.int64)
 
 
 def reading_times(loads: Loads) -> tuple[FloatArray, bool]:
-    """Return when each reading was taken.
-
-    Parameters
-    ----------
-    loads : Loads
-        Static readings.
-
-    Returns
-    -------
-    time_s : ndarray, shape (n_readings,)
-        ``time_s`` where every reading has one and they increase within each experiment, else the
-        reading's number 0, 1, ... A clock that starts again with an experiment continues where the
-        experiment before ended, one median step later.
-    measured : bool
-        False where it is the reading's number.
-    """
+    """Return when each reading was taken."""
     number = np.arange(len(loads), dtype=np.float64)
     given = [reading.time_s for reading in loads.readings]
     if len(given) < 2 or any(t is None for t in given):
@@ -76,25 +50,6 @@ def reading_times(loads: Loads) -> tuple[FloatArray, bool]:
 
 def motion_from_loads(loads: Loads, profile: ProfileData) -> Motion:
     """Return static readings as a motion that stands still.
-
-    Parameters
-    ----------
-    loads : Loads
-        At least one static reading.
-    profile : ProfileData
-        Gear ratio and inertia.
-
-    Returns
-    -------
-    Motion
-        One sample per reading: velocity and acceleration 0, ``load_torque_nm`` the applied torque,
-        ``output_angle_rad`` the position, the wave generator at N times that, ``time_s`` by
-        `reading_times`, ``starts`` at the first reading of each experiment.
-
-    Raises
-    ------
-    DataError
-        If there are no readings, or a torque or position is not finite.
 
     Notes
     -----
@@ -144,19 +99,6 @@ def motion_from_loads(loads: Loads, profile: ProfileData) -> Motion:
 
 def preloaded_motion(motion: Motion) -> tuple[Motion, NDArray[np.int64]]:
     """Return a standing motion in which every experiment follows one preload.
-
-    Parameters
-    ----------
-    motion : Motion
-        Static readings, as `motion_from_loads` makes them, at least one.
-
-    Returns
-    -------
-    motion : Motion
-        Before the readings of each experiment its first load, the load furthest from that, and the
-        first load again; time counts samples, ``simulated_nm`` is None.
-    readings : ndarray of int, shape (n_readings,)
-        Where the readings stand in it.
 
     Notes
     -----

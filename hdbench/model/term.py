@@ -76,29 +76,7 @@ def summed_torque_nm(
     *,
     extra: Sequence[Cause] = (),
 ) -> FloatArray:
-    """Return the torque of several causes.
-
-    Parameters
-    ----------
-    terms : iterable of CauseTerm
-        Causes with numbers.
-    motion : Motion
-        Motion at every sample.
-    baseline_nm : callable
-        Torque of the baseline on a motion, N m, shape (n_samples,).
-    extra : sequence of Cause
-        Causes beside the catalogue.
-
-    Returns
-    -------
-    ndarray, shape (n_samples,)
-        N m. What acts on the whole signal acts on the baseline and all causes that do not.
-
-    Raises
-    ------
-    DataError
-        As `term_torque_nm`.
-    """
+    """Return the torque of several causes."""
     early, late = _early_and_late(terms, extra)
     torque = _summed(early, motion, extra)
     if late:
@@ -114,29 +92,7 @@ def signal_motion(
     *,
     extra: Sequence[Cause] = (),
 ) -> Motion:
-    """Return the motion with the signal that causes of the whole signal act on.
-
-    Parameters
-    ----------
-    terms : iterable of CauseTerm
-        Causes with numbers; those that act on the whole signal are passed over.
-    motion : Motion
-        Motion at every sample.
-    baseline_nm : callable
-        Torque of the baseline on a motion, N m, shape (n_samples,).
-    extra : sequence of Cause
-        Causes beside the catalogue.
-
-    Returns
-    -------
-    Motion
-        As `with_signal`, of the baseline and all causes that do not act on the whole signal.
-
-    Raises
-    ------
-    DataError
-        As `term_torque_nm`.
-    """
+    """Return the motion with the signal that causes of the whole signal act on."""
     early, late = _early_and_late(terms, extra)
     errors = [angle_error_rad(motion, t.linear) for t in late if t.name == TRANSMISSION_ERROR.name]
     error = sum(errors, np.zeros(len(motion)))
@@ -192,27 +148,7 @@ def with_signal(
 def undone_faults(
     terms: Iterable[CauseTerm], motion: Motion, *, extra: Sequence[Cause] = ()
 ) -> Motion:
-    """Return the motion that the bench had, without the faults of angle and clock.
-
-    Parameters
-    ----------
-    terms : iterable of CauseTerm
-        Causes with numbers.
-    motion : Motion
-        Motion as it was recorded.
-    extra : sequence of Cause
-        Causes beside the catalogue.
-
-    Returns
-    -------
-    Motion
-        `motion` itself where none of the causes is such a fault.
-
-    Raises
-    ------
-    DataError
-        If the numbers do not fit a cause.
-    """
+    """Return the motion that the bench had, without the faults of angle and clock."""
     for term in terms:
         cause = check_term(term, where=f"cause {term.name!r}", extra=extra)
         if cause.change_motion is not None:

@@ -130,25 +130,7 @@ class SimulatedBench:
         wave: ReferenceWave | ReferenceProgram | None,
         duration_s: float,
     ) -> None:
-        """Begin a new acquisition from standstill at the home marks.
-
-        Parameters
-        ----------
-        sample_period_s : float
-            Sampling period, s, above 0.
-        wave : ReferenceWave, ReferenceProgram or None
-            Reference generator; None keeps the drive disabled.
-        duration_s : float
-            Length of the acquisition, s, above 0. After it the generator's last value stays until
-            `halt`.
-
-        Raises
-        ------
-        UsageError
-            If a time is not positive and finite.
-        DataError
-            If a cause of the extended model needs a channel that no motion has.
-        """
+        """Begin a new acquisition from standstill at the home marks."""
         if not (0.0 < sample_period_s < math.inf and 0.0 < duration_s < math.inf):
             raise UsageError(
                 f"sample_period_s {sample_period_s!r}, duration_s {duration_s!r}; needed: positive "
@@ -170,29 +152,7 @@ class SimulatedBench:
         start: tuple[float, float] = (0.0, 0.0),
         counted: bool = True,
     ) -> Timeline:
-        """Begin a new acquisition whose reference a host writes while it runs.
-
-        Parameters
-        ----------
-        sample_period_s : float
-            Sampling period, s, above 0.
-        start : tuple of float, optional
-            Motor angle, rad, and speed, rad/s, at the start.
-        counted : bool, optional
-            False for a time in which no samples are taken: the next acquisition then has the noise
-            that it would have had without.
-
-        Returns
-        -------
-        Timeline
-            Takes the reference; its own reference is 0 until something is written.
-
-        Raises
-        ------
-        UsageError
-            If an extended model is emulated: its causes may depend on all of the motion, which a
-            reference that is still to be written does not give.
-        """
+        """Begin a new acquisition whose reference a host writes while it runs."""
         if self._causes.any:
             raise UsageError(
                 "an extended model needs the whole motion beforehand; this device's reference is "
@@ -228,22 +188,7 @@ class SimulatedBench:
         )
 
     def advance(self, n_samples: int) -> RawSamples:
-        """Return the next samples as the node's converter gives them.
-
-        Parameters
-        ----------
-        n_samples : int
-            How many, at least 0. Any split of the same total gives the same bits.
-
-        Returns
-        -------
-        RawSamples
-
-        Raises
-        ------
-        UsageError
-            As for `measure`.
-        """
+        """Return the next samples as the node's converter gives them."""
         true = self.measure(n_samples)
         return RawSamples(
             torque_code=self._code(true.torque_v),
@@ -254,22 +199,7 @@ class SimulatedBench:
         )
 
     def measure(self, n_samples: int) -> AnalogueSamples:
-        """Return the next samples in volts, as they stand before a converter.
-
-        Parameters
-        ----------
-        n_samples : int
-            How many, at least 0.
-
-        Returns
-        -------
-        AnalogueSamples
-
-        Raises
-        ------
-        UsageError
-            If no acquisition was begun, or `n_samples` is negative.
-        """
+        """Return the next samples in volts, as they stand before a converter."""
         timeline = self._timeline
         if timeline is None or not n_samples >= 0:
             raise UsageError(
@@ -291,24 +221,7 @@ class SimulatedBench:
     def set_fixture(
         self, *, locked: bool, position_rad: float, mass_kg: float, direction: int
     ) -> None:
-        """Lock or release the wave generator, turn the flexspline, hang a weight.
-
-        Parameters
-        ----------
-        locked : bool
-            Whether the wave generator is locked and the arm mounted.
-        position_rad : float
-            Flexspline position, rad, finite.
-        mass_kg : float
-            Mass on the arm, kg, at least 0; does nothing while not locked.
-        direction : int
-            +1 loads clockwise, -1 counter-clockwise.
-
-        Raises
-        ------
-        UsageError
-            If a value is out of its domain.
-        """
+        """Lock or release the wave generator, turn the flexspline, hang a weight."""
         now_s = 0.0 if self._timeline is None else self._timeline.now_s
         mount = self._fixture.change(
             now_s,
@@ -322,34 +235,12 @@ class SimulatedBench:
             self._timeline.remount(mount)
 
     def set_handling(self, *, swing_rad: float, release_s: float, shunt_ohm: float) -> None:
-        """Set how the next weight is handled, and the resistor across one arm of the bridge.
-
-        Parameters
-        ----------
-        swing_rad : float
-            Angle at which the next weight swings freely, rad, at least 0; 0 as the plant says.
-        release_s : float
-            Time after which the next weight is taken off again, s; 0 leaves it.
-        shunt_ohm : float
-            Shunt resistor, ohm; 0 none.
-        """
+        """Set how the next weight is handled, and the resistor across one arm of the bridge."""
         self._fixture.handle(swing_rad=swing_rad, release_s=release_s)
         self._shunt_v = shunt_volts(self._profile, shunt_ohm)
 
     def truth(self) -> dict[str, object]:
-        """Return everything that is simulated, ready for JSON.
-
-        Returns
-        -------
-        dict
-            ``gain_nm_per_v``: average of the gain over the whole turn of the flexspline, which is
-            also the gain in motion; gains at equally spaced positions (2, 3, 4, 6, 8, 12 or 24) are
-            independent and normal about it over seeds, so their plain mean is unbiased for it.
-            ``gain_at_position``: [position in rad, gain in N m/V] at 24 positions, without the
-            repeatability of one clamping. ``zero_nm``, ``ripple`` (motor orders), ``misalignment``,
-            ``effects`` (as they are in the present acquisition), ``gauges`` (what the bridge's
-            ripple comes from), ``causes`` (names of an extended model's), ``plant``, ``seed``.
-        """
+        """Return everything that is simulated, ready for JSON."""
         return {
             "plant": self._plant.name,
             "plant_sha256": self._plant.sha256,

@@ -65,20 +65,7 @@ class GaugeBridge:
     placement_error_rad: tuple[float, ...]
 
     def rosette_strains(self, torque_nm: FloatArray, wave_angle_rad: FloatArray) -> FloatArray:
-        """Return the strain difference of every rosette.
-
-        Parameters
-        ----------
-        torque_nm : ndarray
-            Torque through the flexspline, N m.
-        wave_angle_rad : ndarray, shape of `torque_nm`
-            Wave-generator angle relative to the flexspline, from the home mark, rad.
-
-        Returns
-        -------
-        ndarray, shape (4, ...)
-            Difference of the two gauges of each rosette, 1.
-        """
+        """Return the strain difference of every rosette."""
         torsion = 2.0 * self.strain_per_nm * torque_nm
         beta = wave_angle_rad - self.mounting_rad
         strains = []
@@ -89,18 +76,7 @@ class GaugeBridge:
         return np.array(strains)
 
     def output_v(self, torque_nm: FloatArray, wave_angle_rad: FloatArray) -> FloatArray:
-        """Return the amplified output of the bridge (equation 4).
-
-        Parameters
-        ----------
-        torque_nm, wave_angle_rad : ndarray
-            As for `rosette_strains`.
-
-        Returns
-        -------
-        ndarray, shape of `torque_nm`
-            Voltage, V, before zero, noise and range of what follows.
-        """
+        """Return the amplified output of the bridge (equation 4)."""
         strains = self.rosette_strains(torque_nm, wave_angle_rad)
         total: FloatArray = strains.sum(axis=0)
         return total * (self.volt_per_strain / (2.0 * len(PAIR_ANGLES_RAD)))
@@ -110,21 +86,6 @@ def place_gauges(
     sensor: Sensor, ripple: tuple[HarmonicParameters, ...]
 ) -> tuple[GaugeBridge, tuple[HarmonicParameters, ...]]:
     r"""Return the bridge whose misplaced gauges leave the profile's ripple at orders 2 and 4.
-
-    Parameters
-    ----------
-    sensor : Sensor
-        The profile's table: scale, supply, gauge factor and wave strain.
-    ripple : tuple of HarmonicParameters
-        The profile's ripple components.
-
-    Returns
-    -------
-    bridge : GaugeBridge
-        Placed so that its output, in N m, is torque plus the components it can explain.
-    rest : tuple of HarmonicParameters
-        Components that gauges cannot leave over (other orders, or more than
-        `MAX_PLACEMENT_ERROR_RAD` would give): torque in the mesh.
 
     Notes
     -----

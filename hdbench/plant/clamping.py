@@ -58,55 +58,17 @@ class Fixture:
         self.mount = Mount(False, 0.0, gain.mean_nm_per_v, still, 0.0)
 
     def restart(self, elapsed_s: float) -> None:
-        """Count time from a new acquisition.
-
-        Parameters
-        ----------
-        elapsed_s : float
-            Its start in the clock of the one before, s.
-        """
+        """Count time from a new acquisition."""
         self.mount = replace(self.mount, since_s=self.mount.since_s - elapsed_s)
 
     def handle(self, *, swing_rad: float, release_s: float) -> None:
-        """Set how the next weight is handled.
-
-        Parameters
-        ----------
-        swing_rad : float
-            Angle at which it swings freely, rad; 0 as the plant says.
-        release_s : float
-            Time after which it is taken off again, s; 0 leaves it.
-        """
+        """Set how the next weight is handled."""
         self._swing_rad, self._release_s = swing_rad, release_s
 
     def change(
         self, now_s: float, *, locked: bool, position_rad: float, mass_kg: float, direction: int
     ) -> Mount:
-        """Lock or release, turn the flexspline, hang a weight.
-
-        Parameters
-        ----------
-        now_s : float
-            Acquisition time, s.
-        locked : bool
-            Whether the wave generator is locked and the arm mounted.
-        position_rad : float
-            Flexspline position, rad, finite.
-        mass_kg : float
-            Mass on the arm, kg, at least 0; does nothing while not locked.
-        direction : int
-            +1 loads clockwise, -1 counter-clockwise.
-
-        Returns
-        -------
-        Mount
-            What is mounted then. A new position or direction is a new clamping.
-
-        Raises
-        ------
-        UsageError
-            If a value is out of its domain.
-        """
+        """Lock or release, turn the flexspline, hang a weight."""
         if not (math.isfinite(position_rad) and 0.0 <= mass_kg < math.inf and direction in (1, -1)):
             raise UsageError(
                 f"position {position_rad!r} rad, mass {mass_kg!r} kg, direction {direction!r}; "

@@ -83,18 +83,7 @@ class RawSamples:
 
 
 def steps_per_sample(sample_period_s: float) -> int:
-    """Return how many integration steps lie in one sampling period.
-
-    Parameters
-    ----------
-    sample_period_s : float
-        Sampling period, s, above 0.
-
-    Returns
-    -------
-    int
-        At least `MIN_STEPS`; 10 at 1 ms, 100 at 10 ms.
-    """
+    """Return how many integration steps lie in one sampling period."""
     # the small difference keeps a product such as 7.000000000000001 from becoming 8 steps
     return max(MIN_STEPS, math.ceil(sample_period_s * INTEGRATION_RATE_HZ - 1e-9))
 
@@ -128,17 +117,7 @@ class Decimator:
 
     @classmethod
     def design(cls, n_steps: int) -> Decimator:
-        """Return the filter for `n_steps` steps per sample.
-
-        Parameters
-        ----------
-        n_steps : int
-            Steps per sample, at least `MIN_STEPS`.
-
-        Returns
-        -------
-        Decimator
-        """
+        """Return the filter for `n_steps` steps per sample."""
         half = HALF_LENGTH_SAMPLES * n_steps
         offset = np.arange(-half, half)
         response = np.zeros(2 * half)
@@ -146,18 +125,7 @@ class Decimator:
         return cls(n_steps, (response / response.sum()).reshape(-1, n_steps))
 
     def apply(self, channels: FloatArray) -> FloatArray:
-        """Return filtered samples.
-
-        Parameters
-        ----------
-        channels : ndarray, shape (n_channels, n_holds, n_steps)
-            Channels on the steps, in rows of one sample.
-
-        Returns
-        -------
-        ndarray, shape (n_channels, n_holds - 2 * HALF_LENGTH_SAMPLES + 1)
-            The first is the sample at the start of row `HALF_LENGTH_SAMPLES`.
-        """
+        """Return filtered samples."""
         partial = channels @ self.taps.T
         n_out = channels.shape[1] - len(self.taps) + 1
         filtered = np.zeros((channels.shape[0], n_out))
@@ -167,22 +135,7 @@ class Decimator:
 
 
 def to_code(volt: FloatArray, range_v: float, resolution_bits: int) -> NDArray[np.int16]:
-    """Return converter codes of `volt`.
-
-    Parameters
-    ----------
-    volt : ndarray
-        Voltage, V, finite.
-    range_v : float
-        Range +-, V.
-    resolution_bits : int
-        Resolution, 8 to 16 bit; below 16 the lowest bits of the code stay zero.
-
-    Returns
-    -------
-    ndarray of int16
-        round(volt / step) in steps of the resolution, held at the ends of the range.
-    """
+    """Return converter codes of `volt`."""
     step = 1 << (16 - resolution_bits)
     code = np.rint(volt * (CODE_SPAN / (range_v * step))) * step
     clipped: NDArray[np.int16] = np.clip(code, -CODE_SPAN, CODE_SPAN - step).astype(np.int16)
@@ -190,20 +143,6 @@ def to_code(volt: FloatArray, range_v: float, resolution_bits: int) -> NDArray[n
 
 
 def to_count(angle_rad: FloatArray, counts_per_turn: int) -> NDArray[np.int64]:
-    """Return encoder counts of `angle_rad`.
-
-    Parameters
-    ----------
-    angle_rad : ndarray
-        Motor angle from the home mark, rad.
-    counts_per_turn : int
-        Counts per turn.
-
-    Returns
-    -------
-    ndarray of int64
-        floor(angle / count + 1/2): the home mark lies in the middle of count 0, so that counts
-        have no mean error in either direction of rotation.
-    """
+    """Return encoder counts of `angle_rad`."""
     turns = angle_rad * (counts_per_turn / (2.0 * math.pi))
     return np.floor(turns + 0.5).astype(np.int64)

@@ -14,18 +14,6 @@ __all__ = ["draw_effects"]
 def draw_effects(plant: PlantSpec, rng: np.random.Generator) -> tuple[Effect, ...]:
     """Return the effects that a seed chooses, with their sizes.
 
-    Parameters
-    ----------
-    plant : PlantSpec
-        The plant file.
-    rng : numpy.random.Generator
-        Source of every choice.
-
-    Returns
-    -------
-    tuple of Effect
-        In the order of the file.
-
     Notes
     -----
     One number u, uniform in [0, 1), is drawn per effect and compared with its probability. Where

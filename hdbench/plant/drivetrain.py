@@ -108,22 +108,7 @@ class TransmissionError:
 def encoder_error_rad(
     effects: Iterable[object], motor_angle_rad: FloatArray, gear_ratio: float
 ) -> FloatArray:
-    """Return by how much the encoder is off.
-
-    Parameters
-    ----------
-    effects : iterable
-        Effects of the plant.
-    motor_angle_rad : ndarray
-        True motor angle, rad.
-    gear_ratio : float
-        Motor turns per output turn.
-
-    Returns
-    -------
-    ndarray
-        rad of the motor, shape of the angle.
-    """
+    """Return by how much the encoder is off."""
     total = np.zeros_like(motor_angle_rad)
     for effect in effects:
         if isinstance(effect, TransmissionError):

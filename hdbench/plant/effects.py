@@ -237,20 +237,7 @@ EFFECT_KINDS: dict[str, type[Effect]] = {
 
 
 def effect_torque_nm(effects: tuple[Effect, ...], motion: PlantMotion) -> FloatArray:
-    """Return the sum of `effects`.
-
-    Parameters
-    ----------
-    effects : tuple of Effect
-        What the plant has.
-    motion : PlantMotion
-        True motion.
-
-    Returns
-    -------
-    ndarray
-        Torque, N m, shape of the motion's arrays.
-    """
+    """Return the sum of `effects`."""
     total = np.zeros_like(motion.time_s)
     for effect in effects:
         total += effect.torque_nm(motion)
@@ -258,20 +245,7 @@ def effect_torque_nm(effects: tuple[Effect, ...], motion: PlantMotion) -> FloatA
 
 
 def start_effect(effect: Effect, rng: np.random.Generator) -> Effect:
-    """Return `effect` as it is in a new acquisition.
-
-    Parameters
-    ----------
-    effect : Effect
-        An effect of the plant.
-    rng : numpy.random.Generator
-        Source of the acquisition's free phases.
-
-    Returns
-    -------
-    Effect
-        A tone without phase gets one, uniform over the turn; all others are unchanged.
-    """
+    """Return `effect` as it is in a new acquisition."""
     if isinstance(effect, Tone) and effect.phase_rad is None:
         return replace(effect, phase_rad=float(rng.uniform(-math.pi, math.pi)))
     return effect

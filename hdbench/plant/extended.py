@@ -27,21 +27,7 @@ ROOM_C = 20.0
 
 
 def with_model(profile: ProfileData, model: BenchModel) -> ProfileData:
-    """Return `profile` with the baseline of `model`.
-
-    Parameters
-    ----------
-    profile : ProfileData
-        The bench.
-    model : BenchModel
-        An extended model; its ripple has motor orders.
-
-    Returns
-    -------
-    ProfileData
-        Zero, load inertia, ripple and misalignment by the model; ripple orders relative to the
-        gauges, as a profile has them.
-    """
+    """Return `profile` with the baseline of `model`."""
     drive = profile.drive
     turning = drive.flexspline == "turning"
     factor = 1.0 + 1.0 / drive.gear_ratio if turning else 1.0
@@ -67,33 +53,7 @@ def cause_volts(
     sample_period_s: float,
     reference_v: FloatArray,
 ) -> FloatArray:
-    """Return what the causes of `model` add to the torque channel.
-
-    Parameters
-    ----------
-    model : BenchModel
-        An extended model.
-    channels : AnalogueChannels
-        The bench, from its motion to its volts.
-    mount : Mount
-        Lock, arm and weight; not locked.
-    sample_period_s : float
-        Sampling period, s.
-    reference_v : ndarray, shape (n_samples,)
-        Motor reference, V, held for one period each.
-
-    Returns
-    -------
-    ndarray, shape (n_samples,)
-        Volts at the time stamps. A cause may depend on all of the motion before it, so it is
-        computed for the whole acquisition, on the true motion: faults of angle and clock, which are
-        none of the motion, and causes of the noise add nothing.
-
-    Raises
-    ------
-    DataError
-        If a cause of the model does not fit the catalogue.
-    """
+    """Return what the causes of `model` add to the torque channel."""
     from hdbench.model import Motion, gauge_order_factor
 
     profile, ratio = channels.profile, channels.profile.drive.gear_ratio

@@ -57,37 +57,12 @@ class PositionGain:
 
     @classmethod
     def draw(cls, mean_nm_per_v: float, spread: float, rng: np.random.Generator) -> PositionGain:
-        """Return a gain function drawn from `rng`.
-
-        Parameters
-        ----------
-        mean_nm_per_v : float
-            Average over the turn, N m/V.
-        spread : float
-            Standard deviation over positions, share.
-        rng : numpy.random.Generator
-            Source of the coefficients.
-
-        Returns
-        -------
-        PositionGain
-        """
+        """Return a gain function drawn from `rng`."""
         cosine, sine = rng.standard_normal((2, GAIN_HARMONICS))
         return cls(mean_nm_per_v, spread, cosine, sine)
 
     def at(self, position_rad: float) -> float:
-        """Return the gain at `position_rad`, N m/V.
-
-        Parameters
-        ----------
-        position_rad : float
-            Flexspline position, rad.
-
-        Returns
-        -------
-        float
-            Gain, N m/V.
-        """
+        """Return the gain at `position_rad`, N m/V."""
         angle = np.arange(1, GAIN_HARMONICS + 1) * position_rad
         wave = float(self.cosine @ np.cos(angle) + self.sine @ np.sin(angle))
         return self.mean_nm_per_v * (1.0 + self.spread * wave / math.sqrt(GAIN_HARMONICS))
@@ -147,18 +122,7 @@ class ArmLoad:
     release_s: float = math.inf
 
     def torque_nm(self, age_s: FloatArray) -> FloatArray:
-        """Return the torque at `age_s` after the change.
-
-        Parameters
-        ----------
-        age_s : ndarray
-            Time since the change, s; before it the old weight hangs still.
-
-        Returns
-        -------
-        ndarray, shape of `age_s`
-            Torque, N m.
-        """
+        """Return the torque at `age_s` after the change."""
         if math.isfinite(self.release_s):
             return self._released_nm(age_s)
         if self.before_nm == self.after_nm:
@@ -219,21 +183,7 @@ class Mount:
 
 
 def shunt_volts(profile: ProfileData, shunt_ohm: float) -> float:
-    r"""Return what a resistor across one arm of the bridge adds to the amplified reading.
-
-    Parameters
-    ----------
-    profile : ProfileData
-        Excitation, amplifier, and the resistance of an arm where a shunt is declared.
-    shunt_ohm : float
-        Resistor, ohm; 0 none.
-
-    Returns
-    -------
-    float
-        :math:`A U R / (4 R_s + 2 R)`, V: four equal arms R, one of them in parallel with
-        :math:`R_s`, no load on the output.
-    """
+    r"""Return what a resistor across one arm of the bridge adds to the amplified reading."""
     if not shunt_ohm > 0.0:
         return 0.0
     declared = profile.calibration.shunt

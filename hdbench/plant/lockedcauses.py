@@ -47,13 +47,7 @@ class LockedCauses:
         self._held = [replace(mount, since_s=mount.since_s - elapsed_s) for mount in self._held]
 
     def change(self, mount: Mount) -> None:
-        """Take note of what is mounted from now on.
-
-        Parameters
-        ----------
-        mount : Mount
-            Lock, arm and weight; a bench that is not locked forgets all weights.
-        """
+        """Take note of what is mounted from now on."""
         if not mount.locked:
             self._held = []
             return
@@ -62,23 +56,7 @@ class LockedCauses:
         self._held.append(mount)
 
     def volts(self, time_s: FloatArray) -> FloatArray:
-        """Return what the causes add to the torque channel.
-
-        Parameters
-        ----------
-        time_s : ndarray, shape (n,)
-            Acquisition time of the next samples, s, increasing.
-
-        Returns
-        -------
-        ndarray, shape (n,)
-            Volts; zero while the bench is not locked.
-
-        Raises
-        ------
-        DataError
-            If a cause of the model does not fit the catalogue.
-        """
+        """Return what the causes add to the torque channel."""
         if not self._held:
             return np.zeros(len(time_s))
         from hdbench.model import Motion

@@ -63,42 +63,12 @@ class ModelCauses:
         sample_period_s: float,
         reference_v: FloatArray,
     ) -> None:
-        """Compute the causes for a whole motion; those of a locked bench come by their time.
-
-        Parameters
-        ----------
-        channels : AnalogueChannels
-            The bench, from its motion to its volts.
-        mount : Mount
-            Lock, arm and weight.
-        sample_period_s : float
-            Sampling period, s.
-        reference_v : ndarray, shape (n,)
-            Motor reference of every hold, V.
-
-        Raises
-        ------
-        DataError
-            If a cause needs a channel that no motion has.
-        """
+        """Compute the causes for a whole motion; those of a locked bench come by their time."""
         self._volts = np.zeros(1)
         if self._model is not None and not mount.locked:
             self._volts = cause_volts(self._model, channels, mount, sample_period_s, reference_v)
 
     def volts(self, stamps: NDArray[np.int64], time_s: FloatArray) -> FloatArray:
-        """Return what the causes add at samples.
-
-        Parameters
-        ----------
-        stamps : ndarray of int64, shape (n,)
-            Indices of the samples.
-        time_s : ndarray, shape (n,)
-            Their acquisition time, s.
-
-        Returns
-        -------
-        ndarray, shape (n,)
-            V; beyond the motion that was computed a cause stays where it is.
-        """
+        """Return what the causes add at samples."""
         volts: FloatArray = self._volts[np.minimum(stamps, len(self._volts) - 1)]
         return volts if self._locked is None else volts + self._locked.volts(time_s)

@@ -51,34 +51,13 @@ class PlantSpec:
 
 
 def list_plants() -> tuple[str, ...]:
-    """Return the names of the plants that come with the package, sorted.
-
-    Returns
-    -------
-    tuple of str
-    """
+    """Return the names of the plants that come with the package, sorted."""
     files = (resources.files(_PACKAGE) / "plants").iterdir()
     return tuple(sorted(f.name[:-5] for f in files if f.name.endswith(".toml")))
 
 
 def load_plant(name_or_path: str) -> PlantSpec:
-    """Return a plant by name or from a file.
-
-    Parameters
-    ----------
-    name_or_path : str
-        Name of a plant that comes with the package, or the path of a TOML file.
-
-    Returns
-    -------
-    PlantSpec
-
-    Raises
-    ------
-    ProfileError
-        If there is no such plant, or the file is not valid; then ``problems`` holds every problem
-        with file and line.
-    """
+    """Return a plant by name or from a file."""
     text, source = _read(name_or_path)
     raw = read_toml(text, source)
     try:

@@ -23,26 +23,7 @@ def read_out(
     noise: np.random.Generator,
     added_v: Callable[[NDArray[np.int64], FloatArray], FloatArray],
 ) -> AnalogueSamples:
-    """Return the next samples of `timeline`.
-
-    Parameters
-    ----------
-    timeline : Timeline
-        The acquisition.
-    n_samples : int
-        How many, at least 0.
-    profile : ProfileData
-        White noise of torque and tacho channel.
-    noise : Generator
-        Two numbers are drawn per sample.
-    added_v : callable
-        ``added_v(stamps, time_s)``: what stands on the torque channel besides, V, at the samples
-        with these indices and times, both of shape (n_samples,).
-
-    Returns
-    -------
-    AnalogueSamples
-    """
+    """Return the next samples of `timeline`."""
     first = timeline.served
     true = timeline.advance(n_samples)
     white = noise.standard_normal((n_samples, 2))

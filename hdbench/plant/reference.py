@@ -34,18 +34,7 @@ class ReferenceLine:
         return self._end is not None
 
     def values(self, first: int, count: int) -> FloatArray:
-        """Return the output of `count` holds from `first` on.
-
-        Parameters
-        ----------
-        first, count : int
-            First hold and how many; before hold 0 the output is 0.
-
-        Returns
-        -------
-        ndarray, shape (count,)
-            V.
-        """
+        """Return the output of `count` holds from `first` on."""
         holds = np.arange(first, first + count)
         volts = self._values_v[np.clip(holds, 0, len(self._values_v) - 1)]
         volts = np.where(holds >= 0, volts, 0.0)
@@ -56,15 +45,7 @@ class ReferenceLine:
         return volts
 
     def write(self, hold: int, value_v: float) -> None:
-        """Put out `value_v` from `hold` on, in place of what stood there.
-
-        Parameters
-        ----------
-        hold : int
-            First hold of the new value, not before that of the last call.
-        value_v : float
-            V.
-        """
+        """Put out `value_v` from `hold` on, in place of what stood there."""
         if self._written and self._written[-1][0] == hold:
             self._written.pop()
         self._written.append((hold, value_v))
@@ -82,22 +63,7 @@ class ReferenceLine:
 def reference_values_v(
     sample_period_s: float, wave: ReferenceWave | ReferenceProgram | None, duration_s: float
 ) -> FloatArray:
-    """Return the reference at every sample of an acquisition, at least one.
-
-    Parameters
-    ----------
-    sample_period_s : float
-        Sampling period, s.
-    wave : ReferenceWave, ReferenceProgram or None
-        Reference generator; None gives 0.
-    duration_s : float
-        Length of the acquisition, s.
-
-    Returns
-    -------
-    ndarray, shape (n_samples,)
-        Motor reference, V.
-    """
+    """Return the reference at every sample of an acquisition, at least one."""
     if isinstance(wave, ReferenceProgram):
         return program_voltage(wave, sample_period_s)
     n_samples = max(1, round(duration_s / sample_period_s))

@@ -62,23 +62,7 @@ class ServoLoop:
         n_steps: int,
         start: tuple[float, float, float],
     ) -> HoldMotion:
-        """Return the motion over holds of `n_steps` steps each.
-
-        Parameters
-        ----------
-        command_rad_s : ndarray, shape (n_holds,)
-            Commanded speed in every hold, rad/s.
-        step_s : float
-            Step within a hold, s.
-        n_steps : int
-            Steps per hold.
-        start : tuple of float
-            Angle, rad, and speed, rad/s, at the start; commanded speed until then, rad/s.
-
-        Returns
-        -------
-        HoldMotion
-        """
+        """Return the motion over holds of `n_steps` steps each."""
         angles, speeds = self._starts(command_rad_s, step_s * n_steps, start[:2])
         elapsed = np.arange(n_steps) * step_s
         command = command_rad_s[:, None]
@@ -141,35 +125,12 @@ class ServoLoop:
 
 
 def servo_loop(servo: Servo) -> ServoLoop:
-    """Return the velocity loop of a profile.
-
-    Parameters
-    ----------
-    servo : Servo
-        The profile's table.
-
-    Returns
-    -------
-    ServoLoop
-    """
+    """Return the velocity loop of a profile."""
     return ServoLoop(2.0 * math.pi * servo.bandwidth_hz, servo.max_acceleration_rad_s2)
 
 
 def command_rad_s(profile: ProfileData, reference_v: FloatArray) -> FloatArray:
-    """Return the commanded motor speed.
-
-    Parameters
-    ----------
-    profile : ProfileData
-        Gain of the reference and the speed limit that the amplifier is set to.
-    reference_v : ndarray
-        Motor reference, V.
-
-    Returns
-    -------
-    ndarray, shape of `reference_v`
-        Speed, rad/s, within `limits.velocity_rad_s`.
-    """
+    """Return the commanded motor speed."""
     limit = profile.limits.velocity_rad_s
     return np.clip(reference_v * profile.servo.velocity_gain_rad_s_per_v, -limit, limit)
 
@@ -178,20 +139,6 @@ def motor_current_a(
     servo: Servo, acceleration_rad_s2: FloatArray, friction_nm: FloatArray
 ) -> FloatArray:
     """Return the motor current that the motion needs.
-
-    Parameters
-    ----------
-    servo : Servo
-        The profile's table.
-    acceleration_rad_s2 : ndarray
-        Motor acceleration, rad/s^2.
-    friction_nm : ndarray
-        Friction torque at the motor shaft, N m.
-
-    Returns
-    -------
-    ndarray
-        Current, A, within the amplifier's limit.
 
     Notes
     -----

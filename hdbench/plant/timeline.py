@@ -136,18 +136,7 @@ class Timeline:
         return self._reference.ended
 
     def references(self, first: int, count: int) -> FloatArray:
-        """Return the reference of `count` holds from `first` on.
-
-        Parameters
-        ----------
-        first, count : int
-            First hold and how many; before hold 0 the reference is 0.
-
-        Returns
-        -------
-        ndarray, shape (count,)
-            Motor reference, V.
-        """
+        """Return the reference of `count` holds from `first` on."""
         return self._reference.values(first, count)
 
     def stop(self) -> None:
@@ -157,40 +146,16 @@ class Timeline:
             self._reference.end(self.now_hold)
 
     def write(self, hold: int, value_v: float) -> None:
-        """Put out another reference from a hold on; for a host-written reference only.
-
-        Parameters
-        ----------
-        hold : int
-            First hold of the new value; one that has begun already stands for the leading edge.
-        value_v : float
-            Motor reference, V.
-        """
+        """Put out another reference from a hold on; for a host-written reference only."""
         self._reference.write(max(hold, self.now_hold), value_v)
 
     def remount(self, mount: Mount) -> None:
-        """Change lock, arm or weight at the leading edge.
-
-        Parameters
-        ----------
-        mount : Mount
-            New state.
-        """
+        """Change lock, arm or weight at the leading edge."""
         self._interrupt()
         self._mount = mount
 
     def advance(self, n_samples: int) -> TrueSamples:
-        """Return the next samples.
-
-        Parameters
-        ----------
-        n_samples : int
-            How many, at least 0.
-
-        Returns
-        -------
-        TrueSamples
-        """
+        """Return the next samples."""
         volts, angles = [np.zeros((3, 0))], [np.zeros(0)]
         first, left = self._served, n_samples
         while left > 0:

@@ -59,41 +59,12 @@ class AnalogueChannels:
         motor: MotorSpec,
         effects: tuple[Effect, ...],
     ) -> AnalogueChannels:
-        """Return the channels of `profile`, gauges placed so that they leave its ripple.
-
-        Parameters
-        ----------
-        profile : ProfileData
-            The bench.
-        motor : MotorSpec
-            Friction at the motor shaft.
-        effects : tuple of Effect
-            What the plant has beyond its model.
-
-        Returns
-        -------
-        AnalogueChannels
-        """
+        """Return the channels of `profile`, gauges placed so that they leave its ripple."""
         bridge, rest = place_gauges(profile.sensor, profile.model.ripple)
         return cls(profile, bridge, rest, motor, effects)
 
     def volts(self, time_s: FloatArray, motion: HoldMotion, mount: Mount) -> FloatArray:
-        """Return torque, tacho and current channel.
-
-        Parameters
-        ----------
-        time_s : ndarray, shape (n_holds, n_steps)
-            Acquisition time of the steps, s.
-        motion : HoldMotion
-            Motion at the steps; at rest while `mount` is locked.
-        mount : Mount
-            Lock, arm and weight.
-
-        Returns
-        -------
-        ndarray, shape (3, n_holds, n_steps)
-            Volts.
-        """
+        """Return torque, tacho and current channel."""
         full = self._motion(time_s, motion, mount)
         servo, daq = self.profile.servo, self.profile.daq
         current = motor_current_a(servo, motion.acceleration_rad_s2, self._motor_friction_nm(full))

@@ -14,21 +14,7 @@ __all__ = ["sensor_truth", "torque_truth"]
 
 
 def sensor_truth(gain: PositionGain, channels: AnalogueChannels) -> dict[str, object]:
-    """Return gain and gauges.
-
-    Parameters
-    ----------
-    gain : PositionGain
-        Gain by position.
-    channels : AnalogueChannels
-        The channels with their bridge.
-
-    Returns
-    -------
-    dict
-        ``gain_nm_per_v``, ``gain_spread``, ``gain_at_position`` (pairs of rad and N m/V) and
-        ``gauges``.
-    """
+    """Return gain and gauges."""
     positions = [2.0 * math.pi * k / GAIN_HARMONICS for k in range(GAIN_HARMONICS)]
     return {
         "gain_nm_per_v": gain.mean_nm_per_v,
@@ -39,21 +25,7 @@ def sensor_truth(gain: PositionGain, channels: AnalogueChannels) -> dict[str, ob
 
 
 def torque_truth(profile: ProfileData, effects: tuple[Effect, ...]) -> dict[str, object]:
-    """Return every component of the torque channel.
-
-    Parameters
-    ----------
-    profile : ProfileData
-        The bench.
-    effects : tuple of Effect
-        What the plant has beyond its model.
-
-    Returns
-    -------
-    dict
-        ``zero_nm``, ``load_inertia_kg_m2``, ``ripple`` (motor orders), ``misalignment`` and
-        ``effects``.
-    """
+    """Return every component of the torque channel."""
     drive, model = profile.drive, profile.model
     factor = 1.0 + 1.0 / drive.gear_ratio if drive.flexspline == "turning" else 1.0
     ripple = [

@@ -75,18 +75,7 @@ class PluginAcquisition(Acquisition):
 
 @functools.cache
 def table_of(driver: str) -> type[Acquisition]:
-    """Return the table of a driver.
-
-    Parameters
-    ----------
-    driver : str
-        Value of ``driver``.
-
-    Returns
-    -------
-    type of Acquisition
-        `PluginAcquisition` where the driver has none, or none that can be loaded.
-    """
+    """Return the table of a driver."""
     try:
         return load_table(driver)
     except BROKEN:
@@ -94,17 +83,7 @@ def table_of(driver: str) -> type[Acquisition]:
 
 
 def load_table(driver: str) -> type[Acquisition]:
-    """Return the table of a driver, or raise one of `BROKEN` where it cannot be loaded.
-
-    Parameters
-    ----------
-    driver : str
-        Value of ``driver``.
-
-    Returns
-    -------
-    type of Acquisition
-    """
+    """Return the table of a driver, or raise one of `BROKEN` where it cannot be loaded."""
     entry = find("hdbench.tables", driver)
     if entry is None:
         return PluginAcquisition
@@ -192,17 +171,7 @@ class CompositeAcquisition(Acquisition):
 
 
 def driver_table(part: Any) -> type[Acquisition] | None:
-    """Return the table that one part of pydantic's error location names, None for other parts.
-
-    Parameters
-    ----------
-    part : str or int
-        Part of an error's ``loc``.
-
-    Returns
-    -------
-    type of Acquisition or None
-    """
+    """Return the table that one part of pydantic's error location names, None for other parts."""
     if not isinstance(part, str) or not part.startswith(_TAG):
         return None
     return table_of(part.removeprefix(_TAG))

@@ -15,17 +15,7 @@ Key = tuple[str | int, ...]
 
 
 def acquiring_problems(data: object) -> Iterator[Conflict]:
-    """Yield every conflict between keys of ``[daq]``.
-
-    Parameters
-    ----------
-    data : mapping
-        The parsed profile; keys that are missing or of a wrong type are passed over.
-
-    Yields
-    ------
-    Conflict
-    """
+    """Yield every conflict between keys of ``[daq]``."""
     table = data.get("daq") if isinstance(data, Mapping) else None
     if not isinstance(table, Mapping):
         return

@@ -45,19 +45,7 @@ def _numbers(value: object) -> list[float]:
 
 
 def wave_problems(wave: object, base: tuple[str, ...] = ()) -> Iterator[Conflict]:
-    """Yield what does not go together in a reference wave.
-
-    Parameters
-    ----------
-    wave : mapping
-        Keys of a ``ReferenceWave``; keys that are missing or of a wrong type are passed over.
-    base : tuple of str
-        Path of the wave in the profile.
-
-    Yields
-    ------
-    Conflict
-    """
+    """Yield what does not go together in a reference wave."""
     kind = _get(wave, "wave")
     shares = [_number(wave, name, default=d) for name, d in _SHARES]
     if kind == "trapezoid" and None not in shares:
@@ -193,17 +181,7 @@ def _deadline(data: object) -> Iterator[Conflict]:
 
 
 def profile_problems(data: object) -> list[Conflict]:
-    """Return every conflict between keys of a profile.
-
-    Parameters
-    ----------
-    data : mapping
-        The parsed TOML; keys that are missing or of a wrong type are passed over.
-
-    Returns
-    -------
-    list of Conflict
-    """
+    """Return every conflict between keys of a profile."""
     reference: Any = _get(data, "ripple", "reference")
     return [
         *wave_problems(reference, ("ripple", "reference")),

@@ -34,54 +34,20 @@ _OWN = {
 
 
 def installed(group: Group) -> tuple[EntryPoint, ...]:
-    """Return what is installed; hdbench's own first, so that nobody takes the name of one.
-
-    Parameters
-    ----------
-    group : {"hdbench.drivers", "hdbench.tables"}
-        Drivers, or their tables.
-
-    Returns
-    -------
-    tuple of EntryPoint
-        The names may repeat; the first one counts. One without `dist` is hdbench's own.
-    """
+    """Return what is installed; hdbench's own first, so that nobody takes the name of one."""
     own = (_own(group, name) for name in _OWN)
     return (*own, *sorted(entry_points(group=group), key=lambda entry: entry.name))
 
 
 def find(group: Group, name: str) -> EntryPoint | None:
-    """Return what is installed under a name, None where there is nothing.
-
-    Parameters
-    ----------
-    group : {"hdbench.drivers", "hdbench.tables"}
-        Drivers, or their tables.
-    name : str
-        Value of ``driver`` in the profile.
-
-    Returns
-    -------
-    EntryPoint or None
-    """
+    """Return what is installed under a name, None where there is nothing."""
     if name in _OWN:
         return _own(group, name)
     return next(iter(entry_points(group=group, name=name)), None)
 
 
 def closest(name: str) -> tuple[str, str]:
-    """Return which drivers are installed, and what to do where `name` is none of them.
-
-    Parameters
-    ----------
-    name : str
-        A name that is not installed.
-
-    Returns
-    -------
-    tuple of str
-        Names with commas, and the fix.
-    """
+    """Return which drivers are installed, and what to do where `name` is none of them."""
     names = list(dict.fromkeys(entry.name for entry in installed("hdbench.drivers")))
     near = difflib.get_close_matches(name, names, n=1)
     fix = f"did you mean {near[0]!r}?" if near else "install the package that brings this driver"

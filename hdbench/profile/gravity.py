@@ -21,18 +21,6 @@ _CENTRIFUGAL = 0.00344978650684
 def gravity_welmec(latitude_deg: float, altitude_m: float) -> float:
     """Return local gravity by the formula of European legal metrology.
 
-    Parameters
-    ----------
-    latitude_deg : float
-        Geographic latitude, degrees, -90 to 90.
-    altitude_m : float
-        Height above sea level, m.
-
-    Returns
-    -------
-    float
-        Gravity, m/s^2.
-
     Notes
     -----
     ``g = 9.780318 (1 + 0.0053024 sin^2 f - 0.0000058 sin^2 2f) - 0.000003085 h``.
@@ -49,18 +37,6 @@ def gravity_welmec(latitude_deg: float, altitude_m: float) -> float:
 
 def gravity_wgs84(latitude_deg: float, altitude_m: float) -> float:
     """Return normal gravity of the WGS 84 ellipsoid (Somigliana), at height.
-
-    Parameters
-    ----------
-    latitude_deg : float
-        Geographic latitude, degrees, -90 to 90.
-    altitude_m : float
-        Height above the ellipsoid, m; the height above sea level serves, within 100 m of it.
-
-    Returns
-    -------
-    float
-        Gravity, m/s^2.
 
     Notes
     -----
@@ -81,19 +57,6 @@ def gravity_wgs84(latitude_deg: float, altitude_m: float) -> float:
 
 
 def local_gravity(latitude_deg: float, altitude_m: float, formula: GravityFormula) -> float:
-    """Return local gravity by the formula of that name.
-
-    Parameters
-    ----------
-    latitude_deg, altitude_m : float
-        Geographic latitude, degrees; height, m.
-    formula : str
-        ``wgs84`` or ``welmec``.
-
-    Returns
-    -------
-    float
-        Gravity, m/s^2.
-    """
+    """Return local gravity by the formula of that name."""
     chosen = gravity_wgs84 if formula == "wgs84" else gravity_welmec
     return chosen(latitude_deg, altitude_m)

@@ -158,20 +158,6 @@ def _tuples(value: Any) -> Any:
 def profile_from_json(text: str) -> ProfileData:
     """Return the profile that another process has written as JSON.
 
-    Parameters
-    ----------
-    text : str
-        What ``ProfileData.model_dump_json`` gave.
-
-    Returns
-    -------
-    ProfileData
-
-    Raises
-    ------
-    pydantic.ValidationError
-        If it is none.
-
     Notes
     -----
     JSON has lists where a profile has tuples, and a table that fills in keys before it is checked

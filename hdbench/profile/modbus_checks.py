@@ -19,19 +19,7 @@ _REGISTERS = {"i16": 1, "u16": 1, "i32": 2, "u32": 2, "f32": 2, "f64": 4}
 
 
 def modbus_conflicts(table: Mapping[object, object], base: Key) -> Iterator[Conflict]:
-    """Yield the conflicts of one ``[daq]`` with driver ``modbus``.
-
-    Parameters
-    ----------
-    table : mapping
-        The table as it was read.
-    base : tuple of str or int
-        Its key.
-
-    Yields
-    ------
-    Conflict
-    """
+    """Yield the conflicts of one ``[daq]`` with driver ``modbus``."""
     for key, place in _places(table, base):
         yield from _place(table, place, key)
     for number, rule in enumerate(_items(table, "identify")):
@@ -49,20 +37,7 @@ def modbus_conflicts(table: Mapping[object, object], base: Key) -> Iterator[Conf
 
 
 def number_ranges(numbering: str, table: str) -> tuple[tuple[int, int], ...]:
-    """Return first and last number of a table's registers, shorter numbers first.
-
-    Parameters
-    ----------
-    numbering : str
-        ``zero``, ``one`` or ``modicon``.
-    table : str
-        ``holding``, ``input``, ``coil`` or ``discrete``.
-
-    Returns
-    -------
-    tuple of tuple of int
-        The first of a range is register 0 on the wire.
-    """
+    """Return first and last number of a table's registers, shorter numbers first."""
     if numbering != "modicon":
         first = 1 if numbering == "one" else 0
         return ((first, first + _ALL - 1),)

@@ -36,17 +36,7 @@ _BOUNDS = {
 
 
 def key_text(key: Key) -> str:
-    """Return a key as a person writes it, such as ``model.ripple[0].order``.
-
-    Parameters
-    ----------
-    key : tuple of str or int
-        Path of the key.
-
-    Returns
-    -------
-    str
-    """
+    """Return a key as a person writes it, such as ``model.ripple[0].order``."""
     text = ""
     for part in key:
         text += f"[{part}]" if isinstance(part, int) else f".{part}" if text else part
@@ -60,23 +50,7 @@ def _line(lines: Mapping[Key, int], key: Key) -> int:
 
 
 def problem(path: str, lines: Mapping[Key, int], key: Key, what: str, fix: str) -> ProfileError:
-    """Return one problem at one key.
-
-    Parameters
-    ----------
-    path : str
-        Path of the profile.
-    lines : mapping of Key to int
-        Where the keys stand.
-    key : tuple of str or int
-        The key; where it is missing, the line is that of its table.
-    what, fix : str
-        What was found and what is needed; one next act.
-
-    Returns
-    -------
-    ProfileError
-    """
+    """Return one problem at one key."""
     return ProfileError(
         f"key {key_text(key)!r}: {what}", where=f"{path}:{_line(lines, key)}", fix=fix
     )
@@ -111,19 +85,7 @@ def _field_at(root: type[BaseModel], key: Key) -> FieldInfo | None:
 
 
 def known_keys(root: type[BaseModel], base: Key = ()) -> Iterator[Key]:
-    """Yield the path of every key that a model knows.
-
-    Parameters
-    ----------
-    root : type of pydantic model
-        The schema.
-    base : tuple of str
-        Path of `root` itself.
-
-    Yields
-    ------
-    tuple of str
-    """
+    """Yield the path of every key that a model knows."""
     for name, field in root.model_fields.items():
         yield (*base, name)
         below = _model_in(field.annotation)
@@ -183,23 +145,7 @@ def _needed(error: Mapping[str, Any]) -> str:
 def schema_problem(
     root: type[BaseModel], path: str, lines: Mapping[Key, int], error: Mapping[str, Any]
 ) -> ProfileError:
-    """Return one finding of pydantic as a problem with file, line, key, found and needed.
-
-    Parameters
-    ----------
-    root : type of pydantic model
-        The schema.
-    path : str
-        Path of the profile.
-    lines : mapping of Key to int
-        Where the keys stand.
-    error : mapping
-        One entry of ``ValidationError.errors()``.
-
-    Returns
-    -------
-    ProfileError
-    """
+    """Return one finding of pydantic as a problem with file, line, key, found and needed."""
     tagged: Key = tuple(error["loc"])
     # the table of a driver stands in the location, but not in the file
     key = tuple(part for part in tagged if driver_table(part) is None)

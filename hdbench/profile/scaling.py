@@ -16,19 +16,7 @@ _EIGHT = 8  # experiments behind the profile's consistency, report section 3
 
 
 def profile_scale(profile: Profile) -> TorqueScale:
-    """Return the gain that the profile states.
-
-    Parameters
-    ----------
-    profile : Profile
-        The bench.
-
-    Returns
-    -------
-    TorqueScale
-        Gain with std = consistency * gain, the spread between positions: what one knows of a sensor
-        from its data sheet. Seven degrees of freedom, as from the report's eight experiments.
-    """
+    """Return the gain that the profile states."""
     sensor = profile.data.sensor
     return TorqueScale(
         Quantity(sensor.gain_nm_per_v, sensor.gain_consistency * sensor.gain_nm_per_v, _EIGHT - 1),
@@ -37,23 +25,7 @@ def profile_scale(profile: Profile) -> TorqueScale:
 
 
 def read_calibration(path: Path) -> TorqueScale:
-    """Read the gain of a stored calibration.
-
-    Parameters
-    ----------
-    path : Path
-        A calibration's run folder or its result file.
-
-    Returns
-    -------
-    TorqueScale
-        The gain, its origin and the file's hash.
-
-    Raises
-    ------
-    DataError
-        If the file is no calibration result.
-    """
+    """Read the gain of a stored calibration."""
     file = path / "result.json" if path.is_dir() else path
     if not file.is_file():
         raise DataError(
@@ -92,20 +64,7 @@ def _quantity(value: Any, file: Path) -> Quantity:
 
 
 def stored_scale(calibration: Any, where: Path) -> TorqueScale | None:
-    """Return the gain that a run folder says it used, or None where it does not say.
-
-    Parameters
-    ----------
-    calibration : object
-        The `calibration` entry of run.json.
-    where : Path
-        The run folder, for messages.
-
-    Returns
-    -------
-    TorqueScale or None
-        The stored scale.
-    """
+    """Return the gain that a run folder says it used, or None where it does not say."""
     if not isinstance(calibration, dict) or "gain_nm_per_v" not in calibration:
         return None
     return TorqueScale(
@@ -122,31 +81,7 @@ def stored_scale(calibration: Any, where: Path) -> TorqueScale | None:
 def rescaled(
     trace: Trace, profile: Profile, *, calibration: Path | None, stored: TorqueScale | None
 ) -> tuple[Trace, TorqueScale]:
-    """Give a trace its torque in newton metres and say by which gain.
-
-    Parameters
-    ----------
-    trace : Trace
-        With `torque_nm`, `torque_v` or both.
-    profile : Profile
-        Its gain serves where nothing else is known.
-    calibration : Path or None
-        A calibration that the user named; it rescales `torque_v`.
-    stored : TorqueScale or None
-        What the run folder says.
-
-    Returns
-    -------
-    trace : Trace
-        With `torque_nm`.
-    scale : TorqueScale
-        The gain used.
-
-    Raises
-    ------
-    DataError
-        If a calibration was named but the trace has no `torque_v`.
-    """
+    """Give a trace its torque in newton metres and say by which gain."""
     if calibration is not None:
         if "torque_v" not in trace:
             raise DataError(

@@ -23,25 +23,7 @@ class Table(BaseModel):
 
 
 def refuse(table: _T, conflicts: Sequence[Conflict]) -> _T:
-    """Return the table, or refuse it where its keys do not go together.
-
-    Parameters
-    ----------
-    table : pydantic model
-        The table.
-    conflicts : sequence of Conflict
-        What does not go together in it.
-
-    Returns
-    -------
-    pydantic model
-        `table` itself.
-
-    Raises
-    ------
-    ValueError
-        If there is a conflict; pydantic turns it into a validation error.
-    """
+    """Return the table, or refuse it where its keys do not go together."""
     if conflicts:
         raise ValueError("; ".join(f"{conflict.key[-1]} {conflict.what}" for conflict in conflicts))
     return table

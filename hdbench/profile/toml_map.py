@@ -45,18 +45,7 @@ def _tokens(text: str) -> Iterator[_Token]:
 
 
 def nesting_problem(text: str) -> tuple[int, str] | None:
-    """Return where a text nests deeper than any profile does, before a parser recurses into it.
-
-    Parameters
-    ----------
-    text : str
-        TOML text, valid or not.
-
-    Returns
-    -------
-    tuple of (int, str) or None
-        Line and what was found; None when the nesting is harmless.
-    """
+    """Return where a text nests deeper than any profile does, before a parser recurses into it."""
     depth = dots = 0
     for token in _tokens(text):
         if token.text in ("[", "{"):
@@ -194,16 +183,5 @@ def _key_text(token: _Token) -> str:
 
 
 def key_lines(text: str) -> dict[Key, int]:
-    """Return the line of every key of a valid TOML text.
-
-    Parameters
-    ----------
-    text : str
-        TOML text that `tomllib` accepts, without nesting that `nesting_problem` names.
-
-    Returns
-    -------
-    dict
-        Path of a key (table names and array positions) to its line, from 1.
-    """
+    """Return the line of every key of a valid TOML text."""
     return _Reader(text).read()

@@ -19,24 +19,7 @@ _PLACE = re.compile(r" \(at line (\d+), column (\d+)\)$")
 
 
 def toml_text(path: Path, fix: str) -> str:
-    """Read a TOML file as text.
-
-    Parameters
-    ----------
-    path : Path
-        File to read.
-    fix : str
-        What to do where there is no such file.
-
-    Returns
-    -------
-    str
-
-    Raises
-    ------
-    ProfileError
-        If it is missing, too large, not readable or not UTF-8.
-    """
+    """Read a TOML file as text."""
     where = str(path)
     try:
         if not path.is_file():
@@ -68,24 +51,7 @@ def _decode(raw: bytes, path: str) -> str:
 
 
 def read_toml(text: str, path: str) -> dict[str, Any]:
-    """Parse TOML text that may be hostile.
-
-    Parameters
-    ----------
-    text : str
-        The text.
-    path : str
-        Where it came from.
-
-    Returns
-    -------
-    dict
-
-    Raises
-    ------
-    ProfileError
-        If the text is too large, nests too deeply or is not TOML (with line and column).
-    """
+    """Parse TOML text that may be hostile."""
     if len(text) > _LIMIT_BYTES:
         raise ProfileError(
             f"{len(text)} characters; needed: at most {_LIMIT_BYTES}",

@@ -19,19 +19,7 @@ _CLOCK_SLACK = timedelta(hours=1)
 
 
 def measured_utc(run: Path) -> str | None:
-    """Return when the data of a run were measured.
-
-    Parameters
-    ----------
-    run : Path
-        A run folder, or a file in it.
-
-    Returns
-    -------
-    str or None
-        ISO 8601, UTC. Of a run that evaluated another one's data it is that one's time. None where
-        there is no run.json, or it evaluated a file of unknown age.
-    """
+    """Return when the data of a run were measured."""
     file = (run if run.is_dir() else run.parent) / "run.json"
     if not file.is_file():
         return None
@@ -43,21 +31,7 @@ def measured_utc(run: Path) -> str | None:
 
 
 def calibration_time(path: Path) -> tuple[str | None, bool]:
-    """Return when a calibration was made.
-
-    Parameters
-    ----------
-    path : Path
-        Its run folder, or the result file in it.
-
-    Returns
-    -------
-    utc : str or None
-        ISO 8601, UTC; None where nothing tells it.
-    measured : bool
-        True: when its weights hung. False: only when it was evaluated, so that it is at least as
-        old.
-    """
+    """Return when a calibration was made."""
     measured = measured_utc(path)
     if measured is not None:
         return measured, True
@@ -72,32 +46,7 @@ def calibration_time(path: Path) -> tuple[str | None, bool]:
 def checked_age(
     scale: TorqueScale, path: Path, profile: Profile, *, now: datetime, allow_expired: bool = False
 ) -> TorqueScale:
-    """Say how old a calibration is, and refuse one that is older than the profile allows.
-
-    Parameters
-    ----------
-    scale : TorqueScale
-        The calibration's gain.
-    path : Path
-        Where it was read.
-    profile : Profile
-        Its `calibration.validity_days` is the limit.
-    now : datetime
-        Start of the run, with a time zone.
-    allow_expired : bool
-        Use it all the same, marked as expired.
-
-    Returns
-    -------
-    TorqueScale
-        With time, age and whether it has expired.
-
-    Raises
-    ------
-    DataError
-        If it is older than allowed, dated in the future, or its date cannot be read: the file is
-        then no valid calibration for this run, and nothing has moved.
-    """
+    """Say how old a calibration is, and refuse one that is older than the profile allows."""
     text, measured = calibration_time(path)
     if text is None:
         return replace(scale, age_words="its age is not known")

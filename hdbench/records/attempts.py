@@ -61,19 +61,7 @@ class SampleGroup:
 
 
 def reading_entries(content: JournalContent) -> tuple[ReadingEntry, ...]:
-    """Return every reading of a journal, in the order taken, and whether it counts.
-
-    Parameters
-    ----------
-    content : JournalContent
-        The journal.
-
-    Returns
-    -------
-    tuple of ReadingEntry
-        A reading without ``point`` always counts. A second one of the same point supersedes the
-        first even where no event says so.
-    """
+    """Return every reading of a journal, in the order taken, and whether it counts."""
     found: list[ReadingEntry] = []
     standing: dict[object, int] = {}
     for block in content.blocks:
@@ -94,18 +82,7 @@ def reading_entries(content: JournalContent) -> tuple[ReadingEntry, ...]:
 
 
 def sample_groups(content: JournalContent) -> tuple[SampleGroup, ...]:
-    """Return the samples of a journal by acquisition, and which of them count.
-
-    Parameters
-    ----------
-    content : JournalContent
-        The journal.
-
-    Returns
-    -------
-    tuple of SampleGroup
-        In the order taken; a journal without ``acquisition`` events is one group.
-    """
+    """Return the samples of a journal by acquisition, and which of them count."""
     raw: list[tuple[int | None, int, list[JournalBlock], list[str]]] = [(None, 1, [], [])]
     for block in content.blocks:
         event = block.extra.get("event") if block.kind == "event" else None
@@ -130,15 +107,5 @@ def sample_groups(content: JournalContent) -> tuple[SampleGroup, ...]:
 
 
 def standing_blocks(groups: Sequence[SampleGroup]) -> list[JournalBlock]:
-    """Return the sample blocks that count.
-
-    Parameters
-    ----------
-    groups : sequence of SampleGroup
-        As `sample_groups` returns them.
-
-    Returns
-    -------
-    list of JournalBlock
-    """
+    """Return the sample blocks that count."""
     return [block for group in groups if not group.superseded for block in group.blocks]

@@ -35,26 +35,7 @@ _KINDS = {"zero-check": "zero", "shunt": "shunt", "preload": "preload"}
 
 
 def write_course(folder: Path, content: JournalContent) -> Path:
-    """Write ``sequence.csv``: readings, preloads, checks and mountings in the order they happened.
-
-    Parameters
-    ----------
-    folder : Path
-        The run folder.
-    content : JournalContent
-        Its journal.
-
-    Returns
-    -------
-    Path
-        The file. ``superseded`` says why a reading counts no more: ``repeat``, ``back``, or
-        ``rejected`` for one that was never accepted.
-
-    Raises
-    ------
-    StorageError
-        If it cannot be written.
-    """
+    """Write ``sequence.csv``: readings, preloads, checks and mountings, in order of time."""
     superseded = iter(reading_entries(content))
     lines = [",".join(_COLUMNS)]
     for block in content.blocks:

@@ -24,20 +24,7 @@ _WORTH_IMPORTING = 10_000_000
 
 
 def parse_numbers(header: Sequence[str], body: str) -> dict[str, FloatArray] | None:
-    """Parse rows of numbers.
-
-    Parameters
-    ----------
-    header : sequence of str
-        Column names, each one once.
-    body : str
-        The lines below the header, ended by line feeds.
-
-    Returns
-    -------
-    dict of str to ndarray, or None
-        Columns of float64; None where the text needs the careful way.
-    """
+    """Parse rows of numbers."""
     if "_" in body or not body or body.startswith("\n"):
         return None
     if len(body) >= _WORTH_IMPORTING and importlib.util.find_spec("polars") is not None:

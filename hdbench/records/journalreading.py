@@ -168,27 +168,7 @@ def read_journal(path: Path) -> JournalContent:
 
 
 def iter_journal(path: Path, ends: list[int] | None = None) -> Iterator[JournalBlock]:
-    """Yield the blocks of a journal one after the other, one in memory at a time.
-
-    Parameters
-    ----------
-    path : Path
-        The journal; it may still be written to.
-    ends : list of int, optional
-        Takes, at the end, the bytes behind the last block that follows the ones before it without
-        a gap: 0 where the file ends there.
-
-    Yields
-    ------
-    JournalBlock
-        As `read_journal` finds them: only behind damage is the rest of the file read at once, to
-        find the next intact one.
-
-    Raises
-    ------
-    DataError
-        If the file is missing or cannot be read.
-    """
+    """Yield the blocks of a journal one after the other, one in memory at a time."""
     path = Path(path)
     try:
         with path.open("rb") as file:

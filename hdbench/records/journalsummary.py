@@ -36,22 +36,7 @@ class JournalSummary:
 
 
 def summarize_journal(path: Path) -> JournalSummary:
-    """Count what a journal holds.
-
-    Parameters
-    ----------
-    path : Path
-        The journal.
-
-    Returns
-    -------
-    JournalSummary
-
-    Raises
-    ------
-    DataError
-        If the file is missing or not a journal.
-    """
+    """Count what a journal holds."""
     counted: Counter[str] = Counter()
     rests: list[int] = []
     expected, straight, behind = 0, True, 0

@@ -50,23 +50,7 @@ class SequenceEntry:
 
 
 def read_sequence(path: Path) -> tuple[SequenceEntry, ...]:
-    """Read the course of a calibration.
-
-    Parameters
-    ----------
-    path : Path
-        ``sequence.csv`` of a run folder.
-
-    Returns
-    -------
-    tuple of SequenceEntry
-        In file order; empty where there is no such file.
-
-    Raises
-    ------
-    DataError
-        If the file is damaged or a cell holds no number where one belongs.
-    """
+    """Read the course of a calibration."""
     path = Path(path)
     if not path.is_file():
         return ()

@@ -34,64 +34,22 @@ STATUSES = ("running", "complete", "incomplete", "aborted")
 
 
 def utc_now() -> datetime:
-    """Return the time of the wall clock.
-
-    Returns
-    -------
-    datetime
-        In UTC.
-    """
+    """Return the time of the wall clock."""
     return datetime.now(UTC)
 
 
 def random_token() -> str:
-    """Return six random hexadecimal digits.
-
-    Returns
-    -------
-    str
-    """
+    """Return six random hexadecimal digits."""
     return secrets.token_hex(3)
 
 
 def utc_text(moment: datetime) -> str:
-    """Return a moment as ISO 8601 text in UTC with microseconds.
-
-    Parameters
-    ----------
-    moment : datetime
-        A moment with a time zone.
-
-    Returns
-    -------
-    str
-    """
+    """Return a moment as ISO 8601 text in UTC with microseconds."""
     return moment.astimezone(UTC).isoformat(timespec="microseconds").replace("+00:00", "Z")
 
 
 def make_folder(parent: Path, kind: str, moment: datetime, token: Callable[[], str]) -> Path:
-    """Make the folder of a new run.
-
-    Parameters
-    ----------
-    parent : Path
-        Folder of run folders; made if missing.
-    kind : str
-        Word of the run id.
-    moment : datetime
-        Start, with a time zone.
-    token : callable
-        Returns the random part of the run id.
-
-    Returns
-    -------
-    Path
-
-    Raises
-    ------
-    StorageError
-        If it cannot be made.
-    """
+    """Make the folder of a new run."""
     stamp = moment.astimezone(UTC).strftime("%Y%m%dT%H%M%SZ")
     try:
         parent.mkdir(parents=True, exist_ok=True)
@@ -110,13 +68,7 @@ def make_folder(parent: Path, kind: str, moment: datetime, token: Callable[[], s
 
 
 def this_process() -> dict[str, Any]:
-    """Return what tells this process from every other one.
-
-    Returns
-    -------
-    dict
-        ``pid``, ``process_mark`` and ``host``.
-    """
+    """Return what tells this process from every other one."""
     pid = os.getpid()
     return {"pid": pid, "process_mark": process_mark(pid), "host": socket.gethostname()}
 
@@ -124,25 +76,7 @@ def this_process() -> dict[str, Any]:
 def first_manifest(
     path: Path, kind: str, profile: ProfileIdentity, details: Mapping[str, Any], moment: datetime
 ) -> dict[str, Any]:
-    """Return the content of ``run.json`` at the start of a run (contract section 5).
-
-    Parameters
-    ----------
-    path : Path
-        The run folder.
-    kind : str
-        Kind of the run.
-    profile : Profile
-        The bench.
-    details : mapping
-        Whatever else the run is to remember.
-    moment : datetime
-        Start, with a time zone.
-
-    Returns
-    -------
-    dict
-    """
+    """Return the content of ``run.json`` at the start of a run (contract section 5)."""
     import numpy as np
 
     head = result_header("run", profile)
@@ -172,22 +106,7 @@ def first_manifest(
 
 
 def read_manifest(path: Path) -> dict[str, Any]:
-    """Read and check the ``run.json`` of a run folder.
-
-    Parameters
-    ----------
-    path : Path
-        The run folder.
-
-    Returns
-    -------
-    dict
-
-    Raises
-    ------
-    DataError
-        If it is not a run folder or its ``run.json`` is damaged.
-    """
+    """Read and check the ``run.json`` of a run folder."""
     record = path / "run.json"
     if not record.is_file():
         raise DataError(

@@ -20,22 +20,7 @@ _EXPORT_FIX = "export it again: hdbench export RUN --format parquet"
 
 
 def require_parquet(where: str) -> ModuleType:
-    """Return the library that reads and writes Parquet.
-
-    Parameters
-    ----------
-    where : str
-        What it is needed for, for the message.
-
-    Returns
-    -------
-    module
-
-    Raises
-    ------
-    UsageError
-        If it is not installed.
-    """
+    """Return the library that reads and writes Parquet."""
     try:
         return importlib.import_module("pyarrow.parquet")
     except ImportError as error:
@@ -57,50 +42,13 @@ def _opened(path: Path) -> object:
 
 
 def parquet_names(path: Path) -> tuple[str, ...]:
-    """Return the column names of a Parquet file.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-
-    Returns
-    -------
-    tuple of str
-
-    Raises
-    ------
-    DataError
-        If it is missing or no Parquet file.
-    UsageError
-        If the library is not installed.
-    """
+    """Return the column names of a Parquet file."""
     file = _opened(path)
     return tuple(file.schema_arrow.names)  # type: ignore[attr-defined]
 
 
 def parquet_columns(path: Path) -> tuple[dict[str, FloatArray], dict[str, tuple[str, ...]]]:
-    """Read the columns of a Parquet file.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-
-    Returns
-    -------
-    columns : dict of str to ndarray
-        Columns of numbers; an absent value is a lost sample, NaN.
-    texts : dict of str to tuple of str
-        Columns of text.
-
-    Raises
-    ------
-    DataError
-        If it is missing, damaged, empty or too large, or names a column twice.
-    UsageError
-        If the library is not installed.
-    """
+    """Read the columns of a Parquet file."""
     file = _opened(path)
     names = tuple(file.schema_arrow.names)  # type: ignore[attr-defined]
     rows = file.metadata.num_rows  # type: ignore[attr-defined]

@@ -15,20 +15,7 @@ _SILENCE_S = 600.0
 
 
 def still_running(manifest: Mapping[str, Any], journal_age_s: float | None) -> bool:
-    """Return whether the process that wrote `manifest` still lives.
-
-    Parameters
-    ----------
-    manifest : mapping
-        Content of ``run.json``: ``pid``, ``process_mark``, ``host``.
-    journal_age_s : float or None
-        Time since the journal was last written, s; None without a journal. A run on another
-        host counts as running while this is short: only there can its process be seen.
-
-    Returns
-    -------
-    bool
-    """
+    """Return whether the process that wrote `manifest` still lives."""
     pid = manifest.get("pid")
     if not (isinstance(pid, int) and 0 < pid < 1 << 31):
         return False

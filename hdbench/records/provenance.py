@@ -16,39 +16,14 @@ _SCHEMA = "hdbench/import-provenance/1"
 
 
 def provenance_path(file: Path) -> Path:
-    """Return where the provenance of a file stands.
-
-    Parameters
-    ----------
-    file : Path
-        A trace or loads file.
-
-    Returns
-    -------
-    Path
-    """
+    """Return where the provenance of a file stands."""
     return file.with_name(f"{file.name}.provenance.json")
 
 
 def write_provenance(
     file: Path, sources: Sequence[tuple[Path, str]], described: Mapping[str, Any]
 ) -> None:
-    """Write what a file was made from beside it.
-
-    Parameters
-    ----------
-    file : Path
-        The file; its digest ties the two together. A device or pipe has nothing beside it.
-    sources : sequence of (Path, str)
-        Foreign files and their forms.
-    described : mapping
-        What was done.
-
-    Raises
-    ------
-    StorageError
-        If the disk is full or failed.
-    """
+    """Write what a file was made from beside it."""
     from hdbench import __version__
 
     if not file.is_file():

@@ -36,66 +36,18 @@ def _length(block: JournalBlock) -> int:
 
 
 def acknowledged(content: JournalContent, kind: str) -> int:
-    """Return how many samples or readings a journal holds.
-
-    Parameters
-    ----------
-    content : JournalContent
-        The journal.
-    kind : str
-        ``samples`` or ``reading``.
-
-    Returns
-    -------
-    int
-    """
+    """Return how many samples or readings a journal holds."""
     blocks = [block for block in content.blocks if block.kind == kind]
     return len(blocks) if kind == "reading" else sum(map(_length, blocks))
 
 
 def journal_trace(content: JournalContent, source: str) -> Trace:
-    """Put the sample blocks of a journal together.
-
-    Parameters
-    ----------
-    content : JournalContent
-        The journal.
-    source : str
-        Where it came from.
-
-    Returns
-    -------
-    Trace
-        Channels in the order of the first block; NaN where a block lacks a channel. Of an
-        acquisition that was repeated the last attempt counts.
-
-    Raises
-    ------
-    DataError
-        If there is no sample, or a block lacks ``time_s``.
-    """
+    """Put the sample blocks of a journal together."""
     return blocks_trace(standing_blocks(sample_groups(content)), source)
 
 
 def blocks_trace(blocks: Sequence[JournalBlock], source: str) -> Trace:
-    """Put sample blocks together.
-
-    Parameters
-    ----------
-    blocks : sequence of JournalBlock
-        In order.
-    source : str
-        Where they came from.
-
-    Returns
-    -------
-    Trace
-
-    Raises
-    ------
-    DataError
-        As for `journal_trace`.
-    """
+    """Put sample blocks together."""
     if not blocks:
         raise DataError("no samples in the journal", where=source, fix="run the experiment again")
     if not all("time_s" in block.columns for block in blocks):
@@ -109,26 +61,7 @@ def blocks_trace(blocks: Sequence[JournalBlock], source: str) -> Trace:
 
 
 def journal_loads(content: JournalContent, source: str) -> Loads:
-    """Put the load readings of a journal together.
-
-    Parameters
-    ----------
-    content : JournalContent
-        The journal; `extra` of each ``reading`` block holds the fields of a `LoadReading`.
-    source : str
-        Where it came from.
-
-    Returns
-    -------
-    Loads
-        The readings that count. Keys that a `LoadReading` has not, such as ``settled``, are extra
-        columns.
-
-    Raises
-    ------
-    DataError
-        If there is no reading, or one lacks a field.
-    """
+    """Put the load readings of a journal together."""
     known = {f.name for f in dataclasses.fields(LoadReading)}
     found = reading_entries(content)
     entries = [reading.entry for reading in found if reading.superseded is None]
@@ -159,18 +92,7 @@ def _is_calibration(folder: RunFolder) -> bool:
 
 
 def data_file(folder: RunFolder) -> tuple[Path, str]:
-    """Return the file that a run's data stand in, and the kind of journal block it comes from.
-
-    Parameters
-    ----------
-    folder : RunFolder
-        The run.
-
-    Returns
-    -------
-    tuple of (Path, str)
-        ``loads.csv`` and ``reading`` for a calibration, else ``trace.csv`` and ``samples``.
-    """
+    """Return the file that a run's data stand in, and the kind of journal block it comes from."""
     return (folder.loads, "reading") if _is_calibration(folder) else (folder.trace, "samples")
 
 

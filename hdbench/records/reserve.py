@@ -20,20 +20,7 @@ _MIB = float(1 << 20)
 
 
 def check_space(folder: Path, needed: int) -> None:
-    """Refuse to begin what the disk cannot hold twice over.
-
-    Parameters
-    ----------
-    folder : Path
-        Where it is to be written; must exist.
-    needed : int
-        What it takes, byte.
-
-    Raises
-    ------
-    StorageError
-        If there is less than twice that and the reserve.
-    """
+    """Refuse to begin what the disk cannot hold twice over."""
     try:
         free = shutil.disk_usage(folder).free
     except OSError as error:
@@ -49,18 +36,7 @@ def check_space(folder: Path, needed: int) -> None:
 
 
 def keep_reserve(folder: Path) -> None:
-    """Keep 4 MiB back in `folder`, so that a run can be closed on a disk that fills up.
-
-    Parameters
-    ----------
-    folder : Path
-        The run folder.
-
-    Raises
-    ------
-    StorageError
-        If there is no room even for that.
-    """
+    """Keep 4 MiB back in `folder`, so that a run can be closed on a disk that fills up."""
     path = folder / RESERVE_NAME
     try:
         handle = os.open(path, os.O_WRONLY | os.O_CREAT, 0o644)
@@ -73,13 +49,7 @@ def keep_reserve(folder: Path) -> None:
 
 
 def free_reserve(folder: Path) -> None:
-    """Give the reserve back; never raises.
-
-    Parameters
-    ----------
-    folder : Path
-        The run folder.
-    """
+    """Give the reserve back; never raises."""
     # without it there is a little less room for closing the run
     with suppress(OSError):
         (folder / RESERVE_NAME).unlink(missing_ok=True)

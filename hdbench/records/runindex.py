@@ -66,17 +66,7 @@ class RunSummary:
 
 
 def read_run(path: Path) -> RunSummary:
-    """Return the summary of one run, read from its folder.
-
-    Parameters
-    ----------
-    path : Path
-        A folder with a ``run.json``.
-
-    Returns
-    -------
-    RunSummary
-    """
+    """Return the summary of one run, read from its folder."""
     try:
         folder = RunFolder.open(path)
     except DataError:

@@ -26,19 +26,7 @@ _CHUNK = 1 << 20
 
 
 def storage_error(error: OSError, path: Path) -> StorageError:
-    """Return `error` as the error that a person at the bench can act on.
-
-    Parameters
-    ----------
-    error : OSError
-        What the operating system said.
-    path : Path
-        The file or folder that was to be written.
-
-    Returns
-    -------
-    StorageError
-    """
+    """Return `error` as the error that a person at the bench can act on."""
     fix = "free space or choose another folder with --out; what was acknowledged is kept"
     if error.errno in (errno.EACCES, errno.EPERM, errno.EROFS):
         fix = "choose a folder with --out that you may write to, or ask for the right to this one"
@@ -95,35 +83,12 @@ def write_atomic(path: Path, chunks: bytes | Iterable[bytes]) -> None:
 
 
 def staged_path(path: Path) -> Path:
-    """Return a hidden name beside `path`, with the same endings, for content still to be checked.
-
-    Parameters
-    ----------
-    path : Path
-        The file that is wanted in the end.
-
-    Returns
-    -------
-    Path
-    """
+    """Return a hidden name beside `path`, with the same endings, for unchecked content."""
     return path.with_name(f".staged-{secrets.token_hex(4)}-{path.name}")
 
 
 def publish(staged: Path, path: Path) -> None:
-    """Give checked content its name.
-
-    Parameters
-    ----------
-    staged : Path
-        A complete, synced file in the folder of `path`.
-    path : Path
-        File to make or replace.
-
-    Raises
-    ------
-    StorageError
-        If that fails; an old file is then untouched.
-    """
+    """Give checked content its name."""
     try:
         if _is_special(path):
             _write_special(path, staged.read_bytes())
@@ -158,26 +123,7 @@ def write_new(path: Path, content: bytes) -> None:
 
 
 def file_bytes(path: Path, *, limit: int, what: str) -> bytes:
-    """Read a regular file of at most `limit` bytes.
-
-    Parameters
-    ----------
-    path : Path
-        File to read.
-    limit : int
-        Largest size, byte.
-    what : str
-        What the file is, for the message.
-
-    Returns
-    -------
-    bytes
-
-    Raises
-    ------
-    DataError
-        If it is missing, not a regular file, not readable or too large.
-    """
+    """Read a regular file of at most `limit` bytes."""
     try:
         if not path.exists():
             raise DataError(f"no such {what}", where=str(path), fix="check the path")

@@ -74,18 +74,7 @@ class JournalSamples:
         return tuple(found)
 
     def trace(self, source: str) -> Trace:
-        """Return the trace; memory is that of its channels.
-
-        Parameters
-        ----------
-        source : str
-            Name of the trace.
-
-        Returns
-        -------
-        Trace
-            NaN where a block lacks a channel; no channels where no sample counts.
-        """
+        """Return the trace; memory is that of its channels."""
         columns: dict[str, FloatArray] = {name: np.full(len(self), np.nan) for name in self.names}
         row = 0
         for block in self._blocks():
@@ -96,20 +85,7 @@ class JournalSamples:
         return Trace(columns, source)
 
     def write(self, path: Path) -> None:
-        """Write the trace as `write_trace` does, with memory for a few thousand rows.
-
-        Parameters
-        ----------
-        path : Path
-            A ``.csv`` file to write or replace.
-
-        Raises
-        ------
-        StorageError
-            If the disk is full or failed; an old file is then untouched.
-        DataError
-            If there is no sample, the time does not increase, or a sample is infinite.
-        """
+        """Write the trace as `write_trace` does, with memory for a few thousand rows."""
         if not len(self) or "time_s" not in self.names:
             raise DataError(
                 "no samples in the journal", where=str(self.path), fix="run the experiment again"
@@ -154,25 +130,7 @@ class JournalSamples:
 def survey_samples(
     path: Path, counts: Callable[[SampleCount], bool] = lambda _group: True
 ) -> JournalSamples:
-    """Find out what samples a journal holds, and which of them count.
-
-    Parameters
-    ----------
-    path : Path
-        The journal; it may still be written to.
-    counts : callable
-        Whether an acquisition that was not repeated counts.
-
-    Returns
-    -------
-    JournalSamples
-        Of an acquisition that was repeated the last attempt counts.
-
-    Raises
-    ------
-    DataError
-        If the file is missing.
-    """
+    """Find out what samples a journal holds, and which of them count."""
     groups = [SampleCount(None, 1)]
     for _, block in _numbered(path, groups):
         groups[-1].rows += _rows(block)

@@ -28,18 +28,7 @@ _LIMIT_HEADER = 1 << 20
 
 
 def safe_cell(value: object) -> object:
-    """Return a cell that no spreadsheet takes for a formula.
-
-    Parameters
-    ----------
-    value : object
-        A number or a text of somebody else.
-
-    Returns
-    -------
-    object
-        A text that starts like a formula gets an apostrophe; all else is as it was.
-    """
+    """Return a cell that no spreadsheet takes for a formula."""
     if isinstance(value, str) and value.lstrip()[:1] in ("=", "+", "-", "@"):
         return f"'{value}"
     return value
@@ -68,24 +57,7 @@ class Table:
 
 
 def check_header(path: Path, header: Sequence[str]) -> tuple[str, ...]:
-    """Return clean column names.
-
-    Parameters
-    ----------
-    path : Path
-        The file, for messages.
-    header : sequence of str
-        Cells of the first row.
-
-    Returns
-    -------
-    tuple of str
-
-    Raises
-    ------
-    DataError
-        If the header is missing, foreign, too wide, or names a column twice.
-    """
+    """Return clean column names."""
     names = tuple(name.strip() for name in header)
     if names and names[0].startswith("\ufeff"):
         raise data_error(path, 1, "starts with a byte order mark; needed: UTF-8 without one")
@@ -116,27 +88,7 @@ def _is_number(text: str) -> bool:
 
 
 def csv_lines(path: Path, text: str, delimiter: str = ",") -> list[tuple[int, list[str]]]:
-    """Split `text` by the rules of CSV quoting; empty lines are left out.
-
-    Parameters
-    ----------
-    path : Path
-        The file, for messages.
-    text : str
-        Its text.
-    delimiter : str
-        One character.
-
-    Returns
-    -------
-    list of (int, list of str)
-        Line on which the row ends, and its cells.
-
-    Raises
-    ------
-    DataError
-        If quotes do not match or a cell is longer than 131 072 characters.
-    """
+    """Split `text` by the rules of CSV quoting; empty lines are left out."""
     reader = csv.reader(text.split("\n"), delimiter=delimiter, strict=True)
     rows = []
     start = 1  # line on which the row that is being read begins
@@ -151,24 +103,7 @@ def csv_lines(path: Path, text: str, delimiter: str = ",") -> list[tuple[int, li
 
 
 def parse_table(path: Path, text: str) -> Table:
-    """Split the text of a file that follows the contract into header and rows.
-
-    Parameters
-    ----------
-    path : Path
-        The file, for messages.
-    text : str
-        Its text.
-
-    Returns
-    -------
-    Table
-
-    Raises
-    ------
-    DataError
-        If the header is wrong, a row has another number of cells, or there is no row.
-    """
+    """Split the text of a file that follows the contract into header and rows."""
     numbered = csv_lines(path, text)
     if not numbered:
         raise data_error(
@@ -188,22 +123,7 @@ def parse_table(path: Path, text: str) -> Table:
 
 
 def read_header(path: Path) -> tuple[str, ...]:
-    """Return the column names of a CSV file without reading the rest.
-
-    Parameters
-    ----------
-    path : Path
-        A ``.csv``, ``.csv.gz`` or ``.parquet`` file.
-
-    Returns
-    -------
-    tuple of str
-
-    Raises
-    ------
-    DataError
-        If the file cannot be read or its header is wrong.
-    """
+    """Return the column names of a CSV file without reading the rest."""
     if path.suffix == PARQUET:
         return parquet_names(path)
     opener = gzip.open if path.suffix == ".gz" else open
@@ -221,17 +141,7 @@ def read_header(path: Path) -> tuple[str, ...]:
 
 
 def quoted(cell: str) -> str:
-    """Return a cell of text as CSV writes it.
-
-    Parameters
-    ----------
-    cell : str
-        Any text.
-
-    Returns
-    -------
-    str
-    """
+    """Return a cell of text as CSV writes it."""
     if any(mark in cell for mark in ',"\n\r'):
         return '"' + cell.replace('"', '""') + '"'
     return cell

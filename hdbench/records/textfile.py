@@ -20,23 +20,7 @@ IMPORT_FIX = "bring the file in with 'hdbench import' (--help shows how to name 
 
 
 def data_error(path: Path, line: int, what: str, fix: str = IMPORT_FIX) -> DataError:
-    """Return a `DataError` at one line of a file.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    line : int
-        Line, from 1.
-    what : str
-        What was found and what is needed.
-    fix : str
-        One next act.
-
-    Returns
-    -------
-    DataError
-    """
+    """Return a `DataError` at one line of a file."""
     return DataError(what, where=f"{path}:{line}", fix=fix)
 
 
@@ -67,26 +51,7 @@ def _inflate(path: Path, packed: bytes) -> bytes:
 
 
 def read_text(path: Path, what: str, *, keep_bom: bool = True) -> str:
-    r"""Read a text file, gzip-packed where its name ends with ``.gz``; lines end with ``\n``.
-
-    Parameters
-    ----------
-    path : Path
-        File to read.
-    what : str
-        What the file is, for messages.
-    keep_bom : bool
-        False removes a byte order mark at the start.
-
-    Returns
-    -------
-    str
-
-    Raises
-    ------
-    DataError
-        If the file is missing, too large, damaged, or not UTF-8 text.
-    """
+    r"""Read a text file, gzip-packed where its name ends with ``.gz``; lines end with ``\n``."""
     raw = file_bytes(path, limit=_LIMIT_BYTES, what=what)
     if path.suffix == ".gz":
         raw = _inflate(path, raw)

@@ -72,23 +72,7 @@ class Case:
 
 
 def find_cases(folder: Path) -> tuple[Path, ...]:
-    """Return the folders of all cases: `folder` itself, or those below it that hold a case.
-
-    Parameters
-    ----------
-    folder : Path
-        A folder with ``case.json``, or the parent of such folders.
-
-    Returns
-    -------
-    tuple of Path
-        In the order of their names.
-
-    Raises
-    ------
-    DataError
-        If there is none.
-    """
+    """Return the folders of all cases: `folder` itself, or those below it that hold a case."""
     folder = Path(folder)
     if (folder / "case.json").is_file():
         return (folder,)
@@ -103,22 +87,7 @@ def find_cases(folder: Path) -> tuple[Path, ...]:
 
 
 def read_case(folder: Path) -> Case:
-    """Read the case of one folder.
-
-    Parameters
-    ----------
-    folder : Path
-        Folder with ``case.json``.
-
-    Returns
-    -------
-    Case
-
-    Raises
-    ------
-    DataError
-        If the file is damaged, or a key is missing, unknown or out of its domain.
-    """
+    """Read the case of one folder."""
     file = folder / "case.json"
     body = read_json(file, CASE_SCHEMA)
     for key in sorted(set(body) - _KEYS):

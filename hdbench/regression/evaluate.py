@@ -26,23 +26,7 @@ _NO_RESULT = ("hdbench_version", "profile", "run", "doubts", "settings")
 
 
 def evaluate_case(case: Case) -> dict[str, Any]:
-    """Return the result of a case.
-
-    Parameters
-    ----------
-    case : Case
-        What to evaluate.
-
-    Returns
-    -------
-    dict
-        The result as the experiment's command would store it, without versions and identities.
-
-    Raises
-    ------
-    DataError
-        If the input, the profile or the filter model is invalid.
-    """
+    """Return the result of a case."""
     profile = load_profile(case.profile)
     if case.kind == "calibration":
         result = _calibration(case, profile)

@@ -50,17 +50,7 @@ class ResultKey:
 
 
 def type_of(value: Any) -> str:
-    """Return the type of a JSON value in the words of the table.
-
-    Parameters
-    ----------
-    value : object
-        What JSON can hold.
-
-    Returns
-    -------
-    str
-    """
+    """Return the type of a JSON value in the words of the table."""
     if value is None:
         return "null"
     if isinstance(value, Mapping):
@@ -248,17 +238,7 @@ RESULT_KEYS: tuple[ResultKey, ...] = (
 
 
 def keys_of(kind: str) -> dict[str, ResultKey]:
-    """Return the keys of one kind of result, by name.
-
-    Parameters
-    ----------
-    kind : str
-        One of `KINDS`.
-
-    Returns
-    -------
-    dict
-    """
+    """Return the keys of one kind of result, by name."""
     found: dict[str, ResultKey] = {}
     for row in RESULT_KEYS:
         if kind in row.kinds:

@@ -111,26 +111,7 @@ _NUMBERS = ("abs", "rel", "sigma")
 
 
 def read_tolerances(body: Any, where: str) -> tuple[Tolerance, ...]:
-    """Read the tolerances of a case.
-
-    Parameters
-    ----------
-    body : object
-        Mapping of path pattern to ``{"abs", "rel", "sigma", "note_only", "reason"}``; None is
-        empty.
-    where : str
-        File, for messages.
-
-    Returns
-    -------
-    tuple of Tolerance
-        In the order of the file.
-
-    Raises
-    ------
-    DataError
-        If a tolerance is negative, not finite, allows nothing to be compared, or has no reason.
-    """
+    """Read the tolerances of a case."""
     if body is None:
         return ()
     if not isinstance(body, Mapping):
@@ -168,18 +149,5 @@ def _bad(what: str, where: str) -> DataError:
 
 
 def tolerance_for(path: str, own: tuple[Tolerance, ...]) -> Tolerance:
-    """Return the tolerance of one quantity.
-
-    Parameters
-    ----------
-    path : str
-        Path of the quantity.
-    own : tuple of Tolerance
-        Those of the case; they stand before the defaults.
-
-    Returns
-    -------
-    Tolerance
-        The first that matches.
-    """
+    """Return the tolerance of one quantity."""
     return next(rule for rule in (*own, *DEFAULTS) if rule.matches(path))

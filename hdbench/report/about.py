@@ -30,18 +30,7 @@ _NESTED = ("device", "versions", "simulation", "source")
 
 
 def provenance(source: Source) -> tuple[tuple[str, str], ...]:
-    """Return what was done, when, and with what.
-
-    Parameters
-    ----------
-    source : Source
-        The run.
-
-    Returns
-    -------
-    tuple of (str, str)
-        Name and value, as text.
-    """
+    """Return what was done, when, and with what."""
     rows = [("run", source.run_id)]
     rows += [
         (words, plain(source.manifest[key]))
@@ -66,19 +55,7 @@ def provenance(source: Source) -> tuple[tuple[str, str], ...]:
 
 
 def raw_files(source: Source, out: Path) -> tuple[tuple[str, str, str], ...]:
-    """Return name, link relative to the report, and SHA-256 of the run's files.
-
-    Parameters
-    ----------
-    source : Source
-        The run.
-    out : Path
-        The HTML file that links to them.
-
-    Returns
-    -------
-    tuple of (str, str, str)
-    """
+    """Return name, link relative to the report, and SHA-256 of the run's files."""
     hashes = source.manifest.get("files", {})
     if source.path.is_file():
         names = [source.path.name]
@@ -100,18 +77,7 @@ def raw_files(source: Source, out: Path) -> tuple[tuple[str, str, str], ...]:
 
 
 def filter_tables(source: Source) -> tuple[Table, ...]:
-    """Return the filter used, block by block, and where each number came from.
-
-    Parameters
-    ----------
-    source : Source
-        The run.
-
-    Returns
-    -------
-    tuple of Table
-        Empty where the run names no filter, or filters nothing.
-    """
+    """Return the filter used, block by block, and where each number came from."""
     found = filter_model_of(source)
     if found is None or source.kind == "calibration":
         return ()

@@ -12,18 +12,7 @@ __all__ = ["beyond_tables", "beyond_words", "with_beyond"]
 
 
 def beyond_words(result: Mapping[str, Any]) -> list[str]:
-    """Return each line and tone beyond the known orders as a few words.
-
-    Parameters
-    ----------
-    result : mapping
-        A ripple or misalignment result with `lines` (motor orders) and `tones` (frequencies).
-
-    Returns
-    -------
-    list of str
-        Such as ``0.205 N·m at motor order 3.015``.
-    """
+    """Return each line and tone beyond the known orders as a few words."""
     lines = [
         (line, f"motor order {short(float(line['order']))}") for line in result.get("lines", ())
     ]
@@ -35,20 +24,7 @@ def beyond_words(result: Mapping[str, Any]) -> list[str]:
 
 
 def with_beyond(verdict: Verdict, result: Mapping[str, Any]) -> Verdict:
-    """Return a verdict that says when more stands out than was looked for.
-
-    Parameters
-    ----------
-    verdict : Verdict
-        What the evaluation says of what it looked for.
-    result : mapping
-        Its result.
-
-    Returns
-    -------
-    Verdict
-        The same where nothing else stands out; else at best worth a look.
-    """
+    """Return a verdict that says when more stands out than was looked for."""
     words = beyond_words(result)
     if not words:
         return verdict
@@ -58,17 +34,7 @@ def with_beyond(verdict: Verdict, result: Mapping[str, Any]) -> Verdict:
 
 
 def beyond_tables(result: Mapping[str, Any]) -> tuple[Table, ...]:
-    """Return the table of lines and tones beyond the known orders; empty where there are none.
-
-    Parameters
-    ----------
-    result : mapping
-        A ripple or misalignment result.
-
-    Returns
-    -------
-    tuple of Table
-    """
+    """Return the table of lines and tones beyond the known orders; empty where there are none."""
     rows = tuple(
         (
             plain(line.get("order")),

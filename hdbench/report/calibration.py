@@ -24,17 +24,7 @@ __all__ = ["data_pictures", "numbers", "pictures", "summary", "tables", "verdict
 
 
 def verdict(result: Mapping[str, Any]) -> Verdict:
-    """Say whether the gain is accepted.
-
-    Parameters
-    ----------
-    result : mapping
-        The calibration result (contract section 5).
-
-    Returns
-    -------
-    Verdict
-    """
+    """Say whether the gain is accepted."""
     consistency, limit = value_of(result, "consistency"), value_of(result, "max_consistency")
     gain = with_std(result["gain_nm_per_v"])
     if result.get("accepted") is None or consistency is None:
@@ -51,20 +41,7 @@ def verdict(result: Mapping[str, Any]) -> Verdict:
 
 
 def summary(result: Mapping[str, Any], source: Source) -> str:
-    """Say in plain words what the calibration found.
-
-    Parameters
-    ----------
-    result : mapping
-        The calibration result.
-    source : Source
-        The run.
-
-    Returns
-    -------
-    str
-        One paragraph.
-    """
+    """Say in plain words what the calibration found."""
     gain = result["gain_nm_per_v"]
     lines = result.get("experiments", [])
     text = (
@@ -101,20 +78,7 @@ def summary(result: Mapping[str, Any], source: Source) -> str:
 
 
 def numbers(result: Mapping[str, Any], run_id: str) -> tuple[KeyNumber, ...]:
-    """Return gain, consistency and size of the calibration.
-
-    Parameters
-    ----------
-    result : mapping
-        The calibration result.
-    run_id : str
-        Name of the run.
-
-    Returns
-    -------
-    tuple of KeyNumber
-        Those that the result holds.
-    """
+    """Return gain, consistency and size of the calibration."""
     one = result.get("uncertainty", {}).get("any_one_position")
     interval = result.get("consistency_interval") or (None, None)
     within = "" if None in interval else f", 95 %: {interval[0]:.2g} to {interval[1]:.2g}"
@@ -129,22 +93,7 @@ def numbers(result: Mapping[str, Any], run_id: str) -> tuple[KeyNumber, ...]:
 
 
 def pictures(source: Source, prefix: str, _doubts: list[str]) -> tuple[Picture, ...]:
-    """Draw deviations from the line, readings and lines, hysteresis, gains, budget, course.
-
-    Parameters
-    ----------
-    source : Source
-        The run.
-    prefix : str
-        Word that makes the figures' ids unique on the page.
-    _doubts : list of str
-        Reasons why a figure is missing are appended.
-
-    Returns
-    -------
-    tuple of Picture
-        Those for which the run holds data.
-    """
+    """Draw deviations from the line, readings and lines, hysteresis, gains, budget, course."""
     result = source.result
     first: tuple[Picture, ...] = ()
     if source.loads is not None:
@@ -176,17 +125,7 @@ def _evaluated(loads: Loads, result: Mapping[str, Any]) -> Loads:
 
 
 def tables(result: Mapping[str, Any]) -> tuple[Table, ...]:
-    """List everything that a calibration record holds.
-
-    Parameters
-    ----------
-    result : mapping
-        The calibration result.
-
-    Returns
-    -------
-    tuple of Table
-    """
+    """List everything that a calibration record holds."""
     rows = tuple(
         (
             str(line["id"]),
@@ -228,19 +167,7 @@ def tables(result: Mapping[str, Any]) -> tuple[Table, ...]:
 
 
 def data_pictures(source: Source, prefix: str) -> tuple[Picture, ...]:
-    """Draw readings that were not evaluated yet, with the line of each experiment.
-
-    Parameters
-    ----------
-    source : Source
-        A file of readings.
-    prefix : str
-        Word that makes the figures' ids unique on the page.
-
-    Returns
-    -------
-    tuple of Picture
-    """
+    """Draw readings that were not evaluated yet, with the line of each experiment."""
     from hdbench.calibration import evaluate_calibration
 
     if source.loads is None:

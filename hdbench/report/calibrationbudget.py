@@ -15,17 +15,7 @@ Result = Mapping[str, Any]
 
 
 def budget_table(result: Result) -> Table:
-    """Return the uncertainty budget of the gain.
-
-    Parameters
-    ----------
-    result : mapping
-        The calibration result.
-
-    Returns
-    -------
-    Table
-    """
+    """Return the uncertainty budget of the gain."""
     rows = tuple(
         (
             row["name"],
@@ -61,17 +51,7 @@ def budget_table(result: Result) -> Table:
 
 
 def corrections_table(result: Result) -> Table:
-    """Return every correction of the applied torque; without rows where none was made of a mass.
-
-    Parameters
-    ----------
-    result : mapping
-        The calibration result.
-
-    Returns
-    -------
-    Table
-    """
+    """Return every correction of the applied torque; without rows where none was made of a mass."""
     torque = result["torque"]
     rows = tuple(
         (

@@ -19,20 +19,7 @@ _TOP = 0.98
 
 
 def budget_picture(result: Result, prefix: str) -> Picture | None:
-    """Draw the standard uncertainties that make up that of the gain.
-
-    Parameters
-    ----------
-    result : mapping
-        The calibration result.
-    prefix : str
-        Word that makes the figure's ids unique on the page.
-
-    Returns
-    -------
-    Picture or None
-        None where nothing has a size.
-    """
+    """Draw the standard uncertainties that make up that of the gain."""
     rows = [row for row in result.get("budget", ()) if row["relative_std"] > 0.0]
     if not rows:
         return None
@@ -58,20 +45,7 @@ def budget_picture(result: Result, prefix: str) -> Picture | None:
 
 
 def sequence_picture(result: Result, prefix: str) -> Picture | None:
-    """Draw the applied torque against time, preloads marked.
-
-    Parameters
-    ----------
-    result : mapping
-        The calibration result.
-    prefix : str
-        Word that makes the figure's ids unique on the page.
-
-    Returns
-    -------
-    Picture or None
-        None where no times are told.
-    """
+    """Draw the applied torque against time, preloads marked."""
     rows = list(result.get("sequence", ())) or list(result.get("readings", ()))
     told = [r for r in rows if r["time_s"] is not None and r["torque_nm"] is not None]
     if len(told) < 2:
@@ -112,20 +86,7 @@ def sequence_picture(result: Result, prefix: str) -> Picture | None:
 
 
 def top_picture(result: Result, prefix: str) -> Picture | None:
-    """Draw the readings under the largest load against time.
-
-    Parameters
-    ----------
-    result : mapping
-        The calibration result.
-    prefix : str
-        Word that makes the figure's ids unique on the page.
-
-    Returns
-    -------
-    Picture or None
-        None where no reading under the largest load tells its time and slope.
-    """
+    """Draw the readings under the largest load against time."""
     places = {line["id"]: line["position_rad"] for line in result.get("experiments", ())}
     known = sorted({round(p, 4) for p in places.values()})
     ranges = {line["id"]: line["range"] for line in result.get("experiments", ())}

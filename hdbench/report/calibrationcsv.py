@@ -34,19 +34,7 @@ Row = tuple[str, str, object, str, object, str]
 
 
 def record_csv(result: Mapping[str, Any]) -> str:
-    """Return the calibration record as text with commas.
-
-    Parameters
-    ----------
-    result : mapping
-        The calibration result (contract section 5).
-
-    Returns
-    -------
-    str
-        One number in a row: ``part``, ``group``, ``torque_nm``, ``name``, ``value``, ``unit``;
-        numbers that there are none of are left out.
-    """
+    """Return the calibration record as text with commas."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(_HEAD)

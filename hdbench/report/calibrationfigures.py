@@ -31,67 +31,22 @@ SIZE = 4.2
 
 
 def position_colour(position: int) -> str:
-    """Return the colour of a position's readings.
-
-    Parameters
-    ----------
-    position : int
-        Number of the position, from 0.
-
-    Returns
-    -------
-    str
-    """
+    """Return the colour of a position's readings."""
     return COLOURS[_COLOURS[position % len(_COLOURS)]]
 
 
 def direction_sign(group: Mapping[str, Any]) -> float:
-    """Return 1 for a clockwise group, -1 for an anticlockwise one.
-
-    Parameters
-    ----------
-    group : mapping
-        With ``direction``.
-
-    Returns
-    -------
-    float
-    """
+    """Return 1 for a clockwise group, -1 for an anticlockwise one."""
     return 1.0 if group["direction"] == "cw" else -1.0
 
 
 def position_degrees(position_rad: float) -> str:
-    """Return a position in degrees, with their sign.
-
-    Parameters
-    ----------
-    position_rad : float
-        Position, rad.
-
-    Returns
-    -------
-    str
-    """
+    """Return a position in degrees, with their sign."""
     return f"{math.degrees(position_rad):.4g}°"
 
 
 def deviation_picture(result: Result, range_name: str, prefix: str) -> Picture | None:
-    """Draw the deviation from the line against torque, with uncertainty and class.
-
-    Parameters
-    ----------
-    result : mapping
-        The calibration result.
-    range_name : str
-        ``low`` or ``full``.
-    prefix : str
-        Word that makes the figure's ids unique on the page.
-
-    Returns
-    -------
-    Picture or None
-        None where that range was not measured.
-    """
+    """Draw the deviation from the line against torque, with uncertainty and class."""
     groups = [g for g in result.get("groups", ()) if g["range"] == range_name]
     groups = [g for g in groups if g["gain_up_down_nm_per_v"] or g["gain_up_nm_per_v"]]
     if not groups:
@@ -122,35 +77,12 @@ def deviation_picture(result: Result, range_name: str, prefix: str) -> Picture |
 
 
 def branch_volts(series: Mapping[str, Any], branch: str) -> FloatArray:
-    """Return the deflections of a branch, V; NaN where there is none.
-
-    Parameters
-    ----------
-    series : mapping
-        One series of a group.
-    branch : str
-        ``up`` or ``down``.
-
-    Returns
-    -------
-    ndarray, shape (m,)
-    """
+    """Return the deflections of a branch, V; NaN where there is none."""
     return np.array([np.nan if v is None else v for v in series[f"{branch}_v"]], dtype=float)
 
 
 def line_slope(group: Mapping[str, Any]) -> float:
-    """Return the slope of a group's line through zero, V/(N m).
-
-    Parameters
-    ----------
-    group : mapping
-        A group of the result.
-
-    Returns
-    -------
-    float
-        Of loading and unloading where both were measured.
-    """
+    """Return the slope of a group's line through zero, V/(N m)."""
     return float(group["linear_up_down_v_per_nm"] or group["linear_v_per_nm"])
 
 

@@ -25,20 +25,7 @@ Result = Mapping[str, Any]
 
 
 def hysteresis_picture(result: Result, prefix: str) -> Picture | None:
-    """Draw unloading less loading against torque, and the change of the zero.
-
-    Parameters
-    ----------
-    result : mapping
-        The calibration result.
-    prefix : str
-        Word that makes the figure's ids unique on the page.
-
-    Returns
-    -------
-    Picture or None
-        None where there is no unloading.
-    """
+    """Draw unloading less loading against torque, and the change of the zero."""
     groups = [g for g in result.get("groups", ()) if g["n_series_up_down"]]
     # the widest range shows the loop: that of a smaller one lies inside it
     groups = [g for g in groups if g["range"] == groups[0]["range"]]
@@ -89,20 +76,7 @@ def _width(axes: Any, group: Mapping[str, Any], series: Mapping[str, Any], named
 
 
 def gain_picture(result: Result, prefix: str) -> Picture | None:
-    """Draw the gain of each experiment with its own uncertainty, grouped by position.
-
-    Parameters
-    ----------
-    result : mapping
-        The calibration result.
-    prefix : str
-        Word that makes the figure's ids unique on the page.
-
-    Returns
-    -------
-    Picture or None
-        None for a single experiment.
-    """
+    """Draw the gain of each experiment with its own uncertainty, grouped by position."""
     lines = sorted(
         result.get("experiments", ()),
         key=lambda x: (round(x["position_rad"], 4), x["direction"], x["range"]),

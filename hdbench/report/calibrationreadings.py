@@ -17,18 +17,7 @@ _CHANCE = 0.05
 
 
 def course_tables(result: Result) -> tuple[Table, ...]:
-    """Return environment, readings, warnings and the place for signatures.
-
-    Parameters
-    ----------
-    result : mapping
-        The calibration result.
-
-    Returns
-    -------
-    tuple of Table
-        Those for which the result holds data.
-    """
+    """Return environment, readings, warnings and the place for signatures."""
     if "course" not in result:
         return ()
     made = (_environment(result), _shunt(result), _warnings(result), _readings(result))

@@ -38,18 +38,7 @@ _ITEM = {
 
 
 def identity_tables(result: Result) -> tuple[Table, ...]:
-    """Return what was calibrated, with what.
-
-    Parameters
-    ----------
-    result : mapping
-        The calibration result.
-
-    Returns
-    -------
-    tuple of Table
-        Empty for a result that was made without a bench.
-    """
+    """Return what was calibrated, with what."""
     item, standards = result.get("identity"), result.get("standards")
     if not item or not standards:
         return ()
@@ -83,17 +72,7 @@ def _expanded(standard: Mapping[str, Any]) -> str:
 
 
 def step_tables(result: Result) -> tuple[Table, ...]:
-    """Return the evaluation step by step, one table for each group.
-
-    Parameters
-    ----------
-    result : mapping
-        The calibration result.
-
-    Returns
-    -------
-    tuple of Table
-    """
+    """Return the evaluation step by step, one table for each group."""
     out = []
     for group in result.get("groups", ()):
         own = [s for s in result["steps"] if all(s[k] == group[k] for k in _GROUP)]

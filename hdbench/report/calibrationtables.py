@@ -21,18 +21,7 @@ Result = Mapping[str, Any]
 
 
 def result_tables(result: Result) -> tuple[Table, ...]:
-    """Return what the calibration found about the gain.
-
-    Parameters
-    ----------
-    result : mapping
-        The calibration result.
-
-    Returns
-    -------
-    tuple of Table
-        Those for which the result holds data; none for a result without the evaluation.
-    """
+    """Return what the calibration found about the gain."""
     if "uncertainty" not in result:
         return ()
     made = (

@@ -30,36 +30,14 @@ _DIGITS = 2
 
 
 def declared(value: object) -> str:
-    """Return a value as the record shows it; what is blank is not declared.
-
-    Parameters
-    ----------
-    value : object
-        Text, number or None.
-
-    Returns
-    -------
-    str
-    """
+    """Return a value as the record shows it; what is blank is not declared."""
     if value is None or value == "":
         return "not declared"
     return short(value) if isinstance(value, float) else str(value)
 
 
 def fixed(value: object, digits: int) -> str:
-    """Return a number with so many digits behind the point, a dash for none.
-
-    Parameters
-    ----------
-    value : float or None
-        The number.
-    digits : int
-        Digits behind the point.
-
-    Returns
-    -------
-    str
-    """
+    """Return a number with so many digits behind the point, a dash for none."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         return DASH
     # a zero has no sign
@@ -67,65 +45,22 @@ def fixed(value: object, digits: int) -> str:
 
 
 def percent(value: object, digits: int = 3) -> str:
-    """Return a share in percent, a dash for none.
-
-    Parameters
-    ----------
-    value : float or None
-        The share.
-    digits : int
-        Digits behind the point.
-
-    Returns
-    -------
-    str
-    """
+    """Return a share in percent, a dash for none."""
     return fixed(100.0 * value if isinstance(value, int | float) else None, digits)
 
 
 def ppm(value: object) -> str:
-    """Return a share in millionths, a dash for none.
-
-    Parameters
-    ----------
-    value : float or None
-        The share.
-
-    Returns
-    -------
-    str
-    """
+    """Return a share in millionths, a dash for none."""
     return fixed(1e6 * value if isinstance(value, int | float) else None, 0)
 
 
 def volts(value: object) -> str:
-    """Return a voltage in millivolts, a dash for none.
-
-    Parameters
-    ----------
-    value : float or None
-        Voltage, V.
-
-    Returns
-    -------
-    str
-    """
+    """Return a voltage in millivolts, a dash for none."""
     return fixed(1e3 * value if isinstance(value, int | float) else None, 2)
 
 
 def rounded_with(value: float, expanded: float) -> tuple[str, str]:
-    """Return a result and its expanded uncertainty, both to the second digit of the second.
-
-    Parameters
-    ----------
-    value, expanded : float
-        Result and expanded uncertainty, same unit.
-
-    Returns
-    -------
-    tuple of str
-        The uncertainty is rounded to nearest.
-    """
+    """Return a result and its expanded uncertainty, both to the second digit of the second."""
     if not (math.isfinite(expanded) and expanded > 0.0):
         return short(value), DASH
     digits = _DIGITS - 1 - math.floor(math.log10(expanded))
@@ -135,34 +70,14 @@ def rounded_with(value: float, expanded: float) -> tuple[str, str]:
 
 
 def two_digits(value: object) -> str:
-    """Return an uncertainty with two significant digits, a dash for none.
-
-    Parameters
-    ----------
-    value : float or None
-        The uncertainty.
-
-    Returns
-    -------
-    str
-    """
+    """Return an uncertainty with two significant digits, a dash for none."""
     if isinstance(value, bool) or not isinstance(value, int | float) or not value > 0.0:
         return DASH
     return rounded_with(float(value), float(value))[1]
 
 
 def group_words(group: Mapping[str, Any]) -> str:
-    """Return what tells a group from the others, in words.
-
-    Parameters
-    ----------
-    group : mapping
-        With ``direction``, ``range``, ``loading``, ``arm_length_m``.
-
-    Returns
-    -------
-    str
-    """
+    """Return what tells a group from the others, in words."""
     turn = {"cw": "clockwise", "ccw": "anticlockwise"}[str(group["direction"])]
     words = f"{turn}, {group['range']} range"
     if group.get("loading") == "couple":
@@ -173,17 +88,7 @@ def group_words(group: Mapping[str, Any]) -> str:
 
 
 def statement(uncertainty: Mapping[str, Any]) -> str:
-    """Say what the expanded uncertainty is.
-
-    Parameters
-    ----------
-    uncertainty : mapping
-        With ``coverage_factor`` and ``dof``.
-
-    Returns
-    -------
-    str
-    """
+    """Say what the expanded uncertainty is."""
     dof = uncertainty.get("dof")
     free = "" if dof is None else f" (from {float(dof):.3g} effective degrees of freedom)"
     return (

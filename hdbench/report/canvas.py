@@ -86,26 +86,7 @@ _METADATA = re.compile(r"<metadata>.*?</metadata>", re.DOTALL)
 def new_figure(
     rows: int, height_in: float, *, share_x: bool = False, ratios: tuple[float, ...] | None = None
 ) -> tuple[Figure, list[Axes]]:
-    """Return an empty figure with `rows` axes below each other.
-
-    Parameters
-    ----------
-    rows : int
-        How many axes.
-    height_in : float
-        Height, inch; the width is always `WIDTH_IN`.
-    share_x : bool
-        Whether all axes have one abscissa.
-    ratios : tuple of float or None
-        Relative heights of the axes.
-
-    Returns
-    -------
-    figure : Figure
-        To be given to `draw_svg`.
-    axes : list of Axes
-        From top to bottom.
-    """
+    """Return an empty figure with `rows` axes below each other."""
     with mpl.rc_context(_STYLE):
         figure = Figure(figsize=(WIDTH_IN, height_in), layout="constrained")
         grid = figure.subplots(
@@ -115,19 +96,7 @@ def new_figure(
 
 
 def label_axes(axes: Axes, x: str | None, y: str, title: str | None = None) -> None:
-    """Name the axes, with units; `x` None leaves the abscissa to the axes below.
-
-    Parameters
-    ----------
-    axes : Axes
-        To be named.
-    x : str or None
-        Abscissa.
-    y : str
-        Ordinate.
-    title : str or None
-        What is drawn.
-    """
+    """Name the axes, with units; `x` None leaves the abscissa to the axes below."""
     if x is not None:
         axes.set_xlabel(x)
     axes.set_ylabel(y)
@@ -136,15 +105,7 @@ def label_axes(axes: Axes, x: str | None, y: str, title: str | None = None) -> N
 
 
 def legend_above(axes: Axes, columns: int = 3) -> None:
-    """Put the legend above the axes, where it covers no data.
-
-    Parameters
-    ----------
-    axes : Axes
-        With labelled curves.
-    columns : int
-        Entries side by side.
-    """
+    """Put the legend above the axes, where it covers no data."""
     axes.legend(
         loc="lower left",
         bbox_to_anchor=(-0.01, 0.99),
@@ -168,49 +129,13 @@ def trend(
     line: str = "-",
     label: str | None = None,
 ) -> None:
-    """Draw a long curve; `draw_svg` thins it to as many points as a screen can show.
-
-    Parameters
-    ----------
-    axes : Axes
-        Where to draw.
-    x, y : ndarray, shape (n,)
-        The curve; NaN breaks it.
-    colour : str
-        A key of `COLOURS`.
-    width : float
-        Line width, point.
-    line : str
-        Line style of matplotlib.
-    label : str or None
-        Entry of the legend.
-    """
+    """Draw a long curve; `draw_svg` thins it to as many points as a screen can show."""
     # drawn with few points, kept whole for the reader who zooms: see `prepare_zoom`
     axes.plot(x, y, color=COLOURS[colour], linewidth=width, linestyle=line, label=label)
 
 
 def draw_svg(figure: Figure, name: str, alt: str) -> str:
-    """Return the figure as inline SVG with the page's colours and an alternative text.
-
-    Parameters
-    ----------
-    figure : Figure
-        A figure made by `new_figure`.
-    name : str
-        Word that makes the ids of this figure its own on the page: letters, digits, hyphens.
-    alt : str
-        Alternative text.
-
-    Returns
-    -------
-    str
-        One ``svg`` element without width and height: the page gives it its size.
-
-    Raises
-    ------
-    ValueError
-        If `name` is not such a word.
-    """
+    """Return the figure as inline SVG with the page's colours and an alternative text."""
     if not re.fullmatch(r"[A-Za-z0-9-]+", name):
         raise ValueError(f"name {name!r} must be letters, digits and hyphens")
     zoom = prepare_zoom(figure)

@@ -14,23 +14,7 @@ __all__ = ["read_columns"]
 
 
 def read_columns(path: Path) -> dict[str, FloatArray] | None:
-    """Read a table of numbers, such as ``residual.csv``; None where there is no such file.
-
-    Parameters
-    ----------
-    path : Path
-        A CSV file with one header row; ``.csv`` or ``.csv.gz``.
-
-    Returns
-    -------
-    dict of str to ndarray or None
-        Column name to values; an empty cell or text is NaN.
-
-    Raises
-    ------
-    DataError
-        If the file is damaged.
-    """
+    """Read a table of numbers, such as ``residual.csv``; None where there is no such file."""
     if not path.is_file():
         return None
     table = parse_table(path, read_text(path, "table"))

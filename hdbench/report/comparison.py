@@ -36,27 +36,7 @@ _TITLES = {
 
 
 def write_comparison(body: Mapping[str, Any], out: Path) -> ReportFiles:
-    """Write a comparison as one offline page, its numbers as CSV, and all of it as JSON.
-
-    Parameters
-    ----------
-    body : mapping
-        The comparison (schema ``hdbench/comparison/1``).
-    out : Path
-        The HTML file; CSV and JSON go beside it under the same name.
-
-    Returns
-    -------
-    ReportFiles
-        The three files.
-
-    Raises
-    ------
-    UsageError
-        If `out` does not end in ``.html``.
-    StorageError
-        If a file cannot be written.
-    """
+    """Write a comparison as one offline page, its numbers as CSV, and all of it as JSON."""
     files = page_files(out, option="--html", example="compare.html")
     section = comparison_section(body)
     table = csv_text(NUMBER_HEAD, (number_cells(n, n.quantity) for n in section.numbers))
@@ -64,17 +44,7 @@ def write_comparison(body: Mapping[str, Any], out: Path) -> ReportFiles:
 
 
 def comparison_section(body: Mapping[str, Any]) -> Section:
-    """Compose the section of a comparison.
-
-    Parameters
-    ----------
-    body : mapping
-        The comparison.
-
-    Returns
-    -------
-    Section
-    """
+    """Compose the section of a comparison."""
     a, b = body["a"], body["b"]
     name = f"{a['run_id']} (A) and {b['run_id']} (B)"
     return Section(

@@ -19,33 +19,12 @@ _LINES: dict[str, dict[str, Any]] = {"a": {"linestyle": "-"}, "b": {"linestyle":
 
 
 def first_up(text: str) -> str:
-    """Return a text with a capital at its start and units as they are set on a page.
-
-    Parameters
-    ----------
-    text : str
-        A sentence without its capital.
-
-    Returns
-    -------
-    str
-    """
+    """Return a text with a capital at its start and units as they are set on a page."""
     return unit_words(text[:1].upper() + text[1:])
 
 
 def comparison_pictures(body: Mapping[str, Any]) -> tuple[Picture, ...]:
-    """Draw both results on one pair of axes, and every score.
-
-    Parameters
-    ----------
-    body : mapping
-        The comparison.
-
-    Returns
-    -------
-    tuple of Picture
-        What can be drawn.
-    """
+    """Draw both results on one pair of axes, and every score."""
     drawn = [_scores(body["quantities"])]
     if body["overlay"] is not None:
         drawn.insert(0, _overlay(body["kind"], body["overlay"]))

@@ -14,27 +14,6 @@ __all__ = ["min_max"]
 def min_max(x: FloatArray, y: FloatArray, bins: int = 600) -> tuple[FloatArray, FloatArray]:
     """Keep the smallest and the largest value of each of `bins` stretches.
 
-    Parameters
-    ----------
-    x : ndarray, shape (n,)
-        Abscissa, increasing.
-    y : ndarray, shape (n,)
-        Values; NaN where a sample is missing.
-    bins : int
-        How many stretches of equally many samples, at least 1; one pixel column each is enough.
-
-    Returns
-    -------
-    x, y : ndarray, shape (m,)
-        At most ``3 * bins`` points in the order of `x`; unchanged where `y` has no more than
-        ``2 * bins``. A stretch in which a sample is missing ends with a NaN, so that a line drawn
-        through the points is broken there.
-
-    Raises
-    ------
-    ValueError
-        If `bins` is below 1 or the shapes differ.
-
     Examples
     --------
     >>> x = np.arange(8.0)

@@ -40,17 +40,7 @@ _SIZED = 3
 
 
 def verdict(result: Mapping[str, Any]) -> Verdict:
-    """Say whether the simulation misses something, and what.
-
-    Parameters
-    ----------
-    result : mapping
-        The diagnosis result (contract section 5).
-
-    Returns
-    -------
-    Verdict
-    """
+    """Say whether the simulation misses something, and what."""
     level, words = _VERDICTS.get(
         str(result.get("verdict")), ("look", f"Verdict {result.get('verdict')}.")
     )
@@ -104,20 +94,7 @@ def _rms(result: Mapping[str, Any], key: str) -> float | None:
 
 
 def summary(result: Mapping[str, Any], _source: Source) -> str:
-    """Say in plain words what was found and what it is worth.
-
-    Parameters
-    ----------
-    result : mapping
-        The diagnosis result.
-    _source : Source
-        The run.
-
-    Returns
-    -------
-    str
-        One paragraph.
-    """
+    """Say in plain words what was found and what it is worth."""
     before, after = _rms(result, "simulated"), _rms(result, "extended")
     text = "The measured torque was held against the simulation of the same motion. "
     causes = result.get("causes", ())
@@ -163,20 +140,7 @@ def _filter_words(gain: Any) -> str:
 
 
 def numbers(result: Mapping[str, Any], run_id: str) -> tuple[KeyNumber, ...]:
-    """Return the parameters of every cause and the gain on held-out data.
-
-    Parameters
-    ----------
-    result : mapping
-        The diagnosis result.
-    run_id : str
-        Name of the run.
-
-    Returns
-    -------
-    tuple of KeyNumber
-        Those that the result holds.
-    """
+    """Return the parameters of every cause and the gain on held-out data."""
     rows: list[tuple[Any, str, str, str]] = []
     for i, cause in enumerate(result.get("causes", ())):
         parameters = cause.get("parameters", {})
@@ -196,22 +160,7 @@ def numbers(result: Mapping[str, Any], run_id: str) -> tuple[KeyNumber, ...]:
 
 
 def pictures(source: Source, prefix: str, doubts: list[str]) -> tuple[Picture, ...]:
-    """Draw the residual before and after, in every domain.
-
-    Parameters
-    ----------
-    source : Source
-        The run.
-    prefix : str
-        Word that makes the figures' ids unique on the page.
-    doubts : list of str
-        Reasons why a figure is missing are appended.
-
-    Returns
-    -------
-    tuple of Picture
-        Those for which the run holds data.
-    """
+    """Draw the residual before and after, in every domain."""
     from hdbench.report.figures_loads import load_pictures
     from hdbench.report.figures_maps import map_pictures
     from hdbench.report.figures_residual import residual_pictures

@@ -21,18 +21,7 @@ _NAMES_HEAD = ("can this record show it", "names")
 
 
 def tables(result: Mapping[str, Any]) -> tuple[Table, ...]:
-    """List causes, unexplained places, what could have been missed and what cannot show.
-
-    Parameters
-    ----------
-    result : mapping
-        The diagnosis result.
-
-    Returns
-    -------
-    tuple of Table
-        Those that have rows.
-    """
+    """List causes, unexplained places, what could have been missed and what cannot show."""
     causes = tuple(_cause_row(cause) for cause in result.get("causes", ()))
     minor = tuple(_cause_row(cause) for cause in result.get("minor", ()))
     places = tuple(_place_row(place) for place in result.get("unexplained", ()))

@@ -24,19 +24,7 @@ _CAUSE = re.compile(r"causes\[(\d+)\]")
 
 
 def key_figures(result: Mapping[str, Any]) -> tuple[KeyNumber, ...]:
-    """Return the key figures of a result: for a run those of its report.
-
-    Parameters
-    ----------
-    result : mapping
-        A result of any command.
-
-    Returns
-    -------
-    tuple of KeyNumber
-        Of a kind without a report every number at the top of the result and one step below it. A
-        parameter of a cause is named by the cause, which stands at another place in every run.
-    """
+    """Return the key figures of a result: for a run those of its report."""
     module = KINDS.get(str(result.get("schema", "")).split("/")[1:2][0] if result else "")
     if module is None:
         return tuple(_plain(result))

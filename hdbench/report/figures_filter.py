@@ -32,27 +32,7 @@ def filter_picture(
     *,
     figure_number: str,
 ) -> Picture:
-    """Draw measured against filtered torque: the whole run and a close-up.
-
-    Parameters
-    ----------
-    signals : Signals
-        Curves.
-    filtered : Filtered
-        The filter's output.
-    lowpass_hz : float or None
-        Cut-off of the low-pass, drawn for comparison where there is one, Hz.
-    steady : Steady or None
-        Where to look closely; None takes the middle.
-    name : str
-        Unique word.
-    figure_number : str
-        The figure of the report that this one follows.
-
-    Returns
-    -------
-    Picture
-    """
+    """Draw measured against filtered torque: the whole run and a close-up."""
     figure, (whole, close) = new_figure(2, 4.8)
     lowpass = signals.lowpass_nm if lowpass_hz is not None else None
     for axes, cut in ((whole, slice(None)), (close, _close_up(signals, steady))):
@@ -127,22 +107,7 @@ def _spread(signals: Signals, torque: FloatArray, steady: Steady | None) -> floa
 
 
 def signature_picture(signals: Signals, result: Mapping[str, Any], name: str) -> Picture | None:
-    """Draw the misalignment signature: measured, expected, and the component found.
-
-    Parameters
-    ----------
-    signals : Signals
-        Curves with a motion.
-    result : mapping
-        The misalignment result: amplitude, phase, stretches with offsets.
-    name : str
-        Unique word.
-
-    Returns
-    -------
-    Picture or None
-        None where there is no motion or no result.
-    """
+    """Draw the misalignment signature: measured, expected, and the component found."""
     motion = signals.motion
     if motion is None or signals.expected_nm is None or "amplitude_nm" not in result:
         return None

@@ -19,21 +19,7 @@ _MARK = 3.2
 
 
 def load_pictures(columns: Columns, prefix: str) -> tuple[Picture, ...]:
-    """Draw the residual of calibration readings against torque, before and after.
-
-    Parameters
-    ----------
-    columns : mapping of str to ndarray
-        ``torque_nm``, ``falling``, ``used``, ``residual_before_nm``, ``residual_after_nm``, one
-        value per reading.
-    prefix : str
-        Word that makes the figure's ids unique on the page.
-
-    Returns
-    -------
-    tuple of Picture
-        Filled marks: loading; open marks: unloading; crosses: readings that no fit used.
-    """
+    """Draw the residual of calibration readings against torque, before and after."""
     name = f"{prefix}-loads"
     figure, rows = new_figure(2, _HEIGHT_IN, share_x=True)
     torque, used = columns["torque_nm"], columns["used"] > 0.0

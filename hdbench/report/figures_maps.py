@@ -40,21 +40,7 @@ _BAND = 2.0
 
 
 def map_pictures(folder: Path, prefix: str) -> tuple[Picture, ...]:
-    """Draw the residual over every quantity of which the run holds a map.
-
-    Parameters
-    ----------
-    folder : Path
-        Run folder of a diagnosis.
-    prefix : str
-        Word that makes the figures' ids unique on the page.
-
-    Returns
-    -------
-    tuple of Picture
-        One with all maps below each other and, where volts were sampled, the codes of the
-        converter; empty where there are none.
-    """
+    """Draw the residual over every quantity of which the run holds a map."""
     found = {name: table for name in _MAPS if (table := read_columns(folder / name)) is not None}
     drawn = [_maps(found, f"{prefix}-maps")] if found else []
     codes = read_columns(folder / "map_code.csv")

@@ -37,23 +37,7 @@ _PLACES = {
 def residual_pictures(
     columns: Columns, spectra: Mapping[str, Columns], prefix: str
 ) -> tuple[Picture, ...]:
-    """Draw the comparison, the residual over time, and its spectra.
-
-    Parameters
-    ----------
-    columns : mapping of str to ndarray
-        ``time_s``, ``measured_nm``, ``simulated_nm``, ``extended_nm``, ``residual_before_nm``,
-        ``residual_after_nm``, ``masked``.
-    spectra : mapping of str to columns
-        Tables with one abscissa (``motor_order``, ``frequency_hz`` or ``output_order``),
-        ``before_nm`` and ``after_nm``.
-    prefix : str
-        Unique word.
-
-    Returns
-    -------
-    tuple of Picture
-    """
+    """Draw the comparison, the residual over time, and its spectra."""
     drawn = [_comparison(columns, f"{prefix}-simulated"), _residual(columns, f"{prefix}-residual")]
     for name, table in sorted(spectra.items(), key=lambda item: _rank(item[1])):
         picture = _spectrum(table, f"{prefix}-{name.replace('_', '-')}")

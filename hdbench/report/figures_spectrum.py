@@ -36,23 +36,7 @@ def _spectrum(signals: Signals, steady: Steady) -> Spectrum:
 def ripple_picture(
     signals: Signals, steady: Steady, peaks: Sequence[Mapping[str, Any]], name: str
 ) -> Picture:
-    """Draw torque, velocity and the power spectrum of the steady stretch.
-
-    Parameters
-    ----------
-    signals : Signals
-        Curves.
-    steady : Steady
-        The stretch.
-    peaks : sequence of mapping
-        Peaks with `name` and `angular_frequency_rad_s`; those without a name are marked too.
-    name : str
-        Unique word.
-
-    Returns
-    -------
-    Picture
-    """
+    """Draw torque, velocity and the power spectrum of the steady stretch."""
     spectrum = _spectrum(signals, steady)
     figure, (torque, velocity, power) = new_figure(3, 6.2, ratios=(1.0, 0.75, 1.35))
     velocity.sharex(torque)

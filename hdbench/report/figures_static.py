@@ -19,22 +19,7 @@ _RANGES = {"low": ("low-range", "6"), "full": ("full-range", "7")}
 def calibration_pictures(
     loads: Loads, experiments: Sequence[Mapping[str, Any]], prefix: str
 ) -> tuple[Picture, ...]:
-    """Draw the readings of each range, their line, and what is left over.
-
-    Parameters
-    ----------
-    loads : Loads
-        The readings.
-    experiments : sequence of mapping
-        One fitted line each, as the calibration result stores it.
-    prefix : str
-        Word that makes the figures' ids unique on the page.
-
-    Returns
-    -------
-    tuple of Picture
-        One per range that was measured.
-    """
+    """Draw the readings of each range, their line, and what is left over."""
     lines = {str(line["id"]): line for line in experiments}
     pictures = []
     for name, (words, number) in _RANGES.items():
@@ -45,17 +30,7 @@ def calibration_pictures(
 
 
 def number_of(value: Any) -> float:
-    """Return the value of a number with or without an uncertainty.
-
-    Parameters
-    ----------
-    value : float or mapping
-        A number, or one with ``value`` and ``std``.
-
-    Returns
-    -------
-    float
-    """
+    """Return the value of a number with or without an uncertainty."""
     return float(value["value"] if isinstance(value, Mapping) else value)
 
 

@@ -103,23 +103,7 @@ class _Figure:
 
 
 def fleet_runs(named: Sequence[Path]) -> list[FleetRun]:
-    """Return the runs of a fleet.
-
-    Parameters
-    ----------
-    named : sequence of Path
-        Folders of batches, folders of runs, and runs.
-
-    Returns
-    -------
-    list of FleetRun
-        An input of a batch that failed is one without a result.
-
-    Raises
-    ------
-    DataError
-        If one of them is none of these.
-    """
+    """Return the runs of a fleet."""
     return [run for path in named for run in _runs_in(Path(path))]
 
 
@@ -168,21 +152,7 @@ def _newest(runs: Iterable[FleetRun]) -> list[FleetRun]:
 
 @cache
 def outlier_limit(count: int, chance: float) -> float:
-    """Return how far a drive may lie from the median, in robust standard deviations.
-
-    Parameters
-    ----------
-    count : int
-        Drives, at least 2.
-    chance : float
-        Probability that the farthest of `count` normally distributed drives lies beyond it.
-
-    Returns
-    -------
-    float
-        The quantile over simulated fleets; the standard deviation is 1.4826 times the median
-        absolute deviation of the same fleet.
-    """
+    """Return how far a drive may lie from the median, in robust standard deviations."""
     rng = np.random.default_rng(_SEED)
     farthest = []
     for _ in range(_DRAWS // _AT_ONCE):
@@ -227,29 +197,7 @@ def _figure(label: KeyNumber, numbers: Sequence[Mapping[str, KeyNumber]], chance
 
 
 def write_fleet(runs: Sequence[FleetRun], out: Path) -> ReportFiles:
-    """Write the page of a fleet, with every number as CSV and JSON beside it.
-
-    Parameters
-    ----------
-    runs : sequence of FleetRun
-        The runs, of any kinds.
-    out : Path
-        The HTML file, or a folder that gets ``fleet.html``.
-
-    Returns
-    -------
-    ReportFiles
-        The three files.
-
-    Raises
-    ------
-    DataError
-        If no run has a result.
-    UsageError
-        If a file of one of these names is there that no report made.
-    StorageError
-        If a file cannot be written.
-    """
+    """Write the page of a fleet, with every number as CSV and JSON beside it."""
     kinds: dict[str, list[FleetRun]] = defaultdict(list)
     for run in runs:
         if run.result:

@@ -30,18 +30,7 @@ def _shown(value: float | None, form: str = ".4g") -> str:
 
 
 def tables(inspection: Mapping[str, Any]) -> tuple[Table, ...]:
-    """List what was found, what the motion leaves open, and every channel.
-
-    Parameters
-    ----------
-    inspection : mapping
-        As `Inspection.to_dict` gives it.
-
-    Returns
-    -------
-    tuple of Table
-        Those that have rows.
-    """
+    """List what was found, what the motion leaves open, and every channel."""
     limits = (inspection.get("coverage") or {}).get("limits", ())
     found = tuple(
         (one["name"], one["channel"] or DASH, one["detail"], one["consequence"])
@@ -77,22 +66,7 @@ def tables(inspection: Mapping[str, Any]) -> tuple[Table, ...]:
 def picture(
     inspection: Mapping[str, Any], prefix: str, spectra: Mapping[str, Any] | None = None
 ) -> Picture | None:
-    """Draw up to where each channel holds something, and the spectra where they are known.
-
-    Parameters
-    ----------
-    inspection : mapping
-        As `Inspection.to_dict` gives it.
-    prefix : str
-        Word that makes the figure's ids unique on the page.
-    spectra : mapping of str to Spectrum or None
-        Density of channels over frequency.
-
-    Returns
-    -------
-    Picture or None
-        None where no channel has a band.
-    """
+    """Draw up to where each channel holds something, and the spectra where they are known."""
     banded = [one for one in inspection["channels"] if one["bandwidth_hz"]]
     if not banded:
         return None

@@ -11,19 +11,7 @@ __all__ = ["key_number", "key_numbers", "value_of"]
 
 
 def value_of(result: Mapping[str, Any], *keys: str) -> float | None:
-    """Return a number deep in a result, the value of one with uncertainty, or None.
-
-    Parameters
-    ----------
-    result : mapping
-        A result.
-    *keys : str
-        Path to the number.
-
-    Returns
-    -------
-    float or None
-    """
+    """Return a number deep in a result, the value of one with uncertainty, or None."""
     found: Any = result
     for key in keys:
         if not isinstance(found, Mapping) or key not in found:
@@ -37,28 +25,7 @@ def value_of(result: Mapping[str, Any], *keys: str) -> float | None:
 def key_number(
     body: Any, label: str, quantity: str, unit: str, source: str, *, note: str = ""
 ) -> KeyNumber | None:
-    """Return a key number from a result's entry.
-
-    Parameters
-    ----------
-    body : object
-        A number, a mapping with `value`, `std`, `dof`, or None.
-    label : str
-        Name for a person.
-    quantity : str
-        Name for a program.
-    unit : str
-        Unit.
-    source : str
-        Where it stands.
-    note : str
-        What to know beside it.
-
-    Returns
-    -------
-    KeyNumber or None
-        None where there is no number.
-    """
+    """Return a key number from a result's entry."""
     std = dof = None
     if isinstance(body, Mapping):
         std, dof, body = body.get("std"), body.get("dof"), body.get("value")
@@ -68,19 +35,7 @@ def key_number(
 
 
 def key_numbers(rows: Iterable[tuple[Any, str, str, str]], run_id: str) -> tuple[KeyNumber, ...]:
-    """Return the key numbers of a run, without those that its result does not hold.
-
-    Parameters
-    ----------
-    rows : iterable of (object, str, str, str)
-        Entry of the result, name for a person, name for a program, unit.
-    run_id : str
-        Name of the run; where a number stands is this and the name for a program.
-
-    Returns
-    -------
-    tuple of KeyNumber
-    """
+    """Return the key numbers of a run, without those that its result does not hold."""
     made = (
         key_number(body, label, key, unit, f"{run_id}: {key}") for body, label, key, unit in rows
     )

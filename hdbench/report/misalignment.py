@@ -18,17 +18,7 @@ _WELL_ASSEMBLED_NM = 2.0
 
 
 def verdict(result: Mapping[str, Any]) -> Verdict:
-    """Say how large the misalignment is.
-
-    Parameters
-    ----------
-    result : mapping
-        The misalignment result (contract section 5).
-
-    Returns
-    -------
-    Verdict
-    """
+    """Say how large the misalignment is."""
     peak = result["peak_to_peak_nm"]
     words = f"{with_std(peak)} N·m from peak to peak"
     if result.get("small_amplitude"):
@@ -41,20 +31,7 @@ def verdict(result: Mapping[str, Any]) -> Verdict:
 
 
 def summary(result: Mapping[str, Any], _source: Source) -> str:
-    """Say in plain words what the run found.
-
-    Parameters
-    ----------
-    result : mapping
-        The misalignment result.
-    _source : Source
-        The run.
-
-    Returns
-    -------
-    str
-        One paragraph.
-    """
+    """Say in plain words what the run found."""
     speed, turns = value_of(result, "motor_velocity_rad_s"), value_of(result, "output_turns")
     before = value_of(result, "before", "peak_to_peak_nm")
     after = value_of(result, "after", "peak_to_peak_nm")
@@ -77,20 +54,7 @@ def summary(result: Mapping[str, Any], _source: Source) -> str:
 
 
 def numbers(result: Mapping[str, Any], run_id: str) -> tuple[KeyNumber, ...]:
-    """Return amplitude, phase and what the filter leaves.
-
-    Parameters
-    ----------
-    result : mapping
-        The misalignment result.
-    run_id : str
-        Name of the run.
-
-    Returns
-    -------
-    tuple of KeyNumber
-        Those that the result holds.
-    """
+    """Return amplitude, phase and what the filter leaves."""
     rows = (
         (result.get("peak_to_peak_nm"), "misalignment, peak to peak", "peak_to_peak_nm", "N m"),
         (result.get("amplitude_nm"), "misalignment, amplitude", "amplitude_nm", "N m"),
@@ -115,22 +79,7 @@ def numbers(result: Mapping[str, Any], run_id: str) -> tuple[KeyNumber, ...]:
 
 
 def pictures(source: Source, prefix: str, doubts: list[str]) -> tuple[Picture, ...]:
-    """Draw the signature and what the filter makes of it.
-
-    Parameters
-    ----------
-    source : Source
-        The run.
-    prefix : str
-        Word that makes the figures' ids unique on the page.
-    doubts : list of str
-        Reasons why a figure is missing are appended.
-
-    Returns
-    -------
-    tuple of Picture
-        Those for which the run holds data.
-    """
+    """Draw the signature and what the filter makes of it."""
     from hdbench.report.figures_filter import filter_picture, signature_picture
     from hdbench.report.signals import make_signals
     from hdbench.report.steady import steady_stretch
@@ -150,17 +99,7 @@ def pictures(source: Source, prefix: str, doubts: list[str]) -> tuple[Picture, .
 
 
 def tables(result: Mapping[str, Any]) -> tuple[Table, ...]:
-    """List the stretches and the ripple fitted beside.
-
-    Parameters
-    ----------
-    result : mapping
-        The misalignment result.
-
-    Returns
-    -------
-    tuple of Table
-    """
+    """List the stretches and the ripple fitted beside."""
     stretches = tuple(
         (
             f"{float(item['from_s']):.2f} to {float(item['to_s']):.2f}",

@@ -31,18 +31,6 @@ MINUS, DASH = "\N{MINUS SIGN}", "\N{EN DASH}"
 def short(value: float, std: float | None = None) -> str:
     """Return a number with as many digits as its uncertainty allows.
 
-    Parameters
-    ----------
-    value : float
-        The number.
-    std : float or None
-        Its standard uncertainty, same unit; None or 0 gives four significant digits.
-
-    Returns
-    -------
-    str
-        With a true minus sign.
-
     Examples
     --------
     >>> short(6.6123, 0.0484), short(0.4), short(123456.7, 120.0)
@@ -57,17 +45,7 @@ def short(value: float, std: float | None = None) -> str:
 
 
 def plain(value: object) -> str:
-    """Return any JSON value as one short line.
-
-    Parameters
-    ----------
-    value : object
-        Number, text, boolean, None, list or mapping.
-
-    Returns
-    -------
-    str
-    """
+    """Return any JSON value as one short line."""
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, float):
@@ -84,17 +62,7 @@ def plain(value: object) -> str:
 
 
 def with_std(quantity: Mapping[str, Any]) -> str:
-    """Return ``value ± std`` without its unit.
-
-    Parameters
-    ----------
-    quantity : mapping
-        With ``value`` and ``std``.
-
-    Returns
-    -------
-    str
-    """
+    """Return ``value ± std`` without its unit."""
     value, std = float(quantity["value"]), quantity.get("std")
     if not std:
         return short(value)
@@ -102,17 +70,7 @@ def with_std(quantity: Mapping[str, Any]) -> str:
 
 
 def probability(value: Any) -> str:
-    """Return a probability in one form, however small.
-
-    Parameters
-    ----------
-    value : float or None
-        Probability, in [0, 1].
-
-    Returns
-    -------
-    str
-    """
+    """Return a probability in one form, however small."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         return DASH
     # what is smaller says no more than that there is an effect: no law of the null holds there
@@ -120,32 +78,12 @@ def probability(value: Any) -> str:
 
 
 def unit_words(unit: str) -> str:
-    """Return a unit as it is set on a page: ``N·m`` for ``N m``.
-
-    Parameters
-    ----------
-    unit : str
-        As results write it.
-
-    Returns
-    -------
-    str
-    """
+    """Return a unit as it is set on a page: ``N·m`` for ``N m``."""
     return unit.replace("N m", "N·m").replace("kg m^2", "kg·m²")
 
 
 def unit_of(body: Mapping[str, Any]) -> str:
-    """Return the unit of a parameter; nothing for a pure number.
-
-    Parameters
-    ----------
-    body : mapping
-        With ``unit``.
-
-    Returns
-    -------
-    str
-    """
+    """Return the unit of a parameter; nothing for a pure number."""
     unit = str(body.get("unit") or "")
     return "" if unit == "1" else unit
 
@@ -158,34 +96,12 @@ def stated(parameters: Mapping[str, Any]) -> list[str]:
 
 
 def name_words(name: str) -> str:
-    """Return the name of a parameter as words, without its unit.
-
-    Parameters
-    ----------
-    name : str
-        As results write it, such as ``frequency_hz``.
-
-    Returns
-    -------
-    str
-    """
+    """Return the name of a parameter as words, without its unit."""
     for suffix in _UNIT_SUFFIXES:
         name = name.removesuffix(suffix)
     return name.replace("_", " ")
 
 
 def parameter_words(name: str, body: Mapping[str, Any]) -> str:
-    """Return a parameter as name, value and unit.
-
-    Parameters
-    ----------
-    name : str
-        As results write it.
-    body : mapping
-        With ``value``, ``std`` and ``unit``.
-
-    Returns
-    -------
-    str
-    """
+    """Return a parameter as name, value and unit."""
     return f"{name_words(name)} {plain(body)} {unit_words(unit_of(body))}".strip()

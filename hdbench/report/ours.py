@@ -31,20 +31,7 @@ _HEAD_BYTES = 4096
 
 
 def refuse_foreign(files: Iterable[Path]) -> None:
-    """Refuse to write over a file that no report made.
-
-    Parameters
-    ----------
-    files : iterable of Path
-        Files that are to be written.
-
-    Raises
-    ------
-    UsageError
-        If one of them exists and was not made by a report.
-    StorageError
-        If one of them exists and cannot be read.
-    """
+    """Refuse to write over a file that no report made."""
     for file in files:
         if not file.exists():
             continue

@@ -54,22 +54,7 @@ class PageWords:
 def render_page(
     sections: Sequence[Section], files: ReportFiles, words: PageWords | None = None
 ) -> str:
-    """Return the page.
-
-    Parameters
-    ----------
-    sections : sequence of Section
-        One per run.
-    files : ReportFiles
-        The files beside the page, to link to.
-    words : PageWords or None
-        Heading and foot; None for those of a report of runs.
-
-    Returns
-    -------
-    str
-        A whole HTML document.
-    """
+    """Return the page."""
     environment = Environment(
         loader=FileSystemLoader(_TEMPLATES),
         autoescape=True,

@@ -21,46 +21,12 @@ NUMBER_HEAD = ("quantity", "value", "std", "dof", "unit", "source")
 
 
 def is_page(path: Path) -> bool:
-    """Return whether a path names a page rather than a folder.
-
-    Parameters
-    ----------
-    path : Path
-        What was named.
-
-    Returns
-    -------
-    bool
-        Whether it ends in ``.html`` or ``.htm``.
-    """
+    """Return whether a path names a page rather than a folder."""
     return path.suffix.lower() in (".html", ".htm")
 
 
 def page_files(html: Path, *, option: str = "", example: str = "") -> ReportFiles:
-    """Return the files of a page, with their folder made.
-
-    Parameters
-    ----------
-    html : Path
-        The page; CSV and JSON go beside it under the same name.
-    option : str
-        Option that named it.
-    example : str
-        A good name.
-
-    Returns
-    -------
-    ReportFiles
-        The three files.
-
-    Raises
-    ------
-    UsageError
-        If `html` does not end in ``.html``, or a file of one of these names is there that no
-        report made.
-    StorageError
-        If the folder cannot be made.
-    """
+    """Return the files of a page, with their folder made."""
     if not is_page(html):
         raise UsageError(
             f"{html.name!r} does not end in .html", where=option, fix=f"name it such as {example}"
@@ -75,20 +41,7 @@ def page_files(html: Path, *, option: str = "", example: str = "") -> ReportFile
 
 
 def csv_text(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
-    """Return a table as CSV.
-
-    Parameters
-    ----------
-    head : sequence of str
-        Names of the columns.
-    rows : iterable of sequence
-        Cells; None is an empty one.
-
-    Returns
-    -------
-    str
-        Lines that end in a line feed.
-    """
+    """Return a table as CSV."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(head)
@@ -97,46 +50,13 @@ def csv_text(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
 
 
 def number_cells(number: KeyNumber, name: str) -> tuple[str, ...]:
-    """Return the row of one key number, with every digit.
-
-    Parameters
-    ----------
-    number : KeyNumber
-        The number.
-    name : str
-        What the row calls it.
-
-    Returns
-    -------
-    tuple of str
-        Cells under `NUMBER_HEAD`.
-    """
+    """Return the row of one key number, with every digit."""
     std, dof = ("" if x is None else repr(float(x)) for x in (number.std, number.dof))
     return (name, repr(number.value), std, dof, number.unit, number.source)
 
 
 def write_page(files: ReportFiles, page: str, table: str, body: Mapping[str, Any]) -> ReportFiles:
-    """Write the three files.
-
-    Parameters
-    ----------
-    files : ReportFiles
-        Where to.
-    page, table : str
-        The HTML page and its numbers as CSV.
-    body : mapping
-        All of it, for JSON.
-
-    Returns
-    -------
-    ReportFiles
-        `files`.
-
-    Raises
-    ------
-    StorageError
-        If a file cannot be written.
-    """
+    """Write the three files."""
     write_atomic(files.html, page.encode("utf-8"))
     write_atomic(files.csv, table.encode("utf-8"))
     write_json(files.json, body)

@@ -53,22 +53,7 @@ def _save(figure: Figure, path: Path) -> None:
 
 
 def plot_response(path: Path, name: str, responses: Sequence[Mapping[str, Any]]) -> None:
-    """Draw gain and phase from measured to filtered torque.
-
-    Parameters
-    ----------
-    path : Path
-        File to write, ``.svg`` or ``.png``.
-    name : str
-        Name of the filter model.
-    responses : sequence of mapping
-        As in a response result.
-
-    Raises
-    ------
-    UsageError
-        If the file's kind is another one.
-    """
+    """Draw gain and phase from measured to filtered torque."""
     with mpl.rc_context(_STYLE):
         figure, (gain, phase) = _figure(2, 5.6)
         for response in responses:
@@ -92,22 +77,7 @@ def plot_orders(
     spectrum: tuple[FloatArray, FloatArray],
     waves: Mapping[str, tuple[FloatArray, FloatArray, FloatArray]],
 ) -> None:
-    """Draw the order spectrum, and every order's amplitude over time with its band.
-
-    Parameters
-    ----------
-    path : Path
-        File to write, ``.svg`` or ``.png``.
-    spectrum : tuple of ndarray
-        Orders, cycles per motor turn, and amplitudes, N m.
-    waves : mapping of str to tuple of ndarray
-        For each block time (s), amplitude and its standard deviation (N m).
-
-    Raises
-    ------
-    UsageError
-        If the file's kind is another one.
-    """
+    """Draw the order spectrum, and every order's amplitude over time with its band."""
     with mpl.rc_context(_STYLE):
         figure, (above, below) = _figure(2, 6.0)
         x, y = min_max(*spectrum)
@@ -131,22 +101,7 @@ def plot_orders(
 
 
 def plot_comparison(path: Path, time_s: FloatArray, torques: Mapping[str, FloatArray]) -> None:
-    """Draw torques over time, one below the other.
-
-    Parameters
-    ----------
-    path : Path
-        File to write, ``.svg`` or ``.png``.
-    time_s : ndarray, shape (n,)
-        Sample times, s.
-    torques : mapping of str to ndarray, shape (n,)
-        Torque by the name of what made it, N m.
-
-    Raises
-    ------
-    UsageError
-        If the file's kind is another one.
-    """
+    """Draw torques over time, one below the other."""
     with mpl.rc_context(_STYLE):
         figure, axes = _figure(len(torques), 1.5 * len(torques) + 0.6)
         for ax in axes[1:]:

@@ -31,28 +31,7 @@ _LEAST = 1e-2
 
 
 def write_regression(body: Mapping[str, Any], out: Path) -> ReportFiles:
-    """Write a comparison with stored results as one offline page, with CSV and JSON beside it.
-
-    Parameters
-    ----------
-    body : mapping
-        The comparison (schema ``hdbench/regression/1``).
-    out : Path
-        The HTML file; CSV and JSON go beside it under the same name.
-
-    Returns
-    -------
-    ReportFiles
-        The three files.
-
-    Raises
-    ------
-    UsageError
-        If `out` does not end in ``.html``, or a file of one of these names is there that no
-        report made.
-    StorageError
-        If a file cannot be written.
-    """
+    """Write a comparison with stored results as one offline page, with CSV and JSON beside it."""
     files = page_files(out, option="--report", example="regress.html")
     sections = [_section(case, body, number) for number, case in enumerate(body["cases"], start=1)]
     words = PageWords("Stored results evaluated again", "cases", _FOOT)

@@ -19,19 +19,7 @@ __all__ = ["numbers", "pictures", "summary", "suppression_at", "tables", "verdic
 
 
 def suppression_at(result: Mapping[str, Any], order: float) -> float | None:
-    """Return what the filter takes away at a motor order, dB, or None where it is not known.
-
-    Parameters
-    ----------
-    result : mapping
-        A ripple result.
-    order : float
-        Motor order.
-
-    Returns
-    -------
-    float or None
-    """
+    """Return what the filter takes away at a motor order, dB, or None where it is not known."""
     for entry in result.get("suppression_db", ()):
         if float(entry["order"]) == order and entry["suppression_db"] is not None:
             return float(entry["suppression_db"])
@@ -39,17 +27,7 @@ def suppression_at(result: Mapping[str, Any], order: float) -> float | None:
 
 
 def verdict(result: Mapping[str, Any]) -> Verdict:
-    """Say how large the ripple is and how much of it the filter takes.
-
-    Parameters
-    ----------
-    result : mapping
-        The ripple result (contract section 5).
-
-    Returns
-    -------
-    Verdict
-    """
+    """Say how large the ripple is and how much of it the filter takes."""
     parts, weakest = [], None
     for line in result.get("ripple", ()):
         order = float(line["order"])
@@ -64,20 +42,7 @@ def verdict(result: Mapping[str, Any]) -> Verdict:
 
 
 def summary(result: Mapping[str, Any], _source: Source) -> str:
-    """Say in plain words what the run found.
-
-    Parameters
-    ----------
-    result : mapping
-        The ripple result.
-    _source : Source
-        The run.
-
-    Returns
-    -------
-    str
-        One paragraph.
-    """
+    """Say in plain words what the run found."""
     speed = result.get("motor_velocity_rad_s", {})
     text = "In free motion "
     if isinstance(speed, Mapping) and "mean" in speed:
@@ -101,20 +66,7 @@ def summary(result: Mapping[str, Any], _source: Source) -> str:
 
 
 def numbers(result: Mapping[str, Any], run_id: str) -> tuple[KeyNumber, ...]:
-    """Return amplitudes, phases, suppression and rms.
-
-    Parameters
-    ----------
-    result : mapping
-        The ripple result.
-    run_id : str
-        Name of the run.
-
-    Returns
-    -------
-    tuple of KeyNumber
-        Those that the result holds.
-    """
+    """Return amplitudes, phases, suppression and rms."""
     rows: list[tuple[Any, str, str, str]] = []
     for line in result.get("ripple", ()):
         order = f"{float(line['order']):g}"
@@ -148,22 +100,7 @@ def numbers(result: Mapping[str, Any], run_id: str) -> tuple[KeyNumber, ...]:
 
 
 def pictures(source: Source, prefix: str, doubts: list[str]) -> tuple[Picture, ...]:
-    """Draw torque, velocity, spectrum, and what two filters make of the torque.
-
-    Parameters
-    ----------
-    source : Source
-        The run.
-    prefix : str
-        Word that makes the figures' ids unique on the page.
-    doubts : list of str
-        Reasons why a figure is missing are appended.
-
-    Returns
-    -------
-    tuple of Picture
-        Those for which the run holds data.
-    """
+    """Draw torque, velocity, spectrum, and what two filters make of the torque."""
     from hdbench.report.figures_filter import filter_picture
     from hdbench.report.figures_spectrum import ripple_picture
 
@@ -213,17 +150,7 @@ def _known_orders(velocity_rad_s: float) -> list[dict[str, Any]]:
 
 
 def tables(result: Mapping[str, Any]) -> tuple[Table, ...]:
-    """List the orders, and lines beyond them.
-
-    Parameters
-    ----------
-    result : mapping
-        The ripple result.
-
-    Returns
-    -------
-    tuple of Table
-    """
+    """List the orders, and lines beyond them."""
     rows = tuple(
         (
             plain(float(line["order"])),

@@ -53,26 +53,7 @@ _KINDS = {
 
 
 def make_section(source: Source, number: int, out: Path) -> Section:
-    """Compose the section of one run.
-
-    Parameters
-    ----------
-    source : Source
-        The run.
-    number : int
-        Its place in the report; makes ids unique.
-    out : Path
-        The HTML file, for relative links.
-
-    Returns
-    -------
-    Section
-
-    Raises
-    ------
-    DataError
-        If the result lacks what its schema promises.
-    """
+    """Compose the section of one run."""
     kind = _KINDS.get(source.kind)
     doubts = list(source.doubts)
     prefix = f"r{number}-" + re.sub(r"[^A-Za-z0-9]+", "-", source.kind)

@@ -70,20 +70,7 @@ class Signals:
 
 
 def make_signals(source: Source, doubts: list[str]) -> Signals | None:
-    """Compute the curves of a run.
-
-    Parameters
-    ----------
-    source : Source
-        The run.
-    doubts : list of str
-        Reasons why a curve is missing are appended.
-
-    Returns
-    -------
-    Signals or None
-        None where the run holds no trace.
-    """
+    """Compute the curves of a run."""
     trace, profile = source.trace, source.profile
     if trace is None:
         return None
@@ -128,22 +115,7 @@ def _with_torque(source: Source, trace: Trace) -> Trace:
 
 
 def filter_model_of(source: Source) -> tuple[FilterModel, str] | None:
-    """Return the run's own filter and where it stands, or None where it names none.
-
-    Parameters
-    ----------
-    source : Source
-        The run.
-
-    Returns
-    -------
-    tuple of (FilterModel, str) or None
-
-    Raises
-    ------
-    DataError
-        If the stored filter is damaged.
-    """
+    """Return the run's own filter and where it stands, or None where it names none."""
     stored = source.detail("filter")
     if isinstance(stored, Mapping):
         return FilterModel.from_dict(stored, source=f"{source.run_id}: filter"), "run.json"
@@ -186,18 +158,6 @@ def _lowpass(trace: Trace, profile: Profile) -> FloatArray | None:
 
 
 def window(time_s: FloatArray, from_s: float, length_s: float) -> Any:
-    """Return the slice of samples from `from_s` on, `length_s` long.
-
-    Parameters
-    ----------
-    time_s : ndarray, shape (n,)
-        Time, s, increasing.
-    from_s, length_s : float
-        Begin and length, s.
-
-    Returns
-    -------
-    slice
-    """
+    """Return the slice of samples from `from_s` on, `length_s` long."""
     start, stop = np.searchsorted(time_s, (from_s, from_s + length_s))
     return slice(int(start), int(max(stop, start + 2)))

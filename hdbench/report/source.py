@@ -78,24 +78,7 @@ class Source:
 
 
 def load_source(path: Path, profile: Profile | None = None) -> Source:
-    """Read a run folder, a result file, a trace or a loads file.
-
-    Parameters
-    ----------
-    path : Path
-        What to report on.
-    profile : Profile or None
-        Bench to use where the run does not carry its own.
-
-    Returns
-    -------
-    Source
-
-    Raises
-    ------
-    DataError
-        If the path is missing, of no kind that a report knows, or damaged.
-    """
+    """Read a run folder, a result file, a trace or a loads file."""
     path = Path(path)
     if path.is_dir():
         return _from_folder(path, profile)

@@ -31,18 +31,6 @@ class Steady:
 def steady_stretch(signals: Signals, tolerance: float) -> Steady | None:
     """Return the longest stretch whose velocity keeps within `tolerance` of its median.
 
-    Parameters
-    ----------
-    signals : Signals
-        Curves with a velocity.
-    tolerance : float
-        Spread allowed, share of the velocity.
-
-    Returns
-    -------
-    Steady or None
-        None where nothing turns steadily for 64 samples.
-
     Notes
     -----
     Levels are the velocities held longest (a histogram whose bins are as wide as the tolerance at

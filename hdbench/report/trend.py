@@ -35,30 +35,7 @@ _LONGEST_MARK = 24
 
 
 def write_trend(body: Mapping[str, Any], table: str, out: Path) -> ReportFiles:
-    """Write a trend as one offline page, with CSV and JSON beside it.
-
-    Parameters
-    ----------
-    body : mapping
-        The trend (schema ``hdbench/trend/1``).
-    table : str
-        Its points as CSV.
-    out : Path
-        The HTML file; CSV and JSON go beside it under the same name.
-
-    Returns
-    -------
-    ReportFiles
-        The three files.
-
-    Raises
-    ------
-    UsageError
-        If `out` does not end in ``.html``, or a file of one of these names is there that no
-        report made.
-    StorageError
-        If a file cannot be written.
-    """
+    """Write a trend as one offline page, with CSV and JSON beside it."""
     files = page_files(out, option="--html", example="trend.html")
     sections = [_section(group, body, k) for k, group in enumerate(body["groups"], start=1)]
     if not sections or body["remarks"] or body["left_out"]:

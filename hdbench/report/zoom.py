@@ -45,18 +45,7 @@ class Zoom:
     curves: tuple[dict[str, Any], ...]
 
     def element(self, name: str) -> str:
-        """Return the description as an SVG element; to be called after the figure was drawn.
-
-        Parameters
-        ----------
-        name : str
-            What the ids of this figure begin with.
-
-        Returns
-        -------
-        str
-            A ``metadata`` element, empty where nothing can be zoomed.
-        """
+        """Return the description as an SVG element; to be called after the figure was drawn."""
         height = float(self.figure.get_figheight()) * _POINTS_PER_INCH
         width = float(self.figure.get_figwidth()) * _POINTS_PER_INCH
         axes = []
@@ -92,17 +81,7 @@ class Zoom:
 
 
 def prepare_zoom(figure: Figure) -> Zoom:
-    """Name the parts of a figure, keep the samples of its curves, and thin what is drawn.
-
-    Parameters
-    ----------
-    figure : Figure
-        Complete, not yet drawn.
-
-    Returns
-    -------
-    Zoom
-    """
+    """Name the parts of a figure, keep the samples of its curves, and thin what is drawn."""
     curves = []
     for place, axes in enumerate(figure.axes):
         lines: list[dict[str, Any]] = []

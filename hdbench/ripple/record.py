@@ -83,28 +83,7 @@ class Record:
 
 
 def prepare(trace: Trace, profile: ProfileData, scale: TorqueScale, stretch: Stretch) -> Record:
-    """Return motion, torques and samples of a trace for the regression.
-
-    Parameters
-    ----------
-    trace : Trace
-        Torque, velocity and, where there is one, an angle.
-    profile : ProfileData
-        Gear ratio and load inertia.
-    scale : TorqueScale
-        Gain for volts.
-    stretch : Stretch
-        Which samples.
-
-    Returns
-    -------
-    Record
-
-    Raises
-    ------
-    DataError
-        If a channel is missing or no sample is left.
-    """
+    """Return motion, torques and samples of a trace for the regression."""
     torque = torque_channel(trace, scale)
     motion = motion_from_trace(trace, profile)
     used = motion.valid & np.isfinite(torque)

@@ -64,26 +64,7 @@ class Regression:
 
 
 def regress(record: Record, orders: tuple[float, ...], filtered: FloatArray) -> Regression:
-    """Fit slow terms, orders, output orders and lines jointly.
-
-    Parameters
-    ----------
-    record : Record
-        The trace made ready.
-    orders : tuple of float
-        Nominal motor orders.
-    filtered : ndarray, shape (n,)
-        Filtered torque, N m.
-
-    Returns
-    -------
-    Regression
-
-    Raises
-    ------
-    ValueError
-        If samples are too few or columns cannot be told apart.
-    """
+    """Fit slow terms, orders, output orders and lines jointly."""
     response = record.torque_nm - record.expected_nm
     trend, slow = _slow_terms(record, orders, response)
     angle_scale = None

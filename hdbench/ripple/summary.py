@@ -40,25 +40,7 @@ def summarise(
     scale: TorqueScale,
     filter_name: str,
 ) -> RippleResult:
-    """Return the result of a ripple run from its joint fit.
-
-    Parameters
-    ----------
-    record : Record
-        The trace made ready.
-    regression : Regression
-        The joint fit.
-    profile : ProfileData
-        Tolerance of a steady stretch, range of the converter.
-    scale : TorqueScale
-        Gain with its uncertainty.
-    filter_name : str
-        Filter of the filtered torque.
-
-    Returns
-    -------
-    RippleResult
-    """
+    """Return the result of a ripple run from its joint fit."""
     used, fit = record.used, regression.found.fit
     velocity = record.motion.velocity_rad_s[used]
     time = record.motion.time_s[used]

@@ -24,28 +24,7 @@ __all__ = ["make_walker"]
 
 
 def make_walker(task: Task, bench: Bench, identity: Identity, journal: JournalWriter) -> Walker:
-    """Return what walks a task.
-
-    Parameters
-    ----------
-    task : Task
-        The run.
-    bench : Bench
-        Open.
-    identity : Identity
-        Who answered.
-    journal : JournalWriter
-        Of this run.
-
-    Returns
-    -------
-    Walker
-
-    Raises
-    ------
-    UsageError
-        If a real bench has no person beside it, or a simulated one cannot take a load.
-    """
+    """Return what walks a task."""
     if task.kind == "calibration":
         return _loads_walk(task, bench, identity, journal)
     return _motion_walk(task, bench, identity, journal)

@@ -56,17 +56,7 @@ class Finding:
 
 
 def check_computer(folder: Path) -> list[Finding]:
-    """Look at interpreter, filter kernel, drivers, clock and disk.
-
-    Parameters
-    ----------
-    folder : Path
-        Where runs are stored.
-
-    Returns
-    -------
-    list of Finding
-    """
+    """Look at interpreter, filter kernel, drivers, clock and disk."""
     compiled = kernel_name() == "c"
     return [
         Finding("python", True, f"{platform.python_version()} on {platform.platform()}"),
@@ -137,20 +127,7 @@ def _disk(folder: Path) -> Finding:
 
 
 def check_ports(profile: Profile, address: str | None) -> list[Finding]:
-    """Look at the serial ports that the profile names: there, allowed, quick enough.
-
-    Parameters
-    ----------
-    profile : Profile
-        The bench.
-    address : str or None
-        Device instead of the profile's.
-
-    Returns
-    -------
-    list of Finding
-        Empty where the bench is on a network or embedded.
-    """
+    """Look at the serial ports that the profile names: there, allowed, quick enough."""
     findings = []
     for name in addresses_of(profile.data.daq, address or profile.data.daq.address):
         scheme, _, path = name.partition("://")
@@ -178,20 +155,7 @@ def _port(path: str) -> Iterator[Finding]:
 
 
 def check_bench(profile: Profile, address: str | None) -> list[Finding]:
-    """Ask the device who it is, what watchdog it has, and whether its guard reaches it.
-
-    Parameters
-    ----------
-    profile : Profile
-        The bench.
-    address : str or None
-        Device instead of the profile's.
-
-    Returns
-    -------
-    list of Finding
-        The motor does not move.
-    """
+    """Ask the device who it is, what watchdog it has, and whether its guard reaches it."""
     where = address or profile.data.daq.address
     findings: list[Finding] = []
     try:
@@ -243,21 +207,7 @@ def _guard(bench: GuardedBench) -> Finding:
 
 
 def check_calibration(profile: Profile, runs: Path, now: datetime) -> Finding:
-    """Say how old the newest calibration of this bench is.
-
-    Parameters
-    ----------
-    profile : Profile
-        The bench; its name tells its runs from others'.
-    runs : Path
-        Folder of run folders.
-    now : datetime
-        With a time zone.
-
-    Returns
-    -------
-    Finding
-    """
+    """Say how old the newest calibration of this bench is."""
     limit = profile.data.calibration.validity_days
     fix = "hdbench calibrate"
     try:

@@ -16,22 +16,7 @@ _ZERO_SHARE = 0.05
 
 
 def channel_doubts(records: Trace | Loads, source: Path, profile: Profile) -> list[str]:
-    """Return doubts where channels of a file are in another unit or in each other's place.
-
-    Parameters
-    ----------
-    records : Trace or Loads
-        What was read; only traces are looked at.
-    source : Path
-        Where from. A run folder was written by the bench itself, in known units.
-    profile : Profile
-        Limits, converter and gains of the bench.
-
-    Returns
-    -------
-    list of str
-        Reasons in words; empty where there is none.
-    """
+    """Return doubts where channels of a file are in another unit or in each other's place."""
     if isinstance(records, Loads) or source.is_dir():
         return []
     from hdbench.diagnosis.faults import check_channels
@@ -48,23 +33,7 @@ def channel_doubts(records: Trace | Loads, source: Path, profile: Profile) -> li
 
 
 def channel_refusal(trace: Trace, source: Path, profile: Profile) -> str:
-    """Return why a file's channels cannot be what their names say, whatever ripple they hold.
-
-    Parameters
-    ----------
-    trace : Trace
-        What was read.
-    source : Path
-        Where from. A run folder was written by the bench itself, in known units.
-    profile : Profile
-        Limits, converter and gains of the bench.
-
-    Returns
-    -------
-    str
-        One reason in words, or an empty text. Unlike `channel_doubts` it takes no order for
-        granted, so that traces with other orders than this bench's pass.
-    """
+    """Return why a file's channels cannot be what their names say, whatever ripple they hold."""
     if source.is_dir():
         return ""
     from hdbench.diagnosis.faults import check_channels
@@ -73,18 +42,7 @@ def channel_refusal(trace: Trace, source: Path, profile: Profile) -> str:
 
 
 def sign_doubts(records: Trace | Loads) -> list[str]:
-    """Return a doubt where torques contradict their direction (cw positive, ccw negative).
-
-    Parameters
-    ----------
-    records : Trace or Loads
-        What was read; only loads are looked at.
-
-    Returns
-    -------
-    list of str
-        One reason in words, or none.
-    """
+    """Return a doubt where torques contradict their direction (cw positive, ccw negative)."""
     if not isinstance(records, Loads):
         return []
     least = _ZERO_SHARE * max(abs(r.torque_nm) for r in records.readings)

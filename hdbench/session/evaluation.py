@@ -147,19 +147,7 @@ def _fed(kind: str, model: FilterModel, result: dict[str, Any]) -> FilterModel:
 def store_evaluation(
     folder: RunFolder, found: Evaluation, files: Sequence[Path], reason: str
 ) -> None:
-    """Write result and filter model into a run folder and close the run.
-
-    Parameters
-    ----------
-    folder : RunFolder
-        The run.
-    found : Evaluation
-        What came out of it.
-    files : sequence of Path
-        The records already there.
-    reason : str
-        How the run ended, for a person.
-    """
+    """Write result and filter model into a run folder and close the run."""
     write_json(folder.result, found.result)
     filter_file = folder.path / "filter.json"
     write_json(filter_file, found.filter_model.to_dict())

@@ -33,29 +33,7 @@ def choose_filter(
     misalignment: Path | None = None,
     source: Path | None = None,
 ) -> FilterModel:
-    """Return the filter that was asked for.
-
-    Parameters
-    ----------
-    profile : Profile
-        The bench.
-    name : str or None
-        Preset or model file; None takes the stored run's, else the profile's.
-    misalignment : Path or None
-        Misalignment result or run whose output-order block joins the filter.
-    source : Path or None
-        Stored run or file that is evaluated or filtered again.
-
-    Returns
-    -------
-    FilterModel
-        The model.
-
-    Raises
-    ------
-    DataError
-        If a name or file is no filter model or no misalignment result.
-    """
+    """Return the filter that was asked for."""
     stored = None if name or source is None else stored_filter(source, profile)
     base = stored or load_filter_model(name or profile.data.filter.model, profile.data)
     if misalignment is None:
@@ -66,26 +44,7 @@ def choose_filter(
 
 
 def trace_channels(trace: Trace, profile: Profile, *, use_measured_angle: bool) -> Channels:
-    """Return the channels that a filter reads of a trace.
-
-    Parameters
-    ----------
-    trace : Trace
-        With ``torque_nm``.
-    profile : Profile
-        The bench.
-    use_measured_angle : bool
-        Whether the filter turns with a measured angle where there is one.
-
-    Returns
-    -------
-    Channels
-
-    Raises
-    ------
-    DataError
-        If a channel is missing.
-    """
+    """Return the channels that a filter reads of a trace."""
     return filter_channels(
         trace,
         use_measured_angle=use_measured_angle,
@@ -101,30 +60,7 @@ def tune_traces(
     origins: Mapping[str, str],
     settings: TuningSettings | None = None,
 ) -> TuningResult:
-    """Tune a filter on traces.
-
-    Parameters
-    ----------
-    profile : Profile
-        The bench.
-    base : FilterModel
-        Gives the orders.
-    traces : sequence of Trace
-        With ``torque_nm``.
-    origins : mapping of str to str
-        Provenance of the tuned numbers.
-    settings : TuningSettings or None
-        What is asked; the profile's where None.
-
-    Returns
-    -------
-    TuningResult
-
-    Raises
-    ------
-    DataError
-        If a channel is missing.
-    """
+    """Tune a filter on traces."""
     from hdbench.filter import tune
     from hdbench.filter.tuning import settings_of
 
@@ -134,25 +70,7 @@ def tune_traces(
 
 
 def stored_filter(source: Path, profile: Profile) -> FilterModel | None:
-    """Return the filter that ran while a run was sampled.
-
-    Parameters
-    ----------
-    source : Path
-        Run folder, or any other path.
-    profile : Profile
-        The bench; under another profile than the run's own its filter says nothing.
-
-    Returns
-    -------
-    FilterModel or None
-        None where `source` is no run, names no filter, or belongs to another profile.
-
-    Raises
-    ------
-    DataError
-        If run.json or the model in it is broken.
-    """
+    """Return the filter that ran while a run was sampled."""
     manifest = source / "run.json"
     if not manifest.is_file():
         return None

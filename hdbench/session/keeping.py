@@ -36,18 +36,7 @@ GUARD_LOG = "guard.jsonl"
 
 @contextmanager
 def kept(folder: RunFolder) -> Iterator[None]:
-    """Leave no run behind that says it still goes on, whatever ends it.
-
-    Parameters
-    ----------
-    folder : RunFolder
-        The run.
-
-    Yields
-    ------
-    None
-        While it goes on.
-    """
+    """Leave no run behind that says it still goes on, whatever ends it."""
     try:
         yield
     finally:

@@ -35,19 +35,6 @@ class LimitWatch:
     def check(self, block: Block, rows: Mapping[str, FloatArray]) -> None:
         """Hold a block against every limit.
 
-        Parameters
-        ----------
-        block : Block
-            As it came.
-        rows : mapping of str to ndarray, each of shape (lost + n,)
-            What the recorder made of it, by the names of the trace's columns.
-
-        Raises
-        ------
-        Aborted
-            If a limit was crossed, or a channel that is measured gave no number: what cannot be
-            seen counts as crossed.
-
         Notes
         -----
         Travel is the motor angle since the first sample of the acquisition.

@@ -66,13 +66,7 @@ class ChannelStatistics:
     high: float = -math.inf
 
     def add(self, values: FloatArray) -> None:
-        """Take in samples; NaN marks a lost one.
-
-        Parameters
-        ----------
-        values : ndarray, shape (n,)
-            In the channel's unit.
-        """
+        """Take in samples; NaN marks a lost one."""
         good = values[np.isfinite(values)]
         if not len(good):
             return
@@ -176,30 +170,7 @@ class Monitor:
         self.channels = {name: ChannelStatistics(unit) for name, unit in _SHOWN.items()}
 
     def observe(self, *, address: str | None, plant: str, seed: int) -> Observation:
-        """Look on until the time is over or a signal comes.
-
-        Parameters
-        ----------
-        address : str or None
-            Bench controller instead of the profile's.
-        plant : str
-            Plant of the embedded bench.
-        seed : int
-            Seed of the embedded bench.
-
-        Returns
-        -------
-        Observation
-
-        Raises
-        ------
-        BusyError
-            If a run holds the bench: it is not disturbed.
-        DeviceError
-            If nobody answers, no samples come, or the watchdog has tripped.
-        UnsafeError
-            If the bench could not be confirmed safe afterwards.
-        """
+        """Look on until the time is over or a signal comes."""
         where = address or self.profile.data.daq.address
         with open_bench(
             self.profile, plant=plant, seed=seed, address=address, realtime=True

@@ -18,29 +18,7 @@ __all__ = ["motion_plan"]
 
 
 def motion_plan(kind: str, asked: MotionPlan, profile: ProfileData) -> Plan:
-    """Plan what a plan file asks for.
-
-    Parameters
-    ----------
-    kind : str
-        ``ripple`` or ``misalignment``: how the run is evaluated.
-    asked : MotionPlan
-        Content of the file.
-    profile : ProfileData
-        The bench.
-
-    Returns
-    -------
-    Plan
-        One acquisition from load step to load step; all motion between two of them is one program
-        of the reference generator, without a pause.
-
-    Raises
-    ------
-    UsageError
-        With everything that the bench must not do: speed, acceleration, reference volts, torque,
-        duration, jumps of the speed.
-    """
+    """Plan what a plan file asks for."""
     problems = check_motion_plan(asked, profile)
     if problems:
         first = problems[0]

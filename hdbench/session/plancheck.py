@@ -21,22 +21,7 @@ _ROUNDING = 1e-12
 
 
 def check_plan(plan: Plan, profile: ProfileData) -> None:
-    """Hold every step against the profile's limits; nothing has moved yet.
-
-    Parameters
-    ----------
-    plan : Plan
-        What is asked for.
-    profile : ProfileData
-        The bench.
-
-    Raises
-    ------
-    ProfileError
-        If the profile asks its devices for what they do not have.
-    UsageError
-        With every step that is outside a limit.
-    """
+    """Hold every step against the profile's limits; nothing has moved yet."""
     check_tables(profile)
     problems = [*_check_drives(plan, profile), *_check_pace(plan, profile)]
     for number, step in enumerate(plan.steps, start=1):

@@ -13,20 +13,7 @@ _RAMP_SHARE = 4.0  # ramps last four times as long as the servo at its limit wou
 
 
 def misalignment_plan(profile: ProfileData) -> Plan:
-    """Plan a constant velocity over the profile's output turns, one direction after the other.
-
-    Parameters
-    ----------
-    profile : ProfileData
-        The bench.
-
-    Returns
-    -------
-    Plan
-        One acquisition: a trapezoid reference of one period, so that the angle runs on through the
-        reversal. Its ramps ask for a quarter of the servo's acceleration: a jump of the reference
-        would be a jump of the inertial torque, which no differentiator follows.
-    """
+    """Plan a constant velocity over the profile's output turns, one direction after the other."""
     run = profile.misalignment
     turn_s = 2.0 * math.pi * profile.drive.gear_ratio / run.velocity_rad_s
     ramp_s = _RAMP_SHARE * run.velocity_rad_s / profile.servo.max_acceleration_rad_s2
@@ -47,18 +34,7 @@ def misalignment_plan(profile: ProfileData) -> Plan:
 
 
 def ripple_plan(profile: ProfileData) -> Plan:
-    """Plan the free motion with the profile's reference generator.
-
-    Parameters
-    ----------
-    profile : ProfileData
-        The bench.
-
-    Returns
-    -------
-    Plan
-        One acquisition.
-    """
+    """Plan the free motion with the profile's reference generator."""
     run = profile.ripple
     return Plan(
         "ripple",

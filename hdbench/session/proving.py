@@ -66,18 +66,7 @@ class WatchdogProof:
 
 
 def creep_rad_s(profile: ProfileData) -> float:
-    """Return the speed at which the watchdog of a bench is proven, rad/s.
-
-    Parameters
-    ----------
-    profile : ProfileData
-        The bench.
-
-    Returns
-    -------
-    float
-        2 % of the speed limit, at least 5 rad/s, never above the limit.
-    """
+    """Return the speed at which the watchdog of a bench is proven, rad/s."""
     limit = profile.limits.velocity_rad_s
     return min(max(_SHARE * limit, _LEAST_RAD_S), limit)
 
@@ -90,30 +79,6 @@ def prove_watchdog(
     sleep: Callable[[float], None] = time.sleep,
 ) -> WatchdogProof:
     """Turn the motor slowly, say nothing more, and see whether the device stops it.
-
-    Parameters
-    ----------
-    profile : Profile
-        The bench.
-    stop : StopSignals
-        Signals that end it.
-    address : str or None
-        Device instead of the profile's.
-    sleep : callable, optional
-        Waiting.
-
-    Returns
-    -------
-    WatchdogProof
-
-    Raises
-    ------
-    UsageError
-        If the device has no watchdog that stops the motor: nothing has moved.
-    DeviceError, BusyError
-        If the device fails or another run holds it.
-    UnsafeError
-        If the bench could not be confirmed safe afterwards.
 
     Notes
     -----

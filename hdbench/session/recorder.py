@@ -111,13 +111,6 @@ class TraceRecorder:
     def begin(self, load: LoadStep | None, step: int | None = None) -> None:
         """Begin an acquisition; one that follows another begins the pause after it.
 
-        Parameters
-        ----------
-        load : LoadStep or None
-            Load that is on; None where the plan has no loads.
-        step : int or None
-            Step of the plan, from 0, as the journal names it; None outside of a plan.
-
         Notes
         -----
         A pause is as long as this computer's clock says: effects that follow the clock do not keep
@@ -138,30 +131,13 @@ class TraceRecorder:
             self.journal.append("event", {}, noted)
 
     def end(self, step: int | None = None) -> None:
-        """Note that an acquisition is over.
-
-        Parameters
-        ----------
-        step : int or None
-            As `begin` was told.
-        """
+        """Note that an acquisition is over."""
         self.ended_s = self.clock()
         if step is not None:
             self.journal.append("event", {}, {"event": "acquired", "step": step})
 
     def add(self, block: Block) -> dict[str, FloatArray]:
-        """Scale, filter and journal one block.
-
-        Parameters
-        ----------
-        block : Block
-            As it came from the bench.
-
-        Returns
-        -------
-        dict of str to ndarray
-            The rows added, channel by channel, each of shape (lost + n,).
-        """
+        """Scale, filter and journal one block."""
         rows = self._scale(block)
         filtered = self.online.process(
             rows["time_s"],

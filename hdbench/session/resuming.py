@@ -71,31 +71,6 @@ class ResumeOptions:
 def resume_run(path: Path, options: ResumeOptions, progress: Progress) -> RunOutcome:
     """Go on with a run that was stopped, killed, or lost its bench.
 
-    Parameters
-    ----------
-    path : Path
-        Its folder.
-    options : ResumeOptions
-        What may differ from the first session.
-    progress : callable
-        Told what is going on.
-
-    Returns
-    -------
-    RunOutcome
-        The complete run, in the same folder.
-
-    Raises
-    ------
-    UsageError
-        If the run is complete or was aborted.
-    BusyError
-        If a process still records it.
-    DataError
-        If its folder is damaged.
-    Stopped, UnsafeError, DeviceError, StorageError, Aborted
-        As for `run_experiment`.
-
     Notes
     -----
     A calibration goes on at the first point without a reading that counts. A run with motion keeps

@@ -67,25 +67,6 @@ class Runner:
     def run(self, plan: Plan, done: Collection[int] = ()) -> None:
         """Walk the plan; the bench is safe afterwards, whatever happened.
 
-        Parameters
-        ----------
-        plan : Plan
-            A plan that `check_plan` has accepted.
-        done : collection of int
-            Steps, from 0, whose acquisition an earlier session of this run has completed: they are
-            left out. What a person sets up is asked for again: nobody knows how the bench was left.
-
-        Raises
-        ------
-        StopRequested
-            When a signal came.
-        Aborted
-            When the operator declined or a limit was crossed.
-        DeviceError
-            When the device failed.
-        StorageError
-            When the journal could not be written.
-
         Notes
         -----
         `safe` holds what was read back; the caller reports an unconfirmed safe state.

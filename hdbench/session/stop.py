@@ -54,13 +54,7 @@ class StopSignals:
     raise_at_once: bool = False
 
     def check(self) -> None:
-        """Raise `StopRequested` when a signal has come.
-
-        Raises
-        ------
-        StopRequested
-            With the first signal.
-        """
+        """Raise `StopRequested` when a signal has come."""
         if self.first is not None:
             raise StopRequested(self.first)
 
@@ -86,13 +80,7 @@ class StopSignals:
 
 @contextmanager
 def listen() -> Iterator[StopSignals]:
-    """Note Ctrl-C, SIGTERM and SIGHUP instead of dying of them.
-
-    Yields
-    ------
-    StopSignals
-        What has been asked so far.
-    """
+    """Note Ctrl-C, SIGTERM and SIGHUP instead of dying of them."""
     signals = StopSignals()
     numbers = [getattr(signal, name) for name in _NAMES if hasattr(signal, name)]
     previous = [signal.signal(number, signals.note) for number in numbers]

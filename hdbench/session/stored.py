@@ -13,22 +13,7 @@ __all__ = ["stored_address", "stored_profile", "stored_table"]
 
 
 def stored_profile(folder: RunFolder) -> Profile:
-    """Return the profile that a run was made with.
-
-    Parameters
-    ----------
-    folder : RunFolder
-        The run.
-
-    Returns
-    -------
-    Profile
-
-    Raises
-    ------
-    DataError
-        If run.json holds none, or one that is invalid.
-    """
+    """Return the profile that a run was made with."""
     text = folder.manifest["profile"].get("text")
     if not isinstance(text, str):
         raise DataError(
@@ -40,37 +25,13 @@ def stored_profile(folder: RunFolder) -> Profile:
 
 
 def stored_address(folder: RunFolder) -> str | None:
-    """Return the address of the bench controller that a run was asked for.
-
-    Parameters
-    ----------
-    folder : RunFolder
-        The run.
-
-    Returns
-    -------
-    str or None
-        None where it was the profile's own.
-    """
+    """Return the address of the bench controller that a run was asked for."""
     address = stored_table(folder.manifest, "bench").get("address")
     return address if isinstance(address, str) else None
 
 
 def stored_table(manifest: Mapping[str, Any], name: str) -> Mapping[str, Any]:
-    """Return a table of the details that a run remembers.
-
-    Parameters
-    ----------
-    manifest : mapping
-        Content of ``run.json``.
-    name : str
-        Its name.
-
-    Returns
-    -------
-    mapping
-        Empty where there is none.
-    """
+    """Return a table of the details that a run remembers."""
     details = manifest.get("details")
     found = details.get(name) if isinstance(details, Mapping) else None
     return found if isinstance(found, Mapping) else {}

@@ -45,19 +45,6 @@ class SpeedWatch:
     def check(self, block: Block, rows: Mapping[str, FloatArray]) -> None:
         """Hold tacho and encoder of a block against each other.
 
-        Parameters
-        ----------
-        block : Block
-            As it came.
-        rows : mapping of str to ndarray, each of shape (lost + n,)
-            What the recorder made of it, by the names of the trace's columns.
-
-        Raises
-        ------
-        DeviceError
-            If one of the two held exactly one value for a window of 0.1 s (ten samples at least)
-            in which the other one turned at another speed: the speed of the motor is not known.
-
         Notes
         -----
         A bench without an encoder or a tacho has nothing to compare; its limits are watched alone.
@@ -121,20 +108,7 @@ class HeldTorque:
     _counted: bool = field(default=False, init=False)
 
     def count(self, torque: FloatArray, angle_rad: FloatArray) -> int:
-        """Return how many samples are found to be held with these.
-
-        Parameters
-        ----------
-        torque : ndarray, shape (n,)
-            Torque, any unit; NaN for a lost sample.
-        angle_rad : ndarray, shape (n,)
-            Motor angle, rad.
-
-        Returns
-        -------
-        int
-            Those of earlier blocks that only now turn out to be part of a flat line included.
-        """
+        """Return how many samples are found to be held with these."""
         n = len(torque)
         if not n:
             return 0

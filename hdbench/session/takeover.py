@@ -13,16 +13,7 @@ __all__ = ["take_over"]
 
 
 def take_over(recorder: TraceRecorder, groups: Sequence[SampleGroup]) -> None:
-    """Take over what an earlier session of this run has recorded.
-
-    Parameters
-    ----------
-    recorder : TraceRecorder
-        Fresh.
-    groups : sequence of SampleGroup
-        The journal; complete acquisitions go through the online filter again, so that what it says
-        of the next one depends on the stored samples alone. The others are only counted.
-    """
+    """Take over what an earlier session of this run has recorded."""
     for group in groups:
         if group.step is not None:
             attempts = recorder.attempts.get(group.step, 0)

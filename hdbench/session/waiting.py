@@ -14,26 +14,7 @@ _STALL_S = 2.0  # a bench that hands out no sample for this long has stopped sam
 
 
 def next_block(bench: Bench, stop: StopSignals) -> Block:
-    """Return the next block with samples or losses in it.
-
-    Parameters
-    ----------
-    bench : Bench
-        A bench whose acquisition was started.
-    stop : StopSignals
-        Asked before each look.
-
-    Returns
-    -------
-    Block
-
-    Raises
-    ------
-    StopRequested
-        When a signal came.
-    DeviceError
-        If the watchdog has tripped, or no sample comes for two seconds.
-    """
+    """Return the next block with samples or losses in it."""
     deadline = time.monotonic() + _STALL_S
     while True:
         stop.check()

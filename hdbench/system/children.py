@@ -11,15 +11,6 @@ __all__ = ["child_command", "limit_memory"]
 def child_command(module: str) -> tuple[str, ...]:
     """Return the command that runs a module of hdbench in a process of its own.
 
-    Parameters
-    ----------
-    module : str
-        Its full name.
-
-    Returns
-    -------
-    tuple of str
-
     Notes
     -----
     ``python -m`` puts the folder it is called in before everything else, and ``PYTHONPATH`` comes
@@ -37,11 +28,6 @@ def child_command(module: str) -> tuple[str, ...]:
 
 def limit_memory(most_bytes: int) -> None:
     """Let this process hold no more memory than that, where the system has such a limit.
-
-    Parameters
-    ----------
-    most_bytes : int
-        Data of the process, bytes: what is asked for beyond it raises `MemoryError`.
 
     Notes
     -----

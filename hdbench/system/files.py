@@ -31,19 +31,7 @@ _OWNED = hasattr(os, "geteuid")
 
 
 def lock_file(descriptor: int) -> bool | None:
-    """Lock an open file until it is closed or this process ends.
-
-    Parameters
-    ----------
-    descriptor : int
-        The file, open for writing.
-
-    Returns
-    -------
-    bool or None
-        Whether it is locked now; False where another process has it, None where the system or
-        the file system has no locks.
-    """
+    """Lock an open file until it is closed or this process ends."""
     try:
         import fcntl
     except ImportError:
@@ -74,13 +62,7 @@ def _lock_byte(descriptor: int) -> bool | None:
 
 
 def sync_file(descriptor: int) -> None:
-    """Return once the disk has the file.
-
-    Raises
-    ------
-    OSError
-        If it cannot.
-    """
+    """Return once the disk has the file."""
     try:
         from fcntl import F_FULLFSYNC, fcntl
     except ImportError:
@@ -96,13 +78,7 @@ def sync_file(descriptor: int) -> None:
 
 
 def sync_data(descriptor: int) -> None:
-    """Return once the disk has the content of the file, its times perhaps not.
-
-    Raises
-    ------
-    OSError
-        If it cannot.
-    """
+    """Return once the disk has the content of the file, its times perhaps not."""
     if hasattr(os, "fdatasync"):
         os.fdatasync(descriptor)
     else:
@@ -110,18 +86,7 @@ def sync_data(descriptor: int) -> None:
 
 
 def sync_folder(folder: Path) -> None:
-    """Make the names in `folder` survive a power cut; Windows has no call for that.
-
-    Parameters
-    ----------
-    folder : Path
-        An existing folder.
-
-    Raises
-    ------
-    OSError
-        If the folder cannot be synced.
-    """
+    """Make the names in `folder` survive a power cut; Windows has no call for that."""
     if os.name != "posix":
         return
     handle = os.open(folder, os.O_RDONLY)
@@ -132,20 +97,7 @@ def sync_folder(folder: Path) -> None:
 
 
 def allocate(descriptor: int, size: int) -> None:
-    """Take room on the disk for an empty file; where the file system cannot, write zeros.
-
-    Parameters
-    ----------
-    descriptor : int
-        The file, open for writing.
-    size : int
-        Byte, a multiple of 64 KiB.
-
-    Raises
-    ------
-    OSError
-        If there is no such room.
-    """
+    """Take room on the disk for an empty file; where the file system cannot, write zeros."""
     try:
         os.posix_fallocate(descriptor, 0, size)
     except (AttributeError, OSError) as error:
@@ -163,14 +115,7 @@ def is_private(mode: int) -> bool:
 
 
 def user_folders() -> list[Path]:
-    """Return where files for other processes of this user may be, the place for new ones first.
-
-    Returns
-    -------
-    list of Path
-        Folders of this user alone, at least one; the last need not be there yet, or may be
-        somebody else's, which `is_own` tells.
-    """
+    """Return where files for other processes of this user may be, the place for new ones first."""
     if not _OWNED:
         import tempfile
 

@@ -42,19 +42,7 @@ class Keyboard(Protocol):
 
 
 def keyboard(descriptor: int) -> Keyboard:
-    """Return what reads a file in the way of this system.
-
-    Parameters
-    ----------
-    descriptor : int
-        The file: a terminal, a pipe, a file.
-
-    Returns
-    -------
-    Keyboard
-        On Windows single keys come from the console. On a system with neither terminals in the
-        manner of POSIX nor that console, a key counts after Enter.
-    """
+    """Return what reads a file in the way of this system."""
     try:
         import termios  # noqa: F401 - asked for, not used
     except ImportError:

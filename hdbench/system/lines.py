@@ -69,18 +69,7 @@ class PortIo(Protocol):
 
 
 def port_io(port: Serial) -> PortIo:
-    """Return what reads and writes an open port in the way of this system.
-
-    Parameters
-    ----------
-    port : Serial
-        Opened with ``timeout=0``.
-
-    Returns
-    -------
-    PortIo
-        Where ports are files, waits end with the first character; elsewhere up to 1 ms later.
-    """
+    """Return what reads and writes an open port in the way of this system."""
     try:
         import termios  # noqa: F401 - asked for, not used
     except ImportError:
@@ -179,26 +168,7 @@ def share_port(port: Serial) -> None:
 
 
 def terminal_pair(*, blocking: bool = False) -> tuple[int, int, str]:
-    """Open a pseudo-terminal that passes every character as it is.
-
-    Parameters
-    ----------
-    blocking : bool, optional
-        Whether a write at the device's end waits where nobody reads.
-
-    Returns
-    -------
-    tuple of int, int and str
-        Descriptors of the device's end and of the other one, and the path that a host opens. The
-        other one stays open, so that a host that leaves does not end the line.
-
-    Raises
-    ------
-    UsageError
-        If the system has no pseudo-terminals.
-    OSError
-        If none is left.
-    """
+    """Open a pseudo-terminal that passes every character as it is."""
     try:
         import tty
 
@@ -215,13 +185,7 @@ def terminal_pair(*, blocking: bool = False) -> tuple[int, int, str]:
 
 
 def open_terminal(path: str) -> int:
-    """Open a pseudo-terminal by its path, so that it passes every character as it is.
-
-    Raises
-    ------
-    OSError
-        If it cannot be opened.
-    """
+    """Open a pseudo-terminal by its path, so that it passes every character as it is."""
     import tty
 
     descriptor = os.open(path, os.O_RDWR | os.O_NOCTTY)

@@ -38,18 +38,7 @@ _ENDING = ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK", "SIGQUIT", "SIGTSTP", "SIG
 
 
 def process_mark(pid: int) -> str | None:
-    """Return what tells a process from a later one with the same number.
-
-    Parameters
-    ----------
-    pid : int
-        Process number.
-
-    Returns
-    -------
-    str or None
-        On Linux boot and start tick, elsewhere the start time; None where the system does not tell.
-    """
+    """Return what tells a process from a later one with the same number."""
     try:
         stat = Path(f"/proc/{pid}/stat").read_text(errors="replace")
         boot = Path("/proc/sys/kernel/random/boot_id").read_text().strip()
@@ -85,18 +74,6 @@ def process_exists(pid: int) -> bool:
 
 def terminate(pid: int, mark: str) -> bool:
     """Send SIGTERM to the process of this number and mark; return whether it was sent.
-
-    Parameters
-    ----------
-    pid : int
-        Process number.
-    mark : str
-        As `process_mark` gave it.
-
-    Returns
-    -------
-    bool
-        False where it is another process, and where the system cannot make sure of that.
 
     Notes
     -----
@@ -139,23 +116,7 @@ def ignore_signals() -> None:
 
 
 def hold_name(name: str) -> contextlib.AbstractContextManager[object]:
-    """Hold a name that one process of this computer can have, whoever its user is.
-
-    Parameters
-    ----------
-    name : str
-        The name.
-
-    Returns
-    -------
-    context manager
-        Gives the name back. Only Linux has such names; elsewhere nothing is held.
-
-    Raises
-    ------
-    OSError
-        With `errno.EADDRINUSE` if another process has it.
-    """
+    """Hold a name that one process of this computer can have, whoever its user is."""
     if sys.platform != "linux":
         return contextlib.nullcontext()
     held = socket.socket(socket.AF_UNIX)
@@ -169,17 +130,7 @@ def hold_name(name: str) -> contextlib.AbstractContextManager[object]:
 
 @contextlib.contextmanager
 def undisturbed(*names: str) -> Iterator[None]:
-    """Hold signals back, where the system can: what is half done would be left behind.
-
-    Parameters
-    ----------
-    *names : str
-        Names of signals, such as ``SIGINT``.
-
-    Yields
-    ------
-    None
-    """
+    """Hold signals back, where the system can: what is half done would be left behind."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
@@ -191,28 +142,12 @@ def undisturbed(*names: str) -> Iterator[None]:
 
 
 def kill(pid: int) -> None:
-    """End a process of one's own at once.
-
-    Parameters
-    ----------
-    pid : int
-        Its number.
-
-    Raises
-    ------
-    OSError
-        If it is not there.
-    """
+    """End a process of one's own at once."""
     os.kill(pid, getattr(signal, "SIGKILL", signal.SIGTERM))
 
 
 def usable_cores() -> int:
-    """Return how many processors this process may use; all where the system does not tell.
-
-    Returns
-    -------
-    int
-    """
+    """Return how many processors this process may use; all where the system does not tell."""
     with contextlib.suppress(AttributeError):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1

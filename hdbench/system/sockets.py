@@ -48,13 +48,7 @@ class TimedSocket:
             connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, timeval)
 
     def send(self, data: bytes, until_s: float) -> None:
-        """Send all of it.
-
-        Raises
-        ------
-        OSError
-            If the connection failed; `TimeoutError` if it took too long.
-        """
+        """Send all of it."""
         if self._poll is None:
             self._connection.settimeout(self._left_s(until_s))
             self._connection.sendall(data)
@@ -67,13 +61,7 @@ class TimedSocket:
                 self._wait(select.POLLOUT, until_s)
 
     def receive(self, size: int, until_s: float) -> bytes:
-        """Return what comes, at most `size` bytes; nothing at the end of the stream.
-
-        Raises
-        ------
-        OSError
-            If the connection failed; `TimeoutError` if nothing came in time.
-        """
+        """Return what comes, at most `size` bytes; nothing at the end of the stream."""
         if self._poll is None:
             self._connection.settimeout(self._left_s(until_s))
             return self._connection.recv(size)

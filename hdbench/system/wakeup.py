@@ -18,14 +18,7 @@ _WISHES = "/dev/cpu_dma_latency"
 
 
 def hold_wakeup() -> int | None:
-    """Ask the kernel that no processor sleeps so deeply that waking takes time.
-
-    Returns
-    -------
-    int or None
-        What to release, and what ends with the process at the latest; None where the system has no
-        such wish or this user may not have it, and nothing changes.
-    """
+    """Ask the kernel that no processor sleeps so deeply that waking takes time."""
     with contextlib.suppress(OSError):
         descriptor = os.open(_WISHES, os.O_WRONLY)
         try:
@@ -38,13 +31,7 @@ def hold_wakeup() -> int | None:
 
 
 def release_wakeup(held: int | None) -> None:
-    """Take the wish back; never raises.
-
-    Parameters
-    ----------
-    held : int or None
-        As `hold_wakeup` returned it.
-    """
+    """Take the wish back; never raises."""
     if held is not None:
         with contextlib.suppress(OSError):
             os.close(held)

@@ -135,21 +135,6 @@ def control_chart(
 ) -> Chart:
     """Return the charts of one history.
 
-    Parameters
-    ----------
-    values : ndarray, shape (n,)
-        The quantity, run by run; n >= 2.
-    own_stds : ndarray, shape (n,), optional
-        Standard uncertainty of each value, same unit; none counts as 0.
-    weight : float
-        Weight of the newest run in the EWMA.
-    center, std : float, optional
-        Where they are known from elsewhere; else estimated from these runs.
-
-    Returns
-    -------
-    Chart
-
     Notes
     -----
     A run has variance ``t^2 + u_i^2``: scatter between runs and own uncertainty. ``t`` makes the
@@ -185,15 +170,6 @@ def control_chart(
 def find_step(values: FloatArray, stds: FloatArray) -> Step:
     """Return the likeliest step of the level.
 
-    Parameters
-    ----------
-    values, stds : ndarray, shape (n,)
-        The quantity, and relative stds of the runs; n >= 4.
-
-    Returns
-    -------
-    Step
-
     Notes
     -----
     The odds of a step at each place are the Bayes factor of the two-sample t statistic with a
@@ -218,21 +194,6 @@ def find_limits(
     chart: Chart, own_stds: FloatArray, probability: float, draw: np.random.Generator
 ) -> Limits:
     """Return the limits that a stable history passes with a stated probability.
-
-    Parameters
-    ----------
-    chart : Chart
-        The history: its number of runs and their stds.
-    own_stds : ndarray, shape (n,)
-        Standard uncertainty of each value.
-    probability : float
-        Of any signal, on any chart, in a history with nothing but independent normal scatter.
-    draw : Generator
-        Where random numbers come from.
-
-    Returns
-    -------
-    Limits
 
     Notes
     -----

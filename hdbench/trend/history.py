@@ -97,23 +97,7 @@ def study_history(
     probability: float,
     draw: np.random.Generator,
 ) -> History:
-    """Study one history.
-
-    Parameters
-    ----------
-    values, own_stds : ndarray, shape (n,)
-        The quantity and its standard uncertainty (0 where it is not known), run by run.
-    months : ndarray, shape (n,)
-        When, in months from anywhere.
-    probability : float
-        Of any signal in a stable history.
-    draw : Generator
-        Where random numbers come from.
-
-    Returns
-    -------
-    History
-    """
+    """Study one history."""
     if values.size < LEAST_RUNS:
         why = f"{values.size} runs; needed: {LEAST_RUNS} for limits"
         return History(None, None, (), (), None, why)

@@ -21,21 +21,7 @@ _STDS, _SLIP = 4.0, 1e-3
 def remarks(
     runs: Sequence[RunSummary], group: Callable[[RunSummary], str], now: datetime
 ) -> list[str]:
-    """Return one sentence for every calibration that is due and every filter that has aged.
-
-    Parameters
-    ----------
-    runs : sequence of RunSummary
-        Runs, oldest first.
-    group : callable
-        Name of the group of a run.
-    now : datetime
-        The present, with a time zone.
-
-    Returns
-    -------
-    list of str
-    """
+    """Return one sentence for every calibration that is due and every filter that has aged."""
     newest: dict[tuple[str, str], RunSummary] = {}
     for run in runs:
         if run.status == "complete" and run.verdict:

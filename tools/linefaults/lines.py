@@ -116,25 +116,7 @@ def _thread(act: Callable[..., None], *parts: object) -> threading.Thread:
 
 @contextmanager
 def faulty_tcp(host: str, port: int, mangler: Mangler) -> Iterator[tuple[str, int]]:
-    """Stand between hosts and a device on TCP.
-
-    Parameters
-    ----------
-    host, port : str and int
-        The device.
-    mangler : Mangler
-        Applied to every frame from the device to a host.
-
-    Yields
-    ------
-    tuple of str and int
-        Host and port for a host to connect to.
-
-    Raises
-    ------
-    OSError
-        If no port can be used.
-    """
+    """Stand between hosts and a device on TCP."""
     listener = socket.create_server(("127.0.0.1", 0))
     pairs: list[_Pair] = []
 
@@ -171,25 +153,7 @@ def faulty_tcp(host: str, port: int, mangler: Mangler) -> Iterator[tuple[str, in
 
 @contextmanager
 def faulty_serial(path: str, mangler: Mangler) -> Iterator[str]:
-    """Stand between a host and a device on a pseudo-terminal (POSIX only).
-
-    Parameters
-    ----------
-    path : str
-        The device's terminal.
-    mangler : Mangler
-        Applied to every frame from the device to the host.
-
-    Yields
-    ------
-    str
-        The terminal for the host to open.
-
-    Raises
-    ------
-    OSError
-        If the terminal cannot be opened.
-    """
+    """Stand between a host and a device on a pseudo-terminal (POSIX only)."""
     far = open_terminal(path)
     near, slave, here = terminal_pair()
     ended = threading.Event()

@@ -160,25 +160,7 @@ def _writer(descriptor: int) -> Callable[[bytes], bytes]:
 
 @contextmanager
 def paced_line(path: str, settings: SerialSettings) -> Iterator[str]:
-    """Stand between a host and a device on a pseudo-terminal, at the wire's pace (POSIX only).
-
-    Parameters
-    ----------
-    path : str
-        The device's terminal.
-    settings : SerialSettings
-        The line.
-
-    Yields
-    ------
-    str
-        The terminal for the host to open.
-
-    Raises
-    ------
-    OSError
-        If the terminal cannot be opened.
-    """
+    """Stand between a host and a device on a pseudo-terminal, at the wire's pace (POSIX only)."""
     far = open_terminal(path)
     near, slave, here = terminal_pair(blocking=True)
     ended = threading.Event()

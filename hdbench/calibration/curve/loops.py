@@ -19,19 +19,7 @@ _ZERO_SHARE = 0.005
 def loading_loops(
     readings: Sequence[TakenReading], lines: tuple[ExperimentLine, ...]
 ) -> dict[str, Loop]:
-    """Return the loop of each experiment that was loaded and unloaded.
-
-    Parameters
-    ----------
-    readings : sequence of TakenReading
-        Readings, with applied torques.
-    lines : tuple of ExperimentLine
-        Line of each experiment.
-
-    Returns
-    -------
-    dict of str to Loop
-    """
+    """Return the loop of each experiment that was loaded and unloaded."""
     own: dict[str, list[TakenReading]] = {line.id: [] for line in lines}
     for taken in readings:
         own[taken.reading.experiment].append(taken)

@@ -66,16 +66,6 @@ class OddReading:
 def odd_readings(group: StepGroup) -> tuple[OddReading, ...]:
     """Find readings that stand off the common course of their group.
 
-    Parameters
-    ----------
-    group : StepGroup
-        Series on common steps.
-
-    Returns
-    -------
-    tuple of OddReading
-        The furthest first; empty for fewer than three series.
-
     Notes
     -----
     Every deflection, over the sensitivity of its series, is its series' own slope times the torque

@@ -94,17 +94,7 @@ def mixed_fit(
 
 
 def fixed_columns(fixed: Sequence[Sequence[str]]) -> FloatArray:
-    """Return the mean and, per effect, level less last level: the mean is that of all levels.
-
-    Parameters
-    ----------
-    fixed : sequence of sequence of str
-        Levels of the fixed effects of each experiment.
-
-    Returns
-    -------
-    ndarray, shape (n, 1 + number of levels - number of effects)
-    """
+    """Return the mean and, per effect, level less last level: the mean is that of all levels."""
     columns = [np.ones(len(fixed))]
     for effect in zip(*fixed, strict=True):
         levels = sorted(set(effect))

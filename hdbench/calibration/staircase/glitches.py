@@ -23,16 +23,6 @@ _STUCK = 30
 def noise_std(x: FloatArray) -> float:
     """Return the standard deviation of the noise from sample to sample.
 
-    Parameters
-    ----------
-    x : ndarray, shape (n,)
-        Samples; NaN where missing.
-
-    Returns
-    -------
-    float
-        Same unit; 0 where most samples repeat their predecessor.
-
     Notes
     -----
     ``1.4826 median |x(k+1) - x(k)| / sqrt(2)``: steps and glitches do not move the median.
@@ -43,15 +33,6 @@ def noise_std(x: FloatArray) -> float:
 
 def find_glitches(x: FloatArray) -> NDArray[np.bool_]:
     """Return which samples jump away from their neighbours and back.
-
-    Parameters
-    ----------
-    x : ndarray, shape (n,)
-        Samples; NaN where missing, which is no glitch.
-
-    Returns
-    -------
-    ndarray of bool, shape (n,)
 
     Notes
     -----
@@ -74,19 +55,7 @@ def find_glitches(x: FloatArray) -> NDArray[np.bool_]:
 
 
 def find_stuck(x: FloatArray) -> NDArray[np.bool_]:
-    """Return which samples belong to a converter that stood still.
-
-    Parameters
-    ----------
-    x : ndarray, shape (n,)
-        Samples; NaN where missing.
-
-    Returns
-    -------
-    ndarray of bool, shape (n,)
-        True from the second of at least thirty equal readings on, where readings usually differ;
-        nothing is found in a trace whose readings usually repeat.
-    """
+    """Return which samples belong to a converter that stood still."""
     found = np.zeros(len(x), dtype=bool)
     same = np.diff(x) == 0.0
     if not len(same) or float(same.mean()) > 0.5:

@@ -49,33 +49,7 @@ def staircase_loads(
     *,
     source: str,
 ) -> Loads:
-    """Give every plateau its load.
-
-    Parameters
-    ----------
-    stairs : Staircase
-        The plateaus.
-    loads : sequence of float
-        Loads in the order in which they were hung, at least 0.
-    unit : str
-        ``nm``, ``kg`` or ``lb``.
-    place : StaircasePlace
-        Position, direction and range.
-    arm : Arm
-        Turns masses into torques.
-    source : str
-        Where the readings came from.
-
-    Returns
-    -------
-    Loads
-        One reading for each plateau, ``up`` until the largest load was on.
-
-    Raises
-    ------
-    DataError
-        If there are not as many plateaus as loads; the message lists what was found.
-    """
+    """Give every plateau its load."""
     found = stairs.plateaus
     _check(found, loads, source)
     top = max(range(len(loads)), key=lambda k: loads[k])

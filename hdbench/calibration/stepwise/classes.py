@@ -124,19 +124,7 @@ def _criterion(name: str, value: float) -> Criterion:
 
 
 def classify(values: dict[str, float | None], needed: Sequence[str]) -> Classification:
-    """Return the class that the values allow.
-
-    Parameters
-    ----------
-    values : dict of str to float or None
-        Largest relative value of each criterion; None where there are no data.
-    needed : sequence of str
-        Criteria without which there is no class.
-
-    Returns
-    -------
-    Classification
-    """
+    """Return the class that the values allow."""
     known = {n: v for n, v in values.items() if v is not None and math.isfinite(v)}
     criteria = tuple(_criterion(name, value) for name, value in known.items())
     missing = tuple(name for name in values if name not in known)

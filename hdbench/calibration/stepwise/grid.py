@@ -18,20 +18,7 @@ _SAME_LOAD = 0.05
 
 
 def load_grid(experiments: Iterable[list[TakenReading]], zero_nm: float) -> list[float]:
-    """Return the steps: torques of all series, those of one load made one.
-
-    Parameters
-    ----------
-    experiments : iterable of list of TakenReading
-        Readings of each experiment of a group.
-    zero_nm : float
-        Torque up to which a reading is one of the zero, N m.
-
-    Returns
-    -------
-    list of float
-        Rising, above 0, N m.
-    """
+    """Return the steps: torques of all series, those of one load made one."""
     torques: list[float] = []
     smallest = math.inf
     for own in experiments:

@@ -72,15 +72,6 @@ class StepQuantities:
 def step_quantities(group: StepGroup) -> StepQuantities:
     """Return the quantities of one group.
 
-    Parameters
-    ----------
-    group : StepGroup
-        Its series.
-
-    Returns
-    -------
-    StepQuantities
-
     Notes
     -----
     ``Y_k`` is the mean over *different* positions; a further series in a mounting is left out of

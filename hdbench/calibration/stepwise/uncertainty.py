@@ -71,22 +71,6 @@ def case_one(
 ) -> list[CaseUncertainty | None]:
     """Return the uncertainty for increasing torque and a cubic through zero.
 
-    Parameters
-    ----------
-    found : StepQuantities
-        Quantities of the group.
-    torque_nm : ndarray, shape (m,)
-        Steps, N m.
-    relative_torque : ndarray, shape (m,)
-        Relative standard uncertainty of the applied torque at each step.
-    resolution_v : float or None
-        Resolution of a reading, V.
-
-    Returns
-    -------
-    list of (CaseUncertainty or None)
-        None where there is no deflection to relate to.
-
     Notes
     -----
     ``w^2 = w_KE^2 + (r/Y)^2/6 + (b'/Y)^2/12 + (b/Y)^2/n + (f0/Y_E)^2/12 + (fa/Y)^2/24``, all
@@ -112,22 +96,6 @@ def case_two(
     resolution_v: float | None,
 ) -> list[CaseUncertainty | None] | None:
     """Return the uncertainty for increasing and decreasing torque and a line through zero.
-
-    Parameters
-    ----------
-    found : StepQuantities
-        Quantities of the group.
-    torque_nm : ndarray, shape (m,)
-        Steps, N m.
-    relative_torque : ndarray, shape (m,)
-        Relative standard uncertainty of the applied torque at each step.
-    resolution_v : float or None
-        Resolution of a reading, V.
-
-    Returns
-    -------
-    list of (CaseUncertainty or None) or None
-        None where there is no decreasing branch, or for a step without a deflection.
 
     Notes
     -----

@@ -106,20 +106,6 @@ def apply_torque(
 ) -> tuple[tuple[TakenReading, ...], TorqueAccount]:
     """Give every reading that was loaded by a mass the torque of that mass.
 
-    Parameters
-    ----------
-    readings : sequence of TakenReading
-        The readings.
-    bench : ProfileData
-        Arm and standards.
-
-    Returns
-    -------
-    readings : tuple of TakenReading
-        With the applied torque, cw positive.
-    account : TorqueAccount
-        Where it comes from.
-
     Notes
     -----
     A torque that the file states and that is not mass times gravity times length of the arm was

@@ -22,20 +22,6 @@ def side_force_dict(
 ) -> dict[str, Any] | None:
     """Return side force, bending moment and what they may do to the gain.
 
-    Parameters
-    ----------
-    account : TorqueAccount
-        The applied torque.
-    direction : PairedDifference or None
-        Gain clockwise less anticlockwise.
-    arm : Arm or None
-        The arm.
-
-    Returns
-    -------
-    dict or None
-        None where no load was made of a mass on an arm.
-
     Notes
     -----
     A weight pulls down in both directions while the torque changes sign: a crosstalk of c V/N
@@ -70,21 +56,7 @@ def direction_entries(
     lines: tuple[ExperimentLine, ...],
     bench: ProfileData | None,
 ) -> list[DirectionEntry]:
-    """Return the sensitivity of each experiment and how its torque was applied.
-
-    Parameters
-    ----------
-    readings : sequence of TakenReading
-        Readings.
-    lines : tuple of ExperimentLine
-        Line of each experiment.
-    bench : ProfileData or None
-        Its arm serves where a reading does not tell.
-
-    Returns
-    -------
-    list of DirectionEntry
-    """
+    """Return the sensitivity of each experiment and how its torque was applied."""
     first: dict[str, TakenReading] = {}
     for taken in readings:
         first.setdefault(taken.reading.experiment, taken)

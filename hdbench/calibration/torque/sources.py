@@ -100,18 +100,7 @@ def torque_sources(applied: AppliedTorque, arm: Arm, standards: Standards) -> tu
 
 
 def given_sources(standard: TorqueStandard) -> tuple[BudgetRow, ...]:
-    """Return the uncertainty of torques that a reference sensor measured.
-
-    Parameters
-    ----------
-    standard : TorqueStandard
-        The reference sensor.
-
-    Returns
-    -------
-    tuple of BudgetRow
-        One row; its expanded uncertainty (k = 2) is twice its standard uncertainty.
-    """
+    """Return the uncertainty of torques that a reference sensor measured."""
     expanded = standard.relative_expanded_uncertainty
     return (
         BudgetRow(

@@ -12,24 +12,7 @@ __all__ = ["DRIVER", "open_composite"]
 
 
 def open_composite(profile: ProfileData, table: CompositeAcquisition) -> CompositeDaq:
-    """Return the driver of both devices.
-
-    Parameters
-    ----------
-    profile : ProfileData
-        The bench.
-    table : CompositeAcquisition
-        Both tables, each with its own address.
-
-    Returns
-    -------
-    CompositeDaq
-
-    Raises
-    ------
-    UsageError
-        If a part cannot be opened as it is described.
-    """
+    """Return the driver of both devices."""
     inputs = open_daq(profile, table.inputs)
     try:
         outputs = open_daq(profile, table.outputs)

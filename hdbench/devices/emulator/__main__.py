@@ -12,13 +12,7 @@ from typing import Any
 
 
 def main() -> int:
-    """Serve the bench described on stdin until stdin ends.
-
-    Returns
-    -------
-    int
-        Exit code of the process.
-    """
+    """Serve the bench described on stdin until stdin ends."""
     # Ctrl-C may reach the whole process group; this process outlives it to stop the motor
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     order: dict[str, Any] = json.loads(_first_line(0))

@@ -69,26 +69,13 @@ class NodeCore:
         self._nonces: dict[int, int] = {}
 
     def read(self, address: int, count: int, connection: int) -> bytes:
-        """Return the bytes of `count` registers from `address`.
-
-        Raises
-        ------
-        RefusedError
-            With exception 2 where the map has no such registers.
-        """
+        """Return the bytes of `count` registers from `address`."""
         group = _group_of(address, count)
         offset = 2 * (address - group[0].address)
         return self._image(group, connection)[offset : offset + 2 * count]
 
     def write(self, address: int, raw: bytes, connection: int) -> None:
-        """Write registers; all of them or none.
-
-        Raises
-        ------
-        RefusedError
-            With exception 2 (no such register), 3 (value or limit), 4 (a trip is latched) or 6
-            (running, or held by another host).
-        """
+        """Write registers; all of them or none."""
         if address == _FEED_AT and len(raw) == _FEED.size:
             # what every exchange writes
             self._refuse_others(connection)

@@ -46,14 +46,7 @@ class ScanFifo:
         self.taken += count
 
     def take(self, count: int) -> tuple[int, bytes]:
-        """Remove up to `count` adjacent scans.
-
-        Returns
-        -------
-        tuple of int and bytes
-            Index of the first one and the scans; with none left, the index at which the next scan
-            will stand.
-        """
+        """Remove up to `count` adjacent scans."""
         if not self._runs:
             self.next_out = self.taken
             return self.taken, b""

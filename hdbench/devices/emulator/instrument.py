@@ -134,35 +134,18 @@ class SimulatedInstrument:
         return self._timeline.sample_period_s
 
     def write_reference(self, value_v: float) -> None:
-        """Put `value_v` out as motor reference from the next hold on.
-
-        Parameters
-        ----------
-        value_v : float
-            V, finite.
-        """
+        """Put `value_v` out as motor reference from the next hold on."""
         self.reference_v = value_v
         self._put_out.write(self._next_hold(), value_v)
         self._drive("reference")
 
     def write_enable(self, *, on: bool) -> None:
-        """Switch the drive's enable line from the next hold on.
-
-        Parameters
-        ----------
-        on : bool
-            Level of the line.
-        """
+        """Switch the drive's enable line from the next hold on."""
         self.enabled = on
         self._drive("enable" if on else "disable")
 
     def begin(self, sample_period_s: float) -> None:
         """Start a scan clock; its first sample is index 0, one period from now.
-
-        Parameters
-        ----------
-        sample_period_s : float
-            Sampling period, s, above 0.
 
         Notes
         -----
@@ -187,27 +170,11 @@ class SimulatedInstrument:
         return max(0, self._hold() - (HALF_LENGTH_SAMPLES - 1) - self._timeline.served)
 
     def take(self, max_samples: int) -> ElectricalSamples:
-        """Return the samples whose time has come, oldest first.
-
-        Parameters
-        ----------
-        max_samples : int
-            Most that are wanted, at least 0; the rest stays for the next call.
-
-        Returns
-        -------
-        ElectricalSamples
-        """
+        """Return the samples whose time has come, oldest first."""
         return self._produce(min(self.due(), max_samples))
 
     def look(self) -> ElectricalSamples:
-        """Return one reading of this moment, outside of a scan clock.
-
-        Returns
-        -------
-        ElectricalSamples
-            The newest samples; the last one is the reading.
-        """
+        """Return one reading of this moment, outside of a scan clock."""
         self._pass_time()
         # asked again within a sampling period, the same reading stands
         return self._newest if self._newest is not None else self._produce(1)
@@ -238,15 +205,7 @@ class SimulatedInstrument:
         self._bench.set_handling(swing_rad=swing_rad, release_s=release_s, shunt_ohm=shunt_ohm)
 
     def disturb(self, channel: Input, fault: ChannelFault | None) -> None:
-        """Break one input, or mend it.
-
-        Parameters
-        ----------
-        channel : {"torque", "tacho", "current", "reference"}
-            Which.
-        fault : {"stuck", "high", "low"} or None
-            Held at its last value, or pulled to a rail beyond every range; None mends.
-        """
+        """Break one input, or mend it."""
         self._faults.pop(channel, None)
         if fault is not None:
             last = self._newest.volts[channel][-1] if self._newest is not None else 0.0

@@ -21,24 +21,7 @@ _POLL_S = 0.01
 
 
 def open_record(path: Path | None, stack: ExitStack) -> Callable[[Mapping[str, object]], None]:
-    """Return what writes one JSON line per event.
-
-    Parameters
-    ----------
-    path : Path or None
-        File; None writes nothing.
-    stack : ExitStack
-        Closes the file.
-
-    Returns
-    -------
-    callable
-
-    Raises
-    ------
-    StorageError
-        If the file cannot be written.
-    """
+    """Return what writes one JSON line per event."""
     if path is None:
         return lambda _: None
     try:
@@ -55,18 +38,7 @@ def open_record(path: Path | None, stack: ExitStack) -> Callable[[Mapping[str, o
 
 
 def ending(lifeline: int | None) -> asyncio.Event:
-    """Return what is set by SIGTERM, by Ctrl-C where there is no lifeline, or by its end.
-
-    Parameters
-    ----------
-    lifeline : int or None
-        File descriptor whose end of file ends the emulator.
-
-    Returns
-    -------
-    asyncio.Event
-        Of the running loop; from now on these signals end nothing else.
-    """
+    """Return what is set by SIGTERM, by Ctrl-C where there is no lifeline, or by its end."""
     loop = asyncio.get_running_loop()
     ended = asyncio.Event()
 
@@ -92,15 +64,7 @@ def _until_end(descriptor: int, end: Callable[[], None]) -> None:
 
 
 async def until_motor_stands(moving: Callable[[], bool], longest_s: float) -> None:
-    """Give the watchdog its time: an orphaned device still has to stop its motor.
-
-    Parameters
-    ----------
-    moving : callable
-        Whether the motor moves.
-    longest_s : float
-        Time in which the device must have stopped it, s.
-    """
+    """Give the watchdog its time: an orphaned device still has to stop its motor."""
     until_s = time.monotonic() + longest_s
     while moving() and time.monotonic() < until_s:
         await asyncio.sleep(_POLL_S)

@@ -46,18 +46,7 @@ class RefusedError(ModbusRefusedError):
 
 
 def reference_wave(values: Mapping[str, Value]) -> ReferenceWave | None:
-    """Return the wave that a checked parameter block means.
-
-    Parameters
-    ----------
-    values : mapping
-        The parameter block, by register name.
-
-    Returns
-    -------
-    ReferenceWave or None
-        None when the drive stays disabled, and for a program, which has a block of its own.
-    """
+    """Return the wave that a checked parameter block means."""
     code = int(values["wave"])
     if code in (0, PROGRAM_WAVE):
         return None
@@ -79,20 +68,7 @@ def reference_wave(values: Mapping[str, Value]) -> ReferenceWave | None:
 
 
 def check_parameters(values: Mapping[str, Value], limits: Mapping[str, Value]) -> None:
-    """Refuse a parameter block that is outside the node's limits.
-
-    Parameters
-    ----------
-    values : mapping
-        The parameter block, by register name.
-    limits : mapping
-        The limits block, by register name.
-
-    Raises
-    ------
-    RefusedError
-        With exception 3 and the first register that is out of its limits.
-    """
+    """Refuse a parameter block that is outside the node's limits."""
     for name, low, high, reason in (
         ("sample_period_ns", "min_period_ns", "max_period_ns", Refusal.SAMPLE_PERIOD),
         ("watchdog_ms", "watchdog_min_ms", "watchdog_max_ms", Refusal.WATCHDOG_TIME),

@@ -49,36 +49,6 @@ def running_emulator(
 ) -> Iterator[Mapping[str, Any]]:
     """Run an emulated node in a process of its own.
 
-    Parameters
-    ----------
-    profile : ProfileData
-        The bench.
-    plant : str
-        Name or path of the plant.
-    seed : int
-        Seed of everything simulated.
-    pace : {"realtime", "fast"}
-        Samples by the wall clock, or as fast as the host reads them.
-    model_file : Path, optional
-        Extended model to emulate in place of the profile's.
-    record : Path, optional
-        File for the node's changes of state, one JSON line each.
-    wire : str, optional
-        What a device of registers speaks.
-
-    Yields
-    ------
-    mapping
-        Keys of ``[daq]`` as the emulated device has them: ``address``, and what else its driver
-        needs; and ``control``, the address of the simulated operator's channel.
-
-    Raises
-    ------
-    DeviceError
-        If the process does not come up.
-    ProfileError
-        If the plant or the model file is invalid.
-
     Notes
     -----
     Ctrl-C does not reach the process. It ends by itself when this process does: its standard input

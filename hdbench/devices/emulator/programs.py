@@ -37,13 +37,7 @@ class ProgramStore:
         self.last = {entry.name: 0 for entry in PROGRAM}
 
     def take(self, values: Mapping[str, Value], address: int) -> None:
-        """Keep one part: part 0 begins a program, any other follows the one before it.
-
-        Raises
-        ------
-        RefusedError
-            With exception 3 where the block is not whole, out of order or outside the limits.
-        """
+        """Keep one part: part 0 begins a program, any other follows the one before it."""
         if len(values) != len(PROGRAM):
             raise RefusedError(3, Refusal.VALUE, address)
         number, needed = int(values["program_part"]), int(values["program_parts"])
@@ -57,13 +51,7 @@ class ProgramStore:
         self.last = dict(values)
 
     def check(self, parameters: Mapping[str, Value]) -> ReferenceProgram | None:
-        """Return the program that a parameter block asks for; None where it asks for none.
-
-        Raises
-        ------
-        RefusedError
-            With exception 3 where parts are missing or the lengths differ.
-        """
+        """Return the program that a parameter block asks for; None where it asks for none."""
         if parameters["wave"] != PROGRAM_WAVE:
             return None
         if not self._parts or len(self._parts) != self._needed:

@@ -21,18 +21,7 @@ _MAX_SAMPLES = 100_000_000
 
 
 def identity_values(seed: int) -> Mapping[str, Value]:
-    """Return the identity block of the emulator.
-
-    Parameters
-    ----------
-    seed : int
-        Seed, shown as the serial number.
-
-    Returns
-    -------
-    mapping of str to int or str
-        Values by register name.
-    """
+    """Return the identity block of the emulator."""
     from hdbench import __version__
 
     return {
@@ -47,18 +36,7 @@ def identity_values(seed: int) -> Mapping[str, Value]:
 
 
 def limit_values(profile: ProfileData) -> Mapping[str, Value]:
-    """Return the limits block: the profile's limits and scales.
-
-    Parameters
-    ----------
-    profile : ProfileData
-        The bench.
-
-    Returns
-    -------
-    mapping of str to int or float
-        Values by register name.
-    """
+    """Return the limits block: the profile's limits and scales."""
     return {
         "limit_reference_v": profile.limits.reference_v,
         "limit_velocity_rad_s": profile.limits.velocity_rad_s,

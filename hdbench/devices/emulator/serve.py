@@ -79,27 +79,7 @@ def build_core(
     record: Callable[[Mapping[str, object]], None] = lambda _: None,
     clock: Callable[[], float] = time.monotonic,
 ) -> NodeCore:
-    """Return a node around `bench` with the limits of `profile`.
-
-    Parameters
-    ----------
-    bench : PlantBench
-        The simulated bench.
-    profile : ProfileData
-        The profile it was built from.
-    seed : int
-        Seed, shown as the serial number.
-    pace : {"realtime", "fast"}
-        Samples by the wall clock, or as fast as the host reads them.
-    record : callable, optional
-        Takes one mapping per change of state and while the motor turns.
-    clock : callable, optional
-        Monotonic clock, s.
-
-    Returns
-    -------
-    NodeCore
-    """
+    """Return a node around `bench` with the limits of `profile`."""
     machine = NodeMachine(bench, pace=pace, clock=clock, record=record)
     return NodeCore(
         machine,
@@ -141,19 +121,7 @@ class EmulatedNode:
 
 
 def emulate_node(emulation: Emulation, table: NodeAcquisition) -> EmulatedNode:
-    """Return a node that makes the motor reference of a simulated bench itself.
-
-    Parameters
-    ----------
-    emulation : Emulation
-        The bench.
-    table : NodeAcquisition
-        ``[daq]``.
-
-    Returns
-    -------
-    EmulatedNode
-    """
+    """Return a node that makes the motor reference of a simulated bench itself."""
     core = build_core(
         emulation.bench,
         emulation.profile,

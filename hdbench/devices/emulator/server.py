@@ -128,20 +128,7 @@ class Device(ABC):
         return
 
     def answer(self, pdu: bytes, connection: int, transaction: int = 0) -> bytes | None:
-        """Return the reply to one request.
-
-        Parameters
-        ----------
-        pdu : bytes
-            Function code and data.
-        connection, transaction : int
-            Numbers of the host's connection and of the request in it.
-
-        Returns
-        -------
-        bytes or None
-            Function code and data, or the exception reply; None where the device is silent.
-        """
+        """Return the reply to one request."""
         if not self.hears(pdu[0]):
             return None
         try:
@@ -198,13 +185,7 @@ class ModbusServer:
         self._timer: asyncio.TimerHandle | None = None
 
     async def open(self, host: str = "127.0.0.1", port: int = 0) -> str:
-        """Listen, and return the address that a host opens; port 0 takes a free one.
-
-        Raises
-        ------
-        OSError
-            If the address cannot be used, or there is no pseudo-terminal.
-        """
+        """Listen, and return the address that a host opens; port 0 takes a free one."""
         self._listener = _Listener(self.device, self._wire, host, port)
         place = await self._listener.open()
         self._tick(asyncio.get_running_loop())

@@ -161,35 +161,7 @@ def emulate(
     ready: Callable[[Mapping[str, object]], None],
     model_file: Path | None = None,
 ) -> None:
-    """Serve the devices of a profile until SIGTERM, Ctrl-C or the lifeline's end.
-
-    Parameters
-    ----------
-    profile : ProfileData
-        The bench; its ``[daq]`` names the devices.
-    plant : str
-        Name or path of the plant.
-    seed : int
-        Seed of everything simulated, at least 0.
-    settings : EmulatorSettings
-        Where and how.
-    ready : callable
-        Called once with the keys of ``[daq]`` as the device has them - of a composite ``inputs``
-        and ``outputs``, each with its keys -, ``control``, the address of the simulated operator's
-        channel, and ``speed`` where a host writes the reference.
-    model_file : Path, optional
-        Extended model to emulate in place of the profile's; refused where a host writes the
-        reference, which does not tell the whole motion beforehand.
-
-    Raises
-    ------
-    UsageError
-        If a device has no emulator, or not with this model.
-    ProfileError, DataError
-        If plant or model file are invalid.
-    DeviceError, StorageError
-        If a wire or the record file cannot be used.
-    """
+    """Serve the devices of a profile until SIGTERM, Ctrl-C or the lifeline's end."""
     with ExitStack() as stack:
         emulation = Emulation(
             profile,
@@ -206,20 +178,7 @@ def emulate(
 
 
 def emulated_speed(table: Acquisition, pace: Pace) -> float:
-    """Return how many device seconds pass in a second where a host writes the reference.
-
-    Parameters
-    ----------
-    table : Acquisition
-        ``[daq]``.
-    pace : {"realtime", "fast"}
-        What was asked for.
-
-    Returns
-    -------
-    float
-        1 with polled inputs at any pace: they are read by this computer's clock.
-    """
+    """Return how many device seconds pass in a second where a host writes the reference."""
     if pace != "fast":
         return 1.0
     if isinstance(table, CompositeAcquisition):

@@ -36,13 +36,7 @@ class Session:
         return MINE if self._owner == connection else HELD
 
     def take(self, token: int, connection: int) -> None:
-        """Take, take over (same token) or give back (0) the session.
-
-        Raises
-        ------
-        RefusedError
-            With exception 6 while another token holds it.
-        """
+        """Take, take over (same token) or give back (0) the session."""
         if self.state(connection) == HELD and token != self._token:
             raise RefusedError(6, Refusal.SESSION_HELD, register("session").address)
         self._token = token

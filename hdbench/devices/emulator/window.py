@@ -37,13 +37,7 @@ class BlockWindow:
             self.scans = 0
 
     def image(self, echo: int) -> bytes:
-        """Return the block that waits for its acknowledgement, or form the next one.
-
-        Parameters
-        ----------
-        echo : int
-            Heartbeat of the exchange that is answered.
-        """
+        """Return the block that waits for its acknowledgement, or form the next one."""
         if self._block is None:
             self._block = self._next()
         if self._block is not None:

@@ -46,13 +46,7 @@ class Check:
     order: tuple[int, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
-        """Return it as the guard reads it.
-
-        Raises
-        ------
-        ValueError
-            If the form is none of `struct`.
-        """
+        """Return it as the guard reads it."""
         try:
             struct.calcsize(self.form)
         except struct.error as error:
@@ -170,23 +164,7 @@ class GuardOrder:
 def target_at(
     address: Address, unit: int, tls: TlsFiles | None = None, *, rest_s: float = 0.0
 ) -> dict[str, Any]:
-    """Return where a device is, as the guard reads it.
-
-    Parameters
-    ----------
-    address : Address
-        TCP, TLS or serial line.
-    unit : int
-        Modbus unit identifier.
-    tls : TlsFiles or None
-        Certificates of a TLS address.
-    rest_s : float, optional
-        Rest of the device between two requests, s.
-
-    Returns
-    -------
-    dict
-    """
+    """Return where a device is, as the guard reads it."""
     place = {**asdict(address), "unit": unit, "rest_s": rest_s, "tls": None}
     if address.scheme == "tls" and tls is not None:
         place["tls"] = {

@@ -6,13 +6,7 @@ import sys
 
 
 def main() -> int:
-    """Make the bench safe.
-
-    Returns
-    -------
-    int
-        0 when the safe state was confirmed.
-    """
+    """Make the bench safe."""
     from hdbench.devices.hosted import HostedBench, host_settings
     from hdbench.devices.registry import open_daq
     from hdbench.errors import HdbenchError

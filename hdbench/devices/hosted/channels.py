@@ -39,18 +39,7 @@ class Unwrap:
         self._total = 0
 
     def __call__(self, raw: FloatArray) -> NDArray[np.int64]:
-        """Return the counts of the next samples.
-
-        Parameters
-        ----------
-        raw : ndarray, shape (n,)
-            As the device counts, whole numbers.
-
-        Returns
-        -------
-        ndarray of int64, shape (n,)
-            The first one ever is as the device gave it.
-        """
+        """Return the counts of the next samples."""
         counts = np.asarray(raw, dtype=np.int64)
         if len(counts) == 0 or not self._wrap:
             return counts
@@ -94,17 +83,7 @@ class ChannelMap:
         self._converted = [self._column[role] for role in _CONVERTED if role in self._column]
 
     def block(self, scans: ScanBlock, start_s: float, repeats: int = 0) -> Block:
-        """Return the scans as a block; channels that are not sampled are NaN, their counts 0.
-
-        Parameters
-        ----------
-        scans : ScanBlock
-            As they came.
-        start_s : float
-            Host's clock at the start of the acquisition, s.
-        repeats : int
-            Requests sent again so far.
-        """
+        """Return the scans as a block; channels that are not sampled are NaN, their counts 0."""
         n = len(scans)
         reference = self._values(scans, "reference")
         if "reference" not in self._column and self._references is not None:

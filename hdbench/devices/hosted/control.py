@@ -89,24 +89,12 @@ class ControlThread:
         self._crossed = what
 
     def check(self) -> None:
-        """Raise what has ended the thread, if anything has.
-
-        Raises
-        ------
-        DeviceError
-            The fault.
-        """
+        """Raise what has ended the thread, if anything has."""
         if self._fault is not None:
             raise self._fault
 
     def halt(self) -> bool:
-        """End the thread; what stands at the output is the caller's business. Never raises.
-
-        Returns
-        -------
-        bool
-            False where it is still in a call to the device, which may write a last value.
-        """
+        """End the thread; what stands at the output is the caller's business. Never raises."""
         self._halted.set()
         if self._thread.is_alive():
             self._thread.join(_JOIN_S)

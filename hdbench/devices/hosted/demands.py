@@ -14,23 +14,7 @@ _ROUNDING = 1.0 + 1e-9
 
 
 def check_demands(asked: AcquisitionSettings, settings: HostSettings, able: Capabilities) -> None:
-    """Refuse an acquisition that the device cannot make.
-
-    Parameters
-    ----------
-    asked : AcquisitionSettings
-        What is asked for.
-    settings : HostSettings
-        Channels and watchdog of the profile.
-    able : Capabilities
-        What the device can do.
-
-    Raises
-    ------
-    DeviceError
-        If it has no such channel or is too slow; for a motion also if it has no reference, no
-        watchdog that stops the motor, or a watchdog outside of the profile's time.
-    """
+    """Refuse an acquisition that the device cannot make."""
     missing = [role for role in settings.roles if able.input(role) is None]
     if missing or not settings.roles:
         raise DeviceError(

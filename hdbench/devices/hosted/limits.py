@@ -14,20 +14,7 @@ _LIMIT_MARGIN = 1.001
 
 
 def crossed_limit(block: Block, limits: HostSettings) -> str:
-    """Return which limit the samples of a block have crossed.
-
-    Parameters
-    ----------
-    block : Block
-        The newest samples; a channel that is not sampled is NaN.
-    limits : HostSettings
-        Limits and scales.
-
-    Returns
-    -------
-    str
-        Name, value and limit with unit; empty where none was crossed.
-    """
+    """Return which limit the samples of a block have crossed."""
     for name, values, limit, unit in (
         ("motor speed", block.tacho_v * limits.tacho_rad_s_per_v, limits.velocity_rad_s, "rad/s"),
         ("torque", block.torque_v * limits.gain_nm_per_v, limits.torque_nm, "N m"),

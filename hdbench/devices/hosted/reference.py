@@ -73,22 +73,7 @@ class HostReference:
         return len(self._values) * self._period_s
 
     def value_v(self, time_s: float, last_v: float, since_s: float) -> float:
-        """Return what is to be put out at `time_s`.
-
-        Parameters
-        ----------
-        time_s : float
-            Time since the start, s.
-        last_v : float
-            What stands there now, V.
-        since_s : float
-            Time since that was written, s.
-
-        Returns
-        -------
-        float
-            V; towards the reference no faster than the slew.
-        """
+        """Return what is to be put out at `time_s`."""
         index = math.floor(time_s / self._period_s)
         wanted_v = float(self._values[index]) if 0 <= index < len(self._values) else 0.0
         step_v = self._slew_v_per_s * max(0.0, since_s)
@@ -111,32 +96,14 @@ class ReferenceLog:
         self.worst_write_s = 0.0
 
     def add(self, before_s: float, after_s: float, value_v: float) -> None:
-        """Note a confirmed write.
-
-        Parameters
-        ----------
-        before_s, after_s : float
-            Host's clock around the write, s; it is placed in the middle.
-        value_v : float
-            What was read back, V.
-        """
+        """Note a confirmed write."""
         with self._lock:
             self._time_s.append(0.5 * (before_s + after_s))
             self._value_v.append(value_v)
             self.worst_write_s = max(self.worst_write_s, after_s - before_s)
 
     def at(self, time_s: FloatArray) -> FloatArray:
-        """Return what stood there at each of the times, V; the first value before the first write.
-
-        Parameters
-        ----------
-        time_s : ndarray, shape (n,)
-            Host's clock, s; from call to call not older than the last 64 writes.
-
-        Returns
-        -------
-        ndarray, shape (n,)
-        """
+        """Return the output at each of the times, V; before the first write its first value."""
         with self._lock:
             index = np.searchsorted(self._time_s, time_s, side="right") - 1
             values = np.asarray(self._value_v, dtype=np.float64)

@@ -75,15 +75,7 @@ class SampleClock:
         return min(self._bounds_s) - self._first_bound_s
 
     def seen(self, newest: int, read_s: float) -> None:
-        """Note that sample `newest` was in a reply that ended at `read_s`.
-
-        Parameters
-        ----------
-        newest : int
-            Index since the start.
-        read_s : float
-            Host's clock, s.
-        """
+        """Note that sample `newest` was in a reply that ended at `read_s`."""
         bound_s = read_s - newest * self._period_s
         self._bounds_s.append(bound_s)
         if len(self._bounds_s) < _WINDOW or not math.isfinite(self._first_bound_s):

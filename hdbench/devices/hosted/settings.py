@@ -56,17 +56,7 @@ class HostSettings:
 
 
 def roles_of(table: Acquisition) -> tuple[Role, ...]:
-    """Return the roles of the channels that a table samples, in order.
-
-    Parameters
-    ----------
-    table : Acquisition
-        Any driver's table; its ``channels`` are roles, or tables with a ``role``.
-
-    Returns
-    -------
-    tuple of Role
-    """
+    """Return the roles of the channels that a table samples, in order."""
     channels = getattr(table, "channels", ())
     return tuple(getattr(channel, "role", channel) for channel in channels)
 

@@ -44,23 +44,7 @@ def wait_for_standstill(
     clock: Callable[[], float],
     sleep: Callable[[float], None],
 ) -> tuple[float | None, str]:
-    """Wait until two readings in a row find the motor standing.
-
-    Parameters
-    ----------
-    daq : Daq
-        The device.
-    settings : HostSettings
-        Scales.
-    clock, sleep : callable
-        Monotonic clock in s, and waiting.
-
-    Returns
-    -------
-    tuple of float or None, and str
-        Speed last read, rad/s, None when none could be read; why it is not known to stand, empty
-        when it stands.
-    """
+    """Wait until two readings in a row find the motor standing."""
     speed = _Speed(daq, settings, clock)
     found: float | None = None
     blind = False
@@ -91,24 +75,7 @@ def confirm_safe(
     clock: Callable[[], float],
     sleep: Callable[[float], None],
 ) -> SafeState:
-    """Return `safe` with the motor's standstill, where the device has not looked itself.
-
-    Parameters
-    ----------
-    safe : SafeState
-        What the device read back of its outputs.
-    daq : Daq
-        The device.
-    settings : HostSettings
-        Scales.
-    clock, sleep : callable
-        Monotonic clock in s, and waiting.
-
-    Returns
-    -------
-    SafeState
-        Confirmed only where the motor was seen standing.
-    """
+    """Return `safe` with the motor's standstill, where the device has not looked itself."""
     if not safe.confirmed or safe.velocity_rad_s is not None:
         return safe
     speed, why = wait_for_standstill(daq, settings, clock, sleep)

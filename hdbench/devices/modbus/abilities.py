@@ -22,19 +22,7 @@ _MIN_RATE_HZ = 1.0 / 600.0
 
 
 def describe_abilities(table: ModbusAcquisition, *, simulated: bool) -> Capabilities:
-    """Return the abilities.
-
-    Parameters
-    ----------
-    table : ModbusAcquisition
-        ``[daq]``.
-    simulated : bool
-        Whether the emulator answers.
-
-    Returns
-    -------
-    Capabilities
-    """
+    """Return the abilities."""
     output = table.output
     watchdog = None if output is None else output.watchdog
     write_s = 2.0 * exchange_s(table, 2)
@@ -66,15 +54,6 @@ def describe_abilities(table: ModbusAcquisition, *, simulated: bool) -> Capabili
 def max_rates_hz(table: ModbusAcquisition) -> tuple[float, ...]:
     """Return the highest rate with the first 1, 2, ... channels, Hz.
 
-    Parameters
-    ----------
-    table : ModbusAcquisition
-        ``[daq]``.
-
-    Returns
-    -------
-    tuple of float
-
     Notes
     -----
     One reading takes the time of its requests on the wire, the device's own time ``reply_s`` for
@@ -93,20 +72,7 @@ def max_rates_hz(table: ModbusAcquisition) -> tuple[float, ...]:
 
 
 def exchange_s(table: ModbusAcquisition, data_bytes: int) -> float:
-    """Return the time of one request and its reply, s.
-
-    Parameters
-    ----------
-    table : ModbusAcquisition
-        ``[daq]``.
-    data_bytes : int
-        Data in the reply.
-
-    Returns
-    -------
-    float
-        On a network the wire's own time is not counted: it is far below ``reply_s``.
-    """
+    """Return the time of one request and its reply, s."""
     sent, received = _REQUEST + _ENVELOPE, _REPLY_HEAD + data_bytes + _ENVELOPE
     line, wire_s = None if table.serial is None else serial_settings(table.serial), 0.0
     if table.address != "embedded":
@@ -121,19 +87,7 @@ def exchange_s(table: ModbusAcquisition, data_bytes: int) -> float:
 
 
 def reads_of(table: ModbusAcquisition, count: int | None = None) -> tuple[Block, ...]:
-    """Return the requests of one reading.
-
-    Parameters
-    ----------
-    table : ModbusAcquisition
-        ``[daq]``.
-    count : int, optional
-        Of the first so many channels; left out: of all.
-
-    Returns
-    -------
-    tuple of Block
-    """
+    """Return the requests of one reading."""
     channels = table.channels[:count]
     places = [place_of(table, channel) for channel in channels]
     places += [place_of(table, w) for c in channels for w in (c.status, c.sign) if w is not None]

@@ -100,15 +100,7 @@ class Access:
         return plan_blocks(places, most=self._max_registers, bridge=self._bridge)
 
     def read(self, places: Sequence[Place]) -> list[float | int]:
-        """Return the values of places, read in as few requests as may be.
-
-        Raises
-        ------
-        DeviceError
-            If no valid answer came in time, or the device failed.
-        ProfileError
-            If the device has no such register.
-        """
+        """Return the values of places, read in as few requests as may be."""
         replies = {
             block: self.transact(*block.request(), block.name, attempts=_ATTEMPTS)[2:]
             for block in self.blocks(places)
@@ -116,16 +108,7 @@ class Access:
         return values_of(places, replies)
 
     def write(self, place: Place, value: float, function: int | None = None) -> None:
-        """Write one value, sent exactly once.
-
-        Raises
-        ------
-        DeviceError
-            If no valid answer came in time; it may or may not have been written then, and the
-            error's cause is a `FrameError`.
-        ProfileError
-            If the device has no such register, or the value does not fit its type.
-        """
+        """Write one value, sent exactly once."""
         self.transact(*self._write_request(place, value, function), place.name, attempts=1)
 
     def pause(self) -> None:
@@ -137,23 +120,7 @@ class Access:
         self._link.close()
 
     def transact(self, pdu: bytes, check: ReplyCheck, name: str, *, attempts: int) -> bytes:
-        """Send one request, again where nothing valid came, and return the PDU of its reply.
-
-        Parameters
-        ----------
-        pdu : bytes
-            Function code and data.
-        check : callable
-            What the reply must be.
-        name : str
-            Register, for messages.
-        attempts : int
-            1 for a write, 2 for a read.
-
-        Returns
-        -------
-        bytes
-        """
+        """Send one request, again where nothing valid came, and return the PDU of its reply."""
         start_s = self._clock()
         if not self._lock.acquire(timeout=self._deadline_s):
             raise self._fault(name, "another transaction did not end")

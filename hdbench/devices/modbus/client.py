@@ -158,30 +158,7 @@ class StrictClient(ModbusBaseSyncClient):
         put: Callable[[bytes], object],
         get: Callable[[], bytes],
     ) -> bytes:
-        """Send one request once and return the PDU of its reply.
-
-        Parameters
-        ----------
-        pdu : bytes
-            Function code and data.
-        check : callable
-            Raises on a reply that the request does not allow.
-        put : callable
-            Sends a frame.
-        get : callable
-            Returns what has come, once something has; raises at the deadline.
-
-        Returns
-        -------
-        bytes
-
-        Raises
-        ------
-        FrameError
-            If no such reply came.
-        ExceptionReply
-            If the device refused.
-        """
+        """Send one request once and return the PDU of its reply."""
         self._put, self._get = put, get
         self._decoder.check, self._decoder.function = check, pdu[0]
         self._request.function_code, self._request.data = pdu[0], pdu[1:]

@@ -21,28 +21,7 @@ _ORDERS: dict[Order, str] = {
 
 
 def check_identity(access: Access, table: ModbusAcquisition) -> Identity:
-    """Return who answers, if it is the device that the profile means.
-
-    Parameters
-    ----------
-    access : Access
-        The device; it is only read.
-    table : ModbusAcquisition
-        ``[daq]``.
-
-    Returns
-    -------
-    Identity
-        Vendor and model as the profile names them: the protocol has no names that every device
-        tells.
-
-    Raises
-    ------
-    DeviceError
-        If a value is another one.
-    ProfileError
-        If the device has no such register.
-    """
+    """Return who answers, if it is the device that the profile means."""
     places = [place_of(table, rule) for rule in table.identify]
     for rule, place, found in zip(table.identify, places, access.read(places), strict=True):
         if not fits(rule, found):

@@ -106,19 +106,7 @@ class Inputs:
 
 
 def input_info(table: ModbusAcquisition, channel: ModbusChannel) -> InputInfo:
-    """Return what a channel can show.
-
-    Parameters
-    ----------
-    table : ModbusAcquisition
-        ``[daq]``, for the range of a float that names none.
-    channel : ModbusChannel
-        The channel.
-
-    Returns
-    -------
-    InputInfo
-    """
+    """Return what a channel can show."""
     wrap = 0 if channel.wrap_bits is None else 1 << channel.wrap_bits
     lowest, highest = range_of(channel.type)
     if channel.sign is not None:

@@ -91,19 +91,7 @@ class Block:
 
 
 def place_of(table: ModbusAcquisition, place: ModbusPlace) -> Place:
-    """Return a place of the profile as it is on the wire.
-
-    Parameters
-    ----------
-    table : ModbusAcquisition
-        ``[daq]``, for its numbering.
-    place : ModbusPlace
-        The place.
-
-    Returns
-    -------
-    Place
-    """
+    """Return a place of the profile as it is on the wire."""
     ranges = number_ranges(table.numbering, place.table)
     first = next((low for low, high in ranges if low <= place.address <= high), ranges[0][0])
     name = f"{place.table} {place.address}"
@@ -111,22 +99,7 @@ def place_of(table: ModbusAcquisition, place: ModbusPlace) -> Place:
 
 
 def plan_blocks(places: Sequence[Place], *, most: int, bridge: int) -> tuple[Block, ...]:
-    """Return the fewest reads of adjacent registers that hold all places.
-
-    Parameters
-    ----------
-    places : sequence of Place
-        What is wanted.
-    most : int
-        Registers that one request may read.
-    bridge : int
-        Registers between two places that may be read along.
-
-    Returns
-    -------
-    tuple of Block
-        In the order of their addresses; every value lies in one of them.
-    """
+    """Return the fewest reads of adjacent registers that hold all places."""
     blocks: list[Block] = []
     for place in sorted(places, key=lambda each: (each.space, each.start, -each.size)):
         limit = _MAX_BITS if place.is_bit else most
@@ -142,19 +115,7 @@ def plan_blocks(places: Sequence[Place], *, most: int, bridge: int) -> tuple[Blo
 
 
 def values_of(places: Sequence[Place], replies: Mapping[Block, bytes]) -> list[float | int]:
-    """Return the values of places from the data of the reads that hold them.
-
-    Parameters
-    ----------
-    places : sequence of Place
-        What is wanted.
-    replies : mapping of Block to bytes
-        Data of every reply, function code and byte count left out.
-
-    Returns
-    -------
-    list of float or int
-    """
+    """Return the values of places from the data of the reads that hold them."""
     return [_value(place, replies) for place in places]
 
 

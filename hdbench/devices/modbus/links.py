@@ -36,22 +36,7 @@ def polled_link(
     claim: Claim = "hold",
     clock: Callable[[], float] = time.monotonic,
 ) -> Link:
-    """Return a link to the device at `address`; nothing is opened or sent yet.
-
-    Parameters
-    ----------
-    address, unit, probe, tls, claim, clock
-        As `hdbench.devices.wire.connect` takes them; any address.
-
-    Returns
-    -------
-    Link
-
-    Raises
-    ------
-    UsageError
-        If certificates are missing, or cannot be used.
-    """
+    """Return a link to the device at `address`; nothing is opened or sent yet."""
     if address.scheme in ("rtu", "ascii"):
         return _LineLink(address, unit, probe, clock, claim)
     if address.scheme == "rtu+tcp":

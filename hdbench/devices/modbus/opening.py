@@ -19,26 +19,7 @@ __all__ = ["modbus_rate_hz", "open_modbus"]
 
 
 def open_modbus(profile: ProfileData, table: ModbusAcquisition) -> ModbusDaq:
-    """Open the device; nothing is connected or written yet.
-
-    Parameters
-    ----------
-    profile : ProfileData
-        The bench.
-    table : ModbusAcquisition
-        ``[daq]``, or one part of a composite, with the address of a device.
-
-    Returns
-    -------
-    ModbusDaq
-
-    Raises
-    ------
-    UsageError
-        If the address is another driver's.
-    ProfileError
-        If the deadline is too short for a serial line to recover from one lost frame.
-    """
+    """Open the device; nothing is connected or written yet."""
     given = None if table.serial is None else serial_settings(table.serial)
     address = parse_address(table.address, given, default_port=502)
     if not address.is_numbered:
@@ -58,19 +39,7 @@ def open_modbus(profile: ProfileData, table: ModbusAcquisition) -> ModbusDaq:
 
 
 def modbus_rate_hz(table: ModbusAcquisition) -> float:
-    """Return the highest rate of the profile's channels, Hz.
-
-    Parameters
-    ----------
-    table : ModbusAcquisition
-        ``[daq]``.
-
-    Returns
-    -------
-    float
-        As the profile describes device and wire, embedded or not: the emulator is as slow. inf
-        without channels.
-    """
+    """Return the highest rate of the profile's channels, Hz."""
     rates = max_rates_hz(table)
     return rates[-1] if rates else math.inf
 

@@ -16,34 +16,13 @@ _LOOKS = 5
 
 
 def output_range_v(output: ModbusOutput) -> tuple[float, float]:
-    """Return the range that may be written: that of the register within the profile's limit.
-
-    Parameters
-    ----------
-    output : ModbusOutput
-        ``[daq.output]``.
-
-    Returns
-    -------
-    tuple of float
-        Ends, V.
-    """
+    """Return the range that may be written: that of the register within the profile's limit."""
     ends = sorted(output.offset + output.scale * end for end in range_of(output.type))
     return max(ends[0], -output.limit_v), min(ends[1], output.limit_v)
 
 
 def output_step_v(output: ModbusOutput) -> float:
-    """Return the smallest change that the register shows, V; 0 for a float.
-
-    Parameters
-    ----------
-    output : ModbusOutput
-        ``[daq.output]``.
-
-    Returns
-    -------
-    float
-    """
+    """Return the smallest change that the register shows, V; 0 for a float."""
     return 0.0 if output.type.startswith("f") else abs(output.scale)
 
 
@@ -70,15 +49,7 @@ class Outputs:
         self._enable = None if output.enable is None else place_of(table, output.enable)
 
     def write(self, value: float) -> float:
-        """Write the reference once and return what is read back, V.
-
-        Raises
-        ------
-        UsageError
-            If the value is outside of the range; it is never clipped.
-        DeviceError
-            If it reads back as another one.
-        """
+        """Write the reference once and return what is read back, V."""
         low, high = output_range_v(self._output)
         # written so that NaN fails
         if not low <= value <= high:

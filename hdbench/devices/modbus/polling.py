@@ -73,18 +73,7 @@ class Polling:
         self.stopped = True
 
     def next_block(self, *, tripped: bool) -> ScanBlock | None:
-        """Return the next reading; None when none is due yet, or it was invalid.
-
-        Parameters
-        ----------
-        tripped : bool
-            Whether the device's watchdog has tripped.
-
-        Raises
-        ------
-        DeviceError, ProfileError
-            As `Inputs.read`.
-        """
+        """Return the next reading; None when none is due yet, or it was invalid."""
         if not self.sampling:
             return self._last(tripped=tripped)
         wait_s = self._start_s + self._next * self._period_s - self._clock()

@@ -14,15 +14,6 @@ __all__ = ["make_probe"]
 def make_probe(table: ModbusAcquisition) -> Probe | None:
     """Return the probe of a device; None where the profile gives nothing to tell replies apart.
 
-    Parameters
-    ----------
-    table : ModbusAcquisition
-        ``[daq]``.
-
-    Returns
-    -------
-    callable or None
-
     Notes
     -----
     Best is a read of a length that no other read has: part of a block of registers that is polled

@@ -13,20 +13,7 @@ _ROUNDING = 1e-6
 
 
 def fits(rule: ModbusIdentify, found: float | int) -> bool:
-    """Return whether a value keeps a rule.
-
-    Parameters
-    ----------
-    rule : ModbusIdentify
-        The rule.
-    found : float or int
-        What was read.
-
-    Returns
-    -------
-    bool
-        False for NaN.
-    """
+    """Return whether a value keeps a rule."""
     if not math.isfinite(found):
         return False
     value = float(int(found) & rule.mask) if rule.mask is not None else float(found)
@@ -37,17 +24,7 @@ def fits(rule: ModbusIdentify, found: float | int) -> bool:
 
 
 def needed(rule: ModbusIdentify) -> str:
-    """Return a rule in words.
-
-    Parameters
-    ----------
-    rule : ModbusIdentify
-        The rule.
-
-    Returns
-    -------
-    str
-    """
+    """Return a rule in words."""
     words = [] if rule.equals is None else [f"{rule.equals:.9g}"]
     if rule.low is not None or rule.high is not None:
         low = "anything" if rule.low is None else f"{rule.low:.9g}"

@@ -9,22 +9,7 @@ __all__ = ["switch_off", "zero"]
 
 
 def zero(outputs: Outputs, watchdog: Watchdog | None, zero_v: float) -> float:
-    """Bring the reference to zero and return what is read back, V.
-
-    Parameters
-    ----------
-    outputs : Outputs
-        The device's outputs.
-    watchdog : Watchdog or None
-        Its watchdog: while it rests after a trip, many devices refuse writes. An output that reads
-        zero then is left as it is; else the trip is cleared and zero written.
-    zero_v : float
-        What still counts as zero, V.
-
-    Returns
-    -------
-    float
-    """
+    """Bring the reference to zero and return what is read back, V."""
     if watchdog is not None and watchdog.rests():
         found = outputs.read_back()
         if abs(found) <= zero_v:
@@ -34,19 +19,7 @@ def zero(outputs: Outputs, watchdog: Watchdog | None, zero_v: float) -> float:
 
 
 def switch_off(outputs: Outputs, watchdog: Watchdog | None) -> bool:
-    """Switch the enable line off and return whether it still reads as on.
-
-    Parameters
-    ----------
-    outputs : Outputs
-        The device's outputs.
-    watchdog : Watchdog or None
-        Its watchdog: a line that it has switched off is left as it is.
-
-    Returns
-    -------
-    bool
-    """
+    """Switch the enable line off and return whether it still reads as on."""
     if watchdog is not None and watchdog.rests() and not outputs.enabled():
         return False
     return outputs.enable(on=False)

@@ -12,25 +12,7 @@ __all__ = ["set_up"]
 
 
 def set_up(access: Access, table: ModbusAcquisition) -> int:
-    """Bring the device to the settings of ``[[daq.init]]``.
-
-    Parameters
-    ----------
-    access : Access
-        The device, its identity checked.
-    table : ModbusAcquisition
-        ``[daq]``.
-
-    Returns
-    -------
-    int
-        Registers written; flash holds a limited number of writes.
-
-    Raises
-    ------
-    DeviceError
-        If one of them reads back otherwise.
-    """
+    """Bring the device to the settings of ``[[daq.init]]``."""
     written = 0
     for write in table.init:
         place = place_of(table, write)

@@ -27,21 +27,7 @@ _ZERO_V = 1e-3
 
 
 def stop_target(_profile: ProfileData, table: ModbusAcquisition) -> Target | None:
-    """Return how the outputs of a polled device are made safe.
-
-    Parameters
-    ----------
-    _profile : ProfileData
-        The bench; its scales are not needed.
-    table : ModbusAcquisition
-        ``[daq]``, with the address of a device.
-
-    Returns
-    -------
-    Target or None
-        Reference to zero, read back; then the enable line off, read back. The speed is measured by
-        another device, if by any. None where the table has no output.
-    """
+    """Return how the outputs of a polled device are made safe."""
     if table.output is None:
         return None
     output = table.output

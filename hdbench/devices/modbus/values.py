@@ -17,32 +17,12 @@ _FORMATS: dict[str, str] = {
 
 
 def size_of(kind: Type) -> int:
-    """Return how many registers a value of a type takes.
-
-    Parameters
-    ----------
-    kind : str
-        Type.
-
-    Returns
-    -------
-    int
-    """
+    """Return how many registers a value of a type takes."""
     return struct.calcsize(_FORMATS[kind]) // 2
 
 
 def range_of(kind: Type) -> tuple[float, float]:
-    """Return the ends of a type; those of a float are infinite.
-
-    Parameters
-    ----------
-    kind : str
-        Type.
-
-    Returns
-    -------
-    tuple of float
-    """
+    """Return the ends of a type; those of a float are infinite."""
     bits = 16 * size_of(kind)
     if kind.startswith("i"):
         return -(2.0 ** (bits - 1)), 2.0 ** (bits - 1) - 1.0
@@ -50,47 +30,13 @@ def range_of(kind: Type) -> tuple[float, float]:
 
 
 def decode(raw: bytes, kind: Type, order: Order) -> float | int:
-    """Return the value of registers.
-
-    Parameters
-    ----------
-    raw : bytes
-        The registers as they came, two bytes each.
-    kind : {"i16", "u16", "i32", "u32", "f32", "f64"}
-        Type.
-    order : {"ABCD", "CDAB", "BADC", "DCBA"}
-        Order of the bytes on the wire.
-
-    Returns
-    -------
-    float or int
-        A float may be NaN or infinite.
-    """
+    """Return the value of registers."""
     value: float | int = struct.unpack(_FORMATS[kind], _ordered(raw, order))[0]
     return value
 
 
 def encode(value: float, kind: Type, order: Order) -> bytes:
-    """Return the registers of a value; whole-number types take the nearest.
-
-    Parameters
-    ----------
-    value : float
-        Finite.
-    kind : str
-        Type.
-    order : str
-        Order of the bytes on the wire.
-
-    Returns
-    -------
-    bytes
-
-    Raises
-    ------
-    ValueError
-        If the type does not hold it.
-    """
+    """Return the registers of a value; whole-number types take the nearest."""
     low, high = range_of(kind)
     # written so that NaN fails
     if not (math.isfinite(value) and low - 0.5 <= value <= high + 0.5):

@@ -38,23 +38,7 @@ class Watchdog:
         self._armed = False
 
     def arm(self, time_s: float) -> float:
-        """Set its time where it differs, clear a trip, feed it, and return its time, s.
-
-        Parameters
-        ----------
-        time_s : float
-            Host silence after which it acts, s.
-
-        Returns
-        -------
-        float
-            As read back, s.
-
-        Raises
-        ------
-        DeviceError
-            If it reads back otherwise, or stays tripped.
-        """
+        """Set its time where it differs, clear a trip, feed it, and return its time, s."""
         wanted = round(time_s / self._spec.unit_s)
         if self._access.read([self._time])[0] != wanted:
             self._access.write(self._time, wanted)

@@ -18,18 +18,7 @@ _HIGHEST, _STEP = 0xFF01, 0x100
 
 
 def window_start(table: ModbusAcquisition) -> int:
-    """Return where the emulator's window begins: the highest place that nothing else takes.
-
-    Parameters
-    ----------
-    table : ModbusAcquisition
-        ``[daq]``.
-
-    Returns
-    -------
-    int
-        First holding register, from 0; odd, for devices that begin every read at an odd one.
-    """
+    """Return where the emulator's window begins: the highest place that nothing else takes."""
     taken = [place_of(table, place) for place in _listed(table)]
     start = _HIGHEST
     while any(start - 2 * _WINDOW < place.start < start + _WINDOW for place in taken):
@@ -38,19 +27,7 @@ def window_start(table: ModbusAcquisition) -> int:
 
 
 def is_emulator(access: Access, table: ModbusAcquisition) -> bool:
-    """Return whether hdbench's own emulator answers; a real device has nothing there.
-
-    Parameters
-    ----------
-    access : Access
-        The device; it is only read.
-    table : ModbusAcquisition
-        ``[daq]``.
-
-    Returns
-    -------
-    bool
-    """
+    """Return whether hdbench's own emulator answers; a real device has nothing there."""
     try:
         return access.read([Place("holding", window_start(table), "u32", "ABCD", "signature")])[0] \
             == SIGNATURE  # fmt: skip

@@ -22,21 +22,7 @@ _NETWORK_EXCHANGE_S = 0.002
 
 
 def exchange_rate_hz(address: Address, n_channels: int) -> float:
-    """Return the sustained rate of block exchanges, Hz.
-
-    Parameters
-    ----------
-    address : Address
-        How the node is reached.
-    n_channels : int
-        Channels per scan, 1 to 5.
-
-    Returns
-    -------
-    float
-        For a serial line 90 % of the limit that characters and the silence between frames set; for
-        a network one exchange in 2 ms.
-    """
+    """Return the sustained rate of block exchanges, Hz."""
     if address.scheme != "rtu":
         return 1.0 / _NETWORK_EXCHANGE_S
     received = REPLY_CHARACTERS + 2 * block_registers(n_channels)
@@ -46,21 +32,7 @@ def exchange_rate_hz(address: Address, n_channels: int) -> float:
 def capabilities_of(
     limits: Mapping[str, Value], exchanges_hz: Callable[[int], float], *, simulated: bool
 ) -> Capabilities:
-    """Return the capabilities of a node.
-
-    Parameters
-    ----------
-    limits : mapping
-        Its limits block, by register name.
-    exchanges_hz : callable
-        Rate of block exchanges with n channels, Hz.
-    simulated : bool
-        Whether no real motor turns.
-
-    Returns
-    -------
-    Capabilities
-    """
+    """Return the capabilities of a node."""
     fastest_hz = 1e9 / float(limits["min_period_ns"])
     rates = tuple(
         min(fastest_hz, exchanges_hz(n) * block_scans(n)) for n in range(1, len(CHANNELS) + 1)

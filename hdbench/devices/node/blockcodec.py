@@ -73,20 +73,7 @@ class RawBlock:
 
 
 def encode_scans(codes: NDArray[np.int16], encoder: NDArray[np.int64]) -> bytes:
-    """Return whole scans as the node's buffer keeps them.
-
-    Parameters
-    ----------
-    codes : ndarray of int16, shape (n, 4)
-        Torque, tacho, current and reference codes.
-    encoder : ndarray of int64, shape (n,)
-        Encoder counts; kept modulo 2**32.
-
-    Returns
-    -------
-    bytes
-        12 bytes per scan: four codes, the encoder's high and low 16 bits.
-    """
+    """Return whole scans as the node's buffer keeps them."""
     scans = np.empty((len(codes), SCAN_BYTES // 2), dtype=">u2")
     scans[:, :4] = codes.astype(np.int16).view(np.uint16)
     wrapped = (encoder & 0xFFFFFFFF).astype(np.uint32)
@@ -96,20 +83,7 @@ def encode_scans(codes: NDArray[np.int16], encoder: NDArray[np.int64]) -> bytes:
 
 
 def encode_block(header: BlockHeader, scans: bytes) -> bytes:
-    """Return the block window without its echo: header, checksum still 0, chosen channels.
-
-    Parameters
-    ----------
-    header : BlockHeader
-        Fields of the register map.
-    scans : bytes
-        Whole scans as `encode_scans` gives them.
-
-    Returns
-    -------
-    bytes
-        Two bytes per register of the window, zero filled; `seal_block` completes it.
-    """
+    """Return the block window without its echo: header, checksum still 0, chosen channels."""
     whole = np.frombuffer(scans, dtype=">u2").reshape(-1, SCAN_BYTES // 2)
     columns = [word for word in range(SCAN_BYTES // 2) if header.channels >> word & 1]
     encoder = struct.unpack_from(">i", scans, 8)[0] if scans else 0
@@ -128,36 +102,14 @@ def encode_block(header: BlockHeader, scans: bytes) -> bytes:
 
 
 def seal_block(window: bytes, echo: int) -> bytes:
-    """Return the window of `encode_block` with echo and checksum.
-
-    Parameters
-    ----------
-    window : bytes
-        The window.
-    echo : int
-        Heartbeat of the exchange that is answered.
-
-    Returns
-    -------
-    bytes
-    """
+    """Return the window of `encode_block` with echo and checksum."""
     body = struct.pack(">H", echo) + window[2:_CRC_AT]
     data = window[DATA_AT : DATA_AT + _data_bytes(body)]
     return body + struct.pack(">I", zlib.crc32(data, zlib.crc32(body))) + window[DATA_AT:]
 
 
 def block_fault(raw: bytes) -> str:
-    """Return why the bytes of a block window cannot be what the node sent; empty if they can.
-
-    Parameters
-    ----------
-    raw : bytes
-        Two bytes per register that were read, the header at least.
-
-    Returns
-    -------
-    str
-    """
+    """Return why the bytes of a block window cannot be what the node sent; empty if they can."""
     if not len(raw) >= DATA_AT:
         return f"{len(raw)} bytes of a block, shorter than a header: its checksum is missing"
     end = DATA_AT + 2 * raw[6].bit_count() * (raw[8] << 8 | raw[9])
@@ -170,22 +122,7 @@ def block_fault(raw: bytes) -> str:
 
 
 def decode_block(raw: bytes) -> RawBlock:
-    """Return the block that stands in the bytes of a window without `block_fault`.
-
-    Parameters
-    ----------
-    raw : bytes
-        Two bytes per register that were read.
-
-    Returns
-    -------
-    RawBlock
-
-    Raises
-    ------
-    ValueError
-        If the block has a fault.
-    """
+    """Return the block that stands in the bytes of a window without `block_fault`."""
     fault = block_fault(raw)
     if fault:
         raise ValueError(fault)

@@ -36,21 +36,7 @@ class BlockExchange:
         self._echo = b""
 
     def build(self, ack: int, heartbeat: int) -> tuple[bytes, ReplyCheck]:
-        """Return a request, and a check that lets only the block through that answers it.
-
-        Parameters
-        ----------
-        ack : int
-            Number of the last good block.
-        heartbeat : int
-            Written in the same exchange; the block echoes it.
-
-        Returns
-        -------
-        tuple of bytes and callable
-            The check raises `StaleReply` on the answer to another exchange, `FrameError` on a
-            damaged one. It is that of the request built last.
-        """
+        """Return a request, and a check that lets only the block through that answers it."""
         feed = _FEED.pack(ack, heartbeat)
         self._echo = feed[2:]
         return self._request + feed, self._check
@@ -105,18 +91,6 @@ class BlockReader:
 
         Once the acquisition is over and all its samples were handed out, an empty block that is not
         `running` is returned. Samples lost at the very end stand before an empty block, too.
-
-        Parameters
-        ----------
-        raw : bytes
-            Registers that passed the check of `BlockExchange`.
-        read_s : tuple of float
-            Host's clock before the request and after the reply, s.
-
-        Raises
-        ------
-        DeviceError
-            If the block is not the one that comes next.
         """
         _, run, seq, flags, n_scans, depth, first_index, encoder, _ = HEADER.unpack_from(raw)
         if run != self._run:

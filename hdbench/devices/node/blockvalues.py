@@ -27,23 +27,7 @@ _NOTHING = bytes(DATA_AT)
 def channel_bits(
     roles: tuple[Role, ...], sample_period_s: float, limits: Mapping[str, Value]
 ) -> int:
-    """Return the bits of `channels` for the roles of a scan.
-
-    Parameters
-    ----------
-    roles : tuple of Role
-        Channels, in any order.
-    sample_period_s : float
-        Sampling period, s.
-    limits : mapping
-        Limits of the node, by register name.
-
-    Returns
-    -------
-    int
-        The encoder's high word is left out where the fastest motor makes less than 2**14 counts
-        between two scans: the low word tells them then.
-    """
+    """Return the bits of `channels` for the roles of a scan."""
     bits = sum(1 << CHANNELS.index(role) for role in roles if role != "encoder")
     if "encoder" not in roles:
         return bits
@@ -108,22 +92,7 @@ class ScanDecoder:
     def decode(
         self, raw: bytes, n_scans: int, encoder: int
     ) -> tuple[FloatArray, NDArray[np.bool_]]:
-        """Return values and marks of saturation in the order of the roles.
-
-        Parameters
-        ----------
-        raw : bytes
-            Registers of a checked block; not looked at without scans.
-        n_scans : int
-            Scans in it, at most a full block.
-        encoder : int
-            Encoder at the first scan, counts.
-
-        Returns
-        -------
-        tuple of ndarray, shape (n_scans, channels)
-            V, A and counts; True where a code is at an end of the range.
-        """
+        """Return values and marks of saturation in the order of the roles."""
         scales = self._scales if n_scans == len(self._scales) else self._scales[:n_scans]
         words = np.ndarray(scales.shape, _WIRE, raw if n_scans else _NOTHING, DATA_AT)
         values: FloatArray = words * scales

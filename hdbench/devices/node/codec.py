@@ -17,17 +17,7 @@ _FORMATS = {"u16": ">H", "i16": ">h", "u32": ">I", "i32": ">i", "f32": ">f"}
 
 
 def as_float32(value: float) -> float:
-    """Return `value` as the nearest 32-bit float, the form in which the node keeps it.
-
-    Parameters
-    ----------
-    value : float
-        Any number within the range of 32-bit floats.
-
-    Returns
-    -------
-    float
-    """
+    """Return `value` as the nearest 32-bit float, the form in which the node keeps it."""
     return float(np.float32(value))
 
 
@@ -45,45 +35,12 @@ def _decode(entry: Register, raw: bytes) -> Value:
 
 
 def encode_group(group: Sequence[Register], values: Mapping[str, Value]) -> bytes:
-    """Return the bytes of `group`, one value for each of its names.
-
-    Parameters
-    ----------
-    group : sequence of Register
-        Adjacent entries of the map.
-    values : mapping of str to int, float or str
-        A value for every name of the group.
-
-    Returns
-    -------
-    bytes
-        Two bytes per register.
-
-    Raises
-    ------
-    struct.error
-        If a value does not fit its type.
-    KeyError
-        If a value is missing.
-    """
+    """Return the bytes of `group`, one value for each of its names."""
     return b"".join(_encode(entry, values[entry.name]) for entry in group)
 
 
 def decode_group(group: Sequence[Register], raw: bytes) -> dict[str, Value]:
-    """Return the values of `group` from the bytes of its registers.
-
-    Parameters
-    ----------
-    group : sequence of Register
-        Adjacent entries of the map.
-    raw : bytes
-        Two bytes per register.
-
-    Returns
-    -------
-    dict of str to int, float or str
-        Values by register name.
-    """
+    """Return the values of `group` from the bytes of its registers."""
     start = group[0].address
     return {
         entry.name: _decode(

@@ -85,13 +85,7 @@ class NodeDaq:
         return capabilities_of(self.limits(), self._exchanges_hz, simulated=simulated)
 
     def claim(self) -> None:
-        """Become the one host that may write.
-
-        Raises
-        ------
-        BusyError
-            If another host holds the node.
-        """
+        """Become the one host that may write."""
         self.identity()
         self._wire.take_session(secrets.randbelow(0xFFFFFFFF) + 1)
 

@@ -24,25 +24,7 @@ _PROBE_S = 0.3
 
 
 def open_node(profile: ProfileData, table: NodeAcquisition) -> NodeDaq:
-    """Return the driver of the node in `table`.
-
-    Parameters
-    ----------
-    profile : ProfileData
-        The bench, for the tacho's scale.
-    table : NodeAcquisition
-        How the node is reached.
-
-    Returns
-    -------
-    NodeDaq
-        Not connected yet.
-
-    Raises
-    ------
-    UsageError
-        If address or certificates cannot be used.
-    """
+    """Return the driver of the node in `table`."""
     address = node_address(table)
     link = connect(address, unit=table.unit, probe=node_probe, tls=table.tls)
     return NodeDaq(
@@ -53,22 +35,7 @@ def open_node(profile: ProfileData, table: NodeAcquisition) -> NodeDaq:
 
 
 def node_address(table: NodeAcquisition) -> Address:
-    """Return the parsed address of a table with its serial settings.
-
-    Parameters
-    ----------
-    table : NodeAcquisition
-        ``[daq]``.
-
-    Returns
-    -------
-    Address
-
-    Raises
-    ------
-    UsageError
-        If it is none, or a wire that nodes do not speak.
-    """
+    """Return the parsed address of a table with its serial settings."""
     serial = serial_settings(table.serial) if table.serial else SerialSettings()
     address = parse_address(table.address, serial)
     if address.scheme not in ("tcp", "tls", "rtu"):
@@ -81,17 +48,7 @@ def node_address(table: NodeAcquisition) -> Address:
 
 
 def node_rate_hz(table: NodeAcquisition) -> float:
-    """Return the highest scan rate that the wire of `table` sustains, Hz; inf where embedded.
-
-    Parameters
-    ----------
-    table : NodeAcquisition
-        Address and channels.
-
-    Returns
-    -------
-    float
-    """
+    """Return the highest scan rate that the wire of `table` sustains, Hz; inf where embedded."""
     if table.address == "embedded":
         return float("inf")
     n_channels = len(table.channels)

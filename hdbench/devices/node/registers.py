@@ -58,32 +58,12 @@ BLOCK_DATA_REGISTERS = 113
 
 
 def block_scans(width: int) -> int:
-    """Return how many scans a full block holds.
-
-    Parameters
-    ----------
-    width : int
-        Registers of a scan, 1 to 6.
-
-    Returns
-    -------
-    int
-    """
+    """Return how many scans a full block holds."""
     return BLOCK_DATA_REGISTERS // width
 
 
 def block_registers(width: int) -> int:
-    """Return how many registers of the window a host reads.
-
-    Parameters
-    ----------
-    width : int
-        Registers of a scan, 1 to 6.
-
-    Returns
-    -------
-    int
-    """
+    """Return how many registers of the window a host reads."""
     return BLOCK_HEADER_REGISTERS + block_scans(width) * width
 
 
@@ -262,35 +242,10 @@ _BY_ADDRESS = {entry.address + k: entry for entry in MAP for k in range(entry.si
 
 
 def register(name: str) -> Register:
-    """Return the entry called `name`.
-
-    Parameters
-    ----------
-    name : str
-        Name in the map.
-
-    Returns
-    -------
-    Register
-
-    Raises
-    ------
-    KeyError
-        If the map has none of that name.
-    """
+    """Return the entry called `name`."""
     return _BY_NAME[name]
 
 
 def register_at(address: int) -> Register | None:
-    """Return the entry that covers `address`.
-
-    Parameters
-    ----------
-    address : int
-        Holding register, counted from 0.
-
-    Returns
-    -------
-    Register or None
-    """
+    """Return the entry that covers `address`."""
     return _BY_ADDRESS.get(address)

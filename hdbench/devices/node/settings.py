@@ -16,25 +16,7 @@ __all__ = ["parameter_values", "part_values"]
 
 
 def parameter_values(settings: DaqSettings, limits: Mapping[str, Value]) -> dict[str, Value]:
-    """Return the values of the parameter block, by register name.
-
-    Parameters
-    ----------
-    settings : DaqSettings
-        What is to be acquired. Volts, frequencies and shares are rounded to 32-bit floats, the
-        sampling period to whole nanoseconds, the watchdog's time to whole milliseconds.
-    limits : mapping
-        The node's limits block.
-
-    Returns
-    -------
-    dict of str to int or float
-
-    Raises
-    ------
-    DeviceError
-        If period, number of samples or watchdog time are outside the node's limits.
-    """
+    """Return the values of the parameter block, by register name."""
     program = settings.reference if isinstance(settings.reference, ReferenceProgram) else None
     wave = settings.reference if isinstance(settings.reference, ReferenceWave) else None
     values: dict[str, Value] = {
@@ -58,18 +40,7 @@ def parameter_values(settings: DaqSettings, limits: Mapping[str, Value]) -> dict
 
 
 def part_values(program: ReferenceProgram) -> list[dict[str, Value]]:
-    """Return the values of the program block, one for each part, by register name.
-
-    Parameters
-    ----------
-    program : ReferenceProgram
-        The program.
-
-    Returns
-    -------
-    list of dict
-        Volts and frequencies are rounded to 32-bit floats.
-    """
+    """Return the values of the program block, one for each part, by register name."""
     return [
         {
             "program_part": number,

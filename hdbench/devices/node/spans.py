@@ -14,56 +14,18 @@ _PROBE_COUNTS = (3, 5, 7, 9, 11, 13, 17, 19)
 
 
 def node_probe(number: int) -> tuple[bytes, ReplyCheck]:
-    """Return the n-th who-are-you read of a node, a `hdbench.devices.wire.Probe`.
-
-    Parameters
-    ----------
-    number : int
-        Counts probes.
-
-    Returns
-    -------
-    tuple of bytes and callable
-        Request and check of its reply.
-    """
+    """Return the n-th who-are-you read of a node, a `hdbench.devices.wire.Probe`."""
     count = _PROBE_COUNTS[number % len(_PROBE_COUNTS)]
     return read_registers(IDENTITY[0].address, count)
 
 
 def span(group: Sequence[Register]) -> tuple[int, int]:
-    """Return address and number of adjacent registers.
-
-    Parameters
-    ----------
-    group : sequence of Register
-        Entries of the map.
-
-    Returns
-    -------
-    tuple of int
-    """
+    """Return address and number of adjacent registers."""
     return group[0].address, sum(entry.size for entry in group)
 
 
 def writable(group: Sequence[Register], values: bytes) -> tuple[int, int]:
-    """Return address and number of a write; only registers that the map calls writable pass.
-
-    Parameters
-    ----------
-    group : sequence of Register
-        Entries of the map.
-    values : bytes
-        Two bytes for each register.
-
-    Returns
-    -------
-    tuple of int
-
-    Raises
-    ------
-    ValueError
-        If an entry is not writable, or the bytes are not as many.
-    """
+    """Return address and number of a write; only registers that the map calls writable pass."""
     closed = [entry.name for entry in group if entry.access != "rw"]
     address, count = span(group)
     if closed or len(values) != 2 * count:

@@ -14,19 +14,7 @@ __all__ = ["stop_target"]
 
 
 def stop_target(_profile: ProfileData, table: NodeAcquisition) -> Target:
-    """Return how a node stops the motor.
-
-    Parameters
-    ----------
-    _profile : ProfileData
-        The bench; its scales are not needed.
-    table : NodeAcquisition
-        ``[daq]``, with the address of a node.
-
-    Returns
-    -------
-    Target
-    """
+    """Return how a node stops the motor."""
     first = STATUS[0].address
 
     def at(name: str) -> int:

@@ -78,24 +78,12 @@ class NodeWire:
         return self._transactor.repeats
 
     def read(self, group: Sequence[Register]) -> bytes:
-        """Return the bytes of adjacent registers.
-
-        Raises
-        ------
-        DeviceError
-            If no valid answer came within the deadline or the node refused.
-        """
+        """Return the bytes of adjacent registers."""
         address, count = span(group)
         return self._repeat(lambda: read_registers(address, count), group[0])
 
     def read_status(self) -> bytes:
-        """Return the status block of this moment, tagged so that it can be no older one.
-
-        Raises
-        ------
-        DeviceError
-            As for `read`.
-        """
+        """Return the status block of this moment, tagged so that it can be no older one."""
         address, count = span(STATUS)
 
         def build() -> tuple[bytes, ReplyCheck]:
@@ -113,20 +101,7 @@ class NodeWire:
         return self._repeat(build, STATUS[0])
 
     def exchange(self, ack: int, count: int) -> bytes:
-        """Acknowledge a block, feed the watchdog and read the window, in one transaction.
-
-        Parameters
-        ----------
-        ack : int
-            Number of the last good block.
-        count : int
-            Registers of the window to read.
-
-        Raises
-        ------
-        DeviceError
-            As for `read`.
-        """
+        """Acknowledge a block, feed the watchdog and read the window, in one transaction."""
         window = self._window
         if window is None or self._window_count != count:
             self._window = window = BlockExchange(count)
@@ -139,27 +114,12 @@ class NodeWire:
         return self._repeat(build, BLOCK[0])
 
     def feed(self) -> None:
-        """Write a changed heartbeat, outside of the block exchange.
-
-        Raises
-        ------
-        DeviceError
-            As for `write_once`.
-        """
+        """Write a changed heartbeat, outside of the block exchange."""
         self._heartbeat = self._heartbeat % 0xFFFF + 1
         self.write_once((register("heartbeat"),), struct.pack(">H", self._heartbeat))
 
     def write_once(self, group: Sequence[Register], values: bytes) -> None:
-        """Write `values` to adjacent registers, sent exactly once.
-
-        Raises
-        ------
-        DeviceError
-            If no valid answer came within the deadline (the write may or may not have happened; the
-            error's cause is a `FrameError` then) or the node refused.
-        BusyError
-            If another host holds the node.
-        """
+        """Write `values` to adjacent registers, sent exactly once."""
         address, count = writable(group, values)
         request = (
             write_register(address, int.from_bytes(values, "big"))
@@ -169,15 +129,7 @@ class NodeWire:
         self._transact(lambda: request, group[0], 1)
 
     def take_session(self, token: int) -> None:
-        """Write the session's token; it is shown again on every later connection.
-
-        Raises
-        ------
-        BusyError
-            If another host holds the node.
-        DeviceError
-            As for `write_once`.
-        """
+        """Write the session's token; it is shown again on every later connection."""
         self._session = 0
         self.write_once((register("session"),), struct.pack(">I", token))
         self._session = token

@@ -66,17 +66,7 @@ class SerialSettings:
         return _GAP_CHARACTERS * self.character_s if self.gap_s is None else self.gap_s
 
     def exchange_s(self, sent: int, received: int) -> float:
-        """Return the shortest time of one exchange, s: characters and the silence around them.
-
-        Parameters
-        ----------
-        sent, received : int
-            Characters of request and reply, address and checksum included.
-
-        Returns
-        -------
-        float
-        """
+        """Return the shortest time of one exchange, s: characters and the silence around them."""
         return (sent + received) * self.character_s + 2.0 * self.silence_s
 
 
@@ -122,17 +112,7 @@ class Address:
 
 
 def serial_settings(line: SerialLine) -> SerialSettings:
-    """Return the settings that ``[daq.serial]`` of a profile gives.
-
-    Parameters
-    ----------
-    line : SerialLine
-        The table.
-
-    Returns
-    -------
-    SerialSettings
-    """
+    """Return the settings that ``[daq.serial]`` of a profile gives."""
     return SerialSettings(
         line.baud_bd, _PARITIES[line.parity], line.stop_bits, line.gap_s, line.data_bits
     )

@@ -35,17 +35,6 @@ CRC_START = 0xFFFF
 def crc_over(data: bytes, value: int = CRC_START) -> int:
     """Return the remainder after more characters; after a whole frame with its checksum it is 0.
 
-    Parameters
-    ----------
-    data : bytes
-        Characters.
-    value : int
-        Remainder before them.
-
-    Returns
-    -------
-    int
-
     Notes
     -----
     "MODBUS over Serial Line Specification and Implementation Guide V1.02", section 6.2.2:
@@ -60,16 +49,5 @@ def crc_over(data: bytes, value: int = CRC_START) -> int:
 
 
 def crc16(data: bytes) -> bytes:
-    """Return the CRC-16 of a frame as it stands on the wire, low byte first.
-
-    Parameters
-    ----------
-    data : bytes
-        Unit identifier, function code and data.
-
-    Returns
-    -------
-    bytes
-        Two bytes.
-    """
+    """Return the CRC-16 of a frame as it stands on the wire, low byte first."""
     return crc_over(data).to_bytes(2, "little")

@@ -14,23 +14,7 @@ _EXCEPTION_SIZE = 5
 
 
 def reply_size(data: bytes) -> int | None:
-    """Return the length of the frame that begins with `data`; None while it cannot be told.
-
-    Parameters
-    ----------
-    data : bytes
-        What has come so far.
-
-    Returns
-    -------
-    int or None
-        Characters from unit identifier to checksum.
-
-    Raises
-    ------
-    FrameError
-        If no reply of a known function begins so.
-    """
+    """Return the length of the frame that begins with `data`; None while it cannot be told."""
     if len(data) < 2:
         return None
     function = data[1]

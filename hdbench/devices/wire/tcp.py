@@ -21,26 +21,7 @@ _CHUNK = 2600
 
 
 def next_reply(data: bytes, number: int, unit: int) -> tuple[bytes | None, bytes]:
-    """Return the PDU in `data` that answers transaction `number` of `unit`, and what follows it.
-
-    Parameters
-    ----------
-    data : bytes
-        Everything received and not yet consumed, frame boundaries first.
-    number, unit : int
-        Transaction and unit identifier of the request.
-
-    Returns
-    -------
-    tuple of bytes or None, and bytes
-        Function code and data, None while incomplete; what is left. Whole frames of other
-        transactions or units are skipped.
-
-    Raises
-    ------
-    FrameError
-        If the stream is not Modbus TCP.
-    """
+    """Return the PDU in `data` that answers transaction `number` of `unit`, and what follows it."""
     while len(data) >= 7:
         found, protocol, length, found_unit = _HEADER.unpack_from(data)
         # unit and function code at least, 253 bytes of PDU at most

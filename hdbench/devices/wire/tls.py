@@ -35,23 +35,6 @@ def client_security(
 ) -> Callable[[socket.socket], ssl.SSLSocket]:
     """Return what wraps a connection to `address` in mutual TLS.
 
-    Parameters
-    ----------
-    address : Address
-        Host and port; the device's certificate must name the host, or `server_name`.
-    files : Certificates or None
-        Certificate and key of this computer, and who signed the device's.
-
-    Returns
-    -------
-    callable
-        Takes a connected socket.
-
-    Raises
-    ------
-    UsageError
-        If certificates are not given, cannot be read, or others may read the key.
-
     Notes
     -----
     TLS 1.2 or newer, both certificates checked, as "MODBUS/TCP Security Protocol Specification"

@@ -93,23 +93,7 @@ def assemble(
     rng: np.random.Generator,
     told: Told | None = None,
 ) -> Diagnosis:
-    """Return the answer of a diagnosis.
-
-    Parameters
-    ----------
-    findings : Findings
-        What was found.
-    settings : mapping
-        What was asked for.
-    rng : Generator
-        For the bootstrap.
-    told : Told or None
-        What was found, where that is known; told here where None.
-
-    Returns
-    -------
-    Diagnosis
-    """
+    """Return the answer of a diagnosis."""
     first = Fit.start(findings.search.fit.record, _known(findings.search.fit))
     baseline_left = residual_nm(first)
     told = told or tell(findings.search, findings.given, rng, findings.noise_variance)

@@ -21,25 +21,7 @@ _SPECTRUM_FILES = {
 
 
 def write_pictures(folder: Path, pictures: Pictures) -> list[str]:
-    """Write residual, spectra and maps into a run folder.
-
-    Parameters
-    ----------
-    folder : Path
-        The run folder.
-    pictures : Pictures
-        What is to be drawn.
-
-    Returns
-    -------
-    list of str
-        Names of the files; ``map_<domain>.csv`` for every map.
-
-    Raises
-    ------
-    StorageError
-        If a file cannot be written.
-    """
+    """Write residual, spectra and maps into a run folder."""
     table = {
         "time_s": pictures.time_s,
         "measured_nm": pictures.measured_nm,
@@ -65,20 +47,7 @@ def write_pictures(folder: Path, pictures: Pictures) -> list[str]:
 
 
 def write_table(path: Path, columns: Mapping[str, FloatArray]) -> None:
-    """Write columns as CSV: nine digits, an empty cell where there is no number.
-
-    Parameters
-    ----------
-    path : Path
-        File to write.
-    columns : mapping of str to ndarray, shape (n,)
-        Name to values.
-
-    Raises
-    ------
-    StorageError
-        If the file cannot be written.
-    """
+    """Write columns as CSV: nine digits, an empty cell where there is no number."""
     rows = np.column_stack(list(columns.values())).tolist()
     lines = [",".join(columns)]
     lines += [",".join("" if x != x else f"{x:.9g}" for x in row) for row in rows]

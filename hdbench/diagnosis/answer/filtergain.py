@@ -73,21 +73,7 @@ class FilterGain:
 
 
 def further_blocks(causes: Sequence[NamedCause], base: FilterModel) -> tuple[OscillatorBlock, ...]:
-    """Return the blocks that the causes add to a filter.
-
-    Parameters
-    ----------
-    causes : sequence of NamedCause
-        Causes that were found.
-    base : FilterModel
-        Filter; its first block of a role gives the process noise.
-
-    Returns
-    -------
-    tuple of OscillatorBlock
-        One for each motor or output order that `base` does not have; tones, friction and slow
-        effects are no blocks.
-    """
+    """Return the blocks that the causes add to a filter."""
     found: list[OscillatorBlock] = []
     for cause in causes:
         order, role = _place(cause, base.gear_ratio)
@@ -112,24 +98,7 @@ def _place(cause: NamedCause, gear_ratio: float) -> tuple[float | None, Any]:
 def filter_gain(
     trace: Trace, motion: Motion, profile: Profile, found: Diagnosis
 ) -> FilterGain | None:
-    """Filter a record without and with the orders that were found.
-
-    Parameters
-    ----------
-    trace : Trace
-        The record that was diagnosed, torque in N m.
-    motion : Motion
-        Its motion.
-    profile : Profile
-        Bench; its filter is the one that is extended.
-    found : Diagnosis
-        Result with pictures.
-
-    Returns
-    -------
-    FilterGain or None
-        None where nothing that was found is an order, or the record cannot be filtered.
-    """
+    """Filter a record without and with the orders that were found."""
     base = load_filter_model(profile.data.filter.model, profile.data)
     blocks = further_blocks(found.causes, base)
     if not blocks or found.pictures is None:

@@ -67,19 +67,7 @@ class ResidualMap:
 
 
 def residual_maps(pictures: Pictures) -> tuple[ResidualMap, ...]:
-    """Average the residual in bins of time, speed, acceleration, torque and angles.
-
-    Parameters
-    ----------
-    pictures : Pictures
-        Residuals and the motion that belongs to them.
-
-    Returns
-    -------
-    tuple of ResidualMap
-        Without those whose quantity does not change on this record, in 48 bins of equal width;
-        ``variance`` is the root mean square over the absolute motor speed.
-    """
+    """Average the residual in bins of time, speed, acceleration, torque and angles."""
     turn = 2.0 * np.pi
     speed = pictures.velocity_rad_s
     by_range = (
@@ -157,21 +145,7 @@ def _map(
 
 
 def code_map(torque_v: FloatArray, step_v: float) -> dict[str, FloatArray]:
-    """Count the codes of a converter modulo 32.
-
-    Parameters
-    ----------
-    torque_v : ndarray, shape (n,)
-        Samples, V; NaN where lost.
-    step_v : float
-        Step of the converter, V, above 0.
-
-    Returns
-    -------
-    dict of str to ndarray, shape (32,)
-        ``code_modulo_32``, ``samples`` and ``share``, the share of all samples: 1/32 each where
-        every code is alike, 0 at a code that never comes, as with a stuck bit.
-    """
+    """Count the codes of a converter modulo 32."""
     codes = np.round(torque_v[np.isfinite(torque_v)] / step_v).astype(np.int64)
     counts = np.bincount(np.mod(codes, _CODES), minlength=_CODES).astype(float)
     return {

@@ -77,30 +77,6 @@ def testable(
 ) -> tuple[Testable, ...]:
     """Say of each cause whether this record can show it.
 
-    Parameters
-    ----------
-    causes : iterable of Cause
-        The catalogue.
-    motion : Motion
-        Motion of the record; `simulated_nm` where a baseline is known.
-    torque_bandwidth_hz : float
-        Frequency above which the torque has no power, Hz; infinite where it is not limited.
-    rate_hz : float
-        Samples per second.
-    torque_step_nm : float
-        Step of the readings, N m; 0 where none is seen.
-    torque_noise_nm : float
-        Scatter of one sample, N m.
-    held_share : float
-        Share of the torque's samples that repeat the one before, in [0, 1).
-    derived : tuple of (str, str)
-        Channels that were computed from another one: (channel, its source).
-
-    Returns
-    -------
-    tuple of Testable
-        In the order of `causes`.
-
     Notes
     -----
     A cause must apply to the motion (`Cause.applicable`). Its columns, at a low, a middle and a

@@ -185,21 +185,7 @@ class Bands:
 
 
 def make_bands(valid: NDArray[np.bool_], period_s: float, share: float = 1.0) -> Bands:
-    """Return the bands of a record.
-
-    Parameters
-    ----------
-    valid : ndarray of bool, shape (n_samples,)
-        Samples that are used.
-    period_s : float
-        Median sampling period, s.
-    share : float
-        Share of the Nyquist frequency up to which the torque has power, in (0, 1].
-
-    Returns
-    -------
-    Bands
-    """
+    """Return the bands of a record."""
     from scipy.fft import next_fast_len
 
     n = len(valid)

@@ -45,24 +45,7 @@ class BaselineChange:
         names: tuple[str, ...],
         columns: FloatArray,
     ) -> tuple[FloatArray, tuple[str, ...], FloatArray]:
-        """Return fixed torque, names and columns of the changed baseline.
-
-        Parameters
-        ----------
-        motion : Motion
-            Motion of the record.
-        fixed_nm : ndarray, shape (n_samples,)
-            Fixed torque, N m.
-        names : tuple of str
-            Free terms.
-        columns : ndarray, shape (n_samples, n_names)
-            Their columns.
-
-        Returns
-        -------
-        fixed_nm, names, columns
-            As they came in.
-        """
+        """Return fixed torque, names and columns of the changed baseline."""
         if "expected-torque" in self.without:
             fixed_nm = fixed_nm - expected_torque_nm(motion, motion.inertia_nm_s2)
         kept = [index for index, name in enumerate(names) if self._keeps(name)]
@@ -86,23 +69,7 @@ def _is_order(name: str, order: float) -> bool:
 
 
 def parse_baseline(terms: Sequence[str]) -> BaselineChange:
-    """Return what terms such as ``-misalignment`` or ``+order:6`` ask for.
-
-    Parameters
-    ----------
-    terms : sequence of str
-        ``-misalignment``, ``-load``, ``-expected-torque``, ``-order:NUMBER`` or ``+order:NUMBER``;
-        orders are cycles per turn of the wave generator.
-
-    Returns
-    -------
-    BaselineChange
-
-    Raises
-    ------
-    UsageError
-        If a term is none of these.
-    """
+    """Return what terms such as ``-misalignment`` or ``+order:6`` ask for."""
     without: list[str] = []
     removed: list[float] = []
     added: list[float] = []

@@ -286,21 +286,7 @@ def _trials(smallest: FloatArray) -> float:
 
 
 def make_dictionary(record: Record, causes: Iterable[Cause], fit: Fit) -> Dictionary:
-    """Return the dictionary of causes on a record.
-
-    Parameters
-    ----------
-    record : Record
-        Record.
-    causes : iterable of Cause
-        Causes that the record can show, and tables; lines and steps are scanned elsewhere.
-    fit : Fit
-        Fit of the baseline, for its bands.
-
-    Returns
-    -------
-    Dictionary
-    """
+    """Return the dictionary of causes on a record."""
     families = [
         chosen_shapes(cause, record)
         for cause in causes

@@ -296,17 +296,6 @@ class FormMove:
 def best_form_move(fit: Fit, paid: Mapping[int, float]) -> FormMove | None:
     """Return the change of form errors that gains most; None where there are none.
 
-    Parameters
-    ----------
-    fit : Fit
-        Fit with form errors attached.
-    paid : mapping of int to float
-        What each cause cost when it was accepted, by part, nats.
-
-    Returns
-    -------
-    FormMove or None
-
     Notes
     -----
     Tried are the scales of each part alone and of all lines together, since an angle that is not

@@ -146,18 +146,7 @@ def _piece_length(record: Record) -> int:
 
 
 def hold_out(fit: Fit) -> HeldOut:
-    """Return the columns of a fit in time, cut into blocks.
-
-    Parameters
-    ----------
-    fit : Fit
-        Joint fit, of one record or of a stack.
-
-    Returns
-    -------
-    HeldOut
-        Every fifth of twenty blocks of a record is one of five folds.
-    """
+    """Return the columns of a fit in time, cut into blocks."""
     from scipy.fft import idct
 
     rows = np.flatnonzero(fit.active)

@@ -145,25 +145,6 @@ def solve(
 ) -> Solved:
     """Return coefficients and spectrum, fitted in turn.
 
-    Parameters
-    ----------
-    moments : Moments
-        Moments.
-    shapes : Shapes
-        Shapes of the spectrum.
-    start : Spectrum
-        First spectrum.
-    rounds : int
-        Spectra that are fitted; 0 keeps the first.
-    anew : bool
-        Whether spectra are fitted from nothing.
-    reference : Spectrum or None
-        Noise in which the prior of the free coefficients has its width; the first one where None.
-
-    Returns
-    -------
-    Solved
-
     Notes
     -----
     ``-1/2 [sum n_b ln S_b + Q + ln det(form part given the free part) + ln det M(S) / M(S_0)]``, Q

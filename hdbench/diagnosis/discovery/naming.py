@@ -51,18 +51,7 @@ class Named:
 
 
 def name_causes(search: Search) -> dict[int, Named]:
-    """Name every cause of a fit against all others; a better name takes its place.
-
-    Parameters
-    ----------
-    search : Search
-        A search that has ended.
-
-    Returns
-    -------
-    dict
-        For each part of the fit that is a cause.
-    """
+    """Name every cause of a fit against all others; a better name takes its place."""
     fit = search.fit
     named, renamed = {}, False
     for held in [fit.parts[part] for part in fit.causes()]:

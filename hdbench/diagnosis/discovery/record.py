@@ -117,28 +117,6 @@ def prepare_record(
 ) -> Record:
     """Return the record with its baseline.
 
-    Parameters
-    ----------
-    trace : Trace
-        Channels.
-    profile : ProfileData
-        Bench.
-    model : BenchModel
-        Model whose misalignment is expected where the output covers less than a turn.
-    masked : ndarray of bool, shape (n_samples,)
-        Samples that take no part.
-    change : BaselineChange or None
-        What is added to the baseline and taken out of it; nothing where None.
-
-    Returns
-    -------
-    Record
-
-    Raises
-    ------
-    DataError
-        If a channel is missing or the motion cannot be formed.
-
     Notes
     -----
     On less than an output turn the torque once per turn is expected near the model's: its
@@ -255,21 +233,7 @@ def _aligned(
 
 
 def with_simulated(record: Record, fitted_nm: FloatArray, slope_nm_per_rad: FloatArray) -> Record:
-    """Return the record with a simulated torque, for causes that act on all of it.
-
-    Parameters
-    ----------
-    record : Record
-        Record.
-    fitted_nm : ndarray, shape (n_samples,)
-        Fitted torque without what is fixed, N m.
-    slope_nm_per_rad : ndarray, shape (n_samples,)
-        Its change with the motor angle alone, N m/rad.
-
-    Returns
-    -------
-    Record
-    """
+    """Return the record with a simulated torque, for causes that act on all of it."""
     simulated = np.where(record.valid, record.fixed_nm + fitted_nm, np.nan)
     slope = np.where(record.valid, slope_nm_per_rad, np.nan)
     motion = replace(record.motion, simulated_nm=simulated, ripple_slope_nm_per_rad=slope)

@@ -226,25 +226,7 @@ def _along(
 def weighed(
     beside: Beside, record: Record, found: Candidate, shapes: Shapes, base: float
 ) -> Candidate:
-    """Return a candidate with its evidence: the noise is fitted again with it.
-
-    Parameters
-    ----------
-    beside : Beside
-        Fit without the candidate.
-    record : Record
-        Record.
-    found : Candidate
-        Candidate at its best shape.
-    shapes : Shapes
-        Shapes of the noise.
-    base : float
-        Log likelihood without it, fitted alike.
-
-    Returns
-    -------
-    Candidate
-    """
+    """Return a candidate with its evidence: the noise is fitted again with it."""
     if is_whole_share(found.term.cause):
         gain = speaks = _gain_of_torque(beside, found.scale @ found.rows, shapes, base)
     else:

@@ -659,30 +659,7 @@ def search(
     progress: Callable[[str, float], None] | None = None,
     least_share: float = 0.0,
 ) -> Search:
-    """Return what a record holds beyond its baseline and the known causes.
-
-    Parameters
-    ----------
-    record : Record
-        Record.
-    causes : mapping of str to Cause
-        Catalogue.
-    known : tuple of Term
-        Causes that the model already holds.
-    alpha : float
-        Probability of any finding without an effect, in (0, 1).
-    rng : Generator
-        For the draws of the null.
-    progress : callable or None
-        Called with what is being done and the share done.
-    least_share : float
-        The search ends after causes that explain less than this share of the baseline's residual
-        variance; what they leave is told as rest.
-
-    Returns
-    -------
-    Search
-    """
+    """Return what a record holds beyond its baseline and the known causes."""
     report = progress or (lambda what, share: None)
     fit = Fit.start(record, known)
     plain = [] if fit.record.low_pass is None else [Fit.start(record.behind(None), known)]

@@ -108,23 +108,6 @@ class Shapes:
     ) -> Spectrum:
         """Return the most likely sum of shapes.
 
-        Parameters
-        ----------
-        power : ndarray, shape (n_bands,)
-            Mean square of the coefficients of each band, (N m)^2.
-        dof : ndarray, shape (n_bands,)
-            Degrees of freedom of each.
-        start : ndarray or None
-            Amounts of a neighbouring spectrum.
-        model, moving : ndarray or None, shape (n_bands,)
-            Power per coefficient of all that is modelled, and of what follows the motion. Up to a
-            small share of the first is form error without a direction; the second may be early or
-            late.
-
-        Returns
-        -------
-        Spectrum
-
         Notes
         -----
         Minimises the sum of dof (ln S + P / S) over amounts that are not negative, by the
@@ -161,20 +144,7 @@ class Shapes:
 
 
 def make_shapes(frequency_hz: FloatArray, floor: float) -> Shapes:
-    """Return the shapes for bands of these frequencies.
-
-    Parameters
-    ----------
-    frequency_hz : ndarray, shape (n_bands,)
-        Centre of each band, Hz.
-    floor : float
-        Power of rounding, (N m)^2 per coefficient.
-
-    Returns
-    -------
-    Shapes
-        White, 1/f to 1/f^3, poles of both orders, bumps.
-    """
+    """Return the shapes for bands of these frequencies."""
     f = frequency_hz
     corners = np.geomspace(4.0 * f[1], 0.5 * f[-1], _POLES)
     falling = [np.ones(len(f)), 1.0 / f, f**-2.0, f**-3.0]

@@ -280,24 +280,7 @@ def _in_one(columns: FloatArray, motion: StackedMotion, time_s: float) -> FloatA
 
 
 def stacked_causes(causes: Iterable[Cause], count: int, *, referenced: bool) -> dict[str, Cause]:
-    """Return causes for a stack of records.
-
-    Parameters
-    ----------
-    causes : iterable of Cause
-        Catalogue, and lines without a name.
-    count : int
-        Records.
-    referenced : bool
-        Whether the motor angles of all records have one zero.
-
-    Returns
-    -------
-    dict of str to Cause
-        Shared is what follows speed, load, acceleration or a referenced angle. What follows the
-        clock has a phase, or a size, of its own in each record, and so has a line at an order that
-        is not whole: nothing that rolls keeps its place. A step in time is in one record.
-    """
+    """Return causes for a stack of records."""
     out: dict[str, Cause] = {}
     for cause in causes:
         kind = SHARED
@@ -351,17 +334,7 @@ def _wave(fit: Fit, name: str) -> tuple[complex, float] | None:
 
 # --- the fit
 def stack_fits(fits: Sequence[Fit]) -> Fit:
-    """Return the fit of the baseline of all records.
-
-    Parameters
-    ----------
-    fits : sequence of Fit
-        Fit of the baseline of each record.
-
-    Returns
-    -------
-    Fit
-    """
+    """Return the fit of the baseline of all records."""
     records = [fit.record for fit in fits]
     count = sum(len(record) for record in records)
     names: list[str] = []
@@ -456,22 +429,7 @@ def coefficients_of(fit: Fit) -> list[slice]:
 
 
 def piece_fit(fit: Fit, number: int) -> tuple[Fit, list[int]]:
-    """Return the fit of one record of a stack, as all records together have it.
-
-    Parameters
-    ----------
-    fit : Fit
-        Fit of a stack.
-    number : int
-        Which record, from 0.
-
-    Returns
-    -------
-    fit : Fit
-        Plain fit of that record: causes of the catalogue, the rows and the noise of the record.
-    parts : list of int
-        For each of its parts the part of the stack. What is in another record alone is left out.
-    """
+    """Return the fit of one record of a stack, as all records together have it."""
     bands, shapes = fit.bands, fit.shapes
     if not isinstance(bands, StackedBands) or not isinstance(shapes, StackedShapes):
         raise TypeError("a fit of one record has no pieces")

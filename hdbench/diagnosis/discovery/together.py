@@ -66,24 +66,7 @@ def search_together(
     progress: Callable[[str, float], None],
     least_share: float,
 ) -> Search:
-    """Return what several records of one drive hold beyond the baseline of each.
-
-    Parameters
-    ----------
-    records : sequence of Record
-        Records.
-    causes : mapping of str to Cause
-        Catalogue.
-    known : sequence of Term
-        Causes that the model already holds.
-    alpha, rng, progress, least_share
-        As `search` takes them.
-
-    Returns
-    -------
-    Search
-        Of the stack of records.
-    """
+    """Return what several records of one drive hold beyond the baseline of each."""
     fits = [Fit.start(record) for record in records]
     fit = stack_fits(fits)
     every = (*causes.values(), TONE_LINE, OUTPUT_LINE)
@@ -355,25 +338,7 @@ def tell_together(
     rng: np.random.Generator,
     noise_variances: Sequence[FloatArray | None],
 ) -> Together:
-    """Return what a search of several records found as the answer says it.
-
-    Parameters
-    ----------
-    search : Search
-        Search of a stack that has ended.
-    model : BenchModel
-        Model that was held against the records.
-    names : sequence of str
-        Name of each record.
-    rng : Generator
-        For the bootstrap.
-    noise_variances : sequence of ndarray or None
-        Of each record, as `tell` takes it.
-
-    Returns
-    -------
-    Together
-    """
+    """Return what a search of several records found as the answer says it."""
     named = name_causes(search)
     fit = search.fit
     held = hold_out(fit)

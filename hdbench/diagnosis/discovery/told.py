@@ -78,23 +78,7 @@ def tell(
     rng: np.random.Generator,
     noise_variance: FloatArray | None = None,
 ) -> Told:
-    """Return what a search found as the answer says it.
-
-    Parameters
-    ----------
-    search : Search
-        A search that has ended.
-    model : BenchModel
-        Model that was held against the record, with causes of the user's own.
-    rng : Generator
-        For the bootstrap.
-    noise_variance : ndarray or None, shape (n_samples,)
-        Variance of the noise at each sample over its mean, where it is known to change.
-
-    Returns
-    -------
-    Told
-    """
+    """Return what a search found as the answer says it."""
     named = name_causes(search)
     fit = search.fit
     held = hold_out(fit)

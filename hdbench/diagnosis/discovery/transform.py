@@ -52,18 +52,7 @@ class PhaseTransform:
 
 
 def unit_wave(cycles: FloatArray) -> NDArray[np.complex64]:
-    """Return ``exp(2 pi i cycles)`` to single precision, however many the cycles are.
-
-    Parameters
-    ----------
-    cycles : ndarray
-        Phase, cycles, finite.
-
-    Returns
-    -------
-    ndarray of complex64
-        As `cycles` in shape: whole cycles are taken off in double precision.
-    """
+    """Return ``exp(2 pi i cycles)`` to single precision, however many the cycles are."""
     phase = np.asarray(cycles - np.rint(cycles), dtype=np.float32) * np.float32(2.0 * np.pi)
     wave = np.empty(phase.shape, dtype=np.complex64)
     np.cos(phase, out=wave.real)
@@ -75,21 +64,6 @@ def plan_transform(
     positions: FloatArray, grid_step: float, low: float, high: float, factor: float = 1.0
 ) -> PhaseTransform:
     """Plan the sums for fixed positions.
-
-    Parameters
-    ----------
-    positions : ndarray, shape (n,)
-        u, turns or s, finite.
-    grid_step : float
-        Step of the grid, at most half the inverse span of the positions.
-    low, high : float
-        Ends of the grid, above 0.
-    factor : float
-        The sums are taken at factor times the grid.
-
-    Returns
-    -------
-    PhaseTransform
 
     References
     ----------

@@ -55,20 +55,6 @@ class Spectrum:
 def spectrum_of(values: FloatArray, rate_hz: float, step: float) -> Spectrum | None:
     """Return the spectrum of a channel.
 
-    Parameters
-    ----------
-    values : ndarray, shape (n,)
-        Samples; NaN where lost.
-    rate_hz : float
-        Samples per second.
-    step : float
-        Step of its values; 0 where they lie on no grid.
-
-    Returns
-    -------
-    Spectrum or None
-        None where the channel is too short or does not change.
-
     Notes
     -----
     A sensor has noise up to the end of the band. Where the floor is that of the channel's own

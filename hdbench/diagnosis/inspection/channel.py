@@ -53,23 +53,6 @@ def tail_nats(seen: float, expected: float) -> float:
 def held_share(values: FloatArray, step: float, alpha: float, *, smooth: bool = False) -> float:
     """Return the share of samples that repeat the one before although the channel moves.
 
-    Parameters
-    ----------
-    values : ndarray, shape (n,)
-        Samples.
-    step : float
-        Step of its values; 0 where it is not known.
-    alpha : float
-        Chance of any answer but 0 on a channel without held samples.
-    smooth : bool
-        Whether the channel is smooth, as an angle: a rest ends with a change like those before,
-        samples that were held end with one that makes up for them.
-
-    Returns
-    -------
-    float
-        0 where chance makes as many.
-
     Notes
     -----
     A normal change of median size m is 0 on a grid q with probability 0.27 q / m. Counted are
@@ -105,19 +88,7 @@ def held_share(values: FloatArray, step: float, alpha: float, *, smooth: bool = 
 
 
 def piled_up(values: FloatArray, alpha: float) -> tuple[float, int] | None:
-    """Return the value at which a channel ends, and how many samples pile up there; None for none.
-
-    Parameters
-    ----------
-    values : ndarray, shape (n,)
-        Samples.
-    alpha : float
-        Chance of any answer on a channel without a limit.
-
-    Returns
-    -------
-    tuple of (float, int) or None
-    """
+    """Return the value at which a channel piles up and the number of samples there, or None."""
     levels, counts = np.unique(values[np.isfinite(values)], return_counts=True)
     if len(levels) < _FEWEST:
         return None

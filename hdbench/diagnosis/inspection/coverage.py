@@ -22,18 +22,7 @@ _PASSED = 0.01
 
 
 def coverage_of(log: Log) -> Coverage | None:
-    """Return the motion that a log covers.
-
-    Parameters
-    ----------
-    log : Log
-        Channels.
-
-    Returns
-    -------
-    Coverage or None
-        None where there is neither velocity nor an angle with a time.
-    """
+    """Return the motion that a log covers."""
     unit, velocity = _velocity(log)
     if velocity is None:
         return None

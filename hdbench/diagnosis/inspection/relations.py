@@ -27,17 +27,7 @@ def _both_change(one: FloatArray, other: FloatArray) -> bool:
 
 
 def same_noise(one: FloatArray, other: FloatArray) -> bool:
-    """Return whether two channels are one, times a factor: they share their noise too.
-
-    Parameters
-    ----------
-    one, other : ndarray, shape (n,)
-        Samples; NaN where lost.
-
-    Returns
-    -------
-    bool
-    """
+    """Return whether two channels are one, times a factor: they share their noise too."""
     good = np.isfinite(one) & np.isfinite(other)
     if int(good.sum()) < _FEWEST:
         return False
@@ -52,19 +42,6 @@ def same_to_the_end(
     one: FloatArray, other: FloatArray, rate_hz: float, limit_hz: float | None
 ) -> bool:
     """Return whether two channels agree up to the end of their band, where motion has none.
-
-    Parameters
-    ----------
-    one, other : ndarray, shape (n,)
-        Samples; NaN where lost.
-    rate_hz : float
-        Samples per second.
-    limit_hz : float or None
-        Frequency above which one of them holds nothing, Hz; None for half the rate.
-
-    Returns
-    -------
-    bool
 
     Notes
     -----
@@ -85,18 +62,6 @@ def same_to_the_end(
 
 def delay_of(late: FloatArray, early: FloatArray, period_s: float) -> tuple[float, float] | None:
     """Return by how much one channel is later than another, and its standard deviation, s.
-
-    Parameters
-    ----------
-    late, early : ndarray, shape (n,)
-        Samples of two channels that follow the same motion.
-    period_s : float
-        Time between samples, s.
-
-    Returns
-    -------
-    tuple of float or None
-        None where they have nothing in common.
 
     Notes
     -----

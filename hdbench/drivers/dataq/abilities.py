@@ -13,20 +13,7 @@ __all__ = ["describe_abilities", "max_rates_hz"]
 
 
 def describe_abilities(table: DataqAcquisition, *, simulated: bool) -> Capabilities:
-    """Return the abilities.
-
-    Parameters
-    ----------
-    table : DataqAcquisition
-        ``[daq]``.
-    simulated : bool
-        Whether the emulator answers.
-
-    Returns
-    -------
-    Capabilities
-        Without outputs and without a watchdog: no model has an analog output.
-    """
+    """Return the abilities."""
     model = MODELS[table.model]
     roles = tuple(channel.role for channel in table.channels)
     entries = len(plan_scan(table, roles).words)
@@ -52,17 +39,7 @@ def _input(channel: DataqChannel, bits: int) -> InputInfo:
 
 
 def max_rates_hz(table: DataqAcquisition) -> tuple[float, ...]:
-    """Return the highest rate with the first 1, 2, ... channels, Hz, the mark included.
-
-    Parameters
-    ----------
-    table : DataqAcquisition
-        ``[daq]``.
-
-    Returns
-    -------
-    tuple of float
-    """
+    """Return the highest rate with the first 1, 2, ... channels, Hz, the mark included."""
     roles = tuple(channel.role for channel in table.channels)
     return tuple(
         highest_rate_hz(

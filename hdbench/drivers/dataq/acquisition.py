@@ -43,20 +43,7 @@ class LagWatch:
         self._start_s: float | None = None
 
     def missing(self, delivered: int, read_s: float) -> int:
-        """Note that so many scans had come by `read_s`; return how many seem to be missing.
-
-        Parameters
-        ----------
-        delivered : int
-            Scans since the start.
-        read_s : float
-            Host's clock, s.
-
-        Returns
-        -------
-        int
-            0 while nothing is.
-        """
+        """Note that so many scans had come by `read_s`; return how many seem to be missing."""
         if self._start_s is None:
             self._start_s = read_s
         lag_s = read_s - delivered * self._period_s
@@ -147,20 +134,7 @@ class Acquisition:
         self._left = left
 
     def next_block(self, port: Port) -> ScanBlock | None:
-        """Return the next scans; None when none has come.
-
-        Parameters
-        ----------
-        port : Port
-            The instrument.
-
-        Raises
-        ------
-        StreamFault
-            If the stream is out of step, or scans are missing.
-        DeviceError
-            If the port is gone.
-        """
+        """Return the next scans; None when none has come."""
         if self.complete:
             return self._block(np.zeros((0, len(self._plan.words)), dtype=np.int16), self._clock())
         if self.stopped:

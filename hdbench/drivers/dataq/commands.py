@@ -46,13 +46,7 @@ class Commands:
         self._clock = clock
 
     def ask(self, command: str) -> str:
-        """Send a command and return the value behind its echo; empty where there is none.
-
-        Raises
-        ------
-        DeviceError
-            If no such echo came in time.
-        """
+        """Send a command and return the value behind its echo; empty where there is none."""
         start_s = self._clock()
         for attempt in range(1, _ATTEMPTS + 1):
             until_s = start_s + self._deadline_s * attempt / _ATTEMPTS
@@ -65,13 +59,7 @@ class Commands:
         raise self._error(f"{command!r} was not echoed", "check the instrument's cable and model")
 
     def set(self, command: str) -> None:
-        """Send a setting; its echo must be the command and nothing else.
-
-        Raises
-        ------
-        DeviceError
-            If it is not, or none came.
-        """
+        """Send a setting; its echo must be the command and nothing else."""
         value = self.ask(command)
         if value:
             raise self._error(
@@ -85,13 +73,7 @@ class Commands:
         self.port.send(b"start 0" + _END, self._clock() + self._deadline_s)
 
     def stop(self) -> bytes:
-        """Stop scanning and return the data that came before the echo.
-
-        Raises
-        ------
-        DeviceError
-            If the instrument does not stop.
-        """
+        """Stop scanning and return the data that came before the echo."""
         until_s = self._clock() + self._deadline_s
         data = b""
         for attempt in range(1, _ATTEMPTS + 1):

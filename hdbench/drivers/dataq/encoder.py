@@ -34,20 +34,7 @@ class SignedCounter:
         self._position = counts_per_edge // 2
 
     def __call__(self, edges: FloatArray, tacho: FloatArray) -> FloatArray:
-        """Return the position at the next samples.
-
-        Parameters
-        ----------
-        edges : ndarray, shape (n,)
-            The counter, 0 to 65535.
-        tacho : ndarray, shape (n,)
-            In any unit; only its sign counts.
-
-        Returns
-        -------
-        ndarray, shape (n,)
-            Whole counts, 0 to 2**32 - 1.
-        """
+        """Return the position at the next samples."""
         if not len(edges):
             return edges
         counts = edges.astype(np.int64)

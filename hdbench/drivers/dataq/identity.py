@@ -19,22 +19,6 @@ _DIGITS = 8
 def check_identity(commands: Commands, table: DataqAcquisition) -> Identity:
     """Return who answers, if it is the instrument that the profile means.
 
-    Parameters
-    ----------
-    commands : Commands
-        The instrument, not scanning.
-    table : DataqAcquisition
-        ``[daq]``.
-
-    Returns
-    -------
-    Identity
-
-    Raises
-    ------
-    DeviceError
-        If maker, model or serial number are others.
-
     Notes
     -----
     The line has no checksum: every answer is asked for until two in a row agree.

@@ -19,24 +19,7 @@ _PROBE_S = 0.3
 
 
 def open_dataq(profile: ProfileData, table: DataqAcquisition) -> DataqDaq:
-    """Open the instrument; the port is not opened yet.
-
-    Parameters
-    ----------
-    profile : ProfileData
-        The bench.
-    table : DataqAcquisition
-        ``[daq]``, or one part of a composite, with the address of a port.
-
-    Returns
-    -------
-    DataqDaq
-
-    Raises
-    ------
-    UsageError
-        If the address is another driver's.
-    """
+    """Open the instrument; the port is not opened yet."""
     return DataqDaq(Commands(Port(port_path(table.address)), deadline_s=table.deadline_s), table)
 
 

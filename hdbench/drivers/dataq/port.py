@@ -30,22 +30,7 @@ _FIX = "check cable and power; the instrument must be in its CDC mode, then run 
 
 
 def port_path(address: str) -> str:
-    """Return the path of ``serial:///dev/NAME``.
-
-    Parameters
-    ----------
-    address : str
-        The address.
-
-    Returns
-    -------
-    str
-
-    Raises
-    ------
-    UsageError
-        If it has another form.
-    """
+    """Return the path of ``serial:///dev/NAME``."""
     path = address.removeprefix("serial://")
     if path == address or not is_port(path):
         raise UsageError(
@@ -79,13 +64,7 @@ class Port:
         self._fault = ""
 
     def send(self, data: bytes, until_s: float) -> None:
-        """Send all bytes.
-
-        Raises
-        ------
-        DeviceError
-            If the port does not take them in time, or is gone.
-        """
+        """Send all bytes."""
         io = self._opened()
         try:
             while data:
@@ -97,13 +76,7 @@ class Port:
             raise self._error(f"the port failed ({error.strerror or error})") from error
 
     def receive(self, until_s: float) -> list[Chunk]:
-        """Return what has come; waits until something has, or until `until_s`.
-
-        Raises
-        ------
-        DeviceError
-            If the port is gone and everything before has been returned.
-        """
+        """Return what has come; waits until something has, or until `until_s`."""
         self._opened()
         with self._changed:
             left_s = until_s - self._clock()

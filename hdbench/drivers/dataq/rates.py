@@ -47,28 +47,7 @@ class RateSetting:
 
 
 def choose_rate(model: Model, entries: int, period_s: float, average: int) -> RateSetting:
-    """Return the numbers for a sampling period.
-
-    Parameters
-    ----------
-    model : Model
-        The device.
-    entries : int
-        Entries of the scan list, >= 1.
-    period_s : float
-        Wanted, s.
-    average : int
-        Conversions averaged to one sample: `dec` where above 1.
-
-    Returns
-    -------
-    RateSetting
-
-    Raises
-    ------
-    DeviceError
-        If the device has no such period within 100 ppm.
-    """
+    """Return the numbers for a sampling period."""
     total = model.clock_hz(entries) * period_s
     # averaging needs its own dec; else few are enough, where deca goes on from there
     decs = [average] if average > 1 else list(range(1, model.dec_max + 1))
@@ -94,59 +73,18 @@ def choose_rate(model: Model, entries: int, period_s: float, average: int) -> Ra
 
 
 def highest_rate_hz(model: Model, entries: int, average: int = 1) -> float:
-    """Return the highest rate at which the device's buffer still bridges 50 ms.
-
-    Parameters
-    ----------
-    model : Model
-        The device.
-    entries : int
-        Entries of the scan list.
-    average : int, optional
-        Conversions averaged to one sample.
-
-    Returns
-    -------
-    float
-        Hz.
-    """
+    """Return the highest rate at which the device's buffer still bridges 50 ms."""
     rate = model.clock_hz(entries) / (model.shortest(entries) * average)
     return min(rate, BUFFER_SAMPLES / (entries * _BUFFER_S))
 
 
 def lowest_rate_hz(model: Model, entries: int) -> float:
-    """Return the lowest rate.
-
-    Parameters
-    ----------
-    model : Model
-        The device.
-    entries : int
-        Entries of the scan list.
-
-    Returns
-    -------
-    float
-        Hz.
-    """
+    """Return the lowest rate."""
     return model.clock_hz(entries) / (model.srate_max * model.dec_max * model.deca_max)
 
 
 def packet_code(entries: int, period_s: float) -> int:
-    """Return n of the packet size 16 * 2**n bytes: the largest that fills within 25 ms.
-
-    Parameters
-    ----------
-    entries : int
-        Words of a scan.
-    period_s : float
-        Sampling period, s.
-
-    Returns
-    -------
-    int
-        0 to 7.
-    """
+    """Return n of the packet size 16 * 2**n bytes: the largest that fills within 25 ms."""
     n_bytes = 2.0 * entries * _PACKET_S / period_s
     code = math.floor(math.log2(n_bytes / 16.0)) if n_bytes >= 16.0 else 0
     return min(code, _LARGEST_CODE)

@@ -72,17 +72,7 @@ class ScanPlan:
         return 2 * len(self.words)
 
     def decode(self, words: NDArray[np.int16]) -> tuple[FloatArray, NDArray[np.bool_]]:
-        """Return values in the units of their roles, and which of them sit at an end.
-
-        Parameters
-        ----------
-        words : ndarray of int16, shape (n, entries)
-            Scans as they came.
-
-        Returns
-        -------
-        tuple of ndarray, shape (n, channels)
-        """
+        """Return values in the units of their roles, and which of them sit at an end."""
         step = 1 << (16 - self.bits)
         analog = words[:, : len(self.scales)].astype(np.int32) & -step
         saturated = (analog <= -_FULL) | (analog >= _FULL - step)
@@ -94,39 +84,12 @@ class ScanPlan:
 
 
 def channel_number(channel: DataqChannel) -> int:
-    """Return the number of an analog channel.
-
-    Parameters
-    ----------
-    channel : DataqChannel
-        The channel.
-
-    Returns
-    -------
-    int
-        0 to 7.
-    """
+    """Return the number of an analog channel."""
     return int(channel.input.removeprefix("analog "))
 
 
 def plan_scan(table: DataqAcquisition, roles: tuple[Role, ...]) -> ScanPlan:
     """Return scan list, marker and scales of some channels.
-
-    Parameters
-    ----------
-    table : DataqAcquisition
-        ``[daq]``.
-    roles : tuple of Role
-        Channels of a scan, in order.
-
-    Returns
-    -------
-    ScanPlan
-
-    Raises
-    ------
-    ProfileError
-        If the model has no such range, or an input has another role's.
 
     Notes
     -----

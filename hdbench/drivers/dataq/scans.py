@@ -56,23 +56,7 @@ class ScanAssembler:
         return self._rest
 
     def take(self, data: bytes) -> NDArray[np.int16]:
-        """Return the whole scans that `data` completes.
-
-        Parameters
-        ----------
-        data : bytes
-            What came.
-
-        Returns
-        -------
-        ndarray of int16, shape (n, entries)
-            Scans before a fault are returned first; the next call raises.
-
-        Raises
-        ------
-        StreamFault
-            If a mark is wrong.
-        """
+        """Return the whole scans that `data` completes."""
         self._rest += data
         size = self._plan.scan_bytes
         count = len(self._rest) // size

@@ -13,31 +13,7 @@ __all__ = ["set_up"]
 def set_up(
     commands: Commands, model: Model, plan: ScanPlan, period_s: float, average: int
 ) -> RateSetting:
-    """Send packet size, encoding, scan list and rate.
-
-    Parameters
-    ----------
-    commands : Commands
-        The instrument, not scanning.
-    model : Model
-        Which one.
-    plan : ScanPlan
-        The scan list.
-    period_s : float
-        Sampling period, s.
-    average : int
-        Conversions averaged to one sample.
-
-    Returns
-    -------
-    RateSetting
-        What was set.
-
-    Raises
-    ------
-    DeviceError
-        If the model has no such period, or a setting is not echoed as it was sent.
-    """
+    """Send packet size, encoding, scan list and rate."""
     rate = choose_rate(model, len(plan.words), period_s, average)
     lines = [f"ps {packet_code(len(plan.words), rate.period_s)}", "encode 0"]
     lines += [f"slist {position} {word}" for position, word in enumerate(plan.words)]

@@ -22,17 +22,6 @@ _WRITE_S = 0.0011
 def describe_abilities(table: LabJackAcquisition, *, simulated: bool) -> Capabilities:
     """Return the abilities.
 
-    Parameters
-    ----------
-    table : LabJackAcquisition
-        The profile's table, checked.
-    simulated : bool
-        Whether the emulator answers.
-
-    Returns
-    -------
-    Capabilities
-
     Notes
     -----
     The highest rate is the data sheet's total divided by the words of a scan. What a small input

@@ -100,18 +100,7 @@ class Acquisition:
             self._stream.close()
 
     def next_block(self, outputs: Outputs) -> ScanBlock | None:
-        """Return the next block; None when no scan has come.
-
-        Parameters
-        ----------
-        outputs : Outputs
-            Told the level of the enable line in the scans.
-
-        Raises
-        ------
-        DeviceError
-            If the stream broke or cannot be trusted.
-        """
+        """Return the next block; None when no scan has come."""
         stream = self._stream
         if stream is None or self.complete:
             return self._empty(outputs)

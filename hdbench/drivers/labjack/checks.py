@@ -19,18 +19,7 @@ _T7_DIFFERENTIAL = range(0, 13, 2)
 
 
 def check_table(table: LabJackAcquisition) -> None:
-    """Refuse a table that the model cannot carry out.
-
-    Parameters
-    ----------
-    table : LabJackAcquisition
-        ``[daq]`` of the profile.
-
-    Raises
-    ------
-    ProfileError
-        With every problem.
-    """
+    """Refuse a table that the model cannot carry out."""
     problems = [
         *_model_problems(table),
         *(problem for channel in table.channels for problem in _channel_problems(table, channel)),

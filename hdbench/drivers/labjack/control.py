@@ -69,23 +69,11 @@ class Control:
         return self._transactor.repeats
 
     def read(self, *registers: Register) -> list[float | int]:
-        """Return the values of registers anywhere in the map.
-
-        Raises
-        ------
-        DeviceError
-            If no valid answer came in time, or the device refused.
-        """
+        """Return the values of registers anywhere in the map."""
         return self.feedback((), registers, repeatable=True)
 
     def read_block(self, registers: Sequence[Register]) -> list[float | int]:
-        """Return the values of adjacent registers, by function 3.
-
-        Raises
-        ------
-        DeviceError
-            As for `read`.
-        """
+        """Return the values of adjacent registers, by function 3."""
         values: list[float | int] = []
         for part in _parts(registers):
             count = sum(register.size for register in part)
@@ -94,14 +82,7 @@ class Control:
         return values
 
     def write(self, registers: Sequence[Register], values: Sequence[float]) -> None:
-        """Write adjacent registers, by function 16, sent exactly once.
-
-        Raises
-        ------
-        DeviceError
-            If no valid answer came in time (the write may or may not have happened; the error's
-            cause is a `FrameError` then), or the device refused.
-        """
+        """Write adjacent registers, by function 16, sent exactly once."""
         if not all(register.writable for register in registers):
             raise ValueError(f"not written by this driver: {registers[0].name}")
         pairs = list(zip(registers, values, strict=True))
@@ -117,27 +98,7 @@ class Control:
         *,
         repeatable: bool = False,
     ) -> list[float | int]:
-        """Write, then read, in one transaction.
-
-        Parameters
-        ----------
-        writes : sequence of tuple
-            Registers and values.
-        reads : sequence of Register
-            What is read afterwards.
-        repeatable : bool
-            Whether a second copy of the writes does no harm.
-
-        Returns
-        -------
-        list of float or int
-            Values of `reads`.
-
-        Raises
-        ------
-        DeviceError
-            As for `write`.
-        """
+        """Write, then read, in one transaction."""
         first = writes[0][0] if writes else reads[0]
         attempts = TWICE if repeatable else 1
         raw = self._transact(*feedback_request(writes, reads), first, attempts)

@@ -94,13 +94,7 @@ class LabJackDaq:
         return self._identity
 
     def claim(self) -> None:
-        """Become the one host, and clean up what a dead one has left running.
-
-        Raises
-        ------
-        BusyError
-            If another host is alive, or a program that is none of hdbench's streams.
-        """
+        """Become the one host, and clean up what a dead one has left running."""
         self.identity()
         if self._session.claim():
             self._outputs.make_safe()

@@ -122,17 +122,6 @@ ERROR_NAMES = {
 
 
 def error_name(code: int) -> str:
-    """Return name and number of an error code.
-
-    Parameters
-    ----------
-    code : int
-        As in LAST_ERR_DETAIL or a stream packet's status.
-
-    Returns
-    -------
-    str
-        The bare number where LabJack's list of the kinds used here has no name.
-    """
+    """Return name and number of an error code."""
     name = ERROR_NAMES.get(code)
     return f"{name} ({code})" if name else f"error {code}"

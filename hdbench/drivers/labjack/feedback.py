@@ -21,24 +21,6 @@ Write = tuple[Register, float]
 def feedback_request(writes: Sequence[Write], reads: Sequence[Register]) -> Request:
     """Return a request that writes first and reads afterwards, with the check of its reply.
 
-    Parameters
-    ----------
-    writes : sequence of tuple
-        Registers and their values, carried out in this order.
-    reads : sequence of Register
-        Registers whose bytes the reply carries, in this order.
-
-    Returns
-    -------
-    tuple of bytes and ReplyForm
-        Function code and data; the reply's data begin at byte 1.
-
-    Raises
-    ------
-    ValueError
-        If a register is not one that the driver writes, a value does not fit, or the transaction
-        would be longer than a frame.
-
     Notes
     -----
     Frame: kind (1 byte: 0 read, 1 write), address (2), number of registers (1), and for a write

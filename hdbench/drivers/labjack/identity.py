@@ -29,24 +29,7 @@ class _Found:
 
 
 def check_identity(control: Control, table: LabJackAcquisition) -> Identity:
-    """Return who answers, if it is the device that the profile means.
-
-    Parameters
-    ----------
-    control : Control
-        The device; it is only read.
-    table : LabJackAcquisition
-        The profile's table.
-
-    Returns
-    -------
-    Identity
-
-    Raises
-    ------
-    DeviceError
-        If the words are swapped, or model or serial number are others.
-    """
+    """Return who answers, if it is the device that the profile means."""
     (test,) = control.read(TEST)
     if test != TEST_VALUE:
         swapped = "; its words are swapped" if test == _SWAPPED else ""

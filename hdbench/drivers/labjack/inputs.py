@@ -25,20 +25,7 @@ __all__ = ["input_scales", "read_inputs"]
 
 
 def read_inputs(control: Control, table: LabJackAcquisition) -> dict[Role, float]:
-    """Return one reading of every channel in one transaction, outside of a stream.
-
-    Parameters
-    ----------
-    control : Control
-        The device.
-    table : LabJackAcquisition
-        The profile's table.
-
-    Returns
-    -------
-    dict of Role to float
-        V, A or counts.
-    """
+    """Return one reading of every channel in one transaction, outside of a stream."""
     registers = [
         ef_count(quadrature_lines(table.model)[0])
         if channel.input == QUADRATURE
@@ -53,24 +40,7 @@ def read_inputs(control: Control, table: LabJackAcquisition) -> dict[Role, float
 
 
 def input_scales(control: Control, table: LabJackAcquisition) -> dict[Role, InputScale]:
-    """Return the scale of every analog channel, from the device's flash or nominal.
-
-    Parameters
-    ----------
-    control : Control
-        The device.
-    table : LabJackAcquisition
-        The profile's table.
-
-    Returns
-    -------
-    dict of Role to InputScale
-
-    Raises
-    ------
-    DeviceError
-        If the flash does not hold a calibration.
-    """
+    """Return the scale of every analog channel, from the device's flash or nominal."""
     analog = [channel for channel in table.channels if channel.input != QUADRATURE]
     if table.calibration == "nominal":
         return {

@@ -19,24 +19,7 @@ STREAM_OFFSET = 200
 
 
 def open_labjack(profile: ProfileData, table: LabJackAcquisition) -> LabJackDaq:
-    """Open the device; nothing is connected or written yet.
-
-    Parameters
-    ----------
-    profile : ProfileData
-        The bench.
-    table : LabJackAcquisition
-        ``[daq]``, with the address of a device.
-
-    Returns
-    -------
-    LabJackDaq
-
-    Raises
-    ------
-    UsageError
-        If the address is another driver's.
-    """
+    """Open the device; nothing is connected or written yet."""
     address = parse_address(table.address, default_port=502)
     if address.scheme != "tcp":
         raise UsageError(
@@ -54,18 +37,7 @@ def open_labjack(profile: ProfileData, table: LabJackAcquisition) -> LabJackDaq:
 
 
 def labjack_rate_hz(table: LabJackAcquisition) -> float:
-    """Return the highest scan rate of the table's channels.
-
-    Parameters
-    ----------
-    table : LabJackAcquisition
-        ``[daq]`` of the profile.
-
-    Returns
-    -------
-    float
-        Hz; inf for what this driver refuses with a reason of its own.
-    """
+    """Return the highest scan rate of the table's channels."""
     if table.model == "T8":
         return math.inf
     return describe_abilities(table, simulated=False).max_rates_hz[-1]

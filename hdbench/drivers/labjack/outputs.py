@@ -24,37 +24,13 @@ _TICK_DAC_BITS = 14
 
 
 def output_range_v(output: LabJackOutput) -> tuple[float, float]:
-    """Return the range that may be written: that of the converter within the profile's limit.
-
-    Parameters
-    ----------
-    output : LabJackOutput
-        The profile's table.
-
-    Returns
-    -------
-    tuple of float
-        Ends, V.
-    """
+    """Return the range that may be written: that of the converter within the profile's limit."""
     low, high = (-_TICK_DAC_V, _TICK_DAC_V) if _is_tick_dac(output) else (0.0, _DAC_V)
     return max(low, -output.limit_v), min(high, output.limit_v)
 
 
 def output_step_v(output: LabJackOutput, model: str) -> float:
-    """Return the smallest change that the converter shows.
-
-    Parameters
-    ----------
-    output : LabJackOutput
-        The profile's table.
-    model : str
-        ``T7`` or ``T4``.
-
-    Returns
-    -------
-    float
-        V.
-    """
+    """Return the smallest change that the converter shows."""
     if _is_tick_dac(output):
         return 2.0 * _TICK_DAC_V / (1 << _TICK_DAC_BITS)
     return _DAC_V / (1 << _BITS[model])

@@ -96,13 +96,7 @@ class PacketParser:
         self.duplicates = 0
 
     def feed(self, data: bytes) -> None:
-        """Take what was received.
-
-        Raises
-        ------
-        StreamFault
-            If the bytes are no stream of this acquisition.
-        """
+        """Take what was received."""
         self._data += data
         while len(self._data) >= _HEADER.size:
             length = self._checked_length()
@@ -124,14 +118,7 @@ class PacketParser:
         return ready
 
     def finish(self) -> list[Packet]:
-        """Return the last packets of a stream that has ended.
-
-        Returns
-        -------
-        list of Packet
-            Without the last one if bytes follow it that are no whole packet, or if packets are
-            missing before it: nothing confirms it then.
-        """
+        """Return the last packets of a stream that has ended."""
         pending, self._pending = self._pending, None
         if pending is not None and not self._data and not pending.skipped:
             self._ready.append(pending)

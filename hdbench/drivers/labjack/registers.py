@@ -81,13 +81,7 @@ class Register:
         return 1 if self.kind == "u16" else 2
 
     def encode(self, value: float) -> bytes:
-        """Return the bytes of `value`.
-
-        Raises
-        ------
-        ValueError
-            If it does not fit the type.
-        """
+        """Return the bytes of `value`."""
         try:
             if self.kind == "f32":
                 return struct.pack(">f", value)
@@ -172,189 +166,62 @@ SESSION = (_rw("USER_RAM0_U32", 46100), _rw("USER_RAM1_U32", 46102))
 
 
 def analog_input(number: int) -> Register:
-    """Return AINn.
-
-    Parameters
-    ----------
-    number : int
-        n of AINn.
-
-    Returns
-    -------
-    Register
-        AINn, V.
-    """
+    """Return AINn."""
     return Register(f"AIN{number}", 2 * number, "f32")
 
 
 def analog_range(number: int) -> Register:
-    """Return AINn_RANGE.
-
-    Parameters
-    ----------
-    number : int
-        n of AINn.
-
-    Returns
-    -------
-    Register
-        AINn_RANGE, V.
-    """
+    """Return AINn_RANGE."""
     return _rw(f"AIN{number}_RANGE", 40000 + 2 * number, "f32")
 
 
 def negative_channel(number: int) -> Register:
-    """Return AINn_NEGATIVE_CH.
-
-    Parameters
-    ----------
-    number : int
-        n of AINn.
-
-    Returns
-    -------
-    Register
-        AINn_NEGATIVE_CH; 199 is single-ended.
-    """
+    """Return AINn_NEGATIVE_CH."""
     return _rw(f"AIN{number}_NEGATIVE_CH", 41000 + number, "u16")
 
 
 def dac(number: int) -> Register:
-    """Return DACn.
-
-    Parameters
-    ----------
-    number : int
-        0 or 1.
-
-    Returns
-    -------
-    Register
-        DACn, V.
-    """
+    """Return DACn."""
     return _rw(f"DAC{number}", 1000 + 2 * number, "f32")
 
 
 def tick_dac(number: int) -> Register:
-    """Return TDACn.
-
-    Parameters
-    ----------
-    number : int
-        Line of the LJTick-DAC's output: even for its A, odd for its B.
-
-    Returns
-    -------
-    Register
-        TDACn, V; it cannot be read.
-    """
+    """Return TDACn."""
     return _rw(f"TDAC{number}", 30000 + 2 * number, "f32")
 
 
 def digital_line(number: int) -> Register:
-    """Return DIOn.
-
-    Parameters
-    ----------
-    number : int
-        0 to 22.
-
-    Returns
-    -------
-    Register
-        DIOn; a write makes it an output, a read gives the level at the terminal.
-    """
+    """Return DIOn."""
     return _rw(f"DIO{number}", 2000 + number, "u16")
 
 
 def ef_enable(number: int) -> Register:
-    """Return DIOn_EF_ENABLE.
-
-    Parameters
-    ----------
-    number : int
-        Line.
-
-    Returns
-    -------
-    Register
-        DIOn_EF_ENABLE.
-    """
+    """Return DIOn_EF_ENABLE."""
     return _rw(f"DIO{number}_EF_ENABLE", 44000 + 2 * number)
 
 
 def ef_index(number: int) -> Register:
-    """Return DIOn_EF_INDEX.
-
-    Parameters
-    ----------
-    number : int
-        Line.
-
-    Returns
-    -------
-    Register
-        DIOn_EF_INDEX; 10 is quadrature.
-    """
+    """Return DIOn_EF_INDEX."""
     return _rw(f"DIO{number}_EF_INDEX", 44100 + 2 * number)
 
 
 def ef_count(number: int) -> Register:
-    """Return DIOn_EF_READ_A.
-
-    Parameters
-    ----------
-    number : int
-        Line.
-
-    Returns
-    -------
-    Register
-        DIOn_EF_READ_A: the count of a quadrature pair, two's complement.
-    """
+    """Return DIOn_EF_READ_A."""
     return Register(f"DIO{number}_EF_READ_A", 3000 + 2 * number, "i32")
 
 
 def scan_list(position: int) -> Register:
-    """Return STREAM_SCANLIST_ADDRESSi.
-
-    Parameters
-    ----------
-    position : int
-        0 to 127.
-
-    Returns
-    -------
-    Register
-        STREAM_SCANLIST_ADDRESSi.
-    """
+    """Return STREAM_SCANLIST_ADDRESSi."""
     return _rw(f"STREAM_SCANLIST_ADDRESS{position}", 4100 + 2 * position)
 
 
 def flash_words(count: int) -> tuple[Register, ...]:
-    """Return floats of the flash.
-
-    Parameters
-    ----------
-    count : int
-        How many.
-
-    Returns
-    -------
-    tuple of Register
-        32-bit floats from the flash pointer on.
-    """
+    """Return floats of the flash."""
     return tuple(Register("INTERNAL_FLASH_READ", FLASH_READ + 2 * n, "f32") for n in range(count))
 
 
 def user_name() -> tuple[Register, ...]:
-    """Return the registers of DEVICE_NAME_DEFAULT, two characters each.
-
-    Returns
-    -------
-    tuple of Register
-        Two characters each.
-    """
+    """Return the registers of DEVICE_NAME_DEFAULT, two characters each."""
     return tuple(
         Register("DEVICE_NAME_DEFAULT", DEVICE_NAME + n, "u16")
         for n in range(DEVICE_NAME_REGISTERS)

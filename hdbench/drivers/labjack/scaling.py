@@ -48,16 +48,7 @@ class InputScale:
     source: str
 
     def volts(self, words: NDArray[np.uint16]) -> FloatArray:
-        """Return the volts of streamed words.
-
-        Parameters
-        ----------
-        words : ndarray of uint16
-
-        Returns
-        -------
-        ndarray of float64
-        """
+        """Return the volts of streamed words."""
         from_center = words.astype(np.float64) - self.center
         slope = np.where(from_center >= 0.0, self.positive_v, -self.negative_v)
         volts: FloatArray = from_center * slope
@@ -66,19 +57,6 @@ class InputScale:
 
 def nominal_scale(model: str, number: int, range_v: float) -> InputScale:
     """Return the scale of an uncalibrated device.
-
-    Parameters
-    ----------
-    model : str
-        ``T7`` or ``T4``.
-    number : int
-        AIN.
-    range_v : float
-        Input range +-, V.
-
-    Returns
-    -------
-    InputScale
 
     Notes
     -----
@@ -96,22 +74,6 @@ def scale_from_flash(
     model: str, words: Sequence[float], number: int, range_v: float
 ) -> InputScale | None:
     """Return the scale that the device's flash gives; None where that cannot be one.
-
-    Parameters
-    ----------
-    model : str
-        ``T7`` or ``T4``.
-    words : sequence of float
-        The `FLASH_WORDS` floats from `FLASH_ADDRESS`.
-    number : int
-        AIN.
-    range_v : float
-        Input range +-, V.
-
-    Returns
-    -------
-    InputScale or None
-        None if a slope is further than 5 % from its nominal value.
 
     Notes
     -----

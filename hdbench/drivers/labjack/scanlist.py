@@ -83,16 +83,7 @@ class ScanPlan:
         return ScanLayout(len(self.addresses), self.timer, period_s * CORE_TIMER_HZ)
 
     def decode(self, words: NDArray[np.uint16]) -> Decoded:
-        """Return scans in units.
-
-        Parameters
-        ----------
-        words : ndarray of uint16, shape (n, entries)
-
-        Returns
-        -------
-        Decoded
-        """
+        """Return scans in units."""
         values = np.empty((len(words), len(self.columns)))
         saturated = np.zeros(values.shape, dtype=bool)
         for column, (at, channel, scale) in enumerate(self.columns):
@@ -116,33 +107,12 @@ class ScanPlan:
 
 
 def input_number(channel: LabJackChannel) -> int:
-    """Return n of AINn.
-
-    Parameters
-    ----------
-    channel : LabJackChannel
-        An analog one.
-
-    Returns
-    -------
-    int
-    """
+    """Return n of AINn."""
     return int(channel.input.removeprefix("AIN"))
 
 
 def quadrature_lines(model: str) -> tuple[int, int]:
-    """Return the lines of the encoder.
-
-    Parameters
-    ----------
-    model : str
-        ``T7`` or ``T4``.
-
-    Returns
-    -------
-    tuple of int
-        DIO numbers; the count stands at the first.
-    """
+    """Return the lines of the encoder."""
     return _PAIRS[model]
 
 
@@ -151,23 +121,7 @@ def plan_scan(
     roles: tuple[Role, ...],
     scales: Mapping[Role, InputScale],
 ) -> ScanPlan:
-    """Return the scan list for `roles`.
-
-    Parameters
-    ----------
-    table : LabJackAcquisition
-        The profile's table, checked.
-    roles : tuple of Role
-        Wanted, in this order.
-    scales : mapping of Role to InputScale
-        Scale of every analog channel of the table.
-
-    Returns
-    -------
-    ScanPlan
-        Analog inputs first (the first of them marks a joint after a full buffer), then the
-        encoder's two words, the enable line, and the core timer.
-    """
+    """Return the scan list for `roles`."""
     channels = {channel.role: channel for channel in table.channels}
     analog = [role for role in roles if channels[role].input != QUADRATURE]
     if not analog:

@@ -95,13 +95,7 @@ class ScanAssembler:
         return self._index
 
     def take(self, packet: Packet) -> list[Run]:
-        """Return the runs of scans in a packet.
-
-        Raises
-        ------
-        StreamFault
-            If the packet does not fit what came before, or its status ends the stream.
-        """
+        """Return the runs of scans in a packet."""
         scans, rest = divmod(len(packet.samples), self._layout.n_entries)
         if rest and packet.status == Status.OK:
             raise StreamFault(f"{len(packet.samples)} samples are no whole scans")

@@ -47,15 +47,7 @@ class Session:
         self._thread: threading.Thread | None = None
 
     def claim(self) -> bool:
-        """Take the bench; return whether a dead host had it before.
-
-        Raises
-        ------
-        BusyError
-            If a living host has it, or takes it at the same moment.
-        DeviceError
-            If the device does not answer.
-        """
+        """Take the bench; return whether a dead host had it before."""
         if self._thread is not None:
             return False
         found = self._control.read(*SESSION)

@@ -53,18 +53,7 @@ class StreamSetup:
 
 
 def stop_stream(control: Control) -> None:
-    """Stop a stream, one that a dead host has left included.
-
-    Parameters
-    ----------
-    control : Control
-        The device.
-
-    Raises
-    ------
-    DeviceError
-        If the device does not answer or the stream goes on.
-    """
+    """Stop a stream, one that a dead host has left included."""
     try:
         control.feedback(((STREAM_ENABLE, 0),), repeatable=True)
     except Refused as refused:
@@ -79,20 +68,7 @@ def stop_stream(control: Control) -> None:
 
 
 def set_up_inputs(control: Control, table: LabJackAcquisition) -> None:
-    """Set ranges, negative sides and the encoder's counter, only where they differ.
-
-    Parameters
-    ----------
-    control : Control
-        The device, no stream running.
-    table : LabJackAcquisition
-        The profile's table.
-
-    Raises
-    ------
-    DeviceError
-        If one of them reads back otherwise.
-    """
+    """Set ranges, negative sides and the encoder's counter, only where they differ."""
     analog = [channel for channel in table.channels if channel.input != QUADRATURE]
     # a T4 has neither ranges nor negative sides
     for channel in analog if table.model == "T7" else ():
@@ -121,29 +97,7 @@ def _set_up_counter(control: Control, model: str) -> None:
 def set_up_stream(
     control: Control, plan: ScanPlan, sample_period_s: float, *, stop_when_full: bool | None
 ) -> StreamSetup:
-    """Write the stream's settings and return what they read back as.
-
-    Parameters
-    ----------
-    control : Control
-        The device, no stream running.
-    plan : ScanPlan
-        The scan list.
-    sample_period_s : float
-        Wanted, s.
-    stop_when_full : bool or None
-        Whether a full buffer ends the stream; otherwise it goes on with a counted gap. None where
-        the device has no choice: a T4 always goes on.
-
-    Returns
-    -------
-    StreamSetup
-
-    Raises
-    ------
-    DeviceError
-        If a setting reads back otherwise, or the device's clock has no such period.
-    """
+    """Write the stream's settings and return what they read back as."""
     entries = len(plan.addresses)
     scans = max(1, min(round(_PACKET_S / sample_period_s), _MAX_SAMPLES // entries))
     wanted = (1.0 / sample_period_s, entries, scans * entries, 0.0, 0, BUFFER_SIZE)
@@ -163,22 +117,7 @@ def set_up_stream(
 
 
 def check_rate(where: str, rate_hz: float, sample_period_s: float) -> None:
-    """Refuse a scan rate that is not the one asked for.
-
-    Parameters
-    ----------
-    where : str
-        The device, for the message.
-    rate_hz : float
-        As read back.
-    sample_period_s : float
-        Asked for, s.
-
-    Raises
-    ------
-    DeviceError
-        If it is further off than the device's clock grain explains.
-    """
+    """Refuse a scan rate that is not the one asked for."""
     if not abs(rate_hz * sample_period_s - 1.0) <= _RATE_TOLERANCE:
         raise DeviceError(
             f"the device scans at {rate_hz:.6g} Hz; asked for {1.0 / sample_period_s:.6g} Hz",

@@ -26,21 +26,7 @@ _ZERO_V = 0.02
 
 
 def stop_target(profile: ProfileData, table: LabJackAcquisition) -> Target | None:
-    """Return how a LabJack stops the motor.
-
-    Parameters
-    ----------
-    profile : ProfileData
-        The bench, for the tacho's scale.
-    table : LabJackAcquisition
-        ``[daq]``, or one part of a composite, with the address of a device.
-
-    Returns
-    -------
-    Target or None
-        Reference 0 V, stream off, tacho read; then the enable line off, its level read. None
-        without an output.
-    """
+    """Return how a LabJack stops the motor."""
     output = table.output
     if output is None:
         return None

@@ -85,18 +85,7 @@ class Stream:
         return sum(len(run.words) for run in self._runs)
 
     def read(self, timeout_s: float) -> Run | None:
-        """Return the next run of scans, or None when none has come in time.
-
-        Parameters
-        ----------
-        timeout_s : float
-            Longest wait, s, above 0.
-
-        Raises
-        ------
-        DeviceError
-            If the stream broke, ended, or is not the one that was set up.
-        """
+        """Return the next run of scans, or None when none has come in time."""
         if not self._runs and self._end is None:
             self._receive(timeout_s)
         if self._runs:

@@ -18,22 +18,7 @@ _ENABLE = WATCHDOG[0]
 
 
 def watchdog_settings(output: LabJackOutput, time_s: float) -> dict[str, float]:
-    """Return the watchdog's registers by name.
-
-    Parameters
-    ----------
-    output : LabJackOutput
-        Reference and enable line.
-    time_s : float
-        Host silence after which it acts, s; rounded up to whole seconds.
-
-    Returns
-    -------
-    dict of str to float
-        On its time it drives the enable line to "off" and, where the reference is a DAC of the
-        device itself, that DAC to 0 V. It never restarts the device: a restart would release the
-        line. Any other line is left alone.
-    """
+    """Return the watchdog's registers by name."""
     bit = 1 << output.enable_line
     values: dict[str, float] = {
         "ENABLE": 1,
@@ -82,23 +67,7 @@ class Watchdog:
         return {register.name: value for register, value in zip(WATCHDOG, values, strict=True)}
 
     def arm(self, time_s: float) -> float:
-        """Bring it to the wanted settings, writing flash only where they differ, and feed it.
-
-        Parameters
-        ----------
-        time_s : float
-            Host silence after which it acts, s.
-
-        Returns
-        -------
-        float
-            Its time as read back, s.
-
-        Raises
-        ------
-        DeviceError
-            If it reads back otherwise.
-        """
+        """Bring it to the wanted settings, writing flash only where they differ, and feed it."""
         wanted = watchdog_settings(self._output, time_s)
         found = self.read()
         if found != wanted:

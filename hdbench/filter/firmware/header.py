@@ -23,38 +23,12 @@ _PARTS = ("HDB_RIPPLE", "HDB_MISALIGNMENT", "HDB_SLOW")
 
 
 def real(value: float) -> str:
-    """Return a number as C source, exact in both builds.
-
-    Parameters
-    ----------
-    value : float
-        The number; NaN becomes ``NAN``.
-
-    Returns
-    -------
-    str
-        Seventeen digits, cast to the build's type.
-    """
+    """Return a number as C source, exact in both builds."""
     return "(hdb_real)NAN" if value != value else f"(hdb_real){value:.17g}"
 
 
 def model_header(space: StateSpace, *, sample_period_s: float, provenance: Iterable[str]) -> str:
-    """Return the header that fixes a model at compile time.
-
-    Parameters
-    ----------
-    space : StateSpace
-        The model.
-    sample_period_s : float
-        Period that the example uses, s.
-    provenance : iterable of str
-        Lines that say where the numbers are from; shown in the header.
-
-    Returns
-    -------
-    str
-        C99 source.
-    """
+    """Return the header that fixes a model at compile time."""
     packed = pack(space).tolist()
     blocks = [packed[at : at + BLOCK] for at in range(MODEL_HEADER, len(packed), BLOCK)]
     oscillators, slow = int(packed[0]), int(packed[1])

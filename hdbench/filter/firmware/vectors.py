@@ -18,20 +18,7 @@ _TOLERANCE_NM = 1e-3  # a float carries 24 bits; the acceptance of ten minutes a
 
 
 def check_samples(n: int, sample_period_s: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return samples: start from rest, reversal, standstill, missing samples, a spike.
-
-    Parameters
-    ----------
-    n : int
-        Number of samples.
-    sample_period_s : float
-        Period, s.
-
-    Returns
-    -------
-    time_s, velocity_rad_s, torque_nm : ndarray, shape (n,)
-        Each a number that a float holds exactly but for the time; torque NaN where it is missing.
-    """
+    """Return samples: start from rest, reversal, standstill, missing samples, a spike."""
     time = np.arange(n, dtype=np.float64) * float(np.float32(sample_period_s))
     share = np.arange(n) / n
     velocity = 156.0 * np.sin(2.0 * np.pi * 1.5 * share)
@@ -50,16 +37,6 @@ def check_samples(n: int, sample_period_s: float) -> tuple[FloatArray, FloatArra
 def unresolved_tolerance_nm(space: StateSpace) -> float:
     r"""Return how far a float may be off while it still finds out what the torque is made of.
 
-    Parameters
-    ----------
-    space : StateSpace
-        The model.
-
-    Returns
-    -------
-    float
-        N m.
-
     Notes
     -----
     A float rounds the variance :math:`P_0` known before the data by :math:`2^{-24} P_0` in each of
@@ -73,20 +50,7 @@ def unresolved_tolerance_nm(space: StateSpace) -> float:
 
 
 def vector_header(space: StateSpace, sample_period_s: float) -> str:
-    """Return the header with test vectors of a model.
-
-    Parameters
-    ----------
-    space : StateSpace
-        The model.
-    sample_period_s : float
-        Period, s.
-
-    Returns
-    -------
-    str
-        C99 source: velocity, torque and the filtered torque that the host's filter answers.
-    """
+    """Return the header with test vectors of a model."""
     time, velocity, torque = check_samples(_SAMPLES, sample_period_s)
     answer = run(space, new_state(space), time, velocity, torque)
     lines = [

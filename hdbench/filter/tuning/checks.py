@@ -81,18 +81,7 @@ class Consistency:
 
 
 def nis_band(samples: int) -> tuple[float, float]:
-    """Return the 95 % band of the mean of `samples` squared standard normal variables.
-
-    Parameters
-    ----------
-    samples : int
-        How many, >= 1.
-
-    Returns
-    -------
-    tuple of float
-        2.5 % and 97.5 % points of chi-square over its degrees of freedom.
-    """
+    """Return the 95 % band of the mean of `samples` squared standard normal variables."""
     from scipy.special import gammaincinv
 
     half = 0.5 * samples
@@ -101,20 +90,6 @@ def nis_band(samples: int) -> tuple[float, float]:
 
 def ljung_box(normalised: FloatArray, lags: int) -> tuple[float, float, FloatArray]:
     """Test normalised innovations for whiteness.
-
-    Parameters
-    ----------
-    normalised : ndarray, shape (n,)
-        Innovations over their standard deviation, n > `lags`; NaN breaks a product.
-    lags : int
-        Number of lags, >= 1.
-
-    Returns
-    -------
-    statistic, p_value : float
-        Q and the probability of a larger one from chi-square with `lags` degrees of freedom.
-    correlation : ndarray, shape (lags,)
-        Autocorrelations.
 
     References
     ----------

@@ -64,18 +64,7 @@ class Motion:
 
 
 def check_records(records: Sequence[Channels]) -> None:
-    """Refuse traces that no noise can be estimated from.
-
-    Parameters
-    ----------
-    records : sequence of Channels
-        The traces.
-
-    Raises
-    ------
-    DataError
-        If there is none, or one has too few samples with torque and velocity.
-    """
+    """Refuse traces that no noise can be estimated from."""
     if not records:
         raise DataError("found no trace", where="tune", fix="name at least one trace or run")
     for record in records:
@@ -94,18 +83,7 @@ def _usable(record: Channels) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
 
 
 def describe_motion(records: Sequence[Channels]) -> Motion:
-    """Return what the traces' motion can tell.
-
-    Parameters
-    ----------
-    records : sequence of Channels
-        The traces, as `check_records` passed them.
-
-    Returns
-    -------
-    Motion
-        The facts.
-    """
+    """Return what the traces' motion can tell."""
     samples, duration, turned, periods = 0, 0.0, 0.0, []
     speeds, torques = [], []
     for record in records:
@@ -137,23 +115,7 @@ def describe_motion(records: Sequence[Channels]) -> Motion:
 
 
 def noise_guess_nm2(records: Sequence[Channels]) -> float:
-    """Return a first guess of the measurement noise, from third differences of the torque.
-
-    Parameters
-    ----------
-    records : sequence of Channels
-        The traces.
-
-    Returns
-    -------
-    float
-        (N m)^2, > 0: white noise of variance R gives third differences of variance 20 R.
-
-    Raises
-    ------
-    DataError
-        If the torque holds no noise at all, so that no likelihood exists.
-    """
+    """Return a first guess of the measurement noise, from third differences of the torque."""
     guesses = []
     for record in records:
         third = np.diff(record.torque_nm, 3)
@@ -175,20 +137,7 @@ _STUCK = 20  # equal samples in a row; with noise of a step or more chance gives
 
 
 def stuck_after(records: Sequence[Channels], noise_nm2: float) -> int | None:
-    """Return from how many equal samples in a row on a converter is stuck.
-
-    Parameters
-    ----------
-    records : sequence of Channels
-        The traces.
-    noise_nm2 : float
-        Measurement noise, (N m)^2.
-
-    Returns
-    -------
-    int or None
-        None where the noise is below the steps of the torque, so that equal samples are common.
-    """
+    """Return from how many equal samples in a row on a converter is stuck."""
     steps = np.concatenate([np.abs(np.diff(record.torque_nm)) for record in records])
     steps = steps[np.isfinite(steps) & (steps > 0.0)]
     if not steps.size or not math.sqrt(noise_nm2) >= float(np.min(steps)):
@@ -200,18 +149,7 @@ _PREVIEW_SAMPLES = 12_000  # a dozen seconds at 1 kHz: an output turn, and slow 
 
 
 def preview(record: Channels) -> Channels:
-    """Return a middle part of a trace, enough to come near the most likely point.
-
-    Parameters
-    ----------
-    record : Channels
-        The trace.
-
-    Returns
-    -------
-    Channels
-        At most 12 000 samples.
-    """
+    """Return a middle part of a trace, enough to come near the most likely point."""
     n = record.time_s.size
     if n <= _PREVIEW_SAMPLES:
         return record

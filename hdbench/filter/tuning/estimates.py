@@ -26,20 +26,6 @@ def estimate_all(
 ) -> tuple[Estimate, ...]:
     """Return every tuned number with its standard error.
 
-    Parameters
-    ----------
-    problem : Problem
-        What was varied.
-    logs : ndarray
-        The most likely point.
-    records : sequence of Channels
-        The traces.
-
-    Returns
-    -------
-    tuple of Estimate
-        The measurement noise, then the problem's parameters.
-
     Notes
     -----
     The standard error of a logarithm is the root of the inverse observed information over the

@@ -16,20 +16,7 @@ __all__ = ["finished", "scaled"]
 
 
 def scaled(relative: FilterModel, noise_nm2: float) -> FilterModel:
-    """Return a model of measurement noise 1 in absolute units.
-
-    Parameters
-    ----------
-    relative : FilterModel
-        Noise and priors relative to the measurement noise.
-    noise_nm2 : float
-        The measurement noise, (N m)^2, > 0.
-
-    Returns
-    -------
-    FilterModel
-        The same filter in N m.
-    """
+    """Return a model of measurement noise 1 in absolute units."""
     scale = math.sqrt(noise_nm2)
     prior, slow_prior = relative.order_prior_std_nm, relative.slow_prior_std_nm
     return replace(
@@ -59,26 +46,7 @@ def finished(
     records: Sequence[Channels],
     origins: Mapping[str, str],
 ) -> FilterModel:
-    """Return the model with its stated priors, gate and provenance.
-
-    Parameters
-    ----------
-    model : FilterModel
-        The tuned model, in N m.
-    base : FilterModel
-        What it was made of.
-    settings : TuningSettings
-        Priors and gate.
-    records : sequence of Channels
-        The traces.
-    origins : mapping of str to str
-        Further provenance.
-
-    Returns
-    -------
-    FilterModel
-        What is stored.
-    """
+    """Return the model with its stated priors, gate and provenance."""
     names = ", ".join(record.source for record in records)
     span = float(np.sum([record.time_s[-1] - record.time_s[0] for record in records]))
     return replace(

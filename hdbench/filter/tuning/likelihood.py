@@ -36,18 +36,6 @@ class Score:
 def score(model: FilterModel, records: Sequence[Channels]) -> Score:
     r"""Score a model of measurement noise 1 on traces.
 
-    Parameters
-    ----------
-    model : FilterModel
-        Measurement noise 1; other noise and priors relative to it; no gate.
-    records : sequence of Channels
-        The traces; each starts at the prior.
-
-    Returns
-    -------
-    Score
-        Likelihood, and the noise it is concentrated at.
-
     Notes
     -----
     With innovations e and variances S of the relative model over n samples of all traces,

@@ -21,18 +21,6 @@ _WHITE = 0.1  # an autocorrelation of which 1 % of the innovations' variance cou
 def refusal(model: FilterModel, motion: Motion) -> str | None:
     """Return why a slow torque is not eligible, or None.
 
-    Parameters
-    ----------
-    model : FilterModel
-        A fitted model.
-    motion : Motion
-        The traces' motion.
-
-    Returns
-    -------
-    str or None
-        The reason in one line.
-
     Notes
     -----
     At constant speed a resonance near the frequency of an order is that order under another name:
@@ -61,26 +49,7 @@ def notes_on(
     settings: TuningSettings,
     consistency: Consistency,
 ) -> tuple[str, ...]:
-    """Return what the data cannot determine, one line each.
-
-    Parameters
-    ----------
-    model : FilterModel
-        The tuned model.
-    motion : Motion
-        The traces' motion.
-    estimates : sequence of Estimate
-        The tuned numbers.
-    settings : TuningSettings
-        What was asked.
-    consistency : Consistency
-        The innovations of the tuned model.
-
-    Returns
-    -------
-    tuple of str
-        Lines for a person.
-    """
+    """Return what the data cannot determine, one line each."""
     notes = [*_motion_notes(model, motion), *map(_estimate_note, estimates)]
     if settings.slow in ("random-walk", "integrated-random-walk"):
         notes.append(

@@ -26,18 +26,6 @@ _NOTCH = 1.25  # within this factor of a block's frequency the torque is what it
 def slow_density(block: SlowBlock, frequency_hz: float) -> float:
     r"""Return the two-sided power spectral density of a slow torque.
 
-    Parameters
-    ----------
-    block : SlowBlock
-        The block.
-    frequency_hz : float
-        Frequency, Hz, > 0.
-
-    Returns
-    -------
-    float
-        (N m)^2 s: white noise of variance R per sample has R times the sampling period.
-
     Notes
     -----
     With :math:`\omega = 2\pi f`: random walk :math:`q/\omega^2`, integrated :math:`q/\omega^4`,
@@ -62,18 +50,6 @@ def slow_density(block: SlowBlock, frequency_hz: float) -> float:
 def with_moving_offset(model: FilterModel, motion: Motion) -> FilterModel:
     r"""Let the offset move as far as it cannot be taken for the slowest order.
 
-    Parameters
-    ----------
-    model : FilterModel
-        The tuned model, in N m, whose first slow block is the offset, a random walk.
-    motion : Motion
-        The traces' motion.
-
-    Returns
-    -------
-    FilterModel
-        With more noise in the offset where the slow torque is large.
-
     Notes
     -----
     At standstill misalignment and a constant torque look alike, and a change of load is shared out
@@ -96,22 +72,6 @@ def forget_beyond_the_data(
     model: FilterModel, estimates: Sequence[Estimate], motion: Motion
 ) -> tuple[FilterModel, tuple[Estimate, ...]]:
     """Raise process noise that the data do not determine until memory is as long as the data.
-
-    Parameters
-    ----------
-    model : FilterModel
-        The tuned model, in N m.
-    estimates : sequence of Estimate
-        Measurement noise, then the process noise of every block in the model's order, then others.
-    motion : Motion
-        The traces' motion.
-
-    Returns
-    -------
-    model : FilterModel
-        The same model, or with more process noise in blocks without a peak of the likelihood.
-    estimates : tuple of Estimate
-        With the values that the model now has, and `held` where they were raised.
 
     Notes
     -----
@@ -149,22 +109,6 @@ def leave_the_torque(
     model: FilterModel, estimates: Sequence[Estimate], motion: Motion
 ) -> tuple[FilterModel, tuple[Estimate, ...]]:
     """Lower process noise at orders of the output until they leave the torque alone.
-
-    Parameters
-    ----------
-    model : FilterModel
-        The tuned model, in N m.
-    estimates : sequence of Estimate
-        Measurement noise, then the process noise of every block in the model's order, then others.
-    motion : Motion
-        The traces' motion.
-
-    Returns
-    -------
-    model : FilterModel
-        The same model, or with less process noise in blocks of the output's orders.
-    estimates : tuple of Estimate
-        With the values that the model now has, and `lowered` where they are less than likely.
 
     Notes
     -----

@@ -22,22 +22,6 @@ def without_outliers(
 ) -> tuple[list[Channels], int]:
     """Return the traces with the torque of outliers missing.
 
-    Parameters
-    ----------
-    model : FilterModel
-        A model tuned with the outliers in; its noise is if anything too large.
-    records : sequence of Channels
-        The traces.
-    gate_sigma : float
-        Samples beyond so many standard deviations of their innovation are outliers.
-
-    Returns
-    -------
-    records : list of Channels
-        The traces; unchanged ones are the same objects.
-    outliers : int
-        How many samples were left out.
-
     Notes
     -----
     The set is fixed before the likelihood is maximised again: a gate inside of the likelihood

@@ -72,18 +72,7 @@ class Problem:
     parameters: tuple[Parameter, ...]
 
     def model(self, logs: Sequence[float] | FloatArray) -> FilterModel:
-        """Return the model at a point, at measurement noise 1.
-
-        Parameters
-        ----------
-        logs : sequence of float
-            One logarithm per parameter.
-
-        Returns
-        -------
-        FilterModel
-            The model.
-        """
+        """Return the model at a point, at measurement noise 1."""
         blocks, slow = list(self.base.blocks), list(self.base.slow)
         changes: dict[tuple[Target, int], dict[str, float]] = {}
         for parameter, value in zip(self.parameters, logs, strict=True):
@@ -97,13 +86,7 @@ class Problem:
         return replace(self.base, blocks=tuple(blocks), slow=tuple(slow))
 
     def starts(self) -> list[list[float]]:
-        """Return the points that the search starts from.
-
-        Returns
-        -------
-        list of list of float
-            The k-th start of every parameter, or its last one.
-        """
+        """Return the points that the search starts from."""
         count = max((len(p.starts) for p in self.parameters), default=1)
         return [
             [p.starts[min(k, len(p.starts) - 1)] for p in self.parameters] for k in range(count)
@@ -122,24 +105,7 @@ def _slow_with(block: SlowBlock, numbers: dict[str, float]) -> SlowBlock:
 def build_problem(
     base: FilterModel, kind: SlowKind | None, motion: Motion, noise_nm2: float
 ) -> Problem:
-    """Return what is varied for one kind of slow torque.
-
-    Parameters
-    ----------
-    base : FilterModel
-        Orders and fixed slow blocks, measurement noise 1, priors in units of it.
-    kind : str or None
-        Kind of the slow block that is added and varied; None adds none.
-    motion : Motion
-        Sets starts and bounds.
-    noise_nm2 : float
-        First guess of the measurement noise, (N m)^2.
-
-    Returns
-    -------
-    Problem
-        Base and parameters.
-    """
+    """Return what is varied for one kind of slow torque."""
     excess = max(motion.torque_variance_nm2 / noise_nm2, 1.0)
     parameters = [_order_parameter(i, block, motion, excess) for i, block in enumerate(base.blocks)]
     if kind is None:

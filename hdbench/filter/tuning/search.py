@@ -73,22 +73,6 @@ def maximise(
 ) -> Optimum:
     """Search the most likely point by L-BFGS-B from every start.
 
-    Parameters
-    ----------
-    problem : Problem
-        Starts and bounds.
-    value : callable
-        Log-likelihood of a point, nats.
-    preview : callable
-        The same on a part of the data: the first stretch climbs on it.
-    max_evaluations : int
-        Most evaluations per start.
-
-    Returns
-    -------
-    Optimum
-        The best point, and how each start ended.
-
     Notes
     -----
     The slope is a forward difference of 1e-4 in the logarithm. After a first stretch every
@@ -197,20 +181,7 @@ def _free_slope(
 
 
 def sharpness(logs: FloatArray, value: LogLikelihood) -> FloatArray:
-    """Return minus the second derivative of the log-likelihood along each logarithm.
-
-    Parameters
-    ----------
-    logs : ndarray, shape (p,)
-        The point.
-    value : callable
-        Log-likelihood of a point, nats.
-
-    Returns
-    -------
-    ndarray, shape (p,)
-        At least 0.
-    """
+    """Return minus the second derivative of the log-likelihood along each logarithm."""
     here, found = value(logs), np.empty(logs.size)
     for i in range(logs.size):
         up, down = logs.copy(), logs.copy()
@@ -221,21 +192,7 @@ def sharpness(logs: FloatArray, value: LogLikelihood) -> FloatArray:
 
 
 def curvature(logs: FloatArray, value: LogLikelihood) -> FloatArray:
-    """Return minus the matrix of second derivatives of the log-likelihood.
-
-    Parameters
-    ----------
-    logs : ndarray, shape (p,)
-        The point.
-    value : callable
-        Log-likelihood of a point, nats.
-
-    Returns
-    -------
-    ndarray, shape (p, p)
-        Observed information about the logarithms, nats; central differences over a third of
-        each one's standard error, at most a tenth.
-    """
+    """Return minus the matrix of second derivatives of the log-likelihood."""
     p = logs.size
     steps = np.minimum(0.3 / np.sqrt(np.maximum(sharpness(logs, value), 1e-12)), 0.1)
     here, information = value(logs), np.empty((p, p))

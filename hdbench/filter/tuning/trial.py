@@ -26,18 +26,7 @@ _WALKS = ("none", "random-walk", "integrated-random-walk")
 
 
 def kinds_of(settings: TuningSettings) -> tuple[SlowKind | None, ...]:
-    """Return the kinds of slow torque that are tried.
-
-    Parameters
-    ----------
-    settings : TuningSettings
-        What is asked.
-
-    Returns
-    -------
-    tuple of str or None
-        None stands for no slow torque but the offset.
-    """
+    """Return the kinds of slow torque that are tried."""
     if settings.slow == "auto":
         return _AUTO
     return (None,) if settings.slow == "none" else (settings.slow,)
@@ -68,56 +57,15 @@ class Trial:
     def of(
         cls, base: FilterModel, settings: TuningSettings, motion: Motion, noise_nm2: float
     ) -> Trial:
-        """Prepare a model: noise per angle, priors relative, the offset.
-
-        Parameters
-        ----------
-        base : FilterModel
-            Gives the orders.
-        settings : TuningSettings
-            What is asked.
-        motion : Motion
-            The traces' motion.
-        noise_nm2 : float
-            First guess of the measurement noise, (N m)^2.
-
-        Returns
-        -------
-        Trial
-            Ready to be tried.
-        """
+        """Prepare a model: noise per angle, priors relative, the offset."""
         return cls(_prepared(base, settings, motion, noise_nm2), settings, motion, noise_nm2)
 
     def problem(self, kind: SlowKind | None) -> Problem:
-        """Return what is varied for one kind of slow torque.
-
-        Parameters
-        ----------
-        kind : str or None
-            The kind.
-
-        Returns
-        -------
-        Problem
-            Base and parameters.
-        """
+        """Return what is varied for one kind of slow torque."""
         return build_problem(self.start, kind, self.motion, self.noise_nm2)
 
     def attempt(self, kind: SlowKind | None, records: Sequence[Channels]) -> CandidateResult:
-        """Search the most likely point for one kind of slow torque.
-
-        Parameters
-        ----------
-        kind : str or None
-            The kind.
-        records : sequence of Channels
-            The traces.
-
-        Returns
-        -------
-        CandidateResult
-            Its likelihood, and whether it is eligible.
-        """
+        """Search the most likely point for one kind of slow torque."""
         problem, part = self.problem(kind), [preview(record) for record in records]
 
         def value(logs: FloatArray) -> float:
@@ -141,22 +89,7 @@ class Trial:
     def model(
         self, kind: SlowKind | None, logs: FloatArray, records: Sequence[Channels]
     ) -> FilterModel:
-        """Return the model of a point in absolute units, without a gate.
-
-        Parameters
-        ----------
-        kind : str or None
-            The kind of slow torque.
-        logs : ndarray
-            The point.
-        records : sequence of Channels
-            The traces that its measurement noise is taken from.
-
-        Returns
-        -------
-        FilterModel
-            In N m.
-        """
+        """Return the model of a point in absolute units, without a gate."""
         relative = self.problem(kind).model(logs)
         return scaled(relative, score(relative, records).noise_nm2)
 

@@ -44,28 +44,7 @@ class Dimension:
 
 
 def check_film(shapes: Shapes, request: FilmRequest, name: str) -> tuple[Dimension, ...]:
-    """Measure a film and refuse it where a size is off.
-
-    Parameters
-    ----------
-    shapes : Shapes
-        What the file holds.
-    request : FilmRequest
-        What was asked for.
-    name : str
-        Name of the file, for messages.
-
-    Returns
-    -------
-    tuple of Dimension
-        Every size measured: sheet, rings, bars, targets; place, size and turn of every pad and
-        grid. An angle is given as the length that it makes at the rosette's radius.
-
-    Raises
-    ------
-    HdbenchError
-        If one of them is off by more than 0.01 mm; the exit code is that of a bug.
-    """
+    """Measure a film and refuse it where a size is off."""
     measured = tuple(_measure(shapes, request))
     wrong = [d for d in measured if not abs(d.error_mm) <= TOLERANCE_MM]
     if wrong:

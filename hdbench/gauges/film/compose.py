@@ -16,18 +16,7 @@ Stroke = Line | Circle | Outline
 
 
 def compose(request: FilmRequest) -> Drawing:
-    """Return the drawing of a film.
-
-    Parameters
-    ----------
-    request : FilmRequest
-        What to show.
-
-    Returns
-    -------
-    Drawing
-        At 1:1. The index mark is at the top; angles go counter-clockwise, clockwise with `mirror`.
-    """
+    """Return the drawing of a film."""
     width, height = SHEETS[request.sheet]
     strokes: list[Stroke] = [*_rings(request), *_degree_scale(request), *_targets(request)]
     texts: list[Text] = [*_degree_labels(request)]

@@ -106,24 +106,7 @@ class Drawing:
 
 
 def along(centre: Point, angle_rad: float, distance_mm: float, aside_mm: float = 0.0) -> Point:
-    """Return a point seen from a centre.
-
-    Parameters
-    ----------
-    centre : tuple of float
-        From where, mm.
-    angle_rad : float
-        Direction, rad, counter-clockwise from the x axis.
-    distance_mm : float
-        How far in that direction, mm.
-    aside_mm : float
-        How far to the left of it, mm.
-
-    Returns
-    -------
-    tuple of float
-        The point, mm.
-    """
+    """Return a point seen from a centre."""
     cosine, sine = math.cos(angle_rad), math.sin(angle_rad)
     return (
         centre[0] + distance_mm * cosine - aside_mm * sine,

@@ -16,19 +16,7 @@ _POINT_PER_MM = 72.0 / 25.4
 
 
 def drawing_as_pdf(drawing: Drawing) -> bytes:
-    """Return a drawing as PDF, vectors only.
-
-    Parameters
-    ----------
-    drawing : Drawing
-        What to draw, mm.
-
-    Returns
-    -------
-    bytes
-        One page at 1:1. It asks the print dialogue for no scaling, and the same drawing always
-        gives the same bytes.
-    """
+    """Return a drawing as PDF, vectors only."""
     from reportlab.pdfgen.canvas import Canvas
 
     buffer = io.BytesIO()

@@ -52,22 +52,7 @@ def _wrong(what: str) -> HdbenchError:
 
 
 def read_svg(content: bytes) -> Shapes:
-    """Read the shapes of an SVG in millimetres.
-
-    Parameters
-    ----------
-    content : bytes
-        The file.
-
-    Returns
-    -------
-    Shapes
-
-    Raises
-    ------
-    HdbenchError
-        If its size is not in millimetres or its user unit is not 1 mm.
-    """
+    """Read the shapes of an SVG in millimetres."""
     root = ElementTree.fromstring(content)
     sizes = [_LENGTH.fullmatch(root.get(name, "")) for name in ("width", "height")]
     if not all(sizes):
@@ -156,24 +141,7 @@ def _mean(points: Sequence[Point]) -> Point:
 
 
 def read_pdf(content: bytes) -> Shapes:
-    """Read the shapes of a one-page PDF.
-
-    Parameters
-    ----------
-    content : bytes
-        The file.
-
-    Returns
-    -------
-    Shapes
-        A circle is a path of four curves; its radius is that of the points between them.
-
-    Raises
-    ------
-    HdbenchError
-        If it has another number of pages, is scaled by a user unit, or holds a path of another
-        kind.
-    """
+    """Read the shapes of a one-page PDF."""
     from pypdf import PdfReader
     from pypdf.generic import ContentStream
 

@@ -12,18 +12,7 @@ _MM_PER_POINT = 25.4 / 72.0
 
 
 def drawing_as_svg(drawing: Drawing) -> bytes:
-    """Return a drawing as SVG whose user unit is 1 mm.
-
-    Parameters
-    ----------
-    drawing : Drawing
-        What to draw, mm.
-
-    Returns
-    -------
-    bytes
-        UTF-8 text; black on white, so that a dark viewer shows the lines too.
-    """
+    """Return a drawing as SVG whose user unit is 1 mm."""
     width, height = _size(drawing.width_mm), _size(drawing.height_mm)
     root = ElementTree.Element(
         "svg",

@@ -8,34 +8,13 @@ __all__ = ["small_print", "title"]
 
 
 def title(request: FilmRequest) -> str:
-    """Return the head line.
-
-    Parameters
-    ----------
-    request : FilmRequest
-        What is drawn.
-
-    Returns
-    -------
-    str
-    """
+    """Return the head line."""
     count = len(request.layout.rosettes)
     return f"Gauge placement film, {request.diameter_mm:g} mm flexspline, {count} rosettes"
 
 
 def small_print(request: FilmRequest) -> tuple[str, ...]:
-    """Return sizes and instructions, one line each.
-
-    Parameters
-    ----------
-    request : FilmRequest
-        What is drawn.
-
-    Returns
-    -------
-    tuple of str
-        The first line goes under the head line.
-    """
+    """Return sizes and instructions, one line each."""
     geometry = request.geometry
     side = (
         "MIRRORED: gauges go on the PRINTED side, backs up; it then lies on the metal."

@@ -57,20 +57,7 @@ def _angle_errors(motion: Motion) -> FloatArray:
 
 
 def angle_error_rad(motion: Motion, linear: Sequence[float]) -> FloatArray:
-    """Return the error of the recorded motor angle that a transmission error says.
-
-    Parameters
-    ----------
-    motion : Motion
-        Motion at every sample.
-    linear : sequence of float
-        Linear parameters of ``transmission-error``, rad, the last one rad/(N m).
-
-    Returns
-    -------
-    ndarray, shape (n_samples,)
-        Recorded less true angle, rad; 0 where the motion is not known.
-    """
+    """Return the error of the recorded motor angle that a transmission error says."""
     return np.asarray(np.nan_to_num(_angle_errors(motion) @ np.asarray(linear)))
 
 

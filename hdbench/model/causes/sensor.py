@@ -28,18 +28,7 @@ _SHARPEST = 64.0
 
 
 def whole_signal(motion: Motion) -> FloatArray:
-    """Return the torque in the channel.
-
-    Parameters
-    ----------
-    motion : Motion
-        Motion at every sample.
-
-    Returns
-    -------
-    ndarray, shape (n_samples,)
-        Simulated torque where a baseline is known, else the applied one, N m.
-    """
+    """Return the torque in the channel."""
     return motion.applied_nm if motion.simulated_nm is None else motion.simulated_nm
 
 

@@ -61,18 +61,7 @@ _GROWTH: Mapping[str, tuple[str, str, Callable[[Motion], FloatArray | float]]] =
 
 
 def cause_of(spec: Spec) -> Cause:
-    """Return the cause that a declaration describes.
-
-    Parameters
-    ----------
-    spec : HarmonicsSpec, ToneSpec, PolynomialSpec or TableSpec
-        A checked declaration.
-
-    Returns
-    -------
-    Cause
-        With `spec` as its definition, so that a model file can carry it.
-    """
+    """Return the cause that a declaration describes."""
     if isinstance(spec, HarmonicsSpec):
         return _harmonics(spec)
     if isinstance(spec, ToneSpec):

@@ -81,16 +81,6 @@ class Content:
 def unit_of_column(name: str) -> str:
     """Return the unit that a column's name ends in.
 
-    Parameters
-    ----------
-    name : str
-        Such as ``motor_velocity_rad_s``.
-
-    Returns
-    -------
-    str
-        Empty where the name tells none.
-
     Examples
     --------
     >>> unit_of_column("motor_velocity_rad_s")

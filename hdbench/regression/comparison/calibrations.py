@@ -46,24 +46,6 @@ def compare_calibrations(
 ) -> Gains:
     """Compare the gains of two calibrations.
 
-    Parameters
-    ----------
-    a, b : Side
-        Two calibrations.
-    confidence : float
-        Of the interval that the difference is held against.
-    independent : bool
-        Take no standard as common to both.
-
-    Returns
-    -------
-    Gains
-
-    Raises
-    ------
-    DataError
-        If one of them has no gain.
-
     Notes
     -----
     Where both have the same three positions or more, the verdict rests on the differences position

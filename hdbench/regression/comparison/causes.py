@@ -22,19 +22,7 @@ def _causes(side: Side) -> dict[str, Mapping[str, Any]]:
 
 
 def compare_diagnoses(a: Side, b: Side, *, confidence: float = 0.95) -> Moved:
-    """Compare two diagnoses: causes of one only, and parameters of those of both.
-
-    Parameters
-    ----------
-    a, b : Side
-        Two diagnoses.
-    confidence : float
-        Of all parameters together (Bonferroni).
-
-    Returns
-    -------
-    Moved
-    """
+    """Compare two diagnoses: causes of one only, and parameters of those of both."""
     first, second = _causes(a), _causes(b)
     rows = []
     for name in sorted(first.keys() & second.keys()):

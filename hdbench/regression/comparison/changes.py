@@ -51,18 +51,7 @@ def _differences(a: Mapping[str, Leaf], b: Mapping[str, Leaf]) -> tuple[KeyChang
 
 
 def profile_changes(a: Side, b: Side) -> tuple[KeyChange, ...] | None:
-    """Return the profile keys that differ, as the profiles were written.
-
-    Parameters
-    ----------
-    a, b : Side
-        Two results.
-
-    Returns
-    -------
-    tuple of KeyChange or None
-        None where one of them does not carry its profile.
-    """
+    """Return the profile keys that differ, as the profiles were written."""
     if a.profile is None or b.profile is None:
         return None
     texts = [tomllib.loads(side.profile.text) for side in (a, b) if side.profile is not None]
@@ -79,18 +68,7 @@ def _plain(body: Any) -> Any:
 
 
 def environment_changes(a: Side, b: Side) -> tuple[KeyChange, ...] | None:
-    """Return what else differs: versions, device, host, calibration, evaluation.
-
-    Parameters
-    ----------
-    a, b : Side
-        Two results.
-
-    Returns
-    -------
-    tuple of KeyChange or None
-        None where one of them is a result file without its run.json.
-    """
+    """Return what else differs: versions, device, host, calibration, evaluation."""
     if not (a.manifest and b.manifest):
         return None
     first, second = (

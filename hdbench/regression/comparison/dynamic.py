@@ -71,19 +71,7 @@ def _shared_gain(a: Side, b: Side, independent: bool) -> tuple[float, float | No
 
 
 def gain_words(a: Side, b: Side, *, independent: bool) -> str:
-    """Say what was taken of the gains of both.
-
-    Parameters
-    ----------
-    a, b : Side
-        Two results with a torque scale.
-    independent : bool
-        Whether that was asked for.
-
-    Returns
-    -------
-    str
-    """
+    """Say what was taken of the gains of both."""
     if independent:
         return "gains taken as independent, as asked"
     if _shared_gain(a, b, independent) is not None:
@@ -116,24 +104,7 @@ def compare_misalignments(
     same_origin: bool = False,
     independent: bool = False,
 ) -> Moved:
-    """Compare two misalignment results, as before and after a re-assembly.
-
-    Parameters
-    ----------
-    a, b : Side
-        Two misalignment results.
-    confidence : float
-        Of all that decides together.
-    same_origin : bool
-        Output angle 0 is one mark in both runs: then phases count.
-    independent : bool
-        Take the gain as another one in each.
-
-    Returns
-    -------
-    Moved
-        The peak to peak decides; with one origin the vector too.
-    """
+    """Compare two misalignment results, as before and after a re-assembly."""
     tests = 2 if same_origin else 1
     pairing = _pairing(a, b, 1.0 - (1.0 - confidence) / tests, independent)
     pair = _order_pair(pairing, 1.0, a.result, b.result)
@@ -172,24 +143,7 @@ def compare_ripples(
     same_origin: bool = False,
     independent: bool = False,
 ) -> Moved:
-    """Compare two ripple results: every order's amplitude, and all of them as vectors.
-
-    Parameters
-    ----------
-    a, b : Side
-        Two ripple results.
-    confidence : float
-        Of all that decides together (Bonferroni).
-    same_origin : bool
-        Motor angle 0 is one mark in both runs: then each phase counts by itself.
-    independent : bool
-        Take the gain as another one in each.
-
-    Returns
-    -------
-    Moved
-        Amplitudes decide, and the pattern where it can be told.
-    """
+    """Compare two ripple results: every order's amplitude, and all of them as vectors."""
     first, second = _by_order(a), _by_order(b)
     orders = sorted(first.keys() & second.keys())
     tests = len(orders) + (1 if same_origin or len(orders) > 1 else 0)

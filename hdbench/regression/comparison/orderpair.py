@@ -41,18 +41,7 @@ class OrderPair:
     common: tuple[Part, ...] = ()
 
     def vectors(self, shift_rad: float = 0.0) -> tuple[complex, complex]:
-        """Return both as complex amplitudes, the second turned back by a shift of the angle.
-
-        Parameters
-        ----------
-        shift_rad : float
-            Angle of the second run at which the first one has 0, rad.
-
-        Returns
-        -------
-        tuple of complex
-            N m.
-        """
+        """Return both as complex amplitudes, the second turned back by a shift of the angle."""
         a = self.amplitude_a.value * complex(
             math.cos(self.phase_a.value), math.sin(self.phase_a.value)
         )
@@ -60,18 +49,7 @@ class OrderPair:
         return a, self.amplitude_b.value * complex(math.cos(phase), math.sin(phase))
 
     def covariance(self, shift_rad: float = 0.0) -> FloatArray:
-        """Return the covariance of the difference of both vectors.
-
-        Parameters
-        ----------
-        shift_rad : float
-            As for `vectors`.
-
-        Returns
-        -------
-        ndarray, shape (2, 2)
-            (N m)^2, real and imaginary part.
-        """
+        """Return the covariance of the difference of both vectors."""
         a, b = self.vectors(shift_rad)
         total = _own(a, self.amplitude_a, self.phase_a, [p.in_a for p in self.common])
         total = total + _own(b, self.amplitude_b, self.phase_b, [p.in_b for p in self.common])
@@ -82,18 +60,7 @@ class OrderPair:
 
 
 def unit_vector(vector: complex) -> FloatArray:
-    """Return the direction of a complex number.
-
-    Parameters
-    ----------
-    vector : complex
-        Any.
-
-    Returns
-    -------
-    ndarray, shape (2,)
-        Real and imaginary part over its size; zeros for 0.
-    """
+    """Return the direction of a complex number."""
     size = abs(vector)
     return np.array([vector.real, vector.imag]) / size if size > 0.0 else np.zeros(2)
 

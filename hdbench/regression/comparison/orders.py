@@ -102,20 +102,6 @@ def compare_pattern(
 ) -> Pattern | None:
     r"""Compare the orders of two runs as vectors.
 
-    Parameters
-    ----------
-    pairs : sequence of OrderPair
-        Orders that both runs have.
-    same_origin : bool
-        Whether angle 0 is one mark in both runs.
-    confidence : float
-        Of the region that the difference is held against.
-
-    Returns
-    -------
-    Pattern or None
-        None where there is no order.
-
     Notes
     -----
     An angle counted from wherever a run began turns every vector by its order times one unknown

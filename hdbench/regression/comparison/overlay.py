@@ -22,27 +22,7 @@ _POINTS = 181
 def overlay(
     kind: str, a: Side, b: Side, pattern: Pattern | None
 ) -> tuple[dict[str, Any] | None, str]:
-    """Return what to draw of both.
-
-    Parameters
-    ----------
-    kind : str
-        Kind of the results.
-    a, b : Side
-        Two results.
-    pattern : Pattern or None
-        Orders of both.
-
-    Returns
-    -------
-    curves : dict or None
-        ``x`` and ``y`` with label and unit, and the series ``a`` and ``b``; None where nothing can
-        be drawn. Misalignment and ripple: the torque of the fitted orders over one turn, the
-        second turned back by the pattern's shift. Calibration: how far the readings stand off one
-        line, that of the first gain.
-    reason : str
-        Why there is nothing; empty where there is.
-    """
+    """Return what to draw of both."""
     if kind == "calibration":
         try:
             drawn = _calibration(a, b)

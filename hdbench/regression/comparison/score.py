@@ -36,19 +36,7 @@ class Part:
 
 
 def coverage(confidence: float, dof: float | None) -> float:
-    """Return k of a two-sided interval.
-
-    Parameters
-    ----------
-    confidence : float
-        In (0, 1).
-    dof : float or None
-        Degrees of freedom; None: normal distribution.
-
-    Returns
-    -------
-    float
-    """
+    """Return k of a two-sided interval."""
     from scipy.special import ndtri, stdtrit
 
     p = 0.5 + confidence / 2.0
@@ -66,25 +54,6 @@ def compared(
     note: str = "",
 ) -> Compared:
     r"""Hold one quantity of two results against each other.
-
-    Parameters
-    ----------
-    named : tuple of str
-        Key, label and unit.
-    a, b : Quantity
-        The two.
-    common : sequence of Part
-        Sources that act on both alike; they are parts of the uncertainties of `a` and `b`.
-    confidence : float
-        Confidence of the interval that the difference is held against, in (0, 1).
-    decides : bool
-        Whether the verdict rests on it.
-    note : str
-        What to know beside it.
-
-    Returns
-    -------
-    Compared
 
     Notes
     -----
@@ -115,23 +84,7 @@ def compared(
 def own_part(
     whole: Quantity, common: Sequence[tuple[float, float | None]]
 ) -> tuple[float, float | None]:
-    """Return what is left of an uncertainty without parts of it.
-
-    Parameters
-    ----------
-    whole : Quantity
-        With the uncertainty of everything.
-    common : sequence of (float, float or None)
-        Standard uncertainty and degrees of freedom of the parts to take off.
-
-    Returns
-    -------
-    std : float
-        What is left, at least 0.
-    dof : float or None
-        Its degrees of freedom, from those of the whole and of the parts: `combine` read backwards;
-        those of the whole where that has no solution.
-    """
+    """Return what is left of an uncertainty without parts of it."""
     std = math.sqrt(max(0.0, whole.std**2 - math.fsum(part**2 for part, _ in common)))
     if whole.dof is None or not (common and std > 0.0):
         return std, whole.dof
@@ -147,22 +100,7 @@ def own_part(
 
 
 def region(size: int, confidence: float, dof: float | None) -> float:
-    """Return the quantile that ``d C^-1 d`` of a vector is held against.
-
-    Parameters
-    ----------
-    size : int
-        How many numbers may move, at least 1.
-    confidence : float
-        In (0, 1).
-    dof : float or None
-        Degrees of freedom of the covariance; None where known.
-
-    Returns
-    -------
-    float
-        Chi-squared with `size`, or `size` times F(size, dof).
-    """
+    """Return the quantile that ``d C^-1 d`` of a vector is held against."""
     from scipy.special import chdtri, fdtri
 
     if dof is None or dof > _MANY_DOF:
@@ -173,25 +111,7 @@ def region(size: int, confidence: float, dof: float | None) -> float:
 def score_vector(
     difference: FloatArray, covariance: FloatArray, confidence: float, dof: float | None
 ) -> float | None:
-    """Return how far a vector difference is out of its confidence region.
-
-    Parameters
-    ----------
-    difference : ndarray, shape (n,)
-        Differences.
-    covariance : ndarray, shape (n, n)
-        Their covariance.
-    confidence : float
-        Confidence of the region, in (0, 1).
-    dof : float or None
-        Degrees of freedom of the covariance; None where known.
-
-    Returns
-    -------
-    float or None
-        Square root of ``d C^-1 d`` over its quantile: chi-squared with n, or n times F(n, dof);
-        above 1 outside. None where the covariance is singular.
-    """
+    """Return how far a vector difference is out of its confidence region."""
     n = len(difference)
     try:
         statistic = float(difference @ np.linalg.solve(covariance, difference))

@@ -53,17 +53,7 @@ class Side:
         return str(self.path / "result.json" if self.path.is_dir() else self.path)
 
     def loads(self) -> Loads | None:
-        """Return the readings beside the result, or None where there are none.
-
-        Returns
-        -------
-        Loads or None
-
-        Raises
-        ------
-        DataError
-            If they are damaged.
-        """
+        """Return the readings beside the result, or None where there are none."""
         folder = self.path if self.path.is_dir() else self.path.parent
         for name in ("loads.csv", "loads.csv.gz"):
             if self.manifest and (folder / name).is_file():
@@ -92,22 +82,7 @@ class Side:
 
 
 def load_side(path: Path) -> Side:
-    """Read a run folder or a result file.
-
-    Parameters
-    ----------
-    path : Path
-        A run folder, or a result file; beside a result.json its run.json is read too.
-
-    Returns
-    -------
-    Side
-
-    Raises
-    ------
-    DataError
-        If it is missing, damaged, without a result, or of no kind that can be compared.
-    """
+    """Read a run folder or a result file."""
     path = Path(path)
     file = path / "result.json" if path.is_dir() else path
     if path.is_dir() and not file.is_file():
@@ -140,41 +115,14 @@ def _profile(manifest: Mapping[str, Any], file: Path) -> Profile | None:
 
 
 def number(body: Any) -> float | None:
-    """Return a plain number, or None where it is none.
-
-    Parameters
-    ----------
-    body : object
-        Entry of a result.
-
-    Returns
-    -------
-    float or None
-    """
+    """Return a plain number, or None where it is none."""
     if isinstance(body, bool) or not isinstance(body, int | float):
         return None
     return float(body)
 
 
 def quantity(body: Any, where: str) -> Quantity | None:
-    """Return a number with its uncertainty, or None where there is none.
-
-    Parameters
-    ----------
-    body : object
-        Entry of a result.
-    where : str
-        File and key, for messages.
-
-    Returns
-    -------
-    Quantity or None
-
-    Raises
-    ------
-    DataError
-        If it is there and damaged.
-    """
+    """Return a number with its uncertainty, or None where there is none."""
     if body is None:
         return None
     if isinstance(body, Mapping):

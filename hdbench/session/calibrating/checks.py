@@ -19,22 +19,7 @@ _ROOM = 0.05
 
 
 def rest_problem(rest_v: float, points: Sequence[Point], profile: ProfileData) -> str | None:
-    """Return what is wrong with the bridge at rest.
-
-    Parameters
-    ----------
-    rest_v : float
-        Reading without weight, V.
-    points : sequence of Point
-        What will be hung.
-    profile : ProfileData
-        Gain and range.
-
-    Returns
-    -------
-    str or None
-        One line; None where the zero is plausible and every load fits in the range.
-    """
+    """Return what is wrong with the bridge at rest."""
     gain, range_v = profile.sensor.gain_nm_per_v, profile.daq.range_v
     volts = [point.torque_nm / gain for point in points]
     largest_v = max((abs(volt) for volt in volts), default=0.0)
@@ -55,20 +40,7 @@ def rest_problem(rest_v: float, points: Sequence[Point], profile: ProfileData) -
 
 
 def shunt_problem(change_v: float, profile: ProfileData) -> str | None:
-    """Return what is wrong with the shunt reading.
-
-    Parameters
-    ----------
-    change_v : float
-        Reading with less without shunt, V.
-    profile : ProfileData
-        Reading expected, and its tolerance.
-
-    Returns
-    -------
-    str or None
-        One line; None where it is as expected or no reading is expected.
-    """
+    """Return what is wrong with the shunt reading."""
     shunt = profile.calibration.shunt
     if shunt is None or shunt.expected_v is None:
         return None

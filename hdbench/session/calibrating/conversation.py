@@ -116,13 +116,7 @@ class Conversation(Protocol):
         ...
 
     def ask(self, question: Question) -> Reply:
-        """Ask, and wait for the answer.
-
-        Raises
-        ------
-        DeviceError
-            If nobody can answer any more.
-        """
+        """Ask, and wait for the answer."""
         ...
 
     def watch(self, live: LiveReading) -> Answer | None:

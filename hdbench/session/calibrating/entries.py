@@ -16,26 +16,7 @@ __all__ = ["reading_entry"]
 def reading_entry(
     point: Point, taken: Taken, state: CalibrationState, flags: list[str], time_s: float
 ) -> dict[str, Any]:
-    """Return one reading as the journal keeps it.
-
-    Parameters
-    ----------
-    point : Point
-        What was asked for.
-    taken : Taken
-        What was read.
-    state : CalibrationState
-        Mounting and attempts.
-    flags : list of str
-        Words that mark it.
-    time_s : float
-        Time since the start of the calibration, s.
-
-    Returns
-    -------
-    dict
-        The fields of a `LoadReading`, ``point`` and columns of the loads file beside them.
-    """
+    """Return one reading as the journal keeps it."""
     reading = taken.reading
     load = LoadReading(
         experiment=point.experiment,

@@ -40,21 +40,7 @@ class Expectation:
     def of(
         cls, zero_v: float, accepted: Sequence[tuple[float, float]], gain_nm_per_v: float
     ) -> Expectation:
-        """Return what the accepted readings lead to expect.
-
-        Parameters
-        ----------
-        zero_v : float
-            Reading without weight, V.
-        accepted : sequence of (float, float)
-            Torque (N m, not 0) and reading less its zero (V) of accepted readings.
-        gain_nm_per_v : float
-            The profile's gain, N m/V.
-
-        Returns
-        -------
-        Expectation
-        """
+        """Return what the accepted readings lead to expect."""
         gains = [torque / volts for torque, volts in accepted if volts != 0.0]
         if len(gains) >= _LEAST_READINGS and float(np.median(gains)) != 0.0:
             return cls(zero_v, float(np.median(gains)))
@@ -111,19 +97,7 @@ class Guard:
 
     @classmethod
     def of(cls, points: Sequence[Point], profile: ProfileData) -> Guard:
-        """Return the guard of a sequence.
-
-        Parameters
-        ----------
-        points : sequence of Point
-            The sequence.
-        profile : ProfileData
-            Its arm.
-
-        Returns
-        -------
-        Guard
-        """
+        """Return the guard of a sequence."""
         masses = {0.0, *(point.mass_kg for point in points)}
         lever = profile.arm.gravity_m_s2 * profile.arm.length_m
         return cls(tuple(sorted(masses)), lever, profile.arm.tare_kg)
@@ -131,24 +105,7 @@ class Guard:
     def find(
         self, point: Point, reading_v: float, expectation: Expectation, share: float
     ) -> GrossError | None:
-        """Compare a reading with its weight.
-
-        Parameters
-        ----------
-        point : Point
-            What was asked for.
-        reading_v : float
-            What was read, V.
-        expectation : Expectation
-            Zero and gain.
-        share : float
-            Share of the smallest load step of its series that a reading may be off.
-
-        Returns
-        -------
-        GrossError or None
-            None where the reading is within that share.
-        """
+        """Compare a reading with its weight."""
         read_nm = expectation.torque_nm(reading_v)
         if abs(read_nm - point.torque_nm) <= share * point.step_nm:
             return None

@@ -38,23 +38,7 @@ class Doubt:
 def expectation_of(
     point: Point, state: CalibrationState, profile: ProfileData
 ) -> tuple[Expectation, bool]:
-    """Return what a point should read, and whether its mounting has a zero of its own.
-
-    Parameters
-    ----------
-    point : Point
-        What is asked for.
-    state : CalibrationState
-        What was read so far.
-    profile : ProfileData
-        Gain to begin with.
-
-    Returns
-    -------
-    expectation : Expectation
-    own_zero : bool
-        False where the bridge at rest stands in for the zero.
-    """
+    """Return what a point should read, and whether its mounting has a zero of its own."""
     zero_v = state.zero_v(point)
     base_v = zero_v if zero_v is not None else (state.rest_v() or 0.0)
     found = Expectation.of(base_v, state.deflections(), profile.sensor.gain_nm_per_v)
@@ -64,24 +48,7 @@ def expectation_of(
 def doubt_about(
     point: Point, taken: Taken, state: CalibrationState, profile: ProfileData
 ) -> Doubt | None:
-    """Return what speaks against accepting a reading.
-
-    Parameters
-    ----------
-    point : Point
-        What was asked for.
-    taken : Taken
-        What was read.
-    state : CalibrationState
-        What was read before.
-    profile : ProfileData
-        Limits.
-
-    Returns
-    -------
-    Doubt or None
-        Saturation first, then the bridge at rest, the shunt, or a weight that does not fit.
-    """
+    """Return what speaks against accepting a reading."""
     reading_v = taken.reading.mean_v
     if taken.saturated:
         return Doubt("saturated", f"the converter is at the end of its range: {reading_v:+.3f} V.")

@@ -13,25 +13,7 @@ __all__ = ["live_reading"]
 def live_reading(
     point: Point, judged: Judgement, rule: SettleRule, waited_s: float, torque_nm: float
 ) -> LiveReading:
-    """Return what a person sees of one moment.
-
-    Parameters
-    ----------
-    point : Point
-        What is read.
-    judged : Judgement
-        How steady it is.
-    rule : SettleRule
-        What settled means.
-    waited_s : float
-        Time since the change of load, s.
-    torque_nm : float
-        Torque that the mean stands for, N m.
-
-    Returns
-    -------
-    LiveReading
-    """
+    """Return what a person sees of one moment."""
     needed_s = rule.window * rule.period_s
     earliest_s = rule.read_after * rule.period_s + needed_s
     return LiveReading(

@@ -45,15 +45,7 @@ class Mounting:
         self.log.note("placed", {"position_rad": point.position_rad})
 
     def put(self, point: Point, mass_kg: float | None = None) -> None:
-        """Note the weight of a point.
-
-        Parameters
-        ----------
-        point : Point
-            What was asked for.
-        mass_kg : float or None
-            What simulated hands are to hang instead, kg.
-        """
+        """Note the weight of a point."""
         state = self.log.state
         attempt = state.attempts.get(point.number, 0) + 1
         mass = point.mass_kg if mass_kg is None else mass_kg

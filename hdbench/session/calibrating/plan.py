@@ -35,40 +35,13 @@ _SHARES = (0.0, 0.2, 0.4, 0.6, 0.8, 1.0)
 
 
 def calibration_plan(profile: ProfileData, preset: Preset | None = None) -> Plan:
-    """Plan a calibration: what is asked for, in order, and how long it takes.
-
-    Parameters
-    ----------
-    profile : ProfileData
-        The bench.
-    preset : {"report", "cg14"} or None
-        Sequence; None takes the profile's.
-
-    Returns
-    -------
-    Plan
-        The points of `calibration_points` with the steps between them.
-    """
+    """Plan a calibration: what is asked for, in order, and how long it takes."""
     chosen = preset or profile.calibration.preset
     return sequence_plan(calibration_points(profile, chosen), profile, chosen)
 
 
 def sequence_plan(points: Sequence[Point], profile: ProfileData, preset: str | None = None) -> Plan:
-    """Return the plan of a sequence: its points with the steps between them.
-
-    Parameters
-    ----------
-    points : sequence of Point
-        The sequence.
-    profile : ProfileData
-        The bench.
-    preset : str or None
-        Its name.
-
-    Returns
-    -------
-    Plan
-    """
+    """Return the plan of a sequence: its points with the steps between them."""
     steps: list[Step] = [Lock(locked=True)]
     position_rad: float | None = None
     for point in points:
@@ -81,25 +54,7 @@ def sequence_plan(points: Sequence[Point], profile: ProfileData, preset: str | N
 
 
 def calibration_points(profile: ProfileData, preset: Preset | None = None) -> tuple[Point, ...]:
-    """Return every point of a calibration, in order.
-
-    Parameters
-    ----------
-    profile : ProfileData
-        The bench.
-    preset : {"report", "cg14"} or None
-        Sequence; None takes the profile's.
-
-    Returns
-    -------
-    tuple of Point
-        ``report``: positions x directions x ranges, each loaded and unloaded once, as in
-        CIM-TR-97-06, section 3. ``cg14``: the sequence in the manner of EURAMET cg-14: one
-        direction after the other; preloads after each mounting; at the first position the series
-        is repeated without remounting. Every series begins and ends without weight; its heaviest
-        load is read once. Before the first weight the bridge's zero and range are checked, and the
-        shunt where the profile has one.
-    """
+    """Return every point of a calibration, in order."""
     plan = profile.calibration
     cg14 = (preset or plan.preset) == "cg14"
     positions = plan.cg14.positions if cg14 else plan.positions
@@ -109,22 +64,7 @@ def calibration_points(profile: ProfileData, preset: Preset | None = None) -> tu
 
 
 def expected_duration_s(points: Sequence[Point], profile: ProfileData) -> tuple[float, float]:
-    """Return how long a calibration takes.
-
-    Parameters
-    ----------
-    points : sequence of Point
-        What is still to do.
-    profile : ProfileData
-        The bench.
-
-    Returns
-    -------
-    bench_s : float
-        Settling and reading where every weight settles at once, s.
-    person_s : float
-        Estimate for the hands: `HANDLING_S` per change of load, `MOUNTING_S` per mounting.
-    """
+    """Return how long a calibration takes."""
     average_s = profile.calibration.average_s
     bench_s = sum(max(2.0 * average_s, point.read_after_s) for point in points)
     mountings = len(dict.fromkeys(point.mounting for point in points))

@@ -16,27 +16,7 @@ SCHEMA = "hdbench/calibration-plan/1"
 
 
 def write_points(folder: Path, points: tuple[Point, ...], preset: str) -> Path:
-    """Write the sequence into a run folder.
-
-    Parameters
-    ----------
-    folder : Path
-        The run folder.
-    points : tuple of Point
-        The sequence.
-    preset : str
-        ``report`` or ``cg14``.
-
-    Returns
-    -------
-    Path
-        The file.
-
-    Raises
-    ------
-    StorageError
-        If it cannot be written.
-    """
+    """Write the sequence into a run folder."""
     body: dict[str, Any] = {
         "schema": SCHEMA,
         "preset": preset,
@@ -47,22 +27,7 @@ def write_points(folder: Path, points: tuple[Point, ...], preset: str) -> Path:
 
 
 def read_points(folder: Path) -> tuple[Point, ...]:
-    """Read the sequence of a stored run.
-
-    Parameters
-    ----------
-    folder : Path
-        The run folder.
-
-    Returns
-    -------
-    tuple of Point
-
-    Raises
-    ------
-    DataError
-        If the file is missing or damaged.
-    """
+    """Read the sequence of a stored run."""
     path = folder / PLAN_NAME
     if not path.is_file():
         raise DataError(

@@ -84,24 +84,7 @@ class Point:
 
 
 def point_from_dict(body: object, where: str) -> Point:
-    """Return a point of a plan file.
-
-    Parameters
-    ----------
-    body : object
-        What the file holds.
-    where : str
-        Place, for messages.
-
-    Returns
-    -------
-    Point
-
-    Raises
-    ------
-    DataError
-        If a key is missing or of another type.
-    """
+    """Return a point of a plan file."""
     needed = {"float": (int, float), "int": (int,), "str": (str,), "Role": (str,)}
     if isinstance(body, dict):
         wrong = [

@@ -25,12 +25,7 @@ _ALL = (Answer.ACCEPT, Answer.REPEAT, Answer.BACK, Answer.SKIP, Answer.QUIT)
 
 
 def lock_question() -> Question:
-    """Ask for the locked wave generator.
-
-    Returns
-    -------
-    Question
-    """
+    """Ask for the locked wave generator."""
     return Question(
         "lock",
         "Lock the wave generator with the locking shaft and mount the arm.",
@@ -39,17 +34,7 @@ def lock_question() -> Question:
 
 
 def place_question(point: Point) -> Question:
-    """Ask for the flexspline position of a point.
-
-    Parameters
-    ----------
-    point : Point
-        Where to go.
-
-    Returns
-    -------
-    Question
-    """
+    """Ask for the flexspline position of a point."""
     degrees = math.degrees(point.position_rad)
     return Question(
         "place",
@@ -60,21 +45,7 @@ def place_question(point: Point) -> Question:
 
 
 def hang_question(point: Point, expectation: Expectation, count: int) -> Question:
-    """Ask for a weight.
-
-    Parameters
-    ----------
-    point : Point
-        What is to hang.
-    expectation : Expectation
-        What it should read.
-    count : int
-        Points of the sequence.
-
-    Returns
-    -------
-    Question
-    """
+    """Ask for a weight."""
     if point.role == "shunt":
         what = "Switch the shunt resistor on."
     elif point.mass_kg == 0.0:
@@ -91,23 +62,7 @@ def hang_question(point: Point, expectation: Expectation, count: int) -> Questio
 
 
 def still_question(point: Point, waited_s: float, spread_nm: float, count: int) -> Question:
-    """Ask what to do with a reading that does not settle.
-
-    Parameters
-    ----------
-    point : Point
-        What hangs.
-    waited_s : float
-        Time waited, s.
-    spread_nm : float
-        Largest less smallest torque of the last window, N m.
-    count : int
-        Points of the sequence.
-
-    Returns
-    -------
-    Question
-    """
+    """Ask what to do with a reading that does not settle."""
     return Question(
         "time-out",
         f"{point.label}: not steady after {waited_s:.0f} s (the reading moves by "
@@ -118,21 +73,7 @@ def still_question(point: Point, waited_s: float, spread_nm: float, count: int) 
 
 
 def wrong_question(point: Point, problem: str, count: int) -> Question:
-    """Ask what to do with a reading that does not fit its weight.
-
-    Parameters
-    ----------
-    point : Point
-        What should hang.
-    problem : str
-        What does not fit, in words.
-    count : int
-        Points of the sequence.
-
-    Returns
-    -------
-    Question
-    """
+    """Ask what to do with a reading that does not fit its weight."""
     wanted = "no weight" if point.mass_kg == 0.0 else f"{point.mass_kg:g} kg"
     wanted = "the shunt resistor on" if point.role == "shunt" else wanted
     return Question(
@@ -145,17 +86,7 @@ def wrong_question(point: Point, problem: str, count: int) -> Question:
 
 
 def last_question(taken: int, skipped: int) -> Question:
-    """Ask whether everything is done.
-
-    Parameters
-    ----------
-    taken, skipped : int
-        Readings and points.
-
-    Returns
-    -------
-    Question
-    """
+    """Ask whether everything is done."""
     left = f", {skipped} skipped" if skipped else ""
     return Question(
         "last",
@@ -165,17 +96,7 @@ def last_question(taken: int, skipped: int) -> Question:
 
 
 def left_line(state: CalibrationState) -> str:
-    """Say how an earlier session left the bench.
-
-    Parameters
-    ----------
-    state : CalibrationState
-        What its journal says.
-
-    Returns
-    -------
-    str
-    """
+    """Say how an earlier session left the bench."""
     hangs = "no weight" if state.hanging is None else state.points[state.hanging - 1].describe()
     return (
         f"goes on after {len(state.standing)} readings. The bench was left locked, flexspline at "
@@ -187,23 +108,7 @@ def left_line(state: CalibrationState) -> str:
 def accepted_line(
     point: Point, reading: SettledReading, expectation: Expectation, flags: list[str]
 ) -> str:
-    """Say what was accepted.
-
-    Parameters
-    ----------
-    point : Point
-        What was asked for.
-    reading : SettledReading
-        What was read.
-    expectation : Expectation
-        Turns volts into torque.
-    flags : list of str
-        Words that mark it.
-
-    Returns
-    -------
-    str
-    """
+    """Say what was accepted."""
     swing = f", {reading.swing.period_s:.2f} s swing averaged" if reading.swing else ""
     marked = f", marked {'; '.join(flags)}" if flags else ""
     return (

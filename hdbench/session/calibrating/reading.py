@@ -81,28 +81,7 @@ class BridgeReader:
         self._lock_count = None
 
     def take(self, rule: SettleRule, watch: Callable[[Judgement, float], Answer | None]) -> Taken:
-        """Acquire until the reading has settled, the time is up, or a person wants otherwise.
-
-        Parameters
-        ----------
-        rule : SettleRule
-            What settled means.
-        watch : callable
-            Told the judgement and the time waited, s, after each block; returns what is wanted.
-
-        Returns
-        -------
-        Taken
-
-        Raises
-        ------
-        StopRequested
-            When a signal came.
-        DeviceError
-            When the device failed.
-        Aborted
-            When the locked wave generator moved.
-        """
+        """Acquire until the reading has settled, the time is up, or a person wants otherwise."""
         self.bench.configure(AcquisitionSettings(rule.period_s, rule.limit, None))
         self.bench.start()
         samples, saturated = np.empty(0), np.empty(0, dtype=bool)

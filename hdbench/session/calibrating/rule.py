@@ -36,21 +36,7 @@ class SettleRule:
 
 
 def settle_rule(plan: CalibrationPlan, read_after_s: float, gain_nm_per_v: float) -> SettleRule:
-    """Return the rule of a profile.
-
-    Parameters
-    ----------
-    plan : CalibrationPlan
-        The profile's table.
-    read_after_s : float
-        Earliest reading after the change of load, s.
-    gain_nm_per_v : float
-        Gain, N m/V.
-
-    Returns
-    -------
-    SettleRule
-    """
+    """Return the rule of a profile."""
     window = max(2, round(plan.average_s / plan.sample_period_s))
     read_after = math.ceil(read_after_s / plan.sample_period_s)
     limit = read_after + max(2 * window, round(plan.settle_timeout_s / plan.sample_period_s))

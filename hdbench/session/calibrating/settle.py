@@ -78,17 +78,6 @@ class Judgement:
 def judge(samples_v: FloatArray, rule: SettleRule) -> Judgement:
     """Judge readings since the weight was hung.
 
-    Parameters
-    ----------
-    samples_v : ndarray, shape (n,)
-        Readings, V, n >= 2.
-    rule : SettleRule
-        What settled means.
-
-    Returns
-    -------
-    Judgement
-
     Notes
     -----
     Settled when the means of two adjacent windows differ by less than the band plus three standard
@@ -114,19 +103,7 @@ def judge(samples_v: FloatArray, rule: SettleRule) -> Judgement:
 
 
 def average_now(samples_v: FloatArray, rule: SettleRule) -> SettledReading:
-    """Average the last window as it is, marked as not settled.
-
-    Parameters
-    ----------
-    samples_v : ndarray, shape (n,)
-        Readings, V, n >= 2.
-    rule : SettleRule
-        Length of the window.
-
-    Returns
-    -------
-    SettledReading
-    """
+    """Average the last window as it is, marked as not settled."""
     found = find_swing(_tail(samples_v, rule), rule.period_s)
     if found is not None:
         swing, rest_v = found

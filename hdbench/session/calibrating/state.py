@@ -42,15 +42,7 @@ class CalibrationState:
     fixtures: list[dict[str, float]] = field(default_factory=list, init=False)
 
     def apply(self, kind: str, body: Mapping[str, Any]) -> None:
-        """Take one journal block in.
-
-        Parameters
-        ----------
-        kind : str
-            Kind of the block.
-        body : mapping
-            What it holds.
-        """
+        """Take one journal block in."""
         self.acquisitions = max(self.acquisitions, int(body.get("acquisitions", 0)))
         self.time_s = max(self.time_s, float(body.get("time_s", 0.0)))
         number = int(body.get("point", 0))
@@ -96,18 +88,7 @@ class CalibrationState:
         return [point for point in self.points if not self.is_done(point)]
 
     def before(self, point: Point | None) -> Point | None:
-        """Return the reading before a point that can be taken again.
-
-        Parameters
-        ----------
-        point : Point or None
-            Where the sequence stands; None at its end.
-
-        Returns
-        -------
-        Point or None
-            None where the mounting has changed since, or nothing was read in it.
-        """
+        """Return the reading before a point that can be taken again."""
         limit = len(self.points) + 1 if point is None else point.number
         earlier = [p for p in self.points if p.number < limit and p.role == "reading"]
         if not earlier or (point is not None and earlier[-1].mounting != point.mounting):
@@ -175,45 +156,15 @@ class CalibrationLog:
         self.state = state
 
     def note(self, event: str, body: Mapping[str, Any] | None = None) -> None:
-        """Note an event.
-
-        Parameters
-        ----------
-        event : str
-            Name of the event.
-        body : mapping, optional
-            What belongs to it.
-
-        Raises
-        ------
-        StorageError
-            If the disk is full or failed.
-        """
+        """Note an event."""
         self._append("event", {"event": event, **(body or {})})
 
     def reading(self, body: Mapping[str, Any]) -> None:
-        """Note an accepted reading.
-
-        Parameters
-        ----------
-        body : mapping
-            Fields of a `LoadReading`, ``point`` and what else is known.
-
-        Raises
-        ------
-        StorageError
-            If the disk is full or failed.
-        """
+        """Note an accepted reading."""
         self._append("reading", body)
 
     def replay(self, content: JournalContent) -> None:
-        """Take in what the journal holds already.
-
-        Parameters
-        ----------
-        content : JournalContent
-            Blocks in order.
-        """
+        """Take in what the journal holds already."""
         known = range(1, len(self.state.points) + 1)
         for block in content.blocks:
             if block.extra.get("point", 1) in known:

@@ -47,22 +47,6 @@ class Swing:
 def find_swing(samples_v: FloatArray, period_s: float) -> tuple[Swing, FloatArray] | None:
     r"""Find an oscillation in readings under one weight.
 
-    Parameters
-    ----------
-    samples_v : ndarray, shape (n,)
-        Readings, V.
-    period_s : float
-        Sampling period, s.
-
-    Returns
-    -------
-    swing : Swing
-        The strongest oscillation.
-    rest_v : ndarray, shape (n,)
-        Readings less the oscillation.
-    None
-        Where there is none beyond the noise, or fewer than 2.5 of its periods were seen.
-
     Notes
     -----
     The frequency is the highest point of the Hann spectrum of the readings less their straight
@@ -118,22 +102,7 @@ def _peak_hz(flat_v: FloatArray, period_s: float) -> float | None:
 
 
 def whole_period_mean(samples_v: FloatArray, n_samples: float) -> float:
-    """Return the mean over exactly `n_samples` sampling periods up to the last sample.
-
-    Parameters
-    ----------
-    samples_v : ndarray, shape (n,)
-        Readings, V; n - 1 >= `n_samples`.
-    n_samples : float
-        Length of the average in sampling periods, >= 1; need not be whole.
-
-    Returns
-    -------
-    float
-        Integral of the straight lines between the samples over that time, by its length, V: what
-        is left of an oscillation with a whole number of periods in it is of the order of the
-        interpolation, (pi f dt)^2 / 3 of the trapezoid rule's error at its ends.
-    """
+    """Return the mean over exactly `n_samples` sampling periods up to the last sample."""
     whole = math.floor(n_samples)
     part = n_samples - whole
     last = samples_v[-(whole + 1) :]

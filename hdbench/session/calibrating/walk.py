@@ -82,21 +82,7 @@ class CalibrationWalk:
         self._before_s = self.log.state.time_s
 
     def run(self) -> None:
-        """Walk to the end; the bench is safe afterwards, whatever happened.
-
-        Raises
-        ------
-        Stopped
-            When the person saved and quit.
-        StopRequested
-            When a signal came.
-        Aborted
-            When the locked wave generator moved.
-        DeviceError
-            When the device failed, or nobody answers any more.
-        StorageError
-            When the journal could not be written.
-        """
+        """Walk to the end; the bench is safe afterwards, whatever happened."""
         state = self.log.state
         try:
             self.mounting.restore()

@@ -41,19 +41,7 @@ class EmulatedModbus:
 
 
 def emulate_modbus(emulation: Emulation, table: ModbusAcquisition) -> EmulatedModbus:
-    """Return a device with the registers of `table` and a simulated bench behind them.
-
-    Parameters
-    ----------
-    emulation : Emulation
-        The bench; another device may share it.
-    table : ModbusAcquisition
-        ``[daq]``, or one part of a composite.
-
-    Returns
-    -------
-    EmulatedModbus
-    """
+    """Return a device with the registers of `table` and a simulated bench behind them."""
     # the instrument's current channel has max_current_a at range_v
     profile = emulation.profile
     amperes_per_v = profile.servo.max_current_a / profile.daq.range_v

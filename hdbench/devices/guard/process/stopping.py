@@ -113,15 +113,7 @@ def note_identity(target: dict[str, Any]) -> None:
 
 
 def make_safe(target: dict[str, Any], *, alone: bool) -> str:
-    """Send what stops the motor until reading back proves it; return why it does not.
-
-    Parameters
-    ----------
-    target : dict
-        Device, requests and checks.
-    alone : bool
-        Whether the session is gone; where it is frozen, its serial port is taken over.
-    """
+    """Send what stops the motor until reading back proves it; return why it does not."""
     try:
         wire = Wire(target, alone=alone)
         try:

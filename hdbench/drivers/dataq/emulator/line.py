@@ -29,13 +29,7 @@ class DataqLine:
         self._timer: asyncio.TimerHandle | None = None
 
     async def open(self) -> str:
-        """Open a pseudo-terminal and return the address that a host opens.
-
-        Raises
-        ------
-        OSError
-            If there is none.
-        """
+        """Open a pseudo-terminal and return the address that a host opens."""
         self._line = PseudoTerminal(self._received)
         self._tick()
         return f"serial://{self._line.path}"

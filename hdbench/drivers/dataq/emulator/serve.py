@@ -42,19 +42,7 @@ class EmulatedDataq:
 
 
 def emulate_dataq(emulation: Emulation, table: DataqAcquisition) -> EmulatedDataq:
-    """Return an instrument with a simulated bench at the terminals that `table` names.
-
-    Parameters
-    ----------
-    emulation : Emulation
-        The bench; another device may share it. Its seed is shown as the serial number.
-    table : DataqAcquisition
-        ``[daq]``, or one part of a composite.
-
-    Returns
-    -------
-    EmulatedDataq
-    """
+    """Return an instrument with a simulated bench at the terminals that `table` names."""
     # the instrument's current channel has max_current_a at range_v; the terminal has 1 V per scale
     profile = emulation.profile
     amperes_per_v = profile.servo.max_current_a / profile.daq.range_v

@@ -30,27 +30,7 @@ def scan_words(
     lines: int = OPEN_LINES,
     edges: NDArray[np.int64] | None = None,
 ) -> NDArray[np.int16]:
-    """Return the scans of a list as they stand in the stream.
-
-    Parameters
-    ----------
-    samples : ElectricalSamples
-        What stands at the terminals.
-    entries : tuple of int
-        Words of the scan list.
-    model : Model
-        The instrument.
-    wiring : mapping of int to Terminal
-        What leads to each analog input; the others are open and read 0 V.
-    lines : int
-        Levels of D6 to D0.
-    edges : ndarray of int64, shape (n,), optional
-        Edges that the counter has counted; none, nothing is wired to it.
-
-    Returns
-    -------
-    ndarray of int16, shape (n, entries)
-    """
+    """Return the scans of a list as they stand in the stream."""
     ranges = {code: range_v for range_v, code in model.ranges.items()}
     columns = []
     for entry in entries:

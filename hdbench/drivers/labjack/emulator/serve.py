@@ -45,20 +45,7 @@ class EmulatedLabJack:
 
 
 def emulate_labjack(emulation: Emulation, table: LabJackAcquisition) -> EmulatedLabJack:
-    """Return a device with a simulated bench at the terminals that `table` names.
-
-    Parameters
-    ----------
-    emulation : Emulation
-        The bench; another device may share it. Its seed chooses serial number and constants.
-    table : LabJackAcquisition
-        ``[daq]``, or one part of a composite.
-
-    Returns
-    -------
-    EmulatedLabJack
-        Not listening yet.
-    """
+    """Return a device with a simulated bench at the terminals that `table` names."""
     # the instrument's current channel has max_current_a at range_v; the terminal has 1 V per scale
     profile = emulation.profile
     current = next((c for c in table.channels if c.role == "current"), None)
@@ -69,16 +56,5 @@ def emulate_labjack(emulation: Emulation, table: LabJackAcquisition) -> Emulated
 
 
 def serial_number(seed: int) -> int:
-    """Return the serial number that an emulated device has with this seed.
-
-    Parameters
-    ----------
-    seed : int
-        At least 0.
-
-    Returns
-    -------
-    int
-        1 to 999 999 999.
-    """
+    """Return the serial number that an emulated device has with this seed."""
     return seed % 999_999_999 + 1

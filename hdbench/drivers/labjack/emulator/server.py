@@ -44,18 +44,7 @@ class LabJackServer(Device):
         device.rebooted = self._hang_up
 
     async def open(self, host: str, port: int) -> tuple[str, int]:
-        """Listen on `port` and on `port` + 200; port 0 takes a free pair.
-
-        Returns
-        -------
-        tuple of str and int
-            Host and control port.
-
-        Raises
-        ------
-        OSError
-            If the ports cannot be used.
-        """
+        """Listen on `port` and on `port` + 200; port 0 takes a free pair."""
         loop = asyncio.get_running_loop()
         for attempt in range(1, _PORT_TRIES + 1):
             control = ModbusServer(self)

@@ -62,18 +62,7 @@ class StreamOrder:
 
 
 def actual_rate_hz(rate_hz: float) -> float:
-    """Return the rate that the device's divider makes of the one asked for.
-
-    Parameters
-    ----------
-    rate_hz : float
-        Asked for, above 0.
-
-    Returns
-    -------
-    float
-        A multiple of 100 ns as period up to 6.5 ms, of 1 us, 10 us, 100 us, 1 ms above.
-    """
+    """Return the rate that the device's divider makes of the one asked for."""
     for divider in (8, 80, 800, 8000, 80_000):
         roll = round(80e6 / (divider * rate_hz))
         if roll <= 65536:
@@ -113,13 +102,7 @@ class StreamEngine:
         self._status = 0
 
     def start(self, order: StreamOrder, ticks: int) -> None:
-        """Start scanning.
-
-        Raises
-        ------
-        RefusedError
-            With the device's code for what cannot be.
-        """
+        """Start scanning."""
         self._check(order)
         self._order = order
         self._rows.clear()
