@@ -123,6 +123,8 @@ class Cause:
         True where `columns` acts on all of the torque in the channel, `Motion.simulated_nm`.
     common : bool
         Whether nearly every drive has it, so that it goes before a rarer name that says as much.
+    form_of : str
+        Name of a cause of which this one is another form: one torque has one of the two; or empty.
     possible : callable or None
         ``possible(motion, shape)`` gives the directions of the linear parameters whose sums with
         weights of one sign can be, as columns; None where every value in the domains can be.
@@ -150,6 +152,7 @@ class Cause:
     reach: Callable[[Motion], Mapping[str, tuple[float, float]]] = unbounded
     whole_signal: bool = False
     common: bool = False
+    form_of: str = ""
     possible: Callable[[Motion, Mapping[str, float]], FloatArray] | None = None
     definition: Mapping[str, Any] | None = None
 

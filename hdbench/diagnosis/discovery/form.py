@@ -10,6 +10,7 @@ import numpy as np
 from hdbench.diagnosis.discovery.fit import Fit, Part
 from hdbench.diagnosis.discovery.moments import Moments, inverse, solve
 from hdbench.diagnosis.discovery.record import Record
+from hdbench.diagnosis.discovery.tables import is_table
 from hdbench.diagnosis.discovery.term import Term, moved_term, smooth_shapes, term_columns
 from hdbench.model import first_order, shape_bounds
 from hdbench.records.trace import FloatArray
@@ -97,7 +98,9 @@ def _directions(
         out.append(_DELAY_S / SCALES[-1] * rate)
         curve = np.gradient(rate, record.motion.time_s)
         out.append((_DELAY_S**2) / SCALES[-1] * curve)
-        out += [(lagged - torque) / SCALES[-1] for lagged in _lagged(record, torque)]
+    if term is not None and term.cause.locked_to == "velocity":
+        # until a way is gone after a reversal, friction is anything up to its size
+        out += [(lagged - torque) / USUAL for lagged in _lagged(record, torque)]
     if term is not None and not line:
         for moved in _other_shapes(term, record):
             other = term_columns(moved, record)
@@ -235,6 +238,11 @@ def attach_forms(fit: Fit) -> None:
     covariance = inverse(fit.information)
     for index, part in enumerate(fit.parts):
         if bool(np.any((fit.owner == index) & fit.form)):
+            continue
+        if part.term is not None and is_table(part.term.cause):
+            # a table is no law: what a name explains is not to be found in it
+            flat = fit.flat(index)
+            fit.variance[flat] = np.mean(fit.coefficients[flat] ** 2)
             continue
         if part.name != FIXED:
             flat = fit.flat(index)

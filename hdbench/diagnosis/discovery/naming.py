@@ -13,7 +13,8 @@ from hdbench.diagnosis.discovery.lines import scan_looks
 from hdbench.diagnosis.discovery.refine import Candidate, candidate_of, refined, weighed
 from hdbench.diagnosis.discovery.search import Search, all_possible, settled, value_of
 from hdbench.diagnosis.discovery.tables import is_table
-from hdbench.diagnosis.discovery.term import is_line
+from hdbench.diagnosis.discovery.term import is_line, same_torque
+from hdbench.model import Cause
 from hdbench.records.trace import FloatArray
 
 __all__ = ["Named", "name_causes"]
@@ -70,6 +71,7 @@ def name_causes(search: Search) -> dict[int, Named]:
         elif not renamed:
             named[part] = _named(fit.beside(part), table)
     if renamed:
+        search.prune(most=0)
         named = {part: _named(fit.beside(part), _table(search, part)) for part in fit.causes()}
     return named
 
@@ -122,17 +124,21 @@ def _looks(search: Search, beside: Beside, part: int) -> list[Look]:
     """Return one look of each other name, the best first."""
     fit = search.fit
     term = fit.term(part)
-    present = {p.name for p in fit.parts if p.term is not None and not is_line(p.term.cause)}
-    present.add(term.name)
+    others = [p.term.cause for i, p in enumerate(fit.parts) if i != part and p.term is not None]
+    others = [cause for cause in others if not is_line(cause)]
+
+    def is_new(cause: Cause) -> bool:
+        return cause.name != term.name and not any(same_torque(cause, held) for held in others)
+
     chosen: dict[str, Look] = {}
     for look in search.names.looks(beside):
-        if look.term.name not in present and look.term.name not in chosen:
+        if is_new(look.term.cause) and look.term.name not in chosen:
             chosen[look.term.name] = look
     looks = sorted(chosen.values(), key=lambda x: -x.statistic)[:_NAMES]
     if is_line(term.cause) or term.cause.locked_to in ("motor", "clock"):
         view = fit.without_view(part)
         for look in scan_looks(view, search.scans, search.causes):
-            if look.term.name not in present and not is_table(look.term.cause):
+            if is_new(look.term.cause) and not is_table(look.term.cause):
                 looks.append(look)
     return looks
 

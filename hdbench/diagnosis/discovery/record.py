@@ -9,12 +9,13 @@ from numpy.typing import NDArray
 
 from hdbench.diagnosis.discovery.bands import LowPass
 from hdbench.diagnosis.discovery.baseline import BaselineChange
+from hdbench.estimation.bandwidth import spectrum_of
 from hdbench.model import BenchModel, Motion, baseline_columns, motion_from_trace
 from hdbench.model.motion import torque_from_trace
 from hdbench.profile.schema import ProfileData
 from hdbench.records.trace import FloatArray, Trace
 
-__all__ = ["SAMPLED", "Record", "prepare_record", "with_simulated"]
+__all__ = ["SAMPLED", "Record", "prepare_record", "smoothed", "with_simulated"]
 
 # a step longer than this many median periods is a gap in time: one lost sample makes 2
 _GAP = 1.5
@@ -51,6 +52,8 @@ class Record:
         Median sampling period, s.
     load : float
         Coefficient of the measured load torque in `fixed_nm`.
+    motion_passed : float
+        Up to where the motion is known, relative to the Nyquist frequency.
     low_pass : LowPass or None
         Low-pass of the torque channel; None for none.
     channel_known : bool
@@ -70,6 +73,7 @@ class Record:
     prior_nm: FloatArray
     period_s: float
     load: float
+    motion_passed: float = 1.0
     low_pass: LowPass | None = None
     channel_known: bool = False
     records: tuple[Record, ...] = ()
@@ -148,6 +152,9 @@ def prepare_record(
     valid = motion.valid & np.isfinite(torque) & np.isfinite(fixed) & ~masked
     valid &= np.isfinite(columns).all(axis=1)
     starts = np.concatenate([[True], steps > _GAP * period])
+    passed = _passed(motion.velocity_rad_s, torque, valid, period)
+    if passed < 1.0:
+        fixed = smoothed(fixed[:, None], passed)[:, 0]
     return Record(
         replace(motion, starts=starts),
         torque,
@@ -158,7 +165,45 @@ def prepare_record(
         prior,
         period,
         load,
+        motion_passed=passed,
     )
+
+
+def _passed(
+    velocity: FloatArray, torque: FloatArray, valid: NDArray[np.bool_], period_s: float
+) -> float:
+    """Return up to where the motion is known beside the torque, relative to Nyquist; 1 for all.
+
+    A velocity that was smoothed before it was stored holds little of its upper octave. Where the
+    torque was smoothed too, its own low-pass says all.
+    """
+    limits = []
+    for values in (velocity, torque):
+        held = np.where(valid, values, np.nan)
+        steps = np.abs(np.diff(held))
+        step = float(np.min(steps[np.isfinite(steps) & (steps > 0.0)], initial=np.inf))
+        found = spectrum_of(held, 1.0 / period_s, step)
+        limits.append(None if found is None else found.limit_hz)
+    if limits[0] is None or limits[1] is not None:
+        return 1.0
+    return float(limits[0] * period_s)
+
+
+def smoothed(columns: FloatArray, share: float) -> FloatArray:
+    """Return columns without what is faster than `share` of the Nyquist frequency; NaN stays.
+
+    The octave below fades.
+    """
+    from scipy.fft import dct, idct, next_fast_len
+
+    known = np.isfinite(columns)
+    count = len(columns)
+    size = int(next_fast_len(count, real=True))
+    place = np.arange(size) / size
+    fade = np.clip(2.0 * (share - place) / share, 0.0, 1.0)
+    rows = dct(np.where(known, columns, 0.0), n=size, axis=0, norm="ortho")
+    rows *= (0.5 - 0.5 * np.cos(np.pi * fade))[:, None]
+    return np.where(known, idct(rows, axis=0, norm="ortho")[:count], np.nan)
 
 
 def _sampled_lines(
@@ -238,3 +283,4 @@ def with_simulated(record: Record, fitted_nm: FloatArray, slope_nm_per_rad: Floa
     slope = np.where(record.valid, slope_nm_per_rad, np.nan)
     motion = replace(record.motion, simulated_nm=simulated, ripple_slope_nm_per_rad=slope)
     return replace(record, motion=motion)
+

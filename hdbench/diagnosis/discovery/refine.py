@@ -118,11 +118,7 @@ def candidate_of(
             scale=scale,
             linear=linear,
         )
-    outside = [
-        not p.contains(float(x)) and (p.lower == 0.0 or p.upper == 0.0)
-        for p, x in zip(term.cause.linear, linear, strict=True)
-    ]
-    if any(outside):
+    if not all(p.contains(float(x)) for p, x in zip(term.cause.linear, linear, strict=True)):
         statistic = 0.0
     if statistic > 0.0 and not _possible(term, record, linear):
         statistic = 0.0
@@ -227,6 +223,8 @@ def weighed(
     beside: Beside, record: Record, found: Candidate, shapes: Shapes, base: float
 ) -> Candidate:
     """Return a candidate with its evidence: the noise is fitted again with it."""
+    if found.statistic <= 0.0 and not is_whole_share(found.term.cause):
+        return replace(found, gain_nats=0.0, evidence_nats=-np.inf)
     if is_whole_share(found.term.cause):
         gain = speaks = _gain_of_torque(beside, found.scale @ found.rows, shapes, base)
     else:

@@ -36,6 +36,7 @@ from hdbench.diagnosis.discovery.term import (
     Term,
     follows_motion,
     is_line,
+    same_torque,
     smooth_shapes,
     term_columns,
 )
@@ -157,7 +158,7 @@ class Search:
 
     def looks(self, view: Fit) -> list[tuple[str, Look]]:
         """Return the looks at a residual that are worth weighing, by kind."""
-        present = {part.name for part in view.parts}
+        present = [part.term.cause for part in view.parts if part.term is not None]
         found: list[tuple[str, Look]] = []
         for kind, dictionary, most in (
             ("name", self.names, _NAMES),
@@ -165,9 +166,10 @@ class Search:
         ):
             seen: set[str] = set()
             for look in dictionary.looks(view.beside()):
-                if look.term.name in seen or look.term.name in present:
+                cause = look.term.cause
+                if cause.name in seen or any(same_torque(cause, held) for held in present):
                     continue
-                seen.add(look.term.name)
+                seen.add(cause.name)
                 found.append((kind, look))
                 if len(seen) == most:
                     break
@@ -283,7 +285,6 @@ class Search:
         for entry in chosen.values():
             new, terms = self.best_joined(self.fit, tuple(c.term for c in entry))
             if not all_possible(new, len(terms)):
-                out.append(entry)
                 continue
             more = max(value_of(new) - base - entry[0].gain_nats, 0.0)
             better = replace(
@@ -342,11 +343,14 @@ class Search:
     ) -> list[tuple[Candidate, ...]]:
         """Return the most promising pairs of names, weighed together."""
         fit = self.fit
-        present = {part.name for part in fit.parts}
+        present = [part.term.cause for part in fit.parts if part.term is not None]
         names = [x for k, x in looks if k == "name"]
         out = []
         for pair in self.names.pairs(view.beside(), names):
-            if any(look.term.name in present for look in pair):
+            one, other = (look.term.cause for look in pair)
+            if same_torque(one, other) or any(
+                same_torque(new, held) for new in (one, other) for held in present
+            ):
                 continue
             both = pair_of(beside, fit, pair, base)
             if both[0].gain_nats > _PLAIN_NATS:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hdbench.diagnosis.discovery.record import Record
+from hdbench.diagnosis.discovery.record import Record, smoothed
 from hdbench.model import Cause, shape_bounds
 from hdbench.records.trace import FloatArray
 
@@ -18,6 +18,7 @@ __all__ = [
     "is_line",
     "is_whole_share",
     "moved_term",
+    "same_torque",
     "smooth_shapes",
     "tangent_columns",
     "term_columns",
@@ -63,7 +64,10 @@ def term_columns(term: Term, record: Record) -> FloatArray:
         floor = _ABOVE_NOISE * motion.acceleration_noise_rad_s2
         seen = seen & (np.abs(motion.acceleration_rad_s2) > floor)
     columns = np.where(seen[:, None], term.cause.columns(motion, term.shape), 0.0)
-    return np.where(np.isfinite(columns), columns, 0.0)
+    columns = np.where(np.isfinite(columns), columns, 0.0)
+    if record.motion_passed < 1.0 and follows_motion(term.cause):
+        columns = smoothed(columns, record.motion_passed)
+    return columns
 
 
 def harmonics(cause: Cause) -> list[list[int]]:
@@ -86,6 +90,11 @@ def is_line(cause: Cause) -> bool:
 def follows_motion(cause: Cause) -> bool:
     """Return whether a cause follows speed, acceleration or load."""
     return cause.locked_to in ("velocity", "acceleration", "load")
+
+
+def same_torque(one: Cause, other: Cause) -> bool:
+    """Return whether two causes have one name, or are two forms of one torque."""
+    return one.name in (other.name, other.form_of) or one.form_of == other.name
 
 
 def is_whole_share(cause: Cause) -> bool:

@@ -111,7 +111,7 @@ def tell(
             places.append(place_of(fit, index, shares[index], chance))
             continue
         without = held.predict(everything - {index})
-        if without.chi2 <= after.chi2:
+        if without.chi2 <= after.chi2 or without.rms_nm <= after.rms_nm:
             search.log.append(f"{term.name} predicts nothing")
             continue
         gain = gain_between(without, after, rng)

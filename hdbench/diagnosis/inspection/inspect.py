@@ -11,7 +11,7 @@ from hdbench.diagnosis.faults.converter import stuck_samples
 from hdbench.diagnosis.faults.scatter import mask_runs
 from hdbench.diagnosis.faults.shaft import Shaft, derivation, shaft_of
 from hdbench.diagnosis.faults.stamps import gap_steps
-from hdbench.diagnosis.inspection.bandwidth import Spectrum, spectrum_of
+from hdbench.estimation.bandwidth import Spectrum, spectrum_of
 from hdbench.diagnosis.inspection.channel import held_share, piled_up, step_of
 from hdbench.diagnosis.inspection.coverage import coverage_of
 from hdbench.diagnosis.inspection.log import Log

@@ -15,7 +15,7 @@ from hdbench.model.causes._needs import (
     size_of_speed_varies,
     speed_varies,
 )
-from hdbench.model.causes._parts import no_shape, single, torque_parameter
+from hdbench.model.causes._parts import TORQUE_LIMIT_NM, no_shape, single, torque_parameter
 from hdbench.model.definition import Cause, Parameter
 from hdbench.model.motion import Motion
 from hdbench.records.trace import FloatArray
@@ -99,7 +99,9 @@ STRIBECK = Cause(
     name="stribeck-friction",
     equation="(F_s - F_c) exp(-(w / w_s)^2) tanh(w / w_0)",
     shape=(_STRIBECK, TRANSITION),
-    linear=(torque_parameter("excess_nm", "static above dry friction, F_s - F_c"),),
+    linear=(
+        Parameter("excess_nm", "N m", 0.0, TORQUE_LIMIT_NM, "static above dry friction, F_s - F_c"),
+    ),
     locked_to="velocity",
     parity="odd in speed, even in load",
     channel="mechanical",

@@ -64,5 +64,6 @@ PRESLIDING = Cause(
     source="P. R. Dahl 1968, Aerospace Corporation TOR-0158(3107-18)-1",
     columns=_presliding,
     harmonic=False,
+    form_of="coulomb-friction",
     applicable=moves_and_reverses,
 )
