@@ -740,11 +740,12 @@ def search_from(
         evidence = sum(c.evidence_nats for c in found)
         if state.accept_slow(max(evidence, form.gain_nats if form else 0.0)):
             continue
-        if form is not None and form.gain_nats > max(evidence, _LEAST_NATS):
+        least = max(_turn(found), _LEAST_NATS)
+        if form is not None and form.gain_nats > least:
             for _ in range(_FORM_MOVES):
                 state.change_form(form)
                 form = best_form_move(fit, state.paid())
-                if form is None or form.gain_nats < max(evidence, _LEAST_NATS):
+                if form is None or form.gain_nats < least:
                     break
         elif found:
             before = fit.bands.power(fit.residual).sum()
