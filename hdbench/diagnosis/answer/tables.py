@@ -38,8 +38,8 @@ def write_pictures(folder: Path, pictures: Pictures) -> list[str]:
     for one in pictures.spectra:
         name, axis = _SPECTRUM_FILES[one.domain]
         tables[name] = {axis: one.axis, "before_nm": one.before_nm, "after_nm": one.after_nm}
-    for domain, columns in residual_maps(pictures).items():
-        tables[f"map_{domain.replace('-', '_')}.csv"] = columns
+    for domain, found in residual_maps(pictures).items():
+        tables[f"map_{domain.replace('-', '_')}.csv"] = found
     for name, columns in tables.items():
         write_table(folder / name, columns)
     return list(tables)
