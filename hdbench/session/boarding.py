@@ -5,8 +5,8 @@ from __future__ import annotations
 from datetime import datetime
 
 from hdbench.devices import SimulatedOperator
-from hdbench.devices.mistakes import Mistakes
-from hdbench.devices.ports import Bench, Identity, Operator
+from hdbench.devices.bench import Bench, Identity, Operator
+from hdbench.devices.operator import Mistakes
 from hdbench.errors import UsageError
 from hdbench.records.journal import JournalWriter
 from hdbench.records.manifest import utc_now

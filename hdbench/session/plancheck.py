@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from hdbench.devices.pace import check_drives, check_pace, check_tables
+from hdbench.devices.feasibility import check_drives, check_pace, check_tables
 from hdbench.errors import UsageError
 from hdbench.model.program import ReferenceProgram, program_voltage
 from hdbench.model.waves import reference_voltage

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 
-from hdbench.devices.ports import Bench, Block
+from hdbench.devices.bench import Bench, Block
 from hdbench.errors import DeviceError
 from hdbench.session.stop import StopSignals
 

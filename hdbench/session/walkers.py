@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Protocol
 
-from hdbench.devices.ports import SafeState
+from hdbench.devices.bench import SafeState
 from hdbench.records import Loads, Trace
 from hdbench.records.attempts import SampleGroup, sample_groups
 from hdbench.records.course import write_course

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from hdbench.devices.capabilities import Capabilities, InputInfo
+from hdbench.devices.daq import Capabilities, InputInfo
 from hdbench.drivers.dataq.encoder import WRAP
 from hdbench.drivers.dataq.models import MODELS
 from hdbench.drivers.dataq.rates import BUFFER_SAMPLES, highest_rate_hz, lowest_rate_hz

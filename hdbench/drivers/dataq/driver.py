@@ -8,10 +8,8 @@ from typing import NoReturn
 
 import numpy as np
 
-from hdbench.devices.capabilities import Capabilities, Role
-from hdbench.devices.daq import DaqSettings, ScanBlock
-from hdbench.devices.inputsonly import InputsOnly
-from hdbench.devices.ports import Identity, SafeState
+from hdbench.devices.bench import Identity, SafeState
+from hdbench.devices.daq import Capabilities, DaqSettings, InputsOnly, Role, ScanBlock
 from hdbench.drivers.dataq.abilities import describe_abilities
 from hdbench.drivers.dataq.acquisition import Acquisition
 from hdbench.drivers.dataq.commands import Commands

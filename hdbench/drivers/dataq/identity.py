@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from hdbench.devices.ports import Identity
+from hdbench.devices.bench import Identity
 from hdbench.drivers.dataq.commands import Commands
 from hdbench.drivers.dataq.models import MODELS
 from hdbench.drivers.dataq.table import DataqAcquisition

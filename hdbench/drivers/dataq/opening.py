@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 
-from hdbench.devices.text import clean_text
+from hdbench.devices.daq import clean_text
 from hdbench.drivers.dataq.abilities import max_rates_hz
 from hdbench.drivers.dataq.commands import Commands
 from hdbench.drivers.dataq.driver import DataqDaq

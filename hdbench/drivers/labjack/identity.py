@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from hdbench.devices.ports import Identity
+from hdbench.devices.bench import Identity
 from hdbench.drivers.labjack.control import Control
 from hdbench.drivers.labjack.registers import IDENTITY, TEST, Register, user_name
 from hdbench.drivers.labjack.table import LabJackAcquisition

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from hdbench.devices.capabilities import Role
+from hdbench.devices.daq import Role
 from hdbench.drivers.labjack.control import Control
 from hdbench.drivers.labjack.registers import (
     FLASH_POINTER,

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from hdbench.devices.ports import AcquisitionSettings, Bench, Block
+from hdbench.devices.bench import AcquisitionSettings, Bench, Block
 from hdbench.profile.schema import ProfileData
 from hdbench.session.calibrating.conversation import Answer
 from hdbench.session.calibrating.rule import SettleRule

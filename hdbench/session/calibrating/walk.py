@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from hdbench.devices.ports import Bench, SafeState
+from hdbench.devices.bench import Bench, SafeState
 from hdbench.errors import Stopped
 from hdbench.profile.schema import ProfileData
 from hdbench.session.calibrating.conversation import (

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from hdbench.devices.emulator.terminals import ChannelFault, Input
+from hdbench.devices.emulator.instrument import ChannelFault, Input
 from hdbench.drivers.labjack.emulator.memory import Cell, Memory, RefusedError
 
 __all__ = ["ARGUMENT", "CODE", "FaultActs", "Injection"]
