@@ -12,8 +12,8 @@ from click.testing import CliRunner
 
 from hdbench.devices import serial_ports
 from hdbench.devices.serial_ports import SerialPort, latency_timer_ms, probe_port
-from hdbench_cli import devices as devices_module
-from hdbench_cli import doctor as doctor_module
+from hdbench_cli.commands import devices as devices_module
+from hdbench_cli.commands import doctor as doctor_module
 from hdbench_cli.output import Output
 
 

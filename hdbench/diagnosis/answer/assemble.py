@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hdbench.diagnosis.answer.records import Gain, LeftOutSamples
 from hdbench.diagnosis.answer.result import (
     Diagnosis,
+    Gain,
+    LeftOutSamples,
     NamedCause,
     Pictures,
     Rest,

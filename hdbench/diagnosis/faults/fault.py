@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from hdbench.diagnosis.answer.records import DataFlag
+from hdbench.diagnosis.answer.result import DataFlag
 from hdbench.diagnosis.faults.scatter import mask_runs
 from hdbench.records.trace import FloatArray, Trace
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.ndimage import median_filter
 
-from hdbench.diagnosis.answer.records import DataFlag
+from hdbench.diagnosis.answer.result import DataFlag
 from hdbench.diagnosis.faults.converter import clipping, stuck_samples
 from hdbench.diagnosis.faults.fault import Fault, Inspected, flag_runs, flag_samples
 from hdbench.diagnosis.faults.jumps import find_jumps

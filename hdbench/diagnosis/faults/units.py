@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from hdbench.diagnosis.answer.records import DataFlag
+from hdbench.diagnosis.answer.result import DataFlag
 from hdbench.diagnosis.faults.fault import Inspected
 from hdbench.diagnosis.faults.scatter import fast_part
 from hdbench.diagnosis.faults.shaft import (
