@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from fault_kit import Row
 
-from hdbench.devices.ports import Block
+from hdbench.devices.bench import Block
 from hdbench.errors import DeviceError
 from hdbench.filter import preset
 from hdbench.plant.bench import SimulatedBench

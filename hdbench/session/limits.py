@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from hdbench.devices.ports import Block
+from hdbench.devices.bench import Block
 from hdbench.errors import DeviceError
 from hdbench.profile.schema import Limits
 from hdbench.records import FloatArray

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Protocol
 
 from hdbench.devices import SimulatedOperator
-from hdbench.devices.mistakes import Mistakes
-from hdbench.devices.ports import Bench, Identity, Operator, SafeState
+from hdbench.devices.bench import Bench, Identity, Operator, SafeState
+from hdbench.devices.operator import Mistakes
 from hdbench.errors import UsageError
 from hdbench.records import Loads, Trace
 from hdbench.records.attempts import SampleGroup, sample_groups

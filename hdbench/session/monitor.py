@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from hdbench.devices import open_bench
-from hdbench.devices.ports import AcquisitionSettings, Bench, Block, Identity, SafeState
+from hdbench.devices.bench import AcquisitionSettings, Bench, Block, Identity, SafeState
 from hdbench.errors import UnsafeError
 from hdbench.filter import FilterModel
 from hdbench.filter.amplitudes import block_amplitudes

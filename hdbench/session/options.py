@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from hdbench.devices.mistakes import Mistake
-from hdbench.devices.ports import Operator
+from hdbench.devices.bench import Operator
+from hdbench.devices.operator import Mistake
 from hdbench.diagnosis.planning.segments import MotionPlan
 from hdbench.filter import FilterModel
 from hdbench.profile import Profile

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from hdbench.devices.mistakes import Mistake
-from hdbench.devices.ports import Operator
+from hdbench.devices.bench import Operator
+from hdbench.devices.operator import Mistake
 from hdbench.diagnosis.planning.planfile import read_plan
 from hdbench.errors import BusyError, DataError, UsageError
 from hdbench.filter import FilterModel

@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 
-from hdbench.devices.ports import AcquisitionSettings, Bench, Block, Operator, SafeState
+from hdbench.devices.bench import AcquisitionSettings, Bench, Block, Operator, SafeState
 from hdbench.errors import DeviceError, UsageError
 from hdbench.filter.amplitudes import block_amplitudes
 from hdbench.profile.schema import ProfileData

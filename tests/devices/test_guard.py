@@ -17,14 +17,14 @@ import pytest
 from nodekit import PROFILE, TinyBench, driver, proxy, served, until
 from serial import Serial
 
+from hdbench.devices.bench import AcquisitionSettings
 from hdbench.devices.emulator.process import running_emulator
-from hdbench.devices.guard import Guard, GuardedBench, guard_silence_s, order, order_of
+from hdbench.devices.guard import GuardedBench, GuardProcess, guard_silence_s, order, order_of
 from hdbench.devices.guard import launch as launching
 from hdbench.devices.guard.process import watching
 from hdbench.devices.guard.process.stopping import FAULTS, Wire, make_safe, note_identity, wrong
-from hdbench.devices.ports import AcquisitionSettings
 from hdbench.devices.wire import FrameError, read_registers, write_register
-from hdbench.devices.wire.crc import crc16
+from hdbench.devices.wire.rtu import crc16
 from hdbench.errors import DeviceError
 from hdbench.profile import load_profile
 from hdbench.profile.schema import ReferenceWave
@@ -42,7 +42,7 @@ def guarded(node, tmp_path, silence_s=0.3):
     log = tmp_path / "guard.jsonl"
     with driver(node.host, node.port, watchdog_s=2.0) as bench:
         bench.claim()
-        found = GuardedBench(bench, lambda: Guard(order_of(data), silence_s, log=log))
+        found = GuardedBench(bench, lambda: GuardProcess(order_of(data), silence_s, log=log))
         try:
             yield found
         finally:
@@ -104,7 +104,7 @@ def test_a_bench_that_is_closed_without_the_safe_state_is_made_safe(tmp_path):
         data = profile_at(f"tcp://{node.host}:{node.port}")
         with driver(node.host, node.port, watchdog_s=2.0) as inner:
             inner.claim()
-            bench = GuardedBench(inner, lambda: Guard(order_of(data), 1.0))
+            bench = GuardedBench(inner, lambda: GuardProcess(order_of(data), 1.0))
             turn(bench)
             bench.close()
             assert motor(node) == 0.0
@@ -135,7 +135,7 @@ def test_motion_without_a_second_connection_is_refused(tmp_path):
     with served(TinyBench()) as node, driver(node.host, node.port) as inner:
         inner.claim()
         nowhere = order_of(profile_at("tcp://127.0.0.1:1"))
-        bench = GuardedBench(inner, lambda: Guard(nowhere, 1.0))
+        bench = GuardedBench(inner, lambda: GuardProcess(nowhere, 1.0))
         with pytest.raises(DeviceError, match="does not reach the device"):
             bench.configure(AcquisitionSettings(1e-3, 1000, WAVE))
         assert motor(node) == 0.0
@@ -207,7 +207,7 @@ def test_a_bug_in_the_guard_does_not_end_its_trying(monkeypatch):
     monkeypatch.setattr(watching, "stop_motor", fails_once)
     near, far = socket.socketpair()
     with near, far:
-        guard = watching.Guard(near, {"targets": [], "try_s": 5.0, "log": None, "emulator": None})
+        guard = watching.Watcher(near, {"targets": [], "try_s": 5.0, "log": None, "emulator": None})
         guard.fire("test")
         assert far.recv(100).startswith(b"F")
     assert len(tries) == 2
@@ -334,7 +334,7 @@ def test_on_a_serial_line_the_guard_knows_who_answered_before_the_motion():
 
 def test_the_guard_starts_with_the_standard_library_and_the_wire_alone():
     loads = launching._PROGRAM.replace(
-        "main()", "import serial, hdbench.devices.wire.rtu, hdbench.devices.wire.tls, sys; "
+        "main()", "import serial, hdbench.devices.wire.rtu, hdbench.devices.wire.tcp, sys; "
         "print(*sorted({name.partition('.')[0] for name in sys.modules}))"
     )  # fmt: skip
     done = subprocess.run(

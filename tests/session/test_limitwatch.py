@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from hdbench.devices.ports import Block
+from hdbench.devices.bench import Block
 from hdbench.profile import load_profile
 from hdbench.session.limits import LimitWatch
 from hdbench.session.stop import Aborted

@@ -2,7 +2,7 @@
 
 import pytest
 
-from hdbench.devices.pace import check_drives
+from hdbench.devices.feasibility import check_drives
 from hdbench.errors import ProfileError, UsageError
 from hdbench.profile import load_profile
 from hdbench.session.planning import check_plan

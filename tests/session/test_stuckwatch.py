@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hdbench.devices.ports import Block
+from hdbench.devices.bench import Block
 from hdbench.errors import DeviceError
 from hdbench.session.limits import HeldTorque, SpeedWatch
 

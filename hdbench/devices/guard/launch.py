@@ -19,7 +19,7 @@ from hdbench.devices.guard.order import GuardOrder
 from hdbench.errors import DeviceError
 from hdbench.system.processes import DETACHED
 
-__all__ = ["Guard", "guard_silence_s"]
+__all__ = ["GuardProcess", "guard_silence_s"]
 
 # behind the standard library: the guard itself, this package, and pyserial
 _PATHS = [str(Path(__file__).parents[at]) for at in (0, 3)]
@@ -59,7 +59,7 @@ def guard_silence_s(watchdog_s: float, deadline_s: float) -> float:
     return max(1.2 * deadline_s, min(0.9 * watchdog_s, _SILENCE_S))
 
 
-class Guard:
+class GuardProcess:
     """A process that stops the motor when this one dies or freezes.
 
     Parameters

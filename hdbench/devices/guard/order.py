@@ -1,4 +1,4 @@
-"""What the guard sends to stop a motor, and what must be read back: plain data."""
+"""Order of the guard: what it sends to stop a motor and what must be read back, as plain data."""
 
 from __future__ import annotations
 
@@ -7,11 +7,14 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from hdbench.devices.driver import driver_of
 from hdbench.devices.wire import Address, Request
+from hdbench.profile.acquiring import CompositeAcquisition
 from hdbench.profile.acquiring_table import TlsFiles
+from hdbench.profile.schema import ProfileData
+from hdbench.system.children import child_command
 
-__all__ = ["Check", "GuardOrder", "Look", "Target", "target_at"]
-
+__all__ = ["Check", "GuardOrder", "Look", "Target", "order_of", "target_at"]
 
 # how long the guard goes on trying after the session's end, s
 _TRY_S = 60.0
@@ -179,3 +182,26 @@ def target_at(
 def _told(request: Request) -> dict[str, Any]:
     pdu, form = request
     return {**asdict(form), "head": form.head.hex(), "pdu": pdu.hex()}
+
+
+def order_of(profile: ProfileData) -> GuardOrder:
+    """Return what the guard of a bench is to do.
+
+    Parameters
+    ----------
+    profile : ProfileData
+        The bench, its addresses as they are in use.
+
+    Returns
+    -------
+    GuardOrder
+        The bytes themselves where the driver gives them; else a command that stops the bench
+        through its driver, which takes as long as the libraries need to load.
+    """
+    table = profile.daq
+    driving = table.outputs if isinstance(table, CompositeAcquisition) else table
+    target = driver_of(driving.driver).stop_target(profile, driving)
+    if target is None:
+        command = child_command("hdbench.devices.guard")
+        return GuardOrder(command=command, stdin=profile.model_dump_json(exclude_none=True))
+    return GuardOrder(targets=(target,))

@@ -8,8 +8,7 @@ import time
 from collections.abc import Callable, Sequence
 from typing import NoReturn
 
-from hdbench.devices.modbus.layout import Block, Place, plan_blocks, values_of
-from hdbench.devices.modbus.values import encode
+from hdbench.devices.modbus.layout import Block, Place, encode, plan_blocks, values_of
 from hdbench.devices.wire import (
     ExceptionReply,
     FrameError,

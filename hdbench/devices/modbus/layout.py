@@ -1,17 +1,108 @@
-"""Where values stand on the wire, and which requests read them."""
+"""Layout of a polled device: values in registers, their places, and the requests that read them."""
 
 from __future__ import annotations
 
+import math
+import struct
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from hdbench.devices.modbus.values import Order, Type, decode, size_of
 from hdbench.devices.wire import Request, read_bits, read_registers
-from hdbench.profile.acquiring_modbus import ModbusAcquisition, ModbusPlace
+from hdbench.profile.acquiring_modbus import ModbusAcquisition, ModbusIdentify, ModbusPlace
 from hdbench.profile.modbus_checks import number_ranges
 
-__all__ = ["Block", "Place", "place_of", "plan_blocks", "values_of"]
+__all__ = [
+    "Block",
+    "Order",
+    "Place",
+    "Type",
+    "decode",
+    "encode",
+    "fits",
+    "needed",
+    "place_of",
+    "plan_blocks",
+    "range_of",
+    "size_of",
+    "values_of",
+]
+
+Type = Literal["i16", "u16", "i32", "u32", "f32", "f64"]
+Order = Literal["ABCD", "CDAB", "BADC", "DCBA"]
+
+_FORMATS: dict[str, str] = {
+    "i16": ">h", "u16": ">H", "i32": ">i", "u32": ">I", "f32": ">f", "f64": ">d",
+}  # fmt: skip
+
+
+def size_of(kind: Type) -> int:
+    """Return how many registers a value of a type takes."""
+    return struct.calcsize(_FORMATS[kind]) // 2
+
+
+def range_of(kind: Type) -> tuple[float, float]:
+    """Return the ends of a type; those of a float are infinite."""
+    bits = 16 * size_of(kind)
+    if kind.startswith("i"):
+        return -(2.0 ** (bits - 1)), 2.0 ** (bits - 1) - 1.0
+    return (0.0, 2.0**bits - 1.0) if kind.startswith("u") else (-math.inf, math.inf)
+
+
+def decode(raw: bytes, kind: Type, order: Order) -> float | int:
+    """Return the value of registers."""
+    value: float | int = struct.unpack(_FORMATS[kind], _ordered(raw, order))[0]
+    return value
+
+
+def encode(value: float, kind: Type, order: Order) -> bytes:
+    """Return the registers of a value; whole-number types take the nearest."""
+    low, high = range_of(kind)
+    # written so that NaN fails
+    if not (math.isfinite(value) and low - 0.5 <= value <= high + 0.5):
+        raise ValueError(f"{value!r} does not fit {kind}: {low:g} to {high:g}")
+    number = value if kind.startswith("f") else min(max(round(value), int(low)), int(high))
+    try:
+        return _ordered(struct.pack(_FORMATS[kind], number), order)
+    except OverflowError as error:
+        raise ValueError(f"{value!r} does not fit {kind}") from error
+
+
+def _ordered(raw: bytes, order: Order) -> bytes:
+    """Return the bytes in another order; the same again gives them back."""
+    words = [raw[at : at + 2] for at in range(0, len(raw), 2)]
+    if order in ("CDAB", "DCBA"):
+        words.reverse()
+    if order in ("BADC", "DCBA"):
+        words = [word[::-1] for word in words]
+    return b"".join(words)
+
+
+# 32-bit floats carry a decimal number to 6e-8 of itself
+_ROUNDING = 1e-6
+
+
+def fits(rule: ModbusIdentify, found: float | int) -> bool:
+    """Return whether a value keeps a rule."""
+    if not math.isfinite(found):
+        return False
+    value = float(int(found) & rule.mask) if rule.mask is not None else float(found)
+    near = rule.equals is None or abs(value - rule.equals) <= _ROUNDING * abs(rule.equals)
+    low = -math.inf if rule.low is None else rule.low
+    high = math.inf if rule.high is None else rule.high
+    return near and low <= value <= high
+
+
+def needed(rule: ModbusIdentify) -> str:
+    """Return a rule in words."""
+    words = [] if rule.equals is None else [f"{rule.equals:.9g}"]
+    if rule.low is not None or rule.high is not None:
+        low = "anything" if rule.low is None else f"{rule.low:.9g}"
+        high = "anything" if rule.high is None else f"{rule.high:.9g}"
+        words.append(f"{low} to {high}")
+    masked = "" if rule.mask is None else f" in the bits 0x{rule.mask:X}"
+    return " and ".join(words) + masked
+
 
 Space = Literal["holding", "input", "coil", "discrete"]
 _REGISTER_READS = {"holding": 3, "input": 4}

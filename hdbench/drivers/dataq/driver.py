@@ -8,11 +8,16 @@ from typing import NoReturn
 
 import numpy as np
 
-from hdbench.devices.capabilities import Capabilities, InputInfo, Role
-from hdbench.devices.daq import DaqSettings, ScanBlock
-from hdbench.devices.inputsonly import InputsOnly
-from hdbench.devices.ports import Identity, SafeState
-from hdbench.devices.text import clean_text
+from hdbench.devices.bench import Identity, SafeState
+from hdbench.devices.daq import (
+    Capabilities,
+    DaqSettings,
+    InputInfo,
+    InputsOnly,
+    Role,
+    ScanBlock,
+    clean_text,
+)
 from hdbench.drivers.dataq.acquisition import Acquisition
 from hdbench.drivers.dataq.models import (
     BUFFER_SAMPLES,

@@ -9,9 +9,8 @@ from collections import deque
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from hdbench.devices.serialport import is_port, open_port
 from hdbench.errors import DeviceError, UsageError
-from hdbench.system.lines import PortIo, port_io
+from hdbench.system.lines import PortIo, is_port, open_port, port_io
 
 if TYPE_CHECKING:
     from serial import Serial

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hdbench.devices.capabilities import Role
+from hdbench.devices.daq import Role
 from hdbench.drivers.dataq.models import MODELS, Model
 from hdbench.drivers.dataq.table import DataqAcquisition, DataqChannel
 from hdbench.errors import ProfileError

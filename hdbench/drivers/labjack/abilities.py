@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 
-from hdbench.devices.capabilities import Capabilities, InputInfo, OutputInfo, WatchdogInfo
+from hdbench.devices.daq import Capabilities, InputInfo, OutputInfo, WatchdogInfo
 from hdbench.drivers.labjack.outputs import output_range_v, output_step_v
 from hdbench.drivers.labjack.registers import BUFFER_SIZE
 from hdbench.drivers.labjack.scanlist import (

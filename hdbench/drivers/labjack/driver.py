@@ -8,9 +8,8 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from hdbench.devices.capabilities import Capabilities, Role
-from hdbench.devices.daq import DaqSettings, ScanBlock, WatchdogState
-from hdbench.devices.ports import Identity, SafeState
+from hdbench.devices.bench import Identity, SafeState
+from hdbench.devices.daq import Capabilities, DaqSettings, Role, ScanBlock, WatchdogState
 from hdbench.devices.safestate import SafeActs, Seen, reach_safe_state
 from hdbench.devices.wire import connect, parse_address
 from hdbench.drivers.labjack.abilities import describe_abilities

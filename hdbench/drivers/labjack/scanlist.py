@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hdbench.devices.capabilities import Role
+from hdbench.devices.daq import Role
 from hdbench.drivers.labjack.registers import (
     CORE,
     FIO_EIO_STATE,

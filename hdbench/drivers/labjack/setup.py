@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from hdbench.devices.capabilities import Role
+from hdbench.devices.daq import Role
 from hdbench.drivers.labjack.control import Control, Refused
 from hdbench.drivers.labjack.registers import (
     BUFFER_SIZE,

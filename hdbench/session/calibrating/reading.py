@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from hdbench.devices.ports import AcquisitionSettings, Bench, Block
+from hdbench.devices.bench import AcquisitionSettings, Bench, Block
 from hdbench.profile.schema import ProfileData
 from hdbench.records.loads import LoadReading
 from hdbench.session.calibrating.conversation import Answer

@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from hdbench.devices.ports import Bench, SafeState
+from hdbench.devices.bench import Bench, SafeState
 from hdbench.errors import Stopped
 from hdbench.profile.schema import ProfileData
-from hdbench.session.calibrating.conversation import (
-    Answer,
-    Conversation,
-    Question,
-    Reply,
+from hdbench.session.calibrating.conversation import Answer, Conversation, Question, Reply
+from hdbench.session.calibrating.plausibility import doubt_about, expectation_of
+from hdbench.session.calibrating.points import PREPARATIONS, Point
+from hdbench.session.calibrating.questions import (
     accepted_line,
     hang_question,
     last_question,
@@ -23,8 +22,6 @@ from hdbench.session.calibrating.conversation import (
     still_question,
     wrong_question,
 )
-from hdbench.session.calibrating.plausibility import doubt_about, expectation_of
-from hdbench.session.calibrating.points import PREPARATIONS, Point
 from hdbench.session.calibrating.reading import BridgeReader, Taken, reading_entry
 from hdbench.session.calibrating.settling import Judgement, settle_rule
 from hdbench.session.calibrating.state import CalibrationLog, Mounting

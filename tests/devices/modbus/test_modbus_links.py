@@ -13,9 +13,8 @@ from modbuskit import BENCH as PROFILE
 from modbuskit import TORQUE, driver, served, table
 
 from hdbench.devices.guard.process.stopping import make_safe, note_identity
-from hdbench.devices.modbus.client import StrictClient
-from hdbench.devices.modbus.links import polled_link
-from hdbench.devices.modbus.stopping import stop_target
+from hdbench.devices.modbus.links import StrictClient, polled_link
+from hdbench.devices.modbus.opening import stop_target
 from hdbench.devices.wire import (
     ExceptionReply,
     FrameError,
@@ -23,7 +22,7 @@ from hdbench.devices.wire import (
     read_registers,
     write_register,
 )
-from hdbench.devices.wire.crc import crc16
+from hdbench.devices.wire.rtu import crc16
 from hdbench.errors import DeviceError, UsageError
 
 WIRES = ("tcp", "udp", "rtu+tcp", "rtu", "ascii")

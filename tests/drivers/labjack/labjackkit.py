@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from hdbench.devices.daq import DaqSettings, ScanBlock
+from hdbench.devices.driver import open_daq
 from hdbench.devices.emulator.instrument import DeviceClock, SimulatedInstrument
-from hdbench.devices.registry import open_daq
 from hdbench.drivers.labjack.driver import LabJackDaq
 from hdbench.drivers.labjack.emulator.device import LabJackDevice
 from hdbench.drivers.labjack.emulator.server import LabJackServer

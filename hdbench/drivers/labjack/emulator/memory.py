@@ -19,8 +19,8 @@ import struct
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
+from hdbench.devices.emulator.instrument import ChannelFault, Input
 from hdbench.devices.emulator.server import ModbusRefusedError
-from hdbench.devices.emulator.terminals import ChannelFault, Input
 
 _FORMATS = {"u16": ">H", "u32": ">I", "f32": ">f"}
 _ILLEGAL_ADDRESS, _ILLEGAL_VALUE, _DEVICE_FAILURE = 2, 3, 4
