@@ -16,7 +16,7 @@ from hdbench.calibration.readings import TakenReading
 from hdbench.calibration.readingsout import reading_dict
 from hdbench.estimation.channel import DataFlag
 from hdbench.profile.schema import ProfileData
-from hdbench.records.loadssequence import SequenceEntry
+from hdbench.records.loads import SequenceEntry
 from hdbench.records.quantity import Quantity
 
 __all__ = ["CalibrationResult"]

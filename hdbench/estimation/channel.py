@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from hdbench.errors import DataError
 from hdbench.profile.schema import ProfileData
-from hdbench.records.scale import TorqueScale
+from hdbench.records.quantity import TorqueScale
 from hdbench.records.trace import FloatArray, Trace
 
 __all__ = ["DataFlag", "data_flags", "stretch_starts", "torque_channel"]

@@ -20,8 +20,7 @@ from hdbench.misalignment.record import (
 )
 from hdbench.misalignment.result import MisalignmentResult
 from hdbench.profile.schema import ProfileData
-from hdbench.records.quantity import Quantity
-from hdbench.records.scale import TorqueScale
+from hdbench.records.quantity import Quantity, TorqueScale
 from hdbench.records.trace import Trace
 
 __all__ = ["evaluate_misalignment"]

@@ -15,7 +15,7 @@ from hdbench.estimation.stretches import SteadyStretch, steady_runs
 from hdbench.model import baseline_orders
 from hdbench.model.motion import Motion, motion_from_trace
 from hdbench.profile.schema import ProfileData
-from hdbench.records.scale import TorqueScale
+from hdbench.records.quantity import TorqueScale
 from hdbench.records.trace import FloatArray, Trace
 
 __all__ = [

@@ -10,8 +10,7 @@ from hdbench.estimation.channel import DataFlag
 from hdbench.estimation.scan import Line
 from hdbench.estimation.search import FALSE_ALARM_LEVEL
 from hdbench.estimation.stretches import SteadyStretch
-from hdbench.records.quantity import Quantity
-from hdbench.records.scale import TorqueScale
+from hdbench.records.quantity import Quantity, TorqueScale
 
 __all__ = ["MisalignmentResult"]
 

@@ -10,7 +10,7 @@ from hdbench.errors import DataError, UsageError
 from hdbench.filter import FilterModel, filter_trace
 from hdbench.model import baseline_orders
 from hdbench.profile.schema import ProfileData
-from hdbench.records.scale import TorqueScale
+from hdbench.records.quantity import TorqueScale
 from hdbench.records.trace import Trace
 from hdbench.ripple.record import Record, Stretch, prepare
 from hdbench.ripple.regression import regress

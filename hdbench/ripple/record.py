@@ -12,7 +12,7 @@ from hdbench.errors import DataError, UsageError
 from hdbench.estimation.channel import stretch_starts, torque_channel
 from hdbench.model.motion import Motion, motion_from_trace
 from hdbench.profile.schema import ProfileData
-from hdbench.records.scale import TorqueScale
+from hdbench.records.quantity import TorqueScale
 from hdbench.records.trace import FloatArray, Trace
 
 __all__ = ["Record", "Stretch", "prepare"]

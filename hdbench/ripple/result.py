@@ -14,8 +14,7 @@ from hdbench.estimation.search import FALSE_ALARM_LEVEL
 from hdbench.estimation.spectrum import Spectrum, SpectrumPeak
 from hdbench.estimation.stretches import SteadyStretch
 from hdbench.estimation.trend import Trend
-from hdbench.records.quantity import Quantity
-from hdbench.records.scale import TorqueScale
+from hdbench.records.quantity import Quantity, TorqueScale
 
 __all__ = ["RippleOrder", "RippleResult", "SteadySpectrum", "VelocityRange"]
 

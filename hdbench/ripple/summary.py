@@ -13,7 +13,7 @@ from hdbench.estimation.regression import ordinary_fit
 from hdbench.estimation.spectrum import amplitude_spectrum, find_peaks
 from hdbench.estimation.stretches import SteadyStretch, longest_steady
 from hdbench.profile.schema import ProfileData
-from hdbench.records.scale import TorqueScale
+from hdbench.records.quantity import TorqueScale
 from hdbench.records.trace import FloatArray
 from hdbench.ripple.record import Record
 from hdbench.ripple.regression import Regression

@@ -9,7 +9,7 @@ from hdbench.devices.mistakes import Mistakes
 from hdbench.devices.ports import Bench, Identity, Operator
 from hdbench.errors import UsageError
 from hdbench.records.journal import JournalWriter
-from hdbench.records.manifest import utc_now
+from hdbench.records.runfolder import utc_now
 from hdbench.session.calibrating.conversation import Conversation, Unattended
 from hdbench.session.calibrating.guard import Guard
 from hdbench.session.calibrating.mounting import Mounting

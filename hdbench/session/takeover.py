@@ -2,30 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
-from hdbench.records.attempts import SampleGroup
+from hdbench.records.journal import JournalSamples
 from hdbench.session.recorder import TraceRecorder
 
 __all__ = ["take_over"]
 
 
-def take_over(recorder: TraceRecorder, groups: Sequence[SampleGroup]) -> None:
+def take_over(recorder: TraceRecorder, samples: JournalSamples) -> None:
     """Take over what an earlier session of this run has recorded."""
-    for group in groups:
+    for group in samples.groups:
         if group.step is not None:
             attempts = recorder.attempts.get(group.step, 0)
             recorder.attempts[group.step] = max(attempts, group.attempt)
         if group.complete and not group.superseded:
-            _take_over(recorder, group)
+            _take_over(recorder, samples.only(group))
 
 
-def _take_over(recorder: TraceRecorder, group: SampleGroup) -> None:
+def _take_over(recorder: TraceRecorder, samples: JournalSamples) -> None:
     recorder.stage += bool(recorder.n_rows)
     first_row, last_s = recorder.n_rows, 0.0
-    for block in group.blocks:
+    for block in samples.blocks():
         rows = {name: values.astype(np.float64) for name, values in block.columns.items()}
         recorder.online.process(
             rows["time_s"],
