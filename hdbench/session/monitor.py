@@ -17,8 +17,8 @@ from hdbench.filter.amplitudes import block_amplitudes
 from hdbench.profile import Profile
 from hdbench.records import FloatArray, TorqueScale
 from hdbench.session.recorder import TraceRecorder
+from hdbench.session.runner import next_block
 from hdbench.session.stop import StopRequested, StopSignals
-from hdbench.session.waiting import next_block
 from hdbench.session.watching import Frame, Watcher
 
 __all__ = ["ChannelStatistics", "Monitor", "Observation"]

@@ -47,7 +47,7 @@ from numpy.typing import NDArray
 
 from hdbench.plant.bench import SimulatedBench
 from hdbench.plant.converter import HALF_LENGTH_SAMPLES, to_count
-from hdbench.plant.reference import ReferenceLine
+from hdbench.plant.timeline import ReferenceLine
 from hdbench.records.trace import FloatArray
 
 __all__ = ["ChannelFault", "DeviceClock", "ElectricalSamples", "Input", "SimulatedInstrument"]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from hdbench.devices.guard.order import Check, Look, Target, target_at
 from hdbench.devices.safestate import STANDSTILL_RAD_S
 from hdbench.devices.wire import parse_address
-from hdbench.drivers.labjack.feedback import feedback_request
+from hdbench.drivers.labjack.control import feedback_request
 from hdbench.drivers.labjack.registers import (
     IDENTITY,
     STREAM_ENABLE,

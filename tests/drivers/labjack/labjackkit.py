@@ -18,7 +18,7 @@ from hdbench.devices.emulator.instrument import DeviceClock, SimulatedInstrument
 from hdbench.drivers.labjack.driver import LabJackDaq
 from hdbench.drivers.labjack.emulator.device import LabJackDevice
 from hdbench.drivers.labjack.emulator.server import LabJackServer
-from hdbench.drivers.labjack.emulator.wiring import Wiring
+from hdbench.drivers.labjack.emulator.streaming import Wiring
 from hdbench.plant.bench import SimulatedBench
 from hdbench.plant.plantfile import load_plant
 from hdbench.profile import load_profile

@@ -21,15 +21,11 @@ from hdbench.errors import (
 from hdbench.records.journal import JournalWriter
 from hdbench.records.reserve import check_space, free_reserve, keep_reserve
 from hdbench.records.runfolder import RunFolder
-from hdbench.session.boarding import make_walker
-from hdbench.session.calibrating.planfile import PLAN_NAME
+from hdbench.session.calibrating.points import PLAN_NAME
 from hdbench.session.evaluation import evaluate, store_evaluation
-from hdbench.session.options import RunOutcome
+from hdbench.session.measurement import Walker, make_walker
+from hdbench.session.options import RunOutcome, Task
 from hdbench.session.stop import StopRequested
-from hdbench.session.task import Task
-from hdbench.session.walkers import Walker
-
-__all__ = ["Run", "kept"]
 
 GUARD_LOG = "guard.jsonl"
 

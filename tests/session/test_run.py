@@ -11,7 +11,7 @@ from fakes import FakeBench, FakeOperator
 from hdbench.errors import BusyError, DataError, DeviceError, HdbenchError, UnsafeError
 from hdbench.profile import load_profile
 from hdbench.records.jsonfile import read_json
-from hdbench.session import BenchOptions, boarding, keeping, run_experiment
+from hdbench.session import BenchOptions, measurement, run, run_experiment
 
 
 def run_with(
@@ -28,8 +28,8 @@ def run_with(
     def opened(*_arguments: object, **_named: object):
         yield bench
 
-    monkeypatch.setattr(keeping, "open_bench", opened)
-    monkeypatch.setattr(boarding, "SimulatedOperator", FakeOperator)
+    monkeypatch.setattr(run, "open_bench", opened)
+    monkeypatch.setattr(measurement, "SimulatedOperator", FakeOperator)
     run_experiment(
         "ripple", load_profile("cim-tr-97-06"), BenchOptions(out), lambda _what, _share: None
     )
@@ -81,8 +81,8 @@ def test_a_bug_leaves_no_run_behind_that_says_it_still_goes_on(
     def opened(*_arguments: object, **_named: object):
         yield bench
 
-    monkeypatch.setattr(keeping, "open_bench", opened)
-    monkeypatch.setattr(boarding, "SimulatedOperator", FakeOperator)
+    monkeypatch.setattr(run, "open_bench", opened)
+    monkeypatch.setattr(measurement, "SimulatedOperator", FakeOperator)
     with pytest.raises(RuntimeError, match="a bug"):
         run_experiment(
             "ripple", load_profile("cim-tr-97-06"), BenchOptions(tmp_path), lambda _w, _s: None

@@ -1,7 +1,8 @@
-"""The emulated instrument: its commands, its scan clock, its small buffer."""
+"""An emulated DATAQ instrument on a pseudo-terminal, with its scan clock and small buffer."""
 
 from __future__ import annotations
 
+import asyncio
 import time
 from collections.abc import Callable, Mapping
 
@@ -14,12 +15,57 @@ from hdbench.devices.emulator.instrument import (
     Input,
     SimulatedInstrument,
 )
-from hdbench.drivers.dataq.emulator.words import OPEN_LINES, Terminal, scan_words
-from hdbench.drivers.dataq.identity import EMULATOR_NAME
-from hdbench.drivers.dataq.models import Model
-from hdbench.drivers.dataq.rates import BUFFER_SAMPLES
+from hdbench.devices.emulator.serving import Emulation, EmulatorSettings
+from hdbench.drivers.dataq.driver import EMULATOR_NAME
+from hdbench.drivers.dataq.models import BUFFER_SAMPLES, MODELS, Model
+from hdbench.drivers.dataq.scans import channel_number
+from hdbench.drivers.dataq.table import DataqAcquisition
+from hdbench.records.trace import FloatArray
+from hdbench.system.lines import PseudoTerminal
 
-__all__ = ["DataqDevice"]
+Terminal = tuple[Input, float]
+"""What is wired to an analog input, and how many volts of it stand there per volt."""
+
+# D6 to D0 open are pulled up; D1 and D0 come inverted in the lower byte
+OPEN_LINES = 0x7F
+_FULL = 32768
+_ANALOG, _DIGITAL, _COUNTER = range(8), 8, 10
+
+
+def scan_words(
+    samples: ElectricalSamples,
+    entries: tuple[int, ...],
+    model: Model,
+    wiring: Mapping[int, Terminal],
+    lines: int = OPEN_LINES,
+    edges: NDArray[np.int64] | None = None,
+) -> NDArray[np.int16]:
+    """Return the scans of a list as they stand in the stream."""
+    ranges = {code: range_v for range_v, code in model.ranges.items()}
+    columns = []
+    for entry in entries:
+        kind = entry & 0xF
+        if kind in _ANALOG:
+            name, factor = wiring.get(kind, ("torque", 0.0))
+            volts = samples.volts[name] * factor
+            columns.append(_analog(volts, ranges.get(entry >> 8, 10.0), model.bits))
+        elif kind == _COUNTER and edges is not None:
+            columns.append((edges % 65536 - _FULL).astype(np.int16))
+        else:
+            constant = lines << 8 | ~lines & 3 if kind == _DIGITAL else -_FULL & 0xFFFF
+            columns.append(np.full(len(samples), constant, dtype=np.uint16).astype(np.int16))
+    words = np.column_stack(columns).astype(np.int16)
+    if not model.digital:
+        words[:, 0] |= lines & 3
+    return words
+
+
+def _analog(volts: FloatArray, range_v: float, bits: int) -> NDArray[np.int16]:
+    step = 1 << (16 - bits)
+    counts = np.rint(volts * (_FULL / (range_v * step))) * step
+    words: NDArray[np.int16] = np.clip(counts, -_FULL, _FULL - step).astype(np.int16)
+    return words
+
 
 _OVERFLOW = b"stop 01"
 _FIRMWARE = "87"
@@ -235,3 +281,97 @@ def _averaged(samples: ElectricalSamples, number: int) -> ElectricalSamples:
     return ElectricalSamples(
         samples.first_index // number, volts, samples.count[number - 1 :: number]
     )
+
+
+# wall-clock grain of the stream, s
+_TICK_S = 0.005
+
+
+class DataqLine:
+    """Serves one instrument until it is closed.
+
+    Parameters
+    ----------
+    device : DataqDevice
+        The instrument.
+    """
+
+    def __init__(self, device: DataqDevice) -> None:
+        self.device = device
+        self._line: PseudoTerminal | None = None
+        self._buffer = self._left = b""
+        self._timer: asyncio.TimerHandle | None = None
+
+    async def open(self) -> str:
+        """Open a pseudo-terminal and return the address that a host opens."""
+        self._line = PseudoTerminal(self._received)
+        self._tick()
+        return f"serial://{self._line.path}"
+
+    def close(self) -> None:
+        """End the line."""
+        if self._timer is not None:
+            self._timer.cancel()
+        line, self._line = self._line, None
+        if line is not None:
+            line.close()
+
+    def _tick(self) -> None:
+        self._left = self._send(self._left)
+        self._left += self.device.tick(blocked=bool(self._left))
+        self._left = self._send(self._left)
+        self._timer = asyncio.get_running_loop().call_later(_TICK_S, self._tick)
+
+    def _received(self, data: bytes) -> None:
+        self._buffer += data
+        *lines, self._buffer = self._buffer.split(b"\r")
+        for line in lines:
+            self._left += self.device.command(line.decode("ascii", errors="replace").strip())
+        self._left = self._send(self._left)
+
+    def _send(self, data: bytes) -> bytes:
+        """Send what the line takes; return the rest."""
+        while data and self._line is not None and (sent := self._line.write(data)):
+            data = data[sent:]
+        return data
+
+
+# fast pace: a host has less time for the same samples
+_FAST_BUFFERS = 16
+
+
+class EmulatedDataq:
+    """Implements `hdbench.devices.emulator.serving.EmulatedDevice`.
+
+    Parameters
+    ----------
+    device : DataqDevice
+        The instrument.
+    """
+
+    def __init__(self, device: DataqDevice) -> None:
+        self.line = DataqLine(device)
+
+    async def open(self, settings: EmulatorSettings) -> Mapping[str, object]:
+        """Open the pseudo-terminal and return ``address``; it has no port to choose."""
+        if settings.pace == "fast":
+            self.line.device.buffer_samples *= _FAST_BUFFERS
+        return {"address": await self.line.open()}
+
+    def close(self) -> None:
+        """End the line."""
+        self.line.close()
+
+
+def emulate_dataq(emulation: Emulation, table: DataqAcquisition) -> EmulatedDataq:
+    """Return an instrument with a simulated bench at the terminals that `table` names."""
+    # the instrument's current channel has max_current_a at range_v; the terminal has 1 V per scale
+    profile = emulation.profile
+    amperes_per_v = profile.servo.max_current_a / profile.daq.range_v
+    wiring: dict[int, Terminal] = {}
+    for channel in table.channels:
+        if channel.role != "encoder":
+            factor = amperes_per_v if channel.role == "current" else 1.0
+            wiring[channel_number(channel)] = (channel.role, factor / channel.scale)
+    serial = f"{emulation.seed % 16**8:08X}"
+    return EmulatedDataq(DataqDevice(emulation.instrument, MODELS[table.model], wiring, serial))
