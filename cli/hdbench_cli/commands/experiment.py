@@ -193,7 +193,7 @@ def _from_stored(request: Request, profile: Profile) -> tuple[Path, Mapping[str,
 
 
 def _measure(output: Output, request: Request, profile: Profile) -> tuple[Path, Mapping[str, Any]]:
-    from hdbench.devices.mistakes import parse_mistakes
+    from hdbench.devices.operator import parse_mistakes
     from hdbench.session import BenchOptions, run_experiment
     from hdbench_cli.asking.choice import attendance
     from hdbench_cli.asking.operator import ConsoleOperator

@@ -42,10 +42,9 @@ class Resume:
 
 def resume_command(output: Output, asked: Resume) -> None:
     """Go on with a run and show its result."""
-    from hdbench.devices.mistakes import parse_mistakes
+    from hdbench.devices.operator import parse_mistakes
     from hdbench.records import RunFolder
-    from hdbench.session.resuming import ResumeOptions
-    from hdbench.session.stored import stored_address, stored_profile
+    from hdbench.session.resuming import ResumeOptions, stored_address, stored_profile
     from hdbench_cli.asking.operator import ConsoleOperator
 
     folder = RunFolder.open(asked.run)
