@@ -22,7 +22,7 @@ from hdbench.filter.blocks import OscillatorBlock, SlowBlock
 from hdbench.filter.firmware import export_firmware
 from hdbench.filter.kalman import new_state, run
 from hdbench.filter.model import FilterModel
-from hdbench_cli.export import command
+from hdbench_cli.commands.export import command
 from hdbench_cli.output import Output
 
 PERIOD = 1e-3
