@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -16,8 +16,7 @@ from hdbench.filter import FilterModel, OnlineFilter
 from hdbench.filter.amplitudes import block_amplitudes
 from hdbench.profile.schema import ProfileData
 from hdbench.records import FloatArray
-from hdbench.records.attempts import SampleGroup
-from hdbench.records.journal import JournalWriter
+from hdbench.records.journal import JournalSamples, JournalWriter
 from hdbench.session.limits import HeldTorque
 from hdbench.session.watching import Frame
 
@@ -143,19 +142,19 @@ class TraceRecorder:
             amplitudes=block_amplitudes(self.model, self.online.state()),
         )
 
-    def take_over(self, groups: Sequence[SampleGroup]) -> None:
+    def take_over(self, samples: JournalSamples) -> None:
         """Take over what an earlier session of this run has recorded."""
-        for group in groups:
+        for group in samples.groups:
             if group.step is not None:
                 attempts = self.attempts.get(group.step, 0)
                 self.attempts[group.step] = max(attempts, group.attempt)
             if group.complete and not group.superseded:
-                self._take_over(group)
+                self._take_over(samples.only(group))
 
-    def _take_over(self, group: SampleGroup) -> None:
+    def _take_over(self, samples: JournalSamples) -> None:
         self.stage += bool(self.n_rows)
         self.stage_rows, last_s = 0, 0.0
-        for block in group.blocks:
+        for block in samples.blocks():
             rows = {name: values.astype(np.float64) for name, values in block.columns.items()}
             self._filter(rows)
             last_s = float(rows["time_s"][-1])

@@ -50,7 +50,7 @@ def stop_target(profile: ProfileData, table: LabJackAcquisition) -> Target | Non
         target_at(parse_address(table.address, default_port=502), 1),
         acts=(feedback_request(((reference, 0.0),), ()), stop),
         looks=tuple(looks),
-        identity=feedback_request((), IDENTITY),
+        identity=(Look(feedback_request((), IDENTITY)),),
         finals=(feedback_request(((line, off),), ()),),
         final_looks=(look(line, Check("enable line", 1, ">H", off, off)),),
     )
