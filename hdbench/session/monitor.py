@@ -13,7 +13,7 @@ from hdbench.devices import open_bench
 from hdbench.devices.ports import AcquisitionSettings, Bench, Block, Identity, SafeState
 from hdbench.errors import UnsafeError
 from hdbench.filter import FilterModel
-from hdbench.filter.amplitudes import block_amplitudes
+from hdbench.filter.online import block_amplitudes
 from hdbench.profile import Profile
 from hdbench.records import FloatArray, TorqueScale
 from hdbench.session.recorder import TraceRecorder

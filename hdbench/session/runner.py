@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 from hdbench.devices.ports import AcquisitionSettings, Bench, Block, Operator, SafeState
 from hdbench.errors import DeviceError, UsageError
-from hdbench.filter.amplitudes import block_amplitudes
+from hdbench.filter.online import block_amplitudes
 from hdbench.profile.schema import ProfileData
 from hdbench.records import FloatArray
 from hdbench.records.journal import JournalWriter

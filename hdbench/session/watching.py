@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Protocol
 
-from hdbench.filter.amplitudes import BlockAmplitude
+from hdbench.filter.online import BlockAmplitude
 from hdbench.records import FloatArray
 
 __all__ = ["Frame", "FrameQueue", "Unwatched", "Watcher"]
