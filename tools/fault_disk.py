@@ -106,7 +106,7 @@ def _tried(
     """Run the experiment with the fault armed; return the exit code and what was said."""
     from hdbench.errors import HdbenchError
     from hdbench.session import BenchOptions, run_experiment
-    from hdbench_cli.operator import ConsoleOperator
+    from hdbench_cli.asking.operator import ConsoleOperator
 
     order, number = fault
     shim = ctypes.CDLL(None)

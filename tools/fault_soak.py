@@ -25,9 +25,9 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 import reply_faults
 
-from hdbench.devices.hosted import HostedBench, host_settings
+from hdbench.devices.bench import AcquisitionSettings
+from hdbench.devices.host import HostedBench, host_settings
 from hdbench.devices.node.opening import open_node
-from hdbench.devices.ports import AcquisitionSettings
 from hdbench.filter import preset
 from hdbench.records.journal import JournalWriter
 from hdbench.records.journalreading import iter_journal

@@ -18,7 +18,7 @@ from pathlib import Path
 
 from linefaults.paced import PacedLine
 
-from hdbench.devices.emulator.serve import NodeDevice, build_core
+from hdbench.devices.emulator.node import NodeDevice, build_core
 from hdbench.devices.pymodbusparts import DecodePDU, FramerRTU
 from hdbench.devices.wire.address import parse_address
 

@@ -22,11 +22,11 @@ import numpy as np
 from linefaults.faults import FaultKind, Mangler, RtuFraming, TcpFraming
 
 from hdbench.devices.daq import DaqSettings, ScanBlock
-from hdbench.devices.emulator.serve import NodeDevice, build_core
+from hdbench.devices.emulator.node import NodeDevice, build_core
 from hdbench.devices.emulator.server import ModbusServer
 from hdbench.devices.node.driver import NodeDaq
 from hdbench.devices.node.opening import open_node
-from hdbench.devices.wire.crc import crc16
+from hdbench.devices.wire.rtu import crc16
 from hdbench.errors import DeviceError
 from hdbench.plant.converter import RawSamples
 from hdbench.profile import load_profile

@@ -12,10 +12,10 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from hdbench.devices import open_bench
-from hdbench.devices.finding import latency_timer_ms
+from hdbench.devices.driver import drivers
 from hdbench.devices.guard import GuardedBench
 from hdbench.devices.opening import addresses_of
-from hdbench.devices.registry import drivers
+from hdbench.devices.serial_ports import latency_timer_ms
 from hdbench.errors import DataError, HdbenchError
 from hdbench.filter import kernel_name, kernel_reason
 from hdbench.profile import Profile

@@ -10,15 +10,15 @@ from typing import Any
 import numpy as np
 
 from hdbench.devices import open_bench
-from hdbench.devices.ports import AcquisitionSettings, Bench, Block, Identity, SafeState
+from hdbench.devices.bench import AcquisitionSettings, Bench, Block, Identity, SafeState
 from hdbench.errors import UnsafeError
 from hdbench.filter import FilterModel
 from hdbench.filter.online import block_amplitudes
 from hdbench.profile import Profile
 from hdbench.records import FloatArray, TorqueScale
 from hdbench.session.recorder import TraceRecorder
+from hdbench.session.runner import next_block
 from hdbench.session.stop import StopRequested, StopSignals
-from hdbench.session.waiting import next_block
 from hdbench.session.watching import Frame, Watcher
 
 __all__ = ["ChannelStatistics", "Monitor", "Observation"]

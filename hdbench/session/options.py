@@ -1,20 +1,25 @@
-"""What an experiment is asked for and what it gives back."""
+"""Options of an experiment, the task made of them, and its outcome."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from hdbench.devices.mistakes import Mistake
-from hdbench.devices.ports import Operator
+from hdbench.devices.bench import Operator
+from hdbench.devices.operator import Mistake
 from hdbench.diagnosis.planning.segments import MotionPlan
+from hdbench.filter import FilterModel
+from hdbench.profile import Profile
+from hdbench.records import TorqueScale
+from hdbench.records.journal import JournalContent
 from hdbench.records.runfolder import RunFolder
 from hdbench.session.calibrating.conversation import Conversation
 from hdbench.session.calibrating.plan import Preset
 from hdbench.session.evaluation import Evaluation
+from hdbench.session.plans import Plan
+from hdbench.session.runner import Progress
+from hdbench.session.stop import StopSignals
 from hdbench.session.watching import Unwatched, Watcher
-
-__all__ = ["BenchOptions", "RunOutcome"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,3 +101,43 @@ class RunOutcome:
     folder: RunFolder
     evaluation: Evaluation
     doubts: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Task:
+    """One run.
+
+    Parameters
+    ----------
+    kind : str
+        ``calibration``, ``misalignment`` or ``ripple``.
+    profile : Profile
+        The bench.
+    options : BenchOptions
+        How to run it.
+    plan : Plan
+        A plan within the limits.
+    scale : TorqueScale
+        Gain of the torque.
+    model : FilterModel
+        Filter that runs online.
+    folder : RunFolder
+        Where everything is kept.
+    stop : StopSignals
+        Signals that end the run.
+    progress : callable
+        Told what is going on.
+    content : JournalContent or None
+        Journal of earlier sessions of this run; None for a new one.
+    """
+
+    kind: str
+    profile: Profile
+    options: BenchOptions
+    plan: Plan
+    scale: TorqueScale
+    model: FilterModel
+    folder: RunFolder
+    stop: StopSignals
+    progress: Progress
+    content: JournalContent | None = None

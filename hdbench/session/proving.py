@@ -10,16 +10,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from hdbench.devices import open_bench
+from hdbench.devices.bench import AcquisitionSettings, SafeState
 from hdbench.devices.daq import Daq
 from hdbench.devices.guard import GuardedBench
-from hdbench.devices.ports import AcquisitionSettings, SafeState
 from hdbench.devices.safestate import STANDSTILL_RAD_S
 from hdbench.errors import DeviceError, HdbenchError, UnsafeError, UsageError
 from hdbench.profile import Profile
 from hdbench.profile.schema import ProfileData, ReferenceWave
-from hdbench.session.limitwatch import LimitWatch
+from hdbench.session.limits import LimitWatch
+from hdbench.session.runner import next_block
 from hdbench.session.stop import StopSignals
-from hdbench.session.waiting import next_block
 
 __all__ = ["WatchdogProof", "creep_rad_s", "prove_watchdog"]
 

@@ -1,24 +1,23 @@
-"""Blocks of samples as they come: scaled, filtered online, journaled before acknowledgement."""
+"""Recorder: blocks of samples to rows of the trace, in the journal before they count."""
 
 from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hdbench.devices.ports import Block
+from hdbench.devices.bench import Block
 from hdbench.diagnosis.planning.segments import LoadStep
 from hdbench.filter import FilterModel, OnlineFilter
 from hdbench.profile.schema import ProfileData
 from hdbench.records import FloatArray
-from hdbench.session.stuckwatch import HeldTorque
-
-__all__ = ["SampleJournal", "TraceRecorder"]
+from hdbench.records.attempts import SampleGroup
+from hdbench.session.limits import HeldTorque
 
 _SYNC_S = 0.05  # longest time between two syncs of the journal
 _CHANNELS = (
@@ -211,3 +210,33 @@ class TraceRecorder:
             "load_torque_nm": np.full(n, self.load.torque_nm),
             "stage": np.full(n, float(self.stage)),
         }
+
+
+def take_over(recorder: TraceRecorder, groups: Sequence[SampleGroup]) -> None:
+    """Take over what an earlier session of this run has recorded."""
+    for group in groups:
+        if group.step is not None:
+            attempts = recorder.attempts.get(group.step, 0)
+            recorder.attempts[group.step] = max(attempts, group.attempt)
+        if group.complete and not group.superseded:
+            _take_over(recorder, group)
+
+
+def _take_over(recorder: TraceRecorder, group: SampleGroup) -> None:
+    recorder.stage += bool(recorder.n_rows)
+    first_row, last_s = recorder.n_rows, 0.0
+    for block in group.blocks:
+        rows = {name: values.astype(np.float64) for name, values in block.columns.items()}
+        recorder.online.process(
+            rows["time_s"],
+            rows["motor_velocity_rad_s"],
+            rows["torque_nm"],
+            rows.get("motor_angle_rad"),
+        )
+        last_s = float(rows["time_s"][-1])
+        recorder.n_rows += len(rows["time_s"])
+        recorder.lost += int(block.extra.get("lost", 0))
+        recorder.saturated += int(block.extra.get("saturated", 0))
+        recorder.held += int(block.extra.get("held", 0))
+    recorder.stage_rows = recorder.n_rows - first_row
+    recorder.stage_start_s = last_s - (recorder.stage_rows - 1) * recorder.sample_period_s

@@ -1,37 +1,59 @@
-"""Go on with a run that ended early: in the same folder, after what its journal holds."""
+"""Resumed runs: in the same folder, after what the journal holds."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from hdbench.devices.mistakes import Mistake
-from hdbench.devices.ports import Operator
+from hdbench.devices.bench import Operator
+from hdbench.devices.operator import Mistake
 from hdbench.diagnosis.planning.planfile import read_plan
-from hdbench.errors import BusyError, UsageError
+from hdbench.errors import BusyError, DataError, UsageError
 from hdbench.filter import FilterModel
-from hdbench.profile import Profile
+from hdbench.profile import Profile, parse_profile
 from hdbench.profile.scaling import profile_scale, stored_scale
 from hdbench.records.journal import JournalContent, JournalWriter
 from hdbench.records.manifest import utc_now, utc_text
 from hdbench.records.runfolder import RunFolder
 from hdbench.session.calibrating.conversation import Conversation
 from hdbench.session.calibrating.plan import sequence_plan
-from hdbench.session.calibrating.planfile import PLAN_NAME, read_points
+from hdbench.session.calibrating.points import PLAN_NAME, read_points
 from hdbench.session.experiments import make_plan
 from hdbench.session.filters import choose_filter
-from hdbench.session.keeping import Run, kept
-from hdbench.session.options import BenchOptions, RunOutcome
-from hdbench.session.plancheck import check_plan
+from hdbench.session.options import BenchOptions, RunOutcome, Task
+from hdbench.session.planning import check_plan
 from hdbench.session.plans import Plan
+from hdbench.session.run import Run, kept
 from hdbench.session.runner import Progress
 from hdbench.session.stop import StopSignals, listen
-from hdbench.session.stored import stored_address, stored_profile, stored_table
-from hdbench.session.task import Task
 from hdbench.session.watching import Unwatched, Watcher
 
-__all__ = ["ResumeOptions", "resume_run"]
+
+def stored_profile(folder: RunFolder) -> Profile:
+    """Return the profile that a run was made with."""
+    text = folder.manifest["profile"].get("text")
+    if not isinstance(text, str):
+        raise DataError(
+            "run.json holds no profile",
+            where=str(folder.path),
+            fix="start the experiment anew; what was recorded is kept in this run",
+        )
+    return parse_profile(text, f"{folder.path / 'run.json'}: profile")
+
+
+def stored_address(folder: RunFolder) -> str | None:
+    """Return the address of the bench controller that a run was asked for."""
+    address = stored_table(folder.manifest, "bench").get("address")
+    return address if isinstance(address, str) else None
+
+
+def stored_table(manifest: Mapping[str, Any], name: str) -> Mapping[str, Any]:
+    """Return a table of the details that a run remembers."""
+    details = manifest.get("details")
+    found = details.get(name) if isinstance(details, Mapping) else None
+    return found if isinstance(found, Mapping) else {}
 
 
 @dataclass(frozen=True, slots=True)

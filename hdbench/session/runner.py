@@ -1,26 +1,49 @@
-"""The safe runner: walks a plan, and makes the bench safe on every way out."""
+"""Safe runner: walks a plan and leaves the bench safe on every way out."""
 
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 
-from hdbench.devices.ports import AcquisitionSettings, Bench, Block, Operator, SafeState
+from hdbench.devices.bench import AcquisitionSettings, Bench, Block, Operator, SafeState
 from hdbench.errors import DeviceError, UsageError
 from hdbench.filter.online import block_amplitudes
 from hdbench.profile.schema import ProfileData
 from hdbench.records import FloatArray
 from hdbench.records.journal import JournalWriter
-from hdbench.session.limitwatch import LimitWatch
+from hdbench.session.limits import LimitWatch, SpeedWatch
 from hdbench.session.plans import Acquire, Lock, Place, Plan, Put, Step
 from hdbench.session.recorder import TraceRecorder
 from hdbench.session.stop import Aborted, StopSignals
-from hdbench.session.stuckwatch import SpeedWatch
-from hdbench.session.waiting import next_block
 from hdbench.session.watching import Frame, Unwatched, Watcher
 
-__all__ = ["Aborted", "Progress", "Runner"]
+_STALL_S = 2.0  # a bench that hands out no sample for this long has stopped sampling
+
+
+def next_block(bench: Bench, stop: StopSignals) -> Block:
+    """Return the next block with samples or losses in it."""
+    deadline = time.monotonic() + _STALL_S
+    while True:
+        stop.check()
+        block = bench.read_block()
+        if block is not None and block.watchdog_tripped:
+            raise DeviceError(
+                "the bench controller's watchdog stopped the motor",
+                where=f"sample {block.first_index}",
+                fix="check load and network of this computer, then run again",
+            )
+        if block is not None and (len(block) or block.lost_before):
+            return block
+        if time.monotonic() > deadline:
+            raise DeviceError(
+                f"no sample for {_STALL_S:g} s while the acquisition should run",
+                where="bench controller",
+                fix="check that the controller is sampling: hdbench doctor",
+            )
+        time.sleep(0.002)
+
 
 Progress = Callable[[str, float], None]
 """Called with what is going on and the share done, 0 to 1."""

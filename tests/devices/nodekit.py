@@ -13,12 +13,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from hdbench.devices.emulator.serve import NodeDevice, build_core
+from hdbench.devices.emulator.node import NodeDevice, build_core
 from hdbench.devices.emulator.server import ModbusServer
-from hdbench.devices.hosted import HostedBench, host_settings
+from hdbench.devices.host import HostedBench, host_settings
 from hdbench.devices.node.driver import NodeDaq
-from hdbench.devices.node.spans import node_probe
-from hdbench.devices.node.wire import NodeWire
+from hdbench.devices.node.wire import NodeWire, node_probe
 from hdbench.devices.wire import connect, parse_address
 from hdbench.plant.converter import RawSamples
 from hdbench.profile import load_profile

@@ -12,7 +12,7 @@ from pymodbus.client import ModbusTcpClient
 from hdbench.devices import AcquisitionSettings, SimulatedOperator
 from hdbench.devices.daq import DaqSettings
 from hdbench.devices.emulator.machine import NodeMachine
-from hdbench.devices.emulator.serve import build_core
+from hdbench.devices.emulator.node import build_core
 from hdbench.devices.node.registers import Refusal, State, register
 from hdbench.errors import BusyError, DeviceError, UsageError
 from hdbench.profile.schema import ReferenceWave
@@ -182,13 +182,13 @@ def _ended(bench):
 def test_a_full_scale_code_is_marked_as_saturated():
     with served() as node, driver(node.host, node.port) as bench:
         limits = bench.daq.limits()
-        from hdbench.devices.node.blockcodec import (
+        from hdbench.devices.node.blocks import (
             BlockHeader,
+            BlockReader,
             encode_block,
             encode_scans,
             seal_block,
         )
-        from hdbench.devices.node.blocks import BlockReader
 
         settings = DaqSettings(("torque", "reference"), 1e-3, 4, 0.5)
         reader = BlockReader({**limits, "converter_bits": 12}, settings, run=1, where="node")
@@ -493,7 +493,7 @@ def test_another_device_is_recognised_before_anything_is_written():
 
 
 def test_control_characters_of_the_device_are_not_passed_on():
-    from hdbench.devices.text import clean_text
+    from hdbench.devices.daq import clean_text
 
     assert clean_text(b"T\x1b[31m7\x07\xff\r\n\x00junk") == "T[31m7"
     assert clean_text("nödë\N{RIGHT-TO-LEFT OVERRIDE}".encode()) == "nödë"

@@ -5,10 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from hdbench.devices.emulator.core import NodeCore
 from hdbench.devices.emulator.machine import NodeMachine
-from hdbench.devices.emulator.ratings import identity_values, limit_values
-from hdbench.devices.emulator.serve import NodeDevice
+from hdbench.devices.emulator.node import NodeCore, NodeDevice
+from hdbench.devices.emulator.parameters import identity_values, limit_values
 from hdbench.devices.emulator.server import ModbusServer
 from hdbench.devices.node.opening import open_node
 from hdbench.errors import DeviceError

@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from nodekit import PROFILE, ManualClock, TinyBench
 
-from hdbench.devices.emulator.serve import NodeDevice, build_core
-from hdbench.devices.node.blockcodec import (
+from hdbench.devices.emulator.node import NodeDevice, build_core
+from hdbench.devices.node.blocks import (
     BlockHeader,
     block_fault,
     decode_block,
@@ -19,14 +19,16 @@ from hdbench.devices.node.blockcodec import (
     encode_scans,
     seal_block,
 )
-from hdbench.devices.node.codec import as_float32, decode_group, encode_group
 from hdbench.devices.node.registers import (
     MAP,
     PARAMETERS,
     PROGRAM,
     Refusal,
     State,
+    as_float32,
     block_registers,
+    decode_group,
+    encode_group,
     register,
     register_at,
 )

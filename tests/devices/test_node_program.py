@@ -9,13 +9,19 @@ import pytest
 from nodekit import PROFILE, ManualClock, TinyBench
 
 from hdbench.devices import open_bench
+from hdbench.devices.bench import AcquisitionSettings
 from hdbench.devices.daq import DaqSettings
+from hdbench.devices.emulator.node import build_core
 from hdbench.devices.emulator.parameters import RefusedError
-from hdbench.devices.emulator.serve import build_core
-from hdbench.devices.node.codec import encode_group
-from hdbench.devices.node.registers import PARAMETERS, PROGRAM, PROGRAM_WAVE, Refusal, register
-from hdbench.devices.node.settings import parameter_values, part_values
-from hdbench.devices.ports import AcquisitionSettings
+from hdbench.devices.node.access import parameter_values, part_values
+from hdbench.devices.node.registers import (
+    PARAMETERS,
+    PROGRAM,
+    PROGRAM_WAVE,
+    Refusal,
+    encode_group,
+    register,
+)
 from hdbench.model.program import ProgramPart, ReferenceProgram, program_voltage
 
 PARTS = (

@@ -19,7 +19,7 @@ from hdbench.errors import DataError, StorageError
 from hdbench.filter import OscillatorBlock, SlowBlock, preset
 from hdbench.filter.firmware import export_firmware
 from hdbench.filter.model import FilterModel
-from hdbench_cli.export import command
+from hdbench_cli.commands.export import command
 from hdbench_cli.output import Output
 
 PERIOD = 1e-3

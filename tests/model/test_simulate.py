@@ -115,8 +115,8 @@ def test_measured_columns_are_kept_and_the_measured_torque_is_not(bench: Profile
 
 
 def invoke(*words: str) -> Result:
+    from hdbench_cli.commands.simulate import command
     from hdbench_cli.output import Output
-    from hdbench_cli.simulate import command
 
     return CliRunner().invoke(command, list(words), obj=Output(json=True))
 

@@ -137,7 +137,7 @@ def test_the_command_offers_every_form_and_names_what_it_wrote(
 ) -> None:
     from click.testing import CliRunner
 
-    from hdbench_cli import export
+    from hdbench_cli.commands import export
     from hdbench_cli.output import Output
 
     assert set(export._FORMATS) == set(FORMATS)
@@ -158,7 +158,7 @@ def test_the_command_offers_every_form_and_names_what_it_wrote(
 def test_a_call_that_asks_for_nothing_is_told_what_to_ask(words: list[str]) -> None:
     from click.testing import CliRunner
 
-    from hdbench_cli import export
+    from hdbench_cli.commands import export
     from hdbench_cli.output import Output
 
     done = CliRunner().invoke(export.command, words, obj=Output())

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from linefaults.faults import Mangler, TcpFraming
 
-from hdbench.devices.emulator.serve import NodeDevice, build_core
+from hdbench.devices.emulator.node import NodeDevice, build_core
 from hdbench.devices.emulator.server import ModbusServer
 from hdbench.filter import preset
 from hdbench.plant.bench import SimulatedBench

@@ -18,12 +18,11 @@ from hdbench.records.journal import JournalWriter
 from hdbench.records.streaming import survey_samples
 from hdbench.records.tracefile import read_trace
 from hdbench.session import BenchOptions, run_experiment
-from hdbench.session.motionplans import motion_plan
-from hdbench.session.plancheck import check_plan
+from hdbench.session.planning import check_plan, motion_plan
 from hdbench.session.plans import Acquire, Lock, Place, Put
 from hdbench.session.recorder import TraceRecorder
-from hdbench.session.runner import Aborted, Runner
-from hdbench.session.stop import StopSignals
+from hdbench.session.runner import Runner
+from hdbench.session.stop import Aborted, StopSignals
 
 WHOLE = load_profile("cim-tr-97-06")
 PROFILE = WHOLE.data

@@ -17,8 +17,8 @@ from hdbench.records.journal import JournalWriter, read_journal
 from hdbench.records.streaming import survey_samples
 from hdbench.session.plans import Acquire, Lock, Plan
 from hdbench.session.recorder import TraceRecorder
-from hdbench.session.runner import Aborted, Runner
-from hdbench.session.stop import StopRequested, StopSignals
+from hdbench.session.runner import Runner
+from hdbench.session.stop import Aborted, StopRequested, StopSignals
 
 PROFILE = load_profile("cim-tr-97-06").data
 WAVE = ReferenceWave(wave="constant", bias_v=1.0)

@@ -1,23 +1,81 @@
-"""The node's acquisition: sampling, motion, watchdog and clock, without any wire."""
+"""Acquisition of the emulated node: sampling, motion, watchdog, sample buffer and block window."""
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Mapping
 from typing import Literal, Protocol
 
 import numpy as np
 
-from hdbench.devices.emulator.fifo import ScanFifo
-from hdbench.devices.emulator.parameters import reference_wave
-from hdbench.devices.emulator.ratings import FIFO_SCANS
-from hdbench.devices.node.blockcodec import encode_scans
-from hdbench.devices.node.codec import Value
-from hdbench.devices.node.registers import ALL_CHANNELS, Flag, State, block_scans
+from hdbench.devices.emulator.parameters import FIFO_SCANS, reference_wave
+from hdbench.devices.node.blocks import (
+    SCAN_BYTES,
+    BlockHeader,
+    encode_block,
+    encode_scans,
+    seal_block,
+)
+from hdbench.devices.node.registers import ALL_CHANNELS, Flag, State, Value, block_scans
 from hdbench.model.program import ReferenceProgram
 from hdbench.plant.converter import RawSamples
 from hdbench.profile.schema import ReferenceWave
 
-__all__ = ["NodeMachine", "Pace", "PlantBench", "Record"]
+__all__ = ["BlockWindow", "NodeMachine", "Pace", "PlantBench", "Record", "ScanFifo"]
+
+
+class ScanFifo:
+    """Scans waiting to be read, in runs of adjacent indices.
+
+    Parameters
+    ----------
+    capacity : int
+        Scans that fit.
+    """
+
+    def __init__(self, capacity: int) -> None:
+        self._capacity = capacity
+        self._runs: deque[tuple[int, bytearray]] = deque()
+        self.depth = 0
+        self.taken = 0
+        self.lost = 0
+        self.next_out = 0
+
+    def clear(self) -> None:
+        """Forget everything and count from zero."""
+        self._runs.clear()
+        self.depth = self.taken = self.lost = self.next_out = 0
+
+    def append(self, scans: bytes) -> None:
+        """Add new scans; those that do not fit are counted in `lost`."""
+        count = len(scans) // SCAN_BYTES
+        kept = min(count, self._capacity - self.depth)
+        if kept:
+            last = self._runs[-1] if self._runs else None
+            if last is None or last[0] + len(last[1]) // SCAN_BYTES != self.taken:
+                last = (self.taken, bytearray())
+                self._runs.append(last)
+            last[1].extend(scans[: kept * SCAN_BYTES])
+        self.depth += kept
+        self.lost += count - kept
+        self.taken += count
+
+    def take(self, count: int) -> tuple[int, bytes]:
+        """Remove up to `count` adjacent scans."""
+        if not self._runs:
+            self.next_out = self.taken
+            return self.taken, b""
+        first, data = self._runs.popleft()
+        with memoryview(data) as waiting:
+            scans = bytes(waiting[: count * SCAN_BYTES])
+        del data[: count * SCAN_BYTES]
+        taken = len(scans) // SCAN_BYTES
+        if data:
+            self._runs.appendleft((first + taken, data))
+        self.depth -= taken
+        self.next_out = first + taken
+        return first, scans
+
 
 Pace = Literal["realtime", "fast"]
 Record = Callable[[Mapping[str, object]], None]
@@ -247,3 +305,61 @@ class NodeMachine:
                 "watchdog_trips": self.trips,
             }
         )
+
+
+class BlockWindow:
+    """Forms blocks from the sample buffer of `machine`.
+
+    Parameters
+    ----------
+    machine : NodeMachine
+        The node's acquisition.
+    """
+
+    def __init__(self, machine: NodeMachine) -> None:
+        self._machine = machine
+        self._block: bytes | None = None
+        self._seq = 0
+        self.scans = 0
+
+    def clear(self) -> None:
+        """Forget the block and number the next one 1."""
+        self._block = None
+        self._seq = 0
+        self.scans = 0
+
+    def acknowledge(self, seq: int) -> None:
+        """Let go of the block if `seq` is its number; any other number changes nothing."""
+        if self._block is not None and seq == self._seq:
+            self._block = None
+            self.scans = 0
+
+    def image(self, echo: int) -> bytes:
+        """Return the block that waits for its acknowledgement, or form the next one."""
+        if self._block is None:
+            self._block = self._next()
+        if self._block is not None:
+            return seal_block(self._block, echo)
+        return seal_block(encode_block(self._header(0, 0, self._machine.fifo.next_out), b""), echo)
+
+    def _header(self, seq: int, depth: int, first_index: int) -> BlockHeader:
+        machine = self._machine
+        return BlockHeader(
+            machine.starts, seq, machine.flags(), depth, first_index, machine.channels
+        )
+
+    def _next(self) -> bytes | None:
+        machine = self._machine
+        if machine.fifo.depth < machine.block_scans:
+            machine.produce_ahead()
+        ended = machine.state != State.RUNNING
+        lost_at_the_end = ended and machine.fifo.next_out < machine.fifo.taken
+        if not (machine.block_is_due() and (machine.fifo.depth or lost_at_the_end)):
+            return None
+        first_index, scans = machine.fifo.take(machine.block_scans)
+        self._seq = self._seq % 0xFFFF + 1
+        self.scans = machine.fifo.next_out - first_index
+        # losses that no later scan will show count as one more to come
+        untold = ended and machine.fifo.next_out < machine.fifo.taken
+        depth = max(machine.fifo.depth, int(untold))
+        return encode_block(self._header(self._seq, min(depth, 0xFFFF), first_index), scans)

@@ -8,17 +8,13 @@ import time
 from collections.abc import Callable, Sequence
 from typing import NoReturn
 
-from hdbench.devices.modbus.layout import Block, Place, plan_blocks, values_of
-from hdbench.devices.modbus.values import encode
+from hdbench.devices.modbus.layout import Block, Place, plan_blocks, values_of, write_request
 from hdbench.devices.wire import (
     ExceptionReply,
     FrameError,
     Link,
     Probe,
     ReplyCheck,
-    write_bit,
-    write_register,
-    write_registers,
 )
 from hdbench.errors import DeviceError, HdbenchError, ProfileError
 
@@ -197,19 +193,14 @@ class Access:
     def _write_request(
         self, place: Place, value: float, function: int | None
     ) -> tuple[bytes, ReplyCheck]:
-        if place.is_bit:
-            return write_bit(place.start, on=bool(value))
         try:
-            raw = encode(value, place.kind, place.order)
+            return write_request(place, value, function)
         except ValueError as error:
             raise ProfileError(
                 str(error),
                 where=f"{self.where}, {place.name}",
                 fix="correct type or scale of this register in the profile",
             ) from error
-        if function == 6 or (function is None and place.size == 1):
-            return write_register(place.start, int.from_bytes(raw, "big"))
-        return write_registers(place.start, raw)
 
     def _refused(self, reply: ExceptionReply, name: str) -> NoReturn:
         kind: type[HdbenchError] = ProfileError if reply.code in _WRONG_PROFILE else DeviceError

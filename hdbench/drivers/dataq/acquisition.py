@@ -9,10 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hdbench.devices.daq import ScanBlock
-from hdbench.drivers.dataq.encoder import SignedCounter
 from hdbench.drivers.dataq.port import Port
-from hdbench.drivers.dataq.scanlist import ScanPlan
-from hdbench.drivers.dataq.scans import ScanAssembler, StreamFault
+from hdbench.drivers.dataq.scans import ScanAssembler, ScanPlan, SignedCounter, StreamFault
 
 __all__ = ["Acquisition", "LagWatch"]
 

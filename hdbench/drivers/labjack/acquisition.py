@@ -9,9 +9,8 @@ import numpy as np
 from hdbench.devices.daq import ScanBlock
 from hdbench.drivers.labjack.outputs import Outputs
 from hdbench.drivers.labjack.scanlist import Decoded, ScanPlan
-from hdbench.drivers.labjack.scans import Run, ScanLayout
 from hdbench.drivers.labjack.setup import StreamSetup
-from hdbench.drivers.labjack.stream import Stream
+from hdbench.drivers.labjack.stream import Run, ScanLayout, Stream
 
 __all__ = ["Acquisition"]
 

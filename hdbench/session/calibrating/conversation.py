@@ -1,4 +1,4 @@
-"""What a calibration says to the person at the bench, and what comes back."""
+"""Questions and lines of a calibration, and who answers them."""
 
 from __future__ import annotations
 
@@ -6,16 +6,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import Enum
 from typing import Literal, Protocol
-
-__all__ = [
-    "Answer",
-    "Conversation",
-    "Hands",
-    "LiveReading",
-    "Question",
-    "Reply",
-    "Unattended",
-]
 
 
 class Answer(Enum):

@@ -11,7 +11,7 @@ from pymodbus.client import ModbusTcpClient
 
 from hdbench.devices.wire import ExceptionReply, FrameError
 from hdbench.drivers.labjack import registers as reg
-from hdbench.drivers.labjack.feedback import feedback_request
+from hdbench.drivers.labjack.control import feedback_request
 
 # name, address, type and access as ljm_constants.json (LabJack Corporation, 2025.12.18.A) has them
 PUBLISHED = """

@@ -1,4 +1,17 @@
-"""The device's flat map: cells of one type each, with what a read or a write of them does."""
+"""The emulated device's flat map of cells, its watchdog, and faults ordered over its own wire.
+
+A campaign that runs the emulator in another process writes an argument to USER_RAM21_U32 (46142)
+and then a code to USER_RAM20_U32 (46140); a real device ignores both.
+
+| code | fault | argument |
+|---|---|---|
+| 1 | the network is away: packets stay in the device's buffer | ms |
+| 2 | scans vanish without a word (an index jump) | scans |
+| 3 | the stream ends | status, 2942 to 2945 |
+| 4 | a gateway swaps the words of 32-bit values | 1 on, 0 off |
+| 5, 6, 7, 8 | torque, tacho, current, reference input | 0 mended, 1 stuck, 2 high, 3 low |
+| 9 | the device restarts | - |
+"""
 
 from __future__ import annotations
 
@@ -6,9 +19,8 @@ import struct
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
+from hdbench.devices.emulator.instrument import ChannelFault, Input
 from hdbench.devices.emulator.server import ModbusRefusedError
-
-__all__ = ["Cell", "Memory", "RefusedError"]
 
 _FORMATS = {"u16": ">H", "u32": ">I", "f32": ">f"}
 _ILLEGAL_ADDRESS, _ILLEGAL_VALUE, _DEVICE_FAILURE = 2, 3, 4
@@ -117,3 +129,137 @@ class Memory:
             cells.append(cell)
             address += cell.size
         return cells
+
+
+CODE, ARGUMENT = 46140, 46142
+_CHANNELS: tuple[Input, ...] = ("torque", "tacho", "current", "reference")
+_FAULTS: tuple[ChannelFault | None, ...] = (None, "stuck", "high", "low")
+
+FaultActs = dict[int, Callable[[int], None]]
+
+
+class Injection:
+    """Adds the two cells to a device's map.
+
+    Parameters
+    ----------
+    memory : Memory
+        The device's map.
+    acts : dict of int to callable
+        What the codes 1, 2, 3, 4 and 9 do with their argument.
+    disturb : callable
+        ``disturb(channel, fault)`` breaks or mends an input.
+    """
+
+    def __init__(
+        self,
+        memory: Memory,
+        acts: FaultActs,
+        disturb: Callable[[Input, ChannelFault | None], None],
+    ) -> None:
+        self._memory = memory
+        self._acts = acts
+        self._disturb = disturb
+        memory.add(ARGUMENT, Cell("u32"))
+        memory.add(CODE, Cell("u32", on_write=self._order))
+
+    def _order(self, value: float) -> None:
+        code, argument = int(value), int(self._memory.value(ARGUMENT))
+        channel = code - 5
+        if code in self._acts:
+            self._acts[code](argument)
+        elif 0 <= channel < len(_CHANNELS) and argument < len(_FAULTS):
+            self._disturb(_CHANNELS[channel], _FAULTS[argument])
+        elif code:
+            raise RefusedError(_ILLEGAL_VALUE, _ILLEGAL_VALUE)
+
+
+_ENABLE, _TIMEOUT, _STRICT, _KEY, _CLEAR = 61600, 61604, 61610, 61612, 61614
+_RESET, _DIO, _DIO_STATE, _DIO_DIRECTION, _DIO_INHIBIT = 61620, 61630, 61632, 61634, 61636
+_ADVANCED, _STARTUP = 61602, 61606
+_DAC = ((61640, 61642, 0), (61650, 61652, 1))
+# the device's own codes: a time of zero, and writing settings while it runs
+_BAD_TIME, _RUNNING = 2670, 2671
+
+
+class DeviceWatchdog:
+    """Counts down in real time, and drives outputs to what its registers say.
+
+    Parameters
+    ----------
+    memory : Memory
+        The device's map; the watchdog adds its own cells.
+    clock : callable
+        Monotonic clock, s.
+    act : callable
+        ``act(state, direction, inhibit, dacs)``: carries a timeout out.
+    """
+
+    def __init__(
+        self,
+        memory: Memory,
+        clock: Callable[[], float],
+        act: Callable[[int, int, int, dict[int, float]], None],
+    ) -> None:
+        self.trips = 0
+        self.flash_writes = 0
+        self._memory = memory
+        self._clock = clock
+        self._act = act
+        self._fed_s = clock()
+        for address in (_ADVANCED, _TIMEOUT, _STARTUP, _STRICT, _KEY, _RESET, _DIO, _DIO_STATE):
+            self._setting(address, "u32")
+        for address in (_DIO_DIRECTION, _DIO_INHIBIT):
+            self._setting(address, "u32")
+        for enable, value, _ in _DAC:
+            self._setting(enable, "u32")
+            self._setting(value, "f32")
+        memory.add(_ENABLE, Cell("u32", on_write=self._enable))
+        memory.add(_CLEAR, Cell("u32", on_write=self._clear, readable=False))
+
+    @property
+    def enabled(self) -> bool:
+        """Whether it counts."""
+        return bool(self._memory.value(_ENABLE))
+
+    def heard(self) -> None:
+        """Note any communication: without strict mode that is enough."""
+        if not self._memory.value(_STRICT):
+            self._fed_s = self._clock()
+
+    def tick(self) -> None:
+        """Act when the time is up, and start again."""
+        if not self.enabled or self._clock() - self._fed_s <= self._memory.value(_TIMEOUT):
+            return
+        self._fed_s = self._clock()
+        self.trips += 1
+        dacs = {
+            number: float(self._memory.value(value))
+            for enable, value, number in _DAC
+            if self._memory.value(enable)
+        }
+        state = direction = 0
+        inhibit = -1
+        if self._memory.value(_DIO):
+            state = int(self._memory.value(_DIO_STATE))
+            direction = int(self._memory.value(_DIO_DIRECTION))
+            inhibit = int(self._memory.value(_DIO_INHIBIT))
+        self._act(state, direction, inhibit, dacs)
+
+    def _setting(self, address: int, kind: str) -> None:
+        self._memory.add(address, Cell(kind, on_write=self._set))
+
+    def _set(self, value: float) -> None:
+        if self.enabled:
+            raise RefusedError(_RUNNING)
+        self.flash_writes += 1
+
+    def _enable(self, value: float) -> None:
+        if value and not self._memory.value(_TIMEOUT):
+            raise RefusedError(_BAD_TIME)
+        self.flash_writes += 1
+        self._fed_s = self._clock()
+
+    def _clear(self, value: float) -> None:
+        if not self._memory.value(_STRICT) or value == self._memory.value(_KEY):
+            self._fed_s = self._clock()
