@@ -55,7 +55,7 @@ def tuned(kind="matern-3/2", *, gate=None, r=2.5e-3, inertia=1.725e-2):
         OscillatorBlock(0.0, "ripple", 1e-3, "second", 50.0),
         order_block(0.01, 1e-3, "misalignment"),
     )
-    prior = {"order_prior_std_nm": 1.0, "slow_prior_std_nm": 7.0, "gate_sigma": gate}
+    prior = {"order_prior_std_nm": 0.5, "slow_prior_std_nm": 3.0, "gate_sigma": gate}
     return filter_model(blocks, r, inertia=inertia, slow=(slow_block(kind),), **prior)
 
 
