@@ -191,7 +191,7 @@ def rows(n: int) -> tuple[list[Row], list[str]]:
 
 
 def forms_apart(packed: FloatArray, n: int) -> float:
-    """Return how far the compiled and the Python form are apart, N m."""
+    """Return how far the compiled and the NumPy form are apart, N m."""
     t, v, y = trace(n)
     one, two = (
         run(packed, new_state(packed), t, v, y, form=form).torque_filtered_nm
