@@ -137,7 +137,6 @@ class EmulatedDevice(Protocol):
 
     def close(self) -> None:
         """Close its wire."""
-        ...
 
 
 class ModbusWire:
