@@ -19,7 +19,7 @@ def channel_doubts(records: Trace | Loads, source: Path, profile: Profile) -> li
     """Return doubts where channels of a file are in another unit or in each other's place."""
     if isinstance(records, Loads) or source.is_dir():
         return []
-    from hdbench.diagnosis.faults import check_channels
+    from hdbench.diagnosis.faults.units import check_channels
 
     checked = check_channels(records, profile.data)
     if checked.reason:
@@ -36,7 +36,7 @@ def channel_refusal(trace: Trace, source: Path, profile: Profile) -> str:
     """Return why a file's channels cannot be what their names say, whatever ripple they hold."""
     if source.is_dir():
         return ""
-    from hdbench.diagnosis.faults import check_channels
+    from hdbench.diagnosis.faults.units import check_channels
 
     return check_channels(trace, profile.data).reason
 
