@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from hdbench.records import FloatArray
-from hdbench.records.table import parse_table
-from hdbench.records.textfile import read_text
+from hdbench.records.tables import parse_table, read_text
 
 __all__ = ["read_columns"]
 

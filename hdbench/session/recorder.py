@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
@@ -16,7 +16,7 @@ from hdbench.diagnosis.planning.segments import LoadStep
 from hdbench.filter import FilterModel, OnlineFilter
 from hdbench.profile.schema import ProfileData
 from hdbench.records import FloatArray
-from hdbench.records.attempts import SampleGroup
+from hdbench.records.journal import JournalSamples
 from hdbench.session.limits import HeldTorque
 
 _SYNC_S = 0.05  # longest time between two syncs of the journal
@@ -212,20 +212,20 @@ class TraceRecorder:
         }
 
 
-def take_over(recorder: TraceRecorder, groups: Sequence[SampleGroup]) -> None:
+def take_over(recorder: TraceRecorder, samples: JournalSamples) -> None:
     """Take over what an earlier session of this run has recorded."""
-    for group in groups:
+    for group in samples.groups:
         if group.step is not None:
             attempts = recorder.attempts.get(group.step, 0)
             recorder.attempts[group.step] = max(attempts, group.attempt)
         if group.complete and not group.superseded:
-            _take_over(recorder, group)
+            _take_over(recorder, samples.only(group))
 
 
-def _take_over(recorder: TraceRecorder, group: SampleGroup) -> None:
+def _take_over(recorder: TraceRecorder, samples: JournalSamples) -> None:
     recorder.stage += bool(recorder.n_rows)
     first_row, last_s = recorder.n_rows, 0.0
-    for block in group.blocks:
+    for block in samples.blocks():
         rows = {name: values.astype(np.float64) for name, values in block.columns.items()}
         recorder.online.process(
             rows["time_s"],

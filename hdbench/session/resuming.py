@@ -15,8 +15,7 @@ from hdbench.filter import FilterModel
 from hdbench.profile import Profile, parse_profile
 from hdbench.profile.scaling import profile_scale, stored_scale
 from hdbench.records.journal import JournalContent, JournalWriter
-from hdbench.records.manifest import utc_now, utc_text
-from hdbench.records.runfolder import RunFolder
+from hdbench.records.runfolder import RunFolder, utc_now, utc_text
 from hdbench.session.calibrating.conversation import Conversation
 from hdbench.session.calibrating.plan import sequence_plan
 from hdbench.session.calibrating.points import PLAN_NAME, read_points

@@ -19,8 +19,8 @@ from hdbench.errors import (
     UsageError,
 )
 from hdbench.records.journal import JournalWriter
-from hdbench.records.reserve import check_space, free_reserve, keep_reserve
 from hdbench.records.runfolder import RunFolder
+from hdbench.records.storage import check_space, free_reserve, keep_reserve
 from hdbench.session.calibrating.points import PLAN_NAME
 from hdbench.session.evaluation import evaluate, store_evaluation
 from hdbench.session.measurement import Walker, make_walker

@@ -1,4 +1,4 @@
-"""Comma-separated text as rows, with the line of every row and errors that name it."""
+"""Comma-separated text: files within limits, rows with their lines, errors that name the line."""
 
 from __future__ import annotations
 
@@ -10,21 +10,93 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from hdbench.errors import DataError
-from hdbench.records.parquetfile import PARQUET, parquet_names
-from hdbench.records.textfile import data_error
+from hdbench.records.storage import file_bytes, read_failure
+from hdbench.records.tables.parquetfile import PARQUET, parquet_names
 
 __all__ = [
+    "IMPORT_FIX",
     "Table",
+    "as_text",
     "check_header",
-    "csv_lines",
+    "data_error",
     "parse_table",
     "quoted",
     "read_header",
+    "read_raw",
+    "read_text",
     "safe_cell",
 ]
 
 _LIMIT_COLUMNS = 1000
 _LIMIT_HEADER = 1 << 20
+_BYTE_ORDER_MARK = b"\xef\xbb\xbf"
+# 600 s at 5 kHz with ten channels of full precision are 0.6 GB as text
+_LIMIT_BYTES = 1 << 30
+# text of real samples shrinks 2 to 20 times; deflate itself cannot pass 1032
+_LIMIT_RATIO = 300
+# below this a high ratio does no harm
+_SMALL_BYTES = 16 << 20
+IMPORT_FIX = "bring the file in with 'hdbench import' (--help shows how to name its columns)"
+
+
+def data_error(path: Path, line: int, what: str, fix: str = IMPORT_FIX) -> DataError:
+    """Return a `DataError` at one line of a file."""
+    return DataError(what, where=f"{path}:{line}", fix=fix)
+
+
+def _inflate(path: Path, packed: bytes) -> bytes:
+    limit = max(_SMALL_BYTES, min(_LIMIT_BYTES, len(packed) * _LIMIT_RATIO))
+    parts: list[bytes] = []
+    total, rest = 0, packed
+    try:
+        while rest:
+            engine = zlib.decompressobj(wbits=31)
+            part = engine.decompress(rest, limit - total + 1)
+            total += len(part)
+            if total > limit:
+                raise DataError(
+                    f"unpacks to more than {limit} bytes from {len(packed)}",
+                    where=str(path),
+                    fix="check that this is the right file, or unpack it by hand and split it",
+                )
+            if not engine.eof:
+                raise zlib.error("the end of the file is missing")
+            parts.append(part)
+            rest = engine.unused_data.lstrip(b"\0")
+    except zlib.error as error:
+        raise DataError(
+            f"damaged gzip file: {error}", where=str(path), fix="copy the file again"
+        ) from error
+    return b"".join(parts)
+
+
+def read_raw(path: Path, what: str) -> bytes:
+    r"""Read a text file, unpacked; without byte-order mark, and its lines end with ``\n``."""
+    raw = file_bytes(path, limit=_LIMIT_BYTES, what=what)
+    if path.suffix == ".gz":
+        raw = _inflate(path, raw)
+    raw = raw.removeprefix(_BYTE_ORDER_MARK)
+    return raw.replace(b"\r\n", b"\n") if b"\r" in raw else raw
+
+
+def as_text(path: Path, raw: bytes) -> str:
+    """Return what `read_raw` read as text."""
+    try:
+        text = raw.decode("utf-8")
+    except UnicodeDecodeError as error:
+        line = raw.count(b"\n", 0, error.start) + 1
+        raise data_error(
+            path, line, "not UTF-8 text", "save the file as UTF-8, comma separated"
+        ) from error
+    if "\0" in text:
+        line = text.count("\n", 0, text.index("\0")) + 1
+        raise data_error(path, line, "holds a NUL character; needed: plain text", "copy it again")
+    return text
+
+
+def read_text(path: Path, what: str) -> str:
+    """Read a text file, unpacked; without byte-order mark."""
+    return as_text(path, read_raw(path, what))
 
 
 def safe_cell(value: object) -> object:
@@ -59,8 +131,6 @@ class Table:
 def check_header(path: Path, header: Sequence[str]) -> tuple[str, ...]:
     """Return clean column names."""
     names = tuple(name.strip() for name in header)
-    if names and names[0].startswith("\ufeff"):
-        raise data_error(path, 1, "starts with a byte order mark; needed: UTF-8 without one")
     if len(names) == 1 and (";" in names[0] or "\t" in names[0]):
         raise data_error(path, 1, "columns are not separated by commas")
     if not any(names):
@@ -87,9 +157,9 @@ def _is_number(text: str) -> bool:
     return text.lower() not in ("nan", "inf", "infinity")
 
 
-def csv_lines(path: Path, text: str, delimiter: str = ",") -> list[tuple[int, list[str]]]:
+def _csv_lines(path: Path, text: str) -> list[tuple[int, list[str]]]:
     """Split `text` by the rules of CSV quoting; empty lines are left out."""
-    reader = csv.reader(text.split("\n"), delimiter=delimiter, strict=True)
+    reader = csv.reader(text.split("\n"), strict=True)
     rows = []
     start = 1  # line on which the row that is being read begins
     try:
@@ -104,7 +174,7 @@ def csv_lines(path: Path, text: str, delimiter: str = ",") -> list[tuple[int, li
 
 def parse_table(path: Path, text: str) -> Table:
     """Split the text of a file that follows the contract into header and rows."""
-    numbered = csv_lines(path, text)
+    numbered = _csv_lines(path, text)
     if not numbered:
         raise data_error(
             path, 1, "the file is empty; needed: a header row and data", "copy it again"
@@ -131,12 +201,9 @@ def read_header(path: Path) -> tuple[str, ...]:
         with opener(path, "rb") as file:
             line = file.readline(_LIMIT_HEADER)
     except (OSError, EOFError, zlib.error, ValueError) as error:
-        reason = getattr(error, "strerror", None) or str(error)
-        raise DataError(
-            f"cannot read: {reason}", where=str(path), fix="check path and rights"
-        ) from error
-    text = line.decode("utf-8", errors="replace").rstrip("\r\n")
-    rows = csv_lines(path, text)
+        raise read_failure(error, path) from error
+    line = line.removeprefix(_BYTE_ORDER_MARK)
+    rows = _csv_lines(path, line.decode("utf-8", errors="replace").rstrip("\r\n"))
     return check_header(path, rows[0][1] if rows else ())
 
 

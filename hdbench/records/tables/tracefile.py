@@ -3,20 +3,28 @@
 from __future__ import annotations
 
 import gzip
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from hdbench.errors import DataError
-from hdbench.records.fastcsv import parse_numbers
-from hdbench.records.parquetfile import PARQUET, parquet_columns
 from hdbench.records.storage import write_atomic
-from hdbench.records.table import Table, check_header, parse_table, quoted
-from hdbench.records.textfile import IMPORT_FIX, data_error, read_text
+from hdbench.records.tables.csvtext import (
+    IMPORT_FIX,
+    Table,
+    as_text,
+    check_header,
+    data_error,
+    parse_table,
+    quoted,
+    read_raw,
+)
+from hdbench.records.tables.numbers import parse_numbers
+from hdbench.records.tables.parquetfile import PARQUET, parquet_columns
 from hdbench.records.trace import FloatArray, Trace
 
-__all__ = ["TRACE_COLUMNS", "read_trace", "write_trace"]
+__all__ = ["TRACE_COLUMNS", "read_trace", "rows_as_bytes", "write_trace"]
 
 TRACE_COLUMNS = (
     "time_s",
@@ -68,32 +76,30 @@ def read_trace(path: Path, *, require: Sequence[str] = ("torque", "velocity")) -
         is wrong (with line and column); if a required column is missing.
     """
     path = Path(path)
+    texts: dict[str, tuple[str, ...]] = {}
+    lines: Sequence[int]
     if path.suffix == PARQUET:
-        return _from_parquet(path, require)
-    text = read_text(path, "trace")
-    found = _fast(path, text)
-    if found is None:
-        columns, texts, lines = _careful(parse_table(path, text))
+        columns, texts = parquet_columns(path)
+        lines = range(1, 1 + len(next(iter(columns.values()), ())))
     else:
-        columns, texts, lines = found, {}, range(2, 2 + len(next(iter(found.values()))))
+        raw = read_raw(path, "trace")
+        found = _fast(path, raw)
+        if found is None:
+            columns, texts, lines = _careful(parse_table(path, as_text(path, raw)))
+        else:
+            columns, lines = found, range(2, 2 + len(next(iter(found.values()))))
     _check_required(path, columns, texts, require)
     _check_values(path, columns, lines)
     return Trace(columns, str(path), {"text_columns": texts} if texts else {})
 
 
-def _from_parquet(path: Path, require: Sequence[str]) -> Trace:
-    columns, texts = parquet_columns(path)
-    _check_required(path, columns, texts, require)
-    _check_values(path, columns, range(1, 1 + len(next(iter(columns.values())))))
-    return Trace(columns, str(path), {"text_columns": texts} if texts else {})
-
-
-def _fast(path: Path, text: str) -> dict[str, FloatArray] | None:
+def _fast(path: Path, raw: bytes) -> dict[str, FloatArray] | None:
     """Parse a well-formed file of numbers; None where it needs the careful way."""
-    if '"' in text or "\r" in text or not text.isascii():
+    end = raw.find(b"\n")
+    head = raw[:end] if end >= 0 else raw
+    if b'"' in head or b"\r" in head or not head.isascii() or b"\0" in head:
         return None
-    head, _, body = text.partition("\n")
-    return parse_numbers(check_header(path, head.split(",")), body)
+    return parse_numbers(check_header(path, head.decode().split(",")), raw[len(head) + 1 :])
 
 
 def _number(cell: str) -> float:
@@ -200,7 +206,7 @@ def write_trace(path: Path, trace: Trace) -> None:
     """
     path = Path(path)
     _check_writable(trace)
-    chunks = _rows_as_bytes(trace)
+    chunks = _text_of(trace)
     if path.suffix == ".gz":
         write_atomic(path, gzip.compress(b"".join(chunks), compresslevel=6, mtime=0))
     else:
@@ -224,16 +230,19 @@ def _check_writable(trace: Trace) -> None:
             raise DataError(what, where=trace.source, fix=fix)
 
 
-def _rows_as_bytes(trace: Trace) -> Iterator[bytes]:
+def _text_of(trace: Trace) -> Iterator[bytes]:
     n = len(trace)
     kept = trace.metadata.get("text_columns", {})
     texts = {name: cells for name, cells in kept.items() if len(cells) == n}
     yield (",".join(map(quoted, [*trace.columns, *texts])) + "\n").encode()
     for start in range(0, n, _CHUNK_ROWS):
         stop = start + _CHUNK_ROWS
-        cells: list[Sequence[str]] = [
-            list(map(repr, np.asarray(values, dtype=np.float64)[start:stop].tolist()))
-            for values in trace.columns.values()
-        ]
-        cells += [list(map(quoted, texts[name][start:stop])) for name in texts]
-        yield ("\n".join(map(",".join, zip(*cells, strict=True))) + "\n").encode()
+        columns = [np.asarray(v, dtype=np.float64)[start:stop] for v in trace.columns.values()]
+        yield rows_as_bytes(columns, [cells[start:stop] for cells in texts.values()])
+
+
+def rows_as_bytes(columns: Iterable[FloatArray], texts: Iterable[Sequence[str]] = ()) -> bytes:
+    """Return rows as CSV; a number stands in its shortest form that reads back exactly."""
+    cells = [list(map(repr, values.tolist())) for values in columns]
+    cells += [list(map(quoted, words)) for words in texts]
+    return ("\n".join(map(",".join, zip(*cells, strict=True))) + "\n").encode()

@@ -8,22 +8,27 @@ from pathlib import Path
 from typing import Protocol
 
 from hdbench.errors import DataError
-from hdbench.records.loads import LoadReading, Loads
-from hdbench.records.loadscolumns import LOADS_COLUMNS, LOADS_OPTIONAL
-from hdbench.records.loadssequence import SEQUENCE_NAME, read_sequence
+from hdbench.records.loads import LOADS_COLUMNS, LoadReading, Loads, SequenceEntry
 from hdbench.records.storage import write_atomic
-from hdbench.records.table import parse_table, quoted, read_header
-from hdbench.records.textfile import IMPORT_FIX, data_error, read_text
+from hdbench.records.tables.csvtext import (
+    IMPORT_FIX,
+    data_error,
+    parse_table,
+    quoted,
+    read_header,
+    read_text,
+)
 
 __all__ = [
-    "LOADS_COLUMNS",
-    "LOADS_OPTIONAL",
+    "SEQUENCE_NAME",
     "ArmLike",
     "is_loads_file",
     "read_loads",
+    "read_sequence",
     "write_loads",
 ]
 
+SEQUENCE_NAME = "sequence.csv"
 _NEEDED = ("experiment", "position_rad", "range", "direction", "series", "reading_v")
 _WORDS = {"range": ("low", "full"), "direction": ("cw", "ccw"), "series": ("up", "down")}
 _OPTIONAL = ("mass_kg", "reading_std_v", "n_samples", "time_s", "temperature_c")
@@ -167,6 +172,38 @@ def read_loads(path: Path, arm: ArmLike | None) -> Loads:
     }
     course = read_sequence(path.with_name(SEQUENCE_NAME))
     return Loads(readings, str(path), {"sequence": course} if course else {}, extra)
+
+
+def read_sequence(path: Path) -> tuple[SequenceEntry, ...]:
+    """Read the course of a calibration."""
+    path = Path(path)
+    if not path.is_file():
+        return ()
+    table = parse_table(path, read_text(path, "sequence file"))
+    out = []
+    for line, row in zip(table.lines, table.rows, strict=True):
+        cells = dict(zip(table.header, row, strict=True))
+        numbers = [
+            _number(path, line, name, cells.get(name, ""))
+            for name in ("time_s", "torque_nm", "reading_v")
+        ]
+        words = [cells.get(name, "").strip() for name in ("kind", "experiment", "superseded")]
+        out.append(SequenceEntry(words[0], words[1], words[2], *numbers))
+    return tuple(out)
+
+
+def _number(path: Path, line: int, name: str, cell: str) -> float | None:
+    text = cell.strip()
+    if text.lower() in ("", "nan"):
+        return None
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        what = f"column {name} holds {cell!r:.40}; needed: a finite number, or nothing"
+        raise data_error(path, line, what, "correct the cell, or take the file away")
+    return value
 
 
 def _cell(value: object) -> str:

@@ -66,14 +66,17 @@ def parquet_columns(path: Path) -> tuple[dict[str, FloatArray], dict[str, tuple[
     columns: dict[str, FloatArray] = {}
     texts: dict[str, tuple[str, ...]] = {}
     for name in names:
-        cells = table.column(name).to_pylist()
+        column = table.column(name)
+        kind = str(column.type)
+        if kind.startswith(("int", "uint", "float", "double", "halffloat", "bool", "null")):
+            columns[name] = np.array(column.cast("float64", safe=False).to_numpy())
+            continue
+        cells = column.to_pylist()
         if any(isinstance(cell, str) for cell in cells):
             texts[name] = tuple("" if cell is None else str(cell) for cell in cells)
             continue
         try:
-            columns[name] = np.array(
-                [np.nan if cell is None else float(cell) for cell in cells], dtype=np.float64
-            )
+            columns[name] = np.array([np.nan if cell is None else float(cell) for cell in cells])
         except (TypeError, ValueError) as error:
             what = f"column {name!r} holds {str(error)[:80]}; needed: numbers"
             raise DataError(what, where=str(path), fix=_EXPORT_FIX) from error

@@ -5,11 +5,9 @@ import pytest
 
 from hdbench.errors import DataError, StorageError
 from hdbench.records import read_trace, write_trace
-from hdbench.records import streaming as module
-from hdbench.records.journal import JournalWriter, read_journal
-from hdbench.records.recovery import journal_trace
-from hdbench.records.reserve import RESERVE_NAME, check_space, free_reserve, keep_reserve
-from hdbench.records.streaming import survey_samples
+from hdbench.records.journal import JournalWriter, read_journal, survey_samples
+from hdbench.records.journal import samples as module
+from hdbench.records.storage import RESERVE_NAME, check_space, free_reserve, keep_reserve
 
 
 def block(start, n=7):
@@ -30,7 +28,7 @@ def test_both_ways_give_the_same_file(tmp_path, monkeypatch, attempts):
     monkeypatch.setattr(module, "_CHUNK_ROWS", 10)
     path = tmp_path / "journal.hdj"
     write(path, attempts=attempts)
-    whole = journal_trace(read_journal(path), "whole")
+    whole = survey_samples(read_journal(path)).trace("whole")
     write_trace(tmp_path / "whole.csv", whole)
     found = survey_samples(path)
     found.write(tmp_path / "streamed.csv")
@@ -50,7 +48,7 @@ def test_a_torn_end_is_left_out_and_damage_in_the_middle_costs_its_block_alone(t
     path.write_bytes(raw[:-5])
     found = survey_samples(path)
     assert len(found) == 7 * 7
-    assert len(found) == len(journal_trace(read_journal(path), "whole"))
+    assert len(found) == len(survey_samples(read_journal(path)))
     found.write(tmp_path / "trace.csv")
     assert len(read_trace(tmp_path / "trace.csv", require=())) == 49
 

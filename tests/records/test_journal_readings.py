@@ -9,8 +9,7 @@ import pytest
 
 from hdbench.errors import BusyError
 from hdbench.records import JournalWriter, read_journal
-from hdbench.records.attempts import reading_entries, sample_groups, standing_blocks
-from hdbench.records.recovery import journal_trace
+from hdbench.records.journal import all_samples, reading_entries, survey_samples
 
 
 def journal(path: Path, *entries: tuple) -> Path:
@@ -62,11 +61,12 @@ def test_a_broken_off_acquisition_counts_until_it_is_taken_again(tmp_path: Path)
     third = [("samples", {"n": 3}), event("acquired", step=2)]
     stories = ((first, [1, 2]), (first + second, [1, 2]), (first + second + third, [1, 3]))
     for number, (entries, counts) in enumerate(stories):
-        content = read_journal(journal(tmp_path / str(number), *entries))
-        blocks = standing_blocks(sample_groups(content))
-        assert [block.extra["n"] for block in blocks] == counts
-        assert len(journal_trace(content, "here")) == 3 * len(counts)
-    groups = sample_groups(read_journal(tmp_path / "2"))
+        path = journal(tmp_path / str(number), *entries)
+        for source in (path, read_journal(path)):
+            samples = survey_samples(source)
+            assert [block.extra["n"] for block in samples.blocks()] == counts
+            assert len(samples.trace("here")) == 3 * len(counts)
+    groups = all_samples(tmp_path / "2").groups
     assert [(g.step, g.attempt, g.complete, g.superseded) for g in groups] == [
         (1, 1, True, False),
         (2, 1, False, True),
