@@ -13,7 +13,7 @@ import numpy as np
 from hdbench.devices.bench import Block
 from hdbench.diagnosis.planning.segments import LoadStep
 from hdbench.filter import FilterModel, OnlineFilter
-from hdbench.filter.amplitudes import block_amplitudes
+from hdbench.filter.online import block_amplitudes
 from hdbench.profile.schema import ProfileData
 from hdbench.records import FloatArray
 from hdbench.records.journal import JournalSamples, JournalWriter

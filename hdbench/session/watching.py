@@ -6,7 +6,7 @@ from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from hdbench.filter.amplitudes import BlockAmplitude
+from hdbench.filter.online import BlockAmplitude
 from hdbench.records import FloatArray
 
 

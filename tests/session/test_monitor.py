@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from linefaults.faults import Mangler, TcpFraming
 
-from hdbench.devices.emulator.node import NodeDevice, build_core
+from hdbench.devices.emulator.node import build_core
 from hdbench.devices.emulator.server import ModbusServer
 from hdbench.filter import preset
 from hdbench.plant.bench import SimulatedBench
@@ -119,7 +119,7 @@ def test_what_looks_on_is_told_how_often_the_driver_asked_again() -> None:
         core = build_core(
             SimulatedBench(profile, load_plant("as-modelled"), 0), profile, 0, pace="fast"
         )
-        server = ModbusServer(NodeDevice(core))
+        server = ModbusServer(core)
         node = stack.enter_context(in_thread(server, server.open()))
         address = stack.enter_context(behind(node, spoiler))
         seen = Seen()
