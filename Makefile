@@ -22,7 +22,7 @@ dev: $(VENV)/.dev
 $(VENV)/bin/python:
 	$(PYTHON) -m venv $(VENV)
 
-$(VENV)/.installed: $(VENV)/bin/python pyproject.toml setup.py $(wildcard hdbench/native/* hdbench/filter/kernel/* hdbench/model/causes/native/*)
+$(VENV)/.installed: $(VENV)/bin/python pyproject.toml setup.py $(wildcard hdbench/filter/kernel/*)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable .
 	touch $@
 

@@ -48,9 +48,7 @@ class Build(build_ext):
         return built and "clang" not in version
 
 
-ARRAYS = "hdbench/native"
 KERNEL = "hdbench/filter/kernel"
-RECURSIONS = "hdbench/model/causes/native/recursions.c"
 FLAGS = {
     "extra_compile_args": [] if sys.platform == "win32" else GCC_FLAGS,
     "libraries": [] if sys.platform == "win32" else ["m"],
@@ -63,16 +61,8 @@ setup(
         Extension(
             "hdbench.filter._kernel",
             sources=[f"{KERNEL}/{name}.c" for name in ("binding", "filter", "filter_host")],
-            depends=[f"{ARRAYS}/arrays.h", *glob.glob(f"{KERNEL}/*.h")],
-            include_dirs=[ARRAYS, KERNEL],
-            define_macros=[("Py_LIMITED_API", "0x030B0000")],
-            **FLAGS,
-        ),
-        Extension(
-            "hdbench.model.causes._recursions",
-            sources=[RECURSIONS],
-            depends=[f"{ARRAYS}/arrays.h"],
-            include_dirs=[ARRAYS],
+            depends=glob.glob(f"{KERNEL}/*.h"),
+            include_dirs=[KERNEL],
             define_macros=[("Py_LIMITED_API", "0x030B0000")],
             **FLAGS,
         ),
