@@ -50,27 +50,21 @@ class PortIo(Protocol):
 
     def readable(self, wait_s: float) -> bool:
         """Return whether characters have come within this time."""
-        ...
 
     def writable(self, wait_s: float) -> bool:
         """Return whether it takes characters within this time."""
-        ...
 
     def read(self, size: int) -> bytes:
         """Return what has come, at most `size` characters."""
-        ...
 
     def write(self, data: bytes) -> int:
         """Return how many characters it took."""
-        ...
 
     def is_gone(self) -> bool:
         """Return whether a port that has just read as empty is gone."""
-        ...
 
     def close(self) -> None:
         """Close the port."""
-        ...
 
 
 def port_io(port: Serial) -> PortIo:
