@@ -23,8 +23,6 @@ from hdbench.session.run import Run, kept
 from hdbench.session.runner import Progress
 from hdbench.session.stop import listen
 
-__all__ = ["make_plan", "run_experiment"]
-
 
 def make_plan(
     kind: str,

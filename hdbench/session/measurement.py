@@ -6,7 +6,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from datetime import datetime
 from pathlib import Path
-from typing import Protocol
 
 from hdbench.devices import SimulatedOperator
 from hdbench.devices.bench import Bench, Identity, Operator, SafeState
@@ -32,50 +31,13 @@ from hdbench.session.calibrating.state import CalibrationLog, CalibrationState, 
 from hdbench.session.calibrating.walk import CalibrationWalk
 from hdbench.session.options import Task
 from hdbench.session.plans import Plan
-from hdbench.session.recorder import TraceRecorder, take_over
+from hdbench.session.recorder import TraceRecorder
 from hdbench.session.runner import Runner
-
-
-class Walker(Protocol):
-    """One plan on one open bench."""
-
-    @property
-    def safe(self) -> SafeState | None:
-        """What was read back after making the bench safe; None before that."""
-        ...
-
-    def run(self) -> None:
-        """Walk the plan; the bench is safe afterwards, whatever happened."""
-        ...
-
-    def records(self) -> Trace | Loads | None:
-        """Return what was recorded and counts; None where nothing was."""
-        ...
-
-    def files(self) -> list[Path]:
-        """Write the records and what the run keeps beside them; return the files."""
-        ...
-
-    def doubts(self) -> tuple[str, ...]:
-        """Return reasons to doubt the data."""
-        ...
 
 
 @dataclass(slots=True)
 class MotionWalk:
-    """A run with motion; implements `Walker`.
-
-    Parameters
-    ----------
-    runner : Runner
-        With a recorder.
-    plan : Plan
-        What is walked.
-    folder : RunFolder
-        The run.
-    content : JournalContent or None
-        Journal of earlier sessions of this run.
-    """
+    """A run with motion."""
 
     runner: Runner
     plan: Plan
@@ -93,8 +55,7 @@ class MotionWalk:
         done = set()
         if self.content is not None:
             self._earlier = all_samples(self.content)
-            if self.runner.recorder is not None:
-                take_over(self.runner.recorder, self._earlier)
+            self.runner.recorder.take_over(self._earlier)
             done = {g.step for g in self._earlier.groups if g.complete and g.step is not None}
         self.runner.run(self.plan, done)
 
@@ -105,8 +66,7 @@ class MotionWalk:
 
     def _samples(self) -> JournalSamples | None:
         """Return what counts of the journal: not what earlier sessions broke off."""
-        recorder = self.runner.recorder
-        if recorder is None or not self.folder.journal.exists():
+        if not self.folder.journal.exists():
             return None
         broken = {(group.step, group.attempt) for group in self._broken_off()}
         found = survey_samples(
@@ -136,8 +96,6 @@ class MotionWalk:
     def doubts(self) -> tuple[str, ...]:
         """Return losses, saturation and a torque that did not change."""
         recorder = self.runner.recorder
-        if recorder is None:
-            return ()
         counted = (
             (recorder.lost, "samples lost"),
             (recorder.saturated, "samples saturated"),
@@ -148,15 +106,7 @@ class MotionWalk:
 
 @dataclass(slots=True)
 class LoadsWalk:
-    """A calibration; implements `Walker`.
-
-    Parameters
-    ----------
-    walk : CalibrationWalk
-        The conversation.
-    folder : RunFolder
-        The run.
-    """
+    """A calibration."""
 
     walk: CalibrationWalk
     folder: RunFolder
@@ -212,6 +162,9 @@ class LoadsWalk:
         )
 
 
+Walker = MotionWalk | LoadsWalk
+
+
 def make_walker(task: Task, bench: Bench, identity: Identity, journal: JournalWriter) -> Walker:
     """Return what walks a task."""
     if task.kind == "calibration":
@@ -247,7 +200,6 @@ def _motion_walk(
         data,
         bench,
         operator,
-        journal,
         task.stop,
         task.progress,
         recorder,

@@ -20,7 +20,7 @@ from hdbench.profile import load_profile
 from hdbench.profile.scaling import profile_scale
 from hdbench.session.monitor import ChannelStatistics, Monitor
 from hdbench.session.stop import StopSignals
-from hdbench.session.watching import Frame, Unwatched
+from hdbench.session.watching import Frame, Watcher
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "tools"))
 
@@ -98,7 +98,7 @@ def test_the_drive_stays_disabled_and_no_run_is_left(
 
 
 def test_a_signal_ends_it_with_the_bench_safe() -> None:
-    looking = monitor(Unwatched())
+    looking = monitor(Watcher())
 
     class Stopper(Seen):
         def frame(self, frame: Frame) -> None:

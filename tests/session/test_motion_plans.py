@@ -79,7 +79,7 @@ def runner_of(tmp_path: Path, bench: FakeBench, operator: FakeOperator) -> Runne
     journal = JournalWriter(tmp_path / "journal.hdj")
     recorder = TraceRecorder(PROFILE, 6.6, preset("report-6", PROFILE), journal, 0.001)
     progress = lambda _what, _share: None  # noqa: E731 - a progress that says nothing
-    return Runner(PROFILE, bench, operator, journal, StopSignals(), progress, recorder)
+    return Runner(PROFILE, bench, operator, StopSignals(), progress, recorder)
 
 
 def test_the_trace_of_a_plan_with_loads_says_what_hung_when(tmp_path: Path) -> None:

@@ -31,7 +31,6 @@ def runner(tmp_path: Path, bench: FakeBench, **changes) -> Runner:
         PROFILE,
         bench,
         changes.pop("operator", FakeOperator(bench)),
-        journal,
         changes.pop("stop", StopSignals()),
         lambda _what, _share: None,
         recorder,
@@ -94,7 +93,7 @@ def test_what_was_journaled_before_a_failure_can_be_read_back(tmp_path: Path) ->
     run = runner(tmp_path, bench)
     with pytest.raises(DeviceError):
         run.run(MOTION)
-    run.journal.close()
+    run.recorder.journal.close()
     content = read_journal(tmp_path / "journal.hdj")
     samples = [block for block in content.blocks if block.kind == "samples"]
     assert len(samples) == 6

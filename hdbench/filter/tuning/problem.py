@@ -1,4 +1,4 @@
-"""The numbers that a tuning varies, as logarithms relative to the measurement noise."""
+"""Tuning problem: the numbers that are varied, the model they make, and its likelihood."""
 
 from __future__ import annotations
 
@@ -7,14 +7,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from hdbench.filter.blocks import OscillatorBlock, SlowBlock, SlowKind
-from hdbench.filter.model import FilterModel
+from hdbench.filter.model import FilterModel, OscillatorBlock, SlowBlock, SlowKind
+from hdbench.filter.traces import Channels, run_channels
 from hdbench.filter.tuning.data import Motion
 from hdbench.records import FloatArray
 
-__all__ = ["Parameter", "Problem", "build_problem"]
+__all__ = ["Parameter", "Problem", "Score", "build_problem", "relative_model", "scaled", "score"]
 
 Target = Literal["block", "slow"]
+_WALKS = ("none", "random-walk", "integrated-random-walk")
 # a wander of a tenth of the torque's deviation per own turn is no longer an order
 _LARGEST_WANDER = 0.01
 _HIGHEST_HZ = 20.0  # above, a tone is a disturbance of the sensor, not torque of the load
@@ -172,3 +173,116 @@ def _slow_parameters(kind: SlowKind, at: int, motion: Motion, excess: float) -> 
         one("frequency_hz", "Hz", (math.log(2.0), math.log(0.3)), bounds),
         one("sharpness", "1", (math.log(1.5), math.log(3.0)), (0.0, math.log(_SHARPEST))),
     ]
+
+
+@dataclass(frozen=True, slots=True)
+class Score:
+    """How well a model of measurement noise 1 foretells the traces.
+
+    Parameters
+    ----------
+    samples : int
+        Samples used.
+    noise_nm2 : float
+        The measurement noise that fits best, (N m)^2; every other noise scales with it.
+    log_likelihood : float
+        Gaussian log-likelihood at that noise, nats.
+    """
+
+    samples: int
+    noise_nm2: float
+    log_likelihood: float
+
+
+def score(model: FilterModel, records: Sequence[Channels]) -> Score:
+    r"""Score a model of measurement noise 1 on traces.
+
+    Notes
+    -----
+    With innovations e and variances S of the relative model over n samples of all traces,
+    :math:`\hat R = \sum e^2/S / n` and
+    :math:`2 \ln L = -n (1 + \ln 2\pi + \ln \hat R) - \sum \ln S`.
+    """
+    samples, logs, squares = 0, 0.0, 0.0
+    for record in records:
+        found = run_channels(model, record)
+        samples += found.n_used
+        logs += found.sum_log_variance
+        squares += found.sum_normalised_squares
+    noise = squares / samples if samples else math.nan
+    if not 0.0 < noise < math.inf:
+        return Score(samples, noise, -math.inf)
+    value = -0.5 * (samples * (1.0 + math.log(2.0 * math.pi * noise)) + logs)
+    return Score(samples, noise, value)
+
+
+def scaled(relative: FilterModel, noise_nm2: float) -> FilterModel:
+    """Return a model of measurement noise 1 in absolute units."""
+    scale = math.sqrt(noise_nm2)
+    prior, slow_prior = relative.order_prior_std_nm, relative.slow_prior_std_nm
+    return replace(
+        relative,
+        blocks=tuple(
+            replace(block, process_noise=block.process_noise * noise_nm2)
+            for block in relative.blocks
+        ),
+        slow=tuple(
+            replace(
+                block,
+                noise_per_s=block.noise_per_s * noise_nm2,
+                variance=block.variance * noise_nm2,
+            )
+            for block in relative.slow
+        ),
+        measurement_noise=noise_nm2,
+        order_prior_std_nm=None if prior is None else prior * scale,
+        slow_prior_std_nm=None if slow_prior is None else slow_prior * scale,
+    )
+
+
+def relative_model(
+    base: FilterModel,
+    motion: Motion,
+    noise_nm2: float,
+    *,
+    slow: str,
+    order_prior_std_nm: float,
+    slow_prior_std_nm: float,
+) -> FilterModel:
+    """Return the model at measurement noise 1: noise per angle, priors relative, the offset."""
+    scale = math.sqrt(noise_nm2)
+    blocks = tuple(
+        OscillatorBlock(
+            block.order,
+            block.role,
+            block.process_noise,
+            "second" if block.frequency_hz > 0.0 else "motor-radian",
+            block.frequency_hz,
+        )
+        for block in base.blocks
+    )
+    walking = slow in _WALKS
+    offset = () if walking else (SlowBlock("random-walk", noise_per_s=_offset_noise(base, motion)),)
+    return replace(
+        base,
+        blocks=blocks,
+        slow=offset,
+        measurement_noise=1.0,
+        order_prior_std_nm=order_prior_std_nm / scale,
+        slow_prior_std_nm=slow_prior_std_nm / scale,
+        gate_sigma=None,
+        tuning=None,
+    )
+
+
+def _offset_noise(base: FilterModel, motion: Motion) -> float:
+    r"""Return the wander of the offset per second, relative to the measurement noise.
+
+    A random walk has the density q / w^2, white noise R dt: equal at the slowest block's angular
+    frequency w, so that the offset can never hold what turns with the output.
+    """
+    slowest = min((b.order for b in base.blocks if b.order > 0.0), default=1.0)
+    w = slowest * motion.speed_rad_s
+    if not w > 0.0:
+        w = 2.0 * math.pi / motion.duration_s
+    return motion.period_s * w * w

@@ -1,5 +1,6 @@
-/* The samples of one chunk, one after the other, with the lower triangle of P in place. Part of
- * the template of filter_lanes.h. */
+/* The samples of one chunk, one after the other, with the lower triangle of P in place. Second part
+ * of the template that filter_motion.h begins; HDB_UNROLLED asks for a version for three oscillators
+ * without slow torques. */
 
 #ifdef HDB_IN_PLACE /* a call would keep a sample's numbers out of registers */
 #define HDB_RARE HDB_INLINE
@@ -167,7 +168,110 @@ HDB_RARE void HDB_FORM(begin)(int no, int nb, const hdb_model *model, lanes *s, 
 #endif
 }
 
-#include "filter_update.h"
+/* g = P C': the diagonal with the first block, then the others. */
+HDB_INLINE void HDB_FORM(project)(int no, int nb, const work *k, int i, const lanes *s, number *g)
+{
+    const number none = {0};
+    HDB_UNROLL
+    for (int j = 0; j < 2 * nb; ++j) {
+        const int at = j / 2;
+        number sum = P(j, j), rest = none;
+        if (at < no)
+            sum = sum * (j % 2 ? k->sine[at][i] : k->cosine[at][i]);
+        else if (j % 2)
+            sum = none;
+        HDB_UNROLL
+        for (int b = 0; b < nb; ++b) {
+            number more = none;
+            if (b >= no)
+                more = j == 2 * b ? none : P(2 * b, j);
+            else if (j == 2 * b)
+                more = P(j + 1, j) * k->sine[b][i];
+            else if (j == 2 * b + 1)
+                more = P(j, j - 1) * k->cosine[b][i];
+            else
+                more = P(2 * b, j) * k->cosine[b][i] + P(2 * b + 1, j) * k->sine[b][i];
+            if (b == 0)
+                sum += more;
+            else
+                rest = b > 1 ? rest + more : more;
+        }
+        g[j] = sum + rest;
+    }
+}
+
+/* Flags and 1/S: 0 where the sample only predicts. */
+HDB_INLINE number HDB_FORM(weigh)(const hdb_model *model, lanes *s, work *k, int i, number variance)
+{
+    const number none = {0};
+    k->variance[i] = variance;
+    k->flag[i] = PICK(k->residual[i] == k->residual[i], none, none + HDB_MISSING);
+    if (model->gate > 0) { /* counts gated samples in a row */
+        EACH_LANE {
+            const hdb_real e = LANE(k->innovation[i], l), run = LANE(s->head[HDB_GATED_RUN], l);
+            if (LANE(k->flag[i], l) > 0)
+                continue;
+            const int beyond =
+                e * e > model->gate * LANE(variance, l) && run < model->gate_samples;
+            LANE(k->flag[i], l) = beyond ? HDB_GATED : 0;
+            LANE(s->head[HDB_GATED_RUN], l) = beyond ? run + 1 : 0;
+        }
+    }
+    return PICK(k->flag[i] == none, K(1.0) / variance, none);
+}
+
+/* Which blocks the data do not tell; no variance where a lane has not started. */
+HDB_INLINE void HDB_FORM(judge)(int no, const lanes *s, work *k, int i)
+{
+    const number none = {0};
+#ifndef HDB_UNFLAGGED
+    const number unresolved = none + HDB_UNRESOLVED;
+    mask found = {0};
+    HDB_UNROLL
+    for (int b = 0; b < no; ++b) {
+        number own = P(2 * b, 2 * b), other = P(2 * b + 1, 2 * b + 1);
+#ifndef HDB_SINGLE
+        own -= s->head[HDB_INVERSE] * (s->g[2 * b] * s->g[2 * b]);
+        other -= s->head[HDB_INVERSE] * (s->g[2 * b + 1] * s->g[2 * b + 1]);
+#endif
+        found |= own + other > HDB_RESOLVED * k->variance[i];
+    }
+    k->flag[i] += PICK(found, unresolved, none);
+#endif
+    (void)no;
+    k->variance[i] = PICK(s->head[HDB_STARTED] > none, k->variance[i], none + HDB_NAN);
+}
+
+#ifdef HDB_SINGLE
+/* z <- z + g e / S, P <- P - g g' / S. */
+HDB_INLINE void HDB_FORM(measure)(int nb, const number *g, number inverse, number step,
+                                  lanes *s)
+{
+    HDB_UNROLL
+    for (int a = 0; a < 2 * nb; ++a) {
+        s->z[a] += g[a] * step;
+        HDB_UNROLL
+        for (int b = 0; b <= a; ++b) /* not symmetric in a and b, but a product less */
+            P(a, b) -= (inverse * g[a]) * g[b];
+    }
+}
+#else
+/* P <- P - g g' / S of the sample before; then g is that of this sample, found from `b`, P C'
+ * without that measurement. */
+HDB_INLINE void HDB_FORM(settle)(int nb, const number *b, number fw, lanes *s)
+{
+    const number inverse = s->head[HDB_INVERSE];
+    HDB_UNROLL
+    for (int j = 0; j < 2 * nb; ++j) {
+        HDB_UNROLL
+        for (int m = 0; m <= j; ++m)
+            P(j, m) -= inverse * (s->g[j] * s->g[m]);
+    }
+    HDB_UNROLL
+    for (int j = 0; j < 2 * nb; ++j)
+        s->g[j] = b[j] - s->g[j] * fw;
+}
+#endif
 
 #ifdef HDB_RECORDS
 /* Write a prediction: z, lower triangle of P, 1/S (NaN: not started, 0: only predicted), e. */
@@ -233,6 +337,83 @@ HDB_INLINE void HDB_FORM(recurse)(int no, int ns, const hdb_model *model, lanes 
     }
 }
 
+#ifndef HDB_IN_PLACE
+/* The parts of a state between its vector of numbers and one lane. */
+HDB_INLINE void HDB_FORM(load)(int nb, lanes *s, const hdb_real *state, int lane)
+{
+    (void)lane;
+    for (int i = 0; i < HDB_HEADER; ++i)
+        LANE(s->head[i], lane) = *state++;
+    for (int i = 0; i < nb; ++i)
+        LANE(s->psi[i], lane) = *state++;
+    for (int i = 0; i < nb; ++i)
+        LANE(s->left[i], lane) = *state++;
+    for (int i = 0; i < 2 * nb; ++i)
+        LANE(s->z[i], lane) = *state++;
+    for (int i = 0; i < 2 * nb; ++i)
+        LANE(s->g[i], lane) = *state++;
+    for (int i = 0; i < AT(2 * nb, 0); ++i)
+        LANE(s->p[i], lane) = *state++;
+#ifdef HDB_SUMS
+    LANE(s->used, lane) = LANE(s->log_sum, lane) = LANE(s->squares, lane) = 0;
+    LANE(s->product, lane) = 1;
+    s->since = 0;
+    s->waiting = 1;
+#endif
+}
+
+HDB_INLINE void HDB_FORM(store)(int nb, lanes *s, hdb_real *state, int lane)
+{
+    (void)lane;
+    for (int i = 0; i < HDB_HEADER; ++i)
+        *state++ = LANE(s->head[i], lane);
+    for (int i = 0; i < nb; ++i)
+        *state++ = LANE(s->psi[i], lane);
+    for (int i = 0; i < nb; ++i)
+        *state++ = LANE(s->left[i], lane);
+    for (int i = 0; i < 2 * nb; ++i)
+        *state++ = LANE(s->z[i], lane);
+    for (int i = 0; i < 2 * nb; ++i)
+        *state++ = LANE(s->g[i], lane);
+    for (int i = 0; i < AT(2 * nb, 0); ++i)
+        *state++ = LANE(s->p[i], lane);
+}
+#endif
+
+HDB_INLINE void HDB_FORM(filter)(const hdb_model *model, lanes *s, int n, work *k, hdb_real *record)
+{
+#ifdef HDB_N_OSCILLATORS /* fixed by the build */
+    const int no = HDB_N_OSCILLATORS, ns = HDB_N_SLOW;
+#else
+    const int no = model->n_oscillators, ns = model->n_slow;
+#endif
+    HDB_FORM(turn)(no, ns, model, s, n, k);
+#ifdef HDB_COASTS
+    HDB_FORM(coast)(model, s, n, k);
+#endif
+    HDB_FORM(stir)(no, model, n, k);
+#ifdef HDB_UNROLLED /* the presets' orders */
+    if (no == 3 && ns == 0) {
+        HDB_FORM(recurse)(3, 0, model, s, n, k, record);
+        return;
+    }
+#endif
+    HDB_FORM(recurse)(no, ns, model, s, n, k, record);
+}
+
 #undef P
 #undef HDB_WAITING
 #undef HDB_RARE
+#undef number
+#undef mask
+#undef SINCOS
+#undef lanes
+#undef work
+#undef PICK
+#undef ANY
+#undef HDB_NOT
+#undef LANE
+#undef EACH_LANE
+#undef L
+#undef STATES
+#undef AT

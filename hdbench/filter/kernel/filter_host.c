@@ -1,22 +1,155 @@
-/* Fixed-interval smoother: a forward pass that keeps a checkpoint per segment, then each segment
- * forwards again and backwards, the last one first. */
+/* Arrays of samples: one trace, many traces side by side, and the fixed-interval smoother. */
 #include <string.h>
 
 #include "filter_host.h"
+#include "filter_math.h"
 
+#define HDB_RUN_CHUNK 64 /* samples whose sines are computed together; changes speed only */
+#define HDB_BATCH_CHUNK 8
+#define HDB_BATCH_GROUPS 4 /* vectors of traces that go on by turns */
+#define HDB_LANE(value, l) (((double *)&(value))[l])
+#ifdef __GNUC__
+#define HDB_LIKELY(x) __builtin_expect(x, 1)
+#define HDB_RARELY(x) __builtin_expect(x, 0)
+#define HDB_FETCH(at, writes) __builtin_prefetch(at, writes)
+typedef double hdb_two __attribute__((vector_size(16)));
+#ifdef __clang__ /* lanes change places */
+#define HDB_MOVED(x, ...) __builtin_shufflevector(x, x, __VA_ARGS__)
+#else
+#define HDB_MOVED(x, ...) __builtin_shuffle(x, (HDB_ROWS(index)){__VA_ARGS__})
+#endif
+#else
+#define HDB_FETCH(at, writes) (void)(at)
+#endif
+
+#ifdef HDB_MULTIVERSION /* GCC on x86-64: one version per width of its vectors */
+#pragma GCC push_options
+#pragma GCC target("avx512f,avx512dq,avx512vl")
+#define HDB_ISA(name) hdb_avx512_##name
+#define HDB_VECTOR 8
+#define HDB_PAIRS 1, 0, 3, 2, 5, 4, 7, 6
+#define HDB_QUARTERS 2, 3, 0, 1, 6, 7, 4, 5
+#define HDB_HALVES 4, 5, 6, 7, 0, 1, 2, 3
+#include "filter_arrays.h"
+#undef HDB_ISA
+#undef HDB_VECTOR
+#undef HDB_PAIRS
+#undef HDB_QUARTERS
+#undef HDB_HALVES
+#pragma GCC pop_options
+#pragma GCC push_options
+#pragma GCC target("avx2")
+#define HDB_ISA(name) hdb_avx2_##name
+#define HDB_VECTOR 4
+#define HDB_PAIRS 1, 0, 3, 2
+#define HDB_HALVES 2, 3, 0, 1
+#include "filter_arrays.h"
+#undef HDB_ISA
+#undef HDB_VECTOR
+#undef HDB_PAIRS
+#undef HDB_HALVES
+#pragma GCC pop_options
+#endif
+
+#define HDB_ISA(name) hdb_plain_##name
+#ifdef __GNUC__
+#define HDB_VECTOR 2 /* two doubles: what every 64-bit processor has */
+#define HDB_PAIRS 1, 0
+#else
+#define HDB_VECTOR 1
+#endif
+#include "filter_arrays.h"
+
+hdb_status hdb_model_read(hdb_model *model, const double *a, size_t size)
+{
+    if (size < HDB_MODEL_HEADER || !(a[0] >= 0 && a[1] >= 0 && a[0] + a[1] <= HDB_MAX_BLOCKS))
+        return HDB_ERR_CONFIG;
+    const size_t nb = (size_t)a[0] + (size_t)a[1];
+    if (size != HDB_MODEL_HEADER + HDB_MODEL_BLOCK * nb)
+        return HDB_ERR_CONFIG;
+    *model = (hdb_model){.n_oscillators = (int)a[0], .n_slow = (int)a[1], .r = a[2],
+                         .inertia = a[3], .ratio = a[4], .constant = a[5], .gate = a[6],
+                         .gate_samples = a[7], .prior_start = a[8] != 0};
+    for (size_t i = 0; i < nb; ++i) {
+        const double *const b = a + HDB_MODEL_HEADER + HDB_MODEL_BLOCK * i;
+        model->block[i] = (hdb_block){.kind = (int)b[0], .part = (int)b[1], .order = b[2],
+                                      .omega = b[3], .q_sample = b[4], .q_rad = b[5],
+                                      .q_s = b[6], .rate = b[7], .variance = b[8],
+                                      .prior = {b[9], b[10]}};
+    }
+    return hdb_model_check(model);
+}
+
+static hdb_status check_time(const double *state, size_t n, const double *time, size_t *bad)
+{
+    /* times that increase are finite where the first and the last are */
+    int later = n > 0 && hdb_abs(time[0]) <= HDB_LARGEST && hdb_abs(time[n - 1]) <= HDB_LARGEST &&
+                (!(state[HDB_SEEN] > 0) || time[0] > state[HDB_TIME]);
+    for (size_t k = 1; k < n; ++k)
+        later &= time[k] > time[k - 1];
+    for (size_t k = 0; k < n && !later; ++k) {
+        const int first = k == 0 && !(state[HDB_SEEN] > 0);
+        const double before = k > 0 ? time[k - 1] : state[HDB_TIME];
+        if (!(hdb_abs(time[k]) <= HDB_LARGEST) || !(first || time[k] > before)) {
+            *bad = k;
+            return HDB_ERR_TIME;
+        }
+    }
+    return HDB_OK;
+}
+
+#ifdef HDB_MULTIVERSION
+static int hdb_has_avx512(void)
+{
+    return __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq") &&
+           __builtin_cpu_supports("avx512vl");
+}
+#endif
+
+hdb_status hdb_filter_run(const hdb_model *model, double *state, size_t n, const hdb_samples *in,
+                          const hdb_outputs *out, double *sums, size_t *bad)
+{
+    const hdb_status status = check_time(state, n, in->time, bad);
+    if (status != HDB_OK)
+        return status;
+#ifdef HDB_MULTIVERSION
+    if (hdb_has_avx512())
+        hdb_avx512_run(model, state, n, in, out, sums);
+    else if (__builtin_cpu_supports("avx2"))
+        hdb_avx2_run(model, state, n, in, out, sums);
+    else
+#endif
+        hdb_plain_run(model, state, n, in, out, sums);
+    return HDB_OK;
+}
+
+hdb_status hdb_filter_batch(const hdb_model *model, size_t n, size_t n_traces,
+                            const hdb_samples *in, const hdb_outputs *out, double *sums,
+                            size_t *bad)
+{
+    const double unseen[HDB_HEADER] = {0};
+    const hdb_status status = check_time(unseen, n, in->time, bad);
+    if (status != HDB_OK)
+        return status;
+#ifdef HDB_MULTIVERSION
+    if (hdb_has_avx512())
+        hdb_avx512_batch(model, n, n_traces, in, out, sums);
+    else if (__builtin_cpu_supports("avx2"))
+        hdb_avx2_batch(model, n, n_traces, in, out, sums);
+    else
+#endif
+        hdb_plain_batch(model, n, n_traces, in, out, sums);
+    return HDB_OK;
+}
+
+/* Fixed-interval smoother: a forward pass that keeps a checkpoint per segment, then each segment
+ * forwards again and backwards, the last one first. */
 #define HDB_RECORDS
 #define HDB_LANES 1
 #define HDB_CHUNK 64
 #define HDB_FORM(name) hdb_smooth_##name
-#include "filter_lanes.h"
-#include "filter_recurse.h"
-#include "filter_dispatch.h"
-
-#ifdef HDB_MULTIVERSION
-#define VERSIONED __attribute__((target_clones("avx512f", "avx2", "default")))
-#else
-#define VERSIONED
-#endif
+#include "filter_motion.h"
+#include "filter_recursion.h"
 
 #define SEGMENT 256 /* samples between checkpoints; a multiple of the chunk */
 #define N_MAX (2 * HDB_MAX_BLOCKS)
@@ -180,8 +313,8 @@ HDB_INLINE void back(int no, int nb, int length, const double *records, const do
     }
 }
 
-VERSIONED static void backward(int no, int nb, int length, const double *records,
-                               const double *steps, adjoint *a, double *mean, double *covariance)
+static void backward(int no, int nb, int length, const double *records,
+                     const double *steps, adjoint *a, double *mean, double *covariance)
 {
     switch (nb) {
     case 2: back(no, 2, length, records, steps, a, mean, covariance); break;
@@ -201,13 +334,10 @@ hdb_status hdb_filter_smooth(const hdb_model *model, size_t n, const hdb_samples
     double *const steps = records + SEGMENT * (size_t)record_size(nb);
     hdb_state s;
     adjoint a;
-    for (size_t k = 0; k < n; ++k) {
-        if (!(hdb_abs(in->time[k]) <= HDB_LARGEST) || (k > 0 && !(in->time[k] > in->time[k - 1]))) {
-            *bad = k;
-            return HDB_ERR_TIME;
-        }
-    }
     memset(scratch, 0, state_size * sizeof *scratch);
+    const hdb_status status = check_time(scratch, n, in->time, bad);
+    if (status != HDB_OK)
+        return status;
     hdb_smooth_load(nb, &s, scratch, 0);
     memset(&a, 0, sizeof a);
     for (size_t from = 0; from < n; from += 64) {
