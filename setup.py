@@ -1,5 +1,6 @@
 """Build what is compiled where there is a C compiler; without one the Python forms serve."""
 
+import glob
 import os
 import subprocess
 import sys
@@ -61,35 +62,8 @@ setup(
     ext_modules=[
         Extension(
             "hdbench.filter._kernel",
-            sources=[
-                f"{KERNEL}/{name}.c"
-                for name in ("binding", "filter", "filter_run", "filter_smooth")
-            ],
-            depends=[
-                f"{ARRAYS}/arrays.h",
-                *(
-                    f"{KERNEL}/filter{name}.h"
-                    for name in (
-                        "",
-                        "_dispatch",
-                        "_host",
-                        "_lanes",
-                        "_many",
-                        "_math",
-                        "_motion",
-                        "_one",
-                        "_phase",
-                        "_recurse",
-                        "_rows",
-                        "_rows_move",
-                        "_rows_recurse",
-                        "_rows_report",
-                        "_sincos",
-                        "_triangle",
-                        "_update",
-                    )
-                ),
-            ],
+            sources=[f"{KERNEL}/{name}.c" for name in ("binding", "filter", "filter_host")],
+            depends=[f"{ARRAYS}/arrays.h", *glob.glob(f"{KERNEL}/*.h")],
             include_dirs=[ARRAYS, KERNEL],
             define_macros=[("Py_LIMITED_API", "0x030B0000")],
             **FLAGS,

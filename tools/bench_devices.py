@@ -28,8 +28,8 @@ from typing import Any
 import numpy as np
 
 from hdbench.devices.daq import DaqSettings
-from hdbench.devices.node.abilities import REPLY_CHARACTERS, REQUEST_CHARACTERS
-from hdbench.devices.node.blockcodec import BlockHeader, encode_block, encode_scans, seal_block
+from hdbench.devices.emulator.machine import BlockHeader, encode_block, encode_scans, seal_block
+from hdbench.devices.node.driver import REPLY_CHARACTERS, REQUEST_CHARACTERS
 from hdbench.devices.node.opening import open_node
 from hdbench.devices.node.registers import block_registers, block_scans
 from hdbench.devices.wire.address import parse_address

@@ -17,8 +17,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from hdbench.drivers.dataq.scanlist import plan_scan
-from hdbench.drivers.dataq.scans import ScanAssembler, StreamFault
+from hdbench.drivers.dataq.scans import ScanAssembler, StreamFault, plan_scan
 from hdbench.drivers.dataq.table import DataqAcquisition
 
 __all__ = ["FAULTS", "campaign"]

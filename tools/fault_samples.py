@@ -10,16 +10,15 @@ from pathlib import Path
 import numpy as np
 from fault_kit import Row
 
-from hdbench.devices.ports import Block
+from hdbench.devices.bench import Block
 from hdbench.errors import DeviceError
 from hdbench.filter import preset
 from hdbench.plant.bench import SimulatedBench
 from hdbench.plant.plantfile import load_plant
 from hdbench.profile import load_profile
-from hdbench.session.limitwatch import LimitWatch
+from hdbench.session.limits import LimitWatch, SpeedWatch
 from hdbench.session.recorder import TraceRecorder
 from hdbench.session.stop import Aborted
-from hdbench.session.stuckwatch import SpeedWatch
 
 __all__ = ["broken_channels"]
 

@@ -23,15 +23,15 @@ from pathlib import Path
 
 from linefaults.faults import FaultKind, Mangler, RtuFraming, TcpFraming
 
-from hdbench.devices.emulator.modbus.memory import Cell, Memory
+from hdbench.devices.emulator.memory import Cell, Memory
 from hdbench.devices.emulator.server import Device, ModbusServer, Space
 from hdbench.devices.modbus.access import Access
+from hdbench.devices.modbus.identity import make_probe
 from hdbench.devices.modbus.layout import Place, place_of
 from hdbench.devices.modbus.links import polled_link
 from hdbench.devices.modbus.outputs import Outputs
-from hdbench.devices.modbus.probe import make_probe
 from hdbench.devices.wire import parse_address
-from hdbench.devices.wire.crc import crc16
+from hdbench.devices.wire.rtu import crc16
 from hdbench.errors import DeviceError, ProfileError
 from hdbench.profile.acquiring_modbus import ModbusAcquisition
 

@@ -8,8 +8,16 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from hdbench.diagnosis.answer.assemble import assemble
-from hdbench.diagnosis.answer.records import DataFlag, LeftOutSamples, RecordPart, Testable
-from hdbench.diagnosis.answer.result import Diagnosis, Pictures, Rest, verdict_of
+from hdbench.diagnosis.answer.result import (
+    DataFlag,
+    Diagnosis,
+    LeftOutSamples,
+    Pictures,
+    RecordPart,
+    Rest,
+    Testable,
+    verdict_of,
+)
 from hdbench.diagnosis.discovery.search import Search
 from hdbench.diagnosis.discovery.together import (
     Together,
@@ -30,7 +38,7 @@ from hdbench.diagnosis.dynamic import (
     with_early,
     without_spikes,
 )
-from hdbench.diagnosis.faults import ResidualFaults
+from hdbench.diagnosis.faults.residual import ResidualFaults
 from hdbench.errors import DataError
 from hdbench.model import BenchModel, Cause
 from hdbench.profile import Profile

@@ -16,9 +16,9 @@ BROKEN = (ImportError, AttributeError, TypeError, ValueError, SyntaxError)
 
 # where the driver of a name is, and its table
 _OWN = {
-    "node": ("hdbench.devices.node.record", "hdbench.profile.acquiring_node:NodeAcquisition"),
+    "node": ("hdbench.devices.node.opening", "hdbench.profile.acquiring_node:NodeAcquisition"),
     "modbus": (
-        "hdbench.devices.modbus.record",
+        "hdbench.devices.modbus.opening",
         "hdbench.profile.acquiring_modbus:ModbusAcquisition",
     ),
     "labjack-t": (
@@ -27,7 +27,7 @@ _OWN = {
     ),
     "dataq": ("hdbench.drivers.dataq.record", "hdbench.drivers.dataq.table:DataqAcquisition"),
     "composite": (
-        "hdbench.devices.composite.opening",
+        "hdbench.devices.composite",
         "hdbench.profile.acquiring:CompositeAcquisition",
     ),
 }

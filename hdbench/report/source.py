@@ -11,10 +11,9 @@ from hdbench.errors import DataError, nothing_stored
 from hdbench.profile import Profile, parse_profile
 from hdbench.records import Loads, Trace
 from hdbench.records.jsonfile import read_json, sha256_file
-from hdbench.records.loadsfile import is_loads_file, read_loads
 from hdbench.records.recovery import resolve_input
 from hdbench.records.runfolder import RunFolder
-from hdbench.records.tracefile import read_trace
+from hdbench.records.tables import is_loads_file, read_loads, read_trace
 
 __all__ = ["Source", "load_source"]
 

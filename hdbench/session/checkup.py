@@ -12,18 +12,16 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from hdbench.devices import open_bench
-from hdbench.devices.finding import latency_timer_ms
+from hdbench.devices.driver import drivers
 from hdbench.devices.guard import GuardedBench
 from hdbench.devices.opening import addresses_of
-from hdbench.devices.registry import drivers
+from hdbench.devices.serial_ports import latency_timer_ms
 from hdbench.errors import DataError, HdbenchError
 from hdbench.filter import kernel_name, kernel_reason
 from hdbench.profile import Profile
 from hdbench.profile.validity import calibration_time
 from hdbench.records import list_runs
 from hdbench.records.jsonfile import read_json
-
-__all__ = ["Finding", "check_bench", "check_calibration", "check_computer", "check_ports"]
 
 _MIB = 2.0**20
 _NEEDED_MIB = 200.0  # ten runs of ten minutes at 1 kHz are about that
@@ -35,19 +33,7 @@ _LATENCY_MS = 2
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One line.
-
-    Parameters
-    ----------
-    name : str
-        What was looked at.
-    ok : bool
-        Whether it is as it must be.
-    found : str
-        What was found.
-    fix : str
-        How to mend or better it; empty where nothing is to do.
-    """
+    """One line."""
 
     name: str
     ok: bool

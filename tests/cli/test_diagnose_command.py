@@ -11,8 +11,8 @@ from rich.console import Console
 
 from hdbench.records import Trace, write_trace
 from hdbench.report.diagnosis.limits import left_out_line, rest_line
-from hdbench_cli.diagnosis_names import names_line
-from hdbench_cli.diagnosis_text import show
+from hdbench_cli.commands.diagnosis_names import names_line
+from hdbench_cli.commands.diagnosis_text import show
 from hdbench_cli.main import main
 
 # contract, section 5

@@ -2,7 +2,7 @@
 
 import math
 
-from hdbench_cli.sketch import read_columns, span_of, sparkline
+from hdbench_cli.sparkline import read_columns, span_of, sparkline
 
 
 def test_a_ramp_becomes_rising_blocks():

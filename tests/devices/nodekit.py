@@ -13,12 +13,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from hdbench.devices.emulator.serve import NodeDevice, build_core
+from hdbench.devices.emulator.node import build_core
 from hdbench.devices.emulator.server import ModbusServer
-from hdbench.devices.hosted import HostedBench, host_settings
+from hdbench.devices.host import HostedBench, host_settings
 from hdbench.devices.node.driver import NodeDaq
-from hdbench.devices.node.spans import node_probe
-from hdbench.devices.node.wire import NodeWire
+from hdbench.devices.node.wire import NodeWire, node_probe
 from hdbench.devices.wire import connect, parse_address
 from hdbench.plant.converter import RawSamples
 from hdbench.profile import load_profile
@@ -116,7 +115,7 @@ def served(bench: object | None = None, *, pace: str = "fast") -> Iterator[Serve
         bench or TinyBench(), PROFILE, 0, pace=pace, record=lambda e: events.append(dict(e))
     )
     loop = asyncio.new_event_loop()
-    server = ModbusServer(NodeDevice(core))
+    server = ModbusServer(core)
     thread = threading.Thread(target=loop.run_forever, daemon=True)
     thread.start()
     address = asyncio.run_coroutine_threadsafe(server.open(), loop).result(5)

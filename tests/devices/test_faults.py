@@ -17,7 +17,7 @@ from linefaults.faults import (
 )
 from linefaults.lines import faulty_serial, faulty_tcp
 
-from hdbench.devices.wire.crc import crc16
+from hdbench.devices.wire.rtu import crc16
 
 # a reply with two registers, an echo of a write, and one of function 76
 READ = struct.pack(">HHHB", 7, 0, 7, 1) + bytes((3, 4, 0, 17, 34, 51))

@@ -12,11 +12,9 @@ from hypothesis import settings as given_settings
 from hypothesis import strategies as st
 
 from hdbench.devices import AcquisitionSettings
-from hdbench.devices.hosted import HostedBench
-from hdbench.devices.hosted.channels import Unwrap
-from hdbench.devices.hosted.control import ControlThread
-from hdbench.devices.hosted.reference import HostReference, ReferenceLog
-from hdbench.devices.hosted.sampleclock import SampleClock
+from hdbench.devices.host import HostedBench
+from hdbench.devices.host.channels import SampleClock, Unwrap
+from hdbench.devices.host.control import ControlThread, HostReference, ReferenceLog
 from hdbench.errors import DeviceError, UsageError
 from hdbench.model.program import ProgramPart, ReferenceProgram
 from hdbench.profile.schema import ReferenceWave
@@ -309,7 +307,7 @@ def test_any_end_of_the_control_thread_zeroes_the_output_and_ends_the_run(call, 
 
 
 def test_a_value_that_was_on_its_way_at_the_stop_is_followed_by_another_zero(monkeypatch):
-    monkeypatch.setattr("hdbench.devices.hosted.control._JOIN_S", 0.1)
+    monkeypatch.setattr("hdbench.devices.host.control._JOIN_S", 0.1)
     daq = FakeDaq(clock=RealClock())
     made = HostedBench(daq, SETTINGS)
     made.configure(ASKED)

@@ -29,9 +29,7 @@ from hdbench.devices.wire import (
     registers_check,
 )
 from hdbench.devices.wire.address import SerialSettings
-from hdbench.devices.wire.crc import crc16
-from hdbench.devices.wire.rtu import RtuLink
-from hdbench.devices.wire.rtuframe import reply_size
+from hdbench.devices.wire.rtu import RtuLink, crc16, reply_size
 from hdbench.errors import BusyError, DeviceError
 from hdbench.system import wakeup
 

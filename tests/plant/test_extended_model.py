@@ -9,9 +9,9 @@ from plant_tools import AS_MODELLED, quiet_profile
 from hdbench.model import BenchModel, CauseTerm, catalogue
 from hdbench.plant.bench import SimulatedBench
 from hdbench.plant.converter import HALF_LENGTH_SAMPLES
-from hdbench.plant.extended import cause_volts
 from hdbench.plant.fixture import ArmLoad, Mount, Settling
-from hdbench.plant.torque import AnalogueChannels
+from hdbench.plant.modelcauses import cause_volts
+from hdbench.plant.timeline import AnalogueChannels
 from hdbench.profile.schema import ReferenceWave
 
 QUIET = quiet_profile()

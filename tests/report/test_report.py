@@ -16,8 +16,8 @@ from click.testing import CliRunner
 from hdbench.errors import DataError, UsageError
 from hdbench.profile import Profile
 from hdbench.report import ReportFiles, write_report
+from hdbench_cli.commands.report import command
 from hdbench_cli.output import Output
-from hdbench_cli.report import command
 
 KINDS = ("calibration", "misalignment", "ripple", "diagnosis")
 

@@ -10,9 +10,8 @@ from fakes import FakeBench
 from hdbench.profile import load_profile
 from hdbench.records.journal import JournalWriter, read_journal
 from hdbench.session.calibrating.conversation import Answer, Question, Reply, Unattended
-from hdbench.session.calibrating.mounting import Mounting
 from hdbench.session.calibrating.plan import calibration_points
-from hdbench.session.calibrating.state import CalibrationLog, CalibrationState
+from hdbench.session.calibrating.state import CalibrationLog, CalibrationState, Mounting
 from hdbench.session.calibrating.walk import CalibrationWalk
 from hdbench.session.stop import StopSignals
 

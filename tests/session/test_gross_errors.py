@@ -7,8 +7,8 @@ import math
 import pytest
 
 from hdbench.profile import load_profile
-from hdbench.session.calibrating.guard import Expectation, Guard
 from hdbench.session.calibrating.plan import calibration_points
+from hdbench.session.calibrating.plausibility import Expectation, Guard
 
 PROFILE = load_profile("cim-tr-97-06").data
 LEVER = 9.80650 * 0.5  # N m per kg

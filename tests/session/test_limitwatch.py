@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from hdbench.devices.ports import Block
+from hdbench.devices.bench import Block
 from hdbench.profile import load_profile
-from hdbench.session.limitwatch import LimitWatch
+from hdbench.session.limits import LimitWatch
 from hdbench.session.stop import Aborted
 
 LIMITS = load_profile("cim-tr-97-06").data.limits

@@ -2,10 +2,10 @@
 
 import pytest
 
-from hdbench.devices.pace import check_drives
+from hdbench.devices.feasibility import check_drives
 from hdbench.errors import ProfileError, UsageError
 from hdbench.profile import load_profile
-from hdbench.session.plancheck import check_plan
+from hdbench.session.planning import check_plan
 from hdbench.session.plans import Acquire, Plan
 
 REPORT = load_profile("cim-tr-97-06").data

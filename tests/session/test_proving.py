@@ -4,8 +4,8 @@ import math
 
 import pytest
 
+from hdbench.devices.bench import SafeState
 from hdbench.devices.emulator.process import running_emulator
-from hdbench.devices.ports import SafeState
 from hdbench.profile import load_profile
 from hdbench.session.proving import _judged, creep_rad_s, prove_watchdog
 from hdbench.session.stop import StopSignals

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from hdbench.devices.ports import Block
+from hdbench.devices.bench import Block
 from hdbench.errors import DeviceError
-from hdbench.session.stuckwatch import HeldTorque, SpeedWatch
+from hdbench.session.limits import HeldTorque, SpeedWatch
 
 PERIOD_S = 1e-3
 

@@ -12,8 +12,8 @@ import pytest
 from hdbench.errors import DataError
 from hdbench.records import add_note, list_runs
 from hdbench.trend import QUANTITIES, trend_of_runs
+from hdbench_cli.commands.trend import QUANTITY_NAMES
 from hdbench_cli.main import main
-from hdbench_cli.trend import QUANTITY_NAMES
 
 START = datetime(2025, 1, 1, tzinfo=UTC)
 

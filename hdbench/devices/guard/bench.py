@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from hdbench.devices.capabilities import Capabilities
-from hdbench.devices.guard.launch import Guard
-from hdbench.devices.hosted import Alignment, HostedBench
-from hdbench.devices.ports import AcquisitionSettings, Block, Identity, SafeState
+from hdbench.devices.bench import AcquisitionSettings, Block, Identity, SafeState
+from hdbench.devices.daq import Capabilities
+from hdbench.devices.guard.launch import GuardProcess
+from hdbench.devices.host import Alignment, HostedBench
 from hdbench.devices.simulation import Simulation
 from hdbench.errors import DeviceError
 
@@ -15,7 +15,7 @@ __all__ = ["GuardedBench"]
 
 
 class GuardedBench:
-    """Implements `hdbench.devices.ports.Bench`; the guard lives from motion to safe state.
+    """Implements `hdbench.devices.bench.Bench`; the guard lives from motion to safe state.
 
     Parameters
     ----------
@@ -30,12 +30,12 @@ class GuardedBench:
     def __init__(
         self,
         bench: HostedBench,
-        start_guard: Callable[[], Guard],
+        start_guard: Callable[[], GuardProcess],
         simulation: Simulation | None = None,
     ) -> None:
         self.bench = bench
         self.simulation = simulation
-        self.guard: Guard | None = None
+        self.guard: GuardProcess | None = None
         self.start_guard = start_guard
         self._moves = False
 

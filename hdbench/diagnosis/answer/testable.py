@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from hdbench.diagnosis.answer.records import Testable
+from hdbench.diagnosis.answer.result import Testable
 from hdbench.model import Cause, Motion, shape_bounds
 from hdbench.records.trace import FloatArray
 

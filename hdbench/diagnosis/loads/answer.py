@@ -9,11 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from hdbench.diagnosis.answer.records import DataFlag, Testable
 from hdbench.diagnosis.answer.result import (
+    DataFlag,
     Diagnosis,
     NamedCause,
     Rest,
+    Testable,
     Unexplained,
     verdict_of,
 )

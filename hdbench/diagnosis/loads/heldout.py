@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from hdbench.diagnosis.answer.records import Gain
+from hdbench.diagnosis.answer.result import Gain
 from hdbench.diagnosis.discovery.heldout import Prediction, gain_between
 from hdbench.diagnosis.evidence import RANK, scaled
 from hdbench.diagnosis.loads.fit import LoadFit, design

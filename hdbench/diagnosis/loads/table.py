@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hdbench.diagnosis.answer.records import DataFlag, LeftOutSamples
+from hdbench.diagnosis.answer.result import DataFlag, LeftOutSamples
 from hdbench.model.motion import Motion
 from hdbench.model.statics import experiment_numbers, motion_from_loads, reading_times
 from hdbench.profile.schema import ProfileData

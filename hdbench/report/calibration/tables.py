@@ -394,7 +394,7 @@ def _group_words(group: Result) -> str:
 
 
 def _environment(result: Result) -> Table:
-    rows = []
+    rows: list[tuple[str, ...]] = []
     for key, words in (
         ("temperature_c", "temperature (°C)"),
         ("humidity_percent", "relative humidity (%)"),

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from hdbench.diagnosis.faults.scatter import mask_runs
 from hdbench.records import FloatArray
-from hdbench.records.table import parse_table
-from hdbench.records.textfile import read_text
+from hdbench.records.tables import parse_table, read_text
 from hdbench.report.canvas import (
     COLOURS,
     draw_curve,

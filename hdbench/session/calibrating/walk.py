@@ -5,64 +5,32 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from hdbench.devices.ports import Bench, SafeState
+from hdbench.devices.bench import Bench, SafeState
 from hdbench.errors import Stopped
 from hdbench.profile.schema import ProfileData
-from hdbench.session.calibrating.conversation import (
-    Answer,
-    Conversation,
-    Question,
-    Reply,
-)
-from hdbench.session.calibrating.entries import reading_entry
-from hdbench.session.calibrating.judging import doubt_about, expectation_of
-from hdbench.session.calibrating.live import live_reading
-from hdbench.session.calibrating.mounting import Mounting
+from hdbench.session.calibrating.conversation import Answer, Conversation, Question, Reply
+from hdbench.session.calibrating.plausibility import doubt_about, expectation_of
 from hdbench.session.calibrating.points import PREPARATIONS, Point
 from hdbench.session.calibrating.questions import (
     accepted_line,
     hang_question,
     last_question,
     left_line,
+    live_reading,
     lock_question,
     place_question,
     still_question,
     wrong_question,
 )
-from hdbench.session.calibrating.reading import BridgeReader, Taken
-from hdbench.session.calibrating.rule import settle_rule
-from hdbench.session.calibrating.settle import Judgement
-from hdbench.session.calibrating.state import CalibrationLog
+from hdbench.session.calibrating.reading import BridgeReader, Taken, reading_entry
+from hdbench.session.calibrating.settling import Judgement, settle_rule
+from hdbench.session.calibrating.state import CalibrationLog, Mounting
 from hdbench.session.stop import StopSignals
-
-__all__ = ["CalibrationWalk"]
 
 
 @dataclass(slots=True)
 class CalibrationWalk:
-    """One calibration on one bench.
-
-    Parameters
-    ----------
-    profile : ProfileData
-        Gain expected, limits, settling.
-    bench : Bench
-        The bench controller.
-    log : CalibrationLog
-        Journal and state; a resumed calibration brings its state along.
-    talk : Conversation
-        The person, or the rule in place of one.
-    mounting : Mounting
-        What is on the bench.
-    stop : StopSignals
-        Signals that end the run.
-    progress : callable
-        Told what is going on and the share done.
-    where : str
-        Run folder, for messages.
-    clock : callable or None
-        Time since the start of the calibration, s; None counts the bench's samples instead.
-    """
+    """One calibration on one bench."""
 
     profile: ProfileData
     bench: Bench

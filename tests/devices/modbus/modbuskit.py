@@ -12,7 +12,7 @@ from typing import Any
 
 from hdbench.devices.daq import DaqSettings, ScanBlock
 from hdbench.devices.emulator.instrument import DeviceClock, SimulatedInstrument
-from hdbench.devices.emulator.modbus.device import ModbusDevice
+from hdbench.devices.emulator.modbus import ModbusDevice
 from hdbench.devices.emulator.server import ModbusServer, Wire
 from hdbench.devices.modbus.driver import ModbusDaq
 from hdbench.devices.modbus.opening import open_modbus

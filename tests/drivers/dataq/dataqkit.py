@@ -13,11 +13,8 @@ from typing import Any
 from hdbench.devices.daq import DaqSettings, ScanBlock
 from hdbench.devices.emulator.instrument import SimulatedInstrument
 from hdbench.devices.emulator.serving import Emulation
-from hdbench.drivers.dataq.driver import DataqDaq
-from hdbench.drivers.dataq.emulator.device import DataqDevice
-from hdbench.drivers.dataq.emulator.line import DataqLine
-from hdbench.drivers.dataq.emulator.serve import emulate_dataq
-from hdbench.drivers.dataq.opening import open_dataq
+from hdbench.drivers.dataq.driver import DataqDaq, open_dataq
+from hdbench.drivers.dataq.emulator import DataqDevice, DataqLine, emulate_dataq
 from hdbench.drivers.dataq.table import DataqAcquisition
 from hdbench.profile import load_profile
 

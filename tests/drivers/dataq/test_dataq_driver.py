@@ -9,9 +9,8 @@ from dataqkit import BENCH, ROLES, driver, read_all, served, settings, table
 from linefaults.faults import Mangler, RawFraming
 from linefaults.lines import faulty_serial
 
-from hdbench.drivers.dataq.commands import Commands
 from hdbench.drivers.dataq.models import MODELS
-from hdbench.drivers.dataq.port import Port
+from hdbench.drivers.dataq.port import Commands, Port
 from hdbench.errors import BusyError, DeviceError
 
 

@@ -13,12 +13,12 @@ from typing import Any
 import numpy as np
 
 from hdbench.devices.daq import DaqSettings, ScanBlock
+from hdbench.devices.driver import open_daq
 from hdbench.devices.emulator.instrument import DeviceClock, SimulatedInstrument
-from hdbench.devices.registry import open_daq
 from hdbench.drivers.labjack.driver import LabJackDaq
 from hdbench.drivers.labjack.emulator.device import LabJackDevice
 from hdbench.drivers.labjack.emulator.server import LabJackServer
-from hdbench.drivers.labjack.emulator.wiring import Wiring
+from hdbench.drivers.labjack.emulator.streaming import Wiring
 from hdbench.plant.bench import SimulatedBench
 from hdbench.plant.plantfile import load_plant
 from hdbench.profile import load_profile

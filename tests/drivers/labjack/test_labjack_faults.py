@@ -11,7 +11,7 @@ from linefaults.lines import faulty_tcp
 
 from hdbench.devices.wire import connect, parse_address
 from hdbench.drivers.labjack.control import Control
-from hdbench.drivers.labjack.opening import STREAM_OFFSET, open_labjack
+from hdbench.drivers.labjack.driver import STREAM_OFFSET, open_labjack
 from hdbench.drivers.labjack.registers import IDENTITY, SESSION, TEST, Register
 from hdbench.errors import DeviceError
 
