@@ -1,4 +1,4 @@
-"""The calibration section of a report."""
+"""Calibration in a report: verdict, summary, key numbers, figures, tables and the record."""
 
 from __future__ import annotations
 
@@ -7,17 +7,10 @@ from dataclasses import replace
 from typing import Any
 
 from hdbench.records import Loads
-from hdbench.report.calibrationcourse import budget_picture, sequence_picture, top_picture
-from hdbench.report.calibrationfigures import deviation_picture
-from hdbench.report.calibrationgains import gain_picture, hysteresis_picture
-from hdbench.report.calibrationreadings import course_tables
-from hdbench.report.calibrationrecord import identity_tables, step_tables
-from hdbench.report.calibrationtables import result_tables
-from hdbench.report.calibrationwords import rounded_with
-from hdbench.report.elements import KeyNumber, Picture, Table, Verdict
-from hdbench.report.figures_static import calibration_pictures, number_of
-from hdbench.report.keynumbers import key_numbers, value_of
-from hdbench.report.numbers import short, with_std
+from hdbench.report.calibration.figures import range_pictures, record_pictures
+from hdbench.report.calibration.tables import record_tables as tables
+from hdbench.report.numbers import rounded_with, short, value_of, with_std
+from hdbench.report.pagemodel import KeyNumber, Picture, Verdict, key_numbers
 from hdbench.report.source import Source
 
 __all__ = ["data_pictures", "numbers", "pictures", "summary", "tables", "verdict"]
@@ -93,22 +86,9 @@ def numbers(result: Mapping[str, Any], run_id: str) -> tuple[KeyNumber, ...]:
 
 
 def pictures(source: Source, prefix: str, _doubts: list[str]) -> tuple[Picture, ...]:
-    """Draw deviations from the line, readings and lines, hysteresis, gains, budget, course."""
-    result = source.result
-    first: tuple[Picture, ...] = ()
-    if source.loads is not None:
-        used = _evaluated(source.loads, result)
-        first = calibration_pictures(used, result.get("experiments", ()), prefix)
-    more = (
-        deviation_picture(result, "full", prefix),
-        deviation_picture(result, "low", prefix),
-        hysteresis_picture(result, prefix),
-        gain_picture(result, prefix),
-        budget_picture(result, prefix),
-        sequence_picture(result, prefix),
-        top_picture(result, prefix),
-    )
-    return (*(picture for picture in more[:2] if picture), *first, *(p for p in more[2:] if p))
+    """Draw the figures of the record."""
+    loads = None if source.loads is None else _evaluated(source.loads, source.result)
+    return record_pictures(source.result, loads, prefix)
 
 
 def _evaluated(loads: Loads, result: Mapping[str, Any]) -> Loads:
@@ -124,48 +104,6 @@ def _evaluated(loads: Loads, result: Mapping[str, Any]) -> Loads:
     return Loads(readings, loads.source)
 
 
-def tables(result: Mapping[str, Any]) -> tuple[Table, ...]:
-    """List everything that a calibration record holds."""
-    rows = tuple(
-        (
-            str(line["id"]),
-            f"{float(line['position_rad']):.4g}",
-            str(line["direction"]),
-            str(line["range"]),
-            with_std(
-                {"value": number_of(line["gain_nm_per_v"]), "std": line.get("gain_std_nm_per_v")}
-            ),
-            with_std(
-                {"value": number_of(line["intercept_nm"]), "std": line.get("intercept_std_nm")}
-            ),
-            f"{1e3 * float(line['residual_rms_nm']):.2f}",
-            str(line["n"]),
-        )
-        for line in result.get("experiments", ())
-    )
-    head = (
-        "experiment",
-        "position (rad)",
-        "direction",
-        "range",
-        "gain (N·m/V)",
-        "intercept (N·m)",
-        "residual rms (mN·m)",
-        "readings",
-    )
-    note = str(result.get("gain_basis_reason", ""))
-    if note:
-        note = f"The uncertainty of the mean gain rests on: {note}."
-    experiments = Table("Experiments, by the report's method", head, rows, note)
-    return (
-        *identity_tables(result),
-        *result_tables(result),
-        experiments,
-        *step_tables(result),
-        *course_tables(result),
-    )
-
-
 def data_pictures(source: Source, prefix: str) -> tuple[Picture, ...]:
     """Draw readings that were not evaluated yet, with the line of each experiment."""
     from hdbench.calibration import evaluate_calibration
@@ -174,4 +112,4 @@ def data_pictures(source: Source, prefix: str) -> tuple[Picture, ...]:
         return ()
     limit = 0.05 if source.profile is None else source.profile.data.calibration.max_consistency
     found = evaluate_calibration(source.loads, max_consistency=limit).to_dict({})
-    return calibration_pictures(source.loads, found["experiments"], prefix)
+    return tuple(range_pictures(source.loads, found["experiments"], prefix))

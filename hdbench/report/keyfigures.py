@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from typing import Any
 
-from hdbench.report import calibration, diagnosis, misalignment, ripple
-from hdbench.report.elements import KeyNumber
-from hdbench.report.keynumbers import key_number
+from hdbench.report import misalignment, ripple
+from hdbench.report.calibration import section as calibration
+from hdbench.report.diagnosis import section as diagnosis
+from hdbench.report.pagemodel import KeyNumber, key_number
 
 __all__ = ["KINDS", "key_figures"]
 
@@ -25,19 +27,13 @@ _CAUSE = re.compile(r"causes\[(\d+)\]")
 
 def key_figures(result: Mapping[str, Any]) -> tuple[KeyNumber, ...]:
     """Return the key figures of a result: for a run those of its report."""
-    module = KINDS.get(str(result.get("schema", "")).split("/")[1:2][0] if result else "")
+    module = KINDS.get("".join(str(result.get("schema", "")).split("/")[1:2]))
     if module is None:
         return tuple(_plain(result))
     causes = [cause["name"] for cause in result.get("causes", ())]
     return tuple(
-        KeyNumber(
-            n.label,
-            _CAUSE.sub(lambda found: f"causes[{causes[int(found[1])]}]", n.quantity),
-            n.value,
-            n.unit,
-            n.source,
-            n.std,
-            n.dof,
+        replace(
+            n, quantity=_CAUSE.sub(lambda found: f"causes[{causes[int(found[1])]}]", n.quantity)
         )
         for n in module.numbers(result, "")
     )

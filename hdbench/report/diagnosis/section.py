@@ -6,11 +6,8 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from hdbench.report import inspection
-from hdbench.report.columns import read_columns
-from hdbench.report.diagnosis_limits import left_out_line, rest_line
-from hdbench.report.diagnosis_tables import tables
-from hdbench.report.elements import KeyNumber, Level, Picture, Verdict
-from hdbench.report.keynumbers import key_numbers
+from hdbench.report.diagnosis.limits import left_out_line, rest_line
+from hdbench.report.diagnosis.tables import tables
 from hdbench.report.numbers import (
     name_words,
     parameter_words,
@@ -19,7 +16,9 @@ from hdbench.report.numbers import (
     stated,
     unit_of,
     unit_words,
+    value_of,
 )
+from hdbench.report.pagemodel import KeyNumber, Level, Picture, Verdict, key_numbers
 from hdbench.report.source import Source
 
 __all__ = ["numbers", "pictures", "summary", "tables", "verdict"]
@@ -87,15 +86,9 @@ def _place_words(place: Mapping[str, Any]) -> str:
     )
 
 
-def _rms(result: Mapping[str, Any], key: str) -> float | None:
-    body = result.get(key)
-    value = body.get("heldout_rms_nm") if isinstance(body, Mapping) else None
-    return float(value) if isinstance(value, int | float) else None
-
-
 def summary(result: Mapping[str, Any], _source: Source) -> str:
     """Say in plain words what was found and what it is worth."""
-    before, after = _rms(result, "simulated"), _rms(result, "extended")
+    before, after = (value_of(result, key, "heldout_rms_nm") for key in ("simulated", "extended"))
     text = "The measured torque was held against the simulation of the same motion. "
     causes = result.get("causes", ())
     if causes:
@@ -147,36 +140,20 @@ def numbers(result: Mapping[str, Any], run_id: str) -> tuple[KeyNumber, ...]:
         for name, body in ((x, parameters[x]) for x in stated(parameters)):
             key = f"causes[{i}].parameters.{name}"
             rows.append((body, f"{cause['name']}: {name_words(str(name))}", key, unit_of(body)))
-    rows += [
-        (
-            _rms(result, "simulated"),
-            "held-out residual, simulation",
-            "simulated.heldout_rms_nm",
-            "N m",
-        ),
-        (_rms(result, "extended"), "held-out residual, extended", "extended.heldout_rms_nm", "N m"),
-    ]
+    for key, words in (("simulated", "simulation"), ("extended", "extended")):
+        name = f"{key}.heldout_rms_nm"
+        rms = value_of(result, key, "heldout_rms_nm")
+        rows.append((rms, f"held-out residual, {words}", name, "N m"))
     return key_numbers(rows, run_id)
 
 
 def pictures(source: Source, prefix: str, doubts: list[str]) -> tuple[Picture, ...]:
     """Draw the residual before and after, in every domain."""
-    from hdbench.report.figures_loads import load_pictures
-    from hdbench.report.figures_maps import map_pictures
-    from hdbench.report.figures_residual import residual_pictures
+    from hdbench.report.diagnosis.figures import folder_pictures
 
-    columns = read_columns(source.folder / "residual.csv")
-    if columns is not None and "falling" in columns:
-        return load_pictures(columns, prefix)
-    if columns is None:
+    drawn = folder_pictures(source.folder, prefix)
+    if not drawn:
         doubts.append("residual.csv is not there: the residual is not drawn.")
-        return ()
-    spectra = {
-        file.stem: table
-        for file in sorted(source.folder.glob("*spectrum*.csv"))
-        if (table := read_columns(file)) is not None
-    }
-    drawn = residual_pictures(columns, spectra, prefix) + map_pictures(source.folder, prefix)
     inspected = source.result.get("inspection")
-    bands = inspection.picture(inspected, prefix) if inspected else None
+    bands = inspection.picture(inspected, prefix) if inspected and drawn else None
     return drawn if bands is None else (*drawn, bands)
