@@ -12,10 +12,10 @@ from hdbench_cli.commands.experiment import choose_profile
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from hdbench.estimation import DataFlag
     from hdbench.filter import FilteredBlock, FilterModel
     from hdbench.profile import Profile
     from hdbench.records import Trace
+    from hdbench.results import DataFlag
     from hdbench_cli.inputs import Input
 
 __all__ = ["Request", "filter_input", "show_filtered"]
@@ -52,7 +52,7 @@ def _lost(trace: Trace, profile: Profile) -> int:
     """Return how many samples have a torque or velocity that the filter cannot use."""
     import numpy as np
 
-    from hdbench.filter.layout import USABLE
+    from hdbench.filter.kalman import USABLE
 
     velocity = (
         trace["motor_velocity_rad_s"]
@@ -71,8 +71,9 @@ def _flags(trace: Trace, source: Path, profile: Profile, block: FilteredBlock) -
     """
     import numpy as np
 
-    from hdbench.estimation import DataFlag, data_flags
-    from hdbench.filter.guard import FLAG_BITS
+    from hdbench.estimation import data_flags
+    from hdbench.filter.online import FLAG_BITS
+    from hdbench.results import DataFlag
     from hdbench.session.doubts import channel_refusal
 
     others = data_flags(trace, trace["torque_nm"], profile.data)
@@ -98,7 +99,7 @@ def _summary(
     import numpy as np
 
     from hdbench.filter import kernel_name
-    from hdbench.filter.guard import FLAG_BITS
+    from hdbench.filter.online import FLAG_BITS
 
     both = np.isfinite(trace["torque_nm"]) & np.isfinite(block.torque_filtered_nm)
     if not both.any():
@@ -112,7 +113,7 @@ def _summary(
     return {
         "samples": len(trace),
         "missing_samples": sum(f.samples for f in flags if f.name == "missing-samples"),
-        "flags": [flag.to_dict() for flag in flags],
+        "flags": [flag.to_json() for flag in flags],
         "sample_flags": {
             name: int(np.count_nonzero(block.flags & bit)) for name, bit in FLAG_BITS.items()
         },

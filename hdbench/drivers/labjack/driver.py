@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from hdbench.devices.bench import Identity, SafeState
 from hdbench.devices.daq import Capabilities, DaqSettings, Role, ScanBlock, WatchdogState
-from hdbench.devices.safestate import SafeActs, Seen, reach_safe_state
+from hdbench.devices.safestate import Seen, reach_safe_state
 from hdbench.devices.wire import connect, parse_address
 from hdbench.drivers.labjack.abilities import describe_abilities
 from hdbench.drivers.labjack.acquisition import Acquisition
@@ -116,21 +116,6 @@ _ZERO_V = 0.02
 class LabJackDaq:
     """Driver of one device; implements `hdbench.devices.daq.Daq`.
 
-    Parameters
-    ----------
-    control : Control
-        Its Modbus port; owned by the driver from now on.
-    table : LabJackAcquisition
-        The profile's table, checked.
-    stream_address : tuple of str and int
-        Host and port of its stream.
-    tacho_rad_s_per_v : float
-        Motor speed per volt of the tacho channel, for the safe state.
-    clock, sleep : callable, optional
-        Monotonic clock in s, and waiting.
-
-    Notes
-    -----
     `read_block` reads the stream's own socket; everything else goes over the Modbus port, one
     transaction at a time. The two never wait for each other but for a moment at start and stop.
     """
@@ -220,7 +205,7 @@ class LabJackDaq:
             deadline_s=self._table.deadline_s,
             clock=self._clock,
         )
-        acquisition.begin(stream)
+        acquisition.receive_from(stream)
         self._control.write((STREAM_ENABLE,), (1,))
         if not self._control.read(STREAM_ENABLE)[0]:
             raise self._error("the stream did not start", "configure it again")
@@ -242,7 +227,7 @@ class LabJackDaq:
         """Stop the stream; scans already taken can still be read."""
         stop_stream(self._control)
         if self._acquisition is not None:
-            self._acquisition.stop()
+            self._acquisition.stopped = True
 
     def write_output(self, name: str, value: float) -> float:
         """Write the motor reference and return what is read back, V.
@@ -292,13 +277,14 @@ class LabJackDaq:
         except HdbenchError as error:
             # a device that is not the one meant is never written to
             return SafeState(False, None, None, error.what)
-        acts = SafeActs(
+        return reach_safe_state(
             stop=self._stop,
             look=self._measured,
             disable=lambda: not self._outputs.enable(on=False),
             zero_v=_ZERO_V,
+            clock=self._clock,
+            sleep=self._sleep,
         )
-        return reach_safe_state(acts, self._clock, self._sleep)
 
     def close(self) -> None:
         """Give the bench back and close both connections; never raises."""
