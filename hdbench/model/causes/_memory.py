@@ -66,13 +66,13 @@ def first_order(decay: NDArray[Number], drive: NDArray[Number]) -> NDArray[Numbe
     ndarray, shape (n_samples,)
         ``z[k] = decay[k] z[k-1] + drive[k]`` with ``z[-1] = 0``.
     """
-    from scipy.linalg import get_lapack_funcs
+    from scipy.linalg.lapack import dgtsv, zgtsv
 
     n = len(drive)
     if n < 2:
         return drive.copy()
     # a matrix of two diagonals, solved from the first sample on: the recursion itself
-    (solve,) = get_lapack_funcs(("gtsv",), (drive,))
+    solve = zgtsv if np.iscomplexobj(drive) else dgtsv
     result: NDArray[Number] = solve(-decay[1:], np.ones(n), np.zeros(n - 1), drive)[3]
     return result
 
