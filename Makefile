@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test check venv dev coverage-campaign blind bench faults faults-all firmware-check formats import-formats bench-import real docs clean
+.PHONY: demo test check venv dev coverage-campaign blind bench faults faults-all firmware-check formats import-formats bench-import real wheel docs clean
 
 demo: $(VENV)/.installed
 	$(BIN)/hdbench demo
@@ -22,7 +22,7 @@ dev: $(VENV)/.dev
 $(VENV)/bin/python:
 	$(PYTHON) -m venv $(VENV)
 
-$(VENV)/.installed: $(VENV)/bin/python pyproject.toml setup.py $(wildcard hdbench/native/* hdbench/filter/kernel/* hdbench/model/causes/native/*)
+$(VENV)/.installed: $(VENV)/bin/python pyproject.toml setup.py $(wildcard hdbench/filter/kernel/*)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable .
 	touch $@
 
@@ -35,10 +35,10 @@ coverage-campaign: $(VENV)/.dev
 	$(BIN)/python tools/coverage_campaign.py
 
 blind: $(VENV)/.dev
-	$(BIN)/python tools/blind.py --full --processes $$(nproc) --out build/blind
-	$(BIN)/python tools/blind.py --rivals 150 --processes $$(nproc) --out build/blind
-	$(BIN)/python tools/null_campaign.py --records 2100 --processes $$(nproc) --out build/blind
-	$(BIN)/python tools/blind.py --report build/blind --write
+	$(BIN)/python tools/blind --full --processes $$(nproc) --out build/blind
+	$(BIN)/python tools/blind --rivals 150 --processes $$(nproc) --out build/blind
+	$(BIN)/python tools/blind/null.py --records 2100 --processes $$(nproc) --out build/blind
+	$(BIN)/python tools/blind --report build/blind --write
 
 # Break what can be broken: a twentieth of the campaign, and the whole with its table written.
 faults: $(VENV)/.dev
@@ -69,6 +69,11 @@ import-formats: formats
 $(VENV)/.formats: $(VENV)/.dev
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable ".[dev,logs]" mcap netCDF4 polars XlsxWriter
 	touch $@
+
+# Sdist and wheel: built, looked into, installed into a bare environment and used there. `cibuildwheel` builds the
+# wheels of all three systems by [tool.cibuildwheel] of pyproject.toml.
+wheel: $(VENV)/.dev
+	$(BIN)/python tools/wheel.py
 
 # Reading a million rows of each format, beside the library alone.
 bench-import: $(VENV)/.formats

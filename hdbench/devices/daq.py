@@ -5,7 +5,7 @@ from __future__ import annotations
 import unicodedata
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal, NoReturn, Protocol, runtime_checkable
+from typing import Literal, NoReturn, Protocol
 
 from numpy import bool_
 from numpy.typing import NDArray
@@ -24,7 +24,6 @@ __all__ = [
     "InputInfo",
     "InputsOnly",
     "OutputInfo",
-    "Repeating",
     "Role",
     "ScanBlock",
     "WatchdogInfo",
@@ -415,15 +414,6 @@ class InputsOnly:
         )
 
 
-@runtime_checkable
-class Repeating(Protocol):
-    """A driver that counts what it sends again."""
-
-    @property
-    def repeats(self) -> int:
-        """Requests that were sent again so far."""
-
-
 def repeats_of(daq: object) -> int:
     """Return how many requests a driver has sent again so far; 0 where it does not count."""
-    return daq.repeats if isinstance(daq, Repeating) else 0
+    return int(getattr(daq, "repeats", 0))

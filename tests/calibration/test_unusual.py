@@ -16,7 +16,7 @@ from hdbench.errors import DataError
 from hdbench.profile import load_profile
 from hdbench.records import LoadReading, Loads
 from hdbench.records.tables import read_loads
-from hdbench.report.calibration import tables, verdict
+from hdbench.report.calibration.section import tables, verdict
 
 ARM = load_profile("cim-tr-97-06").data.arm
 STEPS = (0.0, 10.0, 20.0, 30.0, 40.0)

@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 
 from hdbench.devices.bench import Identity, SafeState
 from hdbench.devices.daq import Capabilities, DaqSettings, Role, ScanBlock, WatchdogState
-from hdbench.devices.safestate import SafeActs, Seen, reach_safe_state
+from hdbench.devices.safestate import Seen, reach_safe_state
 from hdbench.devices.wire import connect, parse_address
 from hdbench.drivers.labjack.abilities import describe_abilities
 from hdbench.drivers.labjack.acquisition import Acquisition
@@ -266,13 +266,14 @@ class LabJackDaq:
         except HdbenchError as error:
             # a device that is not the one meant is never written to
             return SafeState(False, None, None, error.what)
-        acts = SafeActs(
+        return reach_safe_state(
             stop=self._stop,
             look=self._measured,
             disable=lambda: not self._outputs.enable(on=False),
             zero_v=_ZERO_V,
+            clock=self._clock,
+            sleep=self._sleep,
         )
-        return reach_safe_state(acts, self._clock, self._sleep)
 
     def close(self) -> None:
         """Give the bench back and close both connections; never raises."""
