@@ -1,4 +1,4 @@
-"""Walk a calibration: ask, wait until it is still, guard, journal, go on."""
+"""Walk through a calibration: questions, readings, doubts, journal."""
 
 from __future__ import annotations
 
