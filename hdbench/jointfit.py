@@ -16,8 +16,7 @@ from hdbench.estimation.search import FALSE_ALARM_LEVEL, LineFit, fit_with_lines
 from hdbench.filter import FilterModel, filter_trace
 from hdbench.model.motion import Motion, motion_from_trace
 from hdbench.profile.schema import ProfileData
-from hdbench.records.quantity import Quantity
-from hdbench.records.scale import TorqueScale
+from hdbench.records.quantity import Quantity, TorqueScale
 from hdbench.records.trace import FloatArray, Trace
 from hdbench.results.dynamic import FitNoise, OrderLine, Tone
 

@@ -15,8 +15,7 @@ from hdbench.jointfit import JointFit, MotionRecord, filtered_torque, joint_fit,
 from hdbench.model import baseline_orders
 from hdbench.model.motion import Motion
 from hdbench.profile.schema import ProfileData
-from hdbench.records.quantity import Quantity
-from hdbench.records.scale import TorqueScale
+from hdbench.records.quantity import Quantity, TorqueScale
 from hdbench.records.trace import FloatArray, Trace
 from hdbench.results.dynamic import (
     FilteredPeak,

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from hdbench.calibration.readings import TakenReading
 from hdbench.profile.calibrating import ShuntCheck
-from hdbench.records.loadssequence import SequenceEntry
+from hdbench.records.loads import SequenceEntry
 from hdbench.results.calibration import Course, Ends, LoadGroup, LoadStep, ShuntRecord
 
 __all__ = ["course_of", "sequence_deviations", "shunt_record"]

@@ -20,7 +20,7 @@ from hdbench.errors import BusyError, StorageError
 from hdbench.system.files import OPEN_OWN, is_own, lock_file, user_folders
 from hdbench.system.processes import hold_name, process_mark, signal_self, terminate
 
-__all__ = ["Holder", "exclusive", "holder", "is_line", "listening", "release"]
+__all__ = ["Holder", "exclusive", "is_line", "listening", "release"]
 
 _ANSWER_S = 1.0
 _GRAIN_S = 0.2
@@ -164,13 +164,6 @@ def release(address: str, *, timeout_s: float = _RELEASE_S) -> None:
                 "press the emergency stop, then kill it",
             )
         time.sleep(_POLL_S)
-
-
-def holder(address: str) -> int | None:
-    """Return the number of the process that holds `address`, None when nobody is known to."""
-    path = _held(address)
-    found = Holder() if path is None else _holder_in(path)
-    return found.pid if found.pid and found.mark == (process_mark(found.pid) or "-") else None
 
 
 def is_line(address: str) -> bool:

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from hdbench.errors import DataError
 from hdbench.profile.schema import ProfileData
-from hdbench.records.scale import TorqueScale
+from hdbench.records.quantity import TorqueScale
 from hdbench.records.trace import FloatArray, Trace
 from hdbench.results.parts import DataFlag
 

@@ -14,8 +14,7 @@ from hdbench.profile import Profile, load_profile
 from hdbench.profile.scaling import rescaled
 from hdbench.records import TorqueScale, Trace
 from hdbench.records.jsonfile import result_header
-from hdbench.records.loadsfile import read_loads
-from hdbench.records.tracefile import read_trace
+from hdbench.records.tables import read_loads, read_trace
 from hdbench.regression.case import Case
 
 __all__ = ["evaluate_case"]

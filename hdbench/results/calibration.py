@@ -6,7 +6,7 @@ from typing import Annotated
 
 from pydantic import PlainSerializer
 
-from hdbench.records.loadssequence import SequenceEntry
+from hdbench.records.loads import SequenceEntry
 from hdbench.results.parts import Part, Result, Uncertain, key, result_part
 
 __all__ = [

@@ -10,8 +10,7 @@ from pydantic import ConfigDict, Field, PlainSerializer, TypeAdapter, Validation
 from pydantic.dataclasses import dataclass
 
 from hdbench.errors import DataError
-from hdbench.records.quantity import Quantity
-from hdbench.records.scale import TorqueScale
+from hdbench.records.quantity import Quantity, TorqueScale
 
 __all__ = [
     "DataFlag",

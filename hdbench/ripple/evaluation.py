@@ -16,8 +16,7 @@ from hdbench.filter import FilterModel
 from hdbench.jointfit import MotionRecord, filtered_torque, joint_fit, read_motion
 from hdbench.model import baseline_orders
 from hdbench.profile.schema import ProfileData
-from hdbench.records.quantity import Quantity
-from hdbench.records.scale import TorqueScale
+from hdbench.records.quantity import Quantity, TorqueScale
 from hdbench.records.trace import FloatArray, Trace
 from hdbench.results import RippleResult
 from hdbench.ripple.summary import Regression, summarise

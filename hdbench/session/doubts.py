@@ -8,8 +8,6 @@ from hdbench.profile import Profile
 from hdbench.records import Loads
 from hdbench.records.trace import Trace
 
-__all__ = ["channel_doubts", "channel_refusal", "sign_doubts"]
-
 # share of the largest load below which a torque of the other sign may be the zero of a reference
 # sensor: Table 1's sensors are consistent to 2 %, hand-read zeros to about as much again
 _ZERO_SHARE = 0.05

@@ -16,12 +16,10 @@ from hdbench.profile.scaling import rescaled, stored_scale
 from hdbench.profile.validity import measured_utc
 from hdbench.records import Loads, TorqueScale, Trace
 from hdbench.records.jsonfile import read_json, result_header, write_json
-from hdbench.records.loadsfile import is_loads_file, read_loads
-from hdbench.records.parquetfile import PARQUET
 from hdbench.records.provenance import input_identity, provenance_path
 from hdbench.records.recovery import resolve_input
 from hdbench.records.runfolder import RunFolder
-from hdbench.records.tracefile import read_trace, write_trace
+from hdbench.records.tables import PARQUET, is_loads_file, read_loads, read_trace, write_trace
 from hdbench.ripple import Stretch
 from hdbench.session.doubts import channel_doubts, sign_doubts
 from hdbench.session.filters import TUNED, choose_filter, tune_traces

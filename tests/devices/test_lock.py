@@ -14,7 +14,7 @@ import pytest
 from nodekit import until
 
 from hdbench.devices import lock, open_bench
-from hdbench.devices.lock import exclusive, holder, release
+from hdbench.devices.lock import exclusive, release
 from hdbench.errors import BusyError, StorageError
 from hdbench.profile import load_profile
 from hdbench.system import files, processes
@@ -43,6 +43,13 @@ def _own_folder(tmp_path, monkeypatch):
     tmp_path.chmod(0o700)
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     monkeypatch.setenv("TMPDIR", str(tmp_path))
+
+
+def holder(address):
+    """Return the number of the process that has locked the file, as the file tells it."""
+    path = lock._held(address)
+    found = lock.Holder() if path is None else lock._holder_in(path)
+    return found.pid if found.pid and found.mark == (process_mark(found.pid) or "-") else None
 
 
 @contextmanager

@@ -14,9 +14,8 @@ from hdbench.filter import OnlineFilter, preset
 from hdbench.profile import Profile
 from hdbench.records import Quantity, TorqueScale, Trace
 from hdbench.records.jsonfile import result_header, write_json
-from hdbench.records.loadsfile import read_loads
 from hdbench.records.runfolder import RunFolder
-from hdbench.records.tracefile import read_trace, write_trace
+from hdbench.records.tables import read_loads, read_trace, write_trace
 
 STORED = Path(__file__).parents[1] / "stored"
 SCALE = TorqueScale(Quantity(6.6, 0.03, 3.0), "calibration 20260101T000000Z-calibration-abc123")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from hdbench.report.diagnosis_limits import hidden_names
+from hdbench.report.diagnosis.limits import hidden_names
 
 __all__ = ["names_line"]
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hdbench.report.diagnosis_limits import left_out_line, rest_line
+from hdbench.report.diagnosis.limits import left_out_line, rest_line
 from hdbench_cli.commands.diagnosis_baseline import baseline_lines
 from hdbench_cli.commands.diagnosis_names import names_line
 from hdbench_cli.commands.diagnosis_records import record_lines, voice_lines

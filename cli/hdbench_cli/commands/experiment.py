@@ -90,7 +90,7 @@ def run_command(
             fix="leave out --from to measure, or --plan to evaluate again",
         )
     if request.form == "parquet":
-        from hdbench.records.parquetfile import require_parquet
+        from hdbench.records.tables import require_parquet
 
         require_parquet("--format parquet")
     if request.dry_run:
@@ -153,7 +153,7 @@ def _calibration_age(request: Request, profile: Profile) -> str:
         return ""
     from hdbench.profile.scaling import read_calibration
     from hdbench.profile.validity import checked_age
-    from hdbench.records.manifest import utc_now
+    from hdbench.records.runfolder import utc_now
 
     scale = checked_age(
         read_calibration(request.calibration),

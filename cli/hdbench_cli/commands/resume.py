@@ -15,8 +15,7 @@ from hdbench_cli.output import Output
 
 if TYPE_CHECKING:
     from hdbench.profile import Profile
-    from hdbench.session import RunOutcome
-    from hdbench.session.resuming import ResumeOptions
+    from hdbench.session import BenchOptions, RunOutcome
 
 __all__ = ["Resume", "resume_command"]
 
@@ -44,7 +43,8 @@ def resume_command(output: Output, asked: Resume) -> None:
     """Go on with a run and show its result."""
     from hdbench.devices.operator import parse_mistakes
     from hdbench.records import RunFolder
-    from hdbench.session.resuming import ResumeOptions, stored_address, stored_profile
+    from hdbench.session import BenchOptions
+    from hdbench.session.resuming import stored_address, stored_profile
     from hdbench_cli.asking.operator import ConsoleOperator
 
     folder = RunFolder.open(asked.run)
@@ -52,7 +52,8 @@ def resume_command(output: Output, asked: Resume) -> None:
     asked = replace(asked, address=asked.address or stored_address(folder))
     profile = stored_profile(folder)
     person = asked.yes or not asked.no_input
-    options = ResumeOptions(
+    options = BenchOptions(
+        out=asked.run.parent,
         address=asked.address,
         control=asked.control,
         realtime=asked.realtime,
@@ -70,7 +71,7 @@ def resume_command(output: Output, asked: Resume) -> None:
 
 
 def _go_on(
-    output: Output, asked: Resume, kind: str, profile: Profile, options: ResumeOptions
+    output: Output, asked: Resume, kind: str, profile: Profile, options: BenchOptions
 ) -> RunOutcome:
     from hdbench.session.resuming import resume_run
     from hdbench_cli.live.view import live_view

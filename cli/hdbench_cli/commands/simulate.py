@@ -80,7 +80,7 @@ def command(
     from hdbench.model import load_model
     from hdbench.model.bench import BenchModel
     from hdbench.records.jsonfile import result_header
-    from hdbench.records.tracefile import write_trace
+    from hdbench.records.tables import write_trace
     from hdbench_cli.commands.experiment import choose_profile
 
     _check_out(out, like, duration_s)
@@ -147,7 +147,7 @@ def _simulate(
 
     from hdbench.model import simulate_like, simulate_run, with_noise
     from hdbench.records import resolve_input
-    from hdbench.records.tracefile import read_trace
+    from hdbench.records.tables import read_trace
 
     rng = np.random.default_rng(seed)
     if like is not None:

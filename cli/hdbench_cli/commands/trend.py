@@ -89,7 +89,7 @@ def command(
     """
     from hdbench.errors import UsageError
     from hdbench.records import write_atomic
-    from hdbench.records.manifest import utc_now
+    from hdbench.records.runfolder import utc_now
     from hdbench.trend import trend_csv, trend_of_runs
 
     if csv_file and html_file and csv_file.resolve() == html_file.with_suffix(".csv").resolve():

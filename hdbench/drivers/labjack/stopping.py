@@ -19,8 +19,6 @@ from hdbench.drivers.labjack.scanlist import input_number
 from hdbench.drivers.labjack.table import LabJackAcquisition
 from hdbench.profile.schema import ProfileData
 
-__all__ = ["stop_target"]
-
 # an output of 0 V as the device reads it back: below the step of any converter
 _ZERO_V = 0.02
 
