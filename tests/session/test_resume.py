@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from calibrationkit import Scripted
 
-from hdbench.diagnosis.planning import LoadStep, MotionPlan, Segment
+from hdbench.diagnosis.planning.segments import LoadStep, MotionPlan, Segment
 from hdbench.errors import BusyError, DataError, HdbenchError, Stopped, UsageError
 from hdbench.filter import FilterModel, filter_trace
 from hdbench.profile import Profile, load_profile, parse_profile

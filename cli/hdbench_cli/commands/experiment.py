@@ -15,7 +15,7 @@ from hdbench_cli.output import Output
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from hdbench.diagnosis.planning import MotionPlan
+    from hdbench.diagnosis.planning.segments import MotionPlan
     from hdbench.profile import Profile
     from hdbench.ripple import Stretch
     from hdbench.session.calibrating.plan import Preset

@@ -2,7 +2,7 @@
 
 A few records of one family, at once and in one process::
 
-    tools/blind.py --part B --family coulomb-friction --record protocol --d 10 --limit 5
+    python tools/blind --part B --family coulomb-friction --record protocol --d 10 --limit 5
 
 prints one line per record: what was hidden, what was answered, how it is scored. `--show` adds
 parameters, truth and bounds. Choose with `--part ABPCDEFLTWUR` (A clean, B single effects at 3 to
@@ -15,16 +15,16 @@ of it is fair. To try another engine: PYTHONPATH=<its checkout>.
 
 The whole benchmark, resumable (answers already there are kept) and quiet::
 
-    tools/blind.py --full --processes 2 --out build/blind
-    tools/blind.py --report build/blind          # figures; --write: docs/blind-benchmark.md too
-    tools/blind.py --report build/blind --lines --part B    # a line per record
+    python tools/blind --full --processes 2 --out build/blind
+    python tools/blind --report build/blind          # figures; --write: docs/blind-benchmark.md too
+    python tools/blind --report build/blind --lines --part B    # a line per record
 
-    tools/blind.py --rivals 150 --out build/blind   # simpler methods on 150 of its short records
+    python tools/blind --rivals 150 --out build/blind   # simpler methods on 150 records
 
 `--stop-after MINUTES` ends early with what there is; `--fresh` takes seeds from commit and date,
 otherwise the public ones. The null of the diagnosis against full simulations:
-`tools/null_campaign.py --out build/blind`, whose figures the page takes up. Needs PYTHONPATH only
-where hdbench is not installed.
+`python tools/blind/null.py --out build/blind`, whose figures the page takes up. Needs PYTHONPATH
+only where hdbench is not installed.
 """
 
 from __future__ import annotations
@@ -39,12 +39,13 @@ from pathlib import Path
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
 
-from blind_real import real_cases  # noqa: E402
-from blind_runner import Options, answer_case, fresh_base, run  # noqa: E402
-from blind_wide import line_of, report_wide  # noqa: E402
+# the runner makes the injector and the scorer importable
+from runner import Options, answer_case, fresh_base, run  # noqa: E402, I001
 from injector.cases import PUBLIC_SEED, grid  # noqa: E402
 from injector.loadcases import load_cases  # noqa: E402
+from real_records import real_cases  # noqa: E402
 from scorer.truth import open_truth  # noqa: E402
+from wide import line_of, report_wide  # noqa: E402
 
 
 def _arguments() -> argparse.Namespace:
@@ -133,20 +134,20 @@ def main() -> int:
     """Run what was asked for."""
     args = _arguments()
     if args.report:
-        from blind_report import list_lines, report
+        from report import list_lines, report
 
         if args.lines:
             list_lines(args.report, args.part)
         elif args.keep_before:
-            from blind_report import load_pairs
-            from blind_wide import keep_before
+            from report import load_pairs
+            from wide import keep_before
 
             keep_before(load_pairs(args.report), args.keep_before)
         else:
             report(args.report, args.write)
         return 0
     if args.rivals:
-        from blind_rivals import run_rivals
+        from other_methods import run_rivals
 
         run_rivals(args.out or Path("build") / "blind", args.rivals, args.processes)
         return 0

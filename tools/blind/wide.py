@@ -17,7 +17,7 @@ from scorer.wide import judge_wide, wide_figures, wide_line
 __all__ = ["BEFORE", "WIDE", "keep_before", "line_of", "report_wide", "wide_numbers", "wide_page"]
 
 WIDE = "TWU"
-BEFORE = Path(__file__).resolve().parent.parent / "docs" / "blind-before.json"
+BEFORE = Path(__file__).resolve().parents[2] / "docs" / "blind-before.json"
 
 # figure: (words, least, most, as a share)
 _LEVELS: dict[str, tuple[str, float | None, float | None, bool]] = {

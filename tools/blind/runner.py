@@ -24,17 +24,16 @@ from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "tests" / "blind"))
 
-from blind_lines import end_line, read_lines  # noqa: E402
-from blind_proposal import proposal  # noqa: E402
-from blind_real import real_profile, real_trace, real_truth  # noqa: E402
 from injector.build import Case, Hidden, Made  # noqa: E402
 from injector.geometry import baseline  # noqa: E402
 from injector.parts import make  # noqa: E402
 from injector.seal import case_text, salt_of, seal, truth_text  # noqa: E402
 from injector.signatures import axes_of, signatures  # noqa: E402
+from proposal import proposal  # noqa: E402
+from real_records import real_profile, real_trace, real_truth  # noqa: E402
 from rivals.oracle import oracle  # noqa: E402
 from scorer.spans import Spanned, axes_shares, names_share  # noqa: E402
 
@@ -44,7 +43,7 @@ from hdbench.errors import HdbenchError  # noqa: E402
 from hdbench.profile import Profile, load_profile  # noqa: E402
 from hdbench.records import LoadReading, Loads, Trace  # noqa: E402
 
-__all__ = ["Options", "answer_case", "case_of", "fresh_base", "run"]
+__all__ = ["Options", "answer_case", "case_of", "end_line", "fresh_base", "read_lines", "run"]
 
 # a diagnosis that takes longer than this has failed: thirty times the time asked for
 _PATIENCE_S = 300
@@ -62,6 +61,25 @@ class Options:
     processes: int = 1
     with_oracle: bool = True
     stop_after_s: float = float("inf")
+
+
+def read_lines(path: Path) -> list[dict[str, Any]]:
+    """Return the whole lines of a file; one cut short by a stop is left out and asked again."""
+    out = []
+    if path.exists():
+        for line in path.read_text().splitlines():
+            try:
+                out.append(json.loads(line))
+            except json.JSONDecodeError:
+                continue
+    return out
+
+
+def end_line(path: Path) -> None:
+    """End a line that a kill cut short, so that the next one stands alone."""
+    if path.exists() and path.stat().st_size and not path.read_bytes().endswith(b"\n"):
+        with path.open("a") as file:
+            file.write("\n")
 
 
 def fresh_base(day: str | None = None) -> int:

@@ -11,11 +11,10 @@ import time
 from pathlib import Path
 from typing import Any
 
-from blind_lines import read_lines
-from blind_runner import case_of
 from injector.build import build
 from rivals.installed import INSTALLED
 from rivals.plain import METHODS, rival_answer
+from runner import case_of, read_lines
 
 from hdbench.batch import Workers, run_tasks
 

@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from collections.abc import Iterable
 from datetime import date
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-from blind_lines import read_lines
-from blind_page import page
-from blind_picture import draw_confusion
-from blind_runner import ROOT
-from blind_wide import WIDE, line_of, report_wide, wide_page
+import numpy as np
+from page import page
+from runner import ROOT, read_lines
 from scorer.judge import judge
 from scorer.metrics import Row, figures
 from scorer.tables import by_family, by_load_family, by_outside, confusion, shuffled_rows
 from scorer.truth import open_truth
+from wide import WIDE, line_of, report_wide, wide_page
 
 __all__ = ["list_lines", "load_pairs", "load_rows", "report"]
 
@@ -130,3 +130,37 @@ def _as_single(rows: list[Row]) -> list[Row]:
         part = "A" if not tier else ("B" if tier.startswith("d") else "P")
         out.append(Row(({**row.truth, "part": part}, row.entry, row.verdict)))
     return out
+
+
+_REST = ("unexplained", "nothing", "no answer")
+
+
+def draw_confusion(counts: Counter[tuple[str, str]], path: Path) -> None:
+    """Draw true families (rows) against answers (columns), shares of each row, to `path`."""
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+    from matplotlib import pyplot as plt
+
+    families = sorted({true for true, _ in counts})
+    answers = sorted({said for _, said in counts} - set(_REST) | set(families))
+    columns = [*answers, *_REST]
+    table = np.zeros((len(families), len(columns)))
+    for (true, said), count in counts.items():
+        table[families.index(true), columns.index(said)] = count
+    totals = table.sum(axis=1, keepdims=True)
+    shares = np.divide(table, totals, out=np.zeros_like(table), where=totals > 0)
+    figure, axes = plt.subplots(figsize=(13.0, 11.0), layout="constrained")
+    image = axes.imshow(shares, cmap="Blues", vmin=0.0, vmax=1.0, aspect="auto")
+    axes.set_xticks(range(len(columns)), columns, rotation=90, fontsize=8)
+    labels = [f"{name} ({int(total)})" for name, total in zip(families, totals[:, 0], strict=True)]
+    axes.set_yticks(range(len(families)), labels, fontsize=8)
+    axes.set_xlabel("answered first (the true name where the reported set holds its group)")
+    axes.set_ylabel("hidden (number of records)")
+    axes.set_title("Single effects at 10 and 20 sigma and at middle and high physical sizes")
+    for i, j in np.argwhere(shares > 0.0):
+        colour = "white" if shares[i, j] > 0.5 else "black"
+        axes.text(j, i, f"{int(table[i, j])}", ha="center", va="center", fontsize=6, color=colour)
+    figure.colorbar(image, ax=axes, label="share of the row", shrink=0.6)
+    figure.savefig(path, dpi=110)
+    plt.close(figure)

@@ -4,11 +4,11 @@ Simulates short clean records (8 s, reversals, half of them under a measured loa
 with a pole at 0.9 and with a 1/f rise, runs the whole diagnosis on each and counts how often any
 finding appears, next to the rate that was asked for::
 
-    tools/null_campaign.py --records 2100 --processes 2 --out build/blind
+    python tools/blind/null.py --records 2100 --processes 2 --out build/blind
 
 2100 records take some 12 minutes of one core. Answers are kept in FOLDER/null.jsonl and not asked
-again; `tools/blind.py --report FOLDER --write` puts the figures on the benchmark's page. Exits 1
-where a count is above the 99.9 % point of the binomial law at the nominal rate.
+again; `python tools/blind --report FOLDER --write` puts the figures on the benchmark's page.
+Exits 1 where a count is above the 99.9 % point of the binomial law at the nominal rate.
 Needs PYTHONPATH only where hdbench is not installed.
 """
 
@@ -19,23 +19,65 @@ import json
 import os
 import sys
 import time
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from itertools import takewhile
 from pathlib import Path
+from typing import Any
 
 # one core per process: threads of small matrix products only wait for each other
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
 
 import numpy as np  # noqa: E402
-from blind_lines import end_line, read_lines  # noqa: E402
-from blind_null import NOISES, table  # noqa: E402
 from numpy.typing import NDArray  # noqa: E402
+from runner import end_line, read_lines  # noqa: E402
 from scipy.signal import lfilter  # noqa: E402
+from scipy.stats import beta, binom  # noqa: E402
 
 from hdbench.batch import Workers, run_tasks  # noqa: E402
 from hdbench.diagnosis import diagnose_trace  # noqa: E402
 from hdbench.profile import load_profile  # noqa: E402
 from hdbench.records import Trace  # noqa: E402
+
+NOISES = ("white", "ar", "flicker")
+_WORDS = {"white": "white", "ar": "AR(0.9)", "flicker": "1/f"}
+
+
+def _interval(events: int, count: int) -> tuple[float, float]:
+    """Return the 95 % interval of Clopper and Pearson."""
+    low = float(beta.ppf(0.025, events, count - events + 1)) if events else 0.0
+    high = float(beta.ppf(0.975, events + 1, count - events)) if events < count else 1.0
+    return low, high
+
+
+def table(entries: Sequence[Mapping[str, Any]], alpha: float) -> tuple[list[str], bool]:
+    """Return lines of a Markdown table, and whether all counts keep the nominal rate."""
+    lines = [
+        "| noise | records | nominal rate | with a finding | rate (95 % interval) "
+        "| highest count that chance explains (99.9 %) | named | unexplained |",
+        "|---|---|---|---|---|---|---|---|",
+    ]
+    kept = True
+    groups = [(_WORDS[kind], [e for e in entries if e["noise"] == kind]) for kind in NOISES]
+    for words, some in (*groups, ("all", list(entries))):
+        if not some:
+            continue
+        events = sum(bool(e["names"] or e["places"]) for e in some)
+        named, left = sum(bool(e["names"]) for e in some), sum(bool(e["places"]) for e in some)
+        low, high = _interval(events, len(some))
+        limit = int(binom.ppf(0.999, len(some), alpha))
+        kept = kept and events <= limit
+        lines.append(
+            f"| {words} | {len(some)} | {alpha:.2%} | {events} | {events / len(some):.2%} "
+            f"({low:.2%}-{high:.2%}) | {limit} | {named} | {left} |"
+        )
+    said = Counter(name for e in entries for name in (*e["names"], *e["places"]))
+    if said:
+        what = ", ".join(f"{name} ({count})" for name, count in said.most_common())
+        lines += ["", f"Findings: {what}."]
+    return lines, kept
+
 
 _PERIOD_S = 1e-3
 _NOISE_NM = 0.05

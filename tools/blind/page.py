@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable
+from pathlib import Path
 from typing import Any
 
-from blind_null import table
-from blind_words import HOW, LIMITS, METRICS
+from null import table
 from scorer.levels import LEVELS, counted, interval
 from scorer.line import one_line
 
 __all__ = ["page"]
 
+# how the records are made and judged, in words
+METHOD = Path(__file__).with_name("method.md")
 # percentages that are no share of records
 _NO_SHARES = ("gain_d10_up", "gain_physical")
 # kinds of failure that the page lists one by one, and how many of each at most
@@ -156,8 +158,8 @@ def page(
     chance = shuffled["score"][0], shuffled["name_d10"][0], shuffled["name_d20"][0]
     parts = [
         f"# Blind benchmark\n\nhdbench {version}, {day}: {len(rows)} records of dynamic runs and "
-        f"{len(loads)} calibrations. Written by `tools/blind.py --report FOLDER --write` from the "
-        "sealed truths and the answers; nothing on this page is entered by hand.\n",
+        f"{len(loads)} calibrations. Written by `python tools/blind --report FOLDER --write` from "
+        "the sealed truths and the answers; nothing on this page is entered by hand.\n",
         "## Figures\n",
         *_levels(numbers),
         "",
@@ -191,15 +193,13 @@ def page(
         "",
         "## The null against full simulations\n",
         "Short clean records (8 s), the whole diagnosis on each: "
-        "`tools/null_campaign.py --out FOLDER`.\n",
+        "`python tools/blind/null.py --out FOLDER`.\n",
         *(table(null, null[0]["alpha"])[0] if null else ["Not run with this campaign."]),
         "",
         "## Time and memory\n",
         *_machine(numbers),
         "",
-        HOW,
-        METRICS,
-        LIMITS,
+        METHOD.read_text(),
     ]
     return "\n".join(parts)
 

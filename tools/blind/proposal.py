@@ -16,7 +16,8 @@ from injector.noise import Noise
 from injector.pieces import Piece, hold, sweep, swing
 from injector.scene import draw_scene
 
-from hdbench.diagnosis.planning import plan_for_result, plan_to_dict
+from hdbench.diagnosis.planning import plan_for_result
+from hdbench.diagnosis.planning.planfile import plan_to_dict
 from hdbench.errors import HdbenchError
 from hdbench.profile import ProfileData
 
