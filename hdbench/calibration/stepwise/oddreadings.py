@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
 from hdbench.calibration.stepwise.series import StepGroup
 from hdbench.records.trace import FloatArray
+from hdbench.results.calibration import Outlier
 
-__all__ = ["OddReading", "odd_readings"]
+__all__ = ["odd_readings"]
 
 # chance that a group without a bad reading shows one
 _LEVEL = 0.05
@@ -27,43 +26,7 @@ _MIN_SERIES = 3
 _Places = NDArray[np.intp]
 
 
-@dataclass(frozen=True, slots=True)
-class OddReading:
-    """A reading that stands off.
-
-    Parameters
-    ----------
-    experiment, series : str
-        Experiment; ``up`` or ``down``.
-    torque_nm : float
-        Step, N m.
-    off_v : float
-        Distance from the common course, V.
-    statistic, limit : float
-        Distance in standard deviations; what chance allows.
-    """
-
-    experiment: str
-    series: str
-    torque_nm: float
-    off_v: float
-    statistic: float
-    limit: float
-
-    def to_dict(self) -> dict[str, object]:
-        """Return the reading as results store it."""
-        return {
-            "kind": "reading",
-            "experiment": self.experiment,
-            "series": self.series,
-            "torque_nm": self.torque_nm,
-            "off_v": self.off_v,
-            "statistic": self.statistic,
-            "limit": self.limit,
-        }
-
-
-def odd_readings(group: StepGroup) -> tuple[OddReading, ...]:
+def odd_readings(group: StepGroup) -> tuple[Outlier, ...]:
     """Find readings that stand off the common course of their group.
 
     Notes
@@ -92,8 +55,17 @@ def odd_readings(group: StepGroup) -> tuple[OddReading, ...]:
         k = int(left[place])
         off = apart * float(scale[series[k]])
         name = "up" if branch[k] == 0 else "down"
-        torque = float(group.torque_nm[step[k]])
-        seen.append(OddReading(group.series[series[k]].id, name, torque, off, statistic, limit))
+        seen.append(
+            Outlier(
+                kind="reading",
+                experiment=group.series[series[k]].id,
+                series=name,
+                torque_nm=float(group.torque_nm[step[k]]),
+                off_v=off,
+                statistic=statistic,
+                limit=limit,
+            )
+        )
         if statistic > limit:
             count = len(seen)
         left = np.delete(left, place)
