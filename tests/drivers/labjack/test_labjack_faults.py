@@ -12,7 +12,7 @@ from linefaults.lines import faulty_tcp
 from hdbench.devices.wire import connect, parse_address
 from hdbench.drivers.labjack.control import Control
 from hdbench.drivers.labjack.driver import STREAM_OFFSET, open_labjack
-from hdbench.drivers.labjack.registers import IDENTITY, SESSION, TEST, Register
+from hdbench.drivers.labjack.registers import IDENTITY, SESSION, TEST
 from hdbench.errors import DeviceError
 
 DEADLINE_S = 0.1
@@ -273,44 +273,6 @@ def test_stuck_and_saturated_inputs_reach_the_host_as_they_are():
         read = values(read_all(daq))
         assert np.ptp(read[:, 0]) == 0.0
         assert np.ptp(read[:, 1]) > 0.0
-
-
-def test_faults_inside_the_device_can_be_ordered_over_its_wire():
-    code, argument = (Register(f"USER_RAM{n}_U32", 46100 + 2 * n, "u32", True) for n in (20, 21))
-    with served(speed=10.0) as device, driver(device.port) as daq:
-        daq.claim()
-        control = daq._control
-
-        def order(number: int, value: int = 0) -> None:
-            control.feedback(((argument, value), (code, number)))
-
-        order(5, 2)
-        daq.configure(settings(4000))
-        daq.start()
-        order(1, 300)
-        blocks = read_all(daq)
-        assert np.all(np.concatenate([block.saturated[:, 0] for block in blocks]))
-        assert len([block for block in blocks if block.lost_before]) == 1
-        order(5, 0)
-        daq.configure(settings(2000))
-        daq.start()
-        order(3, 2942)
-        with pytest.raises(DeviceError, match="SCAN_OVERLAP"):
-            read_all(daq)
-        daq.configure(settings(2000))
-        daq.start()
-        while daq.read_block() is None:
-            pass
-        order(2, 5)
-        with pytest.raises(DeviceError, match="core timer"):
-            read_all(daq)
-        order(4, 1)
-        assert control.read(TEST) == [0x22330011]
-        order(4, 0)
-        with pytest.raises(DeviceError, match="refused with exception 3"):
-            order(77)
-        with pytest.raises(DeviceError):
-            order(9)
 
 
 def test_nobody_there_is_told_within_the_deadline():

@@ -1,17 +1,4 @@
-"""Emulated T4 or T7: its map, wired to terminals, stream and watchdog.
-
-A campaign that runs the emulator in another process writes an argument to USER_RAM21_U32 (46142)
-and then a code to USER_RAM20_U32 (46140); a real device ignores both.
-
-| code | fault | argument |
-|---|---|---|
-| 1 | the network is away: packets stay in the device's buffer | ms |
-| 2 | scans vanish without a word (an index jump) | scans |
-| 3 | the stream ends | status, 2942 to 2945 |
-| 4 | a gateway swaps the words of 32-bit values | 1 on, 0 off |
-| 5, 6, 7, 8 | torque, tacho, current, reference input | 0 mended, 1 stuck, 2 high, 3 low |
-| 9 | the device restarts | - |
-"""
+"""Emulated T4 or T7: its map, wired to terminals, stream and watchdog."""
 
 from __future__ import annotations
 
@@ -20,7 +7,6 @@ import time
 from collections.abc import Callable
 from functools import partial
 
-from hdbench.devices.emulator.instrument import ChannelFault, Input
 from hdbench.drivers.labjack.emulator.memory import (
     Cell,
     DeviceWatchdog,
@@ -103,11 +89,6 @@ _REBOOT = 0x4C4A
 _BAD_REBOOT, _BAD_RANGE = 2402, 2370
 _BAD_INDEX, _EF_RUNS, _AIN_BUSY = 2551, 2566, 2605
 _QUADRATURE = 10
-# USER_RAM20_U32 and USER_RAM21_U32
-_FAULT, _FAULT_ARGUMENT = 46140, 46142
-_CHANNELS: tuple[Input, ...] = ("torque", "tacho", "current", "reference")
-_CHANNEL_FAULTS: tuple[ChannelFault | None, ...] = (None, "stuck", "high", "low")
-_ILLEGAL_VALUE = 3
 
 
 class LabJackDevice:
@@ -129,29 +110,14 @@ class LabJackDevice:
         self.watchdog = DeviceWatchdog(self.memory, clock, self._time_out)
         self.levels = self.directions = 0
         self._clock = clock
-        self._held_until_s = clock()
         self._build(serial)
-        self._faults: dict[int, Callable[[int], None]] = {
-            1: self._hold,
-            2: partial(setattr, self.stream, "skip_scans"),
-            3: self.stream.fail,
-            4: lambda on: setattr(self, "swap_words", bool(on)),
-            9: lambda _: self.reboot(),
-        }
 
     def tick(self) -> list[bytes]:
         """Let time pass; return stream packets that are complete."""
         self.watchdog.tick()
-        held = self.stream.hold
-        self.stream.hold = held or self._clock() < self._held_until_s
         packets = self.stream.tick()
-        self.stream.hold = held
         self.wiring.instrument.catch_up()
         return packets
-
-    def _hold(self, time_ms: int) -> None:
-        """Keep packets back for a time, as while the network is away."""
-        self._held_until_s = self._clock() + 1e-3 * time_ms
 
     def note_error(self, error: RefusedError, transaction: int) -> None:
         """Keep a refusal for LAST_ERR_*."""
@@ -190,7 +156,6 @@ class LabJackDevice:
         StreamRegisters(self.memory, self.stream, self.wiring, self._ticks)
         add_all(range(46000, 46080, 2), "f32")
         add_all(range(46100, 46180, 2), "u32")
-        add(_FAULT, "u32", on_write=self._break)
         add(61520, "u32", on_read=lambda: self._ticks() % 2**32, writable=False)
         add(61810, "u32")
         for word in range(60):
@@ -221,17 +186,6 @@ class LabJackDevice:
         add(2580, "u16", on_read=lambda: self.levels & 0xFFFF, writable=False)
         add(2800, "u32", on_read=lambda: self.levels, writable=False)
         add(2850, "u32", on_read=lambda: self.directions, writable=False)
-
-    def _break(self, value: float) -> None:
-        """Carry out a fault that a campaign orders; the module's table says which."""
-        code, argument = int(value), int(self.memory.value(_FAULT_ARGUMENT))
-        channel = code - 5
-        if code in self._faults:
-            self._faults[code](argument)
-        elif 0 <= channel < len(_CHANNELS) and argument < len(_CHANNEL_FAULTS):
-            self.wiring.instrument.disturb(_CHANNELS[channel], _CHANNEL_FAULTS[argument])
-        elif code:
-            raise RefusedError(_ILLEGAL_VALUE, _ILLEGAL_VALUE)
 
     def _ticks(self) -> int:
         return int(self._clock() * CORE_TIMER_HZ)
