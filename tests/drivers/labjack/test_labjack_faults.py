@@ -180,9 +180,9 @@ def test_a_network_that_was_away_leaves_one_gap_that_is_exact(count_joint):
         daq.start()
         blocks = [block for _ in range(5) if (block := daq.read_block()) is not None]
         # 1820 scans fit into the buffer: 0.3 s at ten times the pace are 3000
-        device.call(lambda: setattr(device.device.stream, "hold", True))
+        device.call(lambda: setattr(device.device, "away", True))
         time.sleep(0.3)
-        device.call(lambda: setattr(device.device.stream, "hold", False))
+        device.call(lambda: setattr(device.device, "away", False))
         blocks += read_all(daq)
         lost = [block.lost_before for block in blocks if block.lost_before]
         assert len(lost) == 1
@@ -198,9 +198,9 @@ def test_without_recovery_a_full_buffer_ends_the_run_with_its_name():
         daq.claim()
         daq.configure(settings(6000))
         daq.start()
-        device.call(lambda: setattr(device.device.stream, "hold", True))
+        device.call(lambda: setattr(device.device, "away", True))
         time.sleep(0.3)
-        device.call(lambda: setattr(device.device.stream, "hold", False))
+        device.call(lambda: setattr(device.device, "away", False))
         blocks = []
         with pytest.raises(DeviceError, match=r"STREAM_BUFFER_FULL \(2945\)"):
             _read_into(blocks, daq)
