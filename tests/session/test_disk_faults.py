@@ -8,16 +8,14 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "tools"))
 
-import fault_disk
+from faults import disk
 
 pytestmark = pytest.mark.skipif(
     sys.platform != "linux" or shutil.which("cc") is None, reason="needs a C compiler on Linux"
 )
 
 
-@pytest.mark.parametrize(
-    ("campaign", "trials"), [(fault_disk.full_disks, 6), (fault_disk.failing_disks, 8)]
-)
+@pytest.mark.parametrize(("campaign", "trials"), [(disk.full_disks, 6), (disk.failing_disks, 8)])
 def test_the_first_writes_and_syncs_that_fail(tmp_path, campaign, trials):
     """Writes 1, 2, ... and syncs 1, 2, ... of a run; the campaign does the first 200."""
     row = campaign(tmp_path, trials, 0)

@@ -8,9 +8,7 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "tools"))
 
-import fault_answers
-import fault_people
-import fault_samples
+from faults import answers, people, samples
 
 on_linux = pytest.mark.skipif(sys.platform != "linux", reason="terminals and preloading of Linux")
 
@@ -18,10 +16,10 @@ on_linux = pytest.mark.skipif(sys.platform != "linux", reason="terminals and pre
 @pytest.mark.parametrize(
     ("campaign", "trials"),
     [
-        (fault_answers.refusals, 40),
-        (fault_answers.waits, 8),
-        (fault_answers.wraps, 264),
-        (fault_samples.broken_channels, 6),
+        (answers.refusals, 40),
+        (answers.waits, 8),
+        (answers.wraps, 264),
+        (samples.broken_channels, 6),
     ],
 )
 def test_every_trial_goes_as_required(tmp_path, campaign, trials):
@@ -33,7 +31,7 @@ def test_every_trial_goes_as_required(tmp_path, campaign, trials):
 @on_linux
 @pytest.mark.skipif(shutil.which("cc") is None, reason="needs a C compiler")
 def test_a_wall_clock_that_is_set_changes_no_byte(tmp_path):
-    row = fault_people.clock_steps(tmp_path, 1, 0)
+    row = people.clock_steps(tmp_path, 1, 0)
     assert row.bad == []
     assert row.trials == 1
 
@@ -41,6 +39,6 @@ def test_a_wall_clock_that_is_set_changes_no_byte(tmp_path):
 @on_linux
 def test_a_person_who_does_not_say_yes_moves_nothing(tmp_path):
     # the first two: a terminal that is closed, the end of input
-    row = fault_people.people(tmp_path, 2, 0)
+    row = people.people(tmp_path, 2, 0)
     assert row.bad == []
     assert row.trials == 2
