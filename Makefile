@@ -22,7 +22,7 @@ dev: $(VENV)/.dev
 $(VENV)/bin/python:
 	$(PYTHON) -m venv $(VENV)
 
-$(VENV)/.installed: $(VENV)/bin/python pyproject.toml setup.py $(wildcard hdbench/native/* hdbench/filter/kernel/* hdbench/model/causes/native/*)
+$(VENV)/.installed: $(VENV)/bin/python pyproject.toml setup.py $(wildcard hdbench/filter/kernel/*)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable .
 	touch $@
 
@@ -35,10 +35,10 @@ coverage-campaign: $(VENV)/.dev
 	$(BIN)/python tools/coverage_campaign.py
 
 blind: $(VENV)/.dev
-	$(BIN)/python tools/blind.py --full --processes $$(nproc) --out build/blind
-	$(BIN)/python tools/blind.py --rivals 150 --processes $$(nproc) --out build/blind
-	$(BIN)/python tools/null_campaign.py --records 2100 --processes $$(nproc) --out build/blind
-	$(BIN)/python tools/blind.py --report build/blind --write
+	$(BIN)/python tools/blind --full --processes $$(nproc) --out build/blind
+	$(BIN)/python tools/blind --rivals 150 --processes $$(nproc) --out build/blind
+	$(BIN)/python tools/blind/null.py --records 2100 --processes $$(nproc) --out build/blind
+	$(BIN)/python tools/blind --report build/blind --write
 
 # Break what can be broken: a twentieth of the campaign, and the whole with its table written.
 faults: $(VENV)/.dev

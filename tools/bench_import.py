@@ -119,8 +119,7 @@ FEWER = {"excel": 20, "db3": 10, "mcap": 10, "ros1": 10}
 
 def _ours(path: Path) -> Any:
     """Read every channel as `hdbench import` does before it converts."""
-    from hdbench.importing.isolated import end_reader
-    from hdbench.importing.registry import open_source
+    from hdbench.importing.registry import end_reader, open_source
     from hdbench.importing.text import ForeignFormat
 
     source = open_source(path, ForeignFormat())

@@ -14,7 +14,8 @@ from hdbench.diagnosis.dynamic import diagnose_trace
 from hdbench.diagnosis.inspection import inspect_trace
 from hdbench.diagnosis.inspection.result import Inspection
 from hdbench.diagnosis.part import MOST_SAMPLES, Part, part_of
-from hdbench.diagnosis.planning import Proposal, plan_for_result, write_plan
+from hdbench.diagnosis.planning import plan_for_result, write_plan
+from hdbench.diagnosis.planning.proposal import Proposal
 from hdbench.diagnosis.static import diagnose_loads
 from hdbench.diagnosis.together import diagnose_together
 from hdbench.errors import UsageError

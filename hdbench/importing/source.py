@@ -137,6 +137,10 @@ class Source(ABC):
         Numbers are arrays of float64, int64 or uint64; cells of text are arrays of str objects.
         """
 
+    def own_time(self, clock: str) -> Channel | None:
+        """Return the channel that the file names as the time of a clock."""
+        return next((c for c in self.channels if c.is_time and c.clock == clock), None)
+
     def place(self, row: int) -> str:
         """Return where a person finds a row, counted from 0."""
         return f"{self.path}: sample {row + 1}"

@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hdbench.errors import DataError, UsageError
-from hdbench.importing.convert import Conversion
-from hdbench.importing.derive import Derived, derived_columns
+from hdbench.importing.convert import Conversion, Derived, derived_columns
 from hdbench.importing.source import Source, listed
 from hdbench.records.trace import FloatArray, Trace
 

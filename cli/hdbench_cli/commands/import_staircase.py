@@ -24,7 +24,7 @@ def staircase_plan(
     """Return what the options say of a staircase."""
     from hdbench.calibration.staircase import StaircasePlan
     from hdbench.importing.mapping import parse_constant, parse_map
-    from hdbench.importing.plan import known_columns
+    from hdbench.importing.recipe import known_columns
 
     known = known_columns("loads")
     columns = [parse_map(text, known) for text in maps]
