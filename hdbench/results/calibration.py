@@ -106,7 +106,8 @@ class StepUncertainty(Part):
     """Relative uncertainty of one step in one case."""
 
     parts: dict[str, float] = key(
-        "relative standard uncertainties by source; sources without data are left out"
+        "relative standard uncertainties by source: torque, resolution, repeatability, "
+        "reproducibility, zero, and fit or reversibility; a source without data is left out"
     )
     relative_std: float | None = key("combined relative standard uncertainty")
     dof: float | None = key("its effective degrees of freedom")
