@@ -94,7 +94,7 @@ def signal_motion(
 ) -> Motion:
     """Return the motion with the signal that causes of the whole signal act on."""
     early, late = _early_and_late(terms, extra)
-    errors = [angle_error_rad(motion, t.linear) for t in late if t.name == TRANSMISSION_ERROR.name]
+    errors = [angle_error_rad(motion, t.linear) for t in late if t.name == TRANSMISSION_ERROR]
     error = sum(errors, np.zeros(len(motion)))
     return with_signal(motion, lambda on: baseline_nm(on) + _summed(early, on, extra), error)
 

@@ -105,7 +105,7 @@ def test_a_fresh_result_holds_every_key(kind: str, tmp_path: Path) -> None:
     source = next(file for file in (STORED / kind).iterdir() if ".csv" in file.suffixes)
     profile = load_profile("cim-tr-97-06")
     _, found = evaluate_stored(kind, source, profile, out=tmp_path)
-    result = json.loads(json.dumps(found.result))
+    result = json.loads(json.dumps(found.result.to_json()))
     assert differences(kind, result) == []
     assert unknown_inside(kind, result) == set()
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 
 import numpy as np
 
@@ -48,28 +47,22 @@ def ratio_parameter(name: str, description: str) -> Parameter:
     return Parameter(name, "1", -RATIO_LIMIT, RATIO_LIMIT, description)
 
 
-def order_parameter(lower: float, upper: float) -> Parameter:
-    """Return the shape parameter ``order``."""
-    return Parameter("order", "1", lower, upper, "cycles per revolution of the wave generator")
-
-
 # rolling elements slip, and no angle is exact: an order this near to a whole one is a whole one
 WHOLE = 0.02
 
+Bands = tuple[tuple[float, float], ...]
 
-def whole_orders(lower: int, upper: int, *, without: tuple[int, ...] = ()) -> Parameter:
-    """Return the shape parameter ``order`` of what is counted: poles, slots, teeth."""
+
+def whole_orders(lower: int, upper: int, *, without: tuple[int, ...] = ()) -> Bands:
+    """Return the orders of what is counted: poles, slots, teeth."""
     orders = [order for order in range(lower, upper + 1) if order not in without]
-    bands = tuple((order - WHOLE, order + WHOLE) for order in orders)
-    return replace(order_parameter(lower - WHOLE, upper + WHOLE), bands=bands)
+    return tuple((order - WHOLE, order + WHOLE) for order in orders)
 
 
-def broken_orders(lower: float, upper: int) -> Parameter:
-    """Return the shape parameter ``order`` of what rolls: no whole number."""
+def broken_orders(lower: float, upper: int) -> Bands:
+    """Return the orders of what rolls: no whole number."""
     ends = [lower, *(n + side for n in range(1, upper) for side in (-WHOLE, WHOLE)), upper - WHOLE]
-    return replace(
-        order_parameter(lower, upper - WHOLE), bands=tuple(zip(ends[::2], ends[1::2], strict=True))
-    )
+    return tuple(zip(ends[::2], ends[1::2], strict=True))
 
 
 def no_shape(columns: Callable[[Motion], FloatArray]) -> Callable[..., FloatArray]:
