@@ -1,4 +1,4 @@
-"""One acquisition on the integration steps: motion, channels, filtered samples, interruptions."""
+"""Timeline of one acquisition: motion, channels, filtered samples, interruptions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One acquisition: the stream to blocks, until all samples are there."""
+"""Acquisition of an instrument: its stream to blocks, until all samples are there."""
 
 from __future__ import annotations
 

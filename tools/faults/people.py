@@ -1,6 +1,6 @@
 """Faults of the wall clock, and of the person: no answer, end of input, a closed terminal.
 
-The clock is set by a few lines of C (`fault_clock.c`) loaded before the C library: what the system
+The clock is set by a few lines of C (`clock.c`) loaded before the C library: what the system
 says of the time of day jumps while a run is under way. Needs a C compiler.
 """
 
@@ -23,9 +23,10 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
-from fault_kit import Row, in_time, short_profile
-from spoilt_line import in_thread
+sys.path.insert(0, str(Path(__file__).parents[1]))
 
+from faults.kit import Row, in_time, short_profile
+from faults.lines import in_thread
 from hdbench.devices.emulator.machine import NodeMachine
 from hdbench.devices.emulator.node import NodeCore
 from hdbench.devices.emulator.parameters import identity_values, limit_values
@@ -56,7 +57,7 @@ def clock_steps(folder: Path, trials: int, seed: int) -> Row:
         row.notes["not run"] = "no C compiler"
         return row
     shim = folder / "fault_clock.so"
-    words = [compiler, "-shared", "-fPIC", "-O1", "-o", str(shim), str(HERE / "fault_clock.c")]
+    words = [compiler, "-shared", "-fPIC", "-O1", "-o", str(shim), str(HERE / "clock.c")]
     subprocess.run([*words, "-ldl"], check=True)
     asked = {"place": str(folder), "profile": str(short_profile(folder)), "seed": seed}
     done = subprocess.run(

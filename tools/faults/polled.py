@@ -1,6 +1,6 @@
 """Wrong, stale, duplicate, reordered and mutated replies between the driver and a polled device.
 
-Usage: python tools/polled_faults.py [--faults 10000] [--wire tcp|rtu|rtu+tcp] [--kind KIND]
+Usage: python tools/faults/polled.py [--faults 10000] [--wire tcp|rtu|rtu+tcp] [--kind KIND]
 
 The device answers every request with a number of its own and a second one that belongs to it, so
 that every reading tells whether it was made for this very request. Writes go to an output that is
@@ -21,8 +21,10 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from linefaults.faults import FaultKind, Mangler, RtuFraming, TcpFraming
+sys.path.insert(0, str(Path(__file__).parents[1]))
 
+from faults.lines import Deadlines, behind, in_thread
+from faults.mangler import FaultKind, Mangler, RtuFraming, TcpFraming
 from hdbench.devices.emulator.memory import Cell, Memory
 from hdbench.devices.emulator.server import Device, ModbusServer, Space
 from hdbench.devices.modbus.access import Access
@@ -34,10 +36,6 @@ from hdbench.devices.wire import parse_address
 from hdbench.devices.wire.rtu import crc16
 from hdbench.errors import DeviceError, ProfileError
 from hdbench.profile.acquiring_modbus import ModbusAcquisition
-
-sys.path.insert(0, str(Path(__file__).parent))
-
-from spoilt_line import Deadlines, behind, in_thread
 
 __all__ = ["KINDS", "Outcome", "campaign"]
 

@@ -1,6 +1,6 @@
 """Faults of the disk: full, failing, refused, pulled; and a process killed while it writes.
 
-A full or failing disk is made by a few lines of C (`fault_shim.c`) loaded before the C library:
+A full or failing disk is made by a few lines of C (`shim.c`) loaded before the C library:
 the n-th write or sync below the run's folder fails, for every n from the first. Needs a C compiler.
 """
 
@@ -17,8 +17,9 @@ import sys
 import time
 from pathlib import Path
 
-from fault_kit import Row, acknowledging, begin, served, short_profile
+sys.path.insert(0, str(Path(__file__).parents[1]))
 
+from faults.kit import Row, acknowledging, begin, served, short_profile
 from hdbench.profile import Profile
 
 __all__ = ["failing_disks", "full_disks", "killed_writes", "power_cuts", "refusals"]
@@ -54,7 +55,7 @@ def _worked(row: Row, folder: Path, orders: list[dict[str, int]]) -> Row:
         return row
     shim = folder / "fault_shim.so"
     if not shim.exists():
-        words = [compiler, "-shared", "-fPIC", "-O1", "-o", str(shim), str(HERE / "fault_shim.c")]
+        words = [compiler, "-shared", "-fPIC", "-O1", "-o", str(shim), str(HERE / "shim.c")]
         subprocess.run([*words, "-ldl"], check=True)
     profile = short_profile(folder)
     with served(folder, profile, "fast") as bench:

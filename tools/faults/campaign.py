@@ -1,6 +1,6 @@
 """The fault campaign: break what can be broken on one Linux computer, and print what happened.
 
-Usage: python tools/faults.py [--share 0.05] [--rows 1,2,4] [--write docs/reliability.md]
+Usage: python tools/faults/campaign.py [--share 0.05] [--rows 1,2,4] [--write docs/reliability.md]
 
 `--share 1` is the whole campaign: 300 signals, 200 kills, 50 freezes, and so on. Every row is
 printed as it ends: fault, trials, how many went as required, worst time until the motor stands,
@@ -21,59 +21,53 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).parent))
+sys.path.insert(0, str(Path(__file__).parents[1]))
 
-import fault_answers
-import fault_disk
-import fault_inputs
-import fault_people
-import fault_process
-import fault_samples
-import fault_wire
-from fault_kit import Row, ServedBench, served, short_profile
+from faults import answers, disk, inputs, people, process, samples, wire
+from faults.kit import Row, ServedBench, served, short_profile
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 BEGIN, END = "<!-- campaign -->", "<!-- end of campaign -->"
 Trial = Callable[[Path, ServedBench, Path, int, int], Row]
 
 
 def _kills(folder: Path, bench: ServedBench, profile: Path, trials: int, seed: int) -> Row:
     resumes = max(1, trials // 10)
-    return fault_process.kills(folder, bench, profile, trials, seed, resumes=resumes)
+    return process.kills(folder, bench, profile, trials, seed, resumes=resumes)
 
 
 # number, trials of the whole campaign, what does it
 ON_BENCH: tuple[tuple[str, int, Trial], ...] = (
-    ("1", 300, fault_process.signals),
+    ("1", 300, process.signals),
     ("2", 200, _kills),
-    ("3", 50, fault_process.lost_guards),
-    ("4", 50, fault_process.freezes),
-    ("20", 20, fault_process.limits),
-    ("23", 100, fault_process.races),
-    ("28", 150, fault_process.load),
+    ("3", 50, process.lost_guards),
+    ("4", 50, process.freezes),
+    ("20", 20, process.limits),
+    ("23", 100, process.races),
+    ("28", 150, process.load),
 )
 ALONE: tuple[tuple[str, int, Callable[[Path, int, int], Row]], ...] = (
-    ("5", 10_000, fault_disk.power_cuts),
-    ("6", 200, fault_disk.full_disks),
-    ("7", 500, fault_disk.failing_disks),
-    ("8", 6, fault_disk.refusals),
-    ("9", 10_000, fault_wire.wrong_headers),
-    ("10", 10_000, fault_wire.wrong_replies),
-    ("11", 10_000, fault_wire.disorder),
-    ("12", 10_000, fault_wire.noise),
-    ("13", 10_000, fault_wire.pieces),
-    ("14", 200, fault_wire.slow_replies),
-    ("15", 1000, fault_wire.cuts),
-    ("16", 1000, fault_answers.refusals),
-    ("17", 200, fault_answers.waits),
-    ("18", 1000, fault_wire.gaps),
-    ("19", 600, fault_samples.broken_channels),
-    ("21", 40, fault_people.clock_steps),
-    ("22", 1320, fault_answers.wraps),
-    ("24", 60, fault_people.people),
-    ("25", 10_000, fault_inputs.profiles),
-    ("26", 10_000, fault_inputs.traces),
-    ("27", 100, fault_disk.killed_writes),
+    ("5", 10_000, disk.power_cuts),
+    ("6", 200, disk.full_disks),
+    ("7", 500, disk.failing_disks),
+    ("8", 6, disk.refusals),
+    ("9", 10_000, wire.wrong_headers),
+    ("10", 10_000, wire.wrong_replies),
+    ("11", 10_000, wire.disorder),
+    ("12", 10_000, wire.noise),
+    ("13", 10_000, wire.pieces),
+    ("14", 200, wire.slow_replies),
+    ("15", 1000, wire.cuts),
+    ("16", 1000, answers.refusals),
+    ("17", 200, answers.waits),
+    ("18", 1000, wire.gaps),
+    ("19", 600, samples.broken_channels),
+    ("21", 40, people.clock_steps),
+    ("22", 1320, answers.wraps),
+    ("24", 60, people.people),
+    ("25", 10_000, inputs.profiles),
+    ("26", 10_000, inputs.traces),
+    ("27", 100, disk.killed_writes),
 )
 
 

@@ -1,4 +1,4 @@
-"""What `hdbench doctor` looks at: each line with what was found and how to mend it."""
+"""Findings of `hdbench doctor`: what was looked at, what was found, how to mend it."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """Wrong, stale, duplicate, reordered and mutated replies between the driver and a node.
 
-Usage: python tools/reply_faults.py [--faults 10000] [--wire tcp|rtu] [--kind KIND] [--seed N]
+Usage: python tools/faults/replies.py [--faults 10000] [--wire tcp|rtu] [--kind KIND] [--seed N]
 
 Every sample that the driver hands out is compared with what the node sampled at its index. A line
 per wire and kind: faults made, samples delivered, wrong and lost ones, calls that failed, the worst
@@ -19,8 +19,11 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
-from linefaults.faults import FaultKind, Mangler, RtuFraming, TcpFraming
 
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
+from faults.lines import Deadlines, behind, in_thread
+from faults.mangler import FaultKind, Mangler, RtuFraming, TcpFraming
 from hdbench.devices.daq import DaqSettings, ScanBlock
 from hdbench.devices.emulator.node import build_core
 from hdbench.devices.emulator.server import ModbusServer
@@ -30,10 +33,6 @@ from hdbench.devices.wire.rtu import crc16
 from hdbench.errors import DeviceError
 from hdbench.plant.converter import RawSamples
 from hdbench.profile import load_profile
-
-sys.path.insert(0, str(Path(__file__).parent))
-
-from spoilt_line import Deadlines, behind, in_thread
 
 __all__ = ["KINDS", "Outcome", "campaign"]
 

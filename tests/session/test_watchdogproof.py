@@ -7,8 +7,8 @@ import pytest
 from hdbench.devices.bench import SafeState
 from hdbench.devices.emulator.process import running_emulator
 from hdbench.profile import load_profile
-from hdbench.session.proving import _judged, creep_rad_s, prove_watchdog
 from hdbench.session.stop import StopSignals
+from hdbench.session.watchdogproof import _judged, creep_rad_s, prove_watchdog
 
 PROFILE = load_profile("cim-tr-97-06")
 SAFE = SafeState(True, 0.0, 0.0, "safe")

@@ -1,4 +1,4 @@
-"""Put faults between a host and a device that already runs: on TCP, or on a serial line.
+"""Lines that spoil what a device sends: on TCP, or on a serial line.
 
 For example, one reply in ten comes too late::
 
@@ -10,21 +10,104 @@ Requests pass as they are; what the device sends goes through the `Mangler`.
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
+import heapq
+import itertools
 import os
 import select
 import socket
 import struct
 import threading
+import time
 import tty
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Coroutine, Iterator
 from contextlib import contextmanager
+from typing import Any, Protocol
 
+from faults.mangler import Delivery, Mangler
 from hdbench.system.lines import terminal_pair
-from linefaults.faults import Mangler
-from linefaults.outlet import Outlet
 
-__all__ = ["faulty_serial", "faulty_tcp"]
+__all__ = ["Deadlines", "Outlet", "behind", "faulty_serial", "faulty_tcp", "in_thread"]
+
+
+class Outlet:
+    """Delivers pieces in the order of their times, from a thread of its own.
+
+    Parameters
+    ----------
+    write : callable
+        Sends bytes.
+    end : callable
+        Hangs up, in the way that a piece asks for.
+    """
+
+    def __init__(self, write: Callable[[bytes], None], end: Callable[[str], None]) -> None:
+        self._write = write
+        self._end = end
+        self._heap: list[tuple[float, int, Delivery]] = []
+        self._order = itertools.count()
+        self._changed = threading.Condition()
+        self._ended = False
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def put(self, pieces: list[Delivery]) -> None:
+        """Deliver pieces, each after its time."""
+        now_s = time.monotonic()
+        with self._changed:
+            for piece in pieces:
+                heapq.heappush(self._heap, (now_s + piece.after_s, next(self._order), piece))
+            self._changed.notify()
+
+    def close(self) -> None:
+        """Deliver nothing more; what is being written now may still end."""
+        with self._changed:
+            self._ended = True
+            self._changed.notify()
+
+    @property
+    def runs(self) -> bool:
+        """Whether something may still be written."""
+        return self._thread.is_alive()
+
+    def join(self) -> None:
+        """Wait until nothing more will be written."""
+        self._thread.join()
+
+    def _run(self) -> None:
+        # the other side may hang up at any moment
+        with contextlib.suppress(OSError):
+            while (piece := self._next()) is not None:
+                self._deliver(piece)
+
+    def _next(self) -> Delivery | None:
+        with self._changed:
+            while not self._ended:
+                if not self._heap:
+                    self._changed.wait()
+                    continue
+                wait_s = self._heap[0][0] - time.monotonic()
+                if wait_s <= 0.0:
+                    return heapq.heappop(self._heap)[2]
+                self._changed.wait(wait_s)
+        return None
+
+    def _deliver(self, piece: Delivery) -> None:
+        if piece.per_byte_s:
+            for byte in piece.data:
+                if self._ends_within(piece.per_byte_s):
+                    return
+                self._write(bytes((byte,)))
+        elif piece.data:
+            self._write(piece.data)
+        if piece.then:
+            self._end(piece.then)
+
+    def _ends_within(self, wait_s: float) -> bool:
+        with self._changed:
+            return self._changed.wait_for(lambda: self._ended, wait_s)
+
 
 _CHUNK = 65536
 _CONNECT_S = 5.0
@@ -203,3 +286,99 @@ def _reader(descriptor: int, ended: threading.Event) -> Read:
 def _write_all(descriptor: int, data: bytes) -> None:
     while data:
         data = data[os.write(descriptor, data) :]
+
+
+# what deadlines are to be kept within
+OVER = 1.1
+
+
+class Server(Protocol):
+    """Serves a device until it is closed."""
+
+    def close(self) -> None:
+        """End every connection."""
+        ...
+
+
+class Deadlines:
+    """Counts how calls keep their deadline.
+
+    Parameters
+    ----------
+    deadline_s : float
+        Of one call, s.
+
+    Attributes
+    ----------
+    over, held_up : int
+        Calls of more than 1.1 deadlines, and those among them that are within it without the time
+        for which threads of this process - device, line and host - were ready to run and had no
+        processor.
+    worst : float
+        Longest call over its deadline.
+    """
+
+    def __init__(self, deadline_s: float) -> None:
+        self.over = self.held_up = 0
+        self.worst = 0.0
+        self._deadline_s = deadline_s
+
+    @contextmanager
+    def call(self, allowed: float = 1.0) -> Iterator[None]:
+        """Time one call of `allowed` deadlines."""
+        waited_s, start_s = _ready_s(), time.monotonic()
+        try:
+            yield
+        finally:
+            took_s = time.monotonic() - start_s
+            limit_s = allowed * self._deadline_s
+            self.worst = max(self.worst, took_s / limit_s)
+            if took_s > OVER * limit_s:
+                self.over += 1
+                self.held_up += took_s - (_ready_s() - waited_s) <= OVER * limit_s
+
+
+def _ready_s() -> float:
+    """Return how long threads of this process have waited for a processor so far, s."""
+    total_ns = 0
+    for thread in os.listdir("/proc/self/task"):
+        try:
+            with open(f"/proc/self/task/{thread}/schedstat", encoding="ascii") as file:
+                total_ns += int(file.read().split()[1])
+        except OSError:
+            continue
+    return 1e-9 * total_ns
+
+
+@contextmanager
+def in_thread(server: Server, opening: Coroutine[Any, Any, Any]) -> Iterator[Any]:
+    """Run a server in a loop of its own thread; yields what its opening returned."""
+    loop = asyncio.new_event_loop()
+    thread = threading.Thread(target=loop.run_forever, daemon=True)
+    thread.start()
+
+    async def shut() -> None:
+        server.close()
+        # one turn of the loop closes what is open
+        await asyncio.sleep(0.01)
+
+    try:
+        yield asyncio.run_coroutine_threadsafe(opening, loop).result(5)
+    finally:
+        asyncio.run_coroutine_threadsafe(shut(), loop).result(5)
+        loop.call_soon_threadsafe(loop.stop)
+        thread.join(5)
+        loop.close()
+
+
+@contextmanager
+def behind(address: str, mangler: Mangler) -> Iterator[str]:
+    """Put faults before a device; yields the address for the host."""
+    scheme, _, rest = address.partition("://")
+    if scheme == "rtu":
+        with faulty_serial(rest, mangler) as path:
+            yield f"rtu://{path}"
+        return
+    host, _, port = rest.rpartition(":")
+    with faulty_tcp(host, int(port), mangler) as (near, near_port):
+        yield f"{scheme}://{near}:{near_port}"

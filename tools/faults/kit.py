@@ -85,7 +85,7 @@ class Row:
 
 def short_profile(folder: Path, **limits: float) -> Path:
     """Write the report's bench with a ripple run of four seconds; other numbers in `limits`."""
-    text = (Path(__file__).parents[1] / "profiles" / "cim-tr-97-06.toml").read_text()
+    text = (Path(__file__).parents[2] / "profiles" / "cim-tr-97-06.toml").read_text()
     head, mark, tail = text.partition("\n[ripple]\n")
     # 0.9 V are 50 rad/s, reached at 1250 rad/s^2: half of what the servo can
     for key, value in (("duration_s", RUN_S), ("frequency_hz", 0.5), ("amplitude_v", 0.9)):

@@ -1,8 +1,16 @@
 """A serial line that takes its time: bytes between two pseudo-terminals at the wire's pace.
 
+Usage: python tools/faults/paced.py 'rtu:///dev/pts/3?baud=115200'   (ends with Ctrl-C or SIGTERM)
+       python tools/faults/paced.py 'baud=921600&gap_us=1750'
+
 A pseudo-terminal passes bytes at once. This relay passes them as a wire would: a character at a
 time, none before the one before it has ended, and a frame of the other direction not before the
-silence between frames has passed.
+silence between frames has passed. It prints the address for the host to open.
+
+With an address it stands before the emulated node there (`hdbench emulate --rtu --json` prints it).
+Without one it is a node itself, whose samples cost nothing and which sits on its line as firmware
+does, so that only the host's terminal is between host and wire: a pseudo-terminal hands every piece
+to a worker of the kernel first, which no wire does.
 """
 
 from __future__ import annotations
@@ -10,16 +18,21 @@ from __future__ import annotations
 import contextlib
 import os
 import select
+import signal
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Protocol
 
-from hdbench.devices.wire.address import SerialSettings
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
+from faults.lines import open_terminal
+from hdbench.devices.wire.address import SerialSettings, parse_address
 from hdbench.system.lines import terminal_pair
-from linefaults.lines import open_terminal
 
 __all__ = ["Device", "PacedLine", "paced_line"]
 
@@ -176,3 +189,55 @@ def paced_line(path: str, settings: SerialSettings) -> Iterator[str]:
         thread.join()
         for descriptor in (near, slave, far):
             os.close(descriptor)
+
+
+class _Firmware:
+    """A node whose samples cost nothing; implements `Device`."""
+
+    def __init__(self) -> None:
+        from faults.replies import PROFILE, CountingBench
+        from hdbench.devices.emulator.node import build_core
+        from hdbench.devices.pymodbusparts import DecodePDU, FramerRTU
+
+        self._device = build_core(CountingBench(), PROFILE, 0, pace="fast")
+        self._framer = FramerRTU(DecodePDU(True))
+        self._buffer = b""
+
+    def received(self, data: bytes) -> bytes:
+        """Answer a request once it is whole."""
+        self._buffer += data
+        used, unit, _, pdu = self._framer.decode(self._buffer)
+        self._buffer = self._buffer[used:]
+        if not pdu:
+            return b""
+        self._device.tick()
+        reply = self._device.answer(pdu, 0)
+        return b"" if reply is None else self._framer.encode(reply, unit, 0)
+
+    def rest(self) -> None:
+        """Sample while the reply is on its way."""
+        self._device.rest()
+
+
+def main() -> int:
+    """Serve or relay until a signal comes."""
+    asked = sys.argv[1] if len(sys.argv) > 1 else "baud=921600"
+    address, _, query = asked.rpartition("?")
+    ended = threading.Event()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda *_: ended.set())
+    if asked.startswith("rtu://"):
+        there = parse_address(asked)
+        with paced_line(there.path, there.serial) as near:
+            print(f"rtu://{near}?{query}" if address else f"rtu://{near}", flush=True)
+            ended.wait()
+        return 0
+    host, _, name = terminal_pair(blocking=True)
+    line = PacedLine(host, _Firmware(), parse_address(f"rtu://{name}?{query}").serial)
+    print(f"rtu://{name}?{query}", flush=True)
+    line.run(ended.is_set)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

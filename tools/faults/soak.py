@@ -1,6 +1,6 @@
 """Hours of samples at 1 kHz in five channels, faster than they would take: none missing, no growth.
 
-Usage: python tools/fault_soak.py [--hours 8] [--keep FOLDER]
+Usage: python tools/faults/soak.py [--hours 8] [--keep FOLDER]
 
 A node that counts (sample k tells k in every channel) is read over Modbus TCP as fast as it goes,
 by the driver, the recorder with its online filter and the journal of a run; then every sample in
@@ -21,10 +21,9 @@ from pathlib import Path
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).parent))
+sys.path.insert(0, str(Path(__file__).parents[1]))
 
-import reply_faults
-
+from faults import replies
 from hdbench.devices.bench import AcquisitionSettings
 from hdbench.devices.host import HostedBench, host_settings
 from hdbench.devices.node.opening import open_node
@@ -36,8 +35,9 @@ PERIOD_S = 1e-3
 TENTHS = 10
 # a node in a process of its own, so that it does not wait for the one that records
 SERVE = (
-    f"import sys; sys.path.insert(0, {str(Path(__file__).parent)!r}); import reply_faults; "
-    "sys.argv[1:] = ['--serve', 'tcp']; reply_faults.main()"
+    f"import sys; sys.path.insert(0, {str(Path(__file__).parents[1])!r}); "
+    "from faults import replies; "
+    "sys.argv[1:] = ['--serve', 'tcp']; replies.main()"
 )
 
 
@@ -49,7 +49,7 @@ def memory_mib() -> float:
 
 def record(address: str, path: Path, n_samples: int) -> tuple[TraceRecorder, list[float]]:
     """Record `n_samples` into a journal; return the recorder and the memory in every tenth, MiB."""
-    profile = reply_faults.PROFILE
+    profile = replies.PROFILE
     table = profile.daq.model_copy(update={"address": address, "deadline_s": 1.0})
     memory: list[float] = []
     with JournalWriter(path) as journal:
@@ -76,14 +76,14 @@ def record(address: str, path: Path, n_samples: int) -> tuple[TraceRecorder, lis
 
 def check(path: Path, n_samples: int) -> tuple[int, int]:
     """Return samples in the journal, and how many are missing or not what the node sampled."""
-    volts = reply_faults.PROFILE.daq.range_v / 32768
+    volts = replies.PROFILE.daq.range_v / 32768
     rows = wrong = 0
     for block in JournalReader(path):
         if block.kind != "samples":
             continue
         found = block.columns
         index = np.arange(rows, rows + len(found["time_s"]))
-        torque, tacho, _, _, encoder = reply_faults.codes_of(index)
+        torque, tacho, _, _, encoder = replies.codes_of(index)
         # the counter of the node is of 32 bits; the adapter has unwrapped it
         good = (
             (found["torque_v"] == torque * volts)

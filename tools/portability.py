@@ -1,4 +1,4 @@
-"""Run hdbench as on a system without POSIX: usage ``python tools/elsewhere.py [--short]``.
+"""Run hdbench as on a system without POSIX: usage ``python tools/portability.py [--short]``.
 
 A demo, the three experiments, a calibration with a person that is broken off and resumed, the
 monitor, and a stop of a bench that another process drives, all over TCP, with everything hidden
@@ -66,7 +66,7 @@ def small_profile(folder: Path) -> Path:
     return path
 
 
-class Elsewhere:
+class ForeignSystem:
     """Steps in processes from which POSIX is hidden.
 
     Parameters
@@ -187,7 +187,7 @@ def main() -> int:
     parser.add_argument("--as-it-is", action="store_true", help="hide nothing")
     asked = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
-        steps = Elsewhere(Path(folder), hidden=not asked.as_it_is)
+        steps = ForeignSystem(Path(folder), hidden=not asked.as_it_is)
         for step in (steps.experiments, steps.calibration, steps.stop, steps.demo):
             if step == steps.demo and asked.short:
                 continue

@@ -8,8 +8,8 @@ import random
 from pathlib import Path
 
 import numpy as np
-from fault_kit import Row
 
+from faults.kit import Row
 from hdbench.devices.bench import Block
 from hdbench.errors import DeviceError
 from hdbench.filter import preset

@@ -6,9 +6,10 @@ import random
 from pathlib import Path
 
 import numpy as np
-import reply_faults
-from fault_kit import Row
-from linefaults.faults import FaultKind
+
+from faults import replies
+from faults.kit import Row
+from faults.mangler import FaultKind
 
 __all__ = [
     "cuts",
@@ -37,7 +38,7 @@ def _wires(
     worst, delivered = 0.0, 0
     for wire in wires:
         for kind in kinds:
-            faults, _, came, wrong, lost, failed, over, held_up, longest = reply_faults.part(
+            faults, _, came, wrong, lost, failed, over, held_up, longest = replies.part(
                 wire, kind, each, DEADLINE_S[wire], seed
             )
             delivered, worst = delivered + came, max(worst, longest)
@@ -111,7 +112,7 @@ def gaps(folder: Path, trials: int, seed: int) -> Row:
     from hdbench.session.recorder import TraceRecorder
 
     row = Row("18", "scans lost in the device, anywhere, any number")
-    chance, profile = random.Random(seed), reply_faults.PROFILE
+    chance, profile = random.Random(seed), replies.PROFILE
     model = preset("report-6", profile)
     for number in range(trials):
         path = folder / f"gaps-{number}.hdj"

@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from fault_kit import Row
+from faults.kit import Row
 
 __all__ = ["profiles", "traces"]
 
@@ -92,7 +92,7 @@ def profiles(_folder: Path, trials: int, seed: int) -> Row:
     row = Row("25", "hostile profiles")
     chance = random.Random(seed)
     shipped = [
-        p.read_text() for p in sorted((Path(__file__).parents[1] / "profiles").glob("*.toml"))
+        p.read_text() for p in sorted((Path(__file__).parents[2] / "profiles").glob("*.toml"))
     ]
     before_mib = _rss_mib()
     for number in range(trials):

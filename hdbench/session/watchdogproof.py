@@ -1,4 +1,4 @@
-"""Prove the device's watchdog: turn the motor slowly, fall silent, see it stop."""
+"""Proof of a watchdog: the motor turns, the host falls silent, the device must stop it."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """Count what the DATAQ driver delivers when its stream is spoilt, fault by fault.
 
-Usage: python tools/dataq_faults.py [TRIALS]
+Usage: python tools/faults/dataq.py [TRIALS]
 
 Streams of twelve packets are made in memory, one fault is put into each, and every scan that comes
 out is compared with the one that went in. One line per fault: trials, trials in which a wrong scan

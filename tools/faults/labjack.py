@@ -1,6 +1,6 @@
 """Count what the LabJack driver delivers when its wire misbehaves, fault by fault.
 
-Run: python tools/labjack_faults.py [TRIALS]
+Run: python tools/faults/labjack.py [TRIALS]
 
 The stream part makes streams of eight packets in memory, spoils one of them in every trial, and
 compares each scan that comes out with the one that went in. The control part sends reads to an
@@ -14,11 +14,14 @@ import struct
 import sys
 import time
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
-from linefaults.faults import Mangler, TcpFraming
-from linefaults.lines import faulty_tcp
 
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
+from faults.lines import faulty_tcp
+from faults.mangler import Mangler, TcpFraming
 from hdbench.devices.wire import connect, parse_address
 from hdbench.drivers.labjack.control import Control
 from hdbench.drivers.labjack.packets import PacketParser, StreamFault

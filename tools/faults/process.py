@@ -11,8 +11,7 @@ import sys
 import time
 from pathlib import Path
 
-from fault_kit import RUN_S, Row, Run, ServedBench, acknowledging, begin, in_time, short_profile
-
+from faults.kit import RUN_S, Row, Run, ServedBench, acknowledging, begin, in_time, short_profile
 from hdbench.records.journal import summarize_journal
 
 __all__ = ["freezes", "kills", "limits", "load", "lost_guards", "races", "signals"]

@@ -7,7 +7,7 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "tools"))
 
-from elsewhere import Elsewhere, program
+from portability import ForeignSystem, program
 
 SEEN = """
 import os, socket
@@ -28,26 +28,26 @@ lines.terminal_pair()
 
 
 @pytest.fixture
-def elsewhere(tmp_path):
-    return Elsewhere(tmp_path)
+def foreign(tmp_path):
+    return ForeignSystem(tmp_path)
 
 
-def test_posix_is_hidden(elsewhere):
+def test_posix_is_hidden(foreign):
     """Else what follows would show nothing."""
-    elsewhere._start[2] = program(hidden=True).partition("import json")[0] + SEEN
-    done = elsewhere.run()
+    foreign._start[2] = program(hidden=True).partition("import json")[0] + SEEN
+    done = foreign.run()
     assert done.stdout == "_Lines None None False False\n", done.stderr
     assert "UsageError" in done.stderr
     assert "no pseudo-terminals" in done.stderr
 
 
-def test_ripple_misalignment_and_monitor(elsewhere):
-    elsewhere.experiments()
+def test_ripple_misalignment_and_monitor(foreign):
+    foreign.experiments()
 
 
-def test_a_person_calibrates_leaves_and_resumes(elsewhere):
-    elsewhere.calibration()
+def test_a_person_calibrates_leaves_and_resumes(foreign):
+    foreign.calibration()
 
 
-def test_a_bench_that_another_process_drives_is_stopped(elsewhere):
-    elsewhere.stop()
+def test_a_bench_that_another_process_drives_is_stopped(foreign):
+    foreign.stop()

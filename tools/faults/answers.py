@@ -7,11 +7,10 @@ import time
 from pathlib import Path
 
 import numpy as np
-import polled_faults
-import reply_faults
-from fault_kit import Row
-from polled_faults import TABLE, CountingDevice
 
+from faults import polled, replies
+from faults.kit import Row
+from faults.polled import TABLE, CountingDevice
 from hdbench.devices.daq import DaqSettings
 from hdbench.devices.emulator.machine import BlockHeader, encode_block, encode_scans, seal_block
 from hdbench.devices.modbus.layout import place_of
@@ -54,8 +53,8 @@ def _tried(wire: str, trials: int, seed: int, row: Row, choose, judge) -> None:
     places = [place_of(TABLE, channel) for channel in TABLE.channels]
     if TABLE.output is None:
         raise ValueError("the table has no output")
-    with polled_faults.served(wire, device) as address:
-        access = polled_faults.reached(address, DEADLINE_S)
+    with polled.served(wire, device) as address:
+        access = polled.reached(address, DEADLINE_S)
         outputs = Outputs(access, TABLE, TABLE.output)
         access.read(places)
         for number in range(trials):
@@ -143,7 +142,7 @@ def wraps(_folder: Path, trials: int, seed: int) -> Row:
         "range_v": 10.0, "current_range_a": 10.0, "converter_bits": 16,
         "limit_velocity_rad_s": 400.0, "encoder_counts_per_turn": 4000,
     }  # fmt: skip
-    settings = DaqSettings(reply_faults.ROLES, 1e-3, 2**31, 0.5)
+    settings = DaqSettings(replies.ROLES, 1e-3, 2**31, 0.5)
     n = block_scans(5)
     for number in range(trials):
         # the wrap stands at this scan of the block, for every scan in turn
