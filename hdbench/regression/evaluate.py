@@ -97,7 +97,7 @@ def _diagnosis(
     case: Case, profile: Profile, trace: Trace, header: dict[str, Any]
 ) -> dict[str, Any]:
     from hdbench.diagnosis import diagnose_trace
-    from hdbench.diagnosis.part import part_of
+    from hdbench.diagnosis.run import part_of
 
     held, _ = part_of(trace, case.options.get("from_s"), case.options.get("to_s"))
     found = diagnose_trace(
