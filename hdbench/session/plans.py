@@ -1,4 +1,4 @@
-"""Experiments as data: what will happen, in order, before anything does."""
+"""Plans: steps of an experiment as data, in order."""
 
 from __future__ import annotations
 
