@@ -15,7 +15,7 @@ from hdbench_cli.output import Output
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from hdbench.diagnosis.planning import MotionPlan
+    from hdbench.diagnosis.planning.segments import MotionPlan
     from hdbench.profile import Profile
     from hdbench.ripple import Stretch
     from hdbench.session.calibrating.plan import Preset
@@ -189,7 +189,7 @@ def _from_stored(request: Request, profile: Profile) -> tuple[Path, Mapping[str,
         filter_name=request.filter_name,
         stretch=request.stretch,
     )
-    return folder.path, found.result
+    return folder.path, found.result.to_json()
 
 
 def _measure(output: Output, request: Request, profile: Profile) -> tuple[Path, Mapping[str, Any]]:
@@ -233,4 +233,4 @@ def _measure(output: Output, request: Request, profile: Profile) -> tuple[Path, 
         with live_view(request.kind, profile, request.out) as watcher:
             watched = replace(options, watcher=watcher)
             outcome = run_experiment(request.kind, profile, watched, _silent)
-    return outcome.folder.path, outcome.evaluation.result
+    return outcome.folder.path, outcome.evaluation.result.to_json()

@@ -92,8 +92,7 @@ def errors(
     The exact bridge with the profile's gauge factor, supply, amplifier and gain; one rosette off at
     a time, then all of them by chance within the tolerance.
     """
-    from hdbench.gauges import Tolerance, tabulate_errors
-    from hdbench.gauges.table import table_as_csv
+    from hdbench.gauges import Tolerance, table_as_csv, tabulate_errors
     from hdbench.records import result_header, write_atomic
     from hdbench_cli.commands.experiment import choose_profile
 

@@ -66,7 +66,7 @@ def resume_command(output: Output, asked: Resume) -> None:
         return after_run(kind, folder, result)
 
     module = importlib.import_module(f"hdbench_cli.commands.{_SHOWN[kind]}")
-    found = (outcome.folder.path, outcome.evaluation.result)
+    found = (outcome.folder.path, outcome.evaluation.result.to_json())
     present(output, asked, profile, found, Shown(module.show, module.failed, then))
 
 
