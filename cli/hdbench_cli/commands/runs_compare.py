@@ -61,7 +61,7 @@ def compare(
     """
     from hdbench.errors import UsageError
     from hdbench.records import write_atomic
-    from hdbench.regression.comparison import compare_runs, comparison_csv
+    from hdbench.comparison import compare_runs, comparison_csv
 
     if csv_file and html_file and csv_file.resolve() == html_file.with_suffix(".csv").resolve():
         raise UsageError(
