@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from hdbench.estimation.channel import torque_channel
+from hdbench.estimation.stretches import torque_channel
 from hdbench.evaluation import evaluate
 from hdbench.filter import FilterModel, filter_trace, load_filter_model
 from hdbench.profile import Profile, load_profile
@@ -97,7 +97,7 @@ def _diagnosis(
     case: Case, profile: Profile, trace: Trace, header: dict[str, Any]
 ) -> dict[str, Any]:
     from hdbench.diagnosis import diagnose_trace
-    from hdbench.diagnosis.part import part_of
+    from hdbench.diagnosis.run import part_of
 
     held, _ = part_of(trace, case.options.get("from_s"), case.options.get("to_s"))
     found = diagnose_trace(
