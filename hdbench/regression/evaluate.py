@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from hdbench.estimation.channel import torque_channel
+from hdbench.estimation.stretches import torque_channel
 from hdbench.evaluation import evaluate
 from hdbench.filter import FilterModel, filter_trace, load_filter_model
 from hdbench.profile import Profile, load_profile

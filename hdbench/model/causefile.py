@@ -11,14 +11,15 @@ from pydantic import BaseModel, TypeAdapter, ValidationError
 
 from hdbench.errors import DataError, ProfileError
 from hdbench.model.causes import ALL_CAUSES
-from hdbench.model.declared.build import Spec, cause_of
-from hdbench.model.declared.schema import (
+from hdbench.model.declared import (
     CauseFile,
     Declaration,
     HarmonicsSpec,
     PolynomialSpec,
+    Spec,
     TableSpec,
     ToneSpec,
+    cause_of,
 )
 from hdbench.model.definition import Cause
 from hdbench.profile.problems import key_text, problem
