@@ -59,9 +59,9 @@ def compare(
     what differs in profile, versions, device and calibration. What both have in common, such as one
     gain or the same weights, does not count as a difference.
     """
+    from hdbench.comparison import compare_runs, comparison_csv
     from hdbench.errors import UsageError
     from hdbench.records import write_atomic
-    from hdbench.comparison import compare_runs, comparison_csv
 
     if csv_file and html_file and csv_file.resolve() == html_file.with_suffix(".csv").resolve():
         raise UsageError(
