@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test check venv dev coverage-campaign blind bench faults faults-all firmware-check formats import-formats bench-import real docs clean
+.PHONY: demo test check venv dev coverage-campaign blind bench faults faults-all firmware-check formats import-formats bench-import real wheel docs clean
 
 demo: $(VENV)/.installed
 	$(BIN)/hdbench demo
@@ -69,6 +69,11 @@ import-formats: formats
 $(VENV)/.formats: $(VENV)/.dev
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable ".[dev,logs]" mcap netCDF4 polars XlsxWriter
 	touch $@
+
+# Sdist and wheel: built, looked into, installed into a bare environment and used there. `cibuildwheel` builds the
+# wheels of all three systems by [tool.cibuildwheel] of pyproject.toml.
+wheel: $(VENV)/.dev
+	$(BIN)/python tools/wheel.py
 
 # Reading a million rows of each format, beside the library alone.
 bench-import: $(VENV)/.formats

@@ -28,7 +28,7 @@ from typing import Any
 import numpy as np
 
 from hdbench.devices.daq import DaqSettings
-from hdbench.devices.node.blocks import BlockHeader, encode_block, encode_scans, seal_block
+from hdbench.devices.emulator.machine import BlockHeader, encode_block, encode_scans, seal_block
 from hdbench.devices.node.driver import REPLY_CHARACTERS, REQUEST_CHARACTERS
 from hdbench.devices.node.opening import open_node
 from hdbench.devices.node.registers import block_registers, block_scans

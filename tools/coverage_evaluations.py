@@ -78,11 +78,11 @@ def covered(seed: int, colour: float) -> list[str]:
     output = evaluate_misalignment(turning, _BENCH, scale=scale, filter_model=_FILTER)
     pairs: dict[str, tuple[Quantity, float]] = {
         "gain": (gain, _GAIN_NM_PER_V),
-        "order 2": (two.component.amplitude, truth.order_2[0]),
-        "order 4": (four.component.amplitude, truth.order_4[0]),
+        "order 2": (two.amplitude_nm, truth.order_2[0]),
+        "order 4": (four.amplitude_nm, truth.order_4[0]),
         "misalignment": (output.amplitude_nm, truth.misalignment[0]),
-        "phase 2": (two.component.phase, truth.order_2[1]),
-        "phase 4": (four.component.phase, truth.order_4[1]),
+        "phase 2": (two.phase_rad, truth.order_2[1]),
+        "phase 4": (four.phase_rad, truth.order_4[1]),
         "phase misalignment": (output.phase_rad, truth.misalignment[1]),
     }
     found = []

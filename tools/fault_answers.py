@@ -13,15 +13,10 @@ from fault_kit import Row
 from polled_faults import TABLE, CountingDevice
 
 from hdbench.devices.daq import DaqSettings
+from hdbench.devices.emulator.machine import BlockHeader, encode_block, encode_scans, seal_block
 from hdbench.devices.modbus.layout import place_of
 from hdbench.devices.modbus.outputs import Outputs
-from hdbench.devices.node.blocks import (
-    BlockHeader,
-    BlockReader,
-    encode_block,
-    encode_scans,
-    seal_block,
-)
+from hdbench.devices.node.blocks import BlockReader
 from hdbench.devices.node.registers import block_registers, block_scans
 from hdbench.errors import HdbenchError
 

@@ -126,11 +126,10 @@ def _tried(
 
 
 def _judge(out: Path, count: int, code: int, words: str, stays: bool) -> tuple[int, str]:
-    from hdbench.records.journal import read_journal
-    from hdbench.records.recovery import acknowledged
+    from hdbench.records.journal import summarize_journal
 
     journal = next(iter(out.glob("*/journal.hdj")), None)
-    kept = acknowledged(read_journal(journal), "samples") if journal else 0
+    kept = summarize_journal(journal).samples if journal else 0
     lost = max(0, count - kept)
     manifest = next(iter(out.glob("*/run.json")), None)
     status = json.loads(manifest.read_text())["status"] if manifest else "none"

@@ -27,7 +27,7 @@ from fault_kit import Row, in_time, short_profile
 from spoilt_line import in_thread
 
 from hdbench.devices.emulator.machine import NodeMachine
-from hdbench.devices.emulator.node import NodeCore, NodeDevice
+from hdbench.devices.emulator.node import NodeCore
 from hdbench.devices.emulator.parameters import identity_values, limit_values
 from hdbench.devices.emulator.server import ModbusServer
 from hdbench.devices.node.registers import Capability
@@ -134,7 +134,7 @@ def unsimulated(profile: Path) -> Iterator[tuple[str, list[float]]]:
     identity["capabilities"] = int(identity["capabilities"]) & ~int(Capability.SIMULATED)
     machine = NodeMachine(bench, pace="realtime", clock=time.monotonic, record=record)
     core = NodeCore(machine, identity=identity, limits=limit_values(data), clock=time.monotonic)
-    server = ModbusServer(NodeDevice(core))
+    server = ModbusServer(core)
     with in_thread(server, server.open()) as address:
         yield address, speeds
 

@@ -13,8 +13,7 @@ from pathlib import Path
 
 from fault_kit import RUN_S, Row, Run, ServedBench, acknowledging, begin, in_time, short_profile
 
-from hdbench.records.journal import read_journal
-from hdbench.records.recovery import acknowledged
+from hdbench.records.journal import summarize_journal
 
 __all__ = ["freezes", "kills", "limits", "load", "lost_guards", "races", "signals"]
 
@@ -37,7 +36,7 @@ def _lost(run: Run, counter: acknowledging) -> int:
     journal = None if folder is None else folder / "journal.hdj"
     if journal is None or not journal.exists():
         return counter.count
-    return max(0, counter.count - acknowledged(read_journal(journal), "samples"))
+    return max(0, counter.count - summarize_journal(journal).samples)
 
 
 def _moving(bench: ServedBench, run: Run) -> bool:

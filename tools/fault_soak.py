@@ -29,9 +29,7 @@ from hdbench.devices.bench import AcquisitionSettings
 from hdbench.devices.host import HostedBench, host_settings
 from hdbench.devices.node.opening import open_node
 from hdbench.filter import preset
-from hdbench.records.journal import JournalWriter
-from hdbench.records.journalreading import iter_journal
-from hdbench.records.streaming import survey_samples
+from hdbench.records.journal import JournalReader, JournalWriter, survey_samples
 from hdbench.session.recorder import TraceRecorder
 
 PERIOD_S = 1e-3
@@ -80,7 +78,7 @@ def check(path: Path, n_samples: int) -> tuple[int, int]:
     """Return samples in the journal, and how many are missing or not what the node sampled."""
     volts = reply_faults.PROFILE.daq.range_v / 32768
     rows = wrong = 0
-    for block in iter_journal(path):
+    for block in JournalReader(path):
         if block.kind != "samples":
             continue
         found = block.columns

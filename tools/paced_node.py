@@ -18,7 +18,7 @@ from pathlib import Path
 
 from linefaults.paced import PacedLine
 
-from hdbench.devices.emulator.node import NodeDevice, build_core
+from hdbench.devices.emulator.node import build_core
 from hdbench.devices.pymodbusparts import DecodePDU, FramerRTU
 from hdbench.devices.wire.address import parse_address
 
@@ -31,7 +31,7 @@ class _Firmware:
     """Implements `linefaults.paced.Device`."""
 
     def __init__(self) -> None:
-        self._device = NodeDevice(build_core(CountingBench(), PROFILE, 0, pace="fast"))
+        self._device = build_core(CountingBench(), PROFILE, 0, pace="fast")
         self._framer = FramerRTU(DecodePDU(True))
         self._buffer = b""
 

@@ -22,7 +22,7 @@ import numpy as np
 from linefaults.faults import FaultKind, Mangler, RtuFraming, TcpFraming
 
 from hdbench.devices.daq import DaqSettings, ScanBlock
-from hdbench.devices.emulator.node import NodeDevice, build_core
+from hdbench.devices.emulator.node import build_core
 from hdbench.devices.emulator.server import ModbusServer
 from hdbench.devices.node.driver import NodeDaq
 from hdbench.devices.node.opening import open_node
@@ -138,7 +138,7 @@ def wrong_samples(block: ScanBlock) -> int:
 def served(wire: str) -> Iterator[str]:
     """Serve a counting node in a thread; yields its address."""
     core = build_core(CountingBench(), PROFILE, 0, pace="fast")
-    server = ModbusServer(NodeDevice(core), wire)
+    server = ModbusServer(core, wire)
     with in_thread(server, server.open()) as address:
         yield address
 

@@ -8,7 +8,7 @@ from typing import Any
 from hdbench.calibration.metrology import Metrology
 from hdbench.calibration.readings import TakenReading
 from hdbench.profile.calibrating import ShuntCheck
-from hdbench.records.loadssequence import SequenceEntry
+from hdbench.records.loads import SequenceEntry
 
 __all__ = ["course_dict", "sequence_deviations", "shunt_dict"]
 

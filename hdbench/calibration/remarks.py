@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from hdbench.calibration.lines import ExperimentLine
 from hdbench.calibration.readings import TakenReading, flagged
 from hdbench.calibration.torque.applied import TorqueAccount
-from hdbench.estimation.channel import DataFlag
+from hdbench.results import DataFlag
 
 __all__ = ["doubts_of", "notes_of"]
 

@@ -14,10 +14,10 @@ from hdbench.calibration.metrologydict import metrology_dict
 from hdbench.calibration.montecarlo import MonteCarlo
 from hdbench.calibration.readings import TakenReading
 from hdbench.calibration.readingsout import reading_dict
-from hdbench.estimation.channel import DataFlag
 from hdbench.profile.schema import ProfileData
-from hdbench.records.loadssequence import SequenceEntry
+from hdbench.records.loads import SequenceEntry
 from hdbench.records.quantity import Quantity
+from hdbench.results import DataFlag
 
 __all__ = ["CalibrationResult"]
 
@@ -132,8 +132,8 @@ class CalibrationResult:
             **self._declared(),
             "sequence": [entry.to_dict() for entry in self.sequence],
             "readings": [reading_dict(taken) for taken in self.readings],
-            "flags": [flag.to_dict() for flag in self.flags],
-            "notes": [note.to_dict() for note in self.notes],
+            "flags": [flag.to_json() for flag in self.flags],
+            "notes": [note.to_json() for note in self.notes],
             "n_samples": self.n_samples,
         }
 

@@ -148,19 +148,15 @@ class Bench(Protocol):
     @property
     def simulation(self) -> Simulation | None:
         """Control channel of a simulated bench."""
-        ...
 
     def identity(self) -> Identity:
         """Return who answers."""
-        ...
 
     def configure(self, settings: AcquisitionSettings) -> None:
         """Write the parameter block and the watchdog time, and read both back."""
-        ...
 
     def start(self) -> None:
         """Start sampling and, with a reference, the motion."""
-        ...
 
     def read_block(self) -> Block | None:
         """Acknowledge the previous block and return the next; None when none is ready yet.
@@ -168,19 +164,15 @@ class Bench(Protocol):
         A block that is not `running` and has no `depth` is the last one. A call after it returns an
         empty one again. After an empty answer the next call waits a little by itself.
         """
-        ...
 
     def stop(self) -> None:
         """Stop the acquisition normally; samples already taken can still be read."""
-        ...
 
     def safe_state(self) -> SafeState:
         """Make the bench safe from any state, twice if need be; never raises."""
-        ...
 
     def close(self) -> None:
         """Close the connection; never raises."""
-        ...
 
 
 class Operator(Protocol):
@@ -188,16 +180,12 @@ class Operator(Protocol):
 
     def confirm_lock(self, *, locked: bool) -> bool:
         """Ask for the wave generator to be locked (or released); True when confirmed."""
-        ...
 
     def set_position(self, position_rad: float, *, index: int, count: int) -> bool:
         """Ask for a flexspline position, rad; True when confirmed."""
-        ...
 
     def hang(self, mass_kg: float, *, direction: str, expected_nm: float, step: str) -> bool:
         """Ask for `mass_kg` on the arm for `direction` (``cw`` or ``ccw``); True when done."""
-        ...
 
     def confirm_motion(self, description: str) -> bool:
         """Ask whether the motor may move; True when it may."""
-        ...

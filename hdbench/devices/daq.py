@@ -5,7 +5,7 @@ from __future__ import annotations
 import unicodedata
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal, NoReturn, Protocol, runtime_checkable
+from typing import Literal, NoReturn, Protocol
 
 from numpy import bool_
 from numpy.typing import NDArray
@@ -24,7 +24,6 @@ __all__ = [
     "InputInfo",
     "InputsOnly",
     "OutputInfo",
-    "Repeating",
     "Role",
     "ScanBlock",
     "WatchdogInfo",
@@ -297,15 +296,12 @@ class Daq(Protocol):
 
     def capabilities(self) -> Capabilities:
         """Return what the device can do; asks the device once at most."""
-        ...
 
     def identity(self) -> Identity:
         """Return who answers, control characters removed; raises if it is not the device meant."""
-        ...
 
     def claim(self) -> None:
         """Become the one host that may write, where the device knows sessions."""
-        ...
 
     def configure(self, settings: DaqSettings) -> float:
         """Write everything but motion, read it back, and return the actual sample period, s.
@@ -313,11 +309,9 @@ class Daq(Protocol):
         The watchdog's time is written here where the device arms it by itself at the start.
         Settings kept in flash are written only where they differ.
         """
-        ...
 
     def start(self) -> None:
         """Start sampling; a device with a generator starts the motion with the first scan."""
-        ...
 
     def read_block(self) -> ScanBlock | None:
         """Acknowledge the previous block and return the next; None when none is ready yet.
@@ -326,11 +320,9 @@ class Daq(Protocol):
         an empty one again. After an empty answer the next call waits a little by itself. A device
         whose watchdog is fed by a heartbeat in the block exchange is fed by this call.
         """
-        ...
 
     def stop(self) -> None:
         """Stop sampling, and the device's own generator; scans already taken can still be read."""
-        ...
 
     def write_output(self, name: str, value: float) -> float:
         """Write an output within its limits and return what is read back, V.
@@ -338,27 +330,21 @@ class Daq(Protocol):
         A value outside the range is refused with an error, never clipped. A read-back that differs
         by more than one `OutputInfo.step` is an error, too.
         """
-        ...
 
     def enable(self, *, on: bool) -> bool:
         """Switch the drive's enable line and return what is read back."""
-        ...
 
     def arm_watchdog(self, time_s: float) -> float:
         """Set the watchdog's time, start it, and return the time read back, s."""
-        ...
 
     def feed_watchdog(self) -> None:
         """Feed it once. Called by the control thread only, after its checks."""
-        ...
 
     def watchdog(self) -> WatchdogState:
         """Return its state as read from the device."""
-        ...
 
     def clear_watchdog(self) -> None:
         """Clear a latched trip, and disarm; outputs stay safe."""
-        ...
 
     def snapshot(self) -> Mapping[Role, float]:
         """Return one reading of the channels at this moment, outside of an acquisition.
@@ -366,7 +352,6 @@ class Daq(Protocol):
         Units as in `ROLE_UNITS`; a device with a speed of its own gives ``tacho`` in V by the
         profile's scale. Empty where the device cannot.
         """
-        ...
 
     def safe_state(self) -> SafeState:
         """Stop, reference zero, enable off, all read back; from any state, never raises.
@@ -374,11 +359,9 @@ class Daq(Protocol):
         `SafeState.velocity_rad_s` is None where the device does not measure the motor's speed; its
         standstill is confirmed elsewhere then.
         """
-        ...
 
     def close(self) -> None:
         """Close the connection; never raises."""
-        ...
 
 
 class InputsOnly:
@@ -431,16 +414,6 @@ class InputsOnly:
         )
 
 
-@runtime_checkable
-class Repeating(Protocol):
-    """A driver that counts what it sends again."""
-
-    @property
-    def repeats(self) -> int:
-        """Requests that were sent again so far."""
-        ...
-
-
 def repeats_of(daq: object) -> int:
     """Return how many requests a driver has sent again so far; 0 where it does not count."""
-    return daq.repeats if isinstance(daq, Repeating) else 0
+    return int(getattr(daq, "repeats", 0))

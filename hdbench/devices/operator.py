@@ -133,7 +133,7 @@ class _Fixture:
 class SimulatedOperator:
     """Does at once what a person would be asked to do, without error but for chosen mistakes.
 
-    Implements `hdbench.devices.bench.Operator` and `hdbench.session.calibrating.Hands`.
+    Implements `hdbench.devices.bench.Operator`; in a calibration it moves things, too.
 
     Parameters
     ----------

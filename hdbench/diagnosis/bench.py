@@ -10,7 +10,9 @@ from typing import Any
 import numpy as np
 
 from hdbench.diagnosis.answer.testable import testable
-from hdbench.diagnosis.inspection import ChannelFacts, Inspection, Log, inspect_log
+from hdbench.diagnosis.inspection import inspect_log
+from hdbench.diagnosis.inspection.log import Log
+from hdbench.diagnosis.inspection.result import ChannelFacts, Inspection
 from hdbench.errors import DataError
 from hdbench.model import catalogue, motion_from_trace
 from hdbench.profile import Profile, load_profile, new_profile, parse_profile

@@ -17,13 +17,11 @@ from hdbench.diagnosis.discovery.record import Record, prepare_record
 from hdbench.diagnosis.discovery.rest import residual_nm, whitened_nm
 from hdbench.diagnosis.discovery.search import Search, search
 from hdbench.diagnosis.discovery.term import Term
-from hdbench.diagnosis.faults import (
-    Inspected,
-    ResidualFaults,
-    coarse_steps,
-    faults_of_residual,
-    inspect_channels,
-)
+from hdbench.diagnosis.faults.converter import coarse_steps
+from hdbench.diagnosis.faults.fault import Inspected
+from hdbench.diagnosis.faults.inspection import inspect_channels
+from hdbench.diagnosis.faults.residual import ResidualFaults, faults_of_residual
+from hdbench.diagnosis.inspection.channel import same_noise
 from hdbench.model import BenchModel, Cause, catalogue
 from hdbench.model.motion import torque_from_trace
 from hdbench.profile import Profile
@@ -51,8 +49,6 @@ _DITHERS = (0.02, 0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.5)
 _UNFADED = 0.999
 # causes down to this part of the materiality line are looked for
 _MINOR = 0.1
-# a torque of which a current explains all but this share of the variance was made of that current
-_OWN_SHARE = 1e-3
 
 
 @dataclass(frozen=True, slots=True)
@@ -227,13 +223,7 @@ def _without_own_current(inspected: Inspected, profile: Profile) -> Inspected:
     trace = inspected.trace
     if "motor_current_a" not in trace or inspected.reason:
         return inspected
-    torque = torque_from_trace(trace, profile.data)
-    both = np.column_stack([torque, trace["motor_current_a"]])
-    good = np.isfinite(both).all(axis=1)
-    if good.sum() < _SAMPLES_PER_COEFFICIENT or not both[good].std(axis=0).all():
-        return inspected
-    like = float(np.corrcoef(both[good].T)[0, 1])
-    if 1.0 - like**2 > _OWN_SHARE:
+    if not same_noise(torque_from_trace(trace, profile.data), trace["motor_current_a"]):
         return inspected
     kept = {k: v for k, v in trace.columns.items() if k != "motor_current_a"}
     derived = (*inspected.derived, ("torque_nm", "motor_current_a"))

@@ -11,7 +11,8 @@ from hdbench.diagnosis.answer.filtergain import filter_gain
 from hdbench.diagnosis.answer.result import Diagnosis
 from hdbench.diagnosis.answer.tables import code_map, write_pictures, write_table
 from hdbench.diagnosis.dynamic import diagnose_trace
-from hdbench.diagnosis.inspection import Inspection, inspect_trace
+from hdbench.diagnosis.inspection import inspect_trace
+from hdbench.diagnosis.inspection.result import Inspection
 from hdbench.diagnosis.part import MOST_SAMPLES, Part, part_of
 from hdbench.diagnosis.planning import Proposal, plan_for_result, write_plan
 from hdbench.diagnosis.static import diagnose_loads

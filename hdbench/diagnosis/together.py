@@ -38,7 +38,7 @@ from hdbench.diagnosis.dynamic import (
     with_early,
     without_spikes,
 )
-from hdbench.diagnosis.faults import ResidualFaults
+from hdbench.diagnosis.faults.residual import ResidualFaults
 from hdbench.errors import DataError
 from hdbench.model import BenchModel, Cause
 from hdbench.profile import Profile

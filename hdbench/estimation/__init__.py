@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from hdbench.estimation.channel import DataFlag, data_flags, stretch_starts, torque_channel
+from hdbench.estimation.channel import data_flags, stretch_starts, torque_channel
 from hdbench.estimation.harmonics import (
     Harmonic,
     combine,
@@ -19,7 +19,6 @@ from hdbench.estimation.whitening import whiten
 
 __all__ = [
     "FALSE_ALARM_LEVEL",
-    "DataFlag",
     "Harmonic",
     "Line",
     "LineFit",

@@ -2,43 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
 from hdbench.errors import DataError
 from hdbench.profile.schema import ProfileData
-from hdbench.records.scale import TorqueScale
+from hdbench.records.quantity import TorqueScale
 from hdbench.records.trace import FloatArray, Trace
+from hdbench.results.parts import DataFlag
 
-__all__ = ["DataFlag", "data_flags", "stretch_starts", "torque_channel"]
+__all__ = ["data_flags", "stretch_starts", "torque_channel"]
 
 # a step of time above this many median periods is a gap: jitter of a foreign log stays below
 _GAP_PERIODS = 2.5
-
-
-@dataclass(frozen=True, slots=True)
-class DataFlag:
-    """Why part of a record is doubtful.
-
-    Parameters
-    ----------
-    name : str
-        What was found, e.g. ``gap`` or ``saturation``.
-    samples : int
-        How many samples it concerns.
-    detail : str
-        One line for a person, with numbers and units.
-    """
-
-    name: str
-    samples: int
-    detail: str
-
-    def to_dict(self) -> dict[str, object]:
-        """Return the flag as results store it."""
-        return {"name": self.name, "samples": self.samples, "detail": self.detail}
 
 
 def torque_channel(trace: Trace, scale: TorqueScale) -> FloatArray:

@@ -96,15 +96,6 @@ class NoiseModel:
         spread = (slope @ root.T) * self.innovation_std
         return float(np.max(np.einsum("wk,wk->w", spread, spread))) / self.n_samples
 
-    def to_dict(self) -> dict[str, object]:
-        """Return order, coefficients and innovation as a JSON-able object."""
-        return {
-            "order": self.order,
-            "coefficients": [float(a) for a in self.coefficients],
-            "innovation_std": self.innovation_std,
-            "n_samples": self.n_samples,
-        }
-
 
 def run_positions(
     valid: NDArray[np.bool_], starts: NDArray[np.bool_] | None = None

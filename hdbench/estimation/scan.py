@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
-from hdbench.estimation.harmonics import Harmonic, scaled
+from hdbench.estimation.harmonics import Harmonic
 from hdbench.records.trace import FloatArray
 
 __all__ = ["NEIGHBOUR_RESOLUTIONS", "Domain", "Line", "strongest_line"]
@@ -51,28 +51,6 @@ class Line:
     false_alarm_probability: float
     component: Harmonic | None = None
     equivalent: float | None = None
-
-    def scaled(self, relative_std: float, dof: float | None) -> Line:
-        """Return the line with the relative uncertainty of the torque's scale added."""
-        if self.component is None:
-            return self
-        amplitude = scaled(self.component.amplitude, relative_std, dof)
-        return replace(self, component=replace(self.component, amplitude=amplitude))
-
-    def to_dict(self) -> dict[str, object]:
-        """Return the line as results store it."""
-        here, there = "order", "frequency_hz"
-        if self.domain == "frequency":
-            here, there = there, here
-        body: dict[str, object] = {
-            here: self.location,
-            there: self.equivalent,
-            "false_alarm_probability": self.false_alarm_probability,
-        }
-        if self.component is not None:
-            body["amplitude_nm"] = self.component.amplitude.to_dict()
-            body["phase_rad"] = self.component.phase.to_dict()
-        return body
 
 
 def _false_alarm(power: float, width: float) -> float:

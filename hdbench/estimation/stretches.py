@@ -42,14 +42,6 @@ class SteadyStretch:
     to_s: float
     velocity_rad_s: float
 
-    def to_dict(self) -> dict[str, float]:
-        """Return times and velocity as results store them."""
-        return {
-            "from_s": self.from_s,
-            "to_s": self.to_s,
-            "motor_velocity_rad_s": self.velocity_rad_s,
-        }
-
 
 def smooth(time_s: FloatArray, values: FloatArray, window_s: float = _SMOOTH_S) -> FloatArray:
     """Return a moving average; missing samples are bridged for the average only."""

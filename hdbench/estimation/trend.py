@@ -42,16 +42,6 @@ class Trend:
     direction: bool = False
     output: bool = False
 
-    def to_dict(self) -> dict[str, object]:
-        """Return the choice with its rule, as results store it."""
-        return {
-            "degree": self.degree,
-            "direction_offset": self.direction,
-            "output_sinusoid": self.output,
-            "rule": "offset by direction, sinusoid of the output angle, polynomial in time; each "
-            "kept while the BIC of the residual with autoregressive noise falls",
-        }
-
 
 @dataclass(frozen=True, slots=True)
 class SlowMotion:

@@ -7,17 +7,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from hdbench.errors import DataError
-from hdbench.filter.channels import Channels
-from hdbench.filter.compare import butterworth_lowpass
 from hdbench.filter.model import FilterModel
 from hdbench.filter.online import OnlineFilter
 from hdbench.filter.smoothing import motor_angle, smooth_channels
+from hdbench.filter.traces import Channels
 from hdbench.records import FloatArray
 
-__all__ = ["Comparison", "Contender", "compare_filters"]
+__all__ = ["Comparison", "Contender", "butterworth_lowpass", "compare_filters"]
 
 _SETTLE_SHARE = 0.25  # of the record is left to the filters to settle, at most 20 s
 _SETTLE_S = 20.0
@@ -93,6 +92,64 @@ class Comparison:
             "from_s": self.from_s,
             "rows": [row.to_dict() for row in self.contenders],
         }
+
+
+def butterworth_lowpass(
+    torque_nm: ArrayLike, *, sample_period_s: float, cutoff_hz: float, order: int
+) -> FloatArray:
+    """Low-pass the torque causally, the report's comparison for its filter.
+
+    Parameters
+    ----------
+    torque_nm : array_like, shape (n,)
+        Torque, N m. From a NaN on, no output is known: those samples stay NaN.
+    sample_period_s : float
+        Sampling period, s, > 0, taken as uniform.
+    cutoff_hz : float
+        -3 dB frequency, Hz, in (0, half the sampling frequency).
+    order : int
+        Order of the low-pass, 1 to 8.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        Low-passed torque, N m, started in the steady state of the first sample.
+
+    Raises
+    ------
+    DataError
+        If the period, cut-off or order is out of its domain.
+
+    Notes
+    -----
+    Second-order sections of the bilinear Butterworth design, run forward only, so its delay is
+    the one a control loop would see.
+
+    References
+    ----------
+    .. [1] S. Butterworth, "On the theory of filter amplifiers", Wireless Engineer 7 (1930).
+    """
+    if not 0.0 < sample_period_s < math.inf or not 0.0 < cutoff_hz < 0.5 / sample_period_s:
+        raise DataError(
+            f"cut-off {cutoff_hz!r} Hz at a sampling period of {sample_period_s!r} s; needed: "
+            "above 0 and below half the sampling frequency",
+            where="filter.butterworth_cutoff_hz",
+            fix="lower the cut-off",
+        )
+    if not 1 <= order <= 8:
+        raise DataError(
+            f"order {order!r}; needed: 1 to 8",
+            where="filter.butterworth_order",
+            fix="choose a low-pass order from 1 to 8",
+        )
+    from scipy.signal import butter, sosfilt, sosfilt_zi
+
+    torque = np.asarray(torque_nm, dtype=np.float64)
+    if torque.size == 0:
+        return torque.copy()
+    sections = butter(order, cutoff_hz, fs=1.0 / sample_period_s, output="sos")
+    filtered, _ = sosfilt(sections, torque, zi=sosfilt_zi(sections) * torque[0])
+    return np.asarray(filtered, dtype=np.float64)
 
 
 def compare_filters(

@@ -9,9 +9,9 @@ import numpy as np
 
 from hdbench.errors import DataError
 from hdbench.estimation import SpectrumPeak, amplitude_spectrum, find_peaks
-from hdbench.filter.channels import Channels
-from hdbench.filter.layout import USABLE
+from hdbench.filter.kalman import USABLE
 from hdbench.filter.smoothing import motor_angle
+from hdbench.filter.traces import Channels
 from hdbench.records import FloatArray
 
 __all__ = ["OrderMap", "OrderSpectrum", "order_map", "order_spectrum"]

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hdbench.filter.kalman import BLOCK, MODEL_HEADER, PRIOR, new_state, pack, run
 from hdbench.filter.model import FilterModel
 from hdbench.filter.steady import SteadyFilter, steady_filter
 from hdbench.records import FloatArray
 
-__all__ = ["Notch", "Passed", "Response", "filter_response"]
+__all__ = ["Injection", "Notch", "Passed", "Response", "filter_response", "inject"]
 
 _HALF_POWER = math.sqrt(0.5)
 _PASSED_HZ = (0.0, 0.5, 1.0, 2.0, 5.0, 10.0)
@@ -215,3 +217,55 @@ def _half_power(steady: SteadyFilter, hz: float, room: float) -> float | None:
         gain = float(abs(steady.transfer(np.array([hz + side * middle]))[0]))
         low, high = (low, middle) if gain >= _HALF_POWER else (middle, high)
     return hz + side * high
+
+
+@dataclass(frozen=True, slots=True)
+class Injection:
+    """A sinusoid sent through the running filter, beside the algebra.
+
+    Parameters
+    ----------
+    frequency_hz : float
+        Frequency, Hz.
+    measured, algebra : float
+        ``|H|`` by injection and by the steady gain.
+    """
+
+    frequency_hz: float
+    measured: float
+    algebra: float
+
+
+def inject(
+    model: FilterModel,
+    velocity_rad_s: float,
+    sample_period_s: float,
+    frequency_hz: Sequence[float],
+    *,
+    samples: int = 60_000,
+) -> tuple[Injection, ...]:
+    """Send sinusoids through the running filter and measure what comes out.
+
+    Notes
+    -----
+    The recursion starts at its steady variances, so that its gain is soon the steady one; what its
+    states have not forgotten by the second half is left in the answer.
+    """
+    steady = steady_filter(model, velocity_rad_s, sample_period_s)
+    packed = pack(model)
+    # no gate, and the steady variances as the prior
+    packed[6], packed[8] = 0.0, 1.0
+    prior = np.maximum(np.diag(steady.covariance).reshape(-1, 2), 0.0)
+    packed[MODEL_HEADER:].reshape(-1, BLOCK)[:, PRIOR : PRIOR + 2] = prior
+    time = np.arange(samples) * sample_period_s
+    velocity = np.full(samples, velocity_rad_s)
+    found = []
+    for hz in frequency_hz:
+        angle = 2.0 * math.pi * hz * time
+        block = run(packed, new_state(packed), time, velocity, np.cos(angle))
+        late = slice(samples // 2, samples)
+        basis = np.stack((np.cos(angle), np.sin(angle)), axis=1)[late, : 2 if hz > 0.0 else 1]
+        fit = np.linalg.lstsq(basis, block.torque_filtered_nm[late], rcond=None)[0]
+        algebra = float(abs(steady.transfer(np.array([hz]))[0]))
+        found.append(Injection(hz, float(np.hypot.reduce(fit)), algebra))
+    return tuple(found)

@@ -8,11 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from hdbench.errors import DataError
-from hdbench.filter.assemble import state_space
-from hdbench.filter.channels import Channels
-from hdbench.filter.kalman import smooth
-from hdbench.filter.layout import USABLE
+from hdbench.filter.kalman import USABLE, pack, smooth
 from hdbench.filter.model import FilterModel
+from hdbench.filter.traces import Channels
 from hdbench.records import FloatArray
 
 __all__ = ["OrderWave", "SmoothedTorque", "motor_angle", "smooth_channels"]
@@ -112,10 +110,9 @@ def smooth_channels(model: FilterModel, channels: Channels) -> SmoothedTorque:
             where=channels.source,
             fix="record the torque and velocity channels",
         )
-    space = state_space(model)
     try:
         found = smooth(
-            space,
+            pack(model),
             channels.time_s,
             channels.velocity_rad_s,
             channels.torque_nm,

@@ -9,8 +9,8 @@ import numpy as np
 
 from hdbench.errors import DataError, UsageError
 from hdbench.importing.trace import Part
-from hdbench.records.loadsfile import LOADS_COLUMNS
-from hdbench.records.table import quoted
+from hdbench.records.loads import LOADS_COLUMNS
+from hdbench.records.tables import quoted
 from hdbench.records.trace import FloatArray
 
 __all__ = ["loads_lines"]

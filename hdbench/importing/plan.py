@@ -21,10 +21,10 @@ from hdbench.importing.source import Asked, Source
 from hdbench.importing.stated import own_time, since_1904, told_by_file
 from hdbench.importing.text import ForeignFormat
 from hdbench.importing.trace import Joined, Part, joined_trace
-from hdbench.records.loadsfile import LOADS_COLUMNS, LOADS_OPTIONAL, ArmLike, read_loads
+from hdbench.records.loads import LOADS_COLUMNS, LOADS_OPTIONAL
 from hdbench.records.provenance import write_provenance
 from hdbench.records.storage import publish, staged_path, write_atomic
-from hdbench.records.tracefile import TRACE_COLUMNS, read_trace, write_trace
+from hdbench.records.tables import TRACE_COLUMNS, ArmLike, read_loads, read_trace, write_trace
 
 __all__ = ["ImportPlan", "ImportReport", "import_files", "known_columns"]
 

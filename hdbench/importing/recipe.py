@@ -17,7 +17,7 @@ from hdbench.importing.plan import ImportPlan, known_columns
 from hdbench.importing.source import Asked
 from hdbench.importing.text import ForeignFormat
 from hdbench.records.storage import write_new
-from hdbench.records.textfile import read_text
+from hdbench.records.tables import read_text
 
 __all__ = ["Recipe", "read_recipe", "write_recipe"]
 
@@ -161,7 +161,7 @@ def _bad(path: Path, key: str, what: str, fix: str) -> DataError:
 def read_recipe(path: Path) -> Recipe:
     """Read a recipe."""
     try:
-        body = tomllib.loads(read_text(path, "recipe", keep_bom=False))
+        body = tomllib.loads(read_text(path, "recipe"))
     except (tomllib.TOMLDecodeError, RecursionError) as error:
         raise DataError(
             f"not valid TOML: {error}", where=str(path), fix="correct it, or make it again by --map"

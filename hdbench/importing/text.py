@@ -27,7 +27,7 @@ from hdbench.importing.layout import (
 )
 from hdbench.importing.source import PIECE_ROWS, Channel, Piece, Source, damaged, told_apart
 from hdbench.importing.units import stated_unit
-from hdbench.records.textfile import data_error
+from hdbench.records.tables import data_error
 
 __all__ = ["CellTable", "CellsSource", "ForeignFormat", "open_text"]
 

@@ -80,24 +80,6 @@ _BRAKING_S = 1.0
 class SimulatedBench:
     """Drive, load, sensor and converter behind a node's registers.
 
-    Parameters
-    ----------
-    profile : ProfileData
-        The bench.
-    plant : PlantSpec
-        What it has beyond its model.
-    seed : int
-        Chooses noise, effects and the gain by position; at least 0.
-    model : BenchModel, optional
-        An extended model to emulate in place of the profile's.
-
-    Raises
-    ------
-    UsageError
-        If `seed` is negative.
-
-    Notes
-    -----
     Every acquisition begins with the wave generator and the load standing at their home marks:
     motor angle, output angle and encoder count are 0 at its first sample, and phases refer to it.
     Equations, sources and assumptions stand in ``docs/plant.md``.

@@ -20,19 +20,7 @@ BelowOne = Annotated[float, "at least 0, below 1"]
 
 @dataclass(frozen=True, slots=True)
 class PlantMotion:
-    """True motion of the bench at the integration steps, each array of one shape.
-
-    Parameters
-    ----------
-    time_s : ndarray
-        Time since the start of the acquisition, s; negative before it.
-    motor_angle_rad, motor_velocity_rad_s : ndarray
-        Wave generator, rad and rad/s.
-    output_angle_rad, output_velocity_rad_s : ndarray
-        Load, rad and rad/s (motor over gear ratio).
-    transmitted_nm : ndarray
-        Torque through the flexspline before any effect, N m.
-    """
+    """True motion of the bench at the integration steps, each array of one shape."""
 
     time_s: FloatArray
     motor_angle_rad: FloatArray
@@ -55,17 +43,6 @@ class Effect:
 class AsymmetricFriction(Effect):
     """Friction that the output bearing has more of forward than backward.
 
-    Parameters
-    ----------
-    coulomb_difference_nm : float
-        Dry friction, forward less backward, halved, N m.
-    viscous_difference_nm_s_per_rad : float
-        Slope over the output speed, forward less backward, halved, N m s/rad.
-    transition_rad_s : float
-        Output speed at which the dry part has half its level, rad/s, above 0.
-
-    Notes
-    -----
     T = coulomb_difference v^2 / (v^2 + transition^2) + viscous_difference abs(v), v the output
     speed: both directions push the torque the same way.
     """
@@ -86,19 +63,6 @@ class AsymmetricFriction(Effect):
 class Cogging(Effect):
     """Torque between the magnets and the slots of the motor.
 
-    Parameters
-    ----------
-    order : float
-        Periods per motor turn, a whole number.
-    amplitude_nm : float
-        Amplitude of the first harmonic, N m.
-    phase_rad : float
-        Phase at motor angle 0, rad.
-    decay : float
-        Each harmonic over the one before, at least 0, below 1.
-
-    Notes
-    -----
     With x = order theta_m + phase and r the decay, the sum over k of r^(k - 1) cos(k x) is
     (cos x - r) / (1 - 2 r cos x + r^2).
     """
@@ -117,17 +81,7 @@ class Cogging(Effect):
 
 @dataclass(frozen=True, slots=True)
 class TransmissionError(Effect):
-    """A recorded motor angle that wanders about that of the wave generator; no torque of its own.
-
-    Parameters
-    ----------
-    order : float
-        Cycles per output turn, above 0; the gear ratio for once per motor turn.
-    amplitude_rad : float
-        Largest error of the motor angle, rad.
-    phase_rad : float
-        Phase at output angle 0, rad.
-    """
+    """A recorded motor angle that wanders about the true one; no torque of its own."""
 
     order: AboveZero
     amplitude_rad: AtLeastZero
@@ -158,17 +112,6 @@ def encoder_error_rad(
 class OutputFriction(Effect):
     """Friction of the output bearing, the only friction that the sensor carries.
 
-    Parameters
-    ----------
-    coulomb_nm : float
-        Level far above the transition, N m, at least 0.
-    viscous_nm_s_per_rad : float
-        Slope over the output speed, N m s/rad, at least 0.
-    transition_rad_s : float
-        Output speed at which the Coulomb part has half its level, rad/s, above 0.
-
-    Notes
-    -----
     T = coulomb (2/pi) atan(v / transition) + viscous v, v the output speed.
     """
 
@@ -185,17 +128,7 @@ class OutputFriction(Effect):
 
 @dataclass(frozen=True, slots=True)
 class MotorOrder(Effect):
-    """A component that turns with the wave generator: amplitude cos(order theta_m + phase).
-
-    Parameters
-    ----------
-    order : float
-        Cycles per motor turn, above 0; need not be whole.
-    amplitude_nm : float
-        Amplitude, N m.
-    phase_rad : float
-        Phase at motor angle 0, rad.
-    """
+    """A component that turns with the wave generator: amplitude cos(order theta_m + phase)."""
 
     order: AboveZero
     amplitude_nm: AtLeastZero
@@ -208,17 +141,7 @@ class MotorOrder(Effect):
 
 @dataclass(frozen=True, slots=True)
 class OutputOrder(Effect):
-    """A component that turns with the load: amplitude cos(order theta_o + phase).
-
-    Parameters
-    ----------
-    order : float
-        Cycles per output turn, above 0. Order 2 is angular misalignment.
-    amplitude_nm : float
-        Amplitude, N m.
-    phase_rad : float
-        Phase at output angle 0, rad.
-    """
+    """A component that turns with the load: amplitude cos(order theta_o + phase)."""
 
     order: AboveZero
     amplitude_nm: AtLeastZero
@@ -231,18 +154,7 @@ class OutputOrder(Effect):
 
 @dataclass(frozen=True, slots=True)
 class Tone(Effect):
-    """A component that follows the clock: amplitude cos(2 pi f t + phase).
-
-    Parameters
-    ----------
-    frequency_hz : float
-        Frequency, Hz, above 0.
-    amplitude_nm : float
-        Amplitude, N m.
-    phase_rad : float or None
-        Phase at the start of the acquisition, rad; None for a new one in every acquisition,
-        because nothing starts in step with the mains.
-    """
+    """A component that follows the clock: amplitude cos(2 pi f t + phase)."""
 
     frequency_hz: AboveZero
     amplitude_nm: AtLeastZero
@@ -256,13 +168,7 @@ class Tone(Effect):
 
 @dataclass(frozen=True, slots=True)
 class GainError(Effect):
-    """A share of the transmitted torque that reads too much.
-
-    Parameters
-    ----------
-    fraction : float
-        Relative error, 1.
-    """
+    """A share of the transmitted torque that reads too much."""
 
     fraction: float
 
@@ -273,15 +179,7 @@ class GainError(Effect):
 
 @dataclass(frozen=True, slots=True)
 class ZeroStep(Effect):
-    """A zero that jumps once in every acquisition.
-
-    Parameters
-    ----------
-    at_s : float
-        Time since the start of the acquisition, s.
-    size_nm : float
-        Height, N m.
-    """
+    """A zero that jumps once in every acquisition."""
 
     at_s: AtLeastZero
     size_nm: float
@@ -293,13 +191,7 @@ class ZeroStep(Effect):
 
 @dataclass(frozen=True, slots=True)
 class ZeroDrift(Effect):
-    """A zero that runs away steadily, from 0 at the start of every acquisition.
-
-    Parameters
-    ----------
-    rate_nm_per_s : float
-        Slope, N m/s.
-    """
+    """A zero that runs away steadily, from 0 at the start of every acquisition."""
 
     rate_nm_per_s: float
 
@@ -310,17 +202,7 @@ class ZeroDrift(Effect):
 
 @dataclass(frozen=True, slots=True)
 class ToothBump(Effect):
-    """A damaged tooth: a Gaussian bump at one place of every output turn.
-
-    Parameters
-    ----------
-    center_rad : float
-        Output angle of the tooth, rad.
-    width_rad : float
-        Standard deviation of the bump on the output angle, rad, above 0.
-    height_nm : float
-        Height, N m.
-    """
+    """A damaged tooth: a Gaussian bump at one place of every output turn."""
 
     center_rad: float
     width_rad: AboveZero

@@ -26,17 +26,6 @@ GAIN_HARMONICS = 24
 class PositionGain:
     r"""Gain of the sensor by flexspline position: a random function without a single cause.
 
-    Parameters
-    ----------
-    mean_nm_per_v : float
-        Average over the whole turn, N m/V.
-    spread : float
-        Standard deviation over positions, share of the average.
-    cosine, sine : ndarray, shape (GAIN_HARMONICS,)
-        Standard normal coefficients.
-
-    Notes
-    -----
     :math:`G(\varphi) = G_0 [1 + c \, g(\varphi)]`,
     :math:`g = H^{-1/2} \sum_{h=1}^{H} a_h \cos h \varphi + b_h \sin h \varphi`, H = 24. There is no
     h = 0 term, so the average over the turn is :math:`G_0` for every seed; at any position g is
@@ -63,19 +52,7 @@ class PositionGain:
 
 @dataclass(frozen=True, slots=True)
 class Settling:
-    """How a weight that was just hung comes to rest.
-
-    Parameters
-    ----------
-    bounce_hz, bounce_damping : float
-        Frequency, Hz, and damping ratio of arm and weight on the flexspline.
-    swing_rad : float
-        Angle at which the weight starts to swing, rad.
-    pendulum_m : float
-        Length of the hanger, m.
-    swing_decay_s : float
-        Time constant of the swing, s.
-    """
+    """How a weight that was just hung comes to rest."""
 
     bounce_hz: float
     bounce_damping: float
@@ -88,19 +65,6 @@ class Settling:
 class ArmLoad:
     r"""Torque of arm and weight since the weight was last changed.
 
-    Parameters
-    ----------
-    before_nm, after_nm : float
-        Torque before and after the change, N m; cw positive.
-    gravity_m_s2 : float
-        Local gravity, m/s^2.
-    settling : Settling
-        Transient.
-    release_s : float
-        Time after the change at which the weight is taken off again, s.
-
-    Notes
-    -----
     The arm bounces as a second-order system with the damping ratio z,
     :math:`T = T_1 + (T_0 - T_1) e^{-z \omega t} (\cos \omega_d t + z / \sqrt{1 - z^2}
     \sin \omega_d t)`, and the weight swings as a pendulum: its vertical force goes as
@@ -146,21 +110,7 @@ class ArmLoad:
 
 @dataclass(frozen=True, slots=True)
 class Mount:
-    """State of lock, arm and weight.
-
-    Parameters
-    ----------
-    locked : bool
-        Whether the wave generator is locked and the arm mounted.
-    position_rad : float
-        Flexspline position under the standing wave generator, rad.
-    gain_nm_per_v : float
-        Gain of the sensor in this clamping, N m/V.
-    load : ArmLoad
-        Torque of arm and weight.
-    since_s : float
-        Acquisition time at which the weight was changed, s.
-    """
+    """State of lock, arm and weight."""
 
     locked: bool
     position_rad: float
@@ -187,19 +137,7 @@ def shunt_volts(profile: ProfileData, shunt_ohm: float) -> float:
 
 
 class Fixture:
-    """What is mounted now.
-
-    Parameters
-    ----------
-    arm : Arm
-        The profile's table.
-    spec : FixtureSpec
-        The plant's table.
-    gain : PositionGain
-        Gain of the sensor by position.
-    stream : callable
-        ``stream(number)`` gives the random generator of that clamping.
-    """
+    """What is mounted now."""
 
     def __init__(
         self,

@@ -88,15 +88,6 @@ _TICK_S = 1e-6
 class LockedCauses:
     """Causes of an extended model under the weights that were hung since the lock was closed.
 
-    Parameters
-    ----------
-    model : BenchModel
-        An extended model.
-    profile : ProfileData
-        The bench.
-
-    Notes
-    -----
     Each weight counts with its torque at rest, from the time at which it was hung. A new position
     or direction is a new clamping, at which nothing that remembers is carried over.
     """
@@ -172,15 +163,7 @@ def _extended(values: FloatArray, last: float, count: int) -> FloatArray:
 
 
 class ModelCauses:
-    """Causes of the model that an emulated bench follows.
-
-    Parameters
-    ----------
-    model : BenchModel or None
-        An extended model; None has no causes.
-    profile : ProfileData
-        The bench with the model's baseline.
-    """
+    """Causes of the model that an emulated bench follows."""
 
     def __init__(self, model: BenchModel | None, profile: ProfileData) -> None:
         self._model = model

@@ -41,15 +41,7 @@ class _Table(BaseModel):
 
 
 class Draw(_Table):
-    """A number that the seed chooses: ``{ min, max }`` uniform, ``{ any_of }``, or a plain one.
-
-    Parameters
-    ----------
-    min, max : float or None
-        Ends of a range, unit of the key.
-    any_of : tuple of float
-        Values of which one is chosen, unit of the key.
-    """
+    """A number that the seed chooses: ``{ min, max }`` uniform, ``{ any_of }``, or a plain one."""
 
     min: float | None = None
     max: float | None = None
@@ -166,36 +158,14 @@ else:
 
 
 class MotorSpec(_Table):
-    """Friction at the motor shaft: in the current, not in the torque channel behind the mesh.
-
-    Parameters
-    ----------
-    coulomb_nm : float
-        Dry friction, N m, at least 0.
-    viscous_nm_s_per_rad : float
-        Slope over the motor speed, N m s/rad, at least 0.
-    """
+    """Friction at the motor shaft: in the current, not in the torque channel behind the mesh."""
 
     coulomb_nm: NonNegative = 0.02
     viscous_nm_s_per_rad: NonNegative = 5e-5
 
 
 class FixtureSpec(_Table):
-    """Lock, arm and weights.
-
-    Parameters
-    ----------
-    repeatability : float
-        Standard deviation of the gain between clampings at one place, share.
-    bounce_hz, bounce_damping : float
-        Frequency, Hz, and damping ratio of arm and weight on the flexspline.
-    swing_rad : float
-        Angle at which a weight that was just hung starts to swing, rad.
-    pendulum_m : float
-        Length of the hanger, m.
-    swing_decay_s : float
-        Time constant of the swing, s.
-    """
+    """Lock, arm and weights."""
 
     repeatability: Annotated[float, Field(ge=0.0, le=0.1)] = 5e-4
     bounce_hz: PositiveFloat = 12.0
@@ -206,21 +176,7 @@ class FixtureSpec(_Table):
 
 
 class PlantFile(_Table):
-    """One plant file.
-
-    Parameters
-    ----------
-    name, description : str
-        What it is called, and one line about it.
-    minimum_effects : int
-        How many effects the seed chooses at least.
-    motor : MotorSpec
-        Friction at the motor shaft.
-    fixture : FixtureSpec
-        Lock, arm and weights.
-    effects : tuple of EffectSpec
-        What may reach the torque channel beyond the model.
-    """
+    """One plant file."""
 
     name: Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9._-]{0,63}$")]
     description: str = ""
@@ -245,19 +201,7 @@ _PACKAGE = "hdbench_profiles"
 
 @dataclass(frozen=True, slots=True)
 class PlantSpec:
-    """A checked plant file.
-
-    Parameters
-    ----------
-    data : PlantFile
-        What the file says.
-    text : str
-        The file as it was read.
-    sha256 : str
-        SHA-256 of that text in UTF-8, hexadecimal.
-    source : str
-        Where it came from.
-    """
+    """A checked plant file."""
 
     data: PlantFile
     text: str

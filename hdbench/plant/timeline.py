@@ -34,13 +34,7 @@ from hdbench.records.trace import FloatArray
 
 
 class ReferenceLine:
-    """One output that holds its value for a sampling period.
-
-    Parameters
-    ----------
-    values_v : ndarray, shape (n,)
-        Value of every hold from 0 on, V; the last one stays. At least one.
-    """
+    """One output that holds its value for a sampling period."""
 
     def __init__(self, values_v: FloatArray) -> None:
         self._values_v = values_v
@@ -100,21 +94,7 @@ MOTOR_FRICTION_TRANSITION_RAD_S = 1.0
 
 @dataclass(frozen=True, slots=True)
 class AnalogueChannels:
-    """What the node's inputs see, in volts, for a given motion.
-
-    Parameters
-    ----------
-    profile : ProfileData
-        The bench.
-    bridge : GaugeBridge
-        Strain gauges and amplifier.
-    mesh_ripple : tuple of HarmonicParameters
-        The profile's ripple that is torque and not misplaced gauges.
-    motor : MotorSpec
-        Friction at the motor shaft.
-    effects : tuple of Effect
-        What the plant has beyond its model.
-    """
+    """What the node's inputs see, in volts, for a given motion."""
 
     profile: ProfileData
     bridge: GaugeBridge
@@ -198,17 +178,7 @@ BLOCK_HOLDS = 64
 
 @dataclass(frozen=True, slots=True)
 class TrueSamples:
-    """Filtered channels and latched values, without noise.
-
-    Parameters
-    ----------
-    volts : ndarray, shape (3, n)
-        Torque, tacho and current channel, V.
-    angle_rad : ndarray, shape (n,)
-        Wave-generator angle at the time stamps, rad.
-    reference_v : ndarray, shape (n,)
-        Motor reference that is put out from the time stamp on, V.
-    """
+    """Filtered channels and latched values, without noise."""
 
     volts: FloatArray
     angle_rad: FloatArray
@@ -218,24 +188,6 @@ class TrueSamples:
 class Timeline:
     """Samples of one acquisition, in pieces of any size.
 
-    Parameters
-    ----------
-    channels : AnalogueChannels
-        From motion to volts.
-    sample_period_s : float
-        Sampling period, s; the reference is held for one period (the generator's clock).
-    reference_v : ndarray, shape (n,)
-        Reference for every sample, V; its last value stays until `stop`. At least one value.
-    mount : Mount
-        Lock, arm and weight at the start.
-    start : tuple of float, optional
-        Angle, rad, and speed, rad/s, at the start; the bench has had this speed before.
-    host_written : bool, optional
-        Whether `write` changes the reference while samples are taken; nothing is then computed
-        ahead.
-
-    Notes
-    -----
     Time 0 is the first sample; before it the bench stands at its home mark. The node hands out a
     sample when its filter has seen the `HALF_LENGTH_SAMPLES` periods after it; so an interruption
     after n samples takes effect that much after the last of them.

@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 
 from hdbench.estimation.channel import torque_channel
+from hdbench.evaluation import evaluate
 from hdbench.filter import filter_trace, load_filter_model
 from hdbench.profile import Profile, load_profile
 from hdbench.profile.scaling import rescaled
 from hdbench.records import TorqueScale, Trace
 from hdbench.records.jsonfile import result_header
-from hdbench.records.loadsfile import read_loads
-from hdbench.records.tracefile import read_trace
+from hdbench.records.tables import read_loads, read_trace
 from hdbench.regression.case import Case
 
 __all__ = ["evaluate_case"]
@@ -54,19 +54,12 @@ def _dynamic(case: Case, profile: Profile, trace: Trace, scale: TorqueScale) -> 
     if case.kind == "diagnosis":
         return _diagnosis(case, profile, _in_nm(trace, scale), header)
     model = load_filter_model(case.filter_name or profile.data.filter.model, profile.data)
-    if case.kind == "misalignment":
-        from hdbench.misalignment import evaluate_misalignment
-
-        return evaluate_misalignment(trace, profile.data, scale=scale, filter_model=model).to_dict(
-            header
-        )
-    if case.kind == "ripple":
-        from hdbench.ripple import Stretch, evaluate_ripple
+    if case.kind != "filter":
+        from hdbench.ripple import Stretch
 
         stretch = Stretch(**case.options) if case.options else None
-        return evaluate_ripple(
-            trace, profile.data, scale=scale, filter_model=model, stretch=stretch
-        ).to_dict(header)
+        found = evaluate(case.kind, trace, profile, scale=scale, model=model, stretch=stretch)
+        return found.to_json()
     filtered = filter_trace(
         _in_nm(trace, scale),
         model,

@@ -5,10 +5,17 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from hdbench.report.beyond import beyond_tables, with_beyond
-from hdbench.report.elements import KeyNumber, Picture, Table, Verdict
-from hdbench.report.keynumbers import key_numbers, value_of
-from hdbench.report.numbers import plain, short, with_std
+from hdbench.report.extralines import extra_line_tables, with_extra_lines
+from hdbench.report.numbers import short, value_of, with_std
+from hdbench.report.pagemodel import (
+    KeyNumber,
+    Picture,
+    Table,
+    Verdict,
+    filled,
+    key_numbers,
+    make_table,
+)
 from hdbench.report.source import Source
 
 __all__ = ["numbers", "pictures", "summary", "tables", "verdict"]
@@ -27,7 +34,7 @@ def verdict(result: Mapping[str, Any]) -> Verdict:
         found = Verdict("good", f"Misalignment {words}, below the 2 N·m of a careful assembly.")
     else:
         found = Verdict("look", f"Misalignment {words}, above the 2 N·m of a careful assembly.")
-    return with_beyond(found, result)
+    return with_extra_lines(found, result)
 
 
 def summary(result: Mapping[str, Any], _source: Source) -> str:
@@ -55,22 +62,13 @@ def summary(result: Mapping[str, Any], _source: Source) -> str:
 
 def numbers(result: Mapping[str, Any], run_id: str) -> tuple[KeyNumber, ...]:
     """Return amplitude, phase and what the filter leaves."""
+    before, after = (result.get(key, {}).get("peak_to_peak_nm") for key in ("before", "after"))
     rows = (
         (result.get("peak_to_peak_nm"), "misalignment, peak to peak", "peak_to_peak_nm", "N m"),
         (result.get("amplitude_nm"), "misalignment, amplitude", "amplitude_nm", "N m"),
         (result.get("phase_rad"), "misalignment, phase", "phase_rad", "rad"),
-        (
-            result.get("before", {}).get("peak_to_peak_nm"),
-            "peak to peak before the filter",
-            "before.peak_to_peak_nm",
-            "N m",
-        ),
-        (
-            result.get("after", {}).get("peak_to_peak_nm"),
-            "peak to peak after the filter",
-            "after.peak_to_peak_nm",
-            "N m",
-        ),
+        (before, "peak to peak before the filter", "before.peak_to_peak_nm", "N m"),
+        (after, "peak to peak after the filter", "after.peak_to_peak_nm", "N m"),
         (result.get("motor_velocity_rad_s"), "motor velocity", "motor_velocity_rad_s", "rad/s"),
         (result.get("output_turns"), "output turns", "output_turns", ""),
         (result.get("mean_torque_nm"), "mean torque", "mean_torque_nm", "N m"),
@@ -80,9 +78,8 @@ def numbers(result: Mapping[str, Any], run_id: str) -> tuple[KeyNumber, ...]:
 
 def pictures(source: Source, prefix: str, doubts: list[str]) -> tuple[Picture, ...]:
     """Draw the signature and what the filter makes of it."""
-    from hdbench.report.figures_filter import filter_picture, signature_picture
-    from hdbench.report.signals import make_signals
-    from hdbench.report.steady import steady_stretch
+    from hdbench.report.signals import make_signals, steady_stretch
+    from hdbench.report.torquefigures import filter_picture, signature_picture
 
     signals = make_signals(source, doubts)
     if signals is None:
@@ -90,33 +87,29 @@ def pictures(source: Source, prefix: str, doubts: list[str]) -> tuple[Picture, .
     drawn = [signature_picture(signals, source.result, f"{prefix}-signature")]
     if signals.own is not None and source.profile is not None:
         steady = steady_stretch(signals, source.profile.data.ripple.steady_tolerance)
-        drawn.append(
-            filter_picture(
-                signals, signals.own, None, steady, f"{prefix}-filter", figure_number="11"
-            )
-        )
+        name = f"{prefix}-filter"
+        drawn.append(filter_picture(signals, signals.own, None, steady, name, figure_number="11"))
     return tuple(picture for picture in drawn if picture is not None)
 
 
 def tables(result: Mapping[str, Any]) -> tuple[Table, ...]:
     """List the stretches and the ripple fitted beside."""
-    stretches = tuple(
+    stretches = make_table(
+        "Stretches evaluated",
         (
-            f"{float(item['from_s']):.2f} to {float(item['to_s']):.2f}",
-            plain(item.get("motor_velocity_rad_s", item.get("velocity_rad_s"))),
-            plain(item.get("output_turns")),
-            plain(item.get("offset_nm")),
-        )
-        for item in result.get("stretches", ())
+            ("time (s)", lambda x: f"{float(x['from_s']):.2f} to {float(x['to_s']):.2f}"),
+            (
+                "motor velocity (rad/s)",
+                lambda x: x.get("motor_velocity_rad_s", x.get("velocity_rad_s")),
+            ),
+            ("output turns", lambda x: x.get("output_turns")),
+            ("zero (N·m)", lambda x: x.get("offset_nm")),
+        ),
+        result.get("stretches", ()),
     )
-    ripple = tuple(
-        (plain(item["order"]), plain(item["amplitude_nm"])) for item in result.get("ripple", ())
+    ripple = make_table(
+        "Ripple fitted at the same time",
+        (("motor order", "order"), ("amplitude (N·m)", "amplitude_nm")),
+        result.get("ripple", ()),
     )
-    found = []
-    if stretches:
-        head = ("time (s)", "motor velocity (rad/s)", "output turns", "zero (N·m)")
-        found.append(Table("Stretches evaluated", head, stretches))
-    if ripple:
-        head2 = ("motor order", "amplitude (N·m)")
-        found.append(Table("Ripple fitted at the same time", head2, ripple))
-    return (*found, *beyond_tables(result))
+    return (*filled(stretches, ripple), *extra_line_tables(result))

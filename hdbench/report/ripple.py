@@ -7,18 +7,24 @@ from typing import Any
 
 import numpy as np
 
-from hdbench.report.beyond import beyond_tables, beyond_words, with_beyond
-from hdbench.report.elements import KeyNumber, Picture, Table, Verdict
-from hdbench.report.keynumbers import key_numbers, value_of
-from hdbench.report.numbers import plain, short, with_std
-from hdbench.report.signals import Signals, make_signals, window
+from hdbench.estimation.stretches import SteadyStretch
+from hdbench.report.extralines import extra_line_tables, extra_line_words, with_extra_lines
+from hdbench.report.numbers import short, value_of, with_std
+from hdbench.report.pagemodel import (
+    KeyNumber,
+    Picture,
+    Table,
+    Verdict,
+    key_numbers,
+    make_table,
+)
+from hdbench.report.signals import Signals, make_signals, steady_stretch
 from hdbench.report.source import Source
-from hdbench.report.steady import Steady, steady_stretch
 
-__all__ = ["numbers", "pictures", "summary", "suppression_at", "tables", "verdict"]
+__all__ = ["numbers", "pictures", "summary", "tables", "verdict"]
 
 
-def suppression_at(result: Mapping[str, Any], order: float) -> float | None:
+def _suppression(result: Mapping[str, Any], order: float) -> float | None:
     """Return what the filter takes away at a motor order, dB, or None where it is not known."""
     for entry in result.get("suppression_db", ()):
         if float(entry["order"]) == order and entry["suppression_db"] is not None:
@@ -31,14 +37,14 @@ def verdict(result: Mapping[str, Any]) -> Verdict:
     parts, weakest = [], None
     for line in result.get("ripple", ()):
         order = float(line["order"])
-        db = suppression_at(result, order)
+        db = _suppression(result, order)
         tail = "" if db is None else f" (filter takes {db:.0f} dB)"
         parts.append(f"{with_std(line['amplitude_nm'])} N·m at {order:g}x{tail}")
         weakest = db if weakest is None or (db is not None and db < weakest) else weakest
     words = f"Ripple {', '.join(parts)}." if parts else "No ripple was evaluated."
     # a filter that leaves more than half of a ripple (6 dB) does not do its work
     passed = bool(parts) and (weakest is None or weakest > 6.0)
-    return with_beyond(Verdict("good" if passed else "look", words), result)
+    return with_extra_lines(Verdict("good" if passed else "look", words), result)
 
 
 def summary(result: Mapping[str, Any], _source: Source) -> str:
@@ -59,9 +65,9 @@ def summary(result: Mapping[str, Any], _source: Source) -> str:
     filtered = value_of(result, "torque_rms_nm", "filtered")
     if measured is not None and filtered is not None:
         text += f"The filter brings the torque from {measured:.3f} to {filtered:.3f} N·m rms. "
-    others = beyond_words(result)
+    others = extra_line_words(result)
     if others:
-        text += f"Beyond the two known orders stand out: {'; '.join(others)}. "
+        text += f"Beyond the two known orders stand out: {others}. "
     return text
 
 
@@ -70,25 +76,12 @@ def numbers(result: Mapping[str, Any], run_id: str) -> tuple[KeyNumber, ...]:
     rows: list[tuple[Any, str, str, str]] = []
     for line in result.get("ripple", ()):
         order = f"{float(line['order']):g}"
+        key, name = f"ripple[order={order}]", f"ripple {order}x"
+        taken = _suppression(result, float(line["order"]))
         rows += [
-            (
-                line["amplitude_nm"],
-                f"ripple {order}x, amplitude",
-                f"ripple[order={order}].amplitude_nm",
-                "N m",
-            ),
-            (
-                line["phase_rad"],
-                f"ripple {order}x, phase",
-                f"ripple[order={order}].phase_rad",
-                "rad",
-            ),
-            (
-                suppression_at(result, float(line["order"])),
-                f"suppression at {order}x",
-                f"suppression_db[{order}]",
-                "dB",
-            ),
+            (line["amplitude_nm"], f"{name}, amplitude", f"{key}.amplitude_nm", "N m"),
+            (line["phase_rad"], f"{name}, phase", f"{key}.phase_rad", "rad"),
+            (taken, f"suppression at {order}x", f"suppression_db[{order}]", "dB"),
         ]
     rms, speed = result.get("torque_rms_nm", {}), result.get("motor_velocity_rad_s", {})
     rows += [
@@ -101,64 +94,61 @@ def numbers(result: Mapping[str, Any], run_id: str) -> tuple[KeyNumber, ...]:
 
 def pictures(source: Source, prefix: str, doubts: list[str]) -> tuple[Picture, ...]:
     """Draw torque, velocity, spectrum, and what two filters make of the torque."""
-    from hdbench.report.figures_filter import filter_picture
-    from hdbench.report.figures_spectrum import ripple_picture
+    from hdbench.report.torquefigures import filter_picture, ripple_picture
 
     signals = make_signals(source, doubts)
     if signals is None:
         return ()
     # without a profile: what "almost flat" is on the bench of CIM-TR-97-06
     tolerance = 0.02 if source.profile is None else source.profile.data.ripple.steady_tolerance
-    spectrum = source.result.get("spectrum")
-    body = spectrum if isinstance(spectrum, Mapping) else {}
-    steady = _stored_stretch(body, signals) or steady_stretch(signals, tolerance)
+    spectrum = source.result.get("spectrum") or {}
+    steady = _stored_stretch(spectrum, signals) or steady_stretch(signals, tolerance)
     drawn = []
     if steady is None:
         doubts.append("Nothing turns steadily: no power spectrum is drawn.")
     else:
-        peaks = body.get("peaks") or _known_orders(steady.velocity_rad_s)
+        speed = abs(steady.velocity_rad_s)
+        peaks = spectrum.get("peaks") or [
+            {"name": f"{order}x", "angular_frequency_rad_s": order * speed} for order in (2, 4)
+        ]
         drawn.append(ripple_picture(signals, steady, peaks, f"{prefix}-spectrum"))
     cutoff = None if source.profile is None else source.profile.data.filter.butterworth_cutoff_hz
-    if signals.fourth is not None:
-        drawn.append(
-            filter_picture(
-                signals, signals.fourth, cutoff, steady, f"{prefix}-fourth", figure_number="9"
+    for filtered, lowpass_hz, part, number in (
+        (signals.fourth, cutoff, "fourth", "9"),
+        (signals.own, None, "own", "11"),
+    ):
+        if filtered is not None:
+            name = f"{prefix}-{part}"
+            drawn.append(
+                filter_picture(signals, filtered, lowpass_hz, steady, name, figure_number=number)
             )
-        )
-    if signals.own is not None:
-        drawn.append(
-            filter_picture(signals, signals.own, None, steady, f"{prefix}-own", figure_number="11")
-        )
     return tuple(drawn)
 
 
-def _stored_stretch(body: Mapping[str, Any], signals: Signals) -> Steady | None:
+def _stored_stretch(spectrum: Mapping[str, Any], signals: Signals) -> SteadyStretch | None:
     """Return the stretch that the result names, or None where samples are missing in it."""
-    if not {"from_s", "to_s", "motor_velocity_rad_s"} <= body.keys():
+    keys = ("from_s", "to_s", "motor_velocity_rad_s")
+    if not spectrum.keys() >= set(keys):
         return None
-    steady = Steady(float(body["from_s"]), float(body["to_s"]), float(body["motor_velocity_rad_s"]))
-    inside = signals.torque_nm[window(signals.time_s, steady.from_s, steady.to_s - steady.from_s)]
+    from_s, to_s, velocity = (float(spectrum[key]) for key in keys)
+    part = signals.during(from_s, to_s)
+    inside = signals.torque_nm[part]
     # a spectrum needs samples without a gap, and at least 16 of them
-    return steady if len(inside) >= 16 and np.isfinite(inside).all() else None
-
-
-def _known_orders(velocity_rad_s: float) -> list[dict[str, Any]]:
-    speed = abs(velocity_rad_s)
-    return [
-        {"name": f"{order:g}x", "angular_frequency_rad_s": order * speed} for order in (2.0, 4.0)
-    ]
+    if len(inside) < 16 or not np.isfinite(inside).all():
+        return None
+    return SteadyStretch(part.start, part.stop, from_s, to_s, velocity)
 
 
 def tables(result: Mapping[str, Any]) -> tuple[Table, ...]:
     """List the orders, and lines beyond them."""
-    rows = tuple(
+    ripple = make_table(
+        "Ripple",
         (
-            plain(float(line["order"])),
-            plain(line["amplitude_nm"]),
-            plain(line["phase_rad"]),
-            plain(suppression_at(result, float(line["order"]))),
-        )
-        for line in result.get("ripple", ())
+            ("motor order", lambda line: float(line["order"])),
+            ("amplitude (N·m)", "amplitude_nm"),
+            ("phase (rad)", "phase_rad"),
+            ("suppression (dB)", lambda line: _suppression(result, float(line["order"]))),
+        ),
+        result.get("ripple", ()),
     )
-    head = ("motor order", "amplitude (N·m)", "phase (rad)", "suppression (dB)")
-    return (Table("Ripple", head, rows), *beyond_tables(result))
+    return (ripple, *extra_line_tables(result))

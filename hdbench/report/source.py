@@ -11,10 +11,9 @@ from hdbench.errors import DataError, nothing_stored
 from hdbench.profile import Profile, parse_profile
 from hdbench.records import Loads, Trace
 from hdbench.records.jsonfile import read_json, sha256_file
-from hdbench.records.loadsfile import is_loads_file, read_loads
 from hdbench.records.recovery import resolve_input
 from hdbench.records.runfolder import RunFolder
-from hdbench.records.tracefile import read_trace
+from hdbench.records.tables import is_loads_file, read_loads, read_trace
 
 __all__ = ["Source", "load_source"]
 
@@ -30,27 +29,8 @@ _STATUS = {
 class Source:
     """One run as the report needs it.
 
-    Parameters
-    ----------
-    path : Path
-        The run folder or the file.
-    kind : str
-        ``calibration``, ``misalignment``, ``ripple``, ``diagnosis``; ``trace`` or ``loads`` for
-        data without a result.
-    run_id : str
-        Name of the run or of the file.
-    manifest : mapping
-        Content of ``run.json``; empty for a file.
-    result : mapping
-        Content of ``result.json``; empty where there is none.
-    trace : Trace or None
-        Sampled channels.
-    loads : Loads or None
-        Static readings.
-    profile : Profile or None
-        The bench.
-    doubts : tuple of str
-        Why the run is incomplete or its data doubtful, one sentence each.
+    `kind` is ``trace`` or ``loads`` for data without a result; `manifest` is the content of
+    ``run.json`` and `result` that of ``result.json``, both empty where there is none.
     """
 
     path: Path

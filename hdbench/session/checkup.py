@@ -23,8 +23,6 @@ from hdbench.profile.validity import calibration_time
 from hdbench.records import list_runs
 from hdbench.records.jsonfile import read_json
 
-__all__ = ["Finding", "check_bench", "check_calibration", "check_computer", "check_ports"]
-
 _MIB = 2.0**20
 _NEEDED_MIB = 200.0  # ten runs of ten minutes at 1 kHz are about that
 # the year in which this was written: a clock before it was never set
@@ -35,19 +33,7 @@ _LATENCY_MS = 2
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One line.
-
-    Parameters
-    ----------
-    name : str
-        What was looked at.
-    ok : bool
-        Whether it is as it must be.
-    found : str
-        What was found.
-    fix : str
-        How to mend or better it; empty where nothing is to do.
-    """
+    """One line."""
 
     name: str
     ok: bool

@@ -9,18 +9,17 @@ from pathlib import Path
 from typing import Any
 
 from hdbench.errors import DataError
+from hdbench.evaluation import evaluate as evaluate_record
 from hdbench.filter import FilterModel, build_filter_model
 from hdbench.profile import Profile
 from hdbench.profile.scaling import rescaled, stored_scale
 from hdbench.profile.validity import measured_utc
 from hdbench.records import Loads, TorqueScale, Trace
 from hdbench.records.jsonfile import read_json, result_header, write_json
-from hdbench.records.loadsfile import is_loads_file, read_loads
-from hdbench.records.parquetfile import PARQUET
 from hdbench.records.provenance import input_identity, provenance_path
 from hdbench.records.recovery import resolve_input
 from hdbench.records.runfolder import RunFolder
-from hdbench.records.tracefile import read_trace, write_trace
+from hdbench.records.tables import PARQUET, is_loads_file, read_loads, read_trace, write_trace
 from hdbench.ripple import Stretch
 from hdbench.session.doubts import channel_doubts, sign_doubts
 from hdbench.session.filters import TUNED, choose_filter, tune_traces
@@ -90,49 +89,27 @@ def evaluate(
         If the data are of another kind or cannot be evaluated.
     """
     if isinstance(records, Loads) != (kind == "calibration"):
-        found = "loads" if isinstance(records, Loads) else "a trace"
+        given = "loads" if isinstance(records, Loads) else "a trace"
         needed = "loads" if kind == "calibration" else "a trace"
         raise DataError(
-            f"found {found}; {kind} needs {needed}",
+            f"found {given}; {kind} needs {needed}",
             where=records.source,
             fix="name a file of the other kind, or use the command for this one",
         )
-    result = {
-        **_result(kind, records, profile, scale, model, stretch),
-        "run": run,
-        "doubts": list(doubts),
-    }
-    return Evaluation(result, records, _fed(kind, model, result))
-
-
-def _result(
-    kind: str,
-    records: Trace | Loads,
-    profile: Profile,
-    scale: TorqueScale,
-    model: FilterModel,
-    stretch: Stretch | None,
-) -> dict[str, Any]:
-    header = result_header(kind, profile)
+    result: dict[str, Any]
     if isinstance(records, Loads):
         from hdbench.calibration import evaluate_calibration
 
         limit = profile.data.calibration.max_consistency
-        found = evaluate_calibration(
+        loads = evaluate_calibration(
             records, max_consistency=limit, bench=profile.data, monte_carlo_seed=0
         )
-        return found.to_dict(header)
-    if kind == "misalignment":
-        from hdbench.misalignment import evaluate_misalignment
-
-        return evaluate_misalignment(
-            records, profile.data, scale=scale, filter_model=model
-        ).to_dict(header)
-    from hdbench.ripple import evaluate_ripple
-
-    return evaluate_ripple(
-        records, profile.data, scale=scale, filter_model=model, stretch=stretch
-    ).to_dict(header)
+        header = result_header(kind, profile)
+        result = {**loads.to_dict(header), "run": run, "doubts": list(doubts)}
+    else:
+        found = evaluate_record(kind, records, profile, scale=scale, model=model, stretch=stretch)
+        result = replace(found, run=run, doubts=tuple(doubts)).to_json()
+    return Evaluation(result, records, _fed(kind, model, result))
 
 
 def _fed(kind: str, model: FilterModel, result: dict[str, Any]) -> FilterModel:

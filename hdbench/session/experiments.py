@@ -11,9 +11,8 @@ from hdbench.profile import Profile
 from hdbench.profile.scaling import profile_scale, read_calibration
 from hdbench.profile.validity import checked_age
 from hdbench.records import TorqueScale
-from hdbench.records.manifest import utc_now
-from hdbench.records.reserve import keep_reserve
-from hdbench.records.runfolder import RunFolder
+from hdbench.records.runfolder import RunFolder, utc_now
+from hdbench.records.storage import keep_reserve
 from hdbench.session.calibrating.plan import Preset, calibration_plan
 from hdbench.session.calibrating.points import PLAN_NAME, write_points
 from hdbench.session.filters import choose_filter
@@ -23,8 +22,6 @@ from hdbench.session.plans import Plan
 from hdbench.session.run import Run, kept
 from hdbench.session.runner import Progress
 from hdbench.session.stop import listen
-
-__all__ = ["make_plan", "run_experiment"]
 
 
 def make_plan(

@@ -20,7 +20,6 @@ from hdbench.records.trace import Trace
 if TYPE_CHECKING:
     from hdbench.filter import Channels, TuningResult, TuningSettings
 
-__all__ = ["TUNED", "choose_filter", "stored_filter", "trace_channels", "tune_traces"]
 
 # name of the filter that is tuned on the very input
 TUNED = "tuned"

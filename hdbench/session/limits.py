@@ -20,13 +20,7 @@ _MARGIN = 1.001
 
 @dataclass(slots=True)
 class LimitWatch:
-    """Watches one acquisition.
-
-    Parameters
-    ----------
-    limits : Limits
-        Of the profile.
-    """
+    """Watches one acquisition."""
 
     limits: Limits
     start_rad: float = field(default=math.nan, init=False)
@@ -79,15 +73,7 @@ _TURNED_RAD = math.pi
 
 @dataclass(slots=True)
 class SpeedWatch:
-    """Watches one acquisition for a tacho or encoder that stands still while the motor turns.
-
-    Parameters
-    ----------
-    sample_period_s : float
-        Sampling period, s.
-    range_rad_s : float
-        Speed at the end of the tacho channel's range, rad/s.
-    """
+    """Watches one acquisition for a tacho or encoder that stands still while the motor turns."""
 
     sample_period_s: float
     range_rad_s: float
@@ -142,13 +128,6 @@ class SpeedWatch:
 class HeldTorque:
     """Counts torque samples that did not change while the motor made half a turn or more.
 
-    Parameters
-    ----------
-    sample_period_s : float
-        Sampling period, s.
-
-    Notes
-    -----
     Half a turn is a whole period of the ripple of order 2, so a sensor that is connected has to
     move; a flat line shorter than 0.2 s is not counted.
     """

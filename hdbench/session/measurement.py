@@ -6,79 +6,44 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from datetime import datetime
 from pathlib import Path
-from typing import Protocol
 
 from hdbench.devices import SimulatedOperator
 from hdbench.devices.bench import Bench, Identity, Operator, SafeState
 from hdbench.devices.operator import Mistakes
 from hdbench.errors import UsageError
 from hdbench.records import Loads, Trace
-from hdbench.records.attempts import SampleGroup, sample_groups
-from hdbench.records.course import write_course
-from hdbench.records.journal import JournalContent, JournalWriter, read_journal
-from hdbench.records.loadsfile import write_loads
-from hdbench.records.loadssequence import read_sequence
-from hdbench.records.manifest import utc_now
-from hdbench.records.recovery import blocks_trace, journal_loads
-from hdbench.records.runfolder import RunFolder
-from hdbench.records.streaming import JournalSamples, survey_samples
-from hdbench.records.tracefile import write_trace
+from hdbench.records.journal import (
+    JournalContent,
+    JournalSamples,
+    JournalWriter,
+    SampleGroup,
+    all_samples,
+    journal_loads,
+    read_journal,
+    survey_samples,
+    write_sequence,
+)
+from hdbench.records.runfolder import RunFolder, utc_now
+from hdbench.records.tables import read_sequence, write_loads
 from hdbench.session.calibrating.conversation import Conversation, Unattended
 from hdbench.session.calibrating.plausibility import Guard
 from hdbench.session.calibrating.state import CalibrationLog, CalibrationState, Mounting
 from hdbench.session.calibrating.walk import CalibrationWalk
 from hdbench.session.options import Task
 from hdbench.session.plans import Plan
-from hdbench.session.recorder import TraceRecorder, take_over
+from hdbench.session.recorder import TraceRecorder
 from hdbench.session.runner import Runner
-
-
-class Walker(Protocol):
-    """One plan on one open bench."""
-
-    @property
-    def safe(self) -> SafeState | None:
-        """What was read back after making the bench safe; None before that."""
-        ...
-
-    def run(self) -> None:
-        """Walk the plan; the bench is safe afterwards, whatever happened."""
-        ...
-
-    def records(self) -> Trace | Loads | None:
-        """Return what was recorded and counts; None where nothing was."""
-        ...
-
-    def files(self) -> list[Path]:
-        """Write the records and what the run keeps beside them; return the files."""
-        ...
-
-    def doubts(self) -> tuple[str, ...]:
-        """Return reasons to doubt the data."""
-        ...
 
 
 @dataclass(slots=True)
 class MotionWalk:
-    """A run with motion; implements `Walker`.
-
-    Parameters
-    ----------
-    runner : Runner
-        With a recorder.
-    plan : Plan
-        What is walked.
-    folder : RunFolder
-        The run.
-    content : JournalContent or None
-        Journal of earlier sessions of this run.
-    """
+    """A run with motion."""
 
     runner: Runner
     plan: Plan
     folder: RunFolder
     content: JournalContent | None = None
-    _groups: tuple[SampleGroup, ...] = field(default=(), init=False)
+    _earlier: JournalSamples | None = field(default=None, init=False)
 
     @property
     def safe(self) -> SafeState | None:
@@ -87,10 +52,11 @@ class MotionWalk:
 
     def run(self) -> None:
         """Walk the plan but for the acquisitions that earlier sessions completed."""
-        self._groups = () if self.content is None else sample_groups(self.content)
-        if self.runner.recorder is not None:
-            take_over(self.runner.recorder, self._groups)
-        done = {g.step for g in self._groups if g.complete and g.step is not None}
+        done = set()
+        if self.content is not None:
+            self._earlier = all_samples(self.content)
+            self.runner.recorder.take_over(self._earlier)
+            done = {g.step for g in self._earlier.groups if g.complete and g.step is not None}
         self.runner.run(self.plan, done)
 
     def records(self) -> Trace | Loads | None:
@@ -100,10 +66,9 @@ class MotionWalk:
 
     def _samples(self) -> JournalSamples | None:
         """Return what counts of the journal: not what earlier sessions broke off."""
-        recorder = self.runner.recorder
-        if recorder is None or not self.folder.journal.exists():
+        if not self.folder.journal.exists():
             return None
-        broken = {(group.step, group.attempt) for group in self._groups if not group.complete}
+        broken = {(group.step, group.attempt) for group in self._broken_off()}
         found = survey_samples(
             self.folder.journal, lambda group: (group.step, group.attempt) not in broken
         )
@@ -116,18 +81,21 @@ class MotionWalk:
         if samples is not None:
             samples.write(self.folder.trace)
             written.append(self.folder.trace)
-        groups = [group for group in self._groups if not group.complete]
-        for number, group in enumerate(groups, start=1):
+        for number, group in enumerate(self._broken_off(), start=1):
             path = self.folder.path / f"trace-broken-off-{number}.csv"
-            write_trace(path, blocks_trace(group.blocks, str(path)))
+            if self._earlier is not None:
+                self._earlier.only(group).write(path)
             written.append(path)
         return written
+
+    def _broken_off(self) -> list[SampleGroup]:
+        """Return the acquisitions that earlier sessions broke off."""
+        groups = () if self._earlier is None else self._earlier.groups
+        return [group for group in groups if not group.complete]
 
     def doubts(self) -> tuple[str, ...]:
         """Return losses, saturation and a torque that did not change."""
         recorder = self.runner.recorder
-        if recorder is None:
-            return ()
         counted = (
             (recorder.lost, "samples lost"),
             (recorder.saturated, "samples saturated"),
@@ -138,15 +106,7 @@ class MotionWalk:
 
 @dataclass(slots=True)
 class LoadsWalk:
-    """A calibration; implements `Walker`.
-
-    Parameters
-    ----------
-    walk : CalibrationWalk
-        The conversation.
-    folder : RunFolder
-        The run.
-    """
+    """A calibration."""
 
     walk: CalibrationWalk
     folder: RunFolder
@@ -166,12 +126,12 @@ class LoadsWalk:
             return None
         content = read_journal(self.folder.journal)
         loads = journal_loads(content, str(self.folder.loads))
-        course = read_sequence(write_course(self.folder.path, content))
+        course = read_sequence(write_sequence(self.folder.path, content))
         return replace(loads, metadata={**loads.metadata, "sequence": course})
 
     def files(self) -> list[Path]:
         """Write the readings that count, and the course of the calibration."""
-        files = [write_course(self.folder.path, read_journal(self.folder.journal))]
+        files = [write_sequence(self.folder.path, read_journal(self.folder.journal))]
         records = self.records()
         if isinstance(records, Loads):
             write_loads(self.folder.loads, records)
@@ -200,6 +160,9 @@ class LoadsWalk:
             *(f"{count} {what}" for count, what in counted if count),
             *(f"check before the first weight: {flag}" for flag in checks),
         )
+
+
+Walker = MotionWalk | LoadsWalk
 
 
 def make_walker(task: Task, bench: Bench, identity: Identity, journal: JournalWriter) -> Walker:
@@ -237,7 +200,6 @@ def _motion_walk(
         data,
         bench,
         operator,
-        journal,
         task.stop,
         task.progress,
         recorder,

@@ -19,7 +19,7 @@ from hdbench.session.evaluation import Evaluation
 from hdbench.session.plans import Plan
 from hdbench.session.runner import Progress
 from hdbench.session.stop import StopSignals
-from hdbench.session.watching import Unwatched, Watcher
+from hdbench.session.watching import Watcher
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,8 +39,8 @@ class BenchOptions:
     control : str or None
         Control channel of a simulated bench at `address`: a simulated operator sets lock and
         weights there. Its motor moves only with the answer of `operator`, like any other's.
-    realtime : bool
-        Keep real time on the embedded bench.
+    realtime : bool or None
+        Keep real time on the embedded bench; None in a resumed run does as it did before.
     calibration : Path or None
         Calibration whose gain scales the torque.
     allow_expired : bool
@@ -70,7 +70,7 @@ class BenchOptions:
     seed: int = 0
     address: str | None = None
     control: str | None = None
-    realtime: bool = False
+    realtime: bool | None = False
     calibration: Path | None = None
     allow_expired: bool = False
     misalignment: Path | None = None
@@ -81,7 +81,7 @@ class BenchOptions:
     talk: Conversation | None = None
     rehearse: bool = False
     mistakes: tuple[Mistake, ...] = ()
-    watcher: Watcher = field(default_factory=Unwatched)
+    watcher: Watcher = field(default_factory=Watcher)
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,31 +105,7 @@ class RunOutcome:
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """One run.
-
-    Parameters
-    ----------
-    kind : str
-        ``calibration``, ``misalignment`` or ``ripple``.
-    profile : Profile
-        The bench.
-    options : BenchOptions
-        How to run it.
-    plan : Plan
-        A plan within the limits.
-    scale : TorqueScale
-        Gain of the torque.
-    model : FilterModel
-        Filter that runs online.
-    folder : RunFolder
-        Where everything is kept.
-    stop : StopSignals
-        Signals that end the run.
-    progress : callable
-        Told what is going on.
-    content : JournalContent or None
-        Journal of earlier sessions of this run; None for a new one.
-    """
+    """One run."""
 
     kind: str
     profile: Profile

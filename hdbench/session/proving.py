@@ -18,10 +18,9 @@ from hdbench.errors import DeviceError, HdbenchError, UnsafeError, UsageError
 from hdbench.profile import Profile
 from hdbench.profile.schema import ProfileData, ReferenceWave
 from hdbench.session.limits import LimitWatch
+from hdbench.session.recorder import scaled
 from hdbench.session.runner import next_block
 from hdbench.session.stop import StopSignals
-
-__all__ = ["WatchdogProof", "creep_rad_s", "prove_watchdog"]
 
 # a fiftieth of the fastest motion, at least ten times what counts as standing
 _SHARE = 0.02
@@ -36,25 +35,7 @@ _APART_S = 0.1
 
 @dataclass(frozen=True, slots=True)
 class WatchdogProof:
-    """What was seen.
-
-    Parameters
-    ----------
-    proven : bool
-        True where the motor turned, the host fell silent, and the device stopped it by itself.
-    detail : str
-        One line for a person.
-    creep_rad_s : float or None
-        Motor speed before the silence, rad/s; None where it did not turn.
-    watchdog_s : float
-        Time that was set, s.
-    silence_s : float
-        How long the host was silent, s.
-    after_rad_s : float or None
-        Motor speed after it, rad/s; None where it is not measured.
-    safe : SafeState
-        What was read back at the end.
-    """
+    """What was seen."""
 
     proven: bool
     detail: str
@@ -123,20 +104,10 @@ def _creep(data: ProfileData, bench: GuardedBench, stop: StopSignals) -> float:
         block = next_block(bench, stop)
         seen = block.first_index + len(block)
         if len(block):
-            speed = block.tacho_v * data.tacho.gain_rad_s_per_v
-            torque = block.torque_v * data.sensor.gain_nm_per_v
-            rows = {
-                "motor_velocity_rad_s": speed,
-                "torque_nm": torque,
-                "motor_current_a": block.motor_current_a,
-            }
-            limits.check(block, {k: _behind(v, block.lost_before) for k, v in rows.items()})
-            last = float(np.mean(speed))
+            rows = scaled(block, data, data.sensor.gain_nm_per_v)
+            limits.check(block, rows)
+            last = float(np.mean(rows["motor_velocity_rad_s"][block.lost_before :]))
     return last
-
-
-def _behind(values: np.ndarray, lost: int) -> np.ndarray:
-    return np.concatenate((np.full(lost, np.nan), values)) if lost else values
 
 
 def _be_silent(

@@ -3,21 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from hdbench.devices.bench import Operator
-from hdbench.devices.operator import Mistake
 from hdbench.diagnosis.planning.planfile import read_plan
 from hdbench.errors import BusyError, DataError, UsageError
 from hdbench.filter import FilterModel
 from hdbench.profile import Profile, parse_profile
 from hdbench.profile.scaling import profile_scale, stored_scale
 from hdbench.records.journal import JournalContent, JournalWriter
-from hdbench.records.manifest import utc_now, utc_text
-from hdbench.records.runfolder import RunFolder
-from hdbench.session.calibrating.conversation import Conversation
+from hdbench.records.runfolder import RunFolder, utc_now, utc_text
 from hdbench.session.calibrating.plan import sequence_plan
 from hdbench.session.calibrating.points import PLAN_NAME, read_points
 from hdbench.session.experiments import make_plan
@@ -28,7 +24,6 @@ from hdbench.session.plans import Plan
 from hdbench.session.run import Run, kept
 from hdbench.session.runner import Progress
 from hdbench.session.stop import StopSignals, listen
-from hdbench.session.watching import Unwatched, Watcher
 
 
 def stored_profile(folder: RunFolder) -> Profile:
@@ -56,41 +51,7 @@ def stored_table(manifest: Mapping[str, Any], name: str) -> Mapping[str, Any]:
     return found if isinstance(found, Mapping) else {}
 
 
-@dataclass(frozen=True, slots=True)
-class ResumeOptions:
-    """How a run is to go on; everything else stands in its folder.
-
-    Parameters
-    ----------
-    address : str or None
-        Bench controller instead of the run's own.
-    control : str or None
-        Control channel of a simulated bench, as in `BenchOptions`.
-    realtime : bool or None
-        Keep real time on the embedded bench; None does as the run did.
-    operator : Operator or None
-        The person at a run with motion.
-    talk : Conversation or None
-        The person at a calibration.
-    rehearse : bool
-        Ask that person at a simulated bench too, for practice.
-    mistakes : tuple of Mistake
-        What the operator of a simulated bench gets wrong from here on.
-    watcher : Watcher
-        Who looks on while samples come.
-    """
-
-    address: str | None = None
-    control: str | None = None
-    realtime: bool | None = None
-    operator: Operator | None = None
-    talk: Conversation | None = None
-    rehearse: bool = False
-    mistakes: tuple[Mistake, ...] = ()
-    watcher: Watcher = field(default_factory=Unwatched)
-
-
-def resume_run(path: Path, options: ResumeOptions, progress: Progress) -> RunOutcome:
+def resume_run(path: Path, options: BenchOptions, progress: Progress) -> RunOutcome:
     """Go on with a run that was stopped, killed, or lost its bench.
 
     Notes
@@ -175,7 +136,7 @@ def _task(
     folder: RunFolder,
     profile: Profile,
     plan: Plan,
-    options: ResumeOptions,
+    options: BenchOptions,
     content: JournalContent,
     stop: StopSignals,
     progress: Progress,
@@ -189,19 +150,13 @@ def _task(
         model = choose_filter(profile, None)
     bench = stored_table(manifest, "bench")
     simulation = stored_table(manifest, "simulation")
-    realtime = bool(bench.get("realtime")) if options.realtime is None else options.realtime
-    asked = BenchOptions(
+    asked = replace(
+        options,
         out=folder.path.parent,
         plant=str(simulation.get("plant", "as-modelled")),
         seed=int(simulation.get("seed", 0)),
         address=options.address or stored_address(folder),
-        control=options.control,
-        realtime=realtime,
-        operator=options.operator,
+        realtime=bool(bench.get("realtime")) if options.realtime is None else options.realtime,
         motion=plan.motion,
-        talk=options.talk,
-        rehearse=options.rehearse,
-        mistakes=options.mistakes,
-        watcher=options.watcher,
     )
     return Task(plan.kind, profile, asked, plan, scale, model, folder, stop, progress, content)

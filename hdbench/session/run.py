@@ -19,8 +19,8 @@ from hdbench.errors import (
     UsageError,
 )
 from hdbench.records.journal import JournalWriter
-from hdbench.records.reserve import check_space, free_reserve, keep_reserve
 from hdbench.records.runfolder import RunFolder
+from hdbench.records.storage import check_space, free_reserve, keep_reserve
 from hdbench.session.calibrating.points import PLAN_NAME
 from hdbench.session.evaluation import evaluate, store_evaluation
 from hdbench.session.measurement import Walker, make_walker
@@ -55,15 +55,7 @@ def _close(folder: RunFolder) -> None:
 
 @dataclass(slots=True)
 class Run:
-    """One run: bench opened, plan walked, records kept, result stored.
-
-    Parameters
-    ----------
-    task : Task
-        What is run, how, and where it is kept.
-    journal : JournalWriter or None
-        Journal of a run that is resumed; None makes a new one.
-    """
+    """One run: bench opened, plan walked, records kept, result stored."""
 
     task: Task
     journal: JournalWriter | None = None
@@ -114,7 +106,7 @@ class Run:
                 plant=options.plant,
                 seed=options.seed,
                 address=options.address,
-                realtime=options.realtime,
+                realtime=bool(options.realtime),
                 guard_log=self.folder.path / GUARD_LOG,
                 control=options.control,
             ) as bench:

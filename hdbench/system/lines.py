@@ -7,7 +7,7 @@ import os
 import re
 import select
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import suppress
 from typing import TYPE_CHECKING, Literal, Protocol
 
@@ -25,9 +25,7 @@ __all__ = [
     "is_port",
     "may_open",
     "open_port",
-    "open_terminal",
     "port_io",
-    "readable",
     "share_port",
     "terminal_pair",
 ]
@@ -50,27 +48,21 @@ class PortIo(Protocol):
 
     def readable(self, wait_s: float) -> bool:
         """Return whether characters have come within this time."""
-        ...
 
     def writable(self, wait_s: float) -> bool:
         """Return whether it takes characters within this time."""
-        ...
 
     def read(self, size: int) -> bytes:
         """Return what has come, at most `size` characters."""
-        ...
 
     def write(self, data: bytes) -> int:
         """Return how many characters it took."""
-        ...
 
     def is_gone(self) -> bool:
         """Return whether a port that has just read as empty is gone."""
-        ...
 
     def close(self) -> None:
         """Close the port."""
-        ...
 
 
 def port_io(port: Serial) -> PortIo:
@@ -187,20 +179,6 @@ def terminal_pair(*, blocking: bool = False) -> tuple[int, int, str]:
     tty.setraw(far)
     os.set_blocking(near, blocking)
     return near, far, os.ttyname(far)
-
-
-def open_terminal(path: str) -> int:
-    """Open a pseudo-terminal by its path, so that it passes every character as it is."""
-    import tty
-
-    descriptor = os.open(path, os.O_RDWR | os.O_NOCTTY)
-    tty.setraw(descriptor)
-    return descriptor
-
-
-def readable(descriptors: Sequence[int], wait_s: float) -> list[int]:
-    """Return which pseudo-terminals have characters within this time."""
-    return select.select(descriptors, (), (), wait_s)[0]
 
 
 class PseudoTerminal:

@@ -16,7 +16,7 @@ import numpy as np
 from hdbench.errors import DataError
 from hdbench.profile.validity import measured_utc
 from hdbench.records import Quantity, RunSummary, read_json, read_notes, result_header
-from hdbench.records.table import safe_cell
+from hdbench.records.tables import safe_cell
 from hdbench.trend.charts import EWMA_WEIGHT
 from hdbench.trend.history import Change, History, study_history
 from hdbench.trend.quantities import QUANTITIES, Reading, unit_of

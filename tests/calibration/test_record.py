@@ -23,7 +23,7 @@ from hdbench.calibration.montecarlo import propagate
 from hdbench.errors import DataError
 from hdbench.profile import load_profile, new_profile, parse_profile
 from hdbench.records import LoadReading, Loads
-from hdbench.records.loadsfile import read_loads, write_loads
+from hdbench.records.tables import read_loads, write_loads
 
 _TOOL = Path(__file__).parents[2] / "tools" / "calibration_coverage.py"
 

@@ -19,7 +19,7 @@ from hdbench.errors import DataError, UsageError
 from hdbench.importing.mapping import ColumnMap, Constant
 from hdbench.importing.text import ForeignFormat
 from hdbench.profile import load_profile
-from hdbench.records.loadsfile import read_loads
+from hdbench.records.tables import read_loads
 
 DATA = os.environ.get("HDBENCH_DATA")
 needs_data = pytest.mark.skipif(DATA is None, reason="HDBENCH_DATA is not set")

@@ -15,8 +15,8 @@ from hdbench.calibration.gains import one_way, plain_mean
 from hdbench.errors import DataError
 from hdbench.profile import load_profile
 from hdbench.records import LoadReading, Loads
-from hdbench.records.loadsfile import read_loads
-from hdbench.report.calibration import tables, verdict
+from hdbench.records.tables import read_loads
+from hdbench.report.calibration.section import tables, verdict
 
 ARM = load_profile("cim-tr-97-06").data.arm
 STEPS = (0.0, 10.0, 20.0, 30.0, 40.0)

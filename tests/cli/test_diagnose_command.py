@@ -10,7 +10,7 @@ import pytest
 from rich.console import Console
 
 from hdbench.records import Trace, write_trace
-from hdbench.report.diagnosis_limits import left_out_line, rest_line
+from hdbench.report.diagnosis.limits import left_out_line, rest_line
 from hdbench_cli.commands.diagnosis_names import names_line
 from hdbench_cli.commands.diagnosis_text import show
 from hdbench_cli.main import main

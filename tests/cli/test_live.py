@@ -15,7 +15,7 @@ from rich.console import Console
 from rich.live import Live
 
 from hdbench.filter import OscillatorBlock
-from hdbench.filter.amplitudes import BlockAmplitude
+from hdbench.filter.online import BlockAmplitude
 from hdbench.profile import load_profile
 from hdbench.session.watching import Frame, FrameQueue
 from hdbench_cli.live.history import CURVES, History

@@ -14,7 +14,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from hdbench.filter import load_filter_model, preset
-from hdbench.filter.core import kernel_form
+from hdbench.filter.kalman import kernel_form
 from hdbench.profile import load_profile
 from hdbench_cli.commands import filter as filter_command
 from hdbench_cli.commands import orders, response, tune

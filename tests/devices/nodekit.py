@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from hdbench.devices.emulator.node import NodeDevice, build_core
+from hdbench.devices.emulator.node import build_core
 from hdbench.devices.emulator.server import ModbusServer
 from hdbench.devices.host import HostedBench, host_settings
 from hdbench.devices.node.driver import NodeDaq
@@ -115,7 +115,7 @@ def served(bench: object | None = None, *, pace: str = "fast") -> Iterator[Serve
         bench or TinyBench(), PROFILE, 0, pace=pace, record=lambda e: events.append(dict(e))
     )
     loop = asyncio.new_event_loop()
-    server = ModbusServer(NodeDevice(core))
+    server = ModbusServer(core)
     thread = threading.Thread(target=loop.run_forever, daemon=True)
     thread.start()
     address = asyncio.run_coroutine_threadsafe(server.open(), loop).result(5)

@@ -19,8 +19,9 @@ from serial import Serial
 
 from hdbench.devices.bench import AcquisitionSettings
 from hdbench.devices.emulator.process import running_emulator
-from hdbench.devices.guard import GuardedBench, GuardProcess, guard_silence_s, order, order_of
+from hdbench.devices.guard import GuardedBench, GuardProcess, guard_silence_s, order_of
 from hdbench.devices.guard import launch as launching
+from hdbench.devices.guard.order import Look, as_json
 from hdbench.devices.guard.process import watching
 from hdbench.devices.guard.process.stopping import FAULTS, Wire, make_safe, note_identity, wrong
 from hdbench.devices.wire import FrameError, read_registers, write_register
@@ -30,6 +31,11 @@ from hdbench.profile import load_profile
 from hdbench.profile.schema import ReferenceWave
 
 WAVE = ReferenceWave(wave="constant", amplitude_v=1.0)
+
+
+def told(order_or_target):
+    """Return it as the guard's process reads it."""
+    return json.loads(as_json(order_or_target))
 
 
 def profile_at(address):
@@ -170,27 +176,26 @@ def test_the_guard_takes_no_other_reply_for_its_own(kind):
     with served(TinyBench(), pace="realtime") as node:
         with proxy(node.host, node.port, mangle) as (host, port, frames):
             (target,) = order_of(profile_at(f"tcp://{host}:{port}")).targets
-            assert make_safe(target.to_dict(), alone=False) != ""
+            assert make_safe(told(target), alone=False) != ""
         assert frames
         with proxy(node.host, node.port, lambda _, reply: reply) as (host, port, _):
             (target,) = order_of(profile_at(f"tcp://{host}:{port}")).targets
-            assert make_safe(target.to_dict(), alone=False) == ""
+            assert make_safe(told(target), alone=False) == ""
 
 
 def test_a_guard_whose_words_nobody_reads_goes_on_trying():
-    program = (
-        "import sys; sys.path.append(sys.argv[1]); from process.telling import say\n"
-        "for _ in range(2000): say('w' * 200)\n"
-        "print('done', flush=True)"
+    program = launching._PROGRAM.replace(
+        "import main; main()",
+        "import say\nfor _ in range(2000): say('w' * 200)\nprint('done', flush=True)",
     )
-    folder = str(Path(launching.__file__).parent)
     with subprocess.Popen(
-        [sys.executable, "-I", "-c", program, folder],
+        [sys.executable, "-I", "-S", "-c", program],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
     ) as talking:
         try:
             assert select.select([talking.stdout], [], [], 20.0)[0], "held up by a full pipe"
+            assert talking.stdout.read(4) == b"done"
         finally:
             talking.kill()
 
@@ -274,14 +279,16 @@ def test_on_a_serial_line_the_guard_takes_over_from_a_dead_or_frozen_session(tmp
         assert zero["event"] == "stopped", "the guard was there before the watchdog"
 
 
-def _line(path, **keys):
+def _line(path):
     return {
         "scheme": "rtu", "path": path, "host": "", "port": 0, "unit": 1, "rest_s": 0.0, "tls": None,
-        "serial": {"baud_bd": 115200, "parity": "N", "stop_bits": 1, "gap_s": None}, **keys,
+        "serial": {"baud_bd": 115200, "parity": "N", "stop_bits": 1, "gap_s": None},
     }  # fmt: skip
 
 
-READ, WRITE = (order._told(asked) for asked in (read_registers(0, 1), write_register(1, 0)))
+READ, WRITE = (
+    told(Look(asked))["request"] for asked in (read_registers(0, 1), write_register(1, 0))
+)
 
 
 def test_a_serial_line_that_is_gone_does_not_hold_the_guard_up():
@@ -305,8 +312,10 @@ def test_a_serial_line_that_another_program_has_taken_over_is_left_in_peace():
     near, far = os.openpty()
     tty.setraw(far)
     path = os.ttyname(far)
-    told = {"identity": None, "acts": [WRITE], "looks": [], "brake_s": 0.0, "finals": []}
-    target = _line(path, **told)
+    target = {
+        "place": _line(path), "identity": [], "acts": [WRITE], "looks": [], "finals": [],
+        "final_looks": [], "brake_s": 0.0,
+    }  # fmt: skip
     try:
         with Serial(path, timeout=0, exclusive=True):
             # the session is gone, and somebody has the port
@@ -326,10 +335,11 @@ def test_on_a_serial_line_the_guard_knows_who_answered_before_the_motion():
     data = load_profile("cim-tr-97-06").data
     with running_emulator(data, plant="as-modelled", seed=0, pace="realtime", wire="rtu") as found:
         (target,) = order_of(profile_at(found["address"])).targets
-        told = target.to_dict()
-        note_identity(told)
-        assert make_safe(told, alone=True) == ""
-        assert "another device" in make_safe({**told, "known": "03" + "00" * 20}, alone=True)
+        ordered = told(target)
+        note_identity(ordered)
+        assert make_safe(ordered, alone=True) == ""
+        ordered["identity"][0]["known"] = "03" + "00" * 20
+        assert "another device" in make_safe(ordered, alone=True)
 
 
 def test_the_guard_starts_with_the_standard_library_and_the_wire_alone():
@@ -348,15 +358,15 @@ def test_the_guard_starts_with_the_standard_library_and_the_wire_alone():
 @pytest.mark.parametrize(
     ("raw", "check", "safe"),
     [
-        (struct.pack(">f", 0.2), {"as": ">f", "low": -0.5, "high": 0.5}, True),
-        (struct.pack(">f", -0.6), {"as": ">f", "low": -0.5, "high": 0.5}, False),
-        (struct.pack(">f", float("nan")), {"as": ">f", "low": -0.5, "high": 0.5}, False),
-        (struct.pack(">H", 0b1010), {"as": ">H", "low": 0, "high": 0, "mask": 0b0101}, True),
-        (struct.pack(">H", 0b1010), {"as": ">H", "low": 0, "high": 0, "mask": 0b1000}, False),
+        (struct.pack(">f", 0.2), {"form": ">f", "low": -0.5, "high": 0.5}, True),
+        (struct.pack(">f", -0.6), {"form": ">f", "low": -0.5, "high": 0.5}, False),
+        (struct.pack(">f", float("nan")), {"form": ">f", "low": -0.5, "high": 0.5}, False),
+        (struct.pack(">H", 0b1010), {"form": ">H", "low": 0, "high": 0, "mask": 0b0101}, True),
+        (struct.pack(">H", 0b1010), {"form": ">H", "low": 0, "high": 0, "mask": 0b1000}, False),
         # 1.5 with the low word first
         (struct.pack(">f", 1.5)[2:] + struct.pack(">f", 1.5)[:2],
-         {"as": ">f", "low": 1.5, "high": 1.5, "order": [2, 3, 0, 1]}, True),
-        (b"\0\0", {"as": ">f", "low": -1.0, "high": 1.0}, False),
+         {"form": ">f", "low": 1.5, "high": 1.5, "order": [2, 3, 0, 1]}, True),
+        (b"\0\0", {"form": ">f", "low": -1.0, "high": 1.0}, False),
     ],
 )  # fmt: skip
 def test_what_is_read_back_is_judged_by_its_value(raw, check, safe):
@@ -413,6 +423,7 @@ def test_a_device_that_is_not_the_one_from_before_is_never_written_to(tmp_path):
     with served(TinyBench(), pace="realtime") as node, guarded(node, tmp_path) as bench:
         turn(bench)
         (target,) = order_of(profile_at(f"tcp://{node.host}:{node.port}")).targets
-        told = {**target.to_dict(), "known": "03" + "00" * 20}
-        assert "another device" in make_safe(told, alone=False)
+        ordered = told(target)
+        ordered["identity"][0]["known"] = "03" + "00" * 20
+        assert "another device" in make_safe(ordered, alone=False)
         assert motor(node) == pytest.approx(1.0)

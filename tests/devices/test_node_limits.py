@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from hdbench.devices.emulator.machine import NodeMachine
-from hdbench.devices.emulator.node import NodeCore, NodeDevice
+from hdbench.devices.emulator.node import NodeCore
 from hdbench.devices.emulator.parameters import identity_values, limit_values
 from hdbench.devices.emulator.server import ModbusServer
 from hdbench.devices.node.opening import open_node
@@ -36,7 +36,7 @@ def test_a_scale_that_no_node_can_have_is_an_error_with_its_register(name, value
     machine = NodeMachine(CountingBench(), pace="fast", clock=lambda: 0.0, record=lambda _: None)
     limits = {**limit_values(PROFILE), name: value}
     core = NodeCore(machine, identity=identity_values(0), limits=limits, clock=lambda: 0.0)
-    server = ModbusServer(NodeDevice(core))
+    server = ModbusServer(core)
     with in_thread(server, server.open()) as address:
         table = PROFILE.daq.model_copy(update={"address": address})
         daq = open_node(PROFILE, table)

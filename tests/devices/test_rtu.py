@@ -16,9 +16,8 @@ from hypothesis import strategies as st
 from linefaults.paced import paced_line
 from pymodbus.client import ModbusSerialClient
 
-from hdbench.devices import stop_bench
+from hdbench.devices import lock, stop_bench
 from hdbench.devices.daq import DaqSettings
-from hdbench.devices.lock import holder
 from hdbench.devices.node.opening import open_node
 from hdbench.devices.wire import (
     FrameError,
@@ -161,13 +160,13 @@ def test_stop_ends_the_run_that_has_the_line_and_then_confirms():
         )
         try:
             assert host.stdout.readline() == b"moving\n"
-            assert holder(address) == host.pid
+            assert lock._holder_in(lock._held(address)).pid == host.pid
             assert stop_bench(faults.PROFILE, address=address).confirmed
             assert host.wait(5) != 0
         finally:
             host.kill()
             host.communicate()
-        assert holder(address) is None
+        assert lock._held(address) is None
 
 
 def test_an_unplugged_port_is_a_device_error_with_a_fix():

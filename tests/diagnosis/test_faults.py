@@ -9,12 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hdbench.diagnosis.faults import (
-    check_channels,
-    coarse_steps,
-    faults_of_residual,
-    inspect_channels,
-)
+from hdbench.diagnosis.faults.converter import coarse_steps
+from hdbench.diagnosis.faults.inspection import inspect_channels
+from hdbench.diagnosis.faults.residual import faults_of_residual
+from hdbench.diagnosis.faults.units import check_channels
 from hdbench.model import BenchModel, CauseTerm, baseline_columns, motion_from_trace
 from hdbench.profile import load_profile
 from hdbench.records import Trace

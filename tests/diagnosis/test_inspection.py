@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hdbench.diagnosis.inspection import Inspection, inspect_log, inspect_trace, read_log
+from hdbench.diagnosis.inspection import inspect_log, inspect_trace, read_log
+from hdbench.diagnosis.inspection.result import Inspection
 from hdbench.errors import DataError
 from hdbench.profile import load_profile
 from hdbench.records import Trace

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from hdbench.filter.core import kernel_form
+from hdbench.filter.kalman import kernel_form
 from hdbench.profile.schema import ProfileData
 
 sys.path.insert(0, str(Path(__file__).parent))  # filter_oracle

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hdbench.filter import FilterModel, OnlineFilter, OscillatorBlock, SlowBlock
-from hdbench.filter.amplitudes import block_amplitudes
+from hdbench.filter.online import block_amplitudes
 
 RATE_HZ = 1000.0
 MODEL = FilterModel(

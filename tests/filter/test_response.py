@@ -11,9 +11,8 @@ from tuning_traces import tuned_like
 
 from hdbench.errors import DataError
 from hdbench.filter import FilterModel, OnlineFilter, OscillatorBlock, preset
-from hdbench.filter.injection import inject
-from hdbench.filter.response import filter_response
-from hdbench.filter.steady import geometric_sum, steady_filter
+from hdbench.filter.response import filter_response, inject
+from hdbench.filter.steady import _geometric_sum, steady_filter
 
 PERIOD = 1e-3
 
@@ -125,7 +124,7 @@ def test_the_steady_covariance_solves_the_riccati_equation(bench):
 def test_the_geometric_sum_solves_its_equation():
     a = np.array([[0.9, 0.3], [0.0, 0.999]])
     q = np.array([[1.0, 0.2], [0.2, 2.0]])
-    x = geometric_sum(a, q)
+    x = _geometric_sum(a, q)
     # rounding of a sum of thousands of terms
     assert_allclose(a @ x @ a.T + q, x, rtol=1e-10)
 

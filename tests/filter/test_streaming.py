@@ -14,7 +14,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from hdbench.errors import DataError
 from hdbench.filter import FilteredBlock, FilterModel, OnlineFilter, OscillatorBlock, preset
-from hdbench.filter.core import kernel_form
+from hdbench.filter.kalman import kernel_form
 
 MODEL = FilterModel(
     "own",
@@ -226,5 +226,5 @@ def test_time_that_does_not_increase_is_refused_and_changes_nothing(kernel, bad)
 def test_channels_of_different_length_are_refused(kernel):
     with pytest.raises(ValueError, match="torque_nm has 2 samples"):
         OnlineFilter(MODEL, kernel=kernel).process([0.0], [0.0], [0.0, 1.0])
-    with pytest.raises(ValueError, match="one dimension"):
+    with pytest.raises(ValueError, match="needed: 1 dimension"):
         OnlineFilter(MODEL, kernel=kernel).process([[0.0]], [0.0], [0.0])

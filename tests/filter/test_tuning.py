@@ -19,7 +19,6 @@ from hdbench.filter import (
     SlowBlock,
     load_filter_model,
     preset,
-    state_space,
     transfer_at_steady_speed,
     tune,
 )
@@ -27,14 +26,14 @@ from hdbench.filter.response import filter_response
 from hdbench.filter.tuning import TuningSettings, check_innovations, settings_of
 from hdbench.filter.tuning.checks import ljung_box, nis_band
 from hdbench.filter.tuning.data import describe_motion
-from hdbench.filter.tuning.likelihood import score
-from hdbench.filter.tuning.limits import refusal
-from hdbench.filter.tuning.memory import (
+from hdbench.filter.tuning.limits import (
     forget_beyond_the_data,
     leave_the_torque,
+    refusal,
     slow_density,
     with_moving_offset,
 )
+from hdbench.filter.tuning.problem import score
 from hdbench.filter.tuning.result import Estimate
 from hdbench.filter.tuning.search import curvature
 
@@ -352,14 +351,6 @@ def test_the_density_of_a_slow_torque_integrates_to_its_variance(block):
     total = 2.0 * float(np.trapezoid(density, hz))
     # the trapezoid's steps, and what lies above 1e6 Hz
     assert total == pytest.approx(block.variance, rel=5e-3)
-
-
-def test_the_kernel_gets_every_block_in_its_own_kind():
-    space = state_space(relative_model((SLOW[3][0],)))
-    assert [b.kind for b in space.blocks] == ["oscillator", "oscillator", "resonance"]
-    assert space.blocks[2].prior_variance_2 == pytest.approx(200.0 * (4 * math.pi) ** 2)
-    assert space.blocks[0].prior_variance == 400.0
-    assert space.start == "prior"
 
 
 def test_an_order_without_a_peak_forgets_within_the_traces_and_leaves_the_torque_alone():

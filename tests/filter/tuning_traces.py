@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from hdbench.filter import Channels, FilterModel, OscillatorBlock, SlowBlock
-from hdbench.filter.core import kernel_form
+from hdbench.filter.kalman import kernel_form
 
 
 def needs_compiled_kernel():

@@ -10,8 +10,7 @@ import pytest
 
 from hdbench.errors import DataError, UsageError
 from hdbench.profile import load_profile
-from hdbench.records.exporting import FORMATS, export_records, gather
-from hdbench.records.exporting.content import unit_of_column
+from hdbench.records.exporting import FORMATS, export_records, gather, unit_of_column
 
 ARM = load_profile("cim-tr-97-06").data.arm
 

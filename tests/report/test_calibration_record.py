@@ -17,8 +17,8 @@ from hdbench.profile import load_profile, parse_profile
 from hdbench.records import LoadReading, Loads
 from hdbench.records.jsonfile import result_header, write_json
 from hdbench.report import write_report
-from hdbench.report.calibration import pictures
-from hdbench.report.calibrationwords import rounded_with
+from hdbench.report.calibration.section import pictures
+from hdbench.report.numbers import rounded_with
 from hdbench.report.source import Source
 
 DECLARED = """

@@ -12,9 +12,7 @@ from fakes import FakeBench
 
 from hdbench.errors import BusyError, DeviceError, Stopped
 from hdbench.profile.calibrating import ShuntCheck
-from hdbench.records.course import write_course
-from hdbench.records.journal import read_journal
-from hdbench.records.recovery import journal_loads
+from hdbench.records.journal import journal_loads, read_journal, write_sequence
 from hdbench.session.calibrating.conversation import Answer, Reply, Unattended
 from hdbench.session.calibrating.plan import calibration_points
 from hdbench.session.stop import Aborted, StopRequested, StopSignals
@@ -55,7 +53,7 @@ def test_a_wrong_weight_is_asked_about_and_the_rejected_reading_is_kept(tmp_path
     assert [r.mass_kg for r in loads(tmp_path).readings] == MASSES
     rejected = [body for _, body in blocks(tmp_path) if body.get("event") == "rejected"]
     assert [body["reading_v"] for body in rejected] == [pytest.approx(0.5 * LEVER / GAIN, abs=1e-4)]
-    rows = write_course(tmp_path, read_journal(tmp_path / "journal.hdj")).read_text()
+    rows = write_sequence(tmp_path, read_journal(tmp_path / "journal.hdj")).read_text()
     assert rows.count("rejected,confirmed-gross-error") == 1
 
 
@@ -78,7 +76,7 @@ def test_repeat_reads_the_hanging_weight_again_and_back_asks_for_the_one_before(
     # 0.5 kg was read three times, hung twice; all three stand in the journal
     kept = [body for kind, body in blocks(tmp_path) if kind == "reading" and body["point"] == 3]
     assert len(kept) == 3
-    course = write_course(tmp_path, read_journal(tmp_path / "journal.hdj")).read_text()
+    course = write_sequence(tmp_path, read_journal(tmp_path / "journal.hdj")).read_text()
     superseded = [row.split(",")[13] for row in course.splitlines()[1:]]
     assert (superseded.count("repeat"), superseded.count("back")) == (1, 1)
     assert sum("Hang 0.5 kg" in t for t in talk.asked("hang")) == 3  # up, again after back, down

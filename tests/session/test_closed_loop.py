@@ -11,7 +11,7 @@ from hdbench.filter import FilterModel, filter_trace
 from hdbench.profile import Profile, load_profile, parse_profile
 from hdbench.records import Quantity, verify_run
 from hdbench.records.jsonfile import read_json
-from hdbench.records.tracefile import read_trace
+from hdbench.records.tables import read_trace
 from hdbench.session import BenchOptions, RunOutcome, evaluate_stored, run_experiment
 
 SEEDS = 5

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from linefaults.faults import Mangler, TcpFraming
 
-from hdbench.devices.emulator.node import NodeDevice, build_core
+from hdbench.devices.emulator.node import build_core
 from hdbench.devices.emulator.server import ModbusServer
 from hdbench.filter import preset
 from hdbench.plant.bench import SimulatedBench
@@ -20,7 +20,7 @@ from hdbench.profile import load_profile
 from hdbench.profile.scaling import profile_scale
 from hdbench.session.monitor import ChannelStatistics, Monitor
 from hdbench.session.stop import StopSignals
-from hdbench.session.watching import Frame, Unwatched
+from hdbench.session.watching import Frame, Watcher
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "tools"))
 
@@ -98,7 +98,7 @@ def test_the_drive_stays_disabled_and_no_run_is_left(
 
 
 def test_a_signal_ends_it_with_the_bench_safe() -> None:
-    looking = monitor(Unwatched())
+    looking = monitor(Watcher())
 
     class Stopper(Seen):
         def frame(self, frame: Frame) -> None:
@@ -119,7 +119,7 @@ def test_what_looks_on_is_told_how_often_the_driver_asked_again() -> None:
         core = build_core(
             SimulatedBench(profile, load_plant("as-modelled"), 0), profile, 0, pace="fast"
         )
-        server = ModbusServer(NodeDevice(core))
+        server = ModbusServer(core)
         node = stack.enter_context(in_thread(server, server.open()))
         address = stack.enter_context(behind(node, spoiler))
         seen = Seen()

@@ -16,10 +16,11 @@ import select
 import socket
 import struct
 import threading
+import tty
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from hdbench.system.lines import open_terminal, readable, terminal_pair
+from hdbench.system.lines import terminal_pair
 from linefaults.faults import Mangler
 from linefaults.outlet import Outlet
 
@@ -180,12 +181,19 @@ def faulty_serial(path: str, mangler: Mangler) -> Iterator[str]:
             os.close(descriptor)
 
 
+def open_terminal(path: str) -> int:
+    """Open a pseudo-terminal by its path, so that it passes every character as it is."""
+    descriptor = os.open(path, os.O_RDWR | os.O_NOCTTY)
+    tty.setraw(descriptor)
+    return descriptor
+
+
 def _reader(descriptor: int, ended: threading.Event) -> Read:
     """Return a read that ends once `ended` is set."""
 
     def read() -> bytes:
         while not ended.is_set():
-            if readable([descriptor], _GRAIN_S):
+            if select.select([descriptor], (), (), _GRAIN_S)[0]:
                 return os.read(descriptor, _CHUNK)
         return b""
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import select
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -17,7 +18,8 @@ from dataclasses import dataclass, field
 from typing import Protocol
 
 from hdbench.devices.wire.address import SerialSettings
-from hdbench.system.lines import open_terminal, readable, terminal_pair
+from hdbench.system.lines import terminal_pair
+from linefaults.lines import open_terminal
 
 __all__ = ["Device", "PacedLine", "paced_line"]
 
@@ -104,7 +106,7 @@ class PacedLine:
 
     def _turn(self) -> None:
         due_s = min((self._due_s(way) for way in self._ways if way.waiting), default=None)
-        for descriptor in readable(tuple(self._ends), self._pause_s(due_s)):
+        for descriptor in select.select(tuple(self._ends), (), (), self._pause_s(due_s))[0]:
             self._put(self._ends[descriptor], os.read(descriptor, _CHUNK))
         for way in self._ways:
             self._pass(way)

@@ -100,7 +100,7 @@ def command(output: Output, out: Path, plant: str, seed: int) -> None:
     Calibrate, measure misalignment and ripple, let the diagnosis find what the plant hides, and
     write one report.
     """
-    from hdbench.devices.hidden import hidden_effects
+    from hdbench.devices.simulation import hidden_effects
     from hdbench.diagnosis import diagnose_run
     from hdbench.profile import load_profile
     from hdbench.records import result_header

@@ -11,7 +11,7 @@ import click
 from hdbench_cli.output import Output
 
 if TYPE_CHECKING:
-    from hdbench.devices.finding import SerialPort
+    from hdbench.devices.serial_ports import SerialPort
 
 __all__ = ["command"]
 
@@ -28,7 +28,7 @@ def command(output: Output, probe: bool) -> None:
     as the installed drivers ask. A device that none of them knows gets bytes that it does not know:
     leave --probe out where that matters.
     """
-    from hdbench.devices.finding import find_ports, probe_port
+    from hdbench.devices.serial_ports import find_ports, probe_port
     from hdbench.records import result_header
 
     ports = find_ports()

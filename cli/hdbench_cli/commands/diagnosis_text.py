@@ -8,7 +8,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hdbench.report.diagnosis_limits import hidden_names, left_out_line, rest_line
+from hdbench.report.diagnosis.limits import hidden_names, left_out_line, rest_line
 from hdbench_cli.output import Output
 from hdbench_cli.text import probability, read_columns, span_of, sparkline, with_uncertainty
 

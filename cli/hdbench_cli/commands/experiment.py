@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
     from hdbench.diagnosis.planning import MotionPlan
     from hdbench.profile import Profile
     from hdbench.ripple import Stretch
-    from hdbench.session import RunOutcome
+    from hdbench.session import BenchOptions, RunOutcome
     from hdbench.session.calibrating.plan import Preset
     from hdbench.session.plans import Plan
 
@@ -44,7 +45,7 @@ class Request:
     yes: bool = False
     no_input: bool = False
     check: bool = False
-    realtime: bool | None = None
+    realtime: bool | None = False
     no_report: bool = False
     form: str = "csv"
     calibration: Path | None = None
@@ -56,19 +57,6 @@ class Request:
     preset: Preset | None = None
     who: Who = "auto"
     mistakes: str = ""
-
-    def operator(self) -> ConsoleOperator | None:
-        """Return the person who is asked before motion; None where nobody is."""
-        person = self.yes or not self.no_input
-        return ConsoleOperator(motion_confirmed=self.yes) if person else None
-
-    def motion(self) -> MotionPlan | None:
-        """Return the content of the plan file that was asked for."""
-        if self.plan_file is None:
-            return None
-        from hdbench.diagnosis.planning import read_plan
-
-        return read_plan(self.plan_file)
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,7 +90,7 @@ def run(output: Output, request: Request) -> None:
             fix="leave out --from to measure, or --plan to evaluate again",
         )
     if request.form == "parquet":
-        from hdbench.records.parquetfile import require_parquet
+        from hdbench.records.tables import require_parquet
 
         require_parquet("--format parquet")
     if request.dry_run:
@@ -111,7 +99,11 @@ def run(output: Output, request: Request) -> None:
     if request.source is not None:
         folder, result = _from_stored(request, request.source, profile)
     else:
-        folder, result = _outcome(_measure(output, request, profile))
+        from hdbench.session import run_experiment
+
+        with _watched(output, request, profile) as (options, progress):
+            outcome = run_experiment(request.kind, profile, options, progress)
+        folder, result = _outcome(outcome)
     if request.form == "parquet":
         _keep_parquet(folder, profile)
     _present(output, request, profile, folder, result)
@@ -119,32 +111,15 @@ def run(output: Output, request: Request) -> None:
 
 def resume(output: Output, path: Path, **options: Any) -> None:
     """Go on with a run that was stopped, and show its result."""
-    from hdbench.devices.mistakes import parse_mistakes
     from hdbench.records import RunFolder
-    from hdbench.session.resuming import (
-        ResumeOptions,
-        resume_run,
-        stored_address,
-        stored_profile,
-    )
+    from hdbench.session.resuming import resume_run, stored_address, stored_profile
 
     folder = RunFolder.open(path)
     request = Request(str(folder.manifest["kind"]), out=path.parent, **options)
     request = replace(request, address=request.address or stored_address(folder))
     profile = stored_profile(folder)
-    asked = ResumeOptions(
-        address=request.address,
-        control=request.control,
-        realtime=request.realtime,
-        operator=request.operator(),
-        mistakes=parse_mistakes(request.mistakes),
-    )
-    outcome = _watched(
-        output,
-        request,
-        profile,
-        lambda progress, **seen: resume_run(path, replace(asked, **seen), progress),
-    )
+    with _watched(output, request, profile) as (asked, progress):
+        outcome = resume_run(path, asked, progress)
     _present(output, request, profile, *_outcome(outcome))
 
 
@@ -152,10 +127,32 @@ def _outcome(outcome: RunOutcome) -> tuple[Path, Mapping[str, Any]]:
     return outcome.folder.path, outcome.evaluation.result
 
 
+@contextmanager
 def _watched(
-    output: Output, request: Request, profile: Profile, go: Callable[..., RunOutcome]
-) -> RunOutcome:
-    """Let a run go on: a calibration with who answers, another in the live view."""
+    output: Output, request: Request, profile: Profile
+) -> Iterator[tuple[BenchOptions, Callable[[str, float], None]]]:
+    """Yield the options of a run and its progress: with who answers, or with a live view."""
+    from hdbench.devices.operator import parse_mistakes
+    from hdbench.session import BenchOptions
+    from hdbench_cli.live.view import live_view
+
+    person = request.yes or not request.no_input
+    options = BenchOptions(
+        out=request.out,
+        plant=request.plant,
+        seed=request.seed,
+        address=request.address,
+        control=request.control,
+        realtime=request.realtime,
+        calibration=request.calibration,
+        allow_expired=request.allow_expired,
+        misalignment=request.misalignment,
+        filter_name=request.filter_name,
+        operator=ConsoleOperator(motion_confirmed=request.yes) if person else None,
+        motion=_motion(request),
+        preset=request.preset,
+        mistakes=parse_mistakes(request.mistakes),
+    )
     if request.kind == "calibration":
         with calibration_talk(
             output,
@@ -165,49 +162,27 @@ def _watched(
             address=request.address,
             control=request.control,
         ) as (talk, rehearse, progress):
-            return go(progress, talk=talk, rehearse=rehearse)
-    from hdbench_cli.live.view import live_view
-
+            yield replace(options, talk=talk, rehearse=rehearse), progress
+        return
     with live_view(request.kind, profile, request.out) as watcher:
-        return go(silent, watcher=watcher)
+        yield replace(options, watcher=watcher), silent
 
 
-def _measure(output: Output, request: Request, profile: Profile) -> RunOutcome:
-    from hdbench.devices.mistakes import parse_mistakes
-    from hdbench.session import BenchOptions, run_experiment
+def _motion(request: Request) -> MotionPlan | None:
+    """Return the content of the plan file that was asked for."""
+    if request.plan_file is None:
+        return None
+    from hdbench.diagnosis.planning import read_plan
 
-    motion = request.motion()
-    if motion is not None and motion.needs_operator and request.no_input:
+    motion = read_plan(request.plan_file)
+    if motion.needs_operator and request.no_input and not request.dry_run:
         raise UsageError(
             f"the plan needs an operator ({len(motion.loads)} load steps, first: "
             f"{motion.loads[0].text})",
             where=f"{request.plan_file} with --no-input",
             fix="run it without --no-input, or make a plan with hdbench plan --no-loads",
         )
-    options = BenchOptions(
-        out=request.out,
-        plant=request.plant,
-        seed=request.seed,
-        address=request.address,
-        control=request.control,
-        realtime=bool(request.realtime),
-        calibration=request.calibration,
-        allow_expired=request.allow_expired,
-        misalignment=request.misalignment,
-        filter_name=request.filter_name,
-        operator=request.operator(),
-        motion=motion,
-        preset=request.preset,
-        mistakes=parse_mistakes(request.mistakes),
-    )
-    return _watched(
-        output,
-        request,
-        profile,
-        lambda progress, **seen: run_experiment(
-            request.kind, profile, replace(options, **seen), progress
-        ),
-    )
+    return motion
 
 
 def _from_stored(
@@ -241,7 +216,7 @@ def _show_plan(output: Output, request: Request, profile: Profile) -> None:
     from hdbench.records import result_header
     from hdbench.session import make_plan
 
-    plan = make_plan(request.kind, profile, request.motion(), preset=request.preset)
+    plan = make_plan(request.kind, profile, _motion(request), preset=request.preset)
     age = _calibration_age(request, profile)
     limits = profile.data.limits.model_dump(exclude_none=True)
 
@@ -275,7 +250,7 @@ def _calibration_age(request: Request, profile: Profile) -> str:
         return ""
     from hdbench.profile.scaling import read_calibration
     from hdbench.profile.validity import checked_age
-    from hdbench.records.manifest import utc_now
+    from hdbench.records.runfolder import utc_now
 
     scale = checked_age(
         read_calibration(request.calibration),

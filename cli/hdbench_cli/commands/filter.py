@@ -163,7 +163,7 @@ def _flags(trace: Trace, source: Path, profile: Profile, block: FilteredBlock) -
     import numpy as np
 
     from hdbench.estimation import data_flags
-    from hdbench.filter.guard import FLAG_BITS
+    from hdbench.filter.online import FLAG_BITS
     from hdbench.results import DataFlag
     from hdbench.session.doubts import channel_refusal
 
@@ -187,7 +187,7 @@ def _lost(trace: Trace, profile: Profile) -> int:
     """Return how many samples have a torque or velocity that the filter cannot use."""
     import numpy as np
 
-    from hdbench.filter.layout import USABLE
+    from hdbench.filter.kalman import USABLE
 
     velocity = (
         trace["motor_velocity_rad_s"]
@@ -204,7 +204,7 @@ def _summary(
     import numpy as np
 
     from hdbench.filter import kernel_name
-    from hdbench.filter.guard import FLAG_BITS
+    from hdbench.filter.online import FLAG_BITS
 
     both = np.isfinite(trace["torque_nm"]) & np.isfinite(block.torque_filtered_nm)
     if not both.any():

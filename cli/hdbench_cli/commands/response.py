@@ -67,8 +67,7 @@ def command(
     The exact transfer function from measured to filtered torque at constant speed, from the steady
     Kalman gain, beside sinusoids sent through the running filter.
     """
-    from hdbench.filter.injection import inject
-    from hdbench.filter.response import filter_response
+    from hdbench.filter.response import filter_response, inject
     from hdbench.records import result_header
     from hdbench.session.filters import choose_filter
 

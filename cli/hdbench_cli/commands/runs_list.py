@@ -161,7 +161,7 @@ def _write_csv(file: str, runs: list[RunSummary]) -> None:
     import io
 
     from hdbench.records import write_atomic
-    from hdbench.records.table import safe_cell
+    from hdbench.records.tables import safe_cell
 
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
@@ -187,7 +187,7 @@ def note(output: Output, run: Path, text: str) -> None:
     from dataclasses import asdict
 
     from hdbench.records import add_note, read_notes, result_header
-    from hdbench.records.manifest import utc_now
+    from hdbench.records.runfolder import utc_now
 
     add_note(run, text, utc_now())
     notes = [asdict(one) for one in read_notes(run)]

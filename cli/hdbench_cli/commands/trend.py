@@ -101,7 +101,7 @@ def command(
     options that choose runs are those of `hdbench runs list`; `hdbench runs note` adds marks.
     """
     from hdbench.records import write_atomic
-    from hdbench.records.manifest import utc_now
+    from hdbench.records.runfolder import utc_now
     from hdbench.trend import trend_csv, trend_of_runs
 
     refuse_same_csv(csv_file, html_file)

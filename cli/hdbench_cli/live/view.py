@@ -31,7 +31,7 @@ _JOIN_S = 2.0
 
 
 @dataclass(slots=True)
-class LiveView:
+class LiveView(Watcher):
     """Draws what a run tells, in a thread of its own.
 
     Parameters

@@ -20,8 +20,8 @@ from hdbench.importing.registry import open_source
 from hdbench.importing.source import Source
 from hdbench.importing.text import ForeignFormat
 from hdbench.profile.calibrating import Arm
-from hdbench.records.loadsfile import read_loads, write_loads
 from hdbench.records.storage import publish, staged_path
+from hdbench.records.tables import read_loads, write_loads
 from hdbench.records.trace import FloatArray
 
 __all__ = ["StaircasePlan", "StaircaseReport", "import_staircase"]

@@ -2,26 +2,100 @@
 
 from __future__ import annotations
 
+import struct
+import zlib
 from collections import deque
 from collections.abc import Callable, Mapping
-from typing import Literal, Protocol
+from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hdbench.devices.emulator.parameters import FIFO_SCANS, reference_wave
-from hdbench.devices.node.blocks import (
-    SCAN_BYTES,
-    BlockHeader,
-    encode_block,
-    encode_scans,
-    seal_block,
+from hdbench.devices.node.blocks import CRC_AT, DATA_AT, HEADER
+from hdbench.devices.node.registers import (
+    ALL_CHANNELS,
+    BLOCK_DATA_REGISTERS,
+    Flag,
+    State,
+    Value,
+    block_scans,
 )
-from hdbench.devices.node.registers import ALL_CHANNELS, Flag, State, Value, block_scans
 from hdbench.model.program import ReferenceProgram
-from hdbench.plant.converter import RawSamples
-from hdbench.profile.schema import ReferenceWave
+from hdbench.plant.bench import SimulatedBench
 
-__all__ = ["BlockWindow", "NodeMachine", "Pace", "PlantBench", "Record", "ScanFifo"]
+__all__ = [
+    "BlockHeader",
+    "BlockWindow",
+    "NodeMachine",
+    "Pace",
+    "Record",
+    "ScanFifo",
+    "encode_block",
+    "encode_scans",
+    "seal_block",
+]
+
+# four codes and a 32-bit encoder: what the node keeps of a scan
+SCAN_BYTES = 12
+_WINDOW_BYTES = DATA_AT + 2 * BLOCK_DATA_REGISTERS
+
+
+@dataclass(frozen=True, slots=True)
+class BlockHeader:
+    """What stands before the scans of a block.
+
+    Parameters
+    ----------
+    run, seq, flags, depth, first_index : int
+        Fields of the register map; flags without the channels.
+    channels : int
+        Bits of the words in a scan.
+    """
+
+    run: int
+    seq: int
+    flags: int
+    depth: int
+    first_index: int
+    channels: int
+
+
+def encode_scans(codes: NDArray[np.int16], encoder: NDArray[np.int64]) -> bytes:
+    """Return whole scans as the node's buffer keeps them."""
+    scans = np.empty((len(codes), SCAN_BYTES // 2), dtype=">u2")
+    scans[:, :4] = codes.astype(np.int16).view(np.uint16)
+    wrapped = (encoder & 0xFFFFFFFF).astype(np.uint32)
+    scans[:, 4] = wrapped >> 16
+    scans[:, 5] = wrapped & 0xFFFF
+    return scans.tobytes()
+
+
+def encode_block(header: BlockHeader, scans: bytes) -> bytes:
+    """Return the block window without its echo: header, checksum still 0, chosen channels."""
+    whole = np.frombuffer(scans, dtype=">u2").reshape(-1, SCAN_BYTES // 2)
+    columns = [word for word in range(SCAN_BYTES // 2) if header.channels >> word & 1]
+    encoder = struct.unpack_from(">i", scans, 8)[0] if scans else 0
+    head = HEADER.pack(
+        0,
+        header.run,
+        header.seq,
+        header.flags | header.channels << 8,
+        len(whole),
+        header.depth,
+        header.first_index,
+        encoder,
+        0,
+    )
+    return (head + whole[:, columns].tobytes()).ljust(_WINDOW_BYTES, b"\0")
+
+
+def seal_block(window: bytes, echo: int) -> bytes:
+    """Return the window of `encode_block` with echo and checksum."""
+    body = struct.pack(">H", echo) + window[2:CRC_AT]
+    data = window[DATA_AT : DATA_AT + 2 * body[6].bit_count() * int.from_bytes(body[8:10], "big")]
+    return body + struct.pack(">I", zlib.crc32(data, zlib.crc32(body))) + window[DATA_AT:]
 
 
 class ScanFifo:
@@ -91,59 +165,12 @@ _OVERFLOW, _RUNNING = int(Flag.OVERFLOW), int(Flag.RUNNING)
 _TRIPPED, _ENABLED = int(Flag.WATCHDOG_TRIPPED), int(Flag.DRIVE_ENABLED)
 
 
-class PlantBench(Protocol):
-    """What the node needs of the simulated bench."""
-
-    @property
-    def reference_v(self) -> float:
-        """Motor reference that is put out now, V."""
-        ...
-
-    @property
-    def enabled(self) -> bool:
-        """Whether the drive is on: from the begin of a driven acquisition to standstill."""
-        ...
-
-    @property
-    def velocity_rad_s(self) -> float:
-        """True motor speed, rad/s."""
-        ...
-
-    def begin(
-        self,
-        *,
-        sample_period_s: float,
-        wave: ReferenceWave | ReferenceProgram | None,
-        duration_s: float,
-    ) -> None:
-        """Begin a new acquisition; without a wave the drive is disabled."""
-        ...
-
-    def halt(self) -> None:
-        """Set the reference to zero; the drive decelerates and stays at zero."""
-        ...
-
-    def advance(self, n_samples: int) -> RawSamples:
-        """Return the next samples."""
-        ...
-
-    def set_fixture(
-        self, *, locked: bool, position_rad: float, mass_kg: float, direction: int
-    ) -> None:
-        """Set lock, flexspline position and weight."""
-        ...
-
-    def set_handling(self, *, swing_rad: float, release_s: float, shunt_ohm: float) -> None:
-        """Set how the next weight is handled, and the shunt resistor."""
-        ...
-
-
 class NodeMachine:
     """One node with its bench.
 
     Parameters
     ----------
-    bench : PlantBench
+    bench : SimulatedBench
         The simulated bench.
     pace : {"realtime", "fast"}
         Samples by the wall clock, or as fast as the host reads them.
@@ -154,7 +181,7 @@ class NodeMachine:
     """
 
     def __init__(
-        self, bench: PlantBench, *, pace: Pace, clock: Callable[[], float], record: Record
+        self, bench: SimulatedBench, *, pace: Pace, clock: Callable[[], float], record: Record
     ) -> None:
         self.bench = bench
         self.state = State.IDLE

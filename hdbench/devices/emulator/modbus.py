@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from functools import partial
 
 from hdbench.devices.emulator.instrument import ChannelFault, Input, SimulatedInstrument
 from hdbench.devices.emulator.memory import ILLEGAL_VALUE, Cell, Memory
 from hdbench.devices.emulator.outputs import DeviceWatchdog, Driving, told
-from hdbench.devices.emulator.server import Device, ModbusRefusedError, ModbusServer, Space
-from hdbench.devices.emulator.serving import Emulation, EmulatorSettings
+from hdbench.devices.emulator.server import Device, ModbusRefusedError, Space
+from hdbench.devices.emulator.serving import Emulation, ModbusWire
 from hdbench.devices.modbus.identity import SIGNATURE, window_start
 from hdbench.devices.modbus.inputs import input_info
 from hdbench.devices.modbus.layout import Place, place_of
 from hdbench.profile.acquiring_modbus import ModbusAcquisition, ModbusChannel
 
-__all__ = ["EmulatedModbus", "ModbusDevice", "emulate_modbus"]
+__all__ = ["ModbusDevice", "emulate_modbus"]
 
 # behind the fixture stand an argument and a fault's code, by which a campaign orders faults:
 # 1 silent for ms, 2 restart, 3 words swapped (1 on, 0 off), 5 to 8 an input (stuck, high, low)
@@ -180,38 +180,10 @@ class ModbusDevice(Device):
             raise ModbusRefusedError(ILLEGAL_VALUE)
 
 
-class EmulatedModbus:
-    """Implements `hdbench.devices.emulator.serving.EmulatedDevice`.
-
-    Parameters
-    ----------
-    device : ModbusDevice
-        The device.
-    rtu : bool
-        Whether it is on a serial line: its table has ``[daq.serial]``.
-    """
-
-    def __init__(self, device: ModbusDevice, *, rtu: bool) -> None:
-        self.device = device
-        self._rtu = rtu
-        self._server: ModbusServer | None = None
-
-    async def open(self, settings: EmulatorSettings) -> Mapping[str, object]:
-        """Open the wire and return ``address``."""
-        wire = "rtu" if self._rtu and settings.wire == "tcp" else settings.wire
-        self._server = ModbusServer(self.device, wire)
-        return {"address": await self._server.open(settings.host, settings.port)}
-
-    def close(self) -> None:
-        """Close the wire."""
-        if self._server is not None:
-            self._server.close()
-
-
-def emulate_modbus(emulation: Emulation, table: ModbusAcquisition) -> EmulatedModbus:
+def emulate_modbus(emulation: Emulation, table: ModbusAcquisition) -> ModbusWire:
     """Return a device with the registers of `table` and a simulated bench behind them."""
     # the instrument's current channel has max_current_a at range_v
     profile = emulation.profile
     amperes_per_v = profile.servo.max_current_a / profile.daq.range_v
     device = ModbusDevice(emulation.instrument, table, amperes_per_v=amperes_per_v)
-    return EmulatedModbus(device, rtu=table.serial is not None)
+    return ModbusWire(device, on_line=table.serial is not None)

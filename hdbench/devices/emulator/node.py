@@ -6,7 +6,7 @@ import struct
 import time
 from collections.abc import Callable, Mapping
 
-from hdbench.devices.emulator.machine import BlockWindow, NodeMachine, Pace, PlantBench
+from hdbench.devices.emulator.machine import BlockWindow, NodeMachine, Pace
 from hdbench.devices.emulator.parameters import (
     DEFAULT_PARAMETERS,
     ProgramStore,
@@ -15,8 +15,8 @@ from hdbench.devices.emulator.parameters import (
     identity_values,
     limit_values,
 )
-from hdbench.devices.emulator.server import Device, ModbusRefusedError, ModbusServer, Space
-from hdbench.devices.emulator.serving import Emulation, EmulatorSettings
+from hdbench.devices.emulator.server import Device, ModbusRefusedError, Space
+from hdbench.devices.emulator.serving import Emulation, ModbusWire
 from hdbench.devices.node import registers as reg
 from hdbench.devices.node.registers import (
     Command,
@@ -28,7 +28,7 @@ from hdbench.devices.node.registers import (
     encode_group,
     register,
 )
-from hdbench.errors import UsageError
+from hdbench.plant.bench import SimulatedBench
 from hdbench.profile.acquiring import NodeAcquisition
 from hdbench.profile.schema import ProfileData
 
@@ -36,9 +36,7 @@ __all__ = [
     "FREE",
     "HELD",
     "MINE",
-    "EmulatedNode",
     "NodeCore",
-    "NodeDevice",
     "Session",
     "build_core",
     "emulate_node",
@@ -107,7 +105,7 @@ _FEED = struct.Struct(">HH")
 _FEED_AT = reg.FEED[0].address
 
 
-class NodeCore:
+class NodeCore(Device):
     """Answers reads and writes of registers for any number of connections.
 
     Parameters
@@ -119,6 +117,8 @@ class NodeCore:
     clock : callable
         Monotonic clock, s.
     """
+
+    functions = frozenset((3, 6, 16, 23))
 
     def __init__(
         self,
@@ -142,13 +142,13 @@ class NodeCore:
         self._refusals: dict[int, tuple[Refusal, int]] = {}
         self._nonces: dict[int, int] = {}
 
-    def read(self, address: int, count: int, connection: int) -> bytes:
+    def read(self, space: Space, address: int, count: int, connection: int) -> bytes:
         """Return the bytes of `count` registers from `address`."""
         group = _group_of(address, count)
         offset = 2 * (address - group[0].address)
         return self._image(group, connection)[offset : offset + 2 * count]
 
-    def write(self, address: int, raw: bytes, connection: int) -> None:
+    def write(self, space: Space, address: int, raw: bytes, connection: int) -> None:
         """Write registers; all of them or none."""
         if address == _FEED_AT and len(raw) == _FEED.size:
             # what every exchange writes
@@ -182,15 +182,28 @@ class NodeCore:
         self.machine.tick()
         self._session.tick()
 
-    def disconnected(self, connection: int) -> None:
+    def hears(self, function: int) -> bool:
+        """Bring the node up to now."""
+        self.machine.tick()
+        return True
+
+    def rest(self) -> None:
+        """Produce samples."""
+        self.machine.produce_ahead()
+
+    def left(self, connection: int) -> None:
         """Note that a connection is gone."""
         self._refusals.pop(connection, None)
         self._nonces.pop(connection, None)
         self._session.disconnected(connection)
 
-    def note_refusal(self, refused: RefusedError, connection: int) -> None:
-        """Keep the reason of a refusal for this connection to read."""
-        self._refusals[connection] = (refused.reason, refused.address)
+    def note_refusal(self, refused: ModbusRefusedError, connection: int, transaction: int) -> None:
+        """Keep the reason; a request that is none as Modbus has it concerns no register."""
+        if isinstance(refused, RefusedError):
+            self._refusals[connection] = (refused.reason, refused.address)
+        else:
+            reason = Refusal.VALUE if refused.exception == 3 else Refusal.NONE
+            self._refusals[connection] = (reason, 0)
 
     def _image(self, group: tuple[Register, ...], connection: int) -> bytes:
         if group is reg.BLOCK:
@@ -309,55 +322,8 @@ def _whole_registers(group: tuple[Register, ...], address: int, count: int) -> t
 _QUERY = "?baud=921600"
 
 
-class NodeDevice(Device):
-    """A node's registers behind a server.
-
-    Parameters
-    ----------
-    core : NodeCore
-        The node.
-    """
-
-    functions = frozenset((3, 6, 16, 23))
-
-    def __init__(self, core: NodeCore) -> None:
-        self.core = core
-
-    def tick(self) -> None:
-        """Let the wall clock act."""
-        self.core.tick()
-
-    def left(self, connection: int) -> None:
-        """End the session of a host that is gone."""
-        self.core.disconnected(connection)
-
-    def rest(self) -> None:
-        """Produce samples."""
-        self.core.machine.produce_ahead()
-
-    def hears(self, function: int) -> bool:
-        """Bring the node up to now."""
-        self.core.machine.tick()
-        return True
-
-    def read(self, space: Space, address: int, count: int, connection: int) -> bytes:
-        """Return registers."""
-        return self.core.read(address, count, connection)
-
-    def write(self, space: Space, address: int, raw: bytes, connection: int) -> None:
-        """Write registers."""
-        self.core.write(address, raw, connection)
-
-    def note_refusal(self, refused: ModbusRefusedError, connection: int, transaction: int) -> None:
-        """Keep the reason; a request that is none as Modbus has it concerns no register."""
-        if not isinstance(refused, RefusedError):
-            reason = Refusal.VALUE if refused.exception == 3 else Refusal.NONE
-            refused = RefusedError(refused.exception, reason, 0)
-        self.core.note_refusal(refused, connection)
-
-
 def build_core(
-    bench: PlantBench,
+    bench: SimulatedBench,
     profile: ProfileData,
     seed: int,
     *,
@@ -375,38 +341,7 @@ def build_core(
     )
 
 
-class EmulatedNode:
-    """Implements `hdbench.devices.emulator.serving.EmulatedDevice`.
-
-    Parameters
-    ----------
-    core : NodeCore
-        The node.
-    """
-
-    def __init__(self, core: NodeCore) -> None:
-        self.core = core
-        self._server: ModbusServer | None = None
-
-    async def open(self, settings: EmulatorSettings) -> Mapping[str, object]:
-        """Open the wire and return ``address``."""
-        if settings.wire not in ("tcp", "rtu"):
-            raise UsageError(
-                f"a node speaks no {settings.wire}",
-                where="--wire",
-                fix="choose tcp or rtu, or a profile with a polled Modbus device",
-            )
-        self._server = ModbusServer(NodeDevice(self.core), settings.wire)
-        address = await self._server.open(settings.host, settings.port)
-        return {"address": address + (_QUERY if settings.wire == "rtu" else "")}
-
-    def close(self) -> None:
-        """Close the wire."""
-        if self._server is not None:
-            self._server.close()
-
-
-def emulate_node(emulation: Emulation, table: NodeAcquisition) -> EmulatedNode:
+def emulate_node(emulation: Emulation, table: NodeAcquisition) -> ModbusWire:
     """Return a node that makes the motor reference of a simulated bench itself."""
     core = build_core(
         emulation.bench,
@@ -417,4 +352,4 @@ def emulate_node(emulation: Emulation, table: NodeAcquisition) -> EmulatedNode:
     )
     emulation.moving = lambda: core.machine.busy
     emulation.busy = lambda: core.machine.state == State.RUNNING
-    return EmulatedNode(core)
+    return ModbusWire(core, {"tcp": "", "rtu": _QUERY})

@@ -19,7 +19,7 @@ from hdbench.devices.driver import Driver, driver_of
 from hdbench.devices.emulator.channel import Channel
 from hdbench.devices.emulator.instrument import DeviceClock, SimulatedInstrument
 from hdbench.devices.emulator.machine import Pace
-from hdbench.devices.emulator.server import Wire
+from hdbench.devices.emulator.server import Device, ModbusServer, Wire
 from hdbench.errors import DeviceError, StorageError, UsageError
 from hdbench.plant.bench import SimulatedBench
 from hdbench.plant.plantfile import load_plant
@@ -30,6 +30,7 @@ __all__ = [
     "EmulatedDevice",
     "Emulation",
     "EmulatorSettings",
+    "ModbusWire",
     "emulate",
     "emulated_speed",
     "ending",
@@ -136,7 +137,50 @@ class EmulatedDevice(Protocol):
 
     def close(self) -> None:
         """Close its wire."""
-        ...
+
+
+class ModbusWire:
+    """The wire of a device of registers; implements `EmulatedDevice`.
+
+    Parameters
+    ----------
+    device : Device
+        The device.
+    queries : mapping, optional
+        Wires that it speaks, each with what follows its address; left out, it speaks all.
+    on_line : bool
+        Whether it is on a serial line where nothing else is asked for.
+    """
+
+    def __init__(
+        self,
+        device: Device,
+        queries: Mapping[Wire, str] | None = None,
+        *,
+        on_line: bool = False,
+    ) -> None:
+        self._device = device
+        self._queries = queries
+        self._on_line = on_line
+        self._server: ModbusServer | None = None
+
+    async def open(self, settings: EmulatorSettings) -> Mapping[str, object]:
+        """Open the wire and return ``address``."""
+        wire = "rtu" if self._on_line and settings.wire == "tcp" else settings.wire
+        if self._queries is not None and wire not in self._queries:
+            raise UsageError(
+                f"a node speaks no {wire}",
+                where="--wire",
+                fix="choose tcp or rtu, or a profile with a polled Modbus device",
+            )
+        self._server = ModbusServer(self._device, wire)
+        address = await self._server.open(settings.host, settings.port)
+        return {"address": address + (self._queries or {}).get(wire, "")}
+
+    def close(self) -> None:
+        """Close the wire."""
+        if self._server is not None:
+            self._server.close()
 
 
 class Emulation:

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from hdbench.devices.bench import AcquisitionSettings, Block, Identity, SafeState
 from hdbench.devices.daq import Capabilities
 from hdbench.devices.guard.launch import GuardProcess
-from hdbench.devices.host import Alignment, HostedBench
+from hdbench.devices.host import HostedBench
 from hdbench.devices.simulation import Simulation
 from hdbench.errors import DeviceError
 
@@ -46,10 +46,6 @@ class GuardedBench:
     def capabilities(self) -> Capabilities:
         """Return what the device can do."""
         return self.bench.capabilities()
-
-    def alignment(self) -> Alignment | None:
-        """Return how well written references are placed beside the samples."""
-        return self.bench.alignment()
 
     def configure(self, settings: AcquisitionSettings) -> None:
         """Configure the bench; before the first motion the guard is started."""

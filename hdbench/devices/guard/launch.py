@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import secrets
 import select
 import socket
@@ -15,7 +14,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Literal
 
-from hdbench.devices.guard.order import GuardOrder
+from hdbench.devices.guard.order import GuardOrder, as_json
 from hdbench.errors import DeviceError
 from hdbench.system.processes import DETACHED
 
@@ -112,8 +111,9 @@ class GuardProcess:
         self._watch: Watch = "end-only"
         self._said_s = self._heard_s = clock()
         self._words = b""
-        told = {**order.to_dict(silence_s, log), "emulator": emulator}
-        self._hand_over(json.dumps(told).encode() + b"\n")
+        told = str(log.absolute()) if log else None
+        line = as_json(order, silence_s=silence_s, log=told, emulator=emulator)
+        self._hand_over(line.encode() + b"\n")
 
     @property
     def pid(self) -> int:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from hdbench.devices.host.bench import HostedBench
-from hdbench.devices.host.channels import Alignment
 from hdbench.devices.host.settings import HostSettings, host_settings
 
-__all__ = ["Alignment", "HostSettings", "HostedBench", "host_settings"]
+__all__ = ["HostSettings", "HostedBench", "host_settings"]

@@ -11,7 +11,7 @@ import numpy as np
 from hdbench.devices.bench import AcquisitionSettings, Block, Identity, SafeState
 from hdbench.devices.daq import Capabilities, Daq, DaqSettings, repeats_of
 from hdbench.devices.feasibility import check_demands
-from hdbench.devices.host.channels import Alignment, ChannelMap, SampleClock
+from hdbench.devices.host.channels import ChannelMap, SampleClock
 from hdbench.devices.host.control import ControlThread, HostReference, ReferenceLog
 from hdbench.devices.host.settings import HostSettings, crossed_limit
 from hdbench.devices.safestate import confirm_safe, wait_for_standstill
@@ -208,18 +208,6 @@ class HostedBench:
         if not drives:
             return safe
         return confirm_safe(safe, self.daq, self._settings, self._clock, self._sleep)
-
-    def alignment(self) -> Alignment | None:
-        """Return how well written references are placed beside the samples of this acquisition.
-
-        Returns
-        -------
-        Alignment or None
-            None where the device makes the reference itself, or before a start.
-        """
-        if self._samples is None or self._log is None or self._reference is None:
-            return None
-        return Alignment(self._samples.doubt_s, 0.5 * self._log.worst_write_s)
 
     def close(self) -> None:
         """Close the connection; never raises."""

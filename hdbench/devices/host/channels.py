@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +13,7 @@ from hdbench.devices.bench import Block
 from hdbench.devices.daq import ROLE_UNITS, Capabilities, Role, ScanBlock
 from hdbench.records.trace import FloatArray
 
-__all__ = ["Alignment", "ChannelMap", "SampleClock", "Unwrap"]
+__all__ = ["ChannelMap", "SampleClock", "Unwrap"]
 
 # at the end of its range the amplifier limits the current, not the converter; a count has no end
 _CONVERTED: tuple[Role, ...] = ("torque", "tacho", "reference")
@@ -121,27 +120,6 @@ class ChannelMap:
 _WINDOW = 64
 
 
-@dataclass(frozen=True, slots=True)
-class Alignment:
-    """How well writes of the host and samples of the device are placed on one clock.
-
-    Parameters
-    ----------
-    samples_s : float
-        Half-width of the samples' times, s; a rectangular distribution.
-    writes_s : float
-        Half-width of a write's time, s, of the slowest write so far.
-    """
-
-    samples_s: float
-    writes_s: float
-
-    @property
-    def standard_uncertainty_s(self) -> float:
-        """Standard uncertainty of the time of a written value against a sample, s (GUM 4.3.7)."""
-        return math.hypot(self.samples_s, self.writes_s) / math.sqrt(3.0)
-
-
 class SampleClock:
     """Places sample k at ``offset + k * period`` on the host's monotonic clock.
 
@@ -191,7 +169,3 @@ class SampleClock:
             self._high_s = max(self._low_s, min(self._high_s, bound_s))
         if len(self._bounds_s) == _WINDOW and not math.isfinite(self._first_bound_s):
             self._first_bound_s = min(self._bounds_s)
-
-    def time_s(self, index: int) -> float:
-        """Return the host time of sample `index`, s."""
-        return self.offset_s + index * self._period_s

@@ -71,11 +71,6 @@ class HostReference:
         self._period_s = sample_period_s
         self._slew_v_per_s = slew_v_per_s
 
-    @property
-    def duration_s(self) -> float:
-        """Length, s."""
-        return len(self._values) * self._period_s
-
     def value_v(self, time_s: float, last_v: float, since_s: float) -> float:
         """Return what is to be put out at `time_s`."""
         index = math.floor(time_s / self._period_s)
@@ -97,14 +92,12 @@ class ReferenceLog:
         self._lock = threading.Lock()
         self._time_s = [start_s]
         self._value_v = [value_v]
-        self.worst_write_s = 0.0
 
     def add(self, before_s: float, after_s: float, value_v: float) -> None:
         """Note a confirmed write."""
         with self._lock:
             self._time_s.append(0.5 * (before_s + after_s))
             self._value_v.append(value_v)
-            self.worst_write_s = max(self.worst_write_s, after_s - before_s)
 
     def at(self, time_s: FloatArray) -> FloatArray:
         """Return the output at each of the times, V; before the first write its first value."""
@@ -178,7 +171,6 @@ class ControlThread:
         self._thread = threading.Thread(target=self._run, name="hdbench-control", daemon=True)
         self._start_s = self._seen_s = self._fed_s = self._written_s = clock()
         self._last_v = 0.0
-        self.worst_late_s = 0.0
 
     def start(self, start_s: float) -> None:
         """Begin; time 0 of the reference is `start_s` on the clock."""
@@ -229,7 +221,6 @@ class ControlThread:
             self._fed_s = now_s
 
     def _check_session(self, now_s: float, late_s: float) -> None:
-        self.worst_late_s = max(self.worst_late_s, late_s)
         if self._crossed:
             raise _fault(self._crossed, "find out why before raising the limit in the profile")
         if not now_s - self._seen_s <= _ABSENT_S:

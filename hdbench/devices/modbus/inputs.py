@@ -176,7 +176,6 @@ class Polling:
     ) -> None:
         self.started = False
         self.stopped = False
-        self.doubts: dict[str, int] = {}
         self._inputs = inputs
         self._n_channels = n_channels
         self._n_samples = n_samples
@@ -220,7 +219,6 @@ class Polling:
         lost, self._untold = self._untold + index - self._next, 0
         self._next = index + 1
         if reading.doubt:
-            self.doubts[reading.doubt] = self.doubts.get(reading.doubt, 0) + 1
             self._untold = lost + 1
             return None
         return ScanBlock(

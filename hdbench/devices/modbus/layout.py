@@ -8,7 +8,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from hdbench.devices.wire import Request, read_bits, read_registers
+from hdbench.devices.wire import (
+    Request,
+    read_bits,
+    read_registers,
+    write_bit,
+    write_register,
+    write_registers,
+)
 from hdbench.profile.acquiring_modbus import ModbusAcquisition, ModbusIdentify, ModbusPlace
 from hdbench.profile.modbus_checks import number_ranges
 
@@ -17,15 +24,18 @@ __all__ = [
     "Order",
     "Place",
     "Type",
+    "bounds",
     "decode",
     "encode",
     "fits",
+    "form_of",
     "needed",
     "place_of",
     "plan_blocks",
     "range_of",
     "size_of",
     "values_of",
+    "write_request",
 ]
 
 Type = Literal["i16", "u16", "i32", "u32", "f32", "f64"]
@@ -82,15 +92,22 @@ def _ordered(raw: bytes, order: Order) -> bytes:
 _ROUNDING = 1e-6
 
 
+def bounds(rule: ModbusIdentify) -> tuple[float, float]:
+    """Return between which values a rule is kept."""
+    low = -math.inf if rule.low is None else rule.low
+    high = math.inf if rule.high is None else rule.high
+    if rule.equals is not None:
+        rounding = _ROUNDING * abs(rule.equals)
+        low, high = max(low, rule.equals - rounding), min(high, rule.equals + rounding)
+    return low, high
+
+
 def fits(rule: ModbusIdentify, found: float | int) -> bool:
     """Return whether a value keeps a rule."""
     if not math.isfinite(found):
         return False
-    value = float(int(found) & rule.mask) if rule.mask is not None else float(found)
-    near = rule.equals is None or abs(value - rule.equals) <= _ROUNDING * abs(rule.equals)
-    low = -math.inf if rule.low is None else rule.low
-    high = math.inf if rule.high is None else rule.high
-    return near and low <= value <= high
+    low, high = bounds(rule)
+    return low <= (int(found) & rule.mask if rule.mask is not None else found) <= high
 
 
 def needed(rule: ModbusIdentify) -> str:
@@ -187,6 +204,21 @@ def place_of(table: ModbusAcquisition, place: ModbusPlace) -> Place:
     first = next((low for low, high in ranges if low <= place.address <= high), ranges[0][0])
     name = f"{place.table} {place.address}"
     return Place(place.table, place.address - first, place.type, place.order, name)
+
+
+def write_request(place: Place, value: float, function: int | None = None) -> Request:
+    """Return a write of one value; raises `ValueError` where its type does not hold it."""
+    if place.is_bit:
+        return write_bit(place.start, on=bool(value))
+    raw = encode(value, place.kind, place.order)
+    if function == 6 or (function is None and place.size == 1):
+        return write_register(place.start, int.from_bytes(raw, "big"))
+    return write_registers(place.start, raw)
+
+
+def form_of(place: Place) -> tuple[str, tuple[int, ...]]:
+    """Return form and order of the bytes of a value as the guard reads them."""
+    return _FORMATS[place.kind], tuple(_ordered(bytes(range(2 * place.size)), place.order))
 
 
 def plan_blocks(places: Sequence[Place], *, most: int, bridge: int) -> tuple[Block, ...]:

@@ -9,10 +9,16 @@ from hdbench.devices.guard.order import Check, Look, Target, target_at
 from hdbench.devices.modbus.access import QUIET_S, TRY, Access
 from hdbench.devices.modbus.driver import ModbusDaq, exchange_s, max_rates_hz, reads_of
 from hdbench.devices.modbus.identity import make_probe
-from hdbench.devices.modbus.layout import Place, encode, place_of, plan_blocks
-from hdbench.devices.modbus.links import polled_link
+from hdbench.devices.modbus.layout import (
+    Place,
+    bounds,
+    form_of,
+    place_of,
+    plan_blocks,
+    write_request,
+)
 from hdbench.devices.modbus.outputs import output_step_v
-from hdbench.devices.wire import Request, parse_address, write_bit, write_register, write_registers
+from hdbench.devices.wire import parse_address
 from hdbench.devices.wire.address import serial_settings
 from hdbench.errors import ProfileError
 from hdbench.profile.acquiring_modbus import ModbusAcquisition
@@ -23,6 +29,9 @@ __all__ = ["DRIVER", "modbus_rate_hz", "open_modbus", "stop_target"]
 
 def open_modbus(profile: ProfileData, table: ModbusAcquisition) -> ModbusDaq:
     """Open the device; nothing is connected or written yet."""
+    # pymodbus is loaded by those who open such a device alone
+    from hdbench.devices.modbus.links import polled_link
+
     given = None if table.serial is None else serial_settings(table.serial)
     address = parse_address(table.address, given, default_port=502)
     if not address.is_numbered:
@@ -60,7 +69,6 @@ def _check_deadline(table: ModbusAcquisition) -> None:
         )
 
 
-_FORMS = {"i16": ">h", "u16": ">H", "i32": ">i", "u32": ">I", "f32": ">f", "f64": ">d"}
 # data of a reply stand behind function code and byte count
 _DATA_AT = 2
 # what still counts as zero where the output is a float, V
@@ -80,52 +88,34 @@ def stop_target(_profile: ProfileData, table: ModbusAcquisition) -> Target | Non
     finals, final_looks = [], []
     if output.enable is not None:
         line, off = place_of(table, output.enable), float(output.enable.off)
-        finals.append(_write(line, off))
+        finals.append(write_request(line, off))
         final_looks.append(_look(line, "enable line", off, off))
-    known = [place_of(table, one) for one in table.identify if one.equals is not None]
     address = parse_address(table.address, given, default_port=502)
     return Target(
         target_at(address, table.unit, table.tls, rest_s=table.min_gap_s),
-        acts=(_write(place, zero, output.function),),
+        acts=(write_request(place, zero, output.function),),
         looks=(_look(back, "motor reference, steps", zero - spread, zero + spread),),
-        identity=_read(known[0]) if known else None,
+        identity=tuple(
+            _look(where := place_of(table, rule), where.name, *bounds(rule), rule.mask or 0)
+            for rule in table.identify
+        ),
         finals=tuple(finals),
         final_looks=tuple(final_looks),
         brake_s=output.brake_s,
     )
 
 
-def _read(place: Place) -> Request:
+def _look(place: Place, name: str, low: float, high: float, mask: int = 0) -> Look:
+    """Return a read of one value that must lie between two others."""
     (block,) = plan_blocks([place], most=place.size, bridge=0)
-    return block.request()
-
-
-def _write(place: Place, value: float, function: int | None = None) -> Request:
-    """Return a write as the driver makes it."""
-    if place.is_bit:
-        return write_bit(place.start, on=bool(value))
-    raw = encode(value, place.kind, place.order)
-    if len(raw) == 2 and function != 16:
-        return write_register(place.start, int.from_bytes(raw, "big"))
-    return write_registers(place.start, raw)
-
-
-def _look(place: Place, name: str, low: float, high: float) -> Look:
-    if place.is_bit:
-        return Look(_read(place), (Check(name, _DATA_AT, ">B", low, high, mask=1),))
-    words = [(2 * number, 2 * number + 1) for number in range(place.size)]
-    if place.order in ("CDAB", "DCBA"):
-        words.reverse()
-    if place.order in ("BADC", "DCBA"):
-        words = [(second, first) for first, second in words]
-    order = tuple(index for word in words for index in word)
-    return Look(_read(place), (Check(name, _DATA_AT, _FORMS[place.kind], low, high, order=order),))
+    form, order, mask = (">B", (), 1) if place.is_bit else (*form_of(place), mask)
+    return Look(block.request(), (Check(name, _DATA_AT, form, low, high, mask, order),))
 
 
 DRIVER = Driver(
-    open=later("hdbench.devices.modbus.opening:open_modbus"),
-    rate_hz=later("hdbench.devices.modbus.opening:modbus_rate_hz"),
+    open=open_modbus,
+    rate_hz=modbus_rate_hz,
     drives=lambda table: table.output is not None,
-    stop_target=later("hdbench.devices.modbus.opening:stop_target"),
+    stop_target=stop_target,
     emulate=later("hdbench.devices.emulator.modbus:emulate_modbus"),
 )

@@ -17,7 +17,7 @@ from hdbench.devices.node.registers import (
     decode_group,
     register,
 )
-from hdbench.devices.node.wire import NodeWire, node_probe
+from hdbench.devices.node.wire import NodeWire, node_probe, span
 from hdbench.devices.safestate import STANDSTILL_RAD_S
 from hdbench.devices.wire import Address, connect, parse_address, read_registers, write_register
 from hdbench.devices.wire.address import SerialSettings, serial_settings
@@ -107,14 +107,14 @@ def stop_target(_profile: ProfileData, table: NodeAcquisition) -> Target:
         target_at(node_address(table), table.unit, table.tls),
         acts=(write_register(register("command").address, Command.SAFE),),
         looks=(Look(read_registers(first, count), checks),),
-        identity=read_registers(IDENTITY[0].address, sum(entry.size for entry in IDENTITY)),
+        identity=(Look(read_registers(*span(IDENTITY))),),
     )
 
 
 DRIVER = Driver(
-    open=later("hdbench.devices.node.opening:open_node"),
-    rate_hz=later("hdbench.devices.node.opening:node_rate_hz"),
-    stop_target=later("hdbench.devices.node.opening:stop_target"),
+    open=open_node,
+    rate_hz=node_rate_hz,
+    stop_target=stop_target,
     emulate=later("hdbench.devices.emulator.node:emulate_node"),
-    probe=later("hdbench.devices.node.opening:probe"),
+    probe=probe,
 )

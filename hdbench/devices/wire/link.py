@@ -63,11 +63,9 @@ class Link(Protocol):
         ExceptionReply
             If the device refused.
         """
-        ...
 
     def close(self) -> None:
         """Close the connection; never raises. The next transaction opens it again."""
-        ...
 
 
 def connect(

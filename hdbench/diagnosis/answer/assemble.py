@@ -24,7 +24,9 @@ from hdbench.diagnosis.discovery.record import SAMPLED
 from hdbench.diagnosis.discovery.rest import noise_rms_nm, residual_nm
 from hdbench.diagnosis.discovery.search import Search
 from hdbench.diagnosis.discovery.told import Told, minimum_detectable, spectra, tell
-from hdbench.diagnosis.faults import Fault, Inspected, ResidualFaults, coarse_steps
+from hdbench.diagnosis.faults.converter import coarse_steps
+from hdbench.diagnosis.faults.fault import Fault, Inspected
+from hdbench.diagnosis.faults.residual import ResidualFaults
 from hdbench.model import BenchModel, Cause, CauseTerm
 from hdbench.profile import Profile
 from hdbench.records.trace import FloatArray

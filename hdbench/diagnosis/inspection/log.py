@@ -17,8 +17,8 @@ from hdbench.importing.registry import open_source
 from hdbench.importing.source import Channel
 from hdbench.importing.units import target_unit, unit_scale
 from hdbench.records import Trace, read_trace
+from hdbench.records.tables import TRACE_COLUMNS
 from hdbench.records.trace import FloatArray
-from hdbench.records.tracefile import TRACE_COLUMNS
 
 __all__ = ["KINDS", "MOST_VALUES", "Log", "read_log"]
 

@@ -158,17 +158,6 @@ _LOOK_S = 0.5
 class DataqDaq(InputsOnly):
     """Driver of one instrument; implements `hdbench.devices.daq.Daq`.
 
-    Parameters
-    ----------
-    commands : Commands
-        The instrument; owned by the driver from now on.
-    table : DataqAcquisition
-        ``[daq]`` of the profile, or one part of a composite.
-    clock : callable, optional
-        Monotonic clock, s.
-
-    Notes
-    -----
     No model has an analog output, so this driver drives nothing: it is the inputs of a composite,
     or measures a bench that stands.
     """

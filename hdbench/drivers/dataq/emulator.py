@@ -81,30 +81,7 @@ _SILENT = ("endo", "dout", "reset", "filter")
 
 
 class DataqDevice:
-    """One instrument.
-
-    Parameters
-    ----------
-    instrument : SimulatedInstrument
-        The bench at its terminals.
-    model : Model
-        Which one.
-    wiring : mapping of int to Terminal
-        What leads to its analog inputs.
-    serial : str
-        Serial number, eight characters.
-    clock : callable, optional
-        Monotonic clock, s.
-
-    Attributes
-    ----------
-    lose_bytes, lose_scans : int
-        Faults: bytes or whole scans of the stream that vanish once.
-    lines : int
-        Levels of the digital inputs.
-    buffer_samples : int
-        Samples that its buffer holds.
-    """
+    """One instrument."""
 
     def __init__(
         self,
@@ -288,13 +265,7 @@ _TICK_S = 0.005
 
 
 class DataqLine:
-    """Serves one instrument until it is closed.
-
-    Parameters
-    ----------
-    device : DataqDevice
-        The instrument.
-    """
+    """Serves one instrument until it is closed."""
 
     def __init__(self, device: DataqDevice) -> None:
         self.device = device
@@ -341,13 +312,7 @@ _FAST_BUFFERS = 16
 
 
 class EmulatedDataq:
-    """Implements `hdbench.devices.emulator.serving.EmulatedDevice`.
-
-    Parameters
-    ----------
-    device : DataqDevice
-        The instrument.
-    """
+    """Implements `hdbench.devices.emulator.serving.EmulatedDevice`."""
 
     def __init__(self, device: DataqDevice) -> None:
         self.line = DataqLine(device)

@@ -19,29 +19,7 @@ _RANGES_2008 = {
 
 @dataclass(frozen=True, slots=True)
 class Model:
-    """One model.
-
-    Parameters
-    ----------
-    number : str
-        What it tells as its model: ``2108``.
-    ranges : mapping of float to int
-        Input range +-, V, to its code in a scan-list word.
-    dividend : float
-        Rate = dividend / (srate dec deca), Hz.
-    srate_min, srate_max, dec_max, deca_max : int
-        Limits of the three numbers; 1 where the model has no such command.
-    throughput : bool
-        Whether that is the rate of all entries together, else of each.
-    bits : int
-        Resolution; words are left-justified.
-    digital : bool
-        Whether the digital inputs can be an entry of the scan list.
-    srate_step : int
-        What each entry beyond the first adds to `srate_min`.
-    single_dividend : float
-        `dividend` where the list has one entry; 0 for the same.
-    """
+    """One model."""
 
     number: str
     ranges: Mapping[float, int] = field(default_factory=lambda: {10.0: 0})
@@ -100,15 +78,7 @@ _TRIES = 200
 
 @dataclass(frozen=True, slots=True)
 class RateSetting:
-    """What is written.
-
-    Parameters
-    ----------
-    srate, dec, deca : int
-        The three numbers.
-    period_s : float
-        The sampling period that they make, s.
-    """
+    """What is written."""
 
     srate: int
     dec: int

@@ -39,15 +39,7 @@ def port_path(address: str) -> str:
 
 
 class Port:
-    """Bytes to and from one serial port; opened when needed.
-
-    Parameters
-    ----------
-    path : str
-        The port.
-    clock : callable, optional
-        Monotonic clock, s.
-    """
+    """Bytes to and from one serial port; opened when needed."""
 
     def __init__(self, path: str, *, clock: Callable[[], float] = time.monotonic) -> None:
         self.where = f"serial://{path}"
@@ -146,17 +138,6 @@ _QUIET_S = 0.03
 class Commands:
     """Sends commands and checks what comes back.
 
-    Parameters
-    ----------
-    port : Port
-        The port; owned from now on.
-    deadline_s : float
-        Longest time of one command, s.
-    clock : callable, optional
-        Monotonic clock, s.
-
-    Notes
-    -----
     The instrument repeats every command, then a space and the value where there is one, then CR;
     only `start` is not repeated. A line that does not begin with the command is dropped: it belongs
     to an earlier one. All settings may be sent twice without harm.

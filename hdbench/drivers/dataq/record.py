@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from hdbench.devices.driver import Driver, later
 
-__all__ = ["DRIVER"]
-
 DRIVER = Driver(
     open=later("hdbench.drivers.dataq.driver:open_dataq"),
     verify=later("hdbench.drivers.dataq.driver:verify"),

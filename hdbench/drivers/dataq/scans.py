@@ -21,13 +21,6 @@ WRAP = 2**32
 class SignedCounter:
     """Turns a counter's edges into a position.
 
-    Parameters
-    ----------
-    counts_per_edge : int
-        Encoder counts between two edges that are counted.
-
-    Notes
-    -----
     position(k) = position(k - 1) + sign(tacho(k)) * edges(k) * counts_per_edge, where edges(k) came
     since sample k - 1, modulo 2**16. Near a reversal an edge or two may get the other sign; the
     position is in the middle of what an edge leaves open, half of `counts_per_edge`.
@@ -62,17 +55,7 @@ _FULL = 32768
 
 @dataclass(frozen=True, slots=True)
 class Marker:
-    """What tells where a scan ends.
-
-    Parameters
-    ----------
-    position : int
-        Word of the scan, from 0, that holds it.
-    mask : int
-        Bits that stay as they are from scan to scan.
-    zeros : int
-        Bits that are always zero in every word of the device: those below its resolution.
-    """
+    """What tells where a scan ends."""
 
     position: int
     mask: int
@@ -81,21 +64,7 @@ class Marker:
 
 @dataclass(frozen=True, slots=True)
 class ScanPlan:
-    """Scan list and scales of one acquisition.
-
-    Parameters
-    ----------
-    words : tuple of int
-        Words of the scan list, in order.
-    marker : Marker
-        What marks a scan.
-    scales : tuple of float
-        Units of the role per step of a word, channel by channel.
-    bits : int
-        Resolution of the analog words, left-justified.
-    counter : int or None
-        Channel that is the counter, None where there is none.
-    """
+    """Scan list and scales of one acquisition."""
 
     words: tuple[int, ...]
     marker: Marker
@@ -191,18 +160,6 @@ class StreamFault(Exception):  # noqa: N818 - told by the driver as a DeviceErro
 class ScanAssembler:
     """Cuts a stream into scans and checks the mark of each.
 
-    Parameters
-    ----------
-    plan : ScanPlan
-        Scan list and mark.
-
-    Attributes
-    ----------
-    delivered : int
-        Scans given out so far.
-
-    Notes
-    -----
     A scan counts only when its mark is that of the first scan, so the bytes before it are complete:
     a byte too many or too few moves another byte into the mark's place. The digital word cannot be
     mistaken for itself moved by one byte, because its two bytes differ in D1 and D0; moved by whole

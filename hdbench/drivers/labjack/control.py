@@ -59,13 +59,7 @@ _FIX = "check power and network of the device, then run `hdbench doctor`"
 
 
 class Refused(DeviceError):  # noqa: N818 - an error that the device itself told
-    """The device refused a request.
-
-    Attributes
-    ----------
-    code : int
-        The device's own error code; 0 where it told none.
-    """
+    """The device refused a request."""
 
     code = 0
 
@@ -73,17 +67,6 @@ class Refused(DeviceError):  # noqa: N818 - an error that the device itself told
 class Control:
     """Register access; every call keeps its deadline, from any thread.
 
-    Parameters
-    ----------
-    link : Link
-        Connection to the control port; owned from now on.
-    deadline_s : float
-        Longest time of one call, s, the wait for another thread's transaction included.
-    clock : callable, optional
-        Monotonic clock, s.
-
-    Notes
-    -----
     Reads are repeated once within the deadline. Writes are sent exactly once, but for those that
     their caller calls repeatable; what became of a write without an answer has to be read back.
     """

@@ -116,21 +116,6 @@ _ZERO_V = 0.02
 class LabJackDaq:
     """Driver of one device; implements `hdbench.devices.daq.Daq`.
 
-    Parameters
-    ----------
-    control : Control
-        Its Modbus port; owned by the driver from now on.
-    table : LabJackAcquisition
-        The profile's table, checked.
-    stream_address : tuple of str and int
-        Host and port of its stream.
-    tacho_rad_s_per_v : float
-        Motor speed per volt of the tacho channel, for the safe state.
-    clock, sleep : callable, optional
-        Monotonic clock in s, and waiting.
-
-    Notes
-    -----
     `read_block` reads the stream's own socket; everything else goes over the Modbus port, one
     transaction at a time. The two never wait for each other but for a moment at start and stop.
     """
@@ -220,7 +205,7 @@ class LabJackDaq:
             deadline_s=self._table.deadline_s,
             clock=self._clock,
         )
-        acquisition.begin(stream)
+        acquisition.receive_from(stream)
         self._control.write((STREAM_ENABLE,), (1,))
         if not self._control.read(STREAM_ENABLE)[0]:
             raise self._error("the stream did not start", "configure it again")
@@ -242,7 +227,7 @@ class LabJackDaq:
         """Stop the stream; scans already taken can still be read."""
         stop_stream(self._control)
         if self._acquisition is not None:
-            self._acquisition.stop()
+            self._acquisition.stopped = True
 
     def write_output(self, name: str, value: float) -> float:
         """Write the motor reference and return what is read back, V.

@@ -38,22 +38,7 @@ def output_step_v(output: LabJackOutput, model: str) -> float:
 
 
 class Outputs:
-    """Writes them, and remembers what was ordered.
-
-    Parameters
-    ----------
-    control : Control
-        The device.
-    table : LabJackAcquisition
-        The profile's table.
-
-    Attributes
-    ----------
-    tripped : bool
-        Whether the enable line was found off while it was ordered on: the watchdog dropped it.
-    ordered_on : bool
-        Whether the drive was last ordered on.
-    """
+    """Writes them, and remembers what was ordered."""
 
     def __init__(self, control: Control, table: LabJackAcquisition) -> None:
         self.tripped = False
@@ -190,20 +175,7 @@ def watchdog_settings(output: LabJackOutput, time_s: float) -> dict[str, float]:
 
 
 class Watchdog:
-    """The watchdog of one device.
-
-    Parameters
-    ----------
-    control : Control
-        Its registers.
-    output : LabJackOutput
-        Reference and enable line.
-
-    Attributes
-    ----------
-    flash_writes : int
-        Registers written to flash so far.
-    """
+    """The watchdog of one device."""
 
     def __init__(self, control: Control, output: LabJackOutput) -> None:
         self.flash_writes = 0

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from hdbench.devices.driver import Driver, later
 
-__all__ = ["DRIVER"]
-
 DRIVER = Driver(
     open=later("hdbench.drivers.labjack.driver:open_labjack"),
     verify=later("hdbench.drivers.labjack.abilities:check_table"),

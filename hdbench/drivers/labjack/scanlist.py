@@ -35,17 +35,6 @@ _SANE = 0.05
 class InputScale:
     """Volts of a streamed word.
 
-    Parameters
-    ----------
-    center : float
-        Word at zero volts; below it the negative slope counts.
-    positive_v, negative_v : float
-        Volts per word above and below the centre; the second is negative.
-    source : str
-        ``device`` or ``nominal``.
-
-    Notes
-    -----
     T7: v = (word - center) positive_v for word >= center, else (center - word) negative_v. A T4's
     v = slope word + offset is the same with center = -offset / slope.
     """
@@ -119,17 +108,7 @@ _LOWEST, _HIGHEST = 0, 0xFFFE
 
 @dataclass(frozen=True, slots=True)
 class Decoded:
-    """Scans in the units of their roles.
-
-    Parameters
-    ----------
-    values : ndarray, shape (n, roles)
-        V, A or counts.
-    saturated : ndarray of bool, shape (n, roles)
-        True at the ends of an analog range.
-    enabled : ndarray of bool, shape (n,), or None
-        Level of the enable line in every scan, as on or off; None where it is not streamed.
-    """
+    """Scans in the units of their roles."""
 
     values: FloatArray
     saturated: NDArray[np.bool_]
@@ -138,23 +117,7 @@ class Decoded:
 
 @dataclass(frozen=True, slots=True)
 class ScanPlan:
-    """One acquisition's scan list and how its words are read.
-
-    Parameters
-    ----------
-    addresses : tuple of int
-        What is written to the device.
-    columns : tuple of tuple
-        Per role: position of its first word, its channel, and its scale; None for a counter.
-    line : int or None
-        Position of the word with the enable line.
-    line_bit : int
-        Bit of it.
-    line_high : bool
-        Whether a high line enables the drive.
-    timer : int
-        Position of the core timer's low word.
-    """
+    """One acquisition's scan list and how its words are read."""
 
     addresses: tuple[int, ...]
     columns: tuple[tuple[int, LabJackChannel, InputScale | None], ...]

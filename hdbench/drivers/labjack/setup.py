@@ -103,15 +103,7 @@ _RATE_TOLERANCE = 2e-4
 
 @dataclass(frozen=True, slots=True)
 class StreamSetup:
-    """What the device was set to.
-
-    Parameters
-    ----------
-    period_s : float
-        Actual sampling period, s.
-    samples_per_packet : int
-        Samples of a packet, whole scans.
-    """
+    """What the device was set to."""
 
     period_s: float
     samples_per_packet: int

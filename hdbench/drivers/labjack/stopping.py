@@ -19,8 +19,6 @@ from hdbench.drivers.labjack.scanlist import input_number
 from hdbench.drivers.labjack.table import LabJackAcquisition
 from hdbench.profile.schema import ProfileData
 
-__all__ = ["stop_target"]
-
 # an output of 0 V as the device reads it back: below the step of any converter
 _ZERO_V = 0.02
 
@@ -52,7 +50,7 @@ def stop_target(profile: ProfileData, table: LabJackAcquisition) -> Target | Non
         target_at(parse_address(table.address, default_port=502), 1),
         acts=(feedback_request(((reference, 0.0),), ()), stop),
         looks=tuple(looks),
-        identity=feedback_request((), IDENTITY),
+        identity=(Look(feedback_request((), IDENTITY)),),
         finals=(feedback_request(((line, off),), ()),),
         final_looks=(look(line, Check("enable line", 1, ">H", off, off)),),
     )

@@ -28,17 +28,7 @@ _TOLERANCE = 0.25
 
 @dataclass(frozen=True, slots=True)
 class ScanLayout:
-    """Where in a scan what stands.
-
-    Parameters
-    ----------
-    n_entries : int
-        Words per scan.
-    timer : int
-        Position of the core timer's low word; its high word follows.
-    period_ticks : float
-        Ticks of the core timer per scan.
-    """
+    """Where in a scan what stands."""
 
     n_entries: int
     timer: int
@@ -47,17 +37,7 @@ class ScanLayout:
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """Adjacent scans.
-
-    Parameters
-    ----------
-    first_index : int
-        Index of the first scan since the start of the stream.
-    lost_before : int
-        Scans missing before it.
-    words : ndarray of uint16, shape (n, n_entries)
-        The scans.
-    """
+    """Adjacent scans."""
 
     first_index: int
     lost_before: int
@@ -67,15 +47,6 @@ class Run:
 class ScanAssembler:
     """Counts scans of one acquisition.
 
-    Parameters
-    ----------
-    layout : ScanLayout
-        Where in a scan what stands.
-    samples_per_packet : int
-        Samples of a full packet, whole scans.
-
-    Notes
-    -----
     Scans can be missing because packets are (their numbers tell how many), or because the device's
     buffer was full (it tells how many scans it skipped, and marks the place by a scan whose first
     channel is 0xFFFF). Every scan also carries the device's core timer, 25 ns a tick. Each claimed
@@ -182,26 +153,7 @@ _KNOWN = {Status.OK, Status.RECOVERING, Status.RECOVERED, *_ENDS}
 
 
 class Stream:
-    """Reads one acquisition.
-
-    Parameters
-    ----------
-    address : tuple of str and int
-        Host and port of the stream.
-    layout : ScanLayout
-        Words of a scan.
-    samples_per_packet : int
-        Samples of a full packet.
-    deadline_s : float
-        Longest wait for the connection, s.
-    clock : callable, optional
-        Monotonic clock, s.
-
-    Raises
-    ------
-    DeviceError
-        If nobody listens.
-    """
+    """Reads one acquisition."""
 
     def __init__(
         self,

@@ -1,4 +1,4 @@
-"""Traces as a tuning sees them: samples, and what their motion can tell."""
+"""Traces of a tuning: their samples, motion and noise."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hdbench.errors import DataError
-from hdbench.filter.channels import Channels
-from hdbench.filter.layout import USABLE
+from hdbench.filter.kalman import USABLE
+from hdbench.filter.traces import Channels
 
 __all__ = [
     "OUTPUT_ORDER",

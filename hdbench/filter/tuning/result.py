@@ -7,9 +7,54 @@ from dataclasses import dataclass
 
 from hdbench.filter.model import FilterModel
 from hdbench.filter.tuning.checks import Consistency
-from hdbench.filter.tuning.search import Optimum
+from hdbench.records import FloatArray
 
-__all__ = ["CandidateResult", "Estimate", "TuningResult"]
+__all__ = ["CandidateResult", "Estimate", "Optimum", "Start", "TuningResult"]
+
+
+@dataclass(frozen=True, slots=True)
+class Start:
+    """Where one start of the search ended.
+
+    Parameters
+    ----------
+    log_likelihood : float
+        Log-likelihood reached, nats.
+    evaluations : int
+        Evaluations that it took.
+    converged : bool
+        Whether the search ended by itself.
+    slope_nats : float
+        Largest slope left along a parameter that no bound holds, nats per standard error or per
+        factor e, whichever is less.
+    """
+
+    log_likelihood: float
+    evaluations: int
+    converged: bool
+    slope_nats: float
+
+
+@dataclass(frozen=True, slots=True)
+class Optimum:
+    """The best point over all starts.
+
+    Parameters
+    ----------
+    logs : ndarray
+        Logarithms of the parameters.
+    log_likelihood : float
+        Log-likelihood there, nats.
+    starts : tuple of Start
+        Every start, in the problem's order.
+    agreed : int
+        How many starts ended within 0.02 nats of the best.
+    """
+
+    logs: FloatArray
+    log_likelihood: float
+    starts: tuple[Start, ...]
+    agreed: int
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,7 +14,7 @@ from hdbench.errors import DataError
 from hdbench.importing.layout import SEARCHED_LINES, table_layout
 from hdbench.importing.source import Source, listed
 from hdbench.importing.text import CellsSource, CellTable
-from hdbench.records.textfile import data_error
+from hdbench.records.tables import data_error
 
 __all__ = ["open_file"]
 

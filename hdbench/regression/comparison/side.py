@@ -12,8 +12,8 @@ from hdbench.profile import Profile, parse_profile
 from hdbench.profile.validity import measured_utc
 from hdbench.records import Loads, Quantity
 from hdbench.records.jsonfile import read_json
-from hdbench.records.loadsfile import read_loads
 from hdbench.records.runfolder import RunFolder
+from hdbench.records.tables import read_loads
 
 __all__ = ["KINDS", "Side", "load_side", "number", "quantity"]
 

@@ -67,15 +67,7 @@ _EXPLAINS = 0.3
 
 @dataclass(frozen=True, slots=True)
 class Expectation:
-    """What a reading should be.
-
-    Parameters
-    ----------
-    zero_v : float
-        Reading without weight in this mounting, V.
-    gain_nm_per_v : float
-        Gain: the profile's, or the median of what the accepted readings say, N m/V.
-    """
+    """What a reading should be."""
 
     zero_v: float
     gain_nm_per_v: float
@@ -101,15 +93,7 @@ class Expectation:
 
 @dataclass(frozen=True, slots=True)
 class GrossError:
-    """A reading that does not fit its weight.
-
-    Parameters
-    ----------
-    expected_nm, read_nm : float
-        Torques, N m.
-    guess : str or None
-        What would explain it; None where no weight does.
-    """
+    """A reading that does not fit its weight."""
 
     expected_nm: float
     read_nm: float
@@ -123,17 +107,7 @@ class GrossError:
 
 @dataclass(frozen=True, slots=True)
 class Guard:
-    """The weights of a sequence on the arm of a bench.
-
-    Parameters
-    ----------
-    weights_kg : tuple of float
-        Every mass that is hung, kg, ascending, with 0.
-    lever_nm_per_kg : float
-        Torque of a mass, N m/kg.
-    tare_kg : float
-        Pan and hook that come on with the first weight, kg.
-    """
+    """The weights of a sequence on the arm of a bench."""
 
     weights_kg: tuple[float, ...]
     lever_nm_per_kg: float
@@ -190,15 +164,7 @@ _ZERO_SHIFT = 0.75
 
 @dataclass(frozen=True, slots=True)
 class Doubt:
-    """A reason to ask before a reading is accepted.
-
-    Parameters
-    ----------
-    flag : str
-        Word that marks the reading if it is accepted all the same.
-    problem : str
-        The reason in words.
-    """
+    """A reason to ask before a reading is accepted."""
 
     flag: str
     problem: str

@@ -27,21 +27,7 @@ from hdbench.session.stop import Aborted, StopSignals
 
 @dataclass(frozen=True, slots=True)
 class Taken:
-    """What came of one wait for a reading.
-
-    Parameters
-    ----------
-    wanted : Answer or None
-        What the person asked for meanwhile; None where the wait came to its own end.
-    reading : SettledReading
-        The average; not settled where the time was up or a key ended the wait.
-    spread_v : float
-        Largest less smallest value of the last window, V.
-    saturated : bool
-        Whether a sample of the average sits at the end of the converter's range.
-    waited_s : float
-        Time waited, s.
-    """
+    """What came of one wait for a reading."""
 
     wanted: Answer | None
     reading: SettledReading
@@ -52,24 +38,7 @@ class Taken:
 
 @dataclass(slots=True)
 class BridgeReader:
-    """Acquires with the drive disabled and ends as soon as the reading has settled.
-
-    Parameters
-    ----------
-    profile : ProfileData
-        Encoder and the motion that a lock may allow.
-    bench : Bench
-        The bench.
-    stop : StopSignals
-        Signals that end the run.
-
-    Attributes
-    ----------
-    sampled_s : float
-        Time sampled so far, s.
-    watched : bool
-        False once it showed that no encoder watches the locked wave generator.
-    """
+    """Acquires with the drive disabled and ends as soon as the reading has settled."""
 
     profile: ProfileData
     bench: Bench

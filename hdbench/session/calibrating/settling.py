@@ -13,21 +13,7 @@ from hdbench.records import FloatArray
 
 @dataclass(frozen=True, slots=True)
 class SettleRule:
-    """What settled means.
-
-    Parameters
-    ----------
-    period_s : float
-        Sampling period, s.
-    window : int
-        Samples per window, >= 2.
-    band_v : float
-        Largest drift between two windows, V, beside what noise alone explains.
-    read_after : int
-        Samples after the change of load before which none is averaged.
-    limit : int
-        Samples after which waiting ends.
-    """
+    """What settled means."""
 
     period_s: float
     window: int
@@ -64,15 +50,7 @@ _PADDING = 8  # the spectrum's grid is this much finer than one cycle per record
 
 @dataclass(frozen=True, slots=True)
 class Swing:
-    """An oscillation of the reading.
-
-    Parameters
-    ----------
-    period_s : float
-        Period of its strongest component, s.
-    amplitude_v : float
-        Amplitude in the middle of the samples, V.
-    """
+    """An oscillation of the reading."""
 
     period_s: float
     amplitude_v: float
@@ -156,25 +134,7 @@ _SEARCH_S = 2.0 * PERIODS / 0.5
 
 @dataclass(frozen=True, slots=True)
 class SettledReading:
-    """The average of a settled window.
-
-    Parameters
-    ----------
-    mean_v : float
-        Average, V.
-    std_v : float
-        Standard deviation of the averaged samples about the swing, V.
-    n_samples : int
-        Samples averaged.
-    settled : bool
-        False where it was taken before it had settled.
-    slope_v_s : float
-        Slope over the average, V/s.
-    lag1 : float
-        Correlation of neighbouring samples about swing and slope, -1 to 1.
-    swing : Swing or None
-        Oscillation whose whole periods were averaged.
-    """
+    """The average of a settled window."""
 
     mean_v: float
     std_v: float
@@ -187,19 +147,7 @@ class SettledReading:
 
 @dataclass(frozen=True, slots=True)
 class Judgement:
-    """The reading at one moment.
-
-    Parameters
-    ----------
-    value_v, slope_v_s, spread_v : float
-        Mean (V), slope (V/s) and largest less smallest value (V) of the last window.
-    share : float
-        How much of the needed steady time has passed, 0 to 1.
-    swing : Swing or None
-        Oscillation that was found.
-    reading : SettledReading or None
-        The average, once settled.
-    """
+    """The reading at one moment."""
 
     value_v: float
     slope_v_s: float

@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from hdbench.devices.operator import SimulatedOperator
 from hdbench.profile.schema import ProfileData
 from hdbench.records.journal import JournalContent, JournalWriter
-from hdbench.session.calibrating.conversation import Hands
 from hdbench.session.calibrating.points import PREPARATIONS, Point
 
 
@@ -16,13 +16,6 @@ from hdbench.session.calibrating.points import PREPARATIONS, Point
 class CalibrationState:
     """What is done, what is next, and what is mounted.
 
-    Parameters
-    ----------
-    points : sequence of Point
-        The sequence.
-
-    Notes
-    -----
     A running calibration and one that is resumed go through the same `apply`: what the journal
     does not say, neither of them knows.
     """
@@ -141,15 +134,7 @@ class CalibrationState:
 
 
 class CalibrationLog:
-    """Writes to the journal, then into the state: never the other way round.
-
-    Parameters
-    ----------
-    journal : JournalWriter
-        Synced before `note` returns.
-    state : CalibrationState
-        Where the calibration stands.
-    """
+    """Writes to the journal, then into the state: never the other way round."""
 
     def __init__(self, journal: JournalWriter, state: CalibrationState) -> None:
         self._journal = journal
@@ -177,21 +162,11 @@ class CalibrationLog:
 
 @dataclass(frozen=True, slots=True)
 class Mounting:
-    """Has things moved at a simulated bench, and notes what the person confirmed at any.
-
-    Parameters
-    ----------
-    profile : ProfileData
-        Tare of the arm.
-    log : CalibrationLog
-        Journal and state.
-    hands : Hands or None
-        Who moves things at a simulated bench; None at a real one.
-    """
+    """Has things moved at a simulated bench, and notes what the person confirmed at any."""
 
     profile: ProfileData
     log: CalibrationLog
-    hands: Hands | None
+    hands: SimulatedOperator | None
 
     def lock(self) -> None:
         """Note the locked wave generator."""

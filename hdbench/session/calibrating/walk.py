@@ -27,34 +27,10 @@ from hdbench.session.calibrating.settling import Judgement, settle_rule
 from hdbench.session.calibrating.state import CalibrationLog, Mounting
 from hdbench.session.stop import StopSignals
 
-__all__ = ["CalibrationWalk"]
-
 
 @dataclass(slots=True)
 class CalibrationWalk:
-    """One calibration on one bench.
-
-    Parameters
-    ----------
-    profile : ProfileData
-        Gain expected, limits, settling.
-    bench : Bench
-        The bench controller.
-    log : CalibrationLog
-        Journal and state; a resumed calibration brings its state along.
-    talk : Conversation
-        The person, or the rule in place of one.
-    mounting : Mounting
-        What is on the bench.
-    stop : StopSignals
-        Signals that end the run.
-    progress : callable
-        Told what is going on and the share done.
-    where : str
-        Run folder, for messages.
-    clock : callable or None
-        Time since the start of the calibration, s; None counts the bench's samples instead.
-    """
+    """One calibration on one bench."""
 
     profile: ProfileData
     bench: Bench

@@ -1,15 +1,29 @@
-"""The emulated device: its map, wired to terminals, stream and watchdog."""
+"""The emulated device: its map, wired to terminals, stream and watchdog.
+
+A campaign that runs the emulator in another process writes an argument to USER_RAM21_U32 (46142)
+and then a code to USER_RAM20_U32 (46140); a real device ignores both.
+
+| code | fault | argument |
+|---|---|---|
+| 1 | the network is away: packets stay in the device's buffer | ms |
+| 2 | scans vanish without a word (an index jump) | scans |
+| 3 | the stream ends | status, 2942 to 2945 |
+| 4 | a gateway swaps the words of 32-bit values | 1 on, 0 off |
+| 5, 6, 7, 8 | torque, tacho, current, reference input | 0 mended, 1 stuck, 2 high, 3 low |
+| 9 | the device restarts | - |
+"""
 
 from __future__ import annotations
 
+import struct
 import time
 from collections.abc import Callable
 from functools import partial
 
+from hdbench.devices.emulator.instrument import ChannelFault, Input
 from hdbench.drivers.labjack.emulator.memory import (
     Cell,
     DeviceWatchdog,
-    Injection,
     Memory,
     RefusedError,
 )
@@ -32,19 +46,7 @@ _INPUTS = 14
 
 
 class StreamRegisters:
-    """Adds the stream's cells to a device's map.
-
-    Parameters
-    ----------
-    memory : Memory
-        The device's map.
-    engine : StreamEngine
-        What is started and stopped.
-    wiring : Wiring
-        The device's model.
-    ticks : callable
-        Core timer now.
-    """
+    """Adds the stream's cells to a device's map."""
 
     def __init__(
         self, memory: Memory, engine: StreamEngine, wiring: Wiring, ticks: Callable[[], int]
@@ -53,20 +55,15 @@ class StreamRegisters:
         self._engine = engine
         self._model = wiring.model
         self._ticks = ticks
-        rate = memory.add(_RATE, Cell("f32"))
+        rate = memory.add(_RATE, "f32")
         rate.on_read = lambda: actual_rate_hz(rate.value) if rate.value > 0.0 else 0.0
-        for address in _PLAIN:
-            memory.add(address, Cell("u32"))
-        memory.add(_SETTLING, Cell("f32"))
-        # a T4 has no such register: it always goes on
-        self._stop_when_full = Cell("u32")
+        memory.add_all((*_PLAIN, *range(_LIST, _LIST + 2 * _LONGEST, 2)), "u32")
+        memory.add(_SETTLING, "f32")
         if self._model == "T7":
-            memory.add(_STOP_WHEN_FULL, self._stop_when_full)
-        memory.add(4026, Cell("u32", on_read=lambda: engine.start_ticks % 2**32, writable=False))
-        for position in range(_LONGEST):
-            memory.add(_LIST + 2 * position, Cell("u32"))
-        enable = memory.add(_ENABLE, Cell("u32", on_write=self._switch))
-        enable.on_read = lambda: int(engine.running)
+            # a T4 has no such register: it always goes on
+            memory.add(_STOP_WHEN_FULL, "u32")
+        memory.add(4026, "u32", on_read=lambda: engine.start_ticks % 2**32, writable=False)
+        memory.add(_ENABLE, "u32", on_read=lambda: int(engine.running), on_write=self._switch)
 
     def _switch(self, value: float) -> None:
         if not value:
@@ -88,7 +85,7 @@ class StreamRegisters:
             samples_per_packet=int(value(_PER_PACKET)),
             buffer_samples=(int(value(_BUFFER)) or _BUFFER_BYTES[self._model]) // 2,
             n_scans=int(value(_SCANS)),
-            stop_when_full=bool(self._stop_when_full.value),
+            stop_when_full=self._model == "T7" and bool(value(_STOP_WHEN_FULL)),
             ranges_v={number: self._range_v(number) for number in range(_INPUTS)},
         )
 
@@ -106,27 +103,15 @@ _REBOOT = 0x4C4A
 _BAD_REBOOT, _BAD_RANGE = 2402, 2370
 _BAD_INDEX, _EF_RUNS, _AIN_BUSY = 2551, 2566, 2605
 _QUADRATURE = 10
+# USER_RAM20_U32 and USER_RAM21_U32
+_FAULT, _FAULT_ARGUMENT = 46140, 46142
+_CHANNELS: tuple[Input, ...] = ("torque", "tacho", "current", "reference")
+_CHANNEL_FAULTS: tuple[ChannelFault | None, ...] = (None, "stuck", "high", "low")
+_ILLEGAL_VALUE = 3
 
 
 class LabJackDevice:
-    """A T4 or T7 that knows the registers a bench needs.
-
-    Parameters
-    ----------
-    wiring : Wiring
-        What its terminals lead to.
-    serial : int
-        Serial number.
-    clock : callable, optional
-        Monotonic clock, s, of the watchdog.
-    count_joint : bool, optional
-        See `StreamEngine`.
-
-    Attributes
-    ----------
-    rebooted : callable
-        Called when the device restarts: every connection is gone then.
-    """
+    """A T4 or T7 that knows the registers a bench needs."""
 
     def __init__(
         self,
@@ -146,17 +131,13 @@ class LabJackDevice:
         self._clock = clock
         self._held_until_s = clock()
         self._build(serial)
-        Injection(
-            self.memory,
-            {
-                1: self._hold,
-                2: partial(setattr, self.stream, "skip_scans"),
-                3: self.stream.fail,
-                4: lambda on: setattr(self, "swap_words", bool(on)),
-                9: lambda _: self.reboot(),
-            },
-            wiring.instrument.disturb,
-        )
+        self._faults: dict[int, Callable[[int], None]] = {
+            1: self._hold,
+            2: partial(setattr, self.stream, "skip_scans"),
+            3: self.stream.fail,
+            4: lambda on: setattr(self, "swap_words", bool(on)),
+            9: lambda _: self.reboot(),
+        }
 
     def tick(self) -> list[bytes]:
         """Let time pass; return stream packets that are complete."""
@@ -190,91 +171,67 @@ class LabJackDevice:
         self.rebooted()
 
     def _build(self, serial: int) -> None:
-        add = self.memory.add
-        fixed = ((55000, "u16", 0), (55002, "u16", 0), (55003, "u16", 0))
-        identity = (
-            (55100, "u32", 0x00112233),
-            (60000, "f32", _PRODUCTS[self.wiring.model]),
-            (60002, "f32", 1.3),
-            (60004, "f32", 1.0331),
-            (60010, "u32", 0),
-            (60028, "u32", serial),
-        )
-        for address, kind, value in (*fixed, *identity):
-            add(address, Cell(kind, value, writable=False))
-        for address, kind, value in ((55110, "u16", 0x11), (55120, "u32", 0x00112233)):
-            add(address, Cell(kind, value))
-        add(55124, Cell("f32", -9999.0))
-        name = EMULATOR_NAME.encode().ljust(50, b"\0")
-        for position in range(25):
-            word = int.from_bytes(name[2 * position : 2 * position + 2], "big")
-            add(60500 + position, Cell("u16", word, writable=False))
-        self._build_inputs()
+        add, add_all = self.memory.add, self.memory.add_all
+        add_all((55000, 55002, 55003), "u16", writable=False)
+        add_all((55100,), "u32", 0x00112233, writable=False)
+        add(60000, "f32", _PRODUCTS[self.wiring.model], writable=False)
+        add(60002, "f32", 1.3, writable=False)
+        add(60004, "f32", 1.0331, writable=False)
+        add(60010, "u32", writable=False)
+        add(60028, "u32", serial, writable=False)
+        add(55110, "u16", 0x11)
+        add(55120, "u32", 0x00112233)
+        add(55124, "f32", -9999.0)
+        words = struct.unpack(">25H", EMULATOR_NAME.encode().ljust(50, b"\0"))
+        for position, word in enumerate(words):
+            add(60500 + position, "u16", word, writable=False)
+        self._build_terminals()
         self._build_lines()
         StreamRegisters(self.memory, self.stream, self.wiring, self._ticks)
-        self._build_rest()
+        add_all(range(46000, 46080, 2), "f32")
+        add_all(range(46100, 46180, 2), "u32")
+        add(_FAULT, "u32", on_write=self._break)
+        add(61520, "u32", on_read=lambda: self._ticks() % 2**32, writable=False)
+        add(61810, "u32")
+        for word in range(60):
+            add(61812 + 2 * word, "f32", on_read=partial(self._flash, word), writable=False)
+        add(61998, "u32", on_write=self._order_reboot, readable=False)
 
-    def _build_inputs(self) -> None:
-        add = self.memory.add
+    def _build_terminals(self) -> None:
+        add, write = self.memory.add, self.wiring.write_reference
         for number in range(14):
-            add(2 * number, Cell("f32", on_read=partial(self._ain, number), writable=False))
-            add(40000 + 2 * number, Cell("f32", on_write=self._check_range))
-            add(41000 + number, Cell("u16", 199))
-            add(41500 + number, Cell("u16"))
+            add(2 * number, "f32", on_read=partial(self._ain, number), writable=False)
+            add(40000 + 2 * number, "f32", on_write=self._check_range)
+            add(41000 + number, "u16", 199)
+            add(41500 + number, "u16")
         for number in (0, 1):
-            dac = f"DAC{number}"
-            add(
-                1000 + 2 * number,
-                Cell("f32", on_write=partial(self.wiring.write_reference, dac)),
-            )
+            add(1000 + 2 * number, "f32", on_write=partial(write, f"DAC{number}"))
         for number in range(22):
-            tick = f"TDAC{number}"
-            add(
-                30000 + 2 * number,
-                Cell(
-                    "f32",
-                    on_write=partial(self.wiring.write_reference, tick),
-                    readable=False,
-                ),
-            )
+            tick = partial(write, f"TDAC{number}")
+            add(30000 + 2 * number, "f32", on_write=tick, readable=False)
 
     def _build_lines(self) -> None:
         add = self.memory.add
         for line in range(_LINES):
-            add(
-                2000 + line,
-                Cell(
-                    "u16",
-                    on_read=partial(self._level, line),
-                    on_write=partial(self._write_line, line),
-                ),
-            )
-            enable = add(44000 + 2 * line, Cell("u32"))
-            add(
-                44100 + 2 * line,
-                Cell("u32", on_write=partial(self._check_index, enable)),
-            )
-            add(
-                3000 + 2 * line,
-                Cell("u32", on_read=partial(self._counter, line), writable=False),
-            )
-        add(2580, Cell("u16", on_read=lambda: self.levels & 0xFFFF, writable=False))
-        add(2800, Cell("u32", on_read=lambda: self.levels, writable=False))
-        add(2850, Cell("u32", on_read=lambda: self.directions, writable=False))
+            level, write = partial(self._level, line), partial(self._write_line, line)
+            add(2000 + line, "u16", on_read=level, on_write=write)
+            enable = add(44000 + 2 * line, "u32")
+            add(44100 + 2 * line, "u32", on_write=partial(self._check_index, enable))
+            add(3000 + 2 * line, "u32", on_read=partial(self._counter, line), writable=False)
+        add(2580, "u16", on_read=lambda: self.levels & 0xFFFF, writable=False)
+        add(2800, "u32", on_read=lambda: self.levels, writable=False)
+        add(2850, "u32", on_read=lambda: self.directions, writable=False)
 
-    def _build_rest(self) -> None:
-        add = self.memory.add
-        for number in range(40):
-            add(46000 + 2 * number, Cell("f32"))
-            add(46100 + 2 * number, Cell("u32"))
-        add(61520, Cell("u32", on_read=lambda: self._ticks() % 2**32, writable=False))
-        add(61810, Cell("u32"))
-        for word in range(60):
-            add(
-                61812 + 2 * word,
-                Cell("f32", on_read=partial(self._flash, word), writable=False),
-            )
-        add(61998, Cell("u32", on_write=self._order_reboot, readable=False))
+    def _break(self, value: float) -> None:
+        """Carry out a fault that a campaign orders; the module's table says which."""
+        code, argument = int(value), int(self.memory.value(_FAULT_ARGUMENT))
+        channel = code - 5
+        if code in self._faults:
+            self._faults[code](argument)
+        elif 0 <= channel < len(_CHANNELS) and argument < len(_CHANNEL_FAULTS):
+            self.wiring.instrument.disturb(_CHANNELS[channel], _CHANNEL_FAULTS[argument])
+        elif code:
+            raise RefusedError(_ILLEGAL_VALUE, _ILLEGAL_VALUE)
 
     def _ticks(self) -> int:
         return int(self._clock() * CORE_TIMER_HZ)

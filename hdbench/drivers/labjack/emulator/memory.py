@@ -1,25 +1,12 @@
-"""The emulated device's flat map of cells, its watchdog, and faults ordered over its own wire.
-
-A campaign that runs the emulator in another process writes an argument to USER_RAM21_U32 (46142)
-and then a code to USER_RAM20_U32 (46140); a real device ignores both.
-
-| code | fault | argument |
-|---|---|---|
-| 1 | the network is away: packets stay in the device's buffer | ms |
-| 2 | scans vanish without a word (an index jump) | scans |
-| 3 | the stream ends | status, 2942 to 2945 |
-| 4 | a gateway swaps the words of 32-bit values | 1 on, 0 off |
-| 5, 6, 7, 8 | torque, tacho, current, reference input | 0 mended, 1 stuck, 2 high, 3 low |
-| 9 | the device restarts | - |
-"""
+"""The emulated device's flat map of cells, and the watchdog whose settings stand in it."""
 
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Any
 
-from hdbench.devices.emulator.instrument import ChannelFault, Input
 from hdbench.devices.emulator.server import ModbusRefusedError
 
 _FORMATS = {"u16": ">H", "u32": ">I", "f32": ">f"}
@@ -27,15 +14,7 @@ _ILLEGAL_ADDRESS, _ILLEGAL_VALUE, _DEVICE_FAILURE = 2, 3, 4
 
 
 class RefusedError(ModbusRefusedError):
-    """A request that the device answers with an exception.
-
-    Parameters
-    ----------
-    detail : int
-        The device's own error code.
-    exception : int
-        Modbus exception code.
-    """
+    """A request that the device answers with an exception."""
 
     def __init__(self, detail: int, exception: int = _DEVICE_FAILURE) -> None:
         super().__init__(exception)
@@ -44,24 +23,12 @@ class RefusedError(ModbusRefusedError):
 
 @dataclass(slots=True)
 class Cell:
-    """One value.
-
-    Parameters
-    ----------
-    kind : str
-        ``u16``, ``u32`` or ``f32``.
-    value : float or int
-        What it holds.
-    on_read, on_write : callable or None
-        Give the value in place of `value`; act on a written one, before it is kept.
-    readable, writable : bool
-        Access.
-    """
+    """One value."""
 
     kind: str
     value: float | int = 0
-    on_read: Callable[[], float | int] | None = field(default=None)
-    on_write: Callable[[float | int], None] | None = field(default=None)
+    on_read: Callable[[], float | int] | None = None
+    on_write: Callable[[float | int], None] | None = None
     readable: bool = True
     writable: bool = True
 
@@ -89,10 +56,15 @@ class Memory:
     def __init__(self) -> None:
         self._cells: dict[int, Cell] = {}
 
-    def add(self, address: int, cell: Cell) -> Cell:
-        """Add a cell, and return it."""
-        self._cells[address] = cell
+    def add(self, address: int, kind: str, value: float = 0, **access: Any) -> Cell:
+        """Add a cell, and return it; `access` is the rest of `Cell`."""
+        cell = self._cells[address] = Cell(kind, value, **access)
         return cell
+
+    def add_all(self, addresses: Iterable[int], kind: str, value: float = 0, **access: Any) -> None:
+        """Add cells of one kind."""
+        for address in addresses:
+            self.add(address, kind, value, **access)
 
     def value(self, address: int) -> float | int:
         """Return what a cell holds."""
@@ -131,69 +103,21 @@ class Memory:
         return cells
 
 
-CODE, ARGUMENT = 46140, 46142
-_CHANNELS: tuple[Input, ...] = ("torque", "tacho", "current", "reference")
-_FAULTS: tuple[ChannelFault | None, ...] = (None, "stuck", "high", "low")
-
-FaultActs = dict[int, Callable[[int], None]]
-
-
-class Injection:
-    """Adds the two cells to a device's map.
-
-    Parameters
-    ----------
-    memory : Memory
-        The device's map.
-    acts : dict of int to callable
-        What the codes 1, 2, 3, 4 and 9 do with their argument.
-    disturb : callable
-        ``disturb(channel, fault)`` breaks or mends an input.
-    """
-
-    def __init__(
-        self,
-        memory: Memory,
-        acts: FaultActs,
-        disturb: Callable[[Input, ChannelFault | None], None],
-    ) -> None:
-        self._memory = memory
-        self._acts = acts
-        self._disturb = disturb
-        memory.add(ARGUMENT, Cell("u32"))
-        memory.add(CODE, Cell("u32", on_write=self._order))
-
-    def _order(self, value: float) -> None:
-        code, argument = int(value), int(self._memory.value(ARGUMENT))
-        channel = code - 5
-        if code in self._acts:
-            self._acts[code](argument)
-        elif 0 <= channel < len(_CHANNELS) and argument < len(_FAULTS):
-            self._disturb(_CHANNELS[channel], _FAULTS[argument])
-        elif code:
-            raise RefusedError(_ILLEGAL_VALUE, _ILLEGAL_VALUE)
-
-
 _ENABLE, _TIMEOUT, _STRICT, _KEY, _CLEAR = 61600, 61604, 61610, 61612, 61614
 _RESET, _DIO, _DIO_STATE, _DIO_DIRECTION, _DIO_INHIBIT = 61620, 61630, 61632, 61634, 61636
 _ADVANCED, _STARTUP = 61602, 61606
 _DAC = ((61640, 61642, 0), (61650, 61652, 1))
+_SETTINGS = (
+    *(_ADVANCED, _TIMEOUT, _STARTUP, _STRICT, _KEY, _RESET),
+    *(_DIO, _DIO_STATE, _DIO_DIRECTION, _DIO_INHIBIT),
+    *(enable for enable, _, _ in _DAC),
+)
 # the device's own codes: a time of zero, and writing settings while it runs
 _BAD_TIME, _RUNNING = 2670, 2671
 
 
 class DeviceWatchdog:
-    """Counts down in real time, and drives outputs to what its registers say.
-
-    Parameters
-    ----------
-    memory : Memory
-        The device's map; the watchdog adds its own cells.
-    clock : callable
-        Monotonic clock, s.
-    act : callable
-        ``act(state, direction, inhibit, dacs)``: carries a timeout out.
-    """
+    """Counts down in real time, and drives outputs to what its registers say."""
 
     def __init__(
         self,
@@ -207,15 +131,10 @@ class DeviceWatchdog:
         self._clock = clock
         self._act = act
         self._fed_s = clock()
-        for address in (_ADVANCED, _TIMEOUT, _STARTUP, _STRICT, _KEY, _RESET, _DIO, _DIO_STATE):
-            self._setting(address, "u32")
-        for address in (_DIO_DIRECTION, _DIO_INHIBIT):
-            self._setting(address, "u32")
-        for enable, value, _ in _DAC:
-            self._setting(enable, "u32")
-            self._setting(value, "f32")
-        memory.add(_ENABLE, Cell("u32", on_write=self._enable))
-        memory.add(_CLEAR, Cell("u32", on_write=self._clear, readable=False))
+        memory.add_all(_SETTINGS, "u32", on_write=self._set)
+        memory.add_all((value for _, value, _ in _DAC), "f32", on_write=self._set)
+        memory.add(_ENABLE, "u32", on_write=self._enable)
+        memory.add(_CLEAR, "u32", on_write=self._clear, readable=False)
 
     @property
     def enabled(self) -> bool:
@@ -245,9 +164,6 @@ class DeviceWatchdog:
             direction = int(self._memory.value(_DIO_DIRECTION))
             inhibit = int(self._memory.value(_DIO_INHIBIT))
         self._act(state, direction, inhibit, dacs)
-
-    def _setting(self, address: int, kind: str) -> None:
-        self._memory.add(address, Cell(kind, on_write=self._set))
 
     def _set(self, value: float) -> None:
         if self.enabled:

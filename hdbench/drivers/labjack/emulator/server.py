@@ -25,13 +25,7 @@ _HIGHEST_PORT = 65535
 
 
 class LabJackServer(Device):
-    """Serves one device until it is closed.
-
-    Parameters
-    ----------
-    device : LabJackDevice
-        The device.
-    """
+    """Serves one device until it is closed."""
 
     functions = frozenset((3, 6, 16, 76))
     # larger than Modbus has them: a feedback request may fill a packet of Ethernet
@@ -160,13 +154,7 @@ class _Reader(asyncio.Protocol):
 
 
 class EmulatedLabJack:
-    """Implements `hdbench.devices.emulator.serving.EmulatedDevice`.
-
-    Parameters
-    ----------
-    device : LabJackDevice
-        The device.
-    """
+    """Implements `hdbench.devices.emulator.serving.EmulatedDevice`."""
 
     def __init__(self, device: LabJackDevice) -> None:
         self.server = LabJackServer(device)

@@ -30,15 +30,7 @@ _QUADRATURE_LINES = {"T7": (0, 1), "T4": (4, 5)}
 
 @dataclass(frozen=True, slots=True)
 class Calibration:
-    """The constants of one device, as its flash holds them.
-
-    Parameters
-    ----------
-    model : str
-        ``T7`` or ``T4``.
-    floats : tuple of float
-        The calibration block, 32-bit values.
-    """
+    """The constants of one device, as its flash holds them."""
 
     model: str
     floats: tuple[float, ...]
@@ -84,19 +76,7 @@ class Calibration:
 
 
 class Wiring:
-    """Terminals of the device to the instrument, as a profile says.
-
-    Parameters
-    ----------
-    instrument : SimulatedInstrument
-        The bench.
-    table : LabJackAcquisition
-        ``[daq]`` of the profile.
-    current_v_per_v : float
-        Volts at the terminal per volt of the instrument's current channel.
-    seed : int
-        Serial number: chooses the device's constants.
-    """
+    """Terminals of the device to the instrument, as a profile says."""
 
     def __init__(
         self,
@@ -160,25 +140,7 @@ _AIN_END, _LINES, _CAPTURE, _TIMER = 500, 2580, 4899, 61520
 
 @dataclass(frozen=True, slots=True)
 class StreamOrder:
-    """What the registers ask for when the stream is enabled.
-
-    Parameters
-    ----------
-    rate_hz : float
-        Scan rate.
-    addresses : tuple of int
-        Scan list.
-    samples_per_packet : int
-        Samples of a packet.
-    buffer_samples : int
-        What the buffer holds.
-    n_scans : int
-        Scans of a burst; 0 without end.
-    stop_when_full : bool
-        Whether a full buffer ends the stream.
-    ranges_v : dict of int to float
-        Range of every analog input.
-    """
+    """What the registers ask for when the stream is enabled."""
 
     rate_hz: float
     addresses: tuple[int, ...]
@@ -199,17 +161,7 @@ def actual_rate_hz(rate_hz: float) -> float:
 
 
 class StreamEngine:
-    """One stream session.
-
-    Parameters
-    ----------
-    wiring : Wiring
-        Terminals.
-    levels : callable
-        Levels of all lines now.
-    count_joint : bool
-        Whether the number of skipped scans includes the one that marks the joint.
-    """
+    """One stream session."""
 
     def __init__(
         self, wiring: Wiring, levels: Callable[[], int], *, count_joint: bool = False

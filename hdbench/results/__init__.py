@@ -1,0 +1,15 @@
+"""Results as types: every key with unit and meaning, and the JSON that is made of them."""
+
+from __future__ import annotations
+
+from hdbench.results.dynamic import MisalignmentResult, RippleResult
+from hdbench.results.parts import DataFlag, Part, ProfileName, Result
+
+__all__ = [
+    "DataFlag",
+    "MisalignmentResult",
+    "Part",
+    "ProfileName",
+    "Result",
+    "RippleResult",
+]

@@ -1,0 +1,150 @@
+"""Parts of every result: frozen, with meaning and unit of every key, and their JSON."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import fields
+from typing import Annotated, Any, Self, TypeVar, dataclass_transform
+
+from pydantic import ConfigDict, Field, PlainSerializer, TypeAdapter, ValidationError
+from pydantic.dataclasses import dataclass
+
+from hdbench.errors import DataError
+from hdbench.records.quantity import Quantity, TorqueScale
+
+__all__ = [
+    "DataFlag",
+    "Part",
+    "ProfileName",
+    "Result",
+    "Scale",
+    "Uncertain",
+    "key",
+    "result_part",
+]
+
+_T = TypeVar("_T")
+# keys of `Result` that stand before those of a kind; the others stand behind them
+_HEAD_KEYS = 3
+_CONFIG = ConfigDict(allow_inf_nan=False, validate_by_name=True, validate_by_alias=True)
+
+# both write whole numbers as whole numbers, as they always stood in the files
+Uncertain = Annotated[Quantity, PlainSerializer(Quantity.to_dict)]
+Scale = Annotated[TorqueScale, PlainSerializer(TorqueScale.to_dict)]
+
+
+def key(
+    meaning: str,
+    unit: str = "",
+    *,
+    default: Any = ...,
+    name: str | None = None,
+    absent: bool = False,
+) -> Any:
+    """Return the field of one key of a result.
+
+    Parameters
+    ----------
+    meaning : str
+        One line.
+    unit : str
+        Unit of a number; empty for anything else and for ratios.
+    default : object
+        What stands for the key where a result does not hold it; without it the key is needed.
+    name : str or None
+        Key in the JSON where it cannot be the attribute's name.
+    absent : bool
+        Whether the key is left out of the JSON where it is None.
+    """
+    return Field(
+        default,
+        description=meaning,
+        alias=name,
+        json_schema_extra={"unit": unit} if unit else None,
+        exclude_if=_is_none if absent else None,
+    )
+
+
+def _is_none(value: object) -> bool:
+    return value is None
+
+
+@dataclass_transform(kw_only_default=True, frozen_default=True, field_specifiers=(key,))
+def result_part(*, kw_only: bool = True) -> Callable[[type[_T]], type[_T]]:
+    """Return the decorator that makes a class a part of a result."""
+    decorator: Any = dataclass(frozen=True, slots=True, kw_only=kw_only, config=_CONFIG)
+    found: Callable[[type[_T]], type[_T]] = decorator
+    return found
+
+
+class Part:
+    """Part of a result, with its JSON."""
+
+    __slots__ = ()
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the keys as the JSON file holds them, in its order."""
+        body: dict[str, Any] = TypeAdapter(type(self)).dump_python(self, mode="json", by_alias=True)
+        return body
+
+    @classmethod
+    def from_json(cls, body: Mapping[str, Any], where: str) -> Self:
+        """Read a stored result; keys that an older version did not write may be missing.
+
+        Raises
+        ------
+        DataError
+            If a key that is needed is missing, or a value is of another type.
+        """
+        try:
+            return TypeAdapter(cls).validate_python(body)
+        except ValidationError as error:
+            first = error.errors(include_url=False)[0]
+            place = ".".join(str(step) for step in first["loc"])
+            found = "" if first["type"] == "missing" else f", found {first['input']!r:.60}"
+            raise DataError(
+                f"{first['msg']}{found}",
+                where=f"{where}: {place}",
+                fix="evaluate the run again with --from",
+            ) from error
+
+
+@result_part(kw_only=False)
+class DataFlag(Part):
+    """What makes part of a record doubtful, or limits what can be said of it."""
+
+    name: str = key("what was found")
+    samples: int = key("samples that it concerns")
+    detail: str = key("the same in words")
+
+
+@result_part()
+class ProfileName(Part):
+    """Profile that a result was made with."""
+
+    name: str = key("name of the profile")
+    sha256: str = key("SHA-256 of its text")
+
+
+@result_part()
+class Result(Part):
+    """Keys of every evaluated record."""
+
+    schema: str = key("hdbench/KIND/1")
+    hdbench_version: str = key("version that wrote it", default="")
+    profile: ProfileName | None = key("name and SHA-256 of the profile", default=None)
+    flags: tuple[DataFlag, ...] = key("what the data show", default=())
+    notes: tuple[DataFlag, ...] = key("what a person should know", default=())
+    n_samples: int | None = key("samples or readings used", default=None)
+    run: str | None = key("run that it belongs to", default=None, absent=True)
+    doubts: tuple[str, ...] = key("reasons to doubt the data", default=())
+    imported: dict[str, Any] | None = key(
+        "where an imported record comes from", default=None, absent=True
+    )
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the keys as the JSON file holds them: what all kinds share at its two ends."""
+        body = Part.to_json(self)
+        last = [field.name for field in fields(Result)][_HEAD_KEYS:]
+        middle = {name: value for name, value in body.items() if name not in last}
+        return middle | {name: body[name] for name in last if name in body}
