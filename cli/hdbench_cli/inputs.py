@@ -83,8 +83,9 @@ def read_input(
     file = resolve_input(source)
     trace = read_trace(file)
     if gain is not None:
+        trace = _scaled(trace, gain)
         scale = TorqueScale(Quantity(gain, 0.0), "--gain; its uncertainty not declared")
-        return Input(source, file, _scaled(trace, gain), scale)
+        return Input(source, file, trace, scale)
     stored = None
     if (source / "run.json").is_file():
         stored = stored_scale(read_json(source / "run.json").get("calibration"), source)

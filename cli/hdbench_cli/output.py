@@ -23,11 +23,12 @@ Lines = Callable[[Any], "str | Iterable[RenderableType]"]
 
 
 def show_lines(console: Console, lines: Iterable[RenderableType]) -> None:
-    """Print lines and tables; a line is not wrapped."""
+    """Print lines and tables; a line is wrapped only where its `Text` says so."""
     from rich.text import Text
 
     for line in lines:
-        console.print(line, soft_wrap=isinstance(line, str | Text))
+        whole = isinstance(line, str) or (isinstance(line, Text) and line.no_wrap is not False)
+        console.print(line, soft_wrap=whole)
 
 
 @dataclass(slots=True)

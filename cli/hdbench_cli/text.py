@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from rich.console import RenderableType
     from rich.table import Table
+    from rich.text import Text
 
 __all__ = [
     "probability",
@@ -19,6 +20,7 @@ __all__ = [
     "sparkline",
     "table",
     "with_uncertainty",
+    "wrapped",
 ]
 
 _BLOCKS = " ▁▂▃▄▅▆▇█"
@@ -76,6 +78,13 @@ def table(
     for row in rows:
         out.add_row(*row)
     return out
+
+
+def wrapped(line: str, style: str = "") -> Text:
+    """Return a line that a narrow terminal may wrap."""
+    from rich.text import Text
+
+    return Text(line, style=style, no_wrap=False)
 
 
 def sparkline(

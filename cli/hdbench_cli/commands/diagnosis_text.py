@@ -10,7 +10,14 @@ from typing import TYPE_CHECKING, Any
 
 from hdbench.report.diagnosis.limits import hidden_names, left_out_line, rest_line
 from hdbench_cli.output import Output
-from hdbench_cli.text import probability, read_columns, span_of, sparkline, with_uncertainty
+from hdbench_cli.text import (
+    probability,
+    read_columns,
+    span_of,
+    sparkline,
+    with_uncertainty,
+    wrapped,
+)
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -57,18 +64,19 @@ _SKETCHES = {
 def lines(
     result: Mapping[str, Any], folder: Path | None = None, console: Console | None = None
 ) -> Iterator[str | Text]:
-    """Yield a diagnosis, with curves from the files in its folder where there is one."""
-    from rich.text import Text
+    """Yield a diagnosis, with curves from the files in its folder where there is one.
 
+    Sentences may be wrapped; curves, and a command to copy, stay on one line.
+    """
     console = console or Output.console()
     plain = not (console.encoding or "").lower().startswith("utf")
     width = min(console.width, 100)
     if folder is not None:
         yield from _comparison(folder, width, plain)
     left = result["verdict"] == "nothing-found" and rest_line(result)
-    yield Text(_LEFT if left else _VERDICTS[result["verdict"]], style="bold")
+    yield wrapped(_LEFT if left else _VERDICTS[result["verdict"]], "bold")
     if result["reason"]:
-        yield result["reason"]
+        yield wrapped(result["reason"])
     yield from _labelled("log", _log_line(result.get("inspection")))
     yield from _labelled("left out", left_out_line(result))
     yield from _labelled("part", _part(result.get("part")))
@@ -82,7 +90,7 @@ def lines(
         experiment = cause["separating_experiment"]
         if experiment and experiment not in told:
             told.add(experiment)
-            yield f"  told apart by: {experiment}"
+            yield wrapped(f"  told apart by: {experiment}")
     for place in result["unexplained"]:
         yield from _place(place)
     small = [cause["name"] for cause in result["minor"]]
@@ -101,10 +109,10 @@ def lines(
         yield from _labelled("flag", f"{flag['name']}: {flag['samples']} samples, {span}")
 
 
-def _labelled(label: str, words: str) -> Iterator[str]:
+def _labelled(label: str, words: str) -> Iterator[Text]:
     """Yield words behind their label; nothing where there are none."""
     if words:
-        yield f"{label:<{_LABEL}}{words}"
+        yield wrapped(f"{label:<{_LABEL}}{words}")
 
 
 def _log_line(inspection: Mapping[str, Any] | None) -> str:
@@ -169,11 +177,9 @@ def _parameter(name: str, entry: Mapping[str, Any]) -> str:
     return f"{plain.replace('_', ' ')} {number}".rstrip()
 
 
-def _cause(cause: Mapping[str, Any]) -> Iterator[str | Text]:
-    from rich.text import Text
-
+def _cause(cause: Mapping[str, Any]) -> Iterator[Text]:
     others = [name for name in (*cause["group"], *cause["rivals"]) if name != cause["name"]]
-    head = Text(cause["name"], style="bold")
+    head = wrapped(cause["name"], "bold")
     if others:
         head.append(f"  (or {', '.join(others)})", style="not bold")
     yield head
@@ -182,10 +188,10 @@ def _cause(cause: Mapping[str, Any]) -> Iterator[str | Text]:
         for name, entry in cause["parameters"].items()
         if not name.startswith(("cosine", "sine")) and entry["value"] is not None
     ]
-    yield f"  {', '.join(shown)}"
+    yield wrapped(f"  {', '.join(shown)}")
     gain = cause["gain"]
     low, high = gain["interval"]
-    yield (
+    yield wrapped(
         f"  explains {100.0 * gain['explained_fraction']:.1f} % "
         f"({100.0 * low:.1f} to {100.0 * high:.1f}): {gain['heldout_rms_before_nm']:.3g} -> "
         f"{gain['heldout_rms_after_nm']:.3g} N m, "
@@ -195,11 +201,11 @@ def _cause(cause: Mapping[str, Any]) -> Iterator[str | Text]:
     if not records:
         return
     said = ", ".join(f"{one['record']} {one['evidence_nats']:+.3g}" for one in records)
-    yield f"  evidence by record, nats: {said}"
+    yield wrapped(f"  evidence by record, nats: {said}")
     apart = cause["disagreement"]["records"]
     if apart:
-        yield f"  records disagree: {', '.join(apart)}"
-        yield from (f"    {one['record']}: {_sizes(one)}" for one in records)
+        yield wrapped(f"  records disagree: {', '.join(apart)}")
+        yield from (wrapped(f"    {one['record']}: {_sizes(one)}") for one in records)
 
 
 def _sizes(record: Mapping[str, Any]) -> str:
@@ -231,20 +237,20 @@ def _sketch(domain: str, folder: Path, width: int, plain: bool) -> Iterator[str]
     yield f"  {before} -> {after}  {words} {table[axis][0]:.3g} to {table[axis][-1]:.3g}"
 
 
-def _place(place: Mapping[str, Any]) -> Iterator[str]:
+def _place(place: Mapping[str, Any]) -> Iterator[Text]:
     low, high = place["extent"]
     unit = "" if place["unit"] == "1" else f" {place['unit']}"
     second = f", with {place['second_domain']}" if place.get("second_domain") else ""
     second += f", in {place['record']}" if place.get("record") else ""
-    yield (
+    yield wrapped(
         f"unexplained at {place['domain']} {place['location']:.6g}{unit} "
         f"({low:.6g} to {high:.6g}){second}"
     )
     share = 100.0 * place["share_of_variance"]
-    yield f"  size {place['size_nm']:.3g} N m, {share:.1f} % of the residual variance"
+    yield wrapped(f"  size {place['size_nm']:.3g} N m, {share:.1f} % of the residual variance")
 
 
-def _baseline(settings: Mapping[str, Any]) -> Iterator[str]:
+def _baseline(settings: Mapping[str, Any]) -> Iterator[Text]:
     """Yield the ripple that the baseline took, and what the motion cannot tell from the zero."""
     ripple = [
         f"order {one['order']:g}: "
@@ -259,10 +265,10 @@ def _baseline(settings: Mapping[str, Any]) -> Iterator[str]:
         low, high = f"{min(shares):.0f}", f"{max(shares):.0f}"
         own = f"{low} %" if low == high else f"{low} to {high} %"
         names = ", ".join(one["cause"] for one in alike)
-        yield f"{'cannot tell':<{_LABEL}} the zero from {names} ({own} of its own)"
+        yield wrapped(f"{'cannot tell':<{_LABEL}} the zero from {names} ({own} of its own)")
 
 
-def _gain(result: Mapping[str, Any], folder: Path | None) -> Iterator[str]:
+def _gain(result: Mapping[str, Any], folder: Path | None) -> Iterator[str | Text]:
     """Yield what the extended model gains, the next run, and what would have been seen."""
     before = result["simulated"]["heldout_rms_nm"]
     after = result["extended"]["heldout_rms_nm"]
@@ -283,7 +289,7 @@ def _gain(result: Mapping[str, Any], folder: Path | None) -> Iterator[str]:
         yield from _labelled("filter", f"with new blocks {', '.join(sizes)}; {error}")
     open_run = result.get("separating_run")
     if open_run and open_run["file"] and folder is not None:
-        yield from _labelled("next", f"hdbench run-ripple --plan {folder / open_run['file']}")
+        yield f"{'next':<{_LABEL}}hdbench run-ripple --plan {folder / open_run['file']}"
     alone = not result["causes"] and not result["unexplained"]
     limits = result["minimum_detectable"][: _SHOWN_LIMITS_ALONE if alone else _SHOWN_LIMITS]
     sizes = [f"{limit['name']} {limit['amplitude_nm']:.2g}" for limit in limits]
