@@ -22,7 +22,7 @@ dev: $(VENV)/.dev
 $(VENV)/bin/python:
 	$(PYTHON) -m venv $(VENV)
 
-$(VENV)/.installed: $(VENV)/bin/python pyproject.toml setup.py $(wildcard hdbench/native/* hdbench/filter/kernel/* hdbench/model/causes/native/*)
+$(VENV)/.installed: $(VENV)/bin/python pyproject.toml setup.py $(wildcard hdbench/filter/kernel/*)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable .
 	touch $@
 
@@ -35,18 +35,18 @@ coverage-campaign: $(VENV)/.dev
 	$(BIN)/python tools/coverage_campaign.py
 
 blind: $(VENV)/.dev
-	$(BIN)/python tools/blind.py --full --processes $$(nproc) --out build/blind
-	$(BIN)/python tools/blind.py --rivals 150 --processes $$(nproc) --out build/blind
-	$(BIN)/python tools/null_campaign.py --records 2100 --processes $$(nproc) --out build/blind
-	$(BIN)/python tools/blind.py --report build/blind --write
+	$(BIN)/python tools/blind --full --processes $$(nproc) --out build/blind
+	$(BIN)/python tools/blind --rivals 150 --processes $$(nproc) --out build/blind
+	$(BIN)/python tools/blind/null.py --records 2100 --processes $$(nproc) --out build/blind
+	$(BIN)/python tools/blind --report build/blind --write
 
 # Break what can be broken: a twentieth of the campaign, and the whole with its table written.
 faults: $(VENV)/.dev
-	OMP_NUM_THREADS=1 $(BIN)/python tools/faults.py --share 0.05
+	OMP_NUM_THREADS=1 $(BIN)/python tools/faults/campaign.py --share 0.05
 
 faults-all: $(VENV)/.dev
-	OMP_NUM_THREADS=1 $(BIN)/python tools/faults.py --share 1 --write docs/reliability.md
-	OMP_NUM_THREADS=1 $(BIN)/python tools/fault_soak.py --hours 8
+	OMP_NUM_THREADS=1 $(BIN)/python tools/faults/campaign.py --share 1 --write docs/reliability.md
+	OMP_NUM_THREADS=1 $(BIN)/python tools/faults/soak.py --hours 8
 
 # The exported filter on this machine and on an emulated Cortex-M4F; says what is missing.
 firmware-check: $(VENV)/.installed

@@ -48,9 +48,7 @@ class Build(build_ext):
         return built and "clang" not in version
 
 
-ARRAYS = "hdbench/native"
 KERNEL = "hdbench/filter/kernel"
-RECURSIONS = "hdbench/model/causes/native"
 
 
 def extension(name: str, folder: str) -> Extension:
@@ -58,8 +56,8 @@ def extension(name: str, folder: str) -> Extension:
     return Extension(
         name,
         sources=sorted(glob(f"{folder}/*.c")),
-        depends=sorted([*glob(f"{ARRAYS}/*.h"), *glob(f"{folder}/*.h")]),
-        include_dirs=[ARRAYS, folder],
+        depends=sorted(glob(f"{folder}/*.h")),
+        include_dirs=[folder],
         define_macros=[("Py_LIMITED_API", "0x030B0000")],
         extra_compile_args=[] if sys.platform == "win32" else GCC_FLAGS,
         libraries=[] if sys.platform == "win32" else ["m"],
@@ -76,8 +74,5 @@ setup(
         "hdbench_cli": "cli/hdbench_cli",
         "hdbench_profiles": "profiles",
     },
-    ext_modules=[
-        extension("hdbench.filter._kernel", KERNEL),
-        extension("hdbench.model.causes._recursions", RECURSIONS),
-    ],
+    ext_modules=[extension("hdbench.filter._kernel", KERNEL)],
 )

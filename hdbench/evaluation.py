@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 from hdbench.errors import DataError
 from hdbench.filter import FilterModel
 from hdbench.profile import Profile
 from hdbench.records import Loads, TorqueScale, Trace
-from hdbench.results import MisalignmentResult, ProfileName, RippleResult
+from hdbench.results import CalibrationResult, MisalignmentResult, ProfileName, RippleResult
 from hdbench.ripple import Stretch
 
-__all__ = ["evaluate"]
+__all__ = ["EvaluatedResult", "evaluate"]
+
+EvaluatedResult = CalibrationResult | MisalignmentResult | RippleResult
 
 
 def evaluate(
@@ -22,15 +25,17 @@ def evaluate(
     scale: TorqueScale,
     model: FilterModel,
     stretch: Stretch | None = None,
-) -> MisalignmentResult | RippleResult:
+    max_consistency: float | None = None,
+    **told: Any,
+) -> EvaluatedResult:
     """Evaluate one record.
 
     Parameters
     ----------
     kind : str
-        ``misalignment`` or ``ripple``.
+        ``calibration``, ``misalignment`` or ``ripple``.
     records : Trace or Loads
-        Its data.
+        Its data: loads for a calibration, else a trace.
     profile : Profile
         The bench.
     scale : TorqueScale
@@ -39,10 +44,14 @@ def evaluate(
         The filter whose effect is measured.
     stretch : Stretch or None
         Part of a ripple run; None takes all of it.
+    max_consistency : float or None
+        Limit of a calibration; None takes the profile's.
+    **told
+        Further keys of the result: ``run``, ``doubts``, ``imported``.
 
     Returns
     -------
-    MisalignmentResult or RippleResult
+    CalibrationResult, MisalignmentResult or RippleResult
 
     Raises
     ------
@@ -51,14 +60,27 @@ def evaluate(
     """
     from hdbench import __version__
 
-    if isinstance(records, Loads):
+    found: EvaluatedResult
+    if isinstance(records, Loads) and kind == "calibration":
+        from hdbench.calibration import evaluate_calibration
+
+        limit = profile.data.calibration.max_consistency
+        found = evaluate_calibration(
+            records,
+            max_consistency=limit if max_consistency is None else max_consistency,
+            bench=profile.data,
+            monte_carlo_seed=0,
+        )
+    elif isinstance(records, Loads) or kind == "calibration":
+        given, needed = "loads", "a trace"
+        if kind == "calibration":
+            given, needed = needed, given
         raise DataError(
-            f"found loads; {kind} needs a trace",
+            f"found {given}; {kind} needs {needed}",
             where=records.source,
             fix="name a file of the other kind, or use the command for this one",
         )
-    found: MisalignmentResult | RippleResult
-    if kind == "misalignment":
+    elif kind == "misalignment":
         from hdbench.misalignment import evaluate_misalignment
 
         found = evaluate_misalignment(records, profile.data, scale=scale, filter_model=model)
@@ -69,4 +91,4 @@ def evaluate(
             records, profile.data, scale=scale, filter_model=model, stretch=stretch
         )
     name = ProfileName(name=profile.name, sha256=profile.sha256)
-    return replace(found, hdbench_version=__version__, profile=name)
+    return replace(found, hdbench_version=__version__, profile=name, **told)

@@ -74,7 +74,7 @@ def count(runs: int, seed: int, design: str, positions: int = 4) -> Count:
         result = evaluate_calibration(drawn(rng, design, positions), max_consistency=1.0)
         low, high = result.gain_nm_per_v.interval()
         hits += low <= GAIN <= high
-        simple = result.metrology.naive
+        simple = result.uncertainty.naive
         if simple is None:
             raise SystemExit("a calibration of several experiments has a naive interval")
         naive += abs(result.gain_nm_per_v.value - GAIN) <= simple.expanded

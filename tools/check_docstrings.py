@@ -35,7 +35,7 @@ def exported() -> set[int]:
 def public_names() -> Iterator[tuple[str, object]]:
     """Yield the dotted name of every public function and class, and the thing itself."""
     for info in pkgutil.walk_packages(hdbench.__path__, "hdbench."):
-        if info.name.endswith(("__main__", "_kernel", "_recursions")):
+        if info.name.endswith(("__main__", "_kernel")):
             continue
         module = importlib.import_module(info.name)
         for name in getattr(module, "__all__", ()):

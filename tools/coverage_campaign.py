@@ -31,15 +31,15 @@ def one_seed(seed: int) -> dict[str, bool]:
         options = BenchOptions(folder, seed=seed, calibration=calibration.folder.path)
         misalignment = run_experiment("misalignment", profile, options, quiet)
         ripple = run_experiment("ripple", profile, options, quiet)
+        gain, output, moved = (
+            run.evaluation.result.to_json() for run in (calibration, misalignment, ripple)
+        )
         truth = profile.data
         checks = {
-            "gain": (calibration.evaluation.result["gain_nm_per_v"], truth.sensor.gain_nm_per_v),
-            "misalignment": (
-                misalignment.evaluation.result["amplitude_nm"],
-                truth.model.misalignment.amplitude_nm,
-            ),
+            "gain": (gain["gain_nm_per_v"], truth.sensor.gain_nm_per_v),
+            "misalignment": (output["amplitude_nm"], truth.model.misalignment.amplitude_nm),
         }
-        for true, found in zip(truth.model.ripple, ripple.evaluation.result["ripple"], strict=True):
+        for true, found in zip(truth.model.ripple, moved["ripple"], strict=True):
             checks[f"ripple order {true.order:g}"] = (found["amplitude_nm"], true.amplitude_nm)
         outcome = {name: covers(found, value) for name, (found, value) in checks.items()}
         print(json.dumps({"seed": seed, **outcome}), file=sys.stderr, flush=True)

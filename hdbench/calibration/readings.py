@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from hdbench.errors import DataError
+from hdbench.profile.schema import ProfileData
 from hdbench.records.loads import LoadReading, Loads
+from hdbench.results.calibration import ReadingRecord
 
-__all__ = ["ReadingDetail", "TakenReading", "flagged", "taken_readings"]
+__all__ = ["ReadingDetail", "TakenReading", "flagged", "reading_resolution", "taken_readings"]
 
 _KINDS = ("reading", "preload", "shunt")
 _LOADINGS = ("", "single", "couple")
 # flags that a normal course writes and that leave nothing to doubt
 _HARMLESS = frozenset({"", "accepted", "repeated"})
+# decimals in which a display may count; finer readings are averages without a visible increment
+_DECIMALS = range(7)
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,6 +78,26 @@ class TakenReading:
     index: int
     reading: LoadReading
     detail: ReadingDetail
+
+    def record(self) -> ReadingRecord:
+        """Return the reading as results hold it."""
+        reading, detail = self.reading, self.detail
+        return ReadingRecord(
+            experiment=reading.experiment,
+            series=reading.series,
+            kind=detail.kind,
+            torque_nm=reading.torque_nm,
+            mass_kg=reading.mass_kg,
+            reading_v=reading.reading_v,
+            reading_std_v=reading.reading_std_v,
+            n_samples=reading.n_samples,
+            time_s=reading.time_s,
+            temperature_c=reading.temperature_c,
+            settle_s=detail.settle_s,
+            slope_v_s=detail.slope_v_s,
+            flags=detail.flags,
+            excluded_at_s=detail.excluded_at_s,
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -167,3 +192,16 @@ def flagged(readings: tuple[TakenReading, ...]) -> dict[str, tuple[int, ...]]:
         for word in taken.detail.flags:
             found.setdefault(word, []).append(taken.index)
     return {word: tuple(places) for word, places in found.items()}
+
+
+def reading_resolution(readings: Sequence[TakenReading], bench: ProfileData | None) -> float | None:
+    """Return the declared resolution, else the decimal step that all readings share."""
+    if bench is not None and bench.standards.instrument.resolution_v is not None:
+        return bench.standards.instrument.resolution_v
+    volts = {t.reading.reading_v for t in readings}
+    if len(volts) < 3:
+        return None
+    return next(
+        (10.0**-d for d in _DECIMALS if all(round(v, d) == v for v in volts)),
+        None,
+    )

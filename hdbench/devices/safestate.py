@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from hdbench.devices.bench import SafeState
@@ -16,7 +16,6 @@ if TYPE_CHECKING:
 
 __all__ = [
     "STANDSTILL_RAD_S",
-    "SafeActs",
     "Seen",
     "confirm_safe",
     "reach_safe_state",
@@ -54,14 +53,23 @@ class Seen:
     problem: str = ""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SafeActs:
-    """What the safe state needs of a device; every act may be repeated and raise `HdbenchError`.
+def reach_safe_state(
+    *,
+    stop: Callable[[], object],
+    look: Callable[[], Seen],
+    disable: Callable[[], bool] = lambda: True,
+    zero_v: float,
+    brake_s: float = 0.0,
+    clock: Callable[[], float],
+    sleep: Callable[[float], None],
+) -> SafeState:
+    """Zero the reference, let the drive brake, disable it, and confirm; never raises.
 
     Parameters
     ----------
     stop : callable
-        Brings the reference to zero and stops whatever runs.
+        Brings the reference to zero and stops whatever runs. This and the next two may be repeated
+        and raise `HdbenchError`.
     look : callable
         Returns what is `Seen`.
     disable : callable, optional
@@ -70,19 +78,8 @@ class SafeActs:
         What still counts as reference zero, V.
     brake_s : float, optional
         Time from reference zero to drive off in any case, s.
-    """
-
-    stop: Callable[[], object]
-    look: Callable[[], Seen]
-    disable: Callable[[], bool] = field(default=lambda: True)
-    zero_v: float
-    brake_s: float = 0.0
-
-
-def reach_safe_state(
-    acts: SafeActs, clock: Callable[[], float], sleep: Callable[[float], None]
-) -> SafeState:
-    """Zero the reference, let the drive brake, disable it, and confirm; never raises.
+    clock, sleep : callable
+        Monotonic clock in s, and waiting.
 
     Notes
     -----
@@ -92,27 +89,27 @@ def reach_safe_state(
     start_s = clock()
     seen = Seen()
 
-    def look(calm: int) -> str:
+    def confirm(calm: int) -> str:
         nonlocal seen
         problem, seen = "", Seen()
         try:
             if calm == 0:
-                acts.stop()
-            seen = acts.look()
+                stop()
+            seen = look()
         except HdbenchError as error:
             problem = error.what
-        problem = problem or _not_zero(seen, acts.zero_v)
+        problem = problem or _not_zero(seen, zero_v)
         turns = _turns(seen)
         braking_s = clock() - start_s
-        if not problem and (braking_s < acts.brake_s or (turns and braking_s < _BRAKING_S)):
+        if not problem and (braking_s < brake_s or (turns and braking_s < _BRAKING_S)):
             return turns or "the drive is to brake first"
         try:
-            off = "" if acts.disable() else "the drive is still enabled"
+            off = "" if disable() else "the drive is still enabled"
         except HdbenchError as error:
             off = error.what
         return problem or off or turns or seen.problem
 
-    problem = until_calm(look, clock, sleep)
+    problem = until_calm(confirm, clock, sleep)
     done = "motor reference zero, drive disabled"
     return SafeState(
         confirmed=not problem,

@@ -129,6 +129,8 @@ class Source(ABC):
         self.channels: tuple[Channel, ...] = ()
         self.notes: tuple[str, ...] = ()
         self.decimal_comma = False
+        # channels of text whose numbers may come as float64, in place of cells as they stand
+        self.rounded: frozenset[str] = frozenset()
 
     @abstractmethod
     def pieces(self, names: Sequence[str]) -> Iterator[Piece]:
@@ -136,6 +138,10 @@ class Source(ABC):
 
         Numbers are arrays of float64, int64 or uint64; cells of text are arrays of str objects.
         """
+
+    def own_time(self, clock: str) -> Channel | None:
+        """Return the channel that the file names as the time of a clock."""
+        return next((c for c in self.channels if c.is_time and c.clock == clock), None)
 
     def place(self, row: int) -> str:
         """Return where a person finds a row, counted from 0."""

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hdbench.errors import UsageError
-from hdbench.model.program import ReferenceProgram
+from hdbench.model.waves import ReferenceProgram
 from hdbench.plant.converter import AnalogueSamples, RawSamples, to_code, to_count
 from hdbench.plant.effects import (
     EFFECT_KINDS,
@@ -21,7 +21,7 @@ from hdbench.plant.effects import (
 from hdbench.plant.fixture import GAIN_HARMONICS, Fixture, PositionGain, shunt_volts
 from hdbench.plant.modelcauses import ModelCauses, with_model
 from hdbench.plant.plantfile import PlantSpec, draw_effects
-from hdbench.plant.timeline import AnalogueChannels, Timeline, read_out, reference_values_v
+from hdbench.plant.timeline import AnalogueChannels, Timeline, reference_values_v
 from hdbench.profile.schema import ProfileData, ReferenceWave
 from hdbench.records.trace import FloatArray
 
@@ -223,15 +223,21 @@ class SimulatedBench:
                 where="simulated bench",
                 fix="begin an acquisition first",
             )
-        read = read_out(
-            timeline,
-            n_samples,
-            profile=self._profile,
-            noise=self._noise,
-            added_v=self._added_volts,
+        profile, sensor = self._profile, self._profile.sensor
+        first = timeline.served
+        true = timeline.advance(n_samples)
+        white = self._noise.standard_normal((n_samples, 2))
+        stamps = np.arange(first, first + n_samples)
+        added = self._causes.volts(stamps, timeline.sample_period_s * stamps.astype(np.float64))
+        added = added + self._shunt_v
+        wander = encoder_error_rad(self._effects, true.angle_rad, profile.drive.gear_ratio)
+        return AnalogueSamples(
+            torque_v=true.volts[0] + added + white[:, 0] * (sensor.noise_nm / sensor.gain_nm_per_v),
+            tacho_v=true.volts[1] + white[:, 1] * profile.tacho.noise_v,
+            current_v=true.volts[2],
+            reference_v=true.reference_v,
+            angle_rad=true.angle_rad + wander,
         )
-        wander = encoder_error_rad(self._effects, read.angle_rad, self._profile.drive.gear_ratio)
-        return replace(read, angle_rad=read.angle_rad + wander)
 
     def set_fixture(
         self, *, locked: bool, position_rad: float, mass_kg: float, direction: int
@@ -278,10 +284,6 @@ class SimulatedBench:
         self._acquisitions += counted
         effects = tuple(start_effect(effect, self._noise) for effect in self._effects)
         self._channels = AnalogueChannels.build(self._profile, self._plant.data.motor, effects)
-
-    def _added_volts(self, stamps: NDArray[np.int64], time_s: FloatArray) -> FloatArray:
-        """Return what causes and a shunt add to the torque channel at samples, V."""
-        return self._causes.volts(stamps, time_s) + self._shunt_v
 
     def _code(self, volt: FloatArray) -> NDArray[np.int16]:
         """Return codes of a channel."""

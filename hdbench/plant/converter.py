@@ -1,4 +1,4 @@
-"""From continuous channels to codes: anti-alias filter, range, resolution, encoder counts."""
+"""Converter: anti-alias filter, range, resolution, encoder counts."""
 
 from __future__ import annotations
 

@@ -51,17 +51,6 @@ class PositionGain:
 
 
 @dataclass(frozen=True, slots=True)
-class Settling:
-    """How a weight that was just hung comes to rest."""
-
-    bounce_hz: float
-    bounce_damping: float
-    swing_rad: float
-    pendulum_m: float
-    swing_decay_s: float
-
-
-@dataclass(frozen=True, slots=True)
 class ArmLoad:
     r"""Torque of arm and weight since the weight was last changed.
 
@@ -75,7 +64,7 @@ class ArmLoad:
     before_nm: float
     after_nm: float
     gravity_m_s2: float
-    settling: Settling
+    settling: FixtureSpec
     release_s: float = math.inf
 
     def torque_nm(self, age_s: FloatArray) -> FloatArray:
@@ -100,7 +89,7 @@ class ArmLoad:
     def _released_nm(self, age_s: FloatArray) -> FloatArray:
         """Return the torque of a weight that comes off again, N m."""
         hanging = replace(self, release_s=math.inf)
-        still = replace(self.settling, swing_rad=0.0)
+        still = self.settling.model_copy(update={"swing_rad": 0.0})
         at_nm = float(hanging.torque_nm(np.array([self.release_s]))[0])
         off = ArmLoad(at_nm, 0.0, self.gravity_m_s2, still)
         return np.where(
@@ -147,10 +136,7 @@ class Fixture:
         stream: Callable[[int], np.random.Generator],
     ) -> None:
         self._arm = arm
-        self._repeatability = spec.repeatability
-        self._settling = Settling(
-            spec.bounce_hz, spec.bounce_damping, spec.swing_rad, spec.pendulum_m, spec.swing_decay_s
-        )
+        self._settling = spec
         self._gain = gain
         self._stream = stream
         self._clampings = 0
@@ -200,7 +186,8 @@ class Fixture:
         """Return a new load, handled as was asked."""
         settling, release_s = self._settling, self._release_s or math.inf
         if self._swing_rad:
-            settling = replace(settling, swing_rad=self._swing_rad, swing_decay_s=FREE_SWING_S)
+            free = {"swing_rad": self._swing_rad, "swing_decay_s": FREE_SWING_S}
+            settling = settling.model_copy(update=free)
         return ArmLoad(before_nm, after_nm, self._arm.gravity_m_s2, settling, release_s)
 
     def _clamp(self, locked: bool, position_rad: float) -> float:
@@ -209,4 +196,4 @@ class Fixture:
             return self._gain.mean_nm_per_v
         self._clampings += 1
         error = float(self._stream(self._clampings).standard_normal())
-        return self._gain.at(position_rad) * (1.0 + self._repeatability * error)
+        return self._gain.at(position_rad) * (1.0 + self._settling.repeatability * error)

@@ -85,17 +85,30 @@ def cause_volts(
 _TICK_S = 1e-6
 
 
-class LockedCauses:
-    """Causes of an extended model under the weights that were hung since the lock was closed.
+class ModelCauses:
+    """Causes of the model that an emulated bench follows.
 
-    Each weight counts with its torque at rest, from the time at which it was hung. A new position
-    or direction is a new clamping, at which nothing that remembers is carried over.
+    On a locked bench each weight counts with its torque at rest, from the time at which it was
+    hung. A new position or direction is a new clamping, at which nothing that remembers is carried
+    over.
     """
 
-    def __init__(self, model: BenchModel, profile: ProfileData) -> None:
+    def __init__(self, model: BenchModel | None, profile: ProfileData) -> None:
         self._model = model
         self._profile = profile
+        self._volts: FloatArray = np.zeros(1)
+        # weights that were hung since the lock was closed
         self._held: list[Mount] = []
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the causes."""
+        return [] if self._model is None else [term.name for term in self._model.causes]
+
+    @property
+    def any(self) -> bool:
+        """Whether an extended model is followed."""
+        return self._model is not None
 
     def restart(self, elapsed_s: float) -> None:
         """Count time from a new acquisition, `elapsed_s` after the one before began."""
@@ -110,10 +123,27 @@ class LockedCauses:
             self._held.pop()
         self._held.append(mount)
 
-    def volts(self, time_s: FloatArray) -> FloatArray:
-        """Return what the causes add to the torque channel."""
-        if not self._held:
-            return np.zeros(len(time_s))
+    def move(
+        self,
+        channels: AnalogueChannels,
+        mount: Mount,
+        sample_period_s: float,
+        reference_v: FloatArray,
+    ) -> None:
+        """Compute the causes for a whole motion; those of a locked bench come by their time."""
+        self._volts = np.zeros(1)
+        if self._model is not None and not mount.locked:
+            self._volts = cause_volts(self._model, channels, mount, sample_period_s, reference_v)
+
+    def volts(self, stamps: NDArray[np.int64], time_s: FloatArray) -> FloatArray:
+        """Return what the causes add at samples."""
+        volts: FloatArray = self._volts[np.minimum(stamps, len(self._volts) - 1)]
+        if self._model is None or not self._held:
+            return volts
+        return volts + self._locked_volts(self._model, time_s)
+
+    def _locked_volts(self, model: BenchModel, time_s: FloatArray) -> FloatArray:
+        """Return what the causes add at samples of a locked bench."""
         from hdbench.model import Motion
 
         steps = self._steps()
@@ -134,10 +164,10 @@ class LockedCauses:
             load_torque_nm=_extended(load, now.load.after_nm, len(after)),
             motor_current_a=still,
             temperature_c=np.full(len(still), ROOM_C),
-            inertia_nm_s2=self._model.inertia_nm_s2,
+            inertia_nm_s2=model.inertia_nm_s2,
             starts=_extended(starts, 0.0, len(after)) > 0.0,
         )
-        torque = self._model.cause_torque_nm(motion)[len(steps) :]
+        torque = model.cause_torque_nm(motion)[len(steps) :]
         return torque / self._profile.sensor.gain_nm_per_v
 
     def _steps(self) -> list[tuple[float, float, float, float]]:
@@ -160,49 +190,3 @@ class LockedCauses:
 def _extended(values: FloatArray, last: float, count: int) -> FloatArray:
     """Return `values` followed by `count` times `last`."""
     return np.concatenate((values, np.full(count, last)))
-
-
-class ModelCauses:
-    """Causes of the model that an emulated bench follows."""
-
-    def __init__(self, model: BenchModel | None, profile: ProfileData) -> None:
-        self._model = model
-        self._locked = None if model is None else LockedCauses(model, profile)
-        self._volts: FloatArray = np.zeros(1)
-
-    @property
-    def names(self) -> list[str]:
-        """Names of the causes."""
-        return [] if self._model is None else [term.name for term in self._model.causes]
-
-    @property
-    def any(self) -> bool:
-        """Whether an extended model is followed."""
-        return self._model is not None
-
-    def restart(self, elapsed_s: float) -> None:
-        """Count time from a new acquisition, `elapsed_s` after the one before began."""
-        if self._locked is not None:
-            self._locked.restart(elapsed_s)
-
-    def change(self, mount: Mount) -> None:
-        """Take note of what is mounted from now on."""
-        if self._locked is not None:
-            self._locked.change(mount)
-
-    def move(
-        self,
-        channels: AnalogueChannels,
-        mount: Mount,
-        sample_period_s: float,
-        reference_v: FloatArray,
-    ) -> None:
-        """Compute the causes for a whole motion; those of a locked bench come by their time."""
-        self._volts = np.zeros(1)
-        if self._model is not None and not mount.locked:
-            self._volts = cause_volts(self._model, channels, mount, sample_period_s, reference_v)
-
-    def volts(self, stamps: NDArray[np.int64], time_s: FloatArray) -> FloatArray:
-        """Return what the causes add at samples."""
-        volts: FloatArray = self._volts[np.minimum(stamps, len(self._volts) - 1)]
-        return volts if self._locked is None else volts + self._locked.volts(time_s)

@@ -1,21 +1,17 @@
-"""One acquisition on the integration steps: motion, channels, filtered samples, interruptions."""
+"""Timeline of one acquisition: motion, channels, filtered samples, interruptions."""
 
 from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from hdbench.model.program import ReferenceProgram, program_voltage
-from hdbench.model.waves import reference_voltage
+from hdbench.model.waves import ReferenceProgram, program_voltage, reference_voltage
 from hdbench.plant.bridge import GaugeBridge, place_gauges
 from hdbench.plant.converter import (
     HALF_LENGTH_SAMPLES,
-    AnalogueSamples,
     Decimator,
     steps_per_sample,
 )
@@ -349,27 +345,3 @@ class Timeline:
             self._ready = self._ready[:, :0]
             self._starts = self._starts[:, : self.now_hold - self._starts_first + 1]
             self._edge = self.now_hold
-
-
-def read_out(
-    timeline: Timeline,
-    n_samples: int,
-    *,
-    profile: ProfileData,
-    noise: np.random.Generator,
-    added_v: Callable[[NDArray[np.int64], FloatArray], FloatArray],
-) -> AnalogueSamples:
-    """Return the next samples of `timeline`."""
-    first = timeline.served
-    true = timeline.advance(n_samples)
-    white = noise.standard_normal((n_samples, 2))
-    stamps = np.arange(first, first + n_samples)
-    added = added_v(stamps, timeline.sample_period_s * stamps.astype(np.float64))
-    sensor = profile.sensor
-    return AnalogueSamples(
-        torque_v=true.volts[0] + added + white[:, 0] * (sensor.noise_nm / sensor.gain_nm_per_v),
-        tacho_v=true.volts[1] + white[:, 1] * profile.tacho.noise_v,
-        current_v=true.volts[2],
-        reference_v=true.reference_v,
-        angle_rad=true.angle_rad,
-    )

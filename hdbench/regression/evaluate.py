@@ -7,15 +7,16 @@ from typing import Any
 
 import numpy as np
 
-from hdbench.estimation.channel import torque_channel
+from hdbench.estimation.stretches import torque_channel
 from hdbench.evaluation import evaluate
-from hdbench.filter import filter_trace, load_filter_model
+from hdbench.filter import FilterModel, filter_trace, load_filter_model
 from hdbench.profile import Profile, load_profile
-from hdbench.profile.scaling import rescaled
-from hdbench.records import TorqueScale, Trace
+from hdbench.profile.scaling import profile_scale, rescaled
+from hdbench.records import Loads, TorqueScale, Trace
 from hdbench.records.jsonfile import result_header
 from hdbench.records.tables import read_loads, read_trace
 from hdbench.regression.case import Case
+from hdbench.ripple import Stretch
 
 __all__ = ["evaluate_case"]
 
@@ -28,44 +29,47 @@ _NO_RESULT = ("hdbench_version", "profile", "run", "doubts", "settings")
 def evaluate_case(case: Case) -> dict[str, Any]:
     """Return the result of a case."""
     profile = load_profile(case.profile)
+    records: Trace | Loads
     if case.kind == "calibration":
-        result = _calibration(case, profile)
+        records, scale = read_loads(case.source, profile.data.arm), profile_scale(profile)
     else:
         trace = read_trace(case.source)
-        trace, scale = rescaled(trace, profile, calibration=None, stored=case.scale)
-        result = _dynamic(case, profile, trace, scale)
+        records, scale = rescaled(trace, profile, calibration=None, stored=case.scale)
+    result = _result(case, profile, records, scale)
     return {key: value for key, value in result.items() if key not in _NO_RESULT}
 
 
-def _calibration(case: Case, profile: Profile) -> dict[str, Any]:
-    from hdbench.calibration import evaluate_calibration
-
-    limit = float(case.options.get("max_consistency", profile.data.calibration.max_consistency))
-    loads = read_loads(case.source, profile.data.arm)
-    header = result_header("calibration", profile)
-    found = evaluate_calibration(
-        loads, max_consistency=limit, bench=profile.data, monte_carlo_seed=0
-    )
-    return found.to_dict(header)
-
-
-def _dynamic(case: Case, profile: Profile, trace: Trace, scale: TorqueScale) -> dict[str, Any]:
-    header = result_header(case.kind, profile)
-    if case.kind == "diagnosis":
-        return _diagnosis(case, profile, _in_nm(trace, scale), header)
+def _result(
+    case: Case, profile: Profile, records: Trace | Loads, scale: TorqueScale
+) -> dict[str, Any]:
+    if case.kind == "diagnosis" and isinstance(records, Trace):
+        header = result_header(case.kind, profile)
+        return _diagnosis(case, profile, _in_nm(records, scale), header)
     model = load_filter_model(case.filter_name or profile.data.filter.model, profile.data)
-    if case.kind != "filter":
-        from hdbench.ripple import Stretch
+    if case.kind == "filter" and isinstance(records, Trace):
+        return _filtered(records, scale, model, profile)
+    stretch = Stretch(**case.options) if case.kind == "ripple" and case.options else None
+    return evaluate(
+        case.kind,
+        records,
+        profile,
+        scale=scale,
+        model=model,
+        stretch=stretch,
+        max_consistency=case.options.get("max_consistency"),
+    ).to_json()
 
-        stretch = Stretch(**case.options) if case.options else None
-        found = evaluate(case.kind, trace, profile, scale=scale, model=model, stretch=stretch)
-        return found.to_json()
+
+def _filtered(
+    trace: Trace, scale: TorqueScale, model: FilterModel, profile: Profile
+) -> dict[str, Any]:
     filtered = filter_trace(
         _in_nm(trace, scale),
         model,
         velocity_gain_rad_s_per_v=profile.data.tacho.gain_rad_s_per_v,
         encoder_counts_per_turn=profile.data.encoder.counts_per_turn,
     )
+    header = result_header("filter", profile)
     return {**header, "filter_name": model.name, **_filter_result(filtered.torque_filtered_nm)}
 
 
@@ -93,7 +97,7 @@ def _diagnosis(
     case: Case, profile: Profile, trace: Trace, header: dict[str, Any]
 ) -> dict[str, Any]:
     from hdbench.diagnosis import diagnose_trace
-    from hdbench.diagnosis.part import part_of
+    from hdbench.diagnosis.run import part_of
 
     held, _ = part_of(trace, case.options.get("from_s"), case.options.get("to_s"))
     found = diagnose_trace(

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from hdbench.results.calibration import CalibrationResult
 from hdbench.results.dynamic import MisalignmentResult, RippleResult
 from hdbench.results.parts import DataFlag, Part, ProfileName, Result
 
 __all__ = [
+    "CalibrationResult",
     "DataFlag",
     "MisalignmentResult",
     "Part",

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import fields
-from typing import Annotated, Any, Self, TypeVar, dataclass_transform
+from typing import Annotated, Any, Self, dataclass_transform
 
 from pydantic import ConfigDict, Field, PlainSerializer, TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass
@@ -20,10 +20,10 @@ __all__ = [
     "Scale",
     "Uncertain",
     "key",
-    "result_part",
+    "listed",
+    "optional",
 ]
 
-_T = TypeVar("_T")
 # keys of `Result` that stand before those of a kind; the others stand behind them
 _HEAD_KEYS = 3
 _CONFIG = ConfigDict(allow_inf_nan=False, validate_by_name=True, validate_by_alias=True)
@@ -65,22 +65,26 @@ def key(
     )
 
 
+def optional(meaning: str, unit: str = "", **more: Any) -> Any:
+    """Return the field of a key that is None where a result does not hold it."""
+    return key(meaning, unit, default=None, **more)
+
+
+def listed(meaning: str, unit: str = "") -> Any:
+    """Return the field of a list that is empty where a result does not hold it."""
+    return key(meaning, unit, default=())
+
+
 def _is_none(value: object) -> bool:
     return value is None
 
 
 @dataclass_transform(kw_only_default=True, frozen_default=True, field_specifiers=(key,))
-def result_part(*, kw_only: bool = True) -> Callable[[type[_T]], type[_T]]:
-    """Return the decorator that makes a class a part of a result."""
-    decorator: Any = dataclass(frozen=True, slots=True, kw_only=kw_only, config=_CONFIG)
-    found: Callable[[type[_T]], type[_T]] = decorator
-    return found
-
-
 class Part:
-    """Part of a result, with its JSON."""
+    """Part of a result, with its JSON: every class made of it is a frozen dataclass."""
 
-    __slots__ = ()
+    def __init_subclass__(cls, *, kw_only: bool = True) -> None:
+        dataclass(frozen=True, kw_only=kw_only, config=_CONFIG)(cls)
 
     def to_json(self) -> dict[str, Any]:
         """Return the keys as the JSON file holds them, in its order."""
@@ -109,8 +113,7 @@ class Part:
             ) from error
 
 
-@result_part(kw_only=False)
-class DataFlag(Part):
+class DataFlag(Part, kw_only=False):
     """What makes part of a record doubtful, or limits what can be said of it."""
 
     name: str = key("what was found")
@@ -118,7 +121,6 @@ class DataFlag(Part):
     detail: str = key("the same in words")
 
 
-@result_part()
 class ProfileName(Part):
     """Profile that a result was made with."""
 
@@ -126,21 +128,18 @@ class ProfileName(Part):
     sha256: str = key("SHA-256 of its text")
 
 
-@result_part()
 class Result(Part):
     """Keys of every evaluated record."""
 
     schema: str = key("hdbench/KIND/1")
     hdbench_version: str = key("version that wrote it", default="")
-    profile: ProfileName | None = key("name and SHA-256 of the profile", default=None)
-    flags: tuple[DataFlag, ...] = key("what the data show", default=())
-    notes: tuple[DataFlag, ...] = key("what a person should know", default=())
-    n_samples: int | None = key("samples or readings used", default=None)
-    run: str | None = key("run that it belongs to", default=None, absent=True)
-    doubts: tuple[str, ...] = key("reasons to doubt the data", default=())
-    imported: dict[str, Any] | None = key(
-        "where an imported record comes from", default=None, absent=True
-    )
+    profile: ProfileName | None = optional("name and SHA-256 of the profile")
+    flags: tuple[DataFlag, ...] = listed("what the data show")
+    notes: tuple[DataFlag, ...] = listed("what a person should know")
+    n_samples: int | None = optional("samples or readings used")
+    run: str | None = optional("run that it belongs to", absent=True)
+    doubts: tuple[str, ...] = listed("reasons to doubt the data")
+    imported: dict[str, Any] | None = optional("where an imported record comes from", absent=True)
 
     def to_json(self) -> dict[str, Any]:
         """Return the keys as the JSON file holds them: what all kinds share at its two ends."""

@@ -1,21 +1,21 @@
-"""One evaluation for measured and for stored data."""
+"""Evaluation of a run: its result, the filter with what it adds, and the run folder of both."""
 
 from __future__ import annotations
 
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 from hdbench.errors import DataError
+from hdbench.evaluation import EvaluatedResult
 from hdbench.evaluation import evaluate as evaluate_record
 from hdbench.filter import FilterModel, build_filter_model
 from hdbench.profile import Profile
-from hdbench.profile.scaling import rescaled, stored_scale
+from hdbench.profile.scaling import profile_scale, rescaled, stored_scale
 from hdbench.profile.validity import measured_utc
 from hdbench.records import Loads, TorqueScale, Trace
-from hdbench.records.jsonfile import read_json, result_header, write_json
+from hdbench.records.jsonfile import read_json, write_json
 from hdbench.records.provenance import input_identity, provenance_path
 from hdbench.records.recovery import resolve_input
 from hdbench.records.runfolder import RunFolder
@@ -33,7 +33,7 @@ class Evaluation:
 
     Parameters
     ----------
-    result : mapping
+    result : CalibrationResult, MisalignmentResult or RippleResult
         The result as result.json keeps it.
     records : Trace or Loads
         What was evaluated.
@@ -41,7 +41,7 @@ class Evaluation:
         The filter used, with what this experiment adds to it.
     """
 
-    result: Mapping[str, Any]
+    result: EvaluatedResult
     records: Trace | Loads
     filter_model: FilterModel
 
@@ -88,44 +88,24 @@ def evaluate(
     DataError
         If the data are of another kind or cannot be evaluated.
     """
-    if isinstance(records, Loads) != (kind == "calibration"):
-        given = "loads" if isinstance(records, Loads) else "a trace"
-        needed = "loads" if kind == "calibration" else "a trace"
-        raise DataError(
-            f"found {given}; {kind} needs {needed}",
-            where=records.source,
-            fix="name a file of the other kind, or use the command for this one",
-        )
-    result: dict[str, Any]
-    if isinstance(records, Loads):
-        from hdbench.calibration import evaluate_calibration
-
-        limit = profile.data.calibration.max_consistency
-        loads = evaluate_calibration(
-            records, max_consistency=limit, bench=profile.data, monte_carlo_seed=0
-        )
-        header = result_header(kind, profile)
-        result = {**loads.to_dict(header), "run": run, "doubts": list(doubts)}
-    else:
-        found = evaluate_record(kind, records, profile, scale=scale, model=model, stretch=stretch)
-        result = replace(found, run=run, doubts=tuple(doubts)).to_json()
-    return Evaluation(result, records, _fed(kind, model, result))
-
-
-def _fed(kind: str, model: FilterModel, result: dict[str, Any]) -> FilterModel:
-    return build_filter_model(
-        model,
-        ripple=result if kind == "ripple" else None,
-        misalignment=result if kind == "misalignment" else None,
-        calibration=result if kind == "calibration" else None,
+    result = evaluate_record(
+        kind,
+        records,
+        profile,
+        scale=scale,
+        model=model,
+        stretch=stretch,
+        run=run,
+        doubts=tuple(doubts),
     )
+    return Evaluation(result, records, build_filter_model(model, **{kind: result.to_json()}))
 
 
 def store_evaluation(
     folder: RunFolder, found: Evaluation, files: Sequence[Path], reason: str
 ) -> None:
     """Write result and filter model into a run folder and close the run."""
-    write_json(folder.result, found.result)
+    write_json(folder.result, found.result.to_json())
     filter_file = folder.path / "filter.json"
     write_json(filter_file, found.filter_model.to_dict())
     folder.finish("complete", reason, [*files, folder.result, filter_file])
@@ -188,15 +168,7 @@ def evaluate_stored(
     details = {"source": {**origin, "measured_utc": measured_utc(source)}}
     folder = RunFolder.create(out, kind=kind, profile=profile, details=details)
     folder.update(calibration=scale.to_dict(), filter=model.to_dict())
-    suffix = ".csv.gz" if file.suffix == ".gz" else ".csv"
-    stored = folder.path / (("loads" if isinstance(records, Loads) else "trace") + suffix)
-    if file.suffix == PARQUET:
-        write_trace(stored, read_trace(file))
-    else:
-        shutil.copyfile(file, stored)
-        if "imported" in origin:
-            shutil.copyfile(provenance_path(file), provenance_path(stored))
-    kept = [path for path in (stored, provenance_path(stored)) if path.exists()]
+    kept = _keep_input(folder, file, records, imported="imported" in origin)
     channels = channel_doubts(records, source, profile)
     try:
         found = evaluate(
@@ -219,16 +191,30 @@ def evaluate_stored(
             ) from error
         raise
     if "imported" in origin:
-        found = replace(found, result={**found.result, "imported": origin["imported"]})
+        found = replace(found, result=replace(found.result, imported=origin["imported"]))
     store_evaluation(folder, found, kept, f"evaluated from {source}")
     return folder, found
+
+
+def _keep_input(
+    folder: RunFolder, file: Path, records: Trace | Loads, *, imported: bool
+) -> list[Path]:
+    """Copy the input into a run folder, with what is known of where it comes from."""
+    suffix = ".csv.gz" if file.suffix == ".gz" else ".csv"
+    stored = folder.path / (("loads" if isinstance(records, Loads) else "trace") + suffix)
+    if file.suffix == PARQUET:
+        write_trace(stored, read_trace(file))
+        return [stored]
+    shutil.copyfile(file, stored)
+    if not imported:
+        return [stored]
+    shutil.copyfile(provenance_path(file), provenance_path(stored))
+    return [stored, provenance_path(stored)]
 
 
 def _load(
     kind: str, file: Path, source: Path, profile: Profile, calibration: Path | None
 ) -> tuple[Trace | Loads, TorqueScale]:
-    from hdbench.profile.scaling import profile_scale
-
     if is_loads_file(file):
         return read_loads(file, profile.data.arm), profile_scale(profile)
     if kind == "calibration":

@@ -1,4 +1,4 @@
-"""The three experiments: planned, run, kept, evaluated."""
+"""Experiments: planned, run, kept, evaluated."""
 
 from __future__ import annotations
 

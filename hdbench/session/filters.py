@@ -1,4 +1,4 @@
-"""Which filter model serves an experiment: named, fed by results, or the one that ran before."""
+"""Choice of the filter model for an experiment: by name, from results, or of the stored run."""
 
 from __future__ import annotations
 

@@ -26,7 +26,7 @@ from hdbench.records.journal import (
 from hdbench.records.runfolder import RunFolder, utc_now
 from hdbench.records.tables import read_sequence, write_loads
 from hdbench.session.calibrating.conversation import Conversation, Unattended
-from hdbench.session.calibrating.plausibility import Guard
+from hdbench.session.calibrating.plausibility import WeightSet
 from hdbench.session.calibrating.state import CalibrationLog, CalibrationState, Mounting
 from hdbench.session.calibrating.walk import CalibrationWalk
 from hdbench.session.options import Task
@@ -261,7 +261,7 @@ def _talk(task: Task, *, simulated: bool) -> Conversation:
 def _hands(task: Task, bench: Bench) -> SimulatedOperator:
     """Return the operator of a simulated bench, with the mistakes that were asked for."""
     options, plan = task.options, task.profile.data.calibration
-    weights_kg = Guard.of(task.plan.points, task.profile.data).weights_kg
+    weights_kg = WeightSet.of(task.plan.points, task.profile.data).weights_kg
     mistakes = Mistakes(options.mistakes, weights_kg, options.seed)
     return SimulatedOperator(
         bench,

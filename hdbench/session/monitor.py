@@ -1,4 +1,4 @@
-"""Looking at a bench without moving it: samples come, nothing is kept but their statistics."""
+"""Monitor: samples of a bench whose drive is off, kept as statistics only."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One run from the open bench to its folder, and every way out of it."""
+"""Run: from the open bench to its folder, and every way out of it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Signals that end a run: noted when they come, obeyed between two transactions."""
+"""Stop signals: noted when they come, obeyed between two transactions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a run tells those who look on: frames that are dropped rather than waited for."""
+"""Frames of a running experiment for a live view; they are dropped rather than waited for."""
 
 from __future__ import annotations
 

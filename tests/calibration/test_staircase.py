@@ -65,7 +65,7 @@ def test_the_load_cell_goes_through_the_whole_evaluation(tmp_path: Path) -> None
     import_staircase(cell_plan(11), cell_file(), out, arm())
     loads = read_loads(out, arm())
     bench = load_profile("cim-tr-97-06").data
-    body = evaluate_calibration(loads, max_consistency=0.05, bench=bench).to_dict({})
+    body = evaluate_calibration(loads, max_consistency=0.05, bench=bench).to_json()
     json.dumps(body, allow_nan=False)
     assert body["course"]["n_excluded_samples"] == 4
     assert len(body["course"]["excluded_at_s"]) == 4

@@ -16,7 +16,7 @@ from hdbench.devices.host import HostedBench
 from hdbench.devices.host.channels import SampleClock, Unwrap
 from hdbench.devices.host.control import ControlThread, HostReference, ReferenceLog
 from hdbench.errors import DeviceError, UsageError
-from hdbench.model.program import ProgramPart, ReferenceProgram
+from hdbench.model.waves import ProgramPart, ReferenceProgram
 from hdbench.profile.schema import ReferenceWave
 
 WAVE = ReferenceWave(wave="constant", amplitude_v=2.0)

@@ -15,8 +15,8 @@ from hdbench.profile import load_profile
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "tools"))
 
-from reply_faults import CountingBench
-from spoilt_line import in_thread
+from faults.lines import in_thread
+from faults.replies import CountingBench
 
 PROFILE = load_profile("cim-tr-97-06").data
 

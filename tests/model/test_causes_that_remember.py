@@ -9,7 +9,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from hdbench.model import Motion, catalogue
-from hdbench.model.causes import _memory, _twins, stiffness
+from hdbench.model.causes import _memory, dynamics
 
 Make = Callable[..., Motion]
 Array = np.ndarray
@@ -316,63 +316,69 @@ def drawn(seed: int, n: int = 20_001) -> tuple[np.random.Generator, Array]:
     return np.random.default_rng(seed), starts
 
 
-def both_forms(name: str, *given: object) -> tuple[Array, Array]:
-    """Return what the compiled form of a recursion gives, and the one in Python."""
-    pytest.importorskip("hdbench.model.causes._recursions")
-    return getattr(_memory, name)(*given), getattr(_twins, name)(*given)
-
-
-@pytest.mark.parametrize("lost", [1e-4, 0.3])
-def test_a_compiled_first_order_recursion_is_that_of_python(lost: float) -> None:
+def test_a_first_order_recursion_is_that_of_a_loop() -> None:
     rng, starts = drawn(7)
-    decay = np.where(starts, 0.0, 1.0 - lost * rng.random(len(starts)))
-    fast, plain = both_forms("first_order", decay, rng.standard_normal(len(starts)))
-    assert np.abs(fast - plain).max() < 1e-12 * np.abs(plain).max()
+    decay = np.where(starts, 0.0, 1.0 - 0.3 * rng.random(len(starts)))
+    drive = rng.standard_normal(len(starts))
+    want, value = [], 0.0
+    for kept_part, added in zip(decay.tolist(), drive.tolist(), strict=True):
+        value = kept_part * value + added
+        want.append(value)
+    # the same products and sums in the same order
+    np.testing.assert_array_equal(_memory.first_order(decay, drive), want)
+    turned = decay * np.exp(0.1j)
+    value_there, complex_want = 0j, []
+    for kept_there, added in zip(turned.tolist(), drive.tolist(), strict=True):
+        value_there = kept_there * value_there + added
+        complex_want.append(value_there)
+    got = _memory.first_order(turned, drive + 0j)
+    np.testing.assert_allclose(got, complex_want, rtol=0, atol=1e-12 * np.abs(got).max())
 
 
-def test_a_compiled_second_order_filter_is_that_of_scipy() -> None:
+@pytest.mark.parametrize("n", [0, 1, 2])
+def test_a_recursion_over_few_samples_is_their_drive(n: int) -> None:
+    drive = np.arange(1.0, 1.0 + n)
+    np.testing.assert_array_equal(_memory.first_order(np.zeros(n), drive), drive)
+
+
+def test_a_second_order_filter_starts_at_rest_at_every_start() -> None:
     rng, starts = drawn(8)
     above, below = np.array([0.05, 0.11, 0.04]), np.array([-1.7, 0.9])
-    fast, plain = both_forms(
-        "second_order", above, below, starts, 3.0 + rng.standard_normal(len(starts))
-    )
-    assert np.abs(fast - plain).max() < 1e-11 * np.abs(plain).max()
+    values = 3.0 + rng.standard_normal(len(starts))
+    got = _memory.second_order(above, below, starts, values)
+    gain = above.sum() / (1.0 + below.sum())
+    np.testing.assert_allclose(got[starts], gain * values[starts], rtol=1e-12)
+    inside = np.arange(5000, 5003)
+    want = np.convolve(values, above)[inside] - below[0] * got[inside - 1]
+    # three products of numbers of some ten
+    np.testing.assert_allclose(got[inside], want - below[1] * got[inside - 2], rtol=0, atol=1e-12)
 
 
-@pytest.mark.parametrize("even", [True, False])
-def test_a_compiled_resonance_is_that_of_python(even: bool) -> None:
+def test_a_resonance_of_even_steps_is_that_of_uneven_ones() -> None:
     rng, starts = drawn(9)
-    step = 1e-3 * (np.ones(1) if even else 1.0 + 0.2 * rng.random(len(starts)))
     pole = 2.0 * np.pi * 30.0 * complex(-0.02, 1.0)
     phase = np.cumsum(0.2 + 0.01 * rng.standard_normal(len(starts)))
-    rate = np.diff(phase, prepend=phase[:1]) / step
-    given = (np.exp(1j * phase), rate, np.exp(pole * step), starts, pole)
-    fast, plain = both_forms("resonance", *given)
-    assert np.abs(fast - plain).max() < 1e-11 * np.abs(plain).max()
+    rate = np.diff(phase, prepend=phase[:1]) / 1e-3
+    one = np.exp(pole * np.full(1, 1e-3))
+    many = np.repeat(one, len(starts))
+    even, uneven = (
+        _memory.resonance(np.exp(1j * phase), rate, decay, starts, pole) for decay in (one, many)
+    )
+    assert np.abs(even - uneven).max() < 1e-11 * np.abs(even).max()
 
 
-def test_compiled_plays_are_those_of_python() -> None:
+def test_plays_are_clamps_in_a_row() -> None:
     rng, starts = drawn(10)
     torque, radius = np.cumsum(rng.standard_normal(len(starts))), np.array([0.3, 2.0, 40.0])
-    fast, plain = both_forms("plays", torque, radius, starts)
+    places, want = [0.0] * 3, []
+    for x, start in zip(torque.tolist(), starts.tolist(), strict=True):
+        places = [
+            x if start else min(max(p, x - r), x + r)
+            for p, r in zip(places, radius.tolist(), strict=True)
+        ]
+        want.append(sum(places))
     # clamps round nothing; sums of three numbers of the size of the torque
-    assert np.abs(fast - plain).max() < 1e-14 * np.abs(plain).max()
-
-
-def test_compiled_recursions_refuse_what_does_not_fit() -> None:
-    native = pytest.importorskip("hdbench.model.causes._recursions")
-    three, four = np.zeros(3), np.zeros(4)
-    marks = np.zeros(3, dtype=np.uint8)
-    with pytest.raises(ValueError, match="out: found 4 values, needed 3"):
-        native.first_order(three, three.copy(), four)
-    with pytest.raises(ValueError, match="share memory"):
-        native.first_order(three, four[:3], three)
-    with pytest.raises(ValueError, match="float64"):
-        native.plays(three.astype(np.float32), three, marks, np.zeros(3), np.zeros(3))
-    with pytest.raises(TypeError, match="found 2 arguments, needed 5"):
-        native.second_order(three, three)
-    with pytest.raises(ValueError, match="wave: found 3 values, needed 6"):
-        native.resonance(three, three, four[:2], marks, four[2:], np.zeros(6))
+    np.testing.assert_allclose(_memory.plays(torque, radius, starts), want, rtol=1e-14)
 
 
 def test_an_even_low_pass_gives_what_one_of_uneven_steps_gives(
@@ -382,8 +388,8 @@ def test_an_even_low_pass_gives_what_one_of_uneven_steps_gives(
     starts = np.zeros(len(time), dtype=bool)
     starts[[0, 200, 9000]] = True
     torque = 3.0 + np.cumsum(np.random.default_rng(8).standard_normal(len(time)))
-    even = stiffness.low_pass(time, starts, 2.0 * np.pi * 150.0)(torque)
-    monkeypatch.setattr(stiffness, "even_step", lambda *_: None)
-    plain = stiffness.low_pass(time, starts, 2.0 * np.pi * 150.0)(torque)
+    even = dynamics.low_pass(time, starts, 2.0 * np.pi * 150.0)(torque)
+    monkeypatch.setattr(dynamics, "even_step", lambda *_: None)
+    plain = dynamics.low_pass(time, starts, 2.0 * np.pi * 150.0)(torque)
     assert np.abs(even - plain).max() < 1e-9 * np.abs(plain).max()
     np.testing.assert_allclose(even[starts], torque[starts], rtol=1e-9)

@@ -8,7 +8,6 @@ from types import ModuleType
 
 import numpy as np
 
-from hdbench.calibration import evaluate_calibration
 from hdbench.evaluation import evaluate
 from hdbench.filter import OnlineFilter, preset
 from hdbench.profile import Profile
@@ -66,8 +65,13 @@ def calibration_run(parent: Path, profile: Profile, text: str) -> Path:
     run = new_run(parent, "calibration", profile)
     run.loads.write_text(text)
     loads = read_loads(run.loads, profile.data.arm)
-    result = evaluate_calibration(loads, max_consistency=0.05)
-    write_json(run.result, result.to_dict(result_header("calibration", profile)))
+    model = preset("report-6", profile.data)
+    write_json(
+        run.result,
+        evaluate(
+            "calibration", loads, profile, scale=SCALE, model=model, max_consistency=0.05
+        ).to_json(),
+    )
     run.finish("complete", "done", [run.loads, run.result])
     return run.path
 

@@ -60,7 +60,8 @@ def record(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, str]:
     result = evaluate_calibration(
         readings(), max_consistency=0.05, bench=profile.data, monte_carlo_seed=0
     )
-    write_json(folder / "result.json", result.to_dict(result_header("calibration", profile)))
+    header = result_header("calibration", profile)
+    write_json(folder / "result.json", {**result.to_json(), **header})
     files = write_report([folder / "result.json"], folder / "page.html", profile=profile)
     return files.html.read_text(encoding="utf-8"), (folder / "page-record.csv").read_text()
 
@@ -155,7 +156,7 @@ def test_preloads_and_shunt_readings_are_not_drawn_as_readings() -> None:
     kinds = (*["reading"] * len(loads), "shunt")
     more = Loads((*loads.readings, shunt), extra_columns={"kind": kinds})
     bench = load_profile("cim-tr-97-06").data
-    result = evaluate_calibration(more, max_consistency=0.05, bench=bench).to_dict({})
+    result = evaluate_calibration(more, max_consistency=0.05, bench=bench).to_json()
     path = Path("loads.csv")
     source = Source(path, "calibration", "r", {}, result, None, more, None, ())
     (drawn,) = (p for p in pictures(source, "x", []) if "after figure" in p.title)

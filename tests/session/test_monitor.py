@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from linefaults.faults import Mangler, TcpFraming
+from faults.mangler import Mangler, TcpFraming
 
 from hdbench.devices.emulator.node import build_core
 from hdbench.devices.emulator.server import ModbusServer
@@ -24,7 +24,7 @@ from hdbench.session.watching import Frame, Watcher
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "tools"))
 
-from spoilt_line import behind, in_thread
+from faults.lines import behind, in_thread
 
 PROFILE = load_profile("cim-tr-97-06")
 

@@ -105,7 +105,7 @@ def test_a_simulated_operator_calibrates_every_emulator_by_its_channel(name, tmp
             tmp_path, control=str(found["control"]), talk=Unattended(lambda _: None)
         )
         result = run_experiment("calibration", quick(name, found), options, quiet)
-    gain = result.evaluation.result["gain_nm_per_v"]["value"]
+    gain = result.evaluation.result.to_json()["gain_nm_per_v"]["value"]
     # the plant as modelled has the profile's gain, each clamping its own by some per mille
     assert gain == pytest.approx(load_profile(name).data.sensor.gain_nm_per_v, rel=0.03)
 

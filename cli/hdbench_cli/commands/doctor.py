@@ -25,8 +25,8 @@ if TYPE_CHECKING:
     from rich.text import Text
 
     from hdbench.profile import Profile
-    from hdbench.session.checkup import Finding
-    from hdbench.session.proving import WatchdogProof
+    from hdbench.session.doctor import Finding
+    from hdbench.session.watchdogproof import WatchdogProof
 
 __all__ = ["command", "version_facts"]
 
@@ -84,7 +84,7 @@ def command(
     from datetime import UTC, datetime
 
     from hdbench.profile import load_profile
-    from hdbench.session.checkup import (
+    from hdbench.session.doctor import (
         Finding,
         check_bench,
         check_calibration,
@@ -114,8 +114,8 @@ def _proof(
     output: Output, profile: Profile, address: str | None, *, yes: bool, no_input: bool
 ) -> WatchdogProof:
     """Ask, then prove."""
-    from hdbench.session.proving import creep_rad_s, prove_watchdog
     from hdbench.session.stop import StopRequested, listen
+    from hdbench.session.watchdogproof import creep_rad_s, prove_watchdog
 
     where = address or profile.data.daq.address
     speed = creep_rad_s(profile.data)

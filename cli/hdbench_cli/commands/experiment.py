@@ -18,7 +18,7 @@ from hdbench_cli.output import Output
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
-    from hdbench.diagnosis.planning import MotionPlan
+    from hdbench.diagnosis.planning.segments import MotionPlan
     from hdbench.profile import Profile
     from hdbench.ripple import Stretch
     from hdbench.session import BenchOptions, RunOutcome
@@ -124,7 +124,7 @@ def resume(output: Output, path: Path, **options: Any) -> None:
 
 
 def _outcome(outcome: RunOutcome) -> tuple[Path, Mapping[str, Any]]:
-    return outcome.folder.path, outcome.evaluation.result
+    return outcome.folder.path, outcome.evaluation.result.to_json()
 
 
 @contextmanager
@@ -200,7 +200,7 @@ def _from_stored(
         filter_name=request.filter_name,
         stretch=request.stretch,
     )
-    return folder.path, found.result
+    return folder.path, found.result.to_json()
 
 
 def _keep_parquet(folder: Path, profile: Profile) -> None:

@@ -18,9 +18,9 @@ from hdbench_cli.output import Output
 
 if TYPE_CHECKING:
     from hdbench.calibration.staircase import StaircaseReport
+    from hdbench.importing.importer import ImportReport
     from hdbench.importing.layout import Logger
     from hdbench.importing.listing import ChannelFacts
-    from hdbench.importing.plan import ImportReport
     from hdbench.importing.proposal import Proposal
     from hdbench.importing.recipe import Recipe
     from hdbench.importing.source import Source
@@ -351,16 +351,18 @@ def _run(
     gear_ratio: float | None,
 ) -> None:
     """Import into one file, or each file into a folder."""
-    from hdbench.importing.plan import import_files
+    from hdbench.importing.importer import import_files
     from hdbench.records import result_header
 
-    plan, arm = recipe.plan(gear_ratio), profile.data.arm
+    arm = profile.data.arm
     if not out.is_dir():
-        report = import_files(plan, files, out, arm)
+        report = import_files(recipe, files, out, arm, gear_ratio)
         body = {**result_header("import", profile), **report.to_dict()}
         output.result(body, lambda _body: _imported(report))
         return
-    reports = [import_files(plan, [file], out / _default_out(file), arm) for file in files]
+    reports = [
+        import_files(recipe, [file], out / _default_out(file), arm, gear_ratio) for file in files
+    ]
     told = [report.to_dict() for report in reports]
     whole = {**result_header("import", profile), "imports": told}
     output.result(whole, lambda _body: (x for report in reports for x in _imported(report)))
@@ -379,7 +381,7 @@ def _staircase(
     """Bring in raw readings under changing weights, and tell what was found."""
     from hdbench.calibration.staircase import StaircasePlan, import_staircase
     from hdbench.importing.mapping import parse_constant, parse_map
-    from hdbench.importing.plan import known_columns
+    from hdbench.importing.recipe import known_columns
     from hdbench.records import result_header
 
     if len(files) != 1:

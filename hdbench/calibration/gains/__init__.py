@@ -1,45 +1,46 @@
-"""Gains of experiments: what scatters within and between positions, and what differs."""
+"""Gains of experiments: scatter within and between positions, differences, outliers."""
 
 from __future__ import annotations
 
-from hdbench.calibration.gains.compare import (
-    Consensus,
-    PairedDifference,
+from hdbench.calibration.gains.differences import (
+    DirectionEntry,
     consensus,
+    direction_effects,
+    direction_entries,
     paired_difference,
+    side_force,
 )
-from hdbench.calibration.gains.mixed import MixedFit, mixed_fit
-from hdbench.calibration.gains.oneway import OneWay, one_way
+from hdbench.calibration.gains.mixed import mixed_fit, plain_mean
 from hdbench.calibration.gains.outliers import (
     GainOutlier,
-    Outlier,
     extreme_values,
     gain_outliers,
     grubbs_limit,
 )
-from hdbench.calibration.gains.plainmean import plain_mean
-from hdbench.calibration.gains.sideforce import (
-    DirectionEffects,
-    DirectionEntry,
-    direction_effects,
+from hdbench.calibration.gains.positions import (
+    any_one_position,
+    by_position,
+    mean_gain,
+    one_way,
+    position_numbers,
 )
 
 __all__ = [
-    "Consensus",
-    "DirectionEffects",
     "DirectionEntry",
     "GainOutlier",
-    "MixedFit",
-    "OneWay",
-    "Outlier",
-    "PairedDifference",
+    "any_one_position",
+    "by_position",
     "consensus",
     "direction_effects",
+    "direction_entries",
     "extreme_values",
     "gain_outliers",
     "grubbs_limit",
+    "mean_gain",
     "mixed_fit",
     "one_way",
     "paired_difference",
     "plain_mean",
+    "position_numbers",
+    "side_force",
 ]

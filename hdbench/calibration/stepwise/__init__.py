@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from hdbench.calibration.stepwise.classes import CLASSES, Classification, class_limit
-from hdbench.calibration.stepwise.evaluation import GroupEvaluation, evaluate_group
+from hdbench.calibration.stepwise.classes import CLASSES, class_limit, overall_class
+from hdbench.calibration.stepwise.evaluation import evaluate_group
+from hdbench.calibration.stepwise.oddreadings import odd_readings
 from hdbench.calibration.stepwise.series import LoadSeries, StepGroup, step_groups
 
 __all__ = [
     "CLASSES",
-    "Classification",
-    "GroupEvaluation",
     "LoadSeries",
     "StepGroup",
     "class_limit",
     "evaluate_group",
+    "odd_readings",
+    "overall_class",
     "step_groups",
 ]

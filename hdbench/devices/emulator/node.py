@@ -88,18 +88,6 @@ class Session:
             self._token = 0
 
 
-_GROUPS = (
-    reg.BLOCK,
-    reg.IDENTITY,
-    reg.LIMITS,
-    reg.STATUS,
-    reg.FEED,
-    reg.NONCE,
-    reg.PARAMETERS,
-    reg.CONTROL,
-    reg.SESSION,
-    reg.PROGRAM,
-)
 # acknowledgement and heartbeat
 _FEED = struct.Struct(">HH")
 _FEED_AT = reg.FEED[0].address
@@ -141,12 +129,24 @@ class NodeCore(Device):
         self._command = 0
         self._refusals: dict[int, tuple[Refusal, int]] = {}
         self._nonces: dict[int, int] = {}
+        self._images: dict[tuple[Register, ...], Callable[[int], bytes]] = {
+            reg.BLOCK: lambda _: self._window.image(self._feed["heartbeat"]),
+            reg.IDENTITY: lambda _: self._identity,
+            reg.LIMITS: lambda _: self._limits_raw,
+            reg.STATUS: lambda connection: encode_group(reg.STATUS, self._status(connection)),
+            reg.FEED: lambda _: encode_group(reg.FEED, self._feed),
+            reg.NONCE: lambda connection: struct.pack(">H", self._nonces.get(connection, 0)),
+            reg.PARAMETERS: lambda _: encode_group(reg.PARAMETERS, self._parameters),
+            reg.CONTROL: lambda _: struct.pack(">H", self._command),
+            reg.SESSION: lambda _: bytes(4),
+            reg.PROGRAM: lambda _: encode_group(reg.PROGRAM, self._program.last),
+        }
 
     def read(self, space: Space, address: int, count: int, connection: int) -> bytes:
         """Return the bytes of `count` registers from `address`."""
-        group = _group_of(address, count)
+        group, image = self._at(address, count)
         offset = 2 * (address - group[0].address)
-        return self._image(group, connection)[offset : offset + 2 * count]
+        return image(connection)[offset : offset + 2 * count]
 
     def write(self, space: Space, address: int, raw: bytes, connection: int) -> None:
         """Write registers; all of them or none."""
@@ -156,7 +156,7 @@ class NodeCore(Device):
             ack, heartbeat = _FEED.unpack(raw)
             self._accept_feed({"ack": ack, "heartbeat": heartbeat})
             return
-        group = _group_of(address, len(raw) // 2)
+        group, _ = self._at(address, len(raw) // 2)
         chosen = _whole_registers(group, address, len(raw) // 2)
         values = decode_group(chosen, raw)
         if group is reg.SESSION:
@@ -176,6 +176,14 @@ class NodeCore(Device):
         else:
             self._refuse_while_running(address)
             self._program.take(values, address)
+
+    def _at(self, address: int, count: int) -> tuple[tuple[Register, ...], Callable[[int], bytes]]:
+        """Return the one group that covers the span, and what gives its bytes."""
+        for group, image in self._images.items():
+            last = group[-1]
+            if group[0].address <= address and address + count <= last.address + last.size:
+                return group, image
+        raise RefusedError(2, Refusal.ADDRESS, address)
 
     def tick(self) -> None:
         """Let the wall clock act."""
@@ -205,30 +213,9 @@ class NodeCore(Device):
             reason = Refusal.VALUE if refused.exception == 3 else Refusal.NONE
             self._refusals[connection] = (reason, 0)
 
-    def _image(self, group: tuple[Register, ...], connection: int) -> bytes:
-        if group is reg.BLOCK:
-            return self._window.image(self._feed["heartbeat"])
-        if group is reg.IDENTITY:
-            return self._identity
-        if group is reg.LIMITS:
-            return self._limits_raw
-        if group is reg.STATUS:
-            self.machine.look()
-            return encode_group(reg.STATUS, self._status(connection))
-        if group is reg.FEED:
-            return encode_group(reg.FEED, self._feed)
-        if group is reg.NONCE:
-            return struct.pack(">H", self._nonces.get(connection, 0))
-        if group is reg.PARAMETERS:
-            return encode_group(reg.PARAMETERS, self._parameters)
-        if group is reg.CONTROL:
-            return struct.pack(">H", self._command)
-        if group is reg.SESSION:
-            return struct.pack(">I", 0)
-        return encode_group(reg.PROGRAM, self._program.last)
-
     def _status(self, connection: int) -> dict[str, Value]:
         machine = self.machine
+        machine.look()
         refusal, refused_address = self._refusals.get(connection, (Refusal.NONE, 0))
         waiting = machine.fifo.depth + self._window.scans
         return {
@@ -298,15 +285,6 @@ class NodeCore(Device):
     def _refuse_while_running(self, address: int) -> None:
         if self.machine.state == State.RUNNING:
             raise RefusedError(6, Refusal.RUNNING, address)
-
-
-def _group_of(address: int, count: int) -> tuple[Register, ...]:
-    """Return the one group that covers the span."""
-    for group in _GROUPS:
-        last = group[-1]
-        if group[0].address <= address and address + count <= last.address + last.size:
-            return group
-    raise RefusedError(2, Refusal.ADDRESS, address)
 
 
 def _whole_registers(group: tuple[Register, ...], address: int, count: int) -> tuple[Register, ...]:

@@ -20,7 +20,7 @@ from hdbench.devices.node.registers import (
     Value,
     register,
 )
-from hdbench.model.program import MAX_PARTS, ProgramPart, ReferenceProgram
+from hdbench.model.waves import MAX_PARTS, ProgramPart, ReferenceProgram
 from hdbench.profile.schema import ProfileData, ReferenceWave
 
 __all__ = [

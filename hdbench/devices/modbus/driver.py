@@ -28,7 +28,7 @@ from hdbench.devices.modbus.outputs import (
     switch_off,
     zero,
 )
-from hdbench.devices.safestate import SafeActs, Seen, reach_safe_state
+from hdbench.devices.safestate import Seen, reach_safe_state
 from hdbench.devices.wire.address import parse_address, serial_settings
 from hdbench.errors import DeviceError, UsageError
 from hdbench.profile.acquiring_modbus import ModbusAcquisition, ModbusOutput, ModbusWrite
@@ -309,14 +309,15 @@ class ModbusDaq:
             self.identity()
             return not switch_off(outputs, self._watchdog)
 
-        acts = SafeActs(
+        return reach_safe_state(
             stop=stop,
             look=lambda: Seen(outputs.read_back()),
             disable=disable,
             zero_v=zero_v,
             brake_s=output.brake_s,
+            clock=self._clock,
+            sleep=self._sleep,
         )
-        return reach_safe_state(acts, self._clock, self._sleep)
 
     def close(self) -> None:
         """Close the connection; never raises."""

@@ -33,11 +33,11 @@ from hdbench.devices.node.registers import (
     decode_group,
 )
 from hdbench.devices.node.wire import NodeWire
-from hdbench.devices.safestate import SafeActs, Seen, reach_safe_state
+from hdbench.devices.safestate import Seen, reach_safe_state
 from hdbench.devices.wire import FrameError
 from hdbench.devices.wire.address import Address
 from hdbench.errors import DeviceError
-from hdbench.model.program import ReferenceProgram
+from hdbench.model.waves import ReferenceProgram
 
 __all__ = [
     "REPLY_CHARACTERS",
@@ -299,8 +299,13 @@ class NodeDaq:
         Safe is: not running, reference zero, drive disabled and the motor slower than 0.5 rad/s in
         two readings. The motor gets 2.5 s to decelerate.
         """
-        acts = SafeActs(stop=self._node.make_safe, look=self._seen, zero_v=0.0)
-        safe = reach_safe_state(acts, self._clock, self._sleep)
+        safe = reach_safe_state(
+            stop=self._node.make_safe,
+            look=self._seen,
+            zero_v=0.0,
+            clock=self._clock,
+            sleep=self._sleep,
+        )
         self._reader = None
         self._settings = None
         return safe

@@ -23,7 +23,7 @@ from hdbench.devices.node.registers import (
     register,
     register_at,
 )
-from hdbench.devices.transactor import TWICE, Transactor
+from hdbench.devices.transactor import TWICE, Build, Transactor
 from hdbench.devices.wire import (
     ExceptionReply,
     FrameError,
@@ -64,7 +64,7 @@ def writable(group: Sequence[Register], values: bytes) -> tuple[int, int]:
     return address, count
 
 
-class NodeWire:
+class NodeWire(Transactor):
     """Register access to one node.
 
     Parameters
@@ -85,20 +85,14 @@ class NodeWire:
     def __init__(
         self, link: Link, *, deadline_s: float, clock: Callable[[], float] = time.monotonic
     ) -> None:
+        super().__init__(link, deadline_s=deadline_s, clock=clock)
         self.where = f"node {link.where}"
-        self._link = link
-        self._transactor = Transactor(link, deadline_s=deadline_s, clock=clock)
         self._session = 0
         self._heartbeat = 0
         self._nonce = 0
         self._window: BlockExchange | None = None
         self._window_count = 0
         link.opened = self._present_session
-
-    @property
-    def repeats(self) -> int:
-        """Requests that were sent again so far."""
-        return self._transactor.repeats
 
     def read(self, group: Sequence[Register]) -> bytes:
         """Return the bytes of adjacent registers."""
@@ -181,13 +175,11 @@ class NodeWire:
             self._link.close()
             raise
 
-    def _repeat(self, build: Callable[[], tuple[bytes, ReplyCheck]], first: Register) -> bytes:
+    def _repeat(self, build: Build, first: Register) -> bytes:
         return self._transact(build, first, TWICE)[2:]
 
-    def _transact(
-        self, build: Callable[[], tuple[bytes, ReplyCheck]], first: Register, attempts: int
-    ) -> bytes:
-        return self._transactor.transact(
+    def _transact(self, build: Build, first: Register, attempts: int) -> bytes:
+        return self.transact(
             build,
             attempts,
             refused=lambda reply, until_s: self._refused(reply, first, until_s),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,8 @@ __all__ = [
     "Testable",
     "Unexplained",
     "Voice",
+    "by_share",
+    "data_bad",
     "verdict_of",
 ]
 
@@ -201,6 +203,9 @@ class Unexplained:
         }
 
 
+_Found = TypeVar("_Found", NamedCause, Unexplained)
+
+
 @dataclass(frozen=True, slots=True)
 class Rest:
     """What the extended model leaves above the noise (contract section 5)."""
@@ -229,7 +234,7 @@ class Pictures:
     velocity_rad_s: FloatArray
     measured_nm: FloatArray  # NaN where lost
     simulated_nm: FloatArray  # by the model as it was handed in
-    extended_nm: FloatArray
+    extended_nm: FloatArray  # as the torque channel passes it
     residual_before_nm: FloatArray  # measured less fitted baseline; NaN where not used
     residual_after_nm: FloatArray  # less baseline and causes
     masked: NDArray[np.bool_]  # samples that no fit used
@@ -331,6 +336,28 @@ class Diagnosis:
             "settings": dict(self.settings),
             "records": as_json(self.records),
         }
+
+
+def data_bad(
+    model: BenchModel,
+    terms: Sequence[str],
+    flags: tuple[DataFlag, ...],
+    settings: Mapping[str, Any],
+    reason: str,
+    left_out: tuple[LeftOutSamples, ...] = (),
+) -> Diagnosis:
+    """Return the answer for a record of which nothing can be said."""
+    nothing = {"terms": list(terms), "heldout_rms_nm": None}
+    return Diagnosis(
+        "data-bad", (), (), (), (), flags, (), nothing, nothing, model, settings, reason,
+        left_out=left_out,
+    )  # fmt: skip
+
+
+def by_share(found: Sequence[_Found], least: float) -> tuple[tuple[_Found, ...], ...]:
+    """Return what explains a share of the variance or more, and what explains less."""
+    kept = tuple(one for one in found if one.share_of_variance >= least)
+    return kept, tuple(one for one in found if one not in kept)
 
 
 def verdict_of(causes: Sequence[NamedCause], places: Sequence[Unexplained]) -> str:

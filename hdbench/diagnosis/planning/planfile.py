@@ -42,17 +42,7 @@ _HELP = "docs/plan.md lists kinds, keys and units"
 
 
 def plan_to_dict(plan: MotionPlan) -> dict[str, Any]:
-    """Return a plan as its file holds it, JSON-able.
-
-    Parameters
-    ----------
-    plan : MotionPlan
-        Plan.
-
-    Returns
-    -------
-    dict
-    """
+    """Return a plan as its file holds it."""
     entries: list[dict[str, Any]] = []
     for step in plan.steps:
         kind = step.kind if isinstance(step, Segment) else "load"

@@ -1,4 +1,4 @@
-"""One acquisition: the stream to blocks, until all samples are there."""
+"""Acquisition of an instrument: its stream to blocks, until all samples are there."""
 
 from __future__ import annotations
 
@@ -56,6 +56,7 @@ class Acquisition(StreamedAcquisition):
         super().__init__(n_samples, packet_s, clock)
         self._counter = None if encoder is None else SignedCounter(encoder[0])
         self._tacho = 0 if encoder is None else encoder[1]
+        self.period_s = period_s
         self._plan = plan
         self._scans = ScanAssembler(plan)
         # packets have 2**n bytes, scans an odd number of words: the fewest lost packets that are

@@ -22,8 +22,6 @@ from hdbench.drivers.dataq.acquisition import Acquisition
 from hdbench.drivers.dataq.models import (
     BUFFER_SAMPLES,
     MODELS,
-    Model,
-    RateSetting,
     choose_rate,
     highest_rate_hz,
     lowest_rate_hz,
@@ -92,24 +90,6 @@ def _version(text: str) -> str:
         return f"{int(text, 16) / 100.0:.2f}"
     except ValueError:
         return text
-
-
-def set_up(
-    commands: Commands, model: Model, plan: ScanPlan, period_s: float, average: int
-) -> RateSetting:
-    """Send packet size, encoding, scan list and rate."""
-    rate = choose_rate(model, len(plan.words), period_s, average)
-    lines = [f"ps {packet_code(len(plan.words), rate.period_s)}", "encode 0"]
-    lines += [f"slist {position} {word}" for position, word in enumerate(plan.words)]
-    lines.append(f"srate {rate.srate}")
-    if model.dec_max > 1:
-        lines.append(f"dec {rate.dec}")
-        lines.append(f"filter * {int(average > 1)}")
-    if model.deca_max > 1:
-        lines.append(f"deca {rate.deca}")
-    for line in lines:
-        commands.set(line)
-    return rate
 
 
 def describe_abilities(table: DataqAcquisition, *, simulated: bool) -> Capabilities:
@@ -192,18 +172,11 @@ class DataqDaq(InputsOnly):
         self.identity()
         self._acquisition = None
         plan = plan_scan(self._table, settings.roles)
-        rate = self._set_up(plan, settings.sample_period_s, self._table.average)
-        code = packet_code(len(plan.words), rate.period_s)
-        packet_s = (16 << code) / plan.scan_bytes * rate.period_s
-        self._acquisition = Acquisition(
-            plan,
-            rate.period_s,
-            packet_s,
-            settings.n_samples,
-            self._clock,
-            encoder=self._encoder(settings.roles),
+        encoder = self._encoder(settings.roles)
+        self._acquisition = self._set_up(
+            plan, settings.sample_period_s, self._table.average, settings.n_samples, encoder
         )
-        return rate.period_s
+        return self._acquisition.period_s
 
     def start(self) -> None:
         """Start scanning; sent once, and never echoed: the first packet is the proof."""
@@ -244,11 +217,9 @@ class DataqDaq(InputsOnly):
         # a counter says nothing without the counts before
         roles = tuple(c.role for c in self._table.channels if c.role != "encoder")
         plan = plan_scan(self._table, roles)
-        rate = self._set_up(plan, self._look_period_s(len(plan.words)), 1)
-        packet_s = 16.0 / plan.scan_bytes * rate.period_s
-        # configured anew before the next acquisition
+        # the instrument is configured anew before the next acquisition
         self._acquisition = None
-        look = Acquisition(plan, rate.period_s, packet_s, _LOOK_SCANS, self._clock)
+        look = self._set_up(plan, self._look_period_s(len(plan.words)), 1, _LOOK_SCANS)
         self._quiet = False
         self._commands.start()
         look.begin()
@@ -270,10 +241,30 @@ class DataqDaq(InputsOnly):
         """Close the port; never raises."""
         self._commands.close()
 
-    def _set_up(self, plan: ScanPlan, period_s: float, average: int) -> RateSetting:
-        """Send every setting, the instrument being quiet."""
+    def _set_up(
+        self,
+        plan: ScanPlan,
+        period_s: float,
+        average: int,
+        n_samples: int,
+        encoder: tuple[int, int] | None = None,
+    ) -> Acquisition:
+        """Send every setting to the quiet instrument; each is echoed as it was sent."""
         self._be_quiet()
-        return set_up(self._commands, MODELS[self._table.model], plan, period_s, average)
+        model, entries = MODELS[self._table.model], len(plan.words)
+        rate = choose_rate(model, entries, period_s, average)
+        code = packet_code(entries, rate.period_s)
+        lines = [f"ps {code}", "encode 0"]
+        lines += [f"slist {position} {word}" for position, word in enumerate(plan.words)]
+        lines.append(f"srate {rate.srate}")
+        if model.dec_max > 1:
+            lines += [f"dec {rate.dec}", f"filter * {int(average > 1)}"]
+        if model.deca_max > 1:
+            lines.append(f"deca {rate.deca}")
+        for line in lines:
+            self._commands.set(line)
+        packet_s = (16 << code) / plan.scan_bytes * rate.period_s
+        return Acquisition(plan, rate.period_s, packet_s, n_samples, self._clock, encoder=encoder)
 
     def _encoder(self, roles: tuple[Role, ...]) -> tuple[int, int] | None:
         """Return counts per edge and the tacho's channel, where an encoder is sampled."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
 from hdbench.errors import DeviceError
@@ -94,13 +94,16 @@ def choose_rate(model: Model, entries: int, period_s: float, average: int) -> Ra
     if model.deca_max > 1:
         decs = decs[:_TRIES]
     best: RateSetting | None = None
-    for dec in decs:
-        found = _with_dec(model, entries, total, dec)
-        if found is not None and (best is None or _off(found, period_s) < _off(best, period_s)):
+    for found in _settings(model, entries, total, decs):
+        if best is None or abs(found.period_s - period_s) < abs(best.period_s - period_s):
             best = found
-        if best is not None and _off(best, period_s) < 1e-12 * period_s:
+        if abs(best.period_s - period_s) < 1e-12 * period_s:
             break
-    if average > model.dec_max or best is None or not _off(best, period_s) <= _TOLERANCE * period_s:
+    if (
+        average > model.dec_max
+        or best is None
+        or (not abs(best.period_s - period_s) <= _TOLERANCE * period_s)
+    ):
         low, high = lowest_rate_hz(model, entries), highest_rate_hz(model, entries, average)
         raise DeviceError(
             f"a DI-{model.number} with {entries} entries in its scan list and {average} "
@@ -130,23 +133,12 @@ def packet_code(entries: int, period_s: float) -> int:
     return min(code, _LARGEST_CODE)
 
 
-def _with_dec(model: Model, entries: int, total: float, dec: int) -> RateSetting | None:
-    """Return the best numbers with a given dec; None where there are none."""
-    shortest = model.shortest(entries)
-    first = max(1, math.ceil(total / (dec * model.srate_max)))
-    best: RateSetting | None = None
-    for deca in range(first, min(first + _TRIES, model.deca_max + 1)):
-        srate = round(total / (dec * deca))
-        if not shortest <= srate <= model.srate_max:
-            continue
-        found = RateSetting(srate, dec, deca, srate * dec * deca / model.clock_hz(entries))
-        wanted = total / model.clock_hz(entries)
-        if best is None or _off(found, wanted) < _off(best, wanted):
-            best = found
-        if _off(best, wanted) < 1e-12 * wanted:
-            break
-    return best
-
-
-def _off(setting: RateSetting, period_s: float) -> float:
-    return abs(setting.period_s - period_s)
+def _settings(model: Model, entries: int, total: float, decs: list[int]) -> Iterator[RateSetting]:
+    """Yield numbers whose product is near `total`."""
+    for dec in decs:
+        first = max(1, math.ceil(total / (dec * model.srate_max)))
+        for deca in range(first, min(first + _TRIES, model.deca_max + 1)):
+            srate = round(total / (dec * deca))
+            if model.shortest(entries) <= srate <= model.srate_max:
+                period_s = srate * dec * deca / model.clock_hz(entries)
+                yield RateSetting(srate, dec, deca, period_s)

@@ -1,4 +1,4 @@
-"""The serial port with a reading thread, and the instrument's commands with their echoes."""
+"""Serial port with a reading thread, and the instrument's commands with their echoes."""
 
 from __future__ import annotations
 

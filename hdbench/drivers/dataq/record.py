@@ -1,4 +1,4 @@
-"""The driver of DATAQ instruments."""
+"""Driver of DATAQ instruments, as the registry knows it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One acquisition: runs of scans to blocks, until all samples are there."""
+"""Acquisition of a T4 or T7: runs of scans to blocks, until all samples are there."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from hdbench.devices.streamed import WAIT_S, StreamedAcquisition
 from hdbench.drivers.labjack.outputs import Outputs
 from hdbench.drivers.labjack.scanlist import Decoded, ScanPlan
 from hdbench.drivers.labjack.setup import StreamSetup
-from hdbench.drivers.labjack.stream import Run, Stream
+from hdbench.drivers.labjack.stream import ScanRun, Stream
 
 # what is on its way after the stream was stopped, s
 _DRAIN_S = 0.1
@@ -56,7 +56,7 @@ class Acquisition(StreamedAcquisition):
         self._hear()
         return self._block(run, stream, outputs)
 
-    def _block(self, run: Run, stream: Stream, outputs: Outputs) -> ScanBlock:
+    def _block(self, run: ScanRun, stream: Stream, outputs: Outputs) -> ScanBlock:
         lost = min(run.lost_before, self._n_samples - self.delivered)
         words = run.words[: self._n_samples - self.delivered - lost]
         decoded = self._plan.decode(words)

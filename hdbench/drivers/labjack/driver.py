@@ -6,11 +6,10 @@ import contextlib
 import math
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 
 from hdbench.devices.bench import Identity, SafeState
 from hdbench.devices.daq import Capabilities, DaqSettings, Role, ScanBlock, WatchdogState
-from hdbench.devices.safestate import SafeActs, Seen, reach_safe_state
+from hdbench.devices.safestate import Seen, reach_safe_state
 from hdbench.devices.wire import connect, parse_address
 from hdbench.drivers.labjack.abilities import describe_abilities
 from hdbench.drivers.labjack.acquisition import Acquisition
@@ -39,14 +38,6 @@ EMULATOR_NAME = "hdbench-emulator"
 _MODELS = {4: "T4", 7: "T7", 8: "T8"}
 
 
-@dataclass(frozen=True, slots=True)
-class _Found:
-    product: int
-    hardware: float
-    firmware: float
-    serial: int
-
-
 def check_identity(control: Control, table: LabJackAcquisition) -> Identity:
     """Return who answers, if it is the device that the profile means."""
     (test,) = control.read(TEST)
@@ -58,22 +49,20 @@ def check_identity(control: Control, table: LabJackAcquisition) -> Identity:
             TEST,
             "this is no LabJack T-series device, or a gateway on the way swaps its words",
         )
-    product, hardware, firmware, serial = control.read(*IDENTITY)
-    found = _Found(round(product), float(hardware), float(firmware), int(serial))
-    _check_model(control, found, table)
-    name = _name(control)
+    product, _, firmware, serial = control.read(*IDENTITY)
+    _check_model(control, round(product), int(serial), table)
     return Identity(
         vendor="LabJack",
-        model=_MODELS[found.product],
-        serial=str(found.serial),
-        firmware=f"{found.firmware:.4f}",
-        simulated=name == EMULATOR_NAME,
+        model=table.model,
+        serial=str(int(serial)),
+        firmware=f"{firmware:.4f}",
+        simulated=_name(control) == EMULATOR_NAME,
     )
 
 
-def _check_model(control: Control, found: _Found, table: LabJackAcquisition) -> None:
-    model = _MODELS.get(found.product, f"product {found.product}")
-    if found.product not in (4, 7):
+def _check_model(control: Control, product: int, serial: int, table: LabJackAcquisition) -> None:
+    model = _MODELS.get(product, f"product {product}")
+    if product not in (4, 7):
         raise _error(
             control,
             f"a {model} answers; this driver knows T4 and T7. A T8 keeps the constants that turn "
@@ -88,10 +77,10 @@ def _check_model(control: Control, found: _Found, table: LabJackAcquisition) -> 
             IDENTITY[0],
             "correct daq.model or daq.address in the profile",
         )
-    if table.serial_number is not None and found.serial != table.serial_number:
+    if table.serial_number is not None and serial != table.serial_number:
         raise _error(
             control,
-            f"serial number {found.serial} answers; the profile names {table.serial_number}",
+            f"serial number {serial} answers; the profile names {table.serial_number}",
             IDENTITY[3],
             "correct daq.serial_number or daq.address in the profile",
         )
@@ -277,13 +266,14 @@ class LabJackDaq:
         except HdbenchError as error:
             # a device that is not the one meant is never written to
             return SafeState(False, None, None, error.what)
-        acts = SafeActs(
+        return reach_safe_state(
             stop=self._stop,
             look=self._measured,
             disable=lambda: not self._outputs.enable(on=False),
             zero_v=_ZERO_V,
+            clock=self._clock,
+            sleep=self._sleep,
         )
-        return reach_safe_state(acts, self._clock, self._sleep)
 
     def close(self) -> None:
         """Give the bench back and close both connections; never raises."""

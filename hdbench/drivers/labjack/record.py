@@ -1,4 +1,4 @@
-"""The driver of LabJack T4 and T7."""
+"""Driver of LabJack T4 and T7, as the registry knows it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One host at a time, by agreement: a token and a beat in memory that a device leaves to hosts."""
+"""Session of one host: a token and a count in memory that the device leaves to hosts."""
 
 from __future__ import annotations
 

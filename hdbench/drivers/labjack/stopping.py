@@ -1,4 +1,4 @@
-"""The guard's order for a LabJack: function 76 writes the reference and the enable line."""
+"""Requests by which the guard stops a LabJack's motor: reference, stream, enable line."""
 
 from __future__ import annotations
 

@@ -36,7 +36,7 @@ class ScanLayout:
 
 
 @dataclass(frozen=True, slots=True)
-class Run:
+class ScanRun:
     """Adjacent scans."""
 
     first_index: int
@@ -69,7 +69,7 @@ class ScanAssembler:
         """Index that the next scan would have if none were missing."""
         return self._index
 
-    def take(self, packet: Packet) -> list[Run]:
+    def take(self, packet: Packet) -> list[ScanRun]:
         """Return the runs of scans in a packet."""
         scans, rest = divmod(len(packet.samples), self._layout.n_entries)
         if rest and packet.status == Status.OK:
@@ -96,10 +96,10 @@ class ScanAssembler:
             old + new for old in self._claimed for new in numbers if old + new >= 0
         )
 
-    def _runs(self, parts: Sequence[NDArray[np.uint16]]) -> list[Run]:
+    def _runs(self, parts: Sequence[NDArray[np.uint16]]) -> list[ScanRun]:
         return [self._run(words) for words in parts if len(words)]
 
-    def _run(self, words: NDArray[np.uint16]) -> Run:
+    def _run(self, words: NDArray[np.uint16]) -> ScanRun:
         timer = self._layout.timer
         ticks = words[:, timer].astype(np.int64) + (words[:, timer + 1].astype(np.int64) << 16)
         first = int(ticks[0])
@@ -110,7 +110,7 @@ class ScanAssembler:
             raise StreamFault(
                 f"the core timer jumps at scan {where}: scans are missing or mixed up"
             )
-        run = Run(self._index + lost, lost, words)
+        run = ScanRun(self._index + lost, lost, words)
         self._index += lost + len(words)
         self._ticks = int(ticks[-1])
         self._claimed = (0,)
@@ -170,7 +170,7 @@ class Stream:
         self.received_s = (clock(), clock())
         self._scan_bytes = 2 * layout.n_entries
         self._parser = PacketParser(samples_per_packet)
-        self._runs: deque[Run] = deque()
+        self._runs: deque[ScanRun] = deque()
         self._clock = clock
         self._end: DeviceError | None = None
         try:
@@ -191,7 +191,7 @@ class Stream:
         """Scans received and not handed out."""
         return sum(len(run.words) for run in self._runs)
 
-    def read(self, timeout_s: float) -> Run | None:
+    def read(self, timeout_s: float) -> ScanRun | None:
         """Return the next run of scans, or None when none has come in time."""
         if not self._runs and self._end is None:
             self._receive(timeout_s)

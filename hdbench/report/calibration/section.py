@@ -111,5 +111,5 @@ def data_pictures(source: Source, prefix: str) -> tuple[Picture, ...]:
     if source.loads is None:
         return ()
     limit = 0.05 if source.profile is None else source.profile.data.calibration.max_consistency
-    found = evaluate_calibration(source.loads, max_consistency=limit).to_dict({})
+    found = evaluate_calibration(source.loads, max_consistency=limit).to_json()
     return tuple(range_pictures(source.loads, found["experiments"], prefix))

@@ -1,4 +1,4 @@
-"""The sequence of a calibration: positions, directions, ranges, preloads, series."""
+"""Sequence of a calibration: positions, directions, ranges, preloads, series."""
 
 from __future__ import annotations
 

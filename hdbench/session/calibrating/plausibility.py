@@ -65,22 +65,29 @@ _LEAST_READINGS = 3
 _EXPLAINS = 0.3
 
 
+def learnt_gain(accepted: Sequence[tuple[float, float]], gain_nm_per_v: float) -> float:
+    """Return the median gain of accepted torques, N m, and volts; with few, the one given."""
+    gains = [torque / volts for torque, volts in accepted if volts != 0.0]
+    median = float(np.median(gains)) if len(gains) >= _LEAST_READINGS else 0.0
+    return median or gain_nm_per_v
+
+
 @dataclass(frozen=True, slots=True)
 class Expectation:
     """What a reading should be."""
 
     zero_v: float
     gain_nm_per_v: float
+    # whether the mounting has a zero of its own, else the bridge at rest stands for it
+    own_zero: bool = True
 
     @classmethod
-    def of(
-        cls, zero_v: float, accepted: Sequence[tuple[float, float]], gain_nm_per_v: float
-    ) -> Expectation:
-        """Return what the accepted readings lead to expect."""
-        gains = [torque / volts for torque, volts in accepted if volts != 0.0]
-        if len(gains) >= _LEAST_READINGS and float(np.median(gains)) != 0.0:
-            return cls(zero_v, float(np.median(gains)))
-        return cls(zero_v, gain_nm_per_v)
+    def of(cls, point: Point, state: CalibrationState, gain_nm_per_v: float) -> Expectation:
+        """Return what the accepted readings lead to expect of a point."""
+        zero_v = state.zero_v(point)
+        rest_v = state.rest_v() or 0.0
+        gain = learnt_gain(state.deflections(), gain_nm_per_v)
+        return cls(rest_v if zero_v is None else zero_v, gain, zero_v is not None)
 
     def volts(self, torque_nm: float) -> float:
         """Return the reading expected of a torque, V."""
@@ -92,42 +99,27 @@ class Expectation:
 
 
 @dataclass(frozen=True, slots=True)
-class GrossError:
-    """A reading that does not fit its weight."""
-
-    expected_nm: float
-    read_nm: float
-    guess: str | None
-
-    def describe(self) -> str:
-        """Return the question in words."""
-        asked = self.guess or "no weight of the set explains it: check arm, side and cable"
-        return f"expected {self.expected_nm:+.2f} N m, read {self.read_nm:+.2f} N m: {asked}"
-
-
-@dataclass(frozen=True, slots=True)
-class Guard:
-    """The weights of a sequence on the arm of a bench."""
+class WeightSet:
+    """Weights of a sequence on the arm of a bench."""
 
     weights_kg: tuple[float, ...]
     lever_nm_per_kg: float
     tare_kg: float
 
     @classmethod
-    def of(cls, points: Sequence[Point], profile: ProfileData) -> Guard:
-        """Return the guard of a sequence."""
+    def of(cls, points: Sequence[Point], profile: ProfileData) -> WeightSet:
+        """Return the weights of a sequence."""
         masses = {0.0, *(point.mass_kg for point in points)}
         lever = profile.arm.gravity_m_s2 * profile.arm.length_m
         return cls(tuple(sorted(masses)), lever, profile.arm.tare_kg)
 
-    def find(
-        self, point: Point, reading_v: float, expectation: Expectation, share: float
-    ) -> GrossError | None:
-        """Compare a reading with its weight."""
-        read_nm = expectation.torque_nm(reading_v)
+    def gross_error(self, point: Point, read_nm: float, share: float) -> str | None:
+        """Return what is wrong with a torque that is further off than a share of the load step."""
         if abs(read_nm - point.torque_nm) <= share * point.step_nm:
             return None
-        return GrossError(point.torque_nm, read_nm, self._guess(point, read_nm))
+        guess = self._guess(point, read_nm)
+        asked = guess or "no weight of the set explains it: check arm, side and cable"
+        return f"expected {point.torque_nm:+.2f} N m, read {read_nm:+.2f} N m: {asked}"
 
     def _guess(self, point: Point, read_nm: float) -> str | None:
         """Return which weight, on which side, would give the torque."""
@@ -162,38 +154,21 @@ class Guard:
 _ZERO_SHIFT = 0.75
 
 
-@dataclass(frozen=True, slots=True)
-class Doubt:
-    """A reason to ask before a reading is accepted."""
-
-    flag: str
-    problem: str
-
-
-def expectation_of(
-    point: Point, state: CalibrationState, profile: ProfileData
-) -> tuple[Expectation, bool]:
-    """Return what a point should read, and whether its mounting has a zero of its own."""
-    zero_v = state.zero_v(point)
-    base_v = zero_v if zero_v is not None else (state.rest_v() or 0.0)
-    found = Expectation.of(base_v, state.deflections(), profile.sensor.gain_nm_per_v)
-    return found, zero_v is not None
-
-
 def doubt_about(
     point: Point, taken: Taken, state: CalibrationState, profile: ProfileData
-) -> Doubt | None:
-    """Return what speaks against accepting a reading."""
+) -> tuple[str, str] | None:
+    """Return the mark of a reading that is in doubt, and the reason in words."""
     reading_v = taken.reading.mean_v
     if taken.saturated:
-        return Doubt("saturated", f"the converter is at the end of its range: {reading_v:+.3f} V.")
+        return "saturated", f"the converter is at the end of its range: {reading_v:+.3f} V."
     if point.role == "zero-check":
-        problem = rest_problem(reading_v, state.points, profile)
-        return None if problem is None else Doubt("zero", problem)
-    if point.role == "shunt":
-        problem = shunt_problem(reading_v - (state.rest_v() or 0.0), profile)
-        return None if problem is None else Doubt("shunt", problem)
-    expectation, own_zero = expectation_of(point, state, profile)
-    share = profile.calibration.gross_error_fraction if own_zero else _ZERO_SHIFT
-    error = Guard.of(state.points, profile).find(point, reading_v, expectation, share)
-    return None if error is None else Doubt("confirmed-gross-error", error.describe())
+        mark, problem = "zero", rest_problem(reading_v, state.points, profile)
+    elif point.role == "shunt":
+        change_v = reading_v - (state.rest_v() or 0.0)
+        mark, problem = "shunt", shunt_problem(change_v, profile)
+    else:
+        expected = Expectation.of(point, state, profile.sensor.gain_nm_per_v)
+        share = profile.calibration.gross_error_fraction if expected.own_zero else _ZERO_SHIFT
+        weights, read_nm = WeightSet.of(state.points, profile), expected.torque_nm(reading_v)
+        mark, problem = "confirmed-gross-error", weights.gross_error(point, read_nm, share)
+    return None if problem is None else (mark, problem)

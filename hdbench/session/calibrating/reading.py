@@ -1,4 +1,4 @@
-"""One reading of the bridge under a weight: acquired, watched, and as the journal keeps it."""
+"""Reading of the bridge under a weight: acquired, watched, and as the journal keeps it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""When a reading under a weight has settled, with a swing averaged over whole periods."""
+"""Settling of a reading under a weight; one that swings is averaged over whole periods."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The emulated device: its map, wired to terminals, stream and watchdog.
+"""Emulated T4 or T7: its map, wired to terminals, stream and watchdog.
 
 A campaign that runs the emulator in another process writes an argument to USER_RAM21_U32 (46142)
 and then a code to USER_RAM20_U32 (46140); a real device ignores both.

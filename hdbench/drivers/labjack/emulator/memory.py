@@ -1,4 +1,4 @@
-"""The emulated device's flat map of cells, and the watchdog whose settings stand in it."""
+"""Map of cells of the emulated device, and the watchdog whose settings stand in it."""
 
 from __future__ import annotations
 

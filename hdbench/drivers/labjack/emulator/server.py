@@ -1,4 +1,4 @@
-"""The emulated device on two TCP ports: control and stream."""
+"""Server of the emulated device on two TCP ports: control and stream."""
 
 from __future__ import annotations
 
