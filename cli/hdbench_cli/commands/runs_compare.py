@@ -72,8 +72,8 @@ def compare(
     what differs in profile, versions, device and calibration. What both have in common, such as one
     gain or the same weights, does not count as a difference.
     """
+    from hdbench.comparison import compare_runs, comparison_csv
     from hdbench.records import write_atomic
-    from hdbench.regression.comparison import compare_runs, comparison_csv
 
     refuse_same_csv(csv_file, html_file)
     found = compare_runs(
