@@ -11,9 +11,9 @@ from hdbench.errors import DataError
 from hdbench.records.jsonfile import read_json, write_json
 from hdbench.regression.case import EXPECTED_SCHEMA, Case, find_cases, read_case
 from hdbench.regression.evaluate import evaluate_case
-from hdbench.regression.flatten import Leaf, flatten
 from hdbench.regression.outcome import CaseReport, Change, RegressionReport
 from hdbench.regression.tolerance import Tolerance, tolerance_for
+from hdbench.results.flatten import Leaf, flatten
 
 __all__ = ["compare_folder", "compare_results"]
 

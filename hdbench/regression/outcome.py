@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
 from hdbench.errors import DataError
-from hdbench.regression.flatten import Leaf
+from hdbench.results.flatten import Leaf
 
 __all__ = ["CaseReport", "Change", "RegressionReport"]
 
