@@ -42,11 +42,11 @@ blind: $(VENV)/.dev
 
 # Break what can be broken: a twentieth of the campaign, and the whole with its table written.
 faults: $(VENV)/.dev
-	OMP_NUM_THREADS=1 $(BIN)/python tools/faults.py --share 0.05
+	OMP_NUM_THREADS=1 $(BIN)/python tools/faults/campaign.py --share 0.05
 
 faults-all: $(VENV)/.dev
-	OMP_NUM_THREADS=1 $(BIN)/python tools/faults.py --share 1 --write docs/reliability.md
-	OMP_NUM_THREADS=1 $(BIN)/python tools/fault_soak.py --hours 8
+	OMP_NUM_THREADS=1 $(BIN)/python tools/faults/campaign.py --share 1 --write docs/reliability.md
+	OMP_NUM_THREADS=1 $(BIN)/python tools/faults/soak.py --hours 8
 
 # The exported filter on this machine and on an emulated Cortex-M4F; says what is missing.
 firmware-check: $(VENV)/.installed

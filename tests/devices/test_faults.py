@@ -8,14 +8,8 @@ import time
 import tty
 
 import pytest
-from linefaults.faults import (
-    FAULT_KINDS,
-    Mangler,
-    RawFraming,
-    RtuFraming,
-    TcpFraming,
-)
-from linefaults.lines import faulty_serial, faulty_tcp
+from faults.lines import faulty_serial, faulty_tcp
+from faults.mangler import FAULT_KINDS, Mangler, RawFraming, RtuFraming, TcpFraming
 
 from hdbench.devices.wire.rtu import crc16
 

@@ -73,14 +73,14 @@ def test_a_run_asks_for_the_name_once_and_never_waits_for_it_again(name, monkeyp
 
         with open_bench(named(data, found)) as bench:
             bench.configure(AcquisitionSettings(4e-3, 100_000, WAVE))
-            link_of(bench.bench.daq).close()
+            link_of(bench.daq).close()
             timed(bench.start)
             taken = 0
             while taken < 200:
                 block = timed(bench.read_block)
                 taken += len(block) if block else 0
             bench.stop()
-            link_of(bench.bench.daq).close()
+            link_of(bench.daq).close()
             safe = timed(bench.safe_state)
     assert safe.confirmed, safe.detail
     assert resolver.asked == 1

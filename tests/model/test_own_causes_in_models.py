@@ -17,10 +17,10 @@ from hdbench.model import (
     describe_causes,
     load_causes,
     load_model,
-    plugins,
     save_model,
     user_causes,
 )
+from hdbench.model.cause import plugin_causes
 from hdbench.profile import Profile
 
 Make = Callable[..., Motion]
@@ -122,12 +122,12 @@ def renamed(name: str) -> Cause:
 @pytest.fixture
 def installed(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., None]]:
     def install(*things: object) -> None:
-        plugins.plugin_causes.cache_clear()
+        plugin_causes.cache_clear()
         entries = [_Entry(thing, f"e{k}") for k, thing in enumerate(things)]
-        monkeypatch.setattr(plugins, "entry_points", lambda group: entries)
+        monkeypatch.setattr("hdbench.model.cause.entry_points", lambda group: entries)
 
     yield install
-    plugins.plugin_causes.cache_clear()
+    plugin_causes.cache_clear()
 
 
 def test_an_installed_package_brings_causes(installed: Callable[..., None]) -> None:

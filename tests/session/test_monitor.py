@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from linefaults.faults import Mangler, TcpFraming
+from faults.mangler import Mangler, TcpFraming
 
 from hdbench.devices.emulator.node import build_core
 from hdbench.devices.emulator.server import ModbusServer
@@ -24,7 +24,7 @@ from hdbench.session.watching import Frame, Watcher
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "tools"))
 
-from spoilt_line import behind, in_thread
+from faults.lines import behind, in_thread
 
 PROFILE = load_profile("cim-tr-97-06")
 
@@ -120,7 +120,7 @@ def test_what_looks_on_is_told_how_often_the_driver_asked_again() -> None:
             SimulatedBench(profile, load_plant("as-modelled"), 0), profile, 0, pace="fast"
         )
         server = ModbusServer(core)
-        node = stack.enter_context(in_thread(server, server.open()))
+        node = stack.enter_context(in_thread(server.open, server.close))[1]
         address = stack.enter_context(behind(node, spoiler))
         seen = Seen()
 

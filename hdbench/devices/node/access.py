@@ -30,7 +30,7 @@ from hdbench.devices.node.registers import (
 from hdbench.devices.node.wire import NodeWire
 from hdbench.devices.wire import FrameError
 from hdbench.errors import DeviceError
-from hdbench.model.program import ReferenceProgram
+from hdbench.model.waves import ReferenceProgram
 from hdbench.profile.schema import ReferenceWave
 
 __all__ = ["NodeAccess", "parameter_values", "part_values"]

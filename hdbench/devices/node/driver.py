@@ -37,7 +37,7 @@ from hdbench.devices.safestate import Seen, reach_safe_state
 from hdbench.devices.wire import FrameError
 from hdbench.devices.wire.address import Address
 from hdbench.errors import DeviceError
-from hdbench.model.program import ReferenceProgram
+from hdbench.model.waves import ReferenceProgram
 
 __all__ = [
     "REPLY_CHARACTERS",

@@ -21,8 +21,6 @@ __all__ = ["find_jumps"]
 _SIDE = 14
 # jumps that are judged at most, the largest first
 _MOST = 8
-# samples that a loss may have
-_LONGEST = 5000
 # whole motor turns on each side of a jump: enough for the scatter of the ripple's phase, few enough
 # for a bench that changes slowly; and the fewest that have a scatter
 _TURNS, _FEWEST = 40, 3
@@ -175,7 +173,8 @@ def _lost_samples(jump: Jump, shaft: Shaft) -> tuple[int, float, bool]:
         np.polyfit(at, shaft.velocity_rad_s[rows], 1).tolist()
         for rows in (jump.first - 1 - at, jump.first + at)
     )
-    number = np.arange(1, _LONGEST + 1)
+    # samples that a loss may have
+    number = np.arange(1, 5000 + 1)
     bends = -shaft.period_s * (gone + gained) * number**2 / 12.0
     turned = 0.5 * shaft.period_s * (before + after) * number + bends
     away = np.abs(jump.angle_rad - turned)

@@ -53,8 +53,9 @@ _CONSEQUENCES = {
     "held-samples": "it was sampled at a lower rate than it was stored: fewer samples count, and "
     "what is fast stands at the wrong time",
     "coarse-steps": "what is smaller than a step is lost; sizes near a step are wrong",
-    "low-passed": "it was filtered before it was stored, or computed: ripple, tones and noise "
-    "above that cannot be told, and near it they are too small",
+    "low-passed": "it was filtered before it was stored: ripple, tones and noise above that cannot "
+    "be told, and near it they are too small",
+    "computed": "it was computed, not measured: nothing of noise, steps or a filter can be told",
     "unsigned": "signed numbers were stored without their sign: import them with @int{bits}",
     "no-scale": "how many N m one of them is, is not in the file: no torque, and no inertia, can "
     "be told in size",
@@ -223,9 +224,10 @@ def _look(
     ):
         detail = f"steps of {step:.3g} {unit}".rstrip() + " show no noise"
         found.append(_finding("coarse-steps", name, detail))
-    elif kind == "effort" and limit is not None:
-        detail = f"no noise and no signal above {limit:.3g} Hz"
-        found.append(_finding("low-passed", name, detail))
+    elif kind == "effort" and seen is not None and limit is not None:
+        below = ", and no noise below" if seen.computed else ""
+        detail = f"no noise and no signal above {limit:.3g} Hz{below}"
+        found.append(_finding("computed" if seen.computed else "low-passed", name, detail))
     rate = None if rate_hz is None else rate_hz * (1.0 - held)
     band = None
     if seen is not None and rate is not None:

@@ -3,8 +3,8 @@
 import time
 
 import pytest
-from linefaults.faults import Mangler, RtuFraming, TcpFraming
-from linefaults.lines import faulty_serial, faulty_tcp
+from faults.lines import faulty_serial, faulty_tcp
+from faults.mangler import Mangler, RtuFraming, TcpFraming
 from modbuskit import COUPLER, TORQUE, driver, read_all, served, settings, table
 from pymodbus.client import ModbusTcpClient
 

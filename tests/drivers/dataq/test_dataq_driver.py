@@ -6,8 +6,8 @@ import time
 import numpy as np
 import pytest
 from dataqkit import BENCH, ROLES, driver, read_all, served, settings, table
-from linefaults.faults import Mangler, RawFraming
-from linefaults.lines import faulty_serial
+from faults.lines import faulty_serial
+from faults.mangler import Mangler, RawFraming
 
 from hdbench.drivers.dataq.models import MODELS
 from hdbench.drivers.dataq.port import Commands, Port

@@ -5,9 +5,9 @@ import time
 
 import numpy as np
 import pytest
+from faults.lines import faulty_tcp
+from faults.mangler import Mangler, TcpFraming
 from labjackkit import PROFILE, driver, read_all, served, settings, table_for, values
-from linefaults.faults import Mangler, TcpFraming
-from linefaults.lines import faulty_tcp
 
 from hdbench.devices.wire import connect, parse_address
 from hdbench.drivers.labjack.control import Control
