@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -37,14 +37,8 @@ class Contender:
 
     def to_dict(self) -> dict[str, object]:
         """Return the row as results store it, without the curve."""
-        return {
-            "name": self.name,
-            "suppression_db": dict(self.suppression_db),
-            "torque_kept": self.torque_kept,
-            "delay_s": self.delay_s,
-            "noise_nm": self.noise_nm,
-            "error_rms_nm": self.error_rms_nm,
-        }
+        names = (item.name for item in fields(self) if item.name != "torque_nm")
+        return {name: getattr(self, name) for name in names}
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,26 +74,8 @@ class Response:
         return {
             "velocity_rad_s": self.velocity_rad_s,
             "gain_at_zero": self.passed[0].gain,
-            "notches": [
-                {
-                    "name": n.name,
-                    "frequency_hz": n.frequency_hz,
-                    "depth_db": n.depth_db,
-                    "lower_hz": n.lower_hz,
-                    "upper_hz": n.upper_hz,
-                    "width_hz": n.width_hz,
-                }
-                for n in self.notches
-            ],
-            "passed": [
-                {
-                    "frequency_hz": p.frequency_hz,
-                    "gain": p.gain,
-                    "phase_rad": p.phase_rad,
-                    "delay_s": p.delay_s,
-                }
-                for p in self.passed
-            ],
+            "notches": [{**asdict(n), "width_hz": n.width_hz} for n in self.notches],
+            "passed": [{**asdict(p), "delay_s": p.delay_s} for p in self.passed],
             "noise_gain": self.noise_gain,
             "settling_time_s": self.settling_time_s,
             "curve": {
