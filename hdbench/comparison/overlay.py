@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
+from hdbench.comparison.orders import Pattern
+from hdbench.comparison.side import Side
 from hdbench.errors import DataError
 from hdbench.records import FloatArray
-from hdbench.regression.comparison.orders import Pattern
-from hdbench.regression.comparison.side import Side, number, quantity
+from hdbench.results import CalibrationResult
 
 __all__ = ["overlay"]
 
@@ -52,9 +52,11 @@ def _turn(kind: str, pattern: Pattern) -> dict[str, Any]:
 
 
 def _calibration(a: Side, b: Side) -> dict[str, Any] | None:
-    gain = quantity(a.result.get("gain_nm_per_v"), f"{a.where}: gain_nm_per_v")
-    drawn = [_deviations(side, gain.value) if gain is not None else None for side in (a, b)]
-    if drawn[0] is None or drawn[1] is None:
+    drawn = None
+    if isinstance(a.result, CalibrationResult):
+        gain = a.result.gain_nm_per_v.value
+        drawn = [_deviations(side, gain) for side in (a, b)]
+    if drawn is None or None in drawn:
         return None
     return {
         "x": {"label": "applied torque", "unit": "N m"},
@@ -67,19 +69,11 @@ def _calibration(a: Side, b: Side) -> dict[str, Any] | None:
 def _deviations(side: Side, gain: float) -> dict[str, list[float]] | None:
     """Return applied torque and shown less applied torque, each experiment's zero taken off."""
     loads = side.loads()
-    if loads is None:
+    if loads is None or not isinstance(side.result, CalibrationResult):
         return None
-    zeros = {
-        str(line.get("id")): _zero(line)
-        for line in side.result.get("experiments", ())
-        if isinstance(line, Mapping)
-    }
+    zeros = {line.id: line.zero_v or 0.0 for line in side.result.experiments}
     points = [
         (r.torque_nm, gain * (r.reading_v - zeros.get(r.experiment, 0.0)) - r.torque_nm)
         for r in loads.readings
     ]
     return {"x": [p[0] for p in points], "y": [p[1] for p in points]}
-
-
-def _zero(line: Mapping[str, Any]) -> float:
-    return number(line.get("zero_v")) or 0.0

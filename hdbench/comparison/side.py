@@ -10,14 +10,20 @@ from typing import Any
 from hdbench.errors import DataError
 from hdbench.profile import Profile, parse_profile
 from hdbench.profile.scaling import measured_utc
-from hdbench.records import Loads, Quantity
+from hdbench.records import Loads
 from hdbench.records.jsonfile import read_json
 from hdbench.records.runfolder import RunFolder
 from hdbench.records.tables import read_loads
+from hdbench.results import (
+    RESULT_TYPES,
+    CalibrationResult,
+    MisalignmentResult,
+    RippleResult,
+)
 
-__all__ = ["KINDS", "Side", "load_side", "number", "quantity"]
+__all__ = ["Side", "load_side"]
 
-KINDS = ("calibration", "misalignment", "ripple", "diagnosis")
+_KINDS = (*RESULT_TYPES, "diagnosis")
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,11 +35,13 @@ class Side:
     path : Path
         What was named.
     kind : str
-        One of `KINDS`.
+        ``calibration``, ``misalignment``, ``ripple`` or ``diagnosis``.
     run_id : str
         Name of the run, or of the file.
-    result : mapping
-        The result.
+    body : mapping
+        The result as its file holds it.
+    result : CalibrationResult, MisalignmentResult, RippleResult or None
+        The result; None of a diagnosis.
     manifest : mapping
         Content of run.json; empty where only a result file was named.
     profile : Profile or None
@@ -43,7 +51,8 @@ class Side:
     path: Path
     kind: str
     run_id: str
-    result: Mapping[str, Any]
+    body: Mapping[str, Any]
+    result: CalibrationResult | MisalignmentResult | RippleResult | None
     manifest: Mapping[str, Any]
     profile: Profile | None
 
@@ -64,7 +73,7 @@ class Side:
 
     def identity(self) -> dict[str, Any]:
         """Return what tells this side from the other."""
-        head = self.result.get("profile")
+        head = self.body.get("profile")
         return {
             "path": str(self.path),
             "run_id": self.run_id,
@@ -73,10 +82,10 @@ class Side:
             "ended_utc": self.manifest.get("ended_utc"),
             "measured_utc": measured_utc(self.path) if self.manifest else None,
             "profile": dict(head) if isinstance(head, Mapping) else None,
-            "doubts": [str(doubt) for doubt in self.result.get("doubts", ())],
+            "doubts": [str(doubt) for doubt in self.body.get("doubts", ())],
             "flags": [
                 str(flag.get("name")) if isinstance(flag, Mapping) else str(flag)
-                for flag in self.result.get("flags", ())
+                for flag in self.body.get("flags", ())
             ],
         }
 
@@ -91,12 +100,12 @@ def load_side(path: Path) -> Side:
             where=str(path),
             fix="evaluate it with --from, or name another run",
         )
-    result = read_json(file)
-    kind = str(result.get("schema", "")).removeprefix("hdbench/").partition("/")[0]
-    if kind not in KINDS:
+    body = read_json(file)
+    kind = str(body.get("schema", "")).removeprefix("hdbench/").partition("/")[0]
+    if kind not in _KINDS:
         raise DataError(
-            f"schema is {result.get('schema')!r:.60}; needed: one of "
-            + ", ".join(f"hdbench/{name}/1" for name in KINDS),
+            f"schema is {body.get('schema')!r:.60}; needed: one of "
+            + ", ".join(f"hdbench/{name}/1" for name in _KINDS),
             where=f"{file}: schema",
             fix="name a run folder, or the result.json of one",
         )
@@ -104,7 +113,8 @@ def load_side(path: Path) -> Side:
     if file.name == "result.json" and (file.parent / "run.json").is_file():
         manifest = RunFolder.open(file.parent).manifest
     run_id = file.parent.name if manifest else file.name
-    return Side(path, kind, run_id, result, manifest, _profile(manifest, file))
+    result = RESULT_TYPES[kind].from_json(body, str(file)) if kind in RESULT_TYPES else None
+    return Side(path, kind, run_id, body, result, manifest, _profile(manifest, file))
 
 
 def _profile(manifest: Mapping[str, Any], file: Path) -> Profile | None:
@@ -112,28 +122,3 @@ def _profile(manifest: Mapping[str, Any], file: Path) -> Profile | None:
     if not isinstance(text, str):
         return None
     return parse_profile(text, f"{file.parent / 'run.json'}: profile")
-
-
-def number(body: Any) -> float | None:
-    """Return a plain number, or None where it is none."""
-    if isinstance(body, bool) or not isinstance(body, int | float):
-        return None
-    return float(body)
-
-
-def quantity(body: Any, where: str) -> Quantity | None:
-    """Return a number with its uncertainty, or None where there is none."""
-    if body is None:
-        return None
-    if isinstance(body, Mapping):
-        value, std, dof = (number(body.get(key)) for key in ("value", "std", "dof"))
-        if value is not None and std is not None:
-            try:
-                return Quantity(value, std, dof)
-            except ValueError as error:
-                raise _damaged(str(error), where) from error
-    raise _damaged(f"found {body!r:.60}; needed: an object with value, std and dof", where)
-
-
-def _damaged(what: str, where: str) -> DataError:
-    return DataError(what, where=where, fix="evaluate the run again with --from")

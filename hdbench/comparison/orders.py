@@ -9,15 +9,79 @@ from typing import Any
 
 import numpy as np
 
+from hdbench.comparison.score import SharedPart, own_part, region, score_vector
 from hdbench.estimation.harmonics import combine
 from hdbench.records import FloatArray, Quantity
-from hdbench.regression.comparison.orderpair import OrderPair, unit_vector
-from hdbench.regression.comparison.score import own_part, region, score_vector
 
-__all__ = ["Pattern", "compare_pattern"]
+__all__ = ["OrderPair", "Pattern", "compare_pattern"]
 
 # starts of the search for the shift: the distance is a sum of cosines of it, of the orders at most
 _STARTS_PER_PERIOD = 24
+
+
+# below three standard uncertainties a phase is hardly known: the uncertainty is the same all round
+_KNOWN_PHASE_SIGMA = 3.0
+
+
+@dataclass(frozen=True, slots=True)
+class OrderPair:
+    """One order of both runs.
+
+    Parameters
+    ----------
+    order : float
+        Cycles per turn.
+    amplitude_a, amplitude_b : Quantity
+        Amplitudes, N m.
+    phase_a, phase_b : Quantity
+        Phases, rad.
+    common : tuple of SharedPart
+        Parts of the amplitudes' uncertainty from one source, such as one gain.
+    """
+
+    order: float
+    amplitude_a: Quantity
+    amplitude_b: Quantity
+    phase_a: Quantity
+    phase_b: Quantity
+    common: tuple[SharedPart, ...] = ()
+
+    def vectors(self, shift_rad: float = 0.0) -> tuple[complex, complex]:
+        """Return both as complex amplitudes, the second turned back by a shift of the angle."""
+        a = self.amplitude_a.value * complex(
+            math.cos(self.phase_a.value), math.sin(self.phase_a.value)
+        )
+        phase = self.phase_b.value - self.order * shift_rad
+        return a, self.amplitude_b.value * complex(math.cos(phase), math.sin(phase))
+
+    def covariance(self, shift_rad: float = 0.0) -> FloatArray:
+        """Return the covariance of the difference of both vectors."""
+        a, b = self.vectors(shift_rad)
+        total = _own(a, self.amplitude_a, self.phase_a, [p.in_a for p in self.common])
+        total = total + _own(b, self.amplitude_b, self.phase_b, [p.in_b for p in self.common])
+        for part in self.common:
+            direction = _unit_vector(b) * part.in_b - _unit_vector(a) * part.in_a
+            total = total + np.outer(direction, direction)
+        return np.asarray(total)
+
+
+def _unit_vector(vector: complex) -> FloatArray:
+    """Return the direction of a complex number."""
+    size = abs(vector)
+    return np.array([vector.real, vector.imag]) / size if size > 0.0 else np.zeros(2)
+
+
+def _own(
+    vector: complex, amplitude: Quantity, phase: Quantity, common: Sequence[float]
+) -> FloatArray:
+    """Return the covariance of one vector without the common parts."""
+    along = max(0.0, amplitude.std**2 - math.fsum(part**2 for part in common))
+    if not amplitude.value > _KNOWN_PHASE_SIGMA * amplitude.std:
+        return amplitude.std**2 * np.eye(2)
+    unit = _unit_vector(vector)
+    across = np.array([-unit[1], unit[0]])
+    beside = (amplitude.value * phase.std) ** 2
+    return np.asarray(along * np.outer(unit, unit) + beside * np.outer(across, across))
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,7 +136,7 @@ def _polar(amplitude: Quantity, phase: Quantity) -> dict[str, Any]:
 def _difference(pair: OrderPair, shift_rad: float) -> dict[str, Any]:
     a, b = pair.vectors(shift_rad)
     step = b - a
-    unit = unit_vector(step)
+    unit = _unit_vector(step)
     std = math.sqrt(max(0.0, float(unit @ pair.covariance(shift_rad) @ unit)))
     return {
         "cosine_nm": step.real,

@@ -11,13 +11,12 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from hdbench.comparison import compare_runs, comparison_csv
+from hdbench.comparison.orders import OrderPair, compare_pattern
+from hdbench.comparison.score import SharedPart, compared, own_part
 from hdbench.errors import DataError, UsageError
 from hdbench.estimation.harmonics import combine
 from hdbench.records import Quantity, dumps
-from hdbench.regression.comparison import compare_runs, comparison_csv
-from hdbench.regression.comparison.orderpair import OrderPair
-from hdbench.regression.comparison.orders import compare_pattern
-from hdbench.regression.comparison.score import Part, compared, own_part
 
 NAMED = ("x", "x", "N m")
 
@@ -39,9 +38,12 @@ def calibration(gains: dict[float, float], std: float, **more: Any) -> dict[str,
     return {
         "gain_nm_per_v": q(float(np.mean(values)), std, len(values) - 1.0),
         "consistency": float(np.std(values, ddof=1) / np.mean(values)),
+        "n_experiments": len(values),
+        "accepted": True,
         "experiments": [
             {"id": f"p{i}", "position_rad": at, "direction": "cw", "range": "full",
-             "gain_nm_per_v": gain, "zero_v": 0.0}
+             "gain_nm_per_v": gain, "zero_v": 0.0, "intercept_nm": 0.0, "residual_rms_nm": 0.0,
+             "n": 10}
             for i, (at, gain) in enumerate(gains.items())
         ],
         **more,
@@ -66,7 +68,7 @@ def test_independent_quantities_have_the_root_sum_of_squares() -> None:
 
 def test_a_common_part_takes_twice_the_covariance_off() -> None:
     a, b = Quantity(10.0, 0.5), Quantity(12.0, 0.6)
-    found = compared(NAMED, a, b, common=(Part(0.4, 0.48),), confidence=0.95)
+    found = compared(NAMED, a, b, common=(SharedPart(0.4, 0.48),), confidence=0.95)
     r = 0.4 * 0.48 / (0.5 * 0.6)
     assert found.correlation == pytest.approx(r)
     assert found.difference is not None
@@ -200,7 +202,12 @@ def misalignment(amplitude: float, phase: float = 0.3, **more: Any) -> dict[str,
         "amplitude_nm": q(amplitude, std, 3.0),
         "peak_to_peak_nm": q(2.0 * amplitude, 2.0 * std, 3.0),
         "phase_rad": q(phase, 0.004 / amplitude, 1000.0),
+        "before": {"peak_to_peak_nm": q(2.0 * amplitude, 2.0 * std, 3.0)},
         "after": {"peak_to_peak_nm": q(0.01, 0.005, 20.0)},
+        "output_turns": 4.0,
+        "mean_torque_nm": 0.0,
+        "motor_velocity_rad_s": 60.0,
+        "filter": {"order": 0.01},
         "torque_scale": scale(),
         **more,
     }
@@ -317,7 +324,9 @@ def ripple(*orders: tuple[float, float, float]) -> dict[str, Any]:
             {"order": k, "amplitude_nm": q(a, 0.001), "phase_rad": q(p, 0.001 / a)}
             for k, a, p in orders
         ],
+        "motor_velocity_rad_s": {"mean": 150.0, "std": 1.0, "min": 140.0, "max": 160.0},
         "torque_rms_nm": {"measured": 0.7, "filtered": 0.1},
+        "filter": {"orders": [2.0, 4.0]},
         "torque_scale": {**scale(), "gain_nm_per_v": q(6.6, 0.0)},
     }
 

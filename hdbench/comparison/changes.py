@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
-from hdbench.regression.comparison.side import Side
-from hdbench.regression.flatten import Leaf, flatten
+from hdbench.comparison.side import Side
+from hdbench.results.flatten import Leaf, flatten
 
 __all__ = ["KeyChange", "environment_changes", "profile_changes"]
 
@@ -35,10 +35,6 @@ class KeyChange:
     a: Leaf
     b: Leaf
     only: str = ""
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return it as ``--json`` prints it."""
-        return asdict(self)
 
 
 def _differences(a: Mapping[str, Leaf], b: Mapping[str, Leaf]) -> tuple[KeyChange, ...]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from hdbench.regression.comparison.compare import compare_runs
-from hdbench.regression.comparison.result import Comparison, comparison_csv
+from hdbench.comparison.runs import Comparison, compare_runs, comparison_csv
 
 __all__ = ["Comparison", "compare_runs", "comparison_csv"]

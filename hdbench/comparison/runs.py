@@ -1,19 +1,32 @@
-"""What a comparison hands out."""
+"""Comparison of two runs of one kind: its numbers, its verdict, and its CSV."""
 
 from __future__ import annotations
 
 import csv
 import io
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import Any, Literal
 
+from hdbench.comparison.calibration import compare_calibrations
+from hdbench.comparison.changes import KeyChange, environment_changes, profile_changes
+from hdbench.comparison.diagnosis import compare_diagnoses
+from hdbench.comparison.dynamic import (
+    Moved,
+    compare_misalignments,
+    compare_ripples,
+    gain_words,
+)
+from hdbench.comparison.orders import Pattern
+from hdbench.comparison.overlay import overlay
+from hdbench.comparison.score import Compared
+from hdbench.comparison.side import Side, load_side
+from hdbench.errors import DataError, UsageError
 from hdbench.records import Quantity
-from hdbench.regression.comparison.changes import KeyChange
-from hdbench.regression.comparison.item import Compared
-from hdbench.regression.comparison.orders import Pattern
-from hdbench.regression.comparison.side import Side
+from hdbench.records.jsonfile import result_header
+from hdbench.results import CalibrationResult, MisalignmentResult, RippleResult
 
-__all__ = ["Comparison", "comparison_csv"]
+__all__ = ["Comparison", "compare_runs", "comparison_csv"]
 
 Answer = Literal["moved", "within-uncertainty", "cannot-tell"]
 
@@ -95,8 +108,6 @@ class Comparison:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the comparison as ``--json`` prints it (schema ``hdbench/comparison/1``)."""
-        from hdbench.records.jsonfile import result_header
-
         return {
             **result_header("comparison", self.a.profile),
             "kind": self.kind,
@@ -119,7 +130,7 @@ class Comparison:
 
 
 def _listed(changes: tuple[KeyChange, ...] | None) -> list[dict[str, Any]] | None:
-    return None if changes is None else [change.to_dict() for change in changes]
+    return None if changes is None else [asdict(change) for change in changes]
 
 
 def _set_words(found: Comparison) -> str:
@@ -180,3 +191,100 @@ def _cell(value: Any) -> str:
     if isinstance(value, bool):
         return str(value).lower()
     return repr(value) if isinstance(value, float) else str(value)
+
+
+def compare_runs(
+    a: Path,
+    b: Path,
+    *,
+    confidence: float = 0.95,
+    same_origin: bool = False,
+    independent: bool = False,
+) -> Comparison:
+    """Compare two results of one kind.
+
+    Parameters
+    ----------
+    a, b : Path
+        Run folders or result files: the earlier one first.
+    confidence : float
+        Of the verdict, in (0.5, 1).
+    same_origin : bool
+        Angle 0 is one mark on the shaft in both runs: then phases count.
+    independent : bool
+        Take no standard and no gain as common to both.
+
+    Returns
+    -------
+    Comparison
+
+    Raises
+    ------
+    DataError
+        If one is damaged, has no result, or they are of different kinds.
+    UsageError
+        If the confidence is out of its domain.
+    """
+    if not 0.5 < confidence < 1.0:
+        raise UsageError(
+            f"confidence {confidence!r}; needed: above 0.5 and below 1",
+            where="--confidence",
+            fix="take 0.95",
+        )
+    first, second = load_side(Path(a)), load_side(Path(b))
+    if first.kind != second.kind:
+        raise DataError(
+            f"a {second.kind} result against a {first.kind} result; needed: two of one kind",
+            where=second.where,
+            fix=f"name two {first.kind} runs; 'hdbench runs list' shows the kinds",
+        )
+    found, assumption = _compared(
+        first, second, confidence, same_origin=same_origin, independent=independent
+    )
+    return Comparison(
+        first.kind,
+        first,
+        second,
+        confidence,
+        found.quantities,
+        found.pattern,
+        found.only_a,
+        found.only_b,
+        assumption,
+        profile_changes(first, second),
+        environment_changes(first, second),
+        *overlay(first.kind, first, second, found.pattern),
+    )
+
+
+def _compared(
+    a: Side, b: Side, confidence: float, *, same_origin: bool, independent: bool
+) -> tuple[Moved, str]:
+    match a.result, b.result:
+        case CalibrationResult() as x, CalibrationResult() as y:
+            _check_gains(a, b, x, y)
+            gains, assumption = compare_calibrations(
+                x, y, confidence=confidence, independent=independent
+            )
+            return Moved(gains), assumption
+        case MisalignmentResult() as x, MisalignmentResult() as y:
+            found = compare_misalignments(
+                x, y, confidence=confidence, same_origin=same_origin, independent=independent
+            )
+            return found, gain_words(x, y, independent=independent)
+        case RippleResult() as x, RippleResult() as y:
+            found = compare_ripples(
+                x, y, confidence=confidence, same_origin=same_origin, independent=independent
+            )
+            return found, gain_words(x, y, independent=independent)
+    return compare_diagnoses(a, b, confidence=confidence), "parameters taken as independent"
+
+
+def _check_gains(a: Side, b: Side, x: CalibrationResult, y: CalibrationResult) -> None:
+    for side, result in ((a, x), (b, y)):
+        if result.gain_nm_per_v.value == 0.0:
+            raise DataError(
+                "gain_nm_per_v is 0 N m/V; needed: a gain other than zero",
+                where=f"{side.where}: gain_nm_per_v",
+                fix="evaluate the calibration again with --from",
+            )
