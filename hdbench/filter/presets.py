@@ -157,12 +157,12 @@ class _Ripple(Stored):
 
 
 class _Baseline(Stored):
-    ripple: list[_Ripple] = []
+    ripple: list[_Ripple] = Field(default_factory=list)
 
 
 class _BenchModel(Stored):
     baseline: _Baseline = _Baseline()
-    causes: list[_Cause] = []
+    causes: list[_Cause] = Field(default_factory=list)
 
 
 def _from_bench_model(body: dict[str, Any], path: Path, profile: ProfileData) -> FilterModel:
