@@ -8,11 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hdbench.estimation.channel import data_flags, stretch_starts, torque_channel
 from hdbench.estimation.harmonics import Harmonic, harmonic_at, scaled
 from hdbench.estimation.regression import LinearFit, coloured_fit
-from hdbench.estimation.scan import Line
-from hdbench.estimation.search import FALSE_ALARM_LEVEL, LineFit, fit_with_lines
+from hdbench.estimation.search import FALSE_ALARM_LEVEL, Line, LineFit, fit_with_lines
+from hdbench.estimation.stretches import data_flags, stretch_starts, torque_channel
 from hdbench.filter import FilterModel, filter_trace
 from hdbench.model.motion import Motion, motion_from_trace
 from hdbench.profile.schema import ProfileData

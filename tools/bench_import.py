@@ -126,6 +126,7 @@ def _ours(path: Path) -> Any:
     columns: dict[str, list[Any]] = {c.name: [] for c in source.channels}
     for clock in dict.fromkeys(c.clock for c in source.channels):
         names = [c.name for c in source.channels if c.clock == clock]
+        source.rounded = frozenset(names)
         for piece in source.pieces(names):
             for name in names:
                 columns[name].append(np.asarray(piece[name], dtype=np.float64))

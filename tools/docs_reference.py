@@ -8,10 +8,12 @@ from __future__ import annotations
 
 import argparse
 import inspect
+import json
 import re
 import sys
 import types
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any, Union, get_args, get_origin
 
@@ -268,7 +270,7 @@ def code_words(kind: Any) -> str:
 
 def results_page() -> str:
     """Return the page of result keys."""
-    from hdbench.regression.resultkeys import KINDS, keys_of
+    from hdbench.results.reference import KINDS, keys_of
 
     parts = [
         MADE + "# Result keys\n",
@@ -276,7 +278,9 @@ def results_page() -> str:
         "misalignment and a ripple every key is listed, also inside tables (`name.key`) and the "
         "entries of lists (`name[].key`); of the others those of the top level. *uncertain* is an "
         "object `value`, `std` (standard uncertainty), `dof` (degrees of freedom or null). A unit "
-        "stands in the name or in the column. No result holds NaN or an infinity.\n",
+        "stands in the name or in the column. No result holds NaN or an infinity. JSON schemas: "
+        "[calibration](calibration.schema.json), [misalignment](misalignment.schema.json), "
+        "[ripple](ripple.schema.json).\n",
     ]
     for kind in KINDS:
         rows = ["| key | type | unit | meaning |", "|---|---|---|---|"]
@@ -286,6 +290,13 @@ def results_page() -> str:
         ]
         parts.append(f"## {kind}\n\n" + "\n".join(rows) + "\n")
     return "\n".join(parts)
+
+
+def schema_file(kind: str) -> str:
+    """Return the JSON schema of one kind of result."""
+    from hdbench.results.reference import json_schema
+
+    return json.dumps(json_schema(kind), indent=1)
 
 
 # -- registers ------------------------------------------------------------------------------------
@@ -317,6 +328,10 @@ PAGES = {
     "profile.md": profile_page,
     "exit-codes.md": exit_page,
     "results.md": results_page,
+    **{
+        f"{kind}.schema.json": partial(schema_file, kind)
+        for kind in ("calibration", "misalignment", "ripple")
+    },
     "registers.md": registers_page,
 }
 

@@ -1,38 +1,60 @@
-"""Stored traces as the filter's commands take them: named, scaled, never written over."""
+"""Stored inputs of a command: their profile, traces in N m, and where the answers go."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hdbench.errors import DataError, StorageError, UsageError
 
 if TYPE_CHECKING:
-    from rich.console import Console
+    from rich.console import RenderableType
 
     from hdbench.filter import FilterModel
     from hdbench.profile import Profile
     from hdbench.records import TorqueScale, Trace
+    from hdbench_cli.output import Output
 
-__all__ = ["Input", "check_out", "read_input", "show_each", "targets", "together"]
+__all__ = [
+    "DEFAULT_PROFILE",
+    "Input",
+    "check_out",
+    "choose_profile",
+    "own_names",
+    "read_input",
+    "refuse_same_csv",
+    "show_results",
+    "targets",
+]
+
+DEFAULT_PROFILE = "cim-tr-97-06"
+
+
+def choose_profile(name: str | None, source: Path | None, drive: str | None = None) -> Profile:
+    """Return the named profile, else the stored run's own, else the default."""
+    from hdbench.profile import load_profile, parse_profile
+
+    manifest: dict[str, Any] = {}
+    if source is not None and (source / "run.json").is_file():
+        from hdbench.records import read_json
+
+        manifest = read_json(source / "run.json", None)
+    stored = manifest.get("profile")
+    if name is None and isinstance(stored, dict) and isinstance(stored.get("text"), str):
+        profile = parse_profile(stored["text"], f"{source}/run.json: profile")
+    else:
+        profile = load_profile(name or DEFAULT_PROFILE)
+    known = manifest.get("drive")
+    named = drive or (known if isinstance(known, str) else "") or profile.drive
+    return replace(profile, drive=named)
 
 
 @dataclass(frozen=True, slots=True)
 class Input:
-    """One trace with its torque in N m.
-
-    Parameters
-    ----------
-    source, file : Path
-        What was named, and the trace file it means.
-    trace : Trace
-        With ``torque_nm``.
-    scale : TorqueScale
-        The gain that made it.
-    """
+    """One trace with its torque in N m, the file it came from, and the gain that scaled it."""
 
     source: Path
     file: Path
@@ -54,31 +76,16 @@ def read_input(
     calibration: Path | None,
     model: FilterModel | None = None,
 ) -> Input:
-    """Read a trace and give it its torque in N m."""
-    from hdbench.records import read_trace, resolve_input
+    """Read a trace and give it its torque in N m: by --gain, calibration, run, model or profile."""
+    from hdbench.profile.scaling import rescaled, stored_scale
+    from hdbench.records import Quantity, TorqueScale, read_json, read_trace, resolve_input
 
     file = resolve_input(source)
-    trace, scale = _scaled(
-        read_trace(file), source, profile, model, gain=gain, calibration=calibration
-    )
-    return Input(source, file, trace, scale)
-
-
-def _scaled(
-    trace: Trace,
-    source: Path,
-    profile: Profile,
-    model: FilterModel | None,
-    *,
-    gain: float | None,
-    calibration: Path | None,
-) -> tuple[Trace, TorqueScale]:
-    from hdbench.profile.scaling import rescaled, stored_scale
-    from hdbench.records import Quantity, TorqueScale
-    from hdbench.records.jsonfile import read_json
-
+    trace = read_trace(file)
     if gain is not None:
-        return _by_gain(trace, gain)
+        trace = _scaled(trace, gain)
+        scale = TorqueScale(Quantity(gain, 0.0), "--gain; its uncertainty not declared")
+        return Input(source, file, trace, scale)
     stored = None
     if (source / "run.json").is_file():
         stored = stored_scale(read_json(source / "run.json").get("calibration"), source)
@@ -86,12 +93,11 @@ def _scaled(
     if stored is None and model is not None and known is not None and "torque_nm" not in trace:
         origin = model.provenance.get("torque_gain_nm_per_v", "not stated")
         stored = TorqueScale(Quantity(known, 0.0), f"filter model {model.name}: {origin}")
-    return rescaled(trace, profile, calibration=calibration, stored=stored)
+    trace, scale = rescaled(trace, profile, calibration=calibration, stored=stored)
+    return Input(source, file, trace, scale)
 
 
-def _by_gain(trace: Trace, gain: float) -> tuple[Trace, TorqueScale]:
-    from hdbench.records import Quantity, TorqueScale
-
+def _scaled(trace: Trace, gain: float) -> Trace:
     if not 0.0 < abs(gain) < math.inf:
         raise UsageError(
             f"gain {gain!r} N m/V; needed: a finite number other than 0",
@@ -104,8 +110,7 @@ def _by_gain(trace: Trace, gain: float) -> tuple[Trace, TorqueScale]:
             where=trace.source,
             fix="leave --gain out, or import the raw volts as torque_v",
         )
-    scale = TorqueScale(Quantity(gain, 0.0), "--gain; its uncertainty not declared")
-    return trace.with_columns(torque_nm=trace["torque_v"] * gain), scale
+    return trace.with_columns(torque_nm=trace["torque_v"] * gain)
 
 
 def check_out(out: Path, source: Path, file: Path) -> None:
@@ -138,14 +143,7 @@ def targets(out: Path, sources: Sequence[Path]) -> list[Path]:
             where="--out",
             fix="name a folder, or give one input",
         )
-    names = [source.resolve().name.removesuffix(".gz").removesuffix(".csv") for source in sources]
-    twice = {name for name in names if names.count(name) > 1}
-    if twice:
-        raise UsageError(
-            f"several inputs are named {', '.join(sorted(twice))}",
-            where="TRACE|RUN",
-            fix="filter them one by one, each to a file of its own",
-        )
+    names = own_names(sources)
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -155,19 +153,45 @@ def targets(out: Path, sources: Sequence[Path]) -> list[Path]:
     return [out / f"{name}.csv" for name in names]
 
 
-def together(bodies: Sequence[dict[str, Any]], out: Path | None) -> dict[str, Any]:
-    """Return the results of several inputs as one."""
+def own_names(sources: Sequence[Path]) -> list[str]:
+    """Return the name of each input without its ending; they must differ."""
+    names = [source.resolve().name.removesuffix(".gz").removesuffix(".csv") for source in sources]
+    twice = {name for name in names if names.count(name) > 1}
+    if twice:
+        raise UsageError(
+            f"several inputs are named {', '.join(sorted(twice))}; needed: different names",
+            where="TRACE|RUN",
+            fix="give them one by one, each with an --out of its own",
+        )
+    return names
+
+
+def refuse_same_csv(csv_file: Path | None, html_file: Path | None) -> None:
+    """Refuse a CSV file that a page beside it would write over."""
+    if csv_file and html_file and csv_file.resolve() == html_file.with_suffix(".csv").resolve():
+        raise UsageError(
+            f"{csv_file} is also the name of the page's own CSV file",
+            where="--csv",
+            fix="give --csv another name than --html",
+        )
+
+
+def show_results(
+    output: Output,
+    bodies: Sequence[dict[str, Any]],
+    out: Path | None,
+    lines: Callable[[dict[str, Any]], Iterable[RenderableType]],
+) -> None:
+    """Print the result of one input, or of several as one, each under the name of its input."""
+    if len(bodies) == 1:
+        output.result(bodies[0], lines)
+        return
+
+    def each(whole: dict[str, Any]) -> Iterator[RenderableType]:
+        for body in whole["results"]:
+            yield body["input"]["path"]
+            yield from lines(body)
+
     header = {key: bodies[0][key] for key in ("schema", "hdbench_version", "profile")}
     files = {} if out is None else {"out": str(out)}
-    return {**header, **files, "results": list(bodies)}
-
-
-def show_each(
-    console: Console,
-    bodies: Sequence[dict[str, Any]],
-    show: Callable[[Console, dict[str, Any]], None],
-) -> None:
-    """Print several results, each under the name of its input."""
-    for body in bodies:
-        console.print(body["input"]["path"], markup=False, highlight=False, soft_wrap=True)
-        show(console, body)
+    output.result({**header, **files, "results": list(bodies)}, each)

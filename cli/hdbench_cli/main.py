@@ -26,7 +26,7 @@ _COMMANDS: dict[str, tuple[str, str]] = {
     "filter": ("filter", "Take ripple and misalignment out of a stored trace."),
     "tune": ("tune", "Fit the filter's noise to traces, so that it keeps the torque."),
     "response": ("response", "Show what a filter model does to the torque."),
-    "export": ("export", "Write a filter model as C99 source for a controller."),
+    "export": ("export", "Write a filter as C99 source, or runs as Parquet, HDF5 or MATLAB."),
     "orders": ("orders", "Order spectrum, order map, and every order over time."),
     "diagnose": ("diagnose", "Show what the simulation gets wrong and name the cause."),
     "plan": ("plan", "Which run separates which causes; write it as a plan file."),
@@ -130,10 +130,7 @@ def _show_version(output: Output) -> None:
         return
     from hdbench_cli.commands.doctor import version_facts
 
-    facts = version_facts()
-    output.result(
-        facts, lambda _console: click.echo("\n".join(f"{k} {v}" for k, v in facts.items()))
-    )
+    output.result(version_facts(), lambda facts: [f"{k} {v}" for k, v in facts.items()])
 
 
 @click.group(

@@ -7,10 +7,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-__all__ = ["after_import", "after_run", "after_tune", "line"]
+__all__ = ["after_import", "after_run", "after_tune", "next_line"]
 
 
-def line(command: str) -> str:
+def next_line(command: str) -> str:
     """Return the line that tells the next command."""
     return f"next    {command}" if command else ""
 

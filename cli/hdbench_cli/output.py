@@ -1,9 +1,10 @@
-"""Where a command's words go: results on stdout, everything else on stderr."""
+"""Console of a command: results on stdout, everything else on stderr."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+import os
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -13,14 +14,26 @@ from hdbench import __version__
 from hdbench.errors import HdbenchError
 
 if TYPE_CHECKING:
-    from rich.console import Console
+    from rich.console import Console, RenderableType
 
-__all__ = ["Output"]
+__all__ = ["Body", "Lines", "Output", "show_lines"]
+
+Body = Mapping[str, Any]
+Lines = Callable[[Any], "str | Iterable[RenderableType]"]
+
+
+def show_lines(console: Console, lines: Iterable[RenderableType]) -> None:
+    """Print lines and tables; a line is wrapped only where its `Text` says so."""
+    from rich.text import Text
+
+    for line in lines:
+        whole = isinstance(line, str) or (isinstance(line, Text) and line.no_wrap is not False)
+        console.print(line, soft_wrap=whole)
 
 
 @dataclass(slots=True)
 class Output:
-    """One command's two streams.
+    """The two streams of one command.
 
     Parameters
     ----------
@@ -33,19 +46,35 @@ class Output:
     json: bool = False
     verbose: int = 0
 
-    def result(self, obj: Mapping[str, Any], text: Callable[[Console], None]) -> None:
-        """Print a result: the object with ``--json``, else what `text` draws."""
-        if self.json:
-            # a result names the version and the profile behind it, null where there is none
-            named = {"hdbench_version": __version__, "profile": None} if "schema" in obj else {}
-            missing = {key: value for key, value in named.items() if key not in obj}
-            click.echo(json.dumps({**obj, **missing}, allow_nan=False))
+    def result(self, body: Body, lines: Lines) -> None:
+        """Print a result: the object with ``--json``, else lines, or a text as it stands."""
+        if not self.json:
+            told = lines(body)
+            if isinstance(told, str):
+                click.echo(told, nl=False)
+            else:
+                show_lines(self.console(), told)
             return
-        text(self.console())
+        # a result names the version and the profile behind it, null where there is none
+        named = {"hdbench_version": __version__, "profile": None} if "schema" in body else {}
+        missing = {key: value for key, value in named.items() if key not in body}
+        click.echo(json.dumps({**body, **missing}, allow_nan=False))
 
     def note(self, message: str) -> None:
         """Print one line to stderr, with or without ``--json``."""
         click.echo(message, err=True)
+
+    def end(self, error: HdbenchError | None) -> None:
+        """End with the code of an error that follows a result, if there is one.
+
+        With ``--json`` the one object is out already: the error is a note.
+        """
+        if error is None:
+            return
+        if not self.json:
+            raise error
+        self.note(str(error))
+        raise click.exceptions.Exit(error.exit_code)
 
     def error(self, error: HdbenchError) -> None:
         """Print an error: one JSON object on stdout with ``--json``, else red on stderr."""
@@ -63,17 +92,23 @@ class Output:
             text.append(problem.fix)
             console.print(text, soft_wrap=True)
         if error.problems:
-            console.print(Text(f"{len(error.problems)} problems in {error.where}"), soft_wrap=True)
+            count = len(error.problems)
+            words = f"{count} problem{'' if count == 1 else 's'} in {error.where}"
+            console.print(Text(words), soft_wrap=True)
 
     @staticmethod
     def console(*, stderr: bool = False) -> Console:
         """Return a console on stdout or stderr; with ``NO_COLOR`` it writes plain text."""
-        import os
-
         from rich.console import Console
 
         plain = bool(os.environ.get("NO_COLOR"))
-        console = Console(stderr=stderr, highlight=False, color_system=None if plain else "auto")
+        console = Console(
+            stderr=stderr,
+            color_system=None if plain else "auto",
+            markup=False,
+            emoji=False,
+            highlight=False,
+        )
         if not console.is_terminal:
             console.width = 100  # a file or pipe has no width of its own
         return console

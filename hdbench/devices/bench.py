@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from hdbench.model.program import ReferenceProgram
+from hdbench.model.waves import ReferenceProgram
 from hdbench.profile.schema import ReferenceWave
 from hdbench.records.trace import FloatArray
 

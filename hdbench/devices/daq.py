@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from hdbench.devices.bench import Identity, SafeState
 from hdbench.errors import DeviceError
-from hdbench.model.program import ReferenceProgram
+from hdbench.model.waves import ReferenceProgram
 from hdbench.profile.schema import ReferenceWave
 from hdbench.records.trace import FloatArray
 

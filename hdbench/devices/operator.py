@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Literal
 
 import numpy as np
@@ -121,13 +121,7 @@ class _Fixture:
     shunt_ohm: float = 0.0
 
     def to_dict(self) -> dict[str, float]:
-        return {
-            "locked": float(self.locked),
-            "position_rad": self.position_rad,
-            "mass_kg": self.mass_kg,
-            "direction": float(self.direction),
-            "shunt_ohm": self.shunt_ohm,
-        }
+        return {name: float(value) for name, value in asdict(self).items()}
 
 
 class SimulatedOperator:

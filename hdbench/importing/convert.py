@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from decimal import Decimal, InvalidOperation
@@ -16,6 +17,7 @@ from hdbench.importing.layout import MISSING
 from hdbench.importing.mapping import WORDS, SourceColumn
 from hdbench.importing.source import Source
 from hdbench.importing.units import target_unit, unit_scale
+from hdbench.records.tables.numbers import plain_matrix
 from hdbench.records.trace import FloatArray
 
 __all__ = ["Conversion", "Derived", "conversion", "decimal_cell", "derived_columns"]
@@ -120,6 +122,11 @@ class Conversion:
         return values
 
     def _cells(self, raw: NDArray[Any], row: int) -> FloatArray:
+        exact = None
+        if not self.bits and not self.as_it_is:
+            exact = _scaled(raw, Fraction(self.scale), Fraction(self.offset))
+        if exact is not None:
+            return exact
         values = np.empty(len(raw))
         for k, cell in enumerate(raw):
             number = decimal_cell(self.source, self.column.channel.name, cell, row + k)
@@ -128,13 +135,16 @@ class Conversion:
                 continue
             if self.bits:
                 number = Decimal(int(self._signed(np.array([float(number)]), row + k)[0]))
-            value = float(number * self.scale + self.offset if not self._as_it_is else number)
+            value = float(
+                number * self.scale + self.offset if self.scale != 1 or self.offset else number
+            )
             values[k] = value
         return values
 
     @property
-    def _as_it_is(self) -> bool:
-        return self.scale == 1 and self.offset == 0
+    def as_it_is(self) -> bool:
+        """Whether a number of the file is one of ours."""
+        return self.scale == 1 and self.offset == 0 and not self.bits
 
     def _signed(self, raw: NDArray[Any], row: int) -> NDArray[Any]:
         top = 1 << self.bits
@@ -160,6 +170,12 @@ class Conversion:
         scale, offset = Fraction(self.scale), Fraction(self.offset)
         if raw.dtype == object:
             name = self.column.channel.name
+            if start is None:
+                first = decimal_cell(self.source, name, raw[0], row)
+                start = None if first is None else Fraction(first) * scale + offset
+            exact = None if start is None else _scaled(raw, scale, offset - start)
+            if exact is not None and start is not None:
+                return exact, start
             cells = [decimal_cell(self.source, name, c, row + k) for k, c in enumerate(raw)]
             times = [None if c is None else Fraction(c) * scale + offset for c in cells]
             if start is None:
@@ -178,6 +194,32 @@ class Conversion:
         if abs(scale.numerator) == 1:
             return apart / float(scale.denominator * scale.numerator), start
         return apart * float(scale), start
+
+
+def _scaled(cells: NDArray[Any], scale: Fraction, offset: Fraction) -> FloatArray | None:
+    """Return decimal numbers times `scale` plus `offset`, rounded once.
+
+    None where the computation leaves the whole numbers that a float64 holds exactly.
+    """
+    # 15 digits and a point: no other number of as many digits is the same float64
+    if max(map(len, cells)) > 16:
+        return None
+    found = plain_matrix("\n".join(cells).encode(), 1)
+    if found is None or not np.isfinite(found).all():
+        return None
+    for digits in range(10):
+        whole = np.rint(found[:, 0] * 10**digits)
+        if (whole / 10**digits == found[:, 0]).all():
+            break
+    else:
+        return None
+    step = scale / 10**digits
+    denominator = math.lcm(step.denominator, offset.denominator)
+    factor, more = int(step * denominator), int(offset * denominator)
+    largest = int(np.abs(whole).max())
+    if max(largest * abs(factor) + abs(more), denominator) >= 1 << 53 or largest >= 10**15:
+        return None
+    return np.asarray((whole * factor + more) / denominator)
 
 
 def decimal_cell(source: Source, name: str, cell: str, row: int) -> Decimal | None:

@@ -99,6 +99,7 @@ def read_numbers(
     parts: dict[str, list[NDArray[np.float64]]] = {name: [] for name in names}
     words = dict.fromkeys(names, False)
     rows = 0
+    source.rounded = frozenset(names)
     for piece in source.pieces(names):
         for name in names:
             values, found = _values(source, piece[name])

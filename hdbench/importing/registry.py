@@ -138,6 +138,7 @@ class _Guarded(Source):
 
     def pieces(self, names: Sequence[str]) -> Iterator[Piece]:
         """Yield what the reader yields."""
+        self._inner.rounded = self.rounded
         try:
             yield from self._inner.pieces(names)
         except Exception as error:

@@ -129,6 +129,8 @@ class Source(ABC):
         self.channels: tuple[Channel, ...] = ()
         self.notes: tuple[str, ...] = ()
         self.decimal_comma = False
+        # channels of text whose numbers may come as float64, in place of cells as they stand
+        self.rounded: frozenset[str] = frozenset()
 
     @abstractmethod
     def pieces(self, names: Sequence[str]) -> Iterator[Piece]:

@@ -109,6 +109,12 @@ def _clock(
     times: list[FloatArray] = []
     parts: dict[str, list[FloatArray]] = {c.target: [] for c in conversions}
     rows, last = 0, -np.inf
+    source.rounded = frozenset(
+        name
+        for name in names
+        if all(c.as_it_is for c in conversions if c.column.channel.name == name)
+        and (time is None or time.column.channel.name != name)
+    )
     for piece in source.pieces(list(dict.fromkeys(wanted))):
         count = len(next(iter(piece.values())))
         if not count:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hdbench.errors import UsageError
-from hdbench.model.program import ReferenceProgram
+from hdbench.model.waves import ReferenceProgram
 from hdbench.plant.converter import AnalogueSamples, RawSamples, to_code, to_count
 from hdbench.plant.effects import (
     EFFECT_KINDS,

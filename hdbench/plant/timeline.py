@@ -8,8 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hdbench.model.program import ReferenceProgram, program_voltage
-from hdbench.model.waves import reference_voltage
+from hdbench.model.waves import ReferenceProgram, program_voltage, reference_voltage
 from hdbench.plant.bridge import GaugeBridge, place_gauges
 from hdbench.plant.converter import (
     HALF_LENGTH_SAMPLES,

@@ -7,74 +7,29 @@ from typing import Annotated
 from pydantic import PlainSerializer
 
 from hdbench.records.loads import SequenceEntry
-from hdbench.results.parts import Part, Result, Uncertain, key, result_part
-
-__all__ = [
-    "Acceptance",
-    "AppliedTorqueAccount",
-    "ArmRecord",
-    "BudgetRow",
-    "CalibrationResult",
-    "Classification",
-    "Consensus",
-    "Correction",
-    "Course",
-    "Criterion",
-    "DirectionEffects",
-    "Ends",
-    "ExpandedGain",
-    "ExperimentLine",
-    "ExperimentStep",
-    "GainUncertainty",
-    "GroupSeries",
-    "IdentityRecord",
-    "InstrumentRecord",
-    "LengthRecord",
-    "LimitTest",
-    "LoadGroup",
-    "LoadStep",
-    "Loop",
-    "MassRecord",
-    "MixedModel",
-    "MonteCarlo",
-    "Outlier",
-    "PairedDifference",
-    "PositionVariance",
-    "ReadingRecord",
-    "SeriesLackOfFit",
-    "ShuntRecord",
-    "SideForce",
-    "StandardsRecord",
-    "StepUncertainty",
-    "TorqueRecord",
-]
+from hdbench.results.parts import Part, Result, Uncertain, key, listed, optional
 
 _Entry = Annotated[SequenceEntry, PlainSerializer(SequenceEntry.to_dict)]
-# whole numbers of a profile or a file are written as they were given
-_Number = float | int
 
 
-@result_part()
 class LimitTest(Part):
     """One value against its limit."""
 
     name: str = key("what is held against a limit")
     value: float | None = key("found, at least 0; none where the data do not give it")
     limit: float = key("limit")
-    upper: float | None = key("upper end of the 95 % interval of the value", default=None)
-    passed: bool | None = key("whether it passed; none where it cannot be tested", default=None)
+    upper: float | None = optional("upper end of the 95 % interval of the value")
+    passed: bool | None = optional("whether it passed; none where it cannot be tested")
 
 
-@result_part()
 class Acceptance(Part):
     """Every limit that was tested, and the rule by which the tests decide."""
 
     decision_rule: str = key("rule by which the tests decide")
     statement: str = key("the outcome in words", default="")
-    tests: tuple[LimitTest, ...] = key("one entry per test", default=())
+    tests: tuple[LimitTest, ...] = listed("one entry per test")
 
 
-@result_part()
 class ExperimentLine(Part):
     """Torque on voltage for one loading experiment: ordinary least squares, with intercept."""
 
@@ -83,26 +38,19 @@ class ExperimentLine(Part):
     direction: str = key("cw or ccw")
     range: str = key("low or full")
     gain_nm_per_v: float = key("slope of torque on voltage", "N m/V")
-    gain_std_nm_per_v: float | None = key(
-        "standard uncertainty of the slope", "N m/V", default=None
-    )
-    gain_dof: float | None = key("its degrees of freedom", default=None)
+    gain_std_nm_per_v: float | None = optional("standard uncertainty of the slope", "N m/V")
+    gain_dof: float | None = optional("its degrees of freedom")
     intercept_nm: float = key("torque at 0 V", "N m")
-    intercept_std_nm: float | None = key(
-        "standard uncertainty of the intercept", "N m", default=None
-    )
-    zero_v: float | None = key("reading at zero torque by the line", "V", default=None)
+    intercept_std_nm: float | None = optional("standard uncertainty of the intercept", "N m")
+    zero_v: float | None = optional("reading at zero torque by the line", "V")
     residual_rms_nm: float = key("scatter about the line", "N m")
-    hysteresis_nm: float | None = key(
-        "largest difference of unloading and loading", "N m", default=None
-    )
+    hysteresis_nm: float | None = optional("largest difference of unloading and loading", "N m")
     n: int = key("readings")
-    doubtful: tuple[int, ...] = key(
-        "places, in the loads file, of readings that stand off the line; they are kept", default=()
+    doubtful: tuple[int, ...] = listed(
+        "places, in the loads file, of readings that stand off the line; they are kept"
     )
 
 
-@result_part()
 class ExperimentStep(Part):
     """Readings of one experiment under one applied torque."""
 
@@ -114,12 +62,12 @@ class ExperimentStep(Part):
     deviation_nm: float | None = key("deviation from the experiment's line", "N m")
 
 
-@result_part()
 class StepUncertainty(Part):
     """Relative uncertainty of one step in one case."""
 
     parts: dict[str, float] = key(
-        "relative standard uncertainties by source; sources without data are left out"
+        "relative standard uncertainties by source: torque, resolution, repeatability, "
+        "reproducibility, zero, and fit or reversibility; a source without data is left out"
     )
     relative_std: float | None = key("combined relative standard uncertainty")
     dof: float | None = key("its effective degrees of freedom")
@@ -133,48 +81,42 @@ class StepUncertainty(Part):
     expanded_nm: float | None = key("expanded uncertainty", "N m")
 
 
-@result_part()
 class LoadStep(Part):
     """One load step of one group, in the manner of EURAMET cg-14."""
 
     direction: str = key("cw or ccw", default="")
     range: str = key("low or full", default="")
     loading: str = key("how the torque was applied", default="")
-    arm_length_m: float | None = key("arm that it was applied with", "m", default=None)
+    arm_length_m: float | None = optional("arm that it was applied with", "m")
     torque_nm: float = key("applied torque", "N m")
     deflection_v: float | None = key("mean reading less the zero", "V")
-    deflection_up_down_v: float | None = key(
-        "mean of loading and unloading less the zero", "V", default=None
+    deflection_up_down_v: float | None = optional(
+        "mean of loading and unloading less the zero", "V"
     )
-    fitted_v: float | None = key("deflection by the line through zero", "V", default=None)
-    repeatability_v: float | None = key("b', between series of one mounting", "V", default=None)
-    reproducibility_v: float | None = key(
-        "b, between mountings, standard deviation", "V", default=None
+    fitted_v: float | None = optional("deflection by the line through zero", "V")
+    repeatability_v: float | None = optional("b', between series of one mounting", "V")
+    reproducibility_v: float | None = optional("b, between mountings, standard deviation", "V")
+    range_v: float | None = optional("between mountings, largest less smallest", "V")
+    reversibility_v: float | None = optional("h, unloading less loading", "V")
+    deviation_linear_v: float | None = optional("fa, deviation from the line through zero", "V")
+    deviation_cubic_v: float | None = optional("deviation from the cubic", "V")
+    repeatability_relative: float | None = optional("b' over the deflection")
+    reproducibility_relative: float | None = optional("b over the deflection")
+    range_relative: float | None = optional("range over the deflection")
+    reversibility_relative: float | None = optional("h over the deflection")
+    deviation_linear_relative: float | None = optional("fa over the deflection")
+    deviation_cubic_relative: float | None = optional(
+        "deviation from the cubic over the deflection"
     )
-    range_v: float | None = key("between mountings, largest less smallest", "V", default=None)
-    reversibility_v: float | None = key("h, unloading less loading", "V", default=None)
-    deviation_linear_v: float | None = key(
-        "fa, deviation from the line through zero", "V", default=None
+    deviation_up_down_relative: float | None = optional(
+        "the same for loading and unloading together"
     )
-    deviation_cubic_v: float | None = key("deviation from the cubic", "V", default=None)
-    repeatability_relative: float | None = key("b' over the deflection", default=None)
-    reproducibility_relative: float | None = key("b over the deflection", default=None)
-    range_relative: float | None = key("range over the deflection", default=None)
-    reversibility_relative: float | None = key("h over the deflection", default=None)
-    deviation_linear_relative: float | None = key("fa over the deflection", default=None)
-    deviation_cubic_relative: float | None = key(
-        "deviation from the cubic over the deflection", default=None
-    )
-    deviation_up_down_relative: float | None = key(
-        "the same for loading and unloading together", default=None
-    )
-    increasing: StepUncertainty | None = key("uncertainty of the step, loading alone", default=None)
-    increasing_decreasing: StepUncertainty | None = key(
-        "uncertainty of the step, loading and unloading", default=None
+    increasing: StepUncertainty | None = optional("uncertainty of the step, loading alone")
+    increasing_decreasing: StepUncertainty | None = optional(
+        "uncertainty of the step, loading and unloading"
     )
 
 
-@result_part()
 class Criterion(Part):
     """One criterion and the class that it allows."""
 
@@ -184,7 +126,6 @@ class Criterion(Part):
     limit: float | None = key("limit of that class")
 
 
-@result_part()
 class Classification(Part):
     """The class that all criteria allow."""
 
@@ -192,11 +133,10 @@ class Classification(Part):
         "class by these series, per cent; none where a criterion is not met", name="class"
     )
     reason: str = key("what decides it")
-    criteria: tuple[Criterion, ...] = key("one entry per criterion", default=())
-    missing: tuple[str, ...] = key("criteria that these data cannot decide", default=())
+    criteria: tuple[Criterion, ...] = listed("one entry per criterion")
+    missing: tuple[str, ...] = listed("criteria that these data cannot decide")
 
 
-@result_part()
 class GroupSeries(Part):
     """One series of a group."""
 
@@ -204,15 +144,14 @@ class GroupSeries(Part):
     position_rad: float = key("flexspline position", "rad")
     position: int = key("number of the mounting")
     repeat: int = key("number of the series in it")
-    up_v: tuple[float | None, ...] = key("deflections of loading", "V", default=())
-    down_v: tuple[float | None, ...] = key(
-        "deflections of unloading; none where there was no reading", "V", default=()
+    up_v: tuple[float | None, ...] = listed("deflections of loading", "V")
+    down_v: tuple[float | None, ...] = listed(
+        "deflections of unloading; none where there was no reading", "V"
     )
-    zero_before_v: float | None = key("reading before the first load", "V", default=None)
-    zero_after_v: float | None = key("reading after the last", "V", default=None)
+    zero_before_v: float | None = optional("reading before the first load", "V")
+    zero_after_v: float | None = optional("reading after the last", "V")
 
 
-@result_part()
 class SeriesLackOfFit(Part):
     """What all series have in common about the straight lines through their zeros."""
 
@@ -224,55 +163,43 @@ class SeriesLackOfFit(Part):
     pooled_f_ratio: float | None = key("the same over the pooled scatter")
 
 
-@result_part()
 class LoadGroup(Part):
     """Series of one direction, range and loading taken together."""
 
     direction: str = key("cw or ccw")
     range: str = key("low or full")
     loading: str = key("how the torque was applied", default="")
-    arm_length_m: float | None = key("arm that it was applied with", "m", default=None)
+    arm_length_m: float | None = optional("arm that it was applied with", "m")
     n_positions: int = key("mountings")
     n_series: int = key("series of loading")
     n_series_up_down: int = key("of these with unloading", default=0)
     largest_torque_nm: float = key("largest load", "N m")
-    sensitivity_v_per_nm: float | None = key(
-        "deflection at the largest load over that load", "V/(N m)", default=None
+    sensitivity_v_per_nm: float | None = optional(
+        "deflection at the largest load over that load", "V/(N m)"
     )
-    gain_nm_per_v: float | None = key("its inverse", "N m/V", default=None)
-    gain_up_nm_per_v: float | None = key(
-        "by the line through zero, loading alone", "N m/V", default=None
+    gain_nm_per_v: float | None = optional("its inverse", "N m/V")
+    gain_up_nm_per_v: float | None = optional("by the line through zero, loading alone", "N m/V")
+    gain_up_down_nm_per_v: float | None = optional("the same, loading and unloading", "N m/V")
+    linear_v_per_nm: float | None = optional(
+        "slope of the line through zero, loading alone", "V/(N m)"
     )
-    gain_up_down_nm_per_v: float | None = key(
-        "the same, loading and unloading", "N m/V", default=None
+    linear_up_down_v_per_nm: float | None = optional("the same, loading and unloading", "V/(N m)")
+    cubic_v: tuple[float, ...] | None = optional(
+        "coefficients of the cubic: V per N m, per (N m)^2, per (N m)^3"
     )
-    linear_v_per_nm: float | None = key(
-        "slope of the line through zero, loading alone", "V/(N m)", default=None
+    zero_v: float | None = optional("largest change of the zero over a series", "V")
+    zero_relative: float | None = optional("the same over the largest deflection")
+    resolution_v: float | None = optional("resolution of the indication", "V")
+    class_increasing: Classification | None = optional("class by loading alone")
+    class_increasing_decreasing: Classification | None = optional("class by loading and unloading")
+    zero_by_line: tuple[str, ...] = listed(
+        "series whose zero was not read but taken from their line"
     )
-    linear_up_down_v_per_nm: float | None = key(
-        "the same, loading and unloading", "V/(N m)", default=None
-    )
-    cubic_v: tuple[float, ...] | None = key(
-        "coefficients of the cubic: V per N m, per (N m)^2, per (N m)^3", default=None
-    )
-    zero_v: float | None = key("largest change of the zero over a series", "V", default=None)
-    zero_relative: float | None = key("the same over the largest deflection", default=None)
-    resolution_v: float | None = key("resolution of the indication", "V", default=None)
-    class_increasing: Classification | None = key("class by loading alone", default=None)
-    class_increasing_decreasing: Classification | None = key(
-        "class by loading and unloading", default=None
-    )
-    zero_by_line: tuple[str, ...] = key(
-        "series whose zero was not read but taken from their line", default=()
-    )
-    torque_nm: tuple[float, ...] = key("loads", "N m", default=())
-    series: tuple[GroupSeries, ...] = key("one entry per series", default=())
-    lack_of_fit: SeriesLackOfFit | None = key(
-        "whether a curve fits better than a line", default=None
-    )
+    torque_nm: tuple[float, ...] = listed("loads", "N m")
+    series: tuple[GroupSeries, ...] = listed("one entry per series")
+    lack_of_fit: SeriesLackOfFit | None = optional("whether a curve fits better than a line")
 
 
-@result_part()
 class ExpandedGain(Part):
     """A gain with its expanded uncertainty."""
 
@@ -286,7 +213,6 @@ class ExpandedGain(Part):
     expanded_relative: float | None = key("the same over the gain")
 
 
-@result_part()
 class GainUncertainty(Part):
     """Uncertainty of the gain in three senses."""
 
@@ -300,7 +226,6 @@ class GainUncertainty(Part):
     )
 
 
-@result_part()
 class PositionVariance(Part):
     """One-way analysis of variance of gains with the position as random effect."""
 
@@ -319,7 +244,6 @@ class PositionVariance(Part):
     mean_dof: int = key("its degrees of freedom")
 
 
-@result_part()
 class MixedModel(Part):
     """Gains with fixed effects of direction and range and a random effect of the position."""
 
@@ -332,7 +256,6 @@ class MixedModel(Part):
     repeatability_nm_per_v: float = key("within a mounting", "N m/V")
 
 
-@result_part()
 class PairedDifference(Part):
     """Mean difference of pairs of gains that share all but one thing."""
 
@@ -347,20 +270,16 @@ class PairedDifference(Part):
     n_pairs: int = key("pairs that were compared")
 
 
-@result_part()
 class DirectionEffects(Part):
     """What the difference of the directions is made of."""
 
     separated: bool = key("whether side force and asymmetry can be told apart")
     group: tuple[str, ...] = key("causes that cannot be told apart here")
     reason: str = key("why")
-    crosstalk_v_per_n: Uncertain | None = key("reading per side force", "V/N", default=None)
-    half_asymmetry: Uncertain | None = key(
-        "half the relative difference of cw and ccw", default=None
-    )
+    crosstalk_v_per_n: Uncertain | None = optional("reading per side force", "V/N")
+    half_asymmetry: Uncertain | None = optional("half the relative difference of cw and ccw")
 
 
-@result_part()
 class Consensus(Part):
     """Gains weighted by their own uncertainties."""
 
@@ -370,7 +289,6 @@ class Consensus(Part):
     weighted_mean_nm_per_v: Uncertain = key("weighted mean of the gains", "N m/V")
 
 
-@result_part()
 class Loop(Part):
     """Unloading less loading of one experiment, in torque by its own gain."""
 
@@ -386,21 +304,19 @@ class Loop(Part):
     lens_nm: float | None = key("part that is largest at half load", "N m")
 
 
-@result_part()
 class Outlier(Part):
     """A gain, the gains of a position, or a reading that stands off; flagged, never removed."""
 
     kind: str = key("gain, position or reading")
     experiment: str = key("experiment")
-    position_rad: float | None = key("flexspline position", "rad", default=None, absent=True)
-    series: str | None = key("up or down", default=None, absent=True)
-    torque_nm: float | None = key("load", "N m", default=None, absent=True)
-    off_v: float | None = key("distance from the line", "V", default=None, absent=True)
+    position_rad: float | None = optional("flexspline position", "rad", absent=True)
+    series: str | None = optional("up or down", absent=True)
+    torque_nm: float | None = optional("load", "N m", absent=True)
+    off_v: float | None = optional("distance from the line", "V", absent=True)
     statistic: float = key("distance in standard deviations")
     limit: float = key("beyond which it is an outlier")
 
 
-@result_part()
 class Correction(Part):
     """One correction of the applied torque."""
 
@@ -408,10 +324,9 @@ class Correction(Part):
     relative: float = key("its relative size at the largest load; 0 where none was made")
     made: bool = key("whether it was made")
     detail: str = key("with which numbers, or what is not known")
-    uncertainty_share: float | None = key("its share of the torque's variance", default=None)
+    uncertainty_share: float | None = optional("its share of the torque's variance")
 
 
-@result_part()
 class BudgetRow(Part):
     """One source of uncertainty, relative to the gain."""
 
@@ -425,15 +340,12 @@ class BudgetRow(Part):
     divisor: float = key("half width over standard uncertainty", default=1.0)
     sensitivity: float = key("relative change per unit", default=1.0)
     relative_std: float = key("relative standard uncertainty that it contributes")
-    dof: float | None = key(
-        "degrees of freedom; none where they are taken as infinite", default=None
-    )
-    share: float | None = key("share of the variance", default=None)
+    dof: float | None = optional("degrees of freedom; none where they are taken as infinite")
+    share: float | None = optional("share of the variance")
     declared: bool = key("whether it is known; what is not counts as nothing")
     origin: str = key("certificate or reason", default="not declared")
 
 
-@result_part()
 class AppliedTorqueAccount(Part):
     """Where the applied torques come from and what they are uncertain by."""
 
@@ -444,13 +356,12 @@ class AppliedTorqueAccount(Part):
     largest_nm: float | None = key("largest applied torque, corrected", "N m")
     largest_nominal_nm: float | None = key("the same by mass, standard gravity and length", "N m")
     tilt_rad: float | None = key("largest tilt of the arm under load", "rad")
-    corrections: tuple[Correction, ...] = key("one entry per correction", default=())
+    corrections: tuple[Correction, ...] = listed("one entry per correction")
     relative_std: float | None = key("relative standard uncertainty of the applied torque")
-    budget: tuple[BudgetRow, ...] = key("contributions to it", default=())
-    not_declared: tuple[str, ...] = key("sources without a declared uncertainty", default=())
+    budget: tuple[BudgetRow, ...] = listed("contributions to it")
+    not_declared: tuple[str, ...] = listed("sources without a declared uncertainty")
 
 
-@result_part()
 class SideForce(Part):
     """Force that a weight on a single arm puts on the flexspline beside its torque."""
 
@@ -461,7 +372,6 @@ class SideForce(Part):
     reason: str = key("why")
 
 
-@result_part()
 class MonteCarlo(Part):
     """Gain by random draws."""
 
@@ -476,7 +386,6 @@ class MonteCarlo(Part):
     tolerance_nm_per_v: float = key("within which the ends should agree", "N m/V")
 
 
-@result_part()
 class Ends(Part):
     """First, last, smallest and largest of what was recorded with the readings."""
 
@@ -486,75 +395,66 @@ class Ends(Part):
     largest: float = key("largest")
 
 
-@result_part()
 class Course(Part):
     """Environment and times of the readings."""
 
-    temperature_c: Ends | None = key("temperature", "degC", default=None)
-    humidity_percent: Ends | None = key("relative humidity", "%", default=None)
-    pressure_hpa: Ends | None = key("air pressure", "hPa", default=None)
-    time_s: Ends | None = key("time of the readings", "s", default=None)
+    temperature_c: Ends | None = optional("temperature", "degC")
+    humidity_percent: Ends | None = optional("relative humidity", "%")
+    pressure_hpa: Ends | None = optional("air pressure", "hPa")
+    time_s: Ends | None = optional("time of the readings", "s")
     n_preloads: int = key("preloads that were recorded", default=0)
     n_excluded_samples: int = key("samples left out of the readings", default=0)
-    excluded_at_s: tuple[float, ...] = key("when they were", "s", default=())
+    excluded_at_s: tuple[float, ...] = listed("when they were", "s")
 
 
-@result_part()
 class ShuntRecord(Part):
     """Shunt readings against those of the last calibration."""
 
-    resistor_ohm: float | None = key("shunt resistor", "ohm", default=None)
-    reading_v: float | None = key("mean reading with the shunt", "V", default=None)
+    resistor_ohm: float | None = optional("shunt resistor", "ohm")
+    reading_v: float | None = optional("mean reading with the shunt", "V")
     n: int = key("shunt readings", default=0)
-    expected_v: float | None = key("reading at the last calibration", "V", default=None)
-    change: float | None = key("relative change since then", default=None)
-    tolerance: float | None = key("change that is accepted", default=None)
-    within: bool | None = key("whether it is within", default=None)
-    torque_equivalent_nm: float | None = key(
-        "torque that reads the same as the shunt", "N m", default=None
-    )
+    expected_v: float | None = optional("reading at the last calibration", "V")
+    change: float | None = optional("relative change since then")
+    tolerance: float | None = optional("change that is accepted")
+    within: bool | None = optional("whether it is within")
+    torque_equivalent_nm: float | None = optional("torque that reads the same as the shunt", "N m")
 
 
-@result_part()
 class MassRecord(Part):
     """What was declared of the weights."""
 
     certificate: str = key("their certificate", default="")
     accuracy_class: str = key("their class", default="")
-    relative_half_width: float | None = key("relative half width of a mass", default=None)
-    relative_correction: float | None = key("certified less nominal, over nominal", default=None)
-    density_kg_m3: float | None = key("density of the weights", "kg/m^3", default=None)
+    relative_half_width: float | None = optional("relative half width of a mass")
+    relative_correction: float | None = optional("certified less nominal, over nominal")
+    density_kg_m3: float | None = optional("density of the weights", "kg/m^3")
     mass_kind: str = key("whether the masses are conventional or true", default="")
 
 
-@result_part()
 class LengthRecord(Part):
     """What was declared of the arm's length."""
 
     certificate: str = key("certificate of the length", default="")
-    half_width_m: float | None = key("half width of the length", "m", default=None)
+    half_width_m: float | None = optional("half width of the length", "m")
 
 
-@result_part()
 class TorqueRecord(Part):
     """What was declared of a reference torque sensor."""
 
     certificate: str = key("its certificate", default="")
     identity: str = key("type and serial number", default="")
-    relative_expanded_uncertainty: float | None = key("relative, k = 2", default=None)
+    relative_expanded_uncertainty: float | None = optional("relative, k = 2")
 
 
-@result_part()
 class InstrumentRecord(Part):
     """What was declared of the instrument that reads the bridge."""
 
     certificate: str = key("its certificate", default="")
     identity: str = key("type and serial number", default="")
-    relative_expanded_uncertainty: float | None = key("relative, k = 2", default=None)
-    resolution_v: float | None = key("smallest step of its indication", "V", default=None)
+    relative_expanded_uncertainty: float | None = optional("relative, k = 2")
+    resolution_v: float | None = optional("smallest step of its indication", "V")
 
 
-@result_part()
 class StandardsRecord(Part):
     """What the calibration is traceable to."""
 
@@ -566,7 +466,6 @@ class StandardsRecord(Part):
     )
 
 
-@result_part()
 class IdentityRecord(Part):
     """Who calibrated what, and where."""
 
@@ -576,54 +475,46 @@ class IdentityRecord(Part):
     operator: str = key("by whom", default="")
     drive_serial: str = key("serial number of the drive", default="")
     flexspline_serial: str = key("serial number of the flexspline", default="")
-    bridge_ohm: float | None = key("resistance of the bridge", "ohm", default=None)
+    bridge_ohm: float | None = optional("resistance of the bridge", "ohm")
     cable: str = key("cable to the bridge", default="")
     amplifier_serial: str = key("serial number of the amplifier", default="")
-    excitation_v: float | None = key("excitation of the bridge", "V", default=None)
-    amplifier_gain: float | None = key("gain of the amplifier", default=None)
-    gauge_factor: float | None = key("gauge factor", default=None)
-    gear_ratio: float | None = key("gear ratio of the drive", default=None)
-    rated_torque_nm: float | None = key("rated torque of the drive", "N m", default=None)
+    excitation_v: float | None = optional("excitation of the bridge", "V")
+    amplifier_gain: float | None = optional("gain of the amplifier")
+    gauge_factor: float | None = optional("gauge factor")
+    gear_ratio: float | None = optional("gear ratio of the drive")
+    rated_torque_nm: float | None = optional("rated torque of the drive", "N m")
 
 
-@result_part()
 class ArmRecord(Part):
     """Arm of the profile."""
 
     length_m: float = key("distance of the weights from the axis", "m")
-    latitude_deg: float | None = key("latitude, for the gravity", "deg", default=None)
-    altitude_m: float | None = key("altitude, for the gravity", "m", default=None)
-    gravity_formula: str | None = key("formula of the local gravity", default=None)
-    gravity_m_s2: float | None = key("local gravity", "m/s^2", default=None)
-    gravity_half_width_m_s2: float | None = key("its half width", "m/s^2", default=None)
-    thermal_expansion_per_k: float | None = key("thermal expansion of the arm", "1/K", default=None)
-    reference_temperature_c: float | None = key(
-        "temperature at which the length holds", "degC", default=None
+    latitude_deg: float | None = optional("latitude, for the gravity", "deg")
+    altitude_m: float | None = optional("altitude, for the gravity", "m")
+    gravity_formula: str | None = optional("formula of the local gravity")
+    gravity_m_s2: float | None = optional("local gravity", "m/s^2")
+    gravity_half_width_m_s2: float | None = optional("its half width", "m/s^2")
+    thermal_expansion_per_k: float | None = optional("thermal expansion of the arm", "1/K")
+    reference_temperature_c: float | None = optional(
+        "temperature at which the length holds", "degC"
     )
-    temperature_half_width_k: float | None = key(
-        "half width of the arm's temperature", "K", default=None
+    temperature_half_width_k: float | None = optional("half width of the arm's temperature", "K")
+    tilt_rad: float | None = optional("tilt of the arm without load", "rad")
+    tilt_half_width_rad: float | None = optional("its half width", "rad")
+    torsional_stiffness_nm_per_rad: float | None = optional("of what the arm turns with", "N m/rad")
+    lost_motion_rad: float | None = optional("play that the arm turns through", "rad")
+    hang_offset_m: float | None = optional("hang point below the axis of the arm", "m")
+    hang_offset_half_width_m: float | None = optional("its half width", "m")
+    cant_half_width_rad: float | None = optional(
+        "half width of the slope of the arm's plane", "rad"
     )
-    tilt_rad: float | None = key("tilt of the arm without load", "rad", default=None)
-    tilt_half_width_rad: float | None = key("its half width", "rad", default=None)
-    torsional_stiffness_nm_per_rad: float | None = key(
-        "of what the arm turns with", "N m/rad", default=None
-    )
-    lost_motion_rad: float | None = key("play that the arm turns through", "rad", default=None)
-    hang_offset_m: float | None = key("hang point below the axis of the arm", "m", default=None)
-    hang_offset_half_width_m: float | None = key("its half width", "m", default=None)
-    cant_half_width_rad: float | None = key(
-        "half width of the slope of the arm's plane", "rad", default=None
-    )
-    tare_kg: float | None = key("pan and hook", "kg", default=None)
-    side_force_distance_m: float | None = key(
-        "of the load from the sensor's plane", "m", default=None
-    )
-    air_density_kg_m3: float | None = key("density of the air", "kg/m^3", default=None)
-    air_density_half_width_kg_m3: float | None = key("its half width", "kg/m^3", default=None)
+    tare_kg: float | None = optional("pan and hook", "kg")
+    side_force_distance_m: float | None = optional("of the load from the sensor's plane", "m")
+    air_density_kg_m3: float | None = optional("density of the air", "kg/m^3")
+    air_density_half_width_kg_m3: float | None = optional("its half width", "kg/m^3")
     loading: str = key("one-sided or a pair of forces", default="")
 
 
-@result_part()
 class ReadingRecord(Part):
     """One reading."""
 
@@ -631,19 +522,18 @@ class ReadingRecord(Part):
     series: str = key("up or down")
     kind: str = key("reading, preload or shunt", default="reading")
     torque_nm: float = key("load", "N m")
-    mass_kg: float | None = key("mass that made it", "kg", default=None)
+    mass_kg: float | None = optional("mass that made it", "kg")
     reading_v: float = key("mean reading", "V")
-    reading_std_v: float | None = key("scatter of its samples", "V", default=None)
-    n_samples: int | None = key("samples averaged", default=None)
-    time_s: float | None = key("when", "s", default=None)
-    temperature_c: float | None = key("temperature", "degC", default=None)
-    settle_s: float | None = key("time until it stood still", "s", default=None)
-    slope_v_s: float | None = key("drift while it was read", "V/s", default=None)
-    flags: tuple[str, ...] = key("what is doubtful about it", default=())
-    excluded_at_s: tuple[float, ...] = key("samples left out of it", "s", default=())
+    reading_std_v: float | None = optional("scatter of its samples", "V")
+    n_samples: int | None = optional("samples averaged")
+    time_s: float | None = optional("when", "s")
+    temperature_c: float | None = optional("temperature", "degC")
+    settle_s: float | None = optional("time until it stood still", "s")
+    slope_v_s: float | None = optional("drift while it was read", "V/s")
+    flags: tuple[str, ...] = listed("what is doubtful about it")
+    excluded_at_s: tuple[float, ...] = listed("samples left out of it", "s")
 
 
-@result_part()
 class CalibrationResult(Result):
     """What a set of loading experiments says about the torque gain."""
 
@@ -655,74 +545,67 @@ class CalibrationResult(Result):
     )
     gain_basis_reason: str = key("why that one", default="")
     consistency: float | None = key("standard deviation over mean of the experiments' gains")
-    consistency_interval: tuple[float, float] | None = key(
-        "its 95 % interval, lower and upper end", default=None
+    consistency_interval: tuple[float, float] | None = optional(
+        "its 95 % interval, lower and upper end"
     )
-    consistency_interval_positions: tuple[float, float] | None = key(
-        "the same where positions, not experiments, are independent", default=None
+    consistency_interval_positions: tuple[float, float] | None = optional(
+        "the same where positions, not experiments, are independent"
     )
-    consistency_interval_vangel: tuple[float, float | None] | None = key(
-        "the same by Vangel's method", default=None
+    consistency_interval_vangel: tuple[float, float | None] | None = optional(
+        "the same by Vangel's method"
     )
-    max_consistency: float | None = key("limit of the profile for the consistency", default=None)
+    max_consistency: float | None = optional("limit of the profile for the consistency")
     n_experiments: int = key("experiments, that is fitted lines")
     accepted: bool | None = key(
-        "whether every test of the acceptance passed; none where one could not be tested and none "
-        "failed"
+        "whether every test of the acceptance passed; none where one could not be tested and "
+        "none failed"
     )
-    acceptance: Acceptance | None = key(
-        "decision rule, statement and tests with value and limit", default=None
+    acceptance: Acceptance | None = optional(
+        "decision rule, statement and tests with value and limit"
     )
     experiments: tuple[ExperimentLine, ...] = key("one entry per fitted line")
     method: str = key("method of the metrological evaluation", default="")
-    steps: tuple[LoadStep, ...] = key(
-        "load steps of the metrological evaluation, with the parts of their uncertainty",
-        default=(),
+    steps: tuple[LoadStep, ...] = listed(
+        "load steps of the metrological evaluation, with the parts of their uncertainty"
     )
-    grade: float | None = key(
-        "class of the sensor, per cent; none where a criterion is not met",
-        name="class",
-        default=None,
+    grade: float | None = optional(
+        "class of the sensor, per cent; none where a criterion is not met", name="class"
     )
     class_reason: str = key("what decides the class", default="")
-    groups: tuple[LoadGroup, ...] = key(
-        "series of one direction, range and loading taken together", default=()
+    groups: tuple[LoadGroup, ...] = listed(
+        "series of one direction, range and loading taken together"
     )
-    uncertainty: GainUncertainty | None = key(
-        "of the gain: mean of positions, any one position, and naive", default=None
+    uncertainty: GainUncertainty | None = optional(
+        "of the gain: mean of positions, any one position, and naive"
     )
-    positions: PositionVariance | None = key(
-        "analysis of variance between and within positions", default=None
+    positions: PositionVariance | None = optional(
+        "analysis of variance between and within positions"
     )
-    mixed_model: MixedModel | None = key("gain with positions as a random effect", default=None)
-    direction: PairedDifference | None = key("difference between cw and ccw", default=None)
-    direction_effects: DirectionEffects | None = key(
-        "what the difference of the directions is made of", default=None
+    mixed_model: MixedModel | None = optional("gain with positions as a random effect")
+    direction: PairedDifference | None = optional("difference between cw and ccw")
+    direction_effects: DirectionEffects | None = optional(
+        "what the difference of the directions is made of"
     )
-    ranges: PairedDifference | None = key("difference between low and full range", default=None)
-    consensus: Consensus | None = key(
-        "mean weighted by the experiments' own uncertainties", default=None
-    )
+    ranges: PairedDifference | None = optional("difference between low and full range")
+    consensus: Consensus | None = optional("mean weighted by the experiments' own uncertainties")
     hysteresis: dict[str, Loop] = key(
         "of loading against unloading, by the name of the experiment", default={}
     )
-    outliers: tuple[Outlier, ...] = key("gains and readings that stand off", default=())
-    torque: AppliedTorqueAccount | None = key(
-        "what the applied torque's uncertainty is made of", default=None
+    outliers: tuple[Outlier, ...] = listed("gains and readings that stand off")
+    torque: AppliedTorqueAccount | None = optional(
+        "what the applied torque's uncertainty is made of"
     )
-    side_force: SideForce | None = key("effect of the side force of an arm", default=None)
-    budget: tuple[BudgetRow, ...] = key("contributions to the uncertainty of the gain", default=())
-    experiment_steps: tuple[ExperimentStep, ...] = key("steps of every experiment", default=())
-    monte_carlo: MonteCarlo | None = key("the budget by random draws", default=None)
+    side_force: SideForce | None = optional("effect of the side force of an arm")
+    budget: tuple[BudgetRow, ...] = listed("contributions to the uncertainty of the gain")
+    experiment_steps: tuple[ExperimentStep, ...] = listed("steps of every experiment")
+    monte_carlo: MonteCarlo | None = optional("the budget by random draws")
     course: Course = key("the readings over time", default=Course())
-    shunt: ShuntRecord | None = key("shunt calibration before and after", default=None)
-    deviations: tuple[str, ...] = key(
-        "how this calibration differs from the standard procedure", default=()
-    )
-    standards: StandardsRecord | None = key("weights and length standards used", default=None)
-    identity: IdentityRecord | None = key("drive, sensor and amplifier", default=None)
-    arm: ArmRecord | None = key("arm of the profile", default=None)
-    validity_days: float | None = key("how long the calibration may be used", "d", default=None)
-    average_s: float | None = key("how long a reading was averaged", "s", default=None, absent=True)
-    sequence: tuple[_Entry, ...] = key("order of the steps", default=())
-    readings: tuple[ReadingRecord, ...] = key("every reading", default=())
+    shunt: ShuntRecord | None = optional("shunt calibration before and after")
+    deviations: tuple[str, ...] = listed("how this calibration differs from the standard procedure")
+    standards: StandardsRecord | None = optional("weights and length standards used")
+    identity: IdentityRecord | None = optional("drive, sensor and amplifier")
+    arm: ArmRecord | None = optional("arm of the profile")
+    validity_days: float | None = optional("how long the calibration may be used", "d")
+    average_s: float | None = optional("how long a reading was averaged", "s", absent=True)
+    sequence: tuple[_Entry, ...] = listed("order of the steps")
+    readings: tuple[ReadingRecord, ...] = listed("every reading")

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
 from dataclasses import fields
-from typing import Annotated, Any, Self, TypeVar, dataclass_transform
+from typing import Annotated, Any, Self, dataclass_transform
 
 from pydantic import ConfigDict, Field, PlainSerializer, TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass
@@ -20,13 +19,15 @@ __all__ = [
     "Scale",
     "Uncertain",
     "key",
-    "result_part",
+    "listed",
+    "optional",
 ]
 
-_T = TypeVar("_T")
 # keys of `Result` that stand before those of a kind; the others stand behind them
 _HEAD_KEYS = 3
 _CONFIG = ConfigDict(allow_inf_nan=False, validate_by_name=True, validate_by_alias=True)
+
+_EVALUATE_AGAIN = "evaluate the run again with --from"
 
 # both write whole numbers as whole numbers, as they always stood in the files
 Uncertain = Annotated[Quantity, PlainSerializer(Quantity.to_dict)]
@@ -65,22 +66,27 @@ def key(
     )
 
 
+def optional(meaning: str, unit: str = "", **more: Any) -> Any:
+    """Return the field of a key that is None where a result does not hold it."""
+    return key(meaning, unit, default=None, **more)
+
+
+def listed(meaning: str, unit: str = "") -> Any:
+    """Return the field of a list that is empty where a result does not hold it."""
+    return key(meaning, unit, default=())
+
+
 def _is_none(value: object) -> bool:
     return value is None
 
 
 @dataclass_transform(kw_only_default=True, frozen_default=True, field_specifiers=(key,))
-def result_part(*, kw_only: bool = True) -> Callable[[type[_T]], type[_T]]:
-    """Return the decorator that makes a class a part of a result."""
-    decorator: Any = dataclass(frozen=True, slots=True, kw_only=kw_only, config=_CONFIG)
-    found: Callable[[type[_T]], type[_T]] = decorator
-    return found
-
-
 class Part:
-    """Part of a result, with its JSON."""
+    """Part of a result, with its JSON: every class made of it is a frozen dataclass."""
 
-    __slots__ = ()
+    def __init_subclass__(cls, *, kw_only: bool = True, closed: bool = False) -> None:
+        config = ConfigDict(**_CONFIG, extra="forbid" if closed else "ignore")
+        dataclass(frozen=True, kw_only=kw_only, config=config)(cls)
 
     def to_json(self) -> dict[str, Any]:
         """Return the keys as the JSON file holds them, in its order."""
@@ -88,8 +94,17 @@ class Part:
         return body
 
     @classmethod
-    def from_json(cls, body: Mapping[str, Any], where: str) -> Self:
+    def from_json(cls, body: Any, where: str, fix: str = _EVALUATE_AGAIN) -> Self:
         """Read a stored result; keys that an older version did not write may be missing.
+
+        Parameters
+        ----------
+        body : mapping
+            Content of the file.
+        where : str
+            The file, for messages.
+        fix : str
+            What mends a wrong one.
 
         Raises
         ------
@@ -100,17 +115,16 @@ class Part:
             return TypeAdapter(cls).validate_python(body)
         except ValidationError as error:
             first = error.errors(include_url=False)[0]
-            place = ".".join(str(step) for step in first["loc"])
-            found = "" if first["type"] == "missing" else f", found {first['input']!r:.60}"
-            raise DataError(
-                f"{first['msg']}{found}",
-                where=f"{where}: {place}",
-                fix="evaluate the run again with --from",
-            ) from error
+            place, what = ".".join(str(step) for step in first["loc"]), first["msg"]
+            if first["type"] == "unexpected_keyword_argument":
+                known = sorted(field.name for field in fields(cls))  # type: ignore[arg-type]
+                what = f"unknown key; known: {', '.join(known)}"
+            elif first["type"] != "missing":
+                what = f"{what}, found {first['input']!r:.60}"
+            raise DataError(what, where=f"{where}: {place}", fix=fix) from error
 
 
-@result_part(kw_only=False)
-class DataFlag(Part):
+class DataFlag(Part, kw_only=False):
     """What makes part of a record doubtful, or limits what can be said of it."""
 
     name: str = key("what was found")
@@ -118,7 +132,6 @@ class DataFlag(Part):
     detail: str = key("the same in words")
 
 
-@result_part()
 class ProfileName(Part):
     """Profile that a result was made with."""
 
@@ -126,21 +139,18 @@ class ProfileName(Part):
     sha256: str = key("SHA-256 of its text")
 
 
-@result_part()
 class Result(Part):
     """Keys of every evaluated record."""
 
     schema: str = key("hdbench/KIND/1")
     hdbench_version: str = key("version that wrote it", default="")
-    profile: ProfileName | None = key("name and SHA-256 of the profile", default=None)
-    flags: tuple[DataFlag, ...] = key("what the data show", default=())
-    notes: tuple[DataFlag, ...] = key("what a person should know", default=())
-    n_samples: int | None = key("samples or readings used", default=None)
-    run: str | None = key("run that it belongs to", default=None, absent=True)
-    doubts: tuple[str, ...] = key("reasons to doubt the data", default=())
-    imported: dict[str, Any] | None = key(
-        "where an imported record comes from", default=None, absent=True
-    )
+    profile: ProfileName | None = optional("name and SHA-256 of the profile")
+    flags: tuple[DataFlag, ...] = listed("what the data show")
+    notes: tuple[DataFlag, ...] = listed("what a person should know")
+    n_samples: int | None = optional("samples or readings used")
+    run: str | None = optional("run that it belongs to", absent=True)
+    doubts: tuple[str, ...] = listed("reasons to doubt the data")
+    imported: dict[str, Any] | None = optional("where an imported record comes from", absent=True)
 
     def to_json(self) -> dict[str, Any]:
         """Return the keys as the JSON file holds them: what all kinds share at its two ends."""

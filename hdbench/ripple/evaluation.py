@@ -9,8 +9,8 @@ import numpy as np
 
 from hdbench.errors import DataError, UsageError
 from hdbench.estimation.harmonics import TURNS_FOR_ORDER_2, harmonic_columns
-from hdbench.estimation.refine import OrderEstimate, refine_order
 from hdbench.estimation.regression import LinearFit, coloured_fit
+from hdbench.estimation.search import OrderEstimate, refine_order
 from hdbench.estimation.trend import SlowMotion, Trend, choose_trend, trend_columns
 from hdbench.filter import FilterModel
 from hdbench.jointfit import MotionRecord, filtered_torque, joint_fit, read_motion

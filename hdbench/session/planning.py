@@ -11,8 +11,7 @@ from hdbench.devices.feasibility import check_drives, check_pace, check_tables
 from hdbench.diagnosis.planning.planlimits import check_motion_plan
 from hdbench.diagnosis.planning.segments import LoadStep, MotionPlan, Stage, plan_stages, program_of
 from hdbench.errors import UsageError
-from hdbench.model.program import ReferenceProgram, program_voltage
-from hdbench.model.waves import reference_voltage
+from hdbench.model.waves import ReferenceProgram, program_voltage, reference_voltage
 from hdbench.profile.schema import ProfileData, ReferenceWave
 from hdbench.records import FloatArray
 from hdbench.session.calibrating.points import Point

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from hdbench.diagnosis.planning.planfile import plan_to_dict
 from hdbench.diagnosis.planning.segments import LoadStep, MotionPlan
-from hdbench.model.program import ReferenceProgram
+from hdbench.model.waves import ReferenceProgram
 from hdbench.profile.schema import ReferenceWave
 from hdbench.session.calibrating.points import Point
 

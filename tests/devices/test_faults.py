@@ -9,13 +9,7 @@ import tty
 
 import pytest
 from faults.lines import faulty_serial, faulty_tcp
-from faults.mangler import (
-    FAULT_KINDS,
-    Mangler,
-    RawFraming,
-    RtuFraming,
-    TcpFraming,
-)
+from faults.mangler import FAULT_KINDS, Mangler, RawFraming, RtuFraming, TcpFraming
 
 from hdbench.devices.wire.rtu import crc16
 

@@ -22,7 +22,7 @@ from hdbench.devices.node.registers import (
     encode_group,
     register,
 )
-from hdbench.model.program import ProgramPart, ReferenceProgram, program_voltage
+from hdbench.model.waves import ProgramPart, ReferenceProgram, program_voltage
 
 PARTS = (
     ProgramPart(200, 0.0, 1.5),

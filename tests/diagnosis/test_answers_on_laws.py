@@ -29,6 +29,13 @@ def test_a_smoothed_torque_is_told_as_a_filter_and_nothing_else(causal):
     assert low_pass["order"] == 2
     # the last step of the search for the corner is 2 %, and ripple of 38 Hz says the rest
     assert low_pass["corner_hz"] == pytest.approx(30.0, rel=0.05)
+    # the extended model stands behind the filter as the measured torque does: what is left between
+    # them is the residual, but for what fades at both ends
+    pictures = found.pictures
+    inside = slice(500, -500)
+    left = (pictures.measured_nm - pictures.extended_nm)[inside]
+    after = pictures.residual_after_nm[inside]
+    assert np.sqrt(np.nanmean(left**2)) < 1.2 * np.sqrt(np.nanmean(after**2))
 
 
 def test_a_limit_is_told_by_its_own_size():

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from hdbench.errors import DataError, UsageError
+from hdbench.importing import text as text_module
 from hdbench.importing.importer import import_files
 from hdbench.importing.mapping import parse_constant, parse_map
 from hdbench.importing.recipe import Recipe, known_columns
@@ -80,6 +81,33 @@ def test_differences_of_large_times_keep_the_digits_of_the_file(tmp_path):
     kept, report = bring(tmp_path, [text], ("time_s=t", "torque_nm=T"), keep_time=True)
     assert kept.time_s.tolist() == [float(cell) for cell in cells]
     assert report.time_origin_s is None
+
+
+@pytest.mark.parametrize("mark", [",", ";", "\t"])
+def test_rows_of_plain_numbers_are_read_to_the_same_bits_as_row_by_row(tmp_path, monkeypatch, mark):
+    monkeypatch.setattr(text_module, "_CHUNK_BYTES", 500)
+    rng = np.random.default_rng(3)
+    rows = [
+        [
+            f"{1763720000 + 0.0005 * k:.4f}",
+            repr(float(v)),
+            f"{v:.3f}",
+            "" if k % 50 == 7 else f"{v}",
+        ]
+        for k, v in enumerate(rng.normal(size=300) * 1e3)
+    ]
+    maps = ("time_s=1", "torque_nm=2", "motor_velocity_rad_s=3*0.001+2", "motor_angle_rad=4@deg")
+    found = []
+    # quotes, a comment or a blank line in the middle: from there on it goes row by row
+    for odd, quote in ((0, ""), (0, '"'), (150, ""), (299, "")):
+        lines = [mark.join(f"{quote}{cell}{quote}" for cell in row) for row in rows]
+        lines[odd] = f"# a comment\n\n{lines[odd]}" if odd else lines[odd]
+        text = "\n".join([mark.join(("t", "T", "v", "p")), *lines])
+        if mark == ";":
+            text = text.replace(".", ",")
+        trace, _ = bring(tmp_path, [text], maps)
+        found.append([trace[name].tobytes() for name in trace.columns])
+    assert found.count(found[0]) == len(found)
 
 
 def test_a_sample_rate_stands_for_a_time_column(tmp_path):

@@ -12,7 +12,7 @@ from hdbench.diagnosis.planning.blocks import full_protocol
 from hdbench.diagnosis.planning.segments import LoadStep, MotionPlan, Segment
 from hdbench.errors import UsageError
 from hdbench.filter import preset
-from hdbench.model.program import ReferenceProgram, program_voltage
+from hdbench.model.waves import ReferenceProgram, program_voltage
 from hdbench.profile import load_profile
 from hdbench.records.journal import JournalWriter, survey_samples
 from hdbench.records.tables import read_trace

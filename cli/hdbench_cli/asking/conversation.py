@@ -12,13 +12,12 @@ from typing import TYPE_CHECKING
 from hdbench.errors import DeviceError
 from hdbench.session.calibrating.conversation import Answer, LiveReading, Question, Reply
 from hdbench_cli.asking.keys import END, Keys
-from hdbench_cli.asking.liveline import live_line
 
 if TYPE_CHECKING:
     from rich.console import Console
     from rich.live import Live
 
-__all__ = ["TerminalTalk"]
+__all__ = ["TerminalTalk", "live_line"]
 
 _KEYS = {
     "\n": None,
@@ -55,7 +54,19 @@ _PRACTICE = (
 _MASS = re.compile(r"\d{1,3}(?:[.,]\d{0,4})?")  # more than a simulated bench takes ends the run
 _DOUBTS = ("gross-error", "time-out")
 _DRAW_S = 0.1  # often enough to look alive
+_BAR = 10
 _LINE_S = 5.0  # without a terminal a line now and then is enough
+
+
+def live_line(live: LiveReading) -> str:
+    """Return how a reading settles, in one line of less than 80 characters."""
+    full = round(_BAR * min(1.0, max(0.0, live.share)))
+    bar = "#" * full + "." * (_BAR - full)
+    swing = "" if live.swing_period_s is None else f" swing {live.swing_period_s:.2f} s"
+    return (
+        f"{live.value_v:+.4f} V {live.torque_nm:+.3f} N m {1e3 * live.slope_v_s:+.1f} mV/s "
+        f"band {1e3 * live.spread_v:.1f} mV [{bar}] {max(0.0, live.remaining_s):.1f} s{swing}"
+    )
 
 
 @dataclass(slots=True)

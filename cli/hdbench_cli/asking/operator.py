@@ -1,13 +1,26 @@
-"""The person at the bench, asked on the terminal."""
+"""Person at the bench: questions before motion, and who answers at a calibration."""
 
 from __future__ import annotations
 
 import math
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
 
 import click
 
-__all__ = ["ConsoleOperator"]
+from hdbench.errors import UsageError
+from hdbench_cli.output import Output
+
+if TYPE_CHECKING:
+    from hdbench.profile import Profile
+    from hdbench.session.calibrating.conversation import Conversation
+
+__all__ = ["ConsoleOperator", "Who", "calibration_talk", "silent"]
+
+Who = Literal["auto", "person", "simulated"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,3 +66,51 @@ class ConsoleOperator:
     @staticmethod
     def _ask(question: str) -> bool:
         return click.confirm(question, default=True, err=True)
+
+
+def silent(_what: str, _share: float) -> None:
+    """Show no progress: the screen belongs to the live view or to the questions."""
+
+
+@contextmanager
+def calibration_talk(
+    output: Output,
+    who: Who,
+    profile: Profile,
+    *,
+    no_input: bool,
+    address: str | None,
+    control: str | None,
+) -> Iterator[tuple[Conversation, bool, Callable[[str, float], None]]]:
+    """Yield who answers, whether a person practises on a simulated bench, and the progress."""
+    from hdbench.session.calibrating.conversation import Unattended
+    from hdbench_cli.live.progress import progress_bar
+
+    if who == "person" and no_input:
+        raise UsageError(
+            "--operator person and --no-input together; needed: one",
+            where="--operator",
+            fix="leave one of them out",
+        )
+    simulated = control is not None or (address or profile.data.daq.address) == "embedded"
+    if who == "simulated" and not simulated:
+        raise UsageError(
+            "a simulated operator needs the bench's control channel; found none",
+            where="--operator simulated",
+            fix="add --control with the address that hdbench emulate prints, or ask a person",
+        )
+    here = sys.stdin is not None and sys.stdin.isatty() and sys.stderr.isatty()
+    rehearse = who == "person" or (who == "auto" and here and not no_input)
+    if no_input or who == "simulated" or (simulated and not rehearse):
+        with progress_bar("calibration") as progress:
+            yield Unattended(output.note), False, progress
+        return
+    from hdbench_cli.asking.conversation import TerminalTalk
+    from hdbench_cli.asking.keys import Keys
+
+    with Keys().opened() as keys:
+        talk = TerminalTalk(keys, Output.console(stderr=True), practice=simulated)
+        try:
+            yield talk, rehearse, silent
+        finally:
+            talk.close()

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import shlex
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import closing, contextmanager, suppress
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,11 +16,11 @@ from hdbench.errors import DoubtfulDataError, HdbenchError, LimitError, Stopped,
 from hdbench.system.processes import usable_cores
 from hdbench_cli.commands.batch_options import Asked, BatchOptions, Job
 from hdbench_cli.commands.batch_task import COMMANDS, run_one
+from hdbench_cli.live.progress import progress_bar
+from hdbench_cli.options import newest_run
 from hdbench_cli.output import Output
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
     from hdbench.batch import BatchFolder, Input, Workers
 
 __all__ = ["command"]
@@ -107,7 +108,8 @@ def command(
     output = ctx.ensure_object(Output)
     _require()
     kind = COMMANDS[name]
-    entries = expand_inputs(inputs, kinds=kind.kinds, any_file=kind.any_file, whole=kind.whole)
+    named = tuple(str(newest_run(word) or word) for word in inputs)
+    entries = expand_inputs(named, kinds=kind.kinds, any_file=kind.any_file, whole=kind.whole)
     asked = Asked(name, ctx)
     jobs = [asked.job(entry) for entry in entries]
     seats = Workers(workers or usable_cores(), scheduler, retries, memory)
@@ -153,23 +155,25 @@ class _Run:
 
     def run(self, workers: Workers) -> None:
         """Compute what is missing."""
-        from dataclasses import replace
-
         from hdbench.batch import run_tasks
 
         todo = [task for number in range(len(self._inputs)) if (task := self._task(number))]
         if not todo:
             return
         workers = replace(workers, count=min(workers.count, len(todo)))
+        begin = time.monotonic()
         with (
-            _progress(len(self._inputs), len(self._inputs) - len(todo)) as show,
+            progress_bar("batch") as show,
             closing(run_tasks(run_one, todo, workers)) as outcomes,
         ):
-            for outcome in outcomes:
+            for count, outcome in enumerate(outcomes, 1):
                 number = outcome.task["number"]
                 done = _lost(outcome.task, outcome.deaths) if outcome.lost else outcome.value
                 self._take(number, done)
-                show(self.failed)
+                each_s = (time.monotonic() - begin) / count
+                words = f"{count} of {len(todo)}, {each_s * (len(todo) - count):.0f} s left"
+                failures = f", {self.failed} failed" if self.failed else ""
+                show(words + failures, count / len(todo))
 
     def _task(self, number: int) -> dict[str, Any] | None:
         """Return what a worker has to do; None where the result is there."""
@@ -262,46 +266,6 @@ def _stopped(
     )
 
 
-@contextmanager
-def _progress(total: int, kept: int) -> Iterator[Callable[[int], None]]:
-    """Show rate, time left and failures on stderr where that is a terminal."""
-    console = Output.console(stderr=True)
-    if not console.is_terminal:
-        yield lambda _failed: None
-        return
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
-    from rich.progress import TimeRemainingColumn as TimeLeft
-
-    bar = Progress(
-        BarColumn(bar_width=24),
-        MofNCompleteColumn(),
-        TextColumn("{task.fields[rate]}"),
-        TimeLeft(compact=True),
-        TextColumn("left"),
-        TextColumn("[red]{task.fields[failures]}"),
-        console=console,
-        transient=True,
-    )
-    task = bar.add_task("", total=total, completed=kept, rate="", failures="")
-    begin, count = time.monotonic(), 0
-
-    def show(failed: int) -> None:
-        nonlocal count
-        count += 1
-        rate = f"{count / max(time.monotonic() - begin, 1e-3):.3g}/s"
-        failures = f"{failed} failed" if failed else ""
-        with suppress(OSError):
-            bar.update(task, advance=1, rate=rate, failures=failures)
-
-    with suppress(OSError):
-        bar.start()
-    try:
-        yield show
-    finally:
-        with suppress(OSError):
-            bar.stop()
-
-
 def _tell(output: Output, batch: _Run, out: Path) -> None:
     """Print the table or its summary, and end with the code of the worst."""
     from hdbench.batch import summary_of
@@ -312,25 +276,17 @@ def _tell(output: Output, batch: _Run, out: Path) -> None:
     header = result_header("batch", None)
     body = {**header, "command": batch.name, "out": str(out), **summary, "rows": rows}
 
-    def text(console: Console) -> None:
+    def lines(_body: object) -> Iterator[str]:
         parts = [f"{count} {word}" for word, count in summary.items() if count or word == "done"]
-        lines = [", ".join(parts)]
+        yield ", ".join(parts)
         bad = [row for row in rows if row["result"] is None]
-        lines += [f"  {row['error']}" for row in bad[:_MOST_LINES]]
+        yield from (f"  {row['error']}" for row in bad[:_MOST_LINES])
         if len(bad) > _MOST_LINES:
-            lines.append(f"  and {len(bad) - _MOST_LINES} more: see the column error")
-        lines.append(f"table  {out / 'batch.csv'}")
-        for line in lines:
-            console.print(line, markup=False, highlight=False, soft_wrap=True)
+            yield f"  and {len(bad) - _MOST_LINES} more: see the column error"
+        yield f"table  {out / 'batch.csv'}"
 
-    output.result(body, text)
-    error = _error(rows, summary, out)
-    if error is None:
-        return
-    if output.json:
-        output.note(str(error))
-        raise click.exceptions.Exit(error.exit_code)
-    raise error
+    output.result(body, lines)
+    output.end(_error(rows, summary, out))
 
 
 def _error(

@@ -12,6 +12,7 @@ from click.core import ParameterSource
 
 from hdbench.errors import UsageError, nothing_stored
 from hdbench_cli.commands.batch_task import COMMANDS
+from hdbench_cli.inputs import DEFAULT_PROFILE
 
 if TYPE_CHECKING:
     from hdbench.batch import Input
@@ -24,7 +25,6 @@ _NOT_HERE = {
     "map_file", "mistakes", "no_input", "out", "plan_file", "plant", "plot", "preset", "realtime",
     "source", "update", "verbose", "who", "yes",
 }  # fmt: skip
-_DEFAULT_PROFILE = "cim-tr-97-06"
 _NAME = "hdbench batch: command"
 
 
@@ -87,7 +87,7 @@ class Asked:
                     fix="leave that column out",
                 )
             words += [(option, value)] if value else []
-        profile = dict(words).get("--profile", "") or _DEFAULT_PROFILE
+        profile = dict(words).get("--profile", "") or DEFAULT_PROFILE
         meaning = [
             __version__,
             self._name,

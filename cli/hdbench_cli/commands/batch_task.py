@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from hdbench.errors import HdbenchError
-from hdbench_cli.output import Output
+from hdbench_cli.output import Body, Lines, Output
 
 __all__ = ["COMMANDS", "BatchCommand", "run_one"]
 
@@ -66,9 +66,9 @@ class _Kept(Output):
     failure: HdbenchError | None = None
     notes: list[str] = field(default_factory=list)
 
-    def result(self, obj: Mapping[str, Any], text: Any) -> None:
+    def result(self, body: Body, lines: Lines) -> None:
         """Keep the result."""
-        self.body = obj
+        self.body = body
 
     def note(self, message: str) -> None:
         """Keep a line."""

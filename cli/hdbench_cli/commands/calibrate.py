@@ -2,81 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from pathlib import Path
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from hdbench_cli.commands.experiment import Request, run_command
-from hdbench_cli.options import bench_options
+from hdbench_cli.commands.experiment import Request, run
+from hdbench_cli.options import bench_options, mistakes_option, operator_option
 from hdbench_cli.output import Output
+from hdbench_cli.text import remark_lines, table, with_uncertainty
 
 if TYPE_CHECKING:
-    from rich.console import Console
+    from rich.console import RenderableType
 
-__all__ = ["command", "failed", "mistakes_option", "show", "summary"]
-
-mistakes_option = click.option(
-    "--operator-mistakes",
-    "mistakes",
-    metavar="LIST",
-    default="",
-    help="What goes wrong at a simulated bench, by point of the sequence: wrong-weight@5, "
-    "wrong-weight@5:0.5 (kg), swing@7, early-release@9, comma-separated.",
-)
-
-
-def show(console: Console, result: Mapping[str, Any]) -> None:
-    """Draw a calibration result."""
-    from rich.table import Table
-
-    from hdbench_cli.numbers import show_remarks
-
-    table = Table(title="Gain per loading experiment", box=None, title_justify="left")
-    for name in ("experiment", "gain N m/V", "zero N m", "residual N m", "n"):
-        table.add_column(name, justify="left" if name == "experiment" else "right")
-    for line in result["experiments"]:
-        table.add_row(
-            str(line["id"]),
-            f"{line['gain_nm_per_v']:.4f}",
-            f"{line['intercept_nm']:+.4f}",
-            f"{line['residual_rms_nm']:.4f}",
-            str(line["n"]),
-        )
-    console.print(table)
-    console.print()
-    summary(console, result)
-    show_remarks(console, result)
-
-
-def _between(interval: Sequence[float | None] | None) -> str:
-    """Return the interval in words; its upper end is open where few gains spread widely."""
-    low, high = interval or (None, None)
-    if low is None:
-        return ""
-    return (
-        f"  (95 %: {low:.2%} to {high:.2%})" if high is not None else f"  (95 %: above {low:.2%})"
-    )
-
-
-def summary(console: Console, result: Mapping[str, Any]) -> None:
-    """Draw gain, consistency and acceptance."""
-    from hdbench_cli.numbers import with_uncertainty
-
-    console.print(f"gain         {with_uncertainty(result['gain_nm_per_v'], 'N m/V')}")
-    if result["consistency"] is not None:
-        between = _between(result["consistency_interval"])
-        console.print(f"consistency  {result['consistency']:.2%}{between}")
-    _uncertainty(console, result)
-    broken = [
-        test["name"]
-        for test in result.get("acceptance", {}).get("tests", [])
-        if test["passed"] is False
-    ]
-    why = f": {', '.join(broken)} not held" if broken else ""
-    console.print(f"accepted     {_ACCEPTED[result['accepted']]}{why}")
-
+__all__ = ["command", "failed", "lines", "summary"]
 
 _ACCEPTED = {True: "yes", False: "no", None: "not decided"}
 _OF = (
@@ -86,31 +25,71 @@ _OF = (
 )
 
 
-def _uncertainty(console: Console, result: Mapping[str, Any]) -> None:
-    """Draw the expanded uncertainties and the class, where the result has them."""
+def lines(result: Mapping[str, Any]) -> Iterator[RenderableType]:
+    """Yield a calibration result: a row for each experiment, then what they give together."""
+    heads = ("experiment", "gain N m/V", "zero N m", "residual N m", "n")
+    rows = (
+        (
+            str(line["id"]),
+            f"{line['gain_nm_per_v']:.4f}",
+            f"{line['intercept_nm']:+.4f}",
+            f"{line['residual_rms_nm']:.4f}",
+            str(line["n"]),
+        )
+        for line in result["experiments"]
+    )
+    yield table(heads, rows, right=heads[1:], title="Gain per loading experiment")
+    yield ""
+    yield from summary(result)
+    yield from remark_lines(result)
+
+
+def summary(result: Mapping[str, Any]) -> Iterator[str]:
+    """Yield gain, consistency and acceptance."""
+    yield f"gain         {with_uncertainty(result['gain_nm_per_v'], 'N m/V')}"
+    if result["consistency"] is not None:
+        between = _between(result["consistency_interval"])
+        yield f"consistency  {result['consistency']:.2%}{between}"
+    yield from _uncertainty(result)
+    broken = [test["name"] for test in _tests(result) if test["passed"] is False]
+    why = f": {', '.join(broken)} not held" if broken else ""
+    yield f"accepted     {_ACCEPTED[result['accepted']]}{why}"
+
+
+def _between(interval: Sequence[float | None] | None) -> str:
+    """Return the interval; its upper end is open where few gains spread widely."""
+    low, high = interval or (None, None)
+    if low is None:
+        return ""
+    ends = f"above {low:.2%}" if high is None else f"{low:.2%} to {high:.2%}"
+    return f"  (95 %: {ends})"
+
+
+def _uncertainty(result: Mapping[str, Any]) -> Iterator[str]:
+    """Yield the expanded uncertainties and the class, where the result has them."""
     one = result.get("gain_basis") in ("residual", "repetitions")
     for key, words in _OF:
         body = result.get("uncertainty", {}).get(key)
-        if body is not None:
-            where = "this position alone" if one and key == "mean_of_positions" else words
-            expanded = float(body["expanded"])
-            dof = "" if body["dof"] is None else f", {body['dof']:.3g} dof"
-            factor = f"k = {body['coverage_factor']:.2f}{dof}"
-            console.print(
-                f"U (95 %)     {f'{expanded:#.2g}'.rstrip('.')} N m/V "
-                f"({body['expanded_relative']:.2%}, {factor})  {where}"
-            )
+        if body is None:
+            continue
+        where = "this position alone" if one and key == "mean_of_positions" else words
+        dof = "" if body["dof"] is None else f", {body['dof']:.3g} dof"
+        factor = f"k = {body['coverage_factor']:.2f}{dof}"
+        expanded = f"{float(body['expanded']):#.2g}".rstrip(".")
+        yield f"U (95 %)     {expanded} N m/V ({body['expanded_relative']:.2%}, {factor})  {where}"
     if result.get("class") is not None:
-        console.print(
-            f"class        {result['class']:g}, indicative, in the manner of EURAMET cg-14"
-        )
+        yield f"class        {result['class']:g}, indicative, in the manner of EURAMET cg-14"
+
+
+def _tests(result: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    return list(result.get("acceptance", {}).get("tests", ()))
 
 
 def failed(result: Mapping[str, Any]) -> str | None:
     """Return why the calibration is not accepted, or None."""
     if result["accepted"]:
         return None
-    tests = result.get("acceptance", {}).get("tests", [])
+    tests = _tests(result)
     broken = [test for test in tests if test["passed"] is False]
     if broken:
         told = [f"{t['name']} {t['value']:.4g}; needed: at most {t['limit']:.4g}" for t in broken]
@@ -133,15 +112,7 @@ def failed(result: Mapping[str, Any]) -> str | None:
     help="Sequence: the report's experiments, or in the manner of EURAMET cg-14.  "
     "[default: the profile's]",
 )
-@click.option(
-    "--operator",
-    "who",
-    type=click.Choice(["auto", "person", "simulated"]),
-    default="auto",
-    show_default=True,
-    help="Who answers: auto asks a person at a real bench, and at a simulated one on a terminal. "
-    "simulated needs the embedded bench or --control.",
-)
+@operator_option
 @mistakes_option
 @click.pass_obj
 def command(output: Output, /, **options: Any) -> None:
@@ -151,5 +122,4 @@ def command(output: Output, /, **options: Any) -> None:
     drive stays disabled; an encoder that moves stops the experiment. Every accepted reading is
     kept at once: after a stop or a crash, hdbench runs resume goes on at the next weight.
     """
-    request = Request(kind="calibration", out=Path(options.pop("out")), **options)
-    run_command(output, request, show, failed)
+    run(output, Request("calibration", **options))

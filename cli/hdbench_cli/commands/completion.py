@@ -11,7 +11,6 @@ from hdbench_cli.output import Output
 
 __all__ = ["command"]
 
-_PROGRAM = "hdbench"
 # the shell hands over what is typed so far in this variable and those beside it
 _VARIABLE = "_HDBENCH_COMPLETE"
 _INSTALL = {
@@ -21,10 +20,7 @@ _INSTALL = {
 }
 
 
-@click.command(
-    "completion",
-    epilog="Example: hdbench completion bash > ~/.local/share/bash-completion/completions/hdbench",
-)
+@click.command("completion", epilog=f"Example: {_INSTALL['bash']}")
 @click.argument("shell", type=click.Choice(sorted(_INSTALL)))
 @click.pass_obj
 def command(output: Output, shell: str) -> None:
@@ -43,9 +39,9 @@ def command(output: Output, shell: str) -> None:
     # an old bash is told on stderr by click itself: the script stays what is asked for
     told = io.StringIO()
     with contextlib.redirect_stderr(told):
-        script = completion(cli, {}, _PROGRAM, _VARIABLE).source()
+        script = completion(cli, {}, "hdbench", _VARIABLE).source()
     if told.getvalue().strip():
         output.note(told.getvalue().strip())
     body = {"schema": "hdbench/completion/1", "shell": shell, "script": script}
-    output.result(body, lambda _console: click.echo(script))
+    output.result(body, lambda _body: f"{script}\n")
     output.note(f"to install it: {_INSTALL[shell]}")

@@ -3,23 +3,23 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from hdbench_cli.options import seed_option
+from hdbench_cli.inputs import DEFAULT_PROFILE
+from hdbench_cli.options import out_option, plant_option, seed_option
 from hdbench_cli.output import Output
 
 if TYPE_CHECKING:
-    from rich.console import Console
+    from rich.console import RenderableType
 
     from hdbench.profile import Profile
 
 __all__ = ["command"]
 
-_PROFILE = "cim-tr-97-06"
 _KINDS = ("calibration", "misalignment", "ripple")
 
 
@@ -42,7 +42,7 @@ def _runs(output: Output, profile: Profile, out: Path, plant: str, seed: int) ->
     return done
 
 
-def _hidden_words(effect: Mapping[str, Any]) -> str:
+def _hidden_line(effect: Mapping[str, Any]) -> str:
     """Return a hidden effect in one line."""
     numbers = [
         f"{name} {value:.4g}"
@@ -66,35 +66,32 @@ def _again(profile: Profile, trace_run: Path, model_file: Path) -> str:
     return diagnose_trace(noisy, profile, model=model).verdict
 
 
-def _draw(console: Console, results: Mapping[str, Mapping[str, Any]]) -> None:
-    from hdbench_cli.commands import calibrate, run_misalignment, run_ripple
+def _lines(body: Mapping[str, Any]) -> Iterator[RenderableType]:
+    from rich.rule import Rule
+    from rich.text import Text
 
-    shows = {
+    from hdbench_cli.commands import calibrate, diagnosis_text, run_misalignment, run_ripple
+
+    shown: dict[str, Callable[[Any], Iterable[RenderableType]]] = {
         "calibration": calibrate.summary,
-        "misalignment": run_misalignment.show,
-        "ripple": run_ripple.show,
+        "misalignment": run_misalignment.lines,
+        "ripple": run_ripple.lines,
+        "diagnosis": lambda found: diagnosis_text.lines(found, Path(body["runs"][-1])),
     }
-    for kind, show in shows.items():
-        console.rule(f"[bold]{kind}[/]", align="left")
-        show(console, results[kind])
+    for kind, lines in shown.items():
+        yield Rule(Text(kind, style="bold"), align="left")
+        yield from lines(body["results"][kind])
+    yield Rule(Text("what the plant had hidden", style="bold"), align="left")
+    yield from map(_hidden_line, body["hidden"])
+    verdict = body["extended_model_verdict"]
+    yield f"the extended model, simulated and diagnosed again: {verdict}"
+    yield f"\n{body['seconds']:.0f} s. Open the report:"
+    yield Text(body["report"], style="bold")
 
 
 @click.command("demo", epilog="Example: hdbench demo --seed 3")
-@click.option(
-    "--out",
-    type=click.Path(path_type=Path, file_okay=False),
-    metavar="DIR",
-    default=Path("runs"),
-    show_default=True,
-    help="Parent folder of run folders.",
-)
-@click.option(
-    "--plant",
-    metavar="NAME|FILE",
-    default="worn",
-    show_default=True,
-    help="What the embedded bench has beyond its model.",
-)
+@out_option
+@plant_option("worn")
 @seed_option
 @click.pass_obj
 def command(output: Output, out: Path, plant: str, seed: int) -> None:
@@ -108,46 +105,31 @@ def command(output: Output, out: Path, plant: str, seed: int) -> None:
     from hdbench.profile import load_profile
     from hdbench.records import result_header
     from hdbench.report import write_report
-    from hdbench_cli.commands import diagnosis_text
     from hdbench_cli.live.progress import progress_bar
 
     started = time.monotonic()
-    profile = load_profile(_PROFILE)
-    output.note(f"embedded bench {_PROFILE}, plant {plant}, seed {seed}")
+    profile = load_profile(DEFAULT_PROFILE)
+    output.note(f"embedded bench {DEFAULT_PROFILE}, plant {plant}, seed {seed}")
     done = _runs(output, profile, out, plant, seed)
+    ripple = done["ripple"].folder.path
     with progress_bar("diagnose") as progress:
-        folder, found = diagnose_run(
-            done["ripple"].folder.path, profile, out=out, progress=progress
-        )
+        folder, found = diagnose_run(ripple, profile, out=out, progress=progress)
     output.note(f"  diagnosis done: {folder}")
     folders = [done[kind].folder.path for kind in _KINDS] + [folder]
     with progress_bar("simulate") as progress:
         progress("the extended model, diagnosed again", 0.5)
-        again = _again(profile, done["ripple"].folder.path, folder / "model.json")
+        again = _again(profile, ripple, folder / "model.json")
     hidden = hidden_effects(profile, plant, seed)
     report = folder / "report.html"
     write_report(folders, report, profile=profile)
     results = {kind: done[kind].evaluation.result.to_json() for kind in _KINDS}
-    seconds = time.monotonic() - started
-
-    def text(console: Console) -> None:
-        _draw(console, results)
-        console.rule("[bold]diagnosis[/]", align="left")
-        diagnosis_text.show(console, found, folder)
-        console.rule("[bold]what the plant had hidden[/]", align="left")
-        for effect in hidden:
-            console.print(_hidden_words(effect), markup=False)
-        console.print(f"the extended model, simulated and diagnosed again: {again}")
-        console.print(f"\n{seconds:.0f} s. Open the report:")
-        console.print(str(report), style="bold", soft_wrap=True)
-
     body = {
         **result_header("demo", profile),
-        "seconds": seconds,
+        "seconds": time.monotonic() - started,
         "results": {**results, "diagnosis": found},
         "hidden": [dict(effect) for effect in hidden],
         "extended_model_verdict": again,
         "runs": [str(path) for path in folders],
         "report": str(report),
     }
-    output.result(body, text)
+    output.result(body, _lines)

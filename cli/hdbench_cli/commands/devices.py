@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
@@ -10,8 +11,6 @@ import click
 from hdbench_cli.output import Output
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
     from hdbench.devices.serial_ports import SerialPort
 
 __all__ = ["command"]
@@ -34,39 +33,29 @@ def command(output: Output, probe: bool) -> None:
 
     ports = find_ports()
     answers = [probe_port(port) if probe and port.accessible else "" for port in ports]
-    found = [
-        {**asdict(port), "answers": answer or None}
-        for port, answer in zip(ports, answers, strict=True)
-    ]
-    output.result(
-        {**result_header("devices", None), "probed": probe, "ports": found},
-        lambda console: _draw(console, ports, answers),
-    )
+    asked = list(zip(ports, answers, strict=True))
+    found = [{**asdict(port), "answers": answer or None} for port, answer in asked]
+    body = {**result_header("devices", None), "probed": probe, "ports": found}
+    output.result(body, lambda _body: _lines(asked))
 
 
-def _draw(console: Console, ports: tuple[SerialPort, ...], answers: list[str]) -> None:
-    from rich.text import Text
-
-    if not ports:
-        console.print("no serial ports on this computer; devices on a network are named by address")
-    for port, answer in zip(ports, answers, strict=True):
+def _lines(asked: list[tuple[SerialPort, str]]) -> Iterator[str]:
+    if not asked:
+        yield "no serial ports on this computer; devices on a network are named by address"
+    for port, answer in asked:
         who = " ".join(filter(None, (port.usb_id, port.manufacturer, port.description)))
         number = f"  number {port.serial_number}" if port.serial_number else ""
-        console.print(Text(f"{port.path}  {who or 'no USB identity'}{number}"), soft_wrap=True)
+        yield f"{port.path}  {who or 'no USB identity'}{number}"
         if answer:
-            console.print(Text(f"  answers: {answer}"), soft_wrap=True)
-        for note in _notes(port):
-            console.print(Text(f"  fix: {note}"), soft_wrap=True)
-
-
-def _notes(port: SerialPort) -> list[str]:
-    notes = []
-    if not port.accessible:
-        notes.append("this user may not open it: sudo usermod -aG dialout $USER, then log in again")
-    if port.latency_ms is not None and port.latency_ms > _SLOW_MS:
-        notes.append(
-            f"its adapter holds characters back for {port.latency_ms} ms: "
-            f"echo 1 | sudo tee /sys/bus/usb-serial/devices/{port.path.rpartition('/')[2]}"
-            "/latency_timer"
-        )
-    return notes
+            yield f"  answers: {answer}"
+        if not port.accessible:
+            yield (
+                "  fix: this user may not open it: sudo usermod -aG dialout $USER, "
+                "then log in again"
+            )
+        if port.latency_ms is not None and port.latency_ms > _SLOW_MS:
+            yield (
+                f"  fix: its adapter holds characters back for {port.latency_ms} ms: "
+                f"echo 1 | sudo tee /sys/bus/usb-serial/devices/{port.path.rpartition('/')[2]}"
+                "/latency_timer"
+            )

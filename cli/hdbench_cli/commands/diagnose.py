@@ -2,19 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from hdbench.errors import DoubtfulDataError, HdbenchError, LimitError, UsageError
-from hdbench_cli.options import drive_option, out_option, seed_option
+from hdbench.errors import DoubtfulDataError, LimitError, UsageError
+from hdbench_cli.inputs import choose_profile
+from hdbench_cli.options import (
+    StoredPath,
+    drive_option,
+    out_option,
+    profile_option,
+    seed_option,
+    sources_argument,
+)
 from hdbench_cli.output import Output
-from hdbench_cli.parameters import StoredPath
 
 if TYPE_CHECKING:
-    from rich.console import Console
+    from rich.console import RenderableType
 
     from hdbench.profile import Profile
 
@@ -25,22 +32,13 @@ def _list_causes(output: Output, cause_files: tuple[Path, ...]) -> None:
     from hdbench.model import describe_causes, user_causes
 
     causes = describe_causes(user_causes(cause_files))
-
-    def text(console: Console) -> None:
-        for cause in causes:
-            console.print(f"{cause['name']:<28}{cause['equation']}", markup=False, soft_wrap=True)
-
-    output.result({"schema": "hdbench/causes/1", "causes": causes}, text)
+    rows = [f"{cause['name']:<28}{cause['equation']}" for cause in causes]
+    output.result({"schema": "hdbench/causes/1", "causes": causes}, lambda _body: rows)
 
 
 @click.command("diagnose", epilog="Example: hdbench diagnose runs/RUN --check")
-@click.argument("sources", metavar="FILE_OR_RUN...", nargs=-1, type=StoredPath())
-@click.option(
-    "--profile",
-    "profile_name",
-    metavar="NAME|PATH",
-    help="Bench: a built-in name or a TOML file.  [default: the run's own, else cim-tr-97-06]",
-)
+@sources_argument("FILE_OR_RUN...", required=False)
+@profile_option
 @click.option(
     "--model",
     "model_file",
@@ -73,12 +71,7 @@ def _list_causes(output: Output, cause_files: tuple[Path, ...]) -> None:
     type=StoredPath(dir_okay=False),
     help="Causes of your own, a TOML file; may be repeated.",
 )
-@click.option(
-    "--from-s",
-    metavar="S",
-    type=float,
-    help="Look at a dynamic run from this time on.",
-)
+@click.option("--from-s", metavar="S", type=float, help="Look at a dynamic run from this time on.")
 @click.option(
     "--to-s",
     metavar="S",
@@ -126,8 +119,7 @@ def command(
             fix="name a run folder, a trace or a loads file, or ask for --list-causes",
         )
     from hdbench.diagnosis import DiagnosisOptions, diagnose_run, diagnose_runs_together
-    from hdbench_cli.commands.diagnosis_text import show
-    from hdbench_cli.commands.experiment import choose_profile
+    from hdbench_cli.commands import diagnosis_text
     from hdbench_cli.live.progress import progress_bar
 
     options = DiagnosisOptions(
@@ -139,8 +131,8 @@ def command(
         from_s=from_s,
         to_s=to_s,
     )
-    done: list[tuple[Path, dict[str, Any]]] = []
     profiles = [choose_profile(profile_name, source, drive) for source in sources]
+    done: list[tuple[Path, dict[str, Any]]] = []
     if together:
         _one_bench(sources, profiles)
         with progress_bar("diagnose") as progress:
@@ -155,12 +147,12 @@ def command(
     bodies = [_named(result, folder) for folder, result in done]
     whole = bodies[0] if len(bodies) == 1 else {"schema": "hdbench/list/1", "diagnoses": bodies}
 
-    def text(console: Console) -> None:
+    def lines(_whole: object) -> Iterator[RenderableType]:
         for body in bodies:
-            show(console, body, Path(body["run_folder"]))
-            console.print(f"{'run':<11}{body['run_folder']}", markup=False, soft_wrap=True)
+            yield from diagnosis_text.lines(body, Path(body["run_folder"]))
+            yield f"{'run':<11}{body['run_folder']}"
 
-    output.result(whole, text)
+    output.result(whole, lines)
     _end(output, bodies, check)
 
 
@@ -189,25 +181,22 @@ def _named(result: dict[str, Any], folder: Path) -> dict[str, Any]:
 
 def _end(output: Output, bodies: list[dict[str, Any]], check: bool) -> None:
     """End with the code of a failed check, or of doubtful data; the result is out already."""
-    error: HdbenchError | None = None
     failed = [body for body in bodies if body["verdict"] != "nothing-found"]
     flagged = [body for body in bodies if body["data_flags"]]
     if check and failed:
-        error = LimitError(
-            f"verdict {failed[0]['verdict']}; needed: nothing-found",
-            where=failed[0]["run_folder"],
-            fix="look at the causes, or diagnose with --model and the extended model",
+        output.end(
+            LimitError(
+                f"verdict {failed[0]['verdict']}; needed: nothing-found",
+                where=failed[0]["run_folder"],
+                fix="look at the causes, or diagnose with --model and the extended model",
+            )
         )
-    elif flagged:
+    if flagged:
         names = sorted({flag["name"] for flag in flagged[0]["data_flags"]})
-        error = DoubtfulDataError(
-            f"finished, but the data are doubtful: {', '.join(names)}",
-            where=flagged[0]["run_folder"],
-            fix="look at the marked samples, then measure again",
+        output.end(
+            DoubtfulDataError(
+                f"finished, but the data are doubtful: {', '.join(names)}",
+                where=flagged[0]["run_folder"],
+                fix="look at the marked samples, then measure again",
+            )
         )
-    if error is None:
-        return
-    if output.json:
-        output.note(str(error))
-        raise click.exceptions.Exit(error.exit_code)
-    raise error

@@ -3,23 +3,29 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hdbench.report.diagnosis.limits import left_out_line, rest_line
-from hdbench_cli.commands.diagnosis_baseline import baseline_lines
-from hdbench_cli.commands.diagnosis_names import names_line
-from hdbench_cli.commands.diagnosis_records import record_lines, voice_lines
-from hdbench_cli.numbers import probability, with_uncertainty
-from hdbench_cli.sparkline import read_columns, span_of, sparkline
+from hdbench.report.diagnosis.limits import hidden_names, left_out_line, rest_line
+from hdbench_cli.output import Output
+from hdbench_cli.text import (
+    probability,
+    read_columns,
+    span_of,
+    sparkline,
+    with_uncertainty,
+    wrapped,
+)
 
 if TYPE_CHECKING:
     from rich.console import Console
+    from rich.text import Text
 
-__all__ = ["show"]
+__all__ = ["lines", "names_line"]
 
-_WORDS = {
+_VERDICTS = {
     "nothing-found": "Nothing found: the simulation explains the measurement.",
     "named": "The simulation misses something, and it has a name.",
     "unexplained": "The simulation misses something that has no name yet.",
@@ -31,13 +37,16 @@ _LEFT = "Nothing found, but more is left than noise."
 # findings of the inspection that are named
 _SHOWN_FINDINGS = 3
 # effects listed with the smallest size that would have been found, beside causes and alone
-_SHOWN_LIMITS = 2
-_SHOWN_LIMITS_ALONE = 12
+_SHOWN_LIMITS, _SHOWN_LIMITS_ALONE = 2, 12
 # more causes than this are drawn without their sketch, so that all fit on one screen
 _SKETCHED = 3
 _LABEL = 11
+# names of one reason, and characters of all, that are written out: three lines of 80
+_SHOWN_NAMES, _NAMES_ROOM = 2, 210
 # room for the arrow and the words beside a sketch: the longest axis with its ends
 _SKETCH_WORDS = 46
+# units that a parameter's name ends in: they stand behind the number
+_UNITS = ("_nm_per_s", "_nm_s_per_rad", "_nm", "_rad_s", "_rad", "_hz", "_s", "_kg_m2")
 # table and columns of the picture that shows a domain plainest
 _SKETCHES = {
     "motor-order": ("order_spectrum.csv", "motor_order", "motor order"),
@@ -52,43 +61,58 @@ _SKETCHES = {
 }
 
 
-def show(console: Console, result: Mapping[str, Any], folder: Path | None = None) -> None:
-    """Draw a diagnosis on one screen."""
+def lines(
+    result: Mapping[str, Any], folder: Path | None = None, console: Console | None = None
+) -> Iterator[str | Text]:
+    """Yield a diagnosis, with curves from the files in its folder where there is one.
+
+    Sentences may be wrapped; curves, and a command to copy, stay on one line.
+    """
+    console = console or Output.console()
+    plain = not (console.encoding or "").lower().startswith("utf")
+    width = min(console.width, 100)
     if folder is not None:
-        _comparison(console, folder)
-    words = _WORDS[result["verdict"]]
-    if result["verdict"] == "nothing-found" and rest_line(result):
-        words = _LEFT
-    console.print(words, style="bold", markup=False)
+        yield from _comparison(folder, width, plain)
+    left = result["verdict"] == "nothing-found" and rest_line(result)
+    yield wrapped(_LEFT if left else _VERDICTS[result["verdict"]], "bold")
     if result["reason"]:
-        console.print(result["reason"], markup=False)
-    _show_words(console, "log", _log_line(result.get("inspection")))
-    _show_words(console, "left out", left_out_line(result))
-    _show_part(console, result.get("part"))
+        yield wrapped(result["reason"])
+    yield from _labelled("log", _log_line(result.get("inspection")))
+    yield from _labelled("left out", left_out_line(result))
+    yield from _labelled("part", _part(result.get("part")))
     sketched = folder if len(result["causes"]) <= _SKETCHED else None
     told: set[str] = set()
     for cause in result["causes"]:
-        _show_cause(console, cause, sketched, told)
+        yield from _cause(cause)
+        if sketched is not None:
+            yield from _sketch(str(cause.get("domain")), sketched, width, plain)
+        # an experiment that was told with another cause is not told again
+        experiment = cause["separating_experiment"]
+        if experiment and experiment not in told:
+            told.add(experiment)
+            yield wrapped(f"  told apart by: {experiment}")
     for place in result["unexplained"]:
-        _show_place(console, place)
+        yield from _place(place)
     small = [cause["name"] for cause in result["minor"]]
     small += [f"{one['domain']} {one['location']:.4g}" for one in result["minor_unexplained"]]
-    if small:
-        console.print(f"{'minor':<{_LABEL}}{', '.join(small)}", markup=False)
-    for line in baseline_lines(result["settings"], _LABEL):
-        console.print(line, markup=False)
-    _show_gain(console, result, folder)
-    for line in record_lines(result):
-        console.print(f"{'record':<{_LABEL}}{line}", markup=False)
+    yield from _labelled("minor", ", ".join(small))
+    yield from _baseline(result["settings"])
+    yield from _gain(result, folder)
+    for record in result.get("records") or ():
+        yield from _labelled("record", _record(record, result))
     alone = not result["causes"] and not result["unexplained"]
-    _show_words(console, "testable", names_line(result, None if alone else console.width - _LABEL))
+    room = None if alone else console.width - _LABEL
+    yield from _labelled("testable", names_line(result, room))
     for flag in result["data_flags"]:
-        console.print(
-            f"{'flag':<{_LABEL}}{flag['name']}: {flag['samples']} samples, "
-            f"{flag['from_s']:.3f} to {flag['to_s']:.3f} s"
-            + (f" of {flag['record']}" if flag.get("record") else ""),
-            markup=False,
-        )
+        of = f" of {flag['record']}" if flag.get("record") else ""
+        span = f"{flag['from_s']:.3f} to {flag['to_s']:.3f} s{of}"
+        yield from _labelled("flag", f"{flag['name']}: {flag['samples']} samples, {span}")
+
+
+def _labelled(label: str, words: str) -> Iterator[Text]:
+    """Yield words behind their label; nothing where there are none."""
+    if words:
+        yield wrapped(f"{label:<{_LABEL}}{words}")
 
 
 def _log_line(inspection: Mapping[str, Any] | None) -> str:
@@ -102,170 +126,157 @@ def _log_line(inspection: Mapping[str, Any] | None) -> str:
     return f"{inspection['sampling']['rate_hz']:.5g} Hz: {told}"
 
 
-def _plain(console: Console) -> bool:
-    return not (console.encoding or "").lower().startswith("utf")
-
-
-def _comparison(console: Console, folder: Path) -> None:
-    """Draw measured, simulated and their difference over time."""
+def _comparison(folder: Path, width: int, plain: bool) -> Iterator[str]:
+    """Yield measured, simulated and their difference over time."""
     table = read_columns(folder / "residual.csv")
     if table is None:
         return
     measured, simulated = table["measured_nm"], table["simulated_nm"]
     difference = [m - s for m, s in zip(measured, simulated, strict=True)]
     everything = {"measured": measured, "simulated": simulated, "difference": difference}
-    width = max(10, min(console.width, 100) - _LABEL - 22)
-    width = min(width, len(measured))
-    smooth = {name: _means(values, width) for name, values in everything.items()}
+    room = min(max(10, width - _LABEL - 22), len(measured))
+    smooth = {name: _parts(values, room, _mean) for name, values in everything.items()}
     span = span_of(smooth, *smooth)
     for name, values in everything.items():
-        line = sparkline(smooth[name], width, span, plain=_plain(console))
-        rms = _rms(values)
-        size = "none" if rms is None else f"{rms:.4g} N m rms"
-        console.print(f"{name:<{_LABEL}}{line}  {size}", markup=False, highlight=False)
+        square = _mean([value * value for value in values if math.isfinite(value)])
+        size = "none" if math.isnan(square) else f"{math.sqrt(square):.4g} N m rms"
+        yield f"{name:<{_LABEL}}{sparkline(smooth[name], room, span, plain=plain)}  {size}"
 
 
-def _means(values: list[float], count: int) -> list[float]:
-    """Return the means of `count` equal parts; NaN where a part holds nothing."""
-    out = []
-    for place in range(count):
-        part = values[place * len(values) // count : (place + 1) * len(values) // count]
-        good = [value for value in part if math.isfinite(value)]
-        out.append(sum(good) / len(good) if good else math.nan)
-    return out
+def _parts(values: list[float], count: int, number: Callable[[list[float]], float]) -> list[float]:
+    """Return a number of the finite values in each of `count` equal parts."""
+    ends = [place * len(values) // count for place in range(count + 1)]
+    parts = (values[a:b] for a, b in pairwise(ends))
+    return [number([value for value in part if math.isfinite(value)]) for part in parts]
 
 
-def _rms(values: list[float]) -> float | None:
-    good = [value * value for value in values if math.isfinite(value)]
-    return math.sqrt(sum(good) / len(good)) if good else None
+def _mean(values: list[float]) -> float:
+    return sum(values) / len(values) if values else math.nan
 
 
-def _quantity(name: str, entry: Mapping[str, Any]) -> str:
+def _largest(values: list[float]) -> float:
+    return max(values, default=math.nan)
+
+
+def _part(part: Mapping[str, Any] | None) -> str:
+    if part is None:
+        return ""
+    cut = ": the most that one diagnosis takes; --from-s names others" if part["cut"] else ""
+    return f"{part['from_s']:g} to {part['to_s']:g} s{cut}"
+
+
+def _size(entry: Mapping[str, Any], unit: str) -> str:
+    """Return a number with its uncertainty, without degrees of freedom."""
+    return with_uncertainty({**entry, "dof": None}, unit)
+
+
+def _parameter(name: str, entry: Mapping[str, Any]) -> str:
     unit = "" if entry["unit"] in ("1", None) else str(entry["unit"])
-    plain = name
-    for ending in ("_nm_per_s", "_nm_s_per_rad", "_nm", "_rad_s", "_rad", "_hz", "_s", "_kg_m2"):
-        if name.endswith(ending):
-            plain = name.removesuffix(ending)
-            break
-    words = plain.replace("_", " ")
-    if entry["std"] is None:
-        return f"{words} {entry['value']:.5g} {unit}".rstrip()
-    return f"{words} {with_uncertainty({**entry, 'dof': None}, unit)}".rstrip()
+    plain = next((name.removesuffix(end) for end in _UNITS if name.endswith(end)), name)
+    number = f"{entry['value']:.5g} {unit}" if entry["std"] is None else _size(entry, unit)
+    return f"{plain.replace('_', ' ')} {number}".rstrip()
 
 
-def _parameters(cause: Mapping[str, Any]) -> str:
+def _cause(cause: Mapping[str, Any]) -> Iterator[Text]:
+    others = [name for name in (*cause["group"], *cause["rivals"]) if name != cause["name"]]
+    head = wrapped(cause["name"], "bold")
+    if others:
+        head.append(f"  (or {', '.join(others)})", style="not bold")
+    yield head
     shown = [
-        _quantity(name, entry)
+        _parameter(name, entry)
         for name, entry in cause["parameters"].items()
         if not name.startswith(("cosine", "sine")) and entry["value"] is not None
     ]
-    return ", ".join(shown)
-
-
-def _show_words(console: Console, label: str, words: str) -> None:
-    """Show a line of words behind its label, nothing where there are none."""
-    if words:
-        console.print(f"{label:<{_LABEL}}{words}", markup=False, highlight=False)
-
-
-def _show_part(console: Console, part: Mapping[str, Any] | None) -> None:
-    if part is None:
-        return
-    words = f"{part['from_s']:g} to {part['to_s']:g} s"
-    if part["cut"]:
-        words += ": the most that one diagnosis takes; --from-s names others"
-    console.print(f"{'part':<{_LABEL}}{words}", markup=False)
-
-
-def _show_cause(
-    console: Console, cause: Mapping[str, Any], folder: Path | None, told: set[str]
-) -> None:
-    """Show a cause; an experiment that was told with another one is not told again."""
-    from rich.text import Text
-
-    others = [name for name in (*cause["group"], *cause["rivals"]) if name != cause["name"]]
-    head = Text(cause["name"], style="bold")
-    if others:
-        head.append(f"  (or {', '.join(others)})", style="not bold")
-    console.print(head)
-    console.print(f"  {_parameters(cause)}", markup=False)
+    yield wrapped(f"  {', '.join(shown)}")
     gain = cause["gain"]
     low, high = gain["interval"]
-    chance = probability(cause["false_alarm_probability"])
-    console.print(
+    yield wrapped(
         f"  explains {100.0 * gain['explained_fraction']:.1f} % "
         f"({100.0 * low:.1f} to {100.0 * high:.1f}): {gain['heldout_rms_before_nm']:.3g} -> "
         f"{gain['heldout_rms_after_nm']:.3g} N m, "
-        f"false alarm {chance}",
-        markup=False,
+        f"false alarm {probability(cause['false_alarm_probability'])}"
     )
-    for line in voice_lines(cause):
-        console.print(f"  {line}", markup=False)
-    if folder is not None:
-        _sketch(console, str(cause.get("domain")), folder)
-    experiment = cause["separating_experiment"]
-    if experiment and experiment not in told:
-        told.add(experiment)
-        console.print(f"  told apart by: {experiment}", markup=False)
+    records = cause.get("records") or ()
+    if not records:
+        return
+    said = ", ".join(f"{one['record']} {one['evidence_nats']:+.3g}" for one in records)
+    yield wrapped(f"  evidence by record, nats: {said}")
+    apart = cause["disagreement"]["records"]
+    if apart:
+        yield wrapped(f"  records disagree: {', '.join(apart)}")
+        yield from (wrapped(f"    {one['record']}: {_sizes(one)}") for one in records)
 
 
-def _sketch(console: Console, domain: str, folder: Path) -> None:
-    """Draw the residual before and after in the domain where it is plainest."""
+def _sizes(record: Mapping[str, Any]) -> str:
+    """Return the sizes of a cause in one record, without what an amplitude says too."""
+    shown = [
+        f"{name} {_size(entry, entry['unit'])}"
+        for name, entry in record["parameters"].items()
+        if not name.startswith(("cosine", "sine", "phase")) and entry["std"] is not None
+    ]
+    return ", ".join(shown) or "does not show it"
+
+
+def _sketch(domain: str, folder: Path, width: int, plain: bool) -> Iterator[str]:
+    """Yield the residual before and after in the domain where it is plainest."""
     if domain not in _SKETCHES:
         return
     file, axis, words = _SKETCHES[domain]
     table = read_columns(folder / file)
     if table is None or len(table[axis]) < 2:
         return
-    spectrum = "samples" not in table
-    width = max(8, (min(console.width, 100) - _SKETCH_WORDS) // 2)
+    room = max(8, (width - _SKETCH_WORDS) // 2)
     curves = {key: table[key] for key in ("before_nm", "after_nm")}
-    if spectrum:
-        curves = {key: _peaks(values, width) for key, values in curves.items()}
+    spectrum = "samples" not in table
+    if spectrum:  # a line must not be averaged away
+        curves = {key: _parts(values, room, _largest) for key, values in curves.items()}
     low, high = span_of(curves, *curves)
-    span = (0.0, high) if spectrum else (low, high)
-    before, after = (sparkline(curves[key], width, span, plain=_plain(console)) for key in curves)
-    first, last = table[axis][0], table[axis][-1]
-    console.print(
-        f"  {before} -> {after}  {words} {first:.3g} to {last:.3g}",
-        markup=False,
-        highlight=False,
-        soft_wrap=True,
-    )
+    span = (0.0 if spectrum else low, high)
+    before, after = (sparkline(values, room, span, plain=plain) for values in curves.values())
+    yield f"  {before} -> {after}  {words} {table[axis][0]:.3g} to {table[axis][-1]:.3g}"
 
 
-def _peaks(values: list[float], count: int) -> list[float]:
-    """Return the largest of each of `count` equal parts: a line must not be averaged away."""
-    out = []
-    for place in range(count):
-        part = values[place * len(values) // count : (place + 1) * len(values) // count]
-        out.append(max((v for v in part if math.isfinite(v)), default=math.nan))
-    return out
-
-
-def _show_place(console: Console, place: Mapping[str, Any]) -> None:
+def _place(place: Mapping[str, Any]) -> Iterator[Text]:
     low, high = place["extent"]
     unit = "" if place["unit"] == "1" else f" {place['unit']}"
     second = f", with {place['second_domain']}" if place.get("second_domain") else ""
     second += f", in {place['record']}" if place.get("record") else ""
-    console.print(
+    yield wrapped(
         f"unexplained at {place['domain']} {place['location']:.6g}{unit} "
-        f"({low:.6g} to {high:.6g}){second}\n"
-        f"  size {place['size_nm']:.3g} N m, "
-        f"{100.0 * place['share_of_variance']:.1f} % of the residual variance",
-        markup=False,
+        f"({low:.6g} to {high:.6g}){second}"
     )
+    share = 100.0 * place["share_of_variance"]
+    yield wrapped(f"  size {place['size_nm']:.3g} N m, {share:.1f} % of the residual variance")
 
 
-def _show_gain(console: Console, result: Mapping[str, Any], folder: Path | None) -> None:
+def _baseline(settings: Mapping[str, Any]) -> Iterator[Text]:
+    """Yield the ripple that the baseline took, and what the motion cannot tell from the zero."""
+    ripple = [
+        f"order {one['order']:g}: "
+        + _size({"value": one["amplitude_nm"], "std": one["std_nm"]}, "N m")
+        for one in settings.get("baseline_ripple", ())
+    ]
+    if ripple:
+        yield from _labelled("baseline", f"ripple of {', '.join(ripple)}")
+    alike = settings.get("not_told_from_zero", ())
+    if alike:
+        shares = [100.0 * one["own_share"] for one in alike]
+        low, high = f"{min(shares):.0f}", f"{max(shares):.0f}"
+        own = f"{low} %" if low == high else f"{low} to {high} %"
+        names = ", ".join(one["cause"] for one in alike)
+        yield wrapped(f"{'cannot tell':<{_LABEL}} the zero from {names} ({own} of its own)")
+
+
+def _gain(result: Mapping[str, Any], folder: Path | None) -> Iterator[str | Text]:
+    """Yield what the extended model gains, the next run, and what would have been seen."""
     before = result["simulated"]["heldout_rms_nm"]
     after = result["extended"]["heldout_rms_nm"]
     if before is not None and after is not None:
-        console.print(
-            f"{'held-out':<{_LABEL}}{before:.4g} N m rms simulated, {after:.4g} N m rms extended",
-            markup=False,
+        yield from _labelled(
+            "held-out", f"{before:.4g} N m rms simulated, {after:.4g} N m rms extended"
         )
-    _show_words(console, "rest", rest_line(result))
+    yield from _labelled("rest", rest_line(result))
     gain = result.get("filter_gain")
     if gain:
         rms = gain["error_rms_nm"]
@@ -274,20 +285,53 @@ def _show_gain(console: Console, result: Mapping[str, Any], folder: Path | None)
             f"{block['amplitude_nm']['after']:.3g} N m"
             for block in gain["blocks"]
         ]
-        console.print(
-            f"{'filter':<{_LABEL}}with new blocks {', '.join(sizes)}; "
-            f"off by {rms['before']:.3g} -> {rms['after']:.3g} N m rms",
-            markup=False,
-        )
+        error = f"error {rms['before']:.3g} -> {rms['after']:.3g} N m rms"
+        yield from _labelled("filter", f"with new blocks {', '.join(sizes)}; {error}")
     open_run = result.get("separating_run")
     if open_run and open_run["file"] and folder is not None:
-        console.print(
-            f"{'next':<{_LABEL}}hdbench run-ripple --plan {folder / open_run['file']}",
-            markup=False,
-            soft_wrap=True,
-        )
+        yield f"{'next':<{_LABEL}}hdbench run-ripple --plan {folder / open_run['file']}"
     alone = not result["causes"] and not result["unexplained"]
     limits = result["minimum_detectable"][: _SHOWN_LIMITS_ALONE if alone else _SHOWN_LIMITS]
-    if limits:
-        words = [f"{limit['name']} {limit['amplitude_nm']:.2g}" for limit in limits]
-        console.print(f"{'limits':<{_LABEL}}90 % seen from, N m: {', '.join(words)}", markup=False)
+    sizes = [f"{limit['name']} {limit['amplitude_nm']:.2g}" for limit in limits]
+    yield from _labelled("limits", f"90 % seen from, N m: {', '.join(sizes)}" if sizes else "")
+
+
+def _record(one: Mapping[str, Any], result: Mapping[str, Any]) -> str:
+    """Say what the extended model makes of a record, or why the record took no part."""
+    if one["left_out"]:
+        return f"{one['record']} left out: {one['left_out']}"
+    before, after = (one[key]["heldout_rms_nm"] for key in ("simulated", "extended"))
+    line = f"{one['record']}: held-out {before:.4g} -> {after:.4g} N m rms"
+    material = [cause["name"] for cause in result["causes"] if cause["name"] in one["disagrees"]]
+    if material:
+        names = ", ".join(dict.fromkeys(material))
+        line += f"; disagrees about {names}: another drive, or another state of it?"
+    return line
+
+
+def names_line(result: Mapping[str, Any], room: int | None = None) -> str:
+    """Say how many names of the catalogue this record can show, and why not the others.
+
+    With a room, in characters, reasons stand with counts instead of names, as many as fit.
+    """
+    names = result.get("testable") or ()
+    hidden = hidden_names(result)
+    count = sum(len(group) for group in hidden.values())
+    told = f"{len(names) - count} of {len(names)} names" if names else ""
+    if room is None and names:
+        told += " can be tested here"
+    lead, shown = "; not: ", 0
+    for reason, group in hidden.items():
+        words = _few(group) if room is None else str(len(group))
+        longer = f"{told}{lead}{words} ({reason})"
+        if len(longer) > (_NAMES_ROOM if room is None else room - len("; 99 more")):
+            break
+        told, lead, shown = longer, "; ", shown + len(group)
+    return told if shown == count else f"{told}{lead}{count - shown} more"
+
+
+def _few(names: list[str]) -> str:
+    """Return the first names and how many follow."""
+    if len(names) <= _SHOWN_NAMES + 1:
+        return ", ".join(names)
+    return f"{', '.join(names[:_SHOWN_NAMES])} and {len(names) - _SHOWN_NAMES} more"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import platform
+from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -10,11 +11,18 @@ from typing import TYPE_CHECKING
 import click
 
 from hdbench.errors import HdbenchError, LimitError, Stopped, UsageError
-from hdbench_cli.options import address_option, out_option, profile_option
+from hdbench_cli.inputs import DEFAULT_PROFILE
+from hdbench_cli.options import (
+    address_option,
+    no_input_option,
+    out_option,
+    profile_option,
+    yes_option,
+)
 from hdbench_cli.output import Output
 
 if TYPE_CHECKING:
-    from rich.console import Console
+    from rich.text import Text
 
     from hdbench.profile import Profile
     from hdbench.session.doctor import Finding
@@ -53,8 +61,8 @@ def version_facts() -> dict[str, str]:
     is_flag=True,
     help="MOVES THE MOTOR: creep, go silent, and see the device stop it.",
 )
-@click.option("--yes", is_flag=True, help="Confirm motion without a question.")
-@click.option("--no-input", is_flag=True, help="Never ask; fail where an answer is needed.")
+@yes_option
+@no_input_option
 @click.pass_obj
 def command(
     output: Output,
@@ -87,7 +95,7 @@ def command(
     findings = check_computer(out)
     proof = None
     try:
-        profile = load_profile(profile_name or "cim-tr-97-06")
+        profile = load_profile(profile_name or DEFAULT_PROFILE)
     except HdbenchError as error:
         findings.append(Finding("profile", False, error.what, error.fix))
     else:
@@ -134,17 +142,6 @@ def _proof(
 
 def _tell(output: Output, findings: list[Finding], proof: WatchdogProof | None) -> None:
     ok = all(line.ok for line in findings)
-
-    def text(console: Console) -> None:
-        for line in findings:
-            mark = "[green]ok  [/]" if line.ok else "[bold red]FAIL[/]"
-            console.print(mark, end=" ")
-            console.print(f"{line.name:14s} {line.found}", markup=False, soft_wrap=True)
-            if line.fix and not line.ok:
-                console.print(f"       fix: {line.fix}", markup=False, soft_wrap=True)
-            elif line.fix and line.name in _HINTS:
-                console.print(f"       hint: {line.fix}", markup=False, soft_wrap=True)
-
     body = {
         "schema": "hdbench/doctor/1",
         "ok": ok,
@@ -153,9 +150,21 @@ def _tell(output: Output, findings: list[Finding], proof: WatchdogProof | None) 
     }
     if proof is not None:
         body["watchdog_proof"] = asdict(proof)
-    output.result(body, text)
-    if not ok:
-        failed = LimitError("a check failed", where="doctor", fix="see the lines above")
-        if output.json:
-            raise click.exceptions.Exit(failed.exit_code)
-        raise failed
+    output.result(body, lambda _body: _lines(findings))
+    if ok:
+        return
+    if output.json:
+        raise click.exceptions.Exit(LimitError.exit_code)
+    raise LimitError("a check failed", where="doctor", fix="see the lines above")
+
+
+def _lines(findings: list[Finding]) -> Iterator[str | Text]:
+    from rich.text import Text
+
+    for line in findings:
+        mark = ("ok   ", "green") if line.ok else ("FAIL ", "bold red")
+        yield Text.assemble(mark, f"{line.name:14s} {line.found}")
+        if line.fix and not line.ok:
+            yield f"       fix: {line.fix}"
+        elif line.fix and line.name in _HINTS:
+            yield f"       hint: {line.fix}"

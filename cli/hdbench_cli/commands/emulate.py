@@ -8,14 +8,18 @@ from typing import TYPE_CHECKING
 import click
 
 from hdbench.errors import UsageError
-from hdbench_cli.options import profile_option, seed_option
+from hdbench_cli.inputs import choose_profile
+from hdbench_cli.options import (
+    StoredPath,
+    file_option,
+    plant_option,
+    profile_option,
+    seed_option,
+)
 from hdbench_cli.output import Output
-from hdbench_cli.parameters import StoredPath
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
-
-    from rich.console import Console
 
     from hdbench.devices.emulator.server import Wire
 
@@ -26,13 +30,7 @@ _LOOPBACK = ("127.0.0.1", "localhost", "::1")
 
 @click.command("emulate", epilog="Example: hdbench emulate --plant worn --port 5020")
 @profile_option
-@click.option(
-    "--plant",
-    metavar="NAME|FILE",
-    default="as-modelled",
-    show_default=True,
-    help="What the bench has beyond its model.",
-)
+@plant_option(bench="bench")
 @click.option(
     "--model",
     "model_file",
@@ -77,11 +75,8 @@ _LOOPBACK = ("127.0.0.1", "localhost", "::1")
     show_default=True,
     help="Sample by the wall clock, or as fast as the host reads.",
 )
-@click.option(
-    "--record",
-    metavar="FILE",
-    type=click.Path(path_type=Path, dir_okay=False),
-    help="Write each change of the node's state as one JSON line.",
+@file_option(
+    "--record", metavar="FILE", help="Write each change of the node's state as one JSON line."
 )
 @click.pass_obj
 def command(
@@ -105,20 +100,14 @@ def command(
     """
     from hdbench import __version__
     from hdbench.devices.emulator.serving import EmulatorSettings, emulate
-    from hdbench.profile import load_profile
 
     _check_listen(listen, unprotected=unprotected)
-    profile = load_profile(profile_name or "cim-tr-97-06")
+    profile = choose_profile(profile_name, None)
 
     def ready(found: Mapping[str, object]) -> None:
         address = str(found["address"])
-
-        def show(console: Console) -> None:
-            parts = [found[name] for name in ("inputs", "outputs") if name in found]
-            each = [str(part["address"]) for part in parts if isinstance(part, dict)]
-            for line in each or [address]:
-                console.print(line, highlight=False, markup=False)
-
+        parts = [found[name] for name in ("inputs", "outputs") if name in found]
+        each = [str(part["address"]) for part in parts if isinstance(part, dict)]
         output.result(
             {
                 "schema": "hdbench/emulator/1",
@@ -130,7 +119,7 @@ def command(
                 "seed": seed,
                 "pace": pace,
             },
-            show,
+            lambda _body: each or [address],
         )
         output.note(f"lock and weights by a simulated operator: --control {found['control']}")
         output.note("serving until Ctrl-C")

@@ -3,20 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
 from hdbench.errors import UsageError
-from hdbench_cli.options import profile_option
+from hdbench_cli.inputs import choose_profile, own_names
+from hdbench_cli.options import POSITIVE, model_option, profile_option, sources_argument
 from hdbench_cli.output import Output
-from hdbench_cli.parameters import StoredPath
-
-if TYPE_CHECKING:
-    from rich.console import Console
 
 __all__ = ["command"]
-
 
 # what `hdbench.records.exporting.FORMATS` holds; a test keeps them together
 _FORMATS = ("parquet", "hdf5", "mat")
@@ -27,24 +23,14 @@ _FORMATS = ("parquet", "hdf5", "mat")
     epilog="Example: hdbench export --model report-6 --out firmware; "
     "hdbench export runs/RUN --format mat --out exported",
 )
-@click.argument(
-    "sources",
-    metavar="[FILE_OR_RUN]...",
-    nargs=-1,
-    type=StoredPath(),
-)
+@sources_argument("[FILE_OR_RUN]...", required=False)
 @click.option(
     "--format",
     "kind",
     type=click.Choice(_FORMATS),
     help="Write the trace or loads of a run or file in this form.",
 )
-@click.option(
-    "--model",
-    "filter_name",
-    metavar="NAME|FILE",
-    help="Write this filter as C99 firmware: report-a1, report-a2, report-6 or a model file.",
-)
+@model_option("Write this filter as C99 firmware: report-a1, report-a2, report-6 or a model file.")
 @click.option(
     "--out",
     metavar="DIR",
@@ -56,7 +42,7 @@ _FORMATS = ("parquet", "hdf5", "mat")
     "--period",
     "period_s",
     metavar="S",
-    type=click.FloatRange(min=0.0, min_open=True),
+    type=POSITIVE,
     help="Sampling period of the firmware.  [default: the profile's]",
 )
 @profile_option
@@ -111,13 +97,12 @@ def _export_records(
 ) -> None:
     from hdbench.records import result_header
     from hdbench.records.exporting import export_records, gather
-    from hdbench_cli.commands.experiment import choose_profile
 
-    places = _places(sources, out)
+    # one input alone goes straight into the folder
+    places = [out] if len(sources) == 1 else [out / name for name in own_names(sources)]
     rows: list[dict[str, Any]] = []
     for source, place in zip(sources, places, strict=True):
-        profile = choose_profile(profile_name, source)
-        content = gather(source, profile.data.arm)
+        content = gather(source, choose_profile(profile_name, source).data.arm)
         written = export_records(content, place, kind)
         rows.append(
             {
@@ -129,32 +114,8 @@ def _export_records(
         )
     header = result_header("export", choose_profile(profile_name, sources[0]))
     body = {**header, "folder": str(out), "format": kind, "exported": rows}
-    output.result(body, lambda console: _show_records(console, rows))
-
-
-def _places(sources: tuple[Path, ...], out: Path) -> list[Path]:
-    """Return a folder for each input; one alone goes straight into `out`."""
-    if len(sources) == 1:
-        return [out]
-    names = [source.resolve().name.removesuffix(".gz").removesuffix(".csv") for source in sources]
-    for name in names:
-        if names.count(name) > 1:
-            raise UsageError(
-                f"{names.count(name)} inputs are called {name}; needed: different names",
-                where="hdbench export",
-                fix="export them one by one into folders of their own",
-            )
-    return [out / name for name in names]
-
-
-def _show_records(console: Console, rows: list[dict[str, Any]]) -> None:
-    for row in rows:
-        console.print(
-            f"{row['file']}: {len(row['columns'])} columns of {row['source']}",
-            markup=False,
-            highlight=False,
-            soft_wrap=True,
-        )
+    told = [f"{row['file']}: {len(row['columns'])} columns of {row['source']}" for row in rows]
+    output.result(body, lambda _body: told)
 
 
 def _export_filter(
@@ -163,7 +124,6 @@ def _export_filter(
     from hdbench.filter.firmware import export_firmware
     from hdbench.records import result_header
     from hdbench.session.filters import choose_filter
-    from hdbench_cli.commands.experiment import choose_profile
 
     profile = choose_profile(profile_name, None)
     model = choose_filter(profile, filter_name)
@@ -176,13 +136,5 @@ def _export_filter(
         "files": files,
         "filter": model.to_dict(),
     }
-    output.result(body, lambda console: _show(console, body))
-
-
-def _show(console: Console, body: dict[str, Any]) -> None:
-    console.print(
-        f"{len(body['files'])} files in {body['folder']}; `make` there runs the self-test",
-        markup=False,
-        highlight=False,
-        soft_wrap=True,
-    )
+    told = f"{len(files)} files in {out}; `make` there runs the self-test"
+    output.result(body, lambda _body: [told])

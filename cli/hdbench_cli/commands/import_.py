@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
 from hdbench.errors import DataError, UsageError
-from hdbench_cli.commands.import_staircase import staircase, staircase_plan
-from hdbench_cli.next_step import after_import
-from hdbench_cli.next_step import line as next_line
-from hdbench_cli.options import profile_option
+from hdbench_cli.inputs import DEFAULT_PROFILE
+from hdbench_cli.next_step import after_import, next_line
+from hdbench_cli.options import POSITIVE, file_option, no_input_option, profile_option
 from hdbench_cli.output import Output
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
+    from hdbench.calibration.staircase import StaircaseReport
     from hdbench.importing.importer import ImportReport
     from hdbench.importing.layout import Logger
     from hdbench.importing.listing import ChannelFacts
@@ -44,22 +44,25 @@ def _pairs(texts: tuple[str, ...], option: str) -> dict[str, str]:
     return found
 
 
-def _show(console: Console, report: ImportReport) -> None:
-    lines = [f"{report.kind}: {report.rows} rows of {', '.join(report.columns)}"]
+def _imported(report: ImportReport) -> Iterator[str]:
+    """Yield what one file or several became."""
+    yield f"{report.kind}: {report.rows} rows of {', '.join(report.columns)}"
     if report.lost:
-        lines.append(f"{report.lost} cells without a number are marked as lost")
+        yield f"{report.lost} cells without a number are marked as lost"
     if report.time_origin_s:
-        lines.append(f"time starts at 0; it was {report.time_origin_s!r} s")
-    lines += [*report.notes, f"read back and kept as {report.out}"]
+        yield f"time starts at 0; it was {report.time_origin_s!r} s"
+    yield from report.notes
+    yield f"read back and kept as {report.out}"
     command = after_import(report.kind, report.out, report.columns)
-    for line in (*lines, *([next_line(command)] if command else [])):
-        console.print(line, markup=False, soft_wrap=True)
+    if command:
+        yield next_line(command)
 
 
-def _show_listing(
-    console: Console, source: Source, facts: list[ChannelFacts], proposal: Proposal, command: str
-) -> None:
-    lines = [f"{source.path}: {source.form}, {len(facts)} channels"]
+def _listed(
+    source: Source, facts: list[ChannelFacts], proposal: Proposal, command: str
+) -> Iterator[str]:
+    """Yield what is in a file and which mapping is proposed."""
+    yield f"{source.path}: {source.form}, {len(facts)} channels"
     width = min(max(len(f.channel.name) for f in facts), 48)
     for f in facts:
         rate = "" if f.rate_hz is None else f"{f.rate_hz:.5g} Hz"
@@ -69,19 +72,18 @@ def _show_listing(
         missing = f"{100 * f.missing_share:.3g} % missing" if f.missing_share else ""
         unit = f.channel.unit or "-"
         row = f"{f.number:4d} {f.channel.name:<{width}} {unit:<6} {rate:<10} {span:<28} {missing}"
-        lines.append(row.rstrip())
-    lines += list(source.notes[:20])
-    lines.append("proposed, by names and units:")
+        yield row.rstrip()
+    yield from source.notes[:20]
+    yield "proposed, by names and units:"
     for target, text in proposal.recipe.map.items():
-        lines.append(f"  {target} = {text}  ({proposal.reasons[target]})")
+        yield f"  {target} = {text}  ({proposal.reasons[target]})"
     for option, reason in proposal.reasons.items():
         if option.startswith("--"):
-            lines.append(f"  {option}  ({reason})")
-    lines += [f"needed: {need}" for need in proposal.needs]
-    lines.append("" if proposal.needs else "to take it:")
-    lines.append(command)
-    for line in filter(None, lines):
-        console.print(line, markup=False, soft_wrap=True)
+            yield f"  {option}  ({reason})"
+    yield from (f"needed: {need}" for need in proposal.needs)
+    if not proposal.needs:
+        yield "to take it:"
+    yield command
 
 
 def _listing(
@@ -111,7 +113,7 @@ def _listing(
         "proposal": proposal.to_dict(file, out),
     }
     command = proposal.command(file, out)
-    output.result(body, lambda console: _show_listing(console, source, facts, proposal, command))
+    output.result(body, lambda _body: _listed(source, facts, proposal, command))
     if proposal.no_time:
         raise _no_time(file)
     if not ask or proposal.needs or output.json:
@@ -171,11 +173,10 @@ def _default_out(file: Path) -> Path:
     multiple=True,
     help="Fill column NAME with VALUE, here only in file N.",
 )
-@click.option(
+@file_option(
     "--recipe",
     "recipe_file",
     metavar="FILE.toml",
-    type=click.Path(path_type=Path, dir_okay=False),
     help="Take the mapping from this file; a file that is not there is made of the one given here.",
 )
 @click.option("--topic", metavar="NAME", help="Topic, sheet or group of channels to look at.")
@@ -194,14 +195,12 @@ def _default_out(file: Path) -> Path:
 )
 @click.option(
     "--velocity-from-angle",
-    type=click.FloatRange(min=0, min_open=True),
+    type=POSITIVE,
     metavar="HZ",
     help="Make motor_velocity_rad_s of motor_angle_rad: derivative without lag, low-pass at HZ.",
 )
 @click.option("--time", metavar="COLUMN[*SCALE]", help="Time column, in s after scaling.")
-@click.option(
-    "--rate", type=click.FloatRange(min=0, min_open=True), metavar="HZ", help="Sample rate."
-)
+@click.option("--rate", type=POSITIVE, metavar="HZ", help="Sample rate.")
 @click.option("--keep-time", is_flag=True, help="Keep the time as it is; else it starts at 0.")
 @click.option(
     "--delimiter",
@@ -234,7 +233,7 @@ def _default_out(file: Path) -> Path:
 )
 @click.option(
     "--least-s",
-    type=click.FloatRange(min=0, min_open=True),
+    type=POSITIVE,
     default=3.0,
     show_default=True,
     help="Staircase: shortest plateau, s.",
@@ -247,7 +246,7 @@ def _default_out(file: Path) -> Path:
     help="Trace or loads file to write; with a folder, one trace for each FILE. Without it the "
     "content is listed and a mapping proposed.",
 )
-@click.option("--no-input", is_flag=True, help="Never ask.")
+@no_input_option
 @click.pass_obj
 def command(
     output: Output,
@@ -289,8 +288,6 @@ def command(
     With --from-logger a column of time is asked for, and units that a logger states (mV, rpm, deg)
     are turned into ours without being declared.
     """
-    from dataclasses import replace
-
     from hdbench.importing.recipe import Recipe, read_recipe, write_recipe
     from hdbench.profile import load_profile
 
@@ -300,7 +297,7 @@ def command(
             where="--from-logger",
             fix="leave one of them out",
         )
-    profile = load_profile(profile_name or "cim-tr-97-06")
+    profile = load_profile(profile_name or DEFAULT_PROFILE)
     timed = {"time_s": time} if time is not None else {}
     recipe = Recipe(
         "trace" if kind == "staircase" else kind,
@@ -319,11 +316,8 @@ def command(
         no_header=no_header,
     )
     if kind == "staircase":
-        stairs = staircase_plan(maps, constants, time, loads)
-        stairs = replace(
-            stairs, unit=load_unit, least_s=least_s, rate_hz=rate, layout=recipe.layout
-        )
-        staircase(output, stairs, files, _needed(out), profile)
+        stairs = (maps, constants, time, loads)
+        _staircase(output, stairs, recipe, load_unit, least_s, files, _needed(out), profile)
         return
     keep = recipe_file is not None and not recipe_file.exists()
     if recipe_file is not None and not keep:
@@ -364,18 +358,71 @@ def _run(
     if not out.is_dir():
         report = import_files(recipe, files, out, arm, gear_ratio)
         body = {**result_header("import", profile), **report.to_dict()}
-        output.result(body, lambda console: _show(console, report))
+        output.result(body, lambda _body: _imported(report))
         return
     reports = [
         import_files(recipe, [file], out / _default_out(file), arm, gear_ratio) for file in files
     ]
-    whole = {
-        **result_header("import", profile),
-        "imports": [report.to_dict() for report in reports],
-    }
+    told = [report.to_dict() for report in reports]
+    whole = {**result_header("import", profile), "imports": told}
+    output.result(whole, lambda _body: (x for report in reports for x in _imported(report)))
 
-    def text(console: Console) -> None:
-        for report in reports:
-            _show(console, report)
 
-    output.result(whole, text)
+def _staircase(
+    output: Output,
+    stairs: tuple[tuple[str, ...], tuple[str, ...], str | None, str | None],
+    recipe: Recipe,
+    unit: str,
+    least_s: float,
+    files: tuple[Path, ...],
+    out: Path,
+    profile: Profile,
+) -> None:
+    """Bring in raw readings under changing weights, and tell what was found."""
+    from hdbench.calibration.staircase import StaircasePlan, import_staircase
+    from hdbench.importing.mapping import parse_constant, parse_map
+    from hdbench.importing.recipe import known_columns
+    from hdbench.records import result_header
+
+    if len(files) != 1:
+        raise UsageError(
+            f"{len(files)} files", where="FILE", fix="bring in one staircase at a time"
+        )
+    maps, constants, time, loads = stairs
+    known = known_columns("loads")
+    columns = [parse_map(text, known) for text in maps]
+    if time is not None:
+        columns.append(parse_map(f"time_s={time}", known))
+    fixed = tuple(parse_constant(text, known) for text in constants)
+    plan = StaircasePlan(tuple(columns), fixed, _numbers(loads))
+    plan = replace(plan, unit=unit, least_s=least_s, rate_hz=recipe.rate_hz, layout=recipe.layout)
+    report = import_staircase(plan, files[0], out, profile.data.arm)
+    body = {**result_header("import", profile), **report.to_dict()}
+    output.result(body, lambda _body: _plateaus(report))
+
+
+def _numbers(loads: str | None) -> tuple[float, ...]:
+    try:
+        return tuple(float(word) for word in (loads or "").split(",") if word.strip())
+    except ValueError as error:
+        raise UsageError(
+            f"{loads!r:.80} is no list of numbers",
+            where="--loads",
+            fix="give numbers with commas between, such as --loads 0,1,2,1,0",
+        ) from error
+
+
+def _plateaus(report: StaircaseReport) -> Iterator[str]:
+    stairs, unit = report.stairs, report.unit.replace("nm", "N m")
+    yield f"{len(stairs.plateaus)} plateaus in {report.n_samples} samples"
+    for p, load in zip(stairs.plateaus, report.loads, strict=True):
+        yield (
+            f"{p.start_s:8.1f} to {p.end_s:6.1f} s  {load:8g} {unit}  {p.mean:.6g} +- {p.std:.2g}"
+        )
+    yield f"slope {report.slope():.6g} per {unit}"
+    for name, times in (("glitches", stairs.glitches_at_s), ("stuck samples", stairs.stuck_at_s)):
+        if times:
+            shown = ", ".join(f"{t:.2f}" for t in times[:8])
+            yield f"{len(times)} {name} left out, at {shown} s"
+    yield f"read back and kept as {report.out}"
+    yield next_line(after_import("loads", report.out, ()))

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from hdbench_cli.options import profile_option
+from hdbench.errors import LimitError
+from hdbench_cli.inputs import DEFAULT_PROFILE
+from hdbench_cli.options import StoredPath, profile_option
 from hdbench_cli.output import Output
-from hdbench_cli.parameters import StoredPath
 
 if TYPE_CHECKING:
-    from rich.console import Console
+    from rich.text import Text
 
 __all__ = ["command", "finding_lines"]
 
@@ -43,41 +44,40 @@ def command(
     Takes a trace, a run folder, or a file of any format that the import reads. Nothing is repaired.
     """
     from hdbench.diagnosis.inspection import inspect_log, read_log
-    from hdbench.errors import LimitError
     from hdbench.profile import load_profile
     from hdbench.records import resolve_input, result_header
     from hdbench.records.provenance import input_identity
 
-    profile = load_profile(profile_name or "cim-tr-97-06")
+    profile = load_profile(profile_name or DEFAULT_PROFILE)
     file = resolve_input(source) if (source / "run.json").is_file() else source
     log = read_log(file, topic=topic, joint=joint)
     found = inspect_log(log, profile.data)
     identity = input_identity(file) if file.is_file() else {"path": str(file)}
     body = {**result_header("inspect", profile), "input": identity, **found.to_dict()}
-    output.result(body, lambda console: _show(console, body))
+    output.result(body, _lines)
     if check and found.findings:
-        error = LimitError(
-            f"{len(found.findings)} findings; needed: none",
-            where=str(source),
-            fix="record again without them, or leave --check out",
+        output.end(
+            LimitError(
+                f"{len(found.findings)} findings; needed: none",
+                where=str(source),
+                fix="record again without them, or leave --check out",
+            )
         )
-        if not output.json:
-            raise error
-        output.note(str(error))
-        raise click.exceptions.Exit(error.exit_code)
 
 
 def _number(value: float | None, form: str = "{:.4g}") -> str:
     return "-" if value is None else form.format(value)
 
 
-def _show(console: Console, body: Mapping[str, Any]) -> None:
-    """Draw the inspection on one screen: stamps, channels, motion, findings."""
-    stamps, lines = body["sampling"], []
+def _lines(body: Mapping[str, Any]) -> Iterator[str | Text]:
+    """Yield the inspection on one screen: stamps, channels, motion, findings."""
+    from rich.text import Text
+
+    stamps = body["sampling"]
     if stamps["median_s"] is None:
-        lines.append(f"sampling   {stamps['rows']} rows without a time")
+        yield f"sampling   {stamps['rows']} rows without a time"
     else:
-        lines.append(
+        yield (
             f"sampling   {stamps['rows']} rows, {stamps['span_s']:.6g} s, "
             f"{stamps['rate_hz']:.6g} Hz, jitter {100.0 * stamps['jitter_share']:.2g} %, "
             f"{len(stamps['gaps'])} gaps"
@@ -86,35 +86,32 @@ def _show(console: Console, body: Mapping[str, Any]) -> None:
     head = (
         f"{'rate':>9} {'bandwidth':>10} {'resolution':>11} {'noise':>10} {'missing':>8} {'held':>6}"
     )
-    lines.append(f"{'channel':<{width}} {'unit':<6} {head}")
+    yield f"{'channel':<{width}} {'unit':<6} {head}"
     for one in body["channels"]:
-        lines.append(
+        yield (
             f"{one['name']:<{width}} {one['unit'] or '-':<6} "
             f"{_number(one['rate_hz']):>9} {_number(one['bandwidth_hz']):>10} "
             f"{_number(one['resolution'], '{:.3g}'):>11} {_number(one['noise'], '{:.2g}'):>10} "
             f"{100.0 * one['missing_share']:>7.3g}% {100.0 * one['held_share']:>5.3g}%"
         )
-    moved = body["coverage"]
-    if moved is not None:
-        low, high = moved["velocity"]
-        turns = "" if moved["turns"] is None else f", {moved['turns']:.4g} turns"
-        lines.append(
-            f"motion     {low:.4g} to {high:.4g} {moved['unit'] or '(no unit)'}, "
-            f"{moved['reversals']} reversals, {100.0 * moved['rest_share']:.3g} % at rest{turns}"
-        )
-        lines += [
-            f"  {one['name']}: {one['detail']}; {one['consequence']}" for one in moved["limits"]
-        ]
-    lines += body["notes"]
-    for line in lines:
-        console.print(line, markup=False, highlight=False, soft_wrap=True)
-    console.print(
-        f"findings: {len(body['findings'])}" if body["findings"] else "Nothing found.",
-        style="bold",
-        markup=False,
+    yield from _motion(body["coverage"])
+    yield from body["notes"]
+    count = len(body["findings"])
+    yield Text(f"findings: {count}" if count else "Nothing found.", style="bold")
+    yield from finding_lines(body["findings"])
+
+
+def _motion(moved: Mapping[str, Any] | None) -> Iterator[str]:
+    if moved is None:
+        return
+    low, high = moved["velocity"]
+    turns = "" if moved["turns"] is None else f", {moved['turns']:.4g} turns"
+    yield (
+        f"motion     {low:.4g} to {high:.4g} {moved['unit'] or '(no unit)'}, "
+        f"{moved['reversals']} reversals, {100.0 * moved['rest_share']:.3g} % at rest{turns}"
     )
-    for line in finding_lines(body["findings"]):
-        console.print(line, markup=False, highlight=False, soft_wrap=True)
+    for one in moved["limits"]:
+        yield f"  {one['name']}: {one['detail']}; {one['consequence']}"
 
 
 def finding_lines(findings: Sequence[Mapping[str, Any]]) -> list[str]:

@@ -2,53 +2,51 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from hdbench_cli import complete
+from hdbench_cli.inputs import choose_profile
 from hdbench_cli.options import (
     address_option,
     calibration_option,
     model_option,
+    plant_option,
     profile_option,
     seed_option,
 )
 from hdbench_cli.output import Output
+from hdbench_cli.text import table
 
 if TYPE_CHECKING:
-    from rich.console import Console
+    from rich.console import RenderableType
 
 __all__ = ["command"]
 
+_NUMBERS = ("mean", "std", "min", "max")
 
-def show(console: Console, result: Mapping[str, Any]) -> None:
-    """Draw mean, scatter and ends of every channel."""
-    from rich.table import Table
 
-    console.print(
+def _lines(result: Mapping[str, Any]) -> Iterator[RenderableType]:
+    """Yield mean, scatter and ends of every channel."""
+    yield (
         f"{result['samples']} samples in {result['seconds']:.1f} s, {result['lost']} lost, "
         f"{result['saturated']} saturated; drive disabled throughout"
     )
-    table = Table(box=None, pad_edge=False)
-    table.add_column("channel")
-    for name in ("mean", "std", "min", "max"):
-        table.add_column(name, justify="right")
-    table.add_column("unit")
+    rows = []
     for name, channel in result["channels"].items():
-        cells = [channel[key] for key in ("mean", "std", "min", "max")]
+        cells = [channel[key] for key in _NUMBERS]
         shown = ["-" if cell is None else f"{cell:.5g}" for cell in cells]
-        table.add_row(name, *shown, channel["unit"])
-    console.print(table)
+        rows.append((name, *shown, channel["unit"]))
+    yield table(("channel", *_NUMBERS, "unit"), rows, right=_NUMBERS)
 
 
 @click.command("monitor", epilog="Example: hdbench monitor --duration 2")
 @profile_option
 @address_option
 @calibration_option
-@model_option
+@model_option()
 @click.option(
     "--duration",
     "duration_s",
@@ -56,14 +54,7 @@ def show(console: Console, result: Mapping[str, Any]) -> None:
     type=click.FloatRange(min=0.0, min_open=True, max=86400.0),
     help="Stop after so many seconds; else at Ctrl-C, a day at most.",
 )
-@click.option(
-    "--plant",
-    metavar="NAME|FILE",
-    default="as-modelled",
-    show_default=True,
-    shell_complete=complete.plants,
-    help="What the embedded bench has beyond its model.",
-)
+@plant_option()
 @seed_option
 @click.pass_obj
 def command(
@@ -90,7 +81,6 @@ def command(
     from hdbench.session.filters import choose_filter
     from hdbench.session.monitor import Monitor
     from hdbench.session.stop import listen
-    from hdbench_cli.commands.experiment import choose_profile
     from hdbench_cli.live.view import live_view
 
     profile = choose_profile(profile_name, None)
@@ -110,6 +100,6 @@ def command(
         "channels": {name: channel.to_dict() for name, channel in seen.channels.items()},
         "safe_state": asdict(seen.safe),
     }
-    output.result(body, lambda console: show(console, body))
+    output.result(body, _lines)
     if seen.stopped_by is not None:
         raise click.exceptions.Exit(128 + seen.stopped_by)

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from hdbench.errors import UsageError
-from hdbench_cli.options import profile_option
+from hdbench_cli.inputs import choose_profile
+from hdbench_cli.options import POSITIVE, StoredPath, file_option, profile_option
 from hdbench_cli.output import Output
-from hdbench_cli.parameters import StoredPath
 
 if TYPE_CHECKING:
-    from rich.console import Console
+    from rich.text import Text
 
 __all__ = ["command"]
 
@@ -56,16 +57,11 @@ _SHOWN, _SETTLED = 8, 2
     "--duration",
     "duration_s",
     metavar="S",
-    type=click.FloatRange(min=0.0, min_open=True),
+    type=POSITIVE,
     help="Longest time that the bench may sample.  [default: 180]",
 )
 @click.option("--no-loads", is_flag=True, help="Propose nothing that needs an operator.")
-@click.option(
-    "--out",
-    metavar="FILE",
-    type=click.Path(path_type=Path, dir_okay=False),
-    help="Write the proposed run as a plan file, .toml or .json.",
-)
+@file_option("--out", metavar="FILE", help="Write the proposed run as a plan file, .toml or .json.")
 @click.pass_obj
 def command(
     output: Output,
@@ -85,7 +81,6 @@ def command(
     """
     from hdbench.diagnosis.planning import plan_report, write_plan
     from hdbench.records import result_header
-    from hdbench_cli.commands.experiment import choose_profile
     from hdbench_cli.live.progress import progress_bar
 
     profile = choose_profile(profile_name, of or result)
@@ -106,46 +101,43 @@ def command(
     body = {**result_header("plan-report", profile), **report}
     body["plan_file"] = None if out is None else str(out)
     body["command"] = None if out is None else f"hdbench run-ripple --plan {out}"
-    output.result(body, lambda console: _show(console, body))
+    output.result(body, _lines)
 
 
-def _show(console: Console, body: dict[str, Any]) -> None:
-    """Draw the report on one screen."""
-
-    def line(text: str, style: str | None = None) -> None:
-        console.print(text, markup=False, style=style, highlight=False)
+def _lines(body: Mapping[str, Any]) -> Iterator[str | Text]:
+    """Yield the report on one screen."""
+    from rich.text import Text
 
     at_hand = body["at_hand"]
     total = len(at_hand["visible"]) + len(at_hand["invisible"])
-    line(f"{body['source']}", "bold")
-    line(f"  shows {len(at_hand['visible'])} of {total} causes")
-    for group in at_hand["inseparable"][:_SHOWN]:
-        line(f"  exactly alike: {', '.join(group)}")
+    yield Text(body["source"], style="bold")
+    yield f"  shows {len(at_hand['visible'])} of {total} causes"
+    yield from (f"  exactly alike: {', '.join(one)}" for one in at_hand["inseparable"][:_SHOWN])
     shown = body["pairs"][:_SHOWN]
     if shown:
-        line("share of the first that the second cannot imitate: at hand -> proposed", "bold")
+        head = "share of the first that the second cannot imitate: at hand -> proposed"
+        yield Text(head, style="bold")
     for pair in shown:
         mark = "told apart" if pair["separated"] else "NOT told apart"
-        line(
+        yield (
             f"  {pair['first'] + ' / ' + pair['second']:<54}"
             f"{_share(pair['sin2_at_hand'])} -> {_share(pair['sin2_proposed'])}  {mark}"
         )
     if len(body["pairs"]) > _SHOWN:
         open_pairs = sum(not pair["separated"] for pair in body["pairs"])
-        line(f"  {len(body['pairs'])} pairs in all, {open_pairs} of them stay open")
+        yield f"  {len(body['pairs'])} pairs in all, {open_pairs} of them stay open"
     for pair in _open_pairs(body)[:_SETTLED]:
-        line(f"  {pair['first']} or {pair['second']} is settled by {pair['settled_by']}")
+        yield f"  {pair['first']} or {pair['second']} is settled by {pair['settled_by']}"
     if body["plan"] is None:
-        line("no run of this bench tells them apart", "bold")
+        yield Text("no run of this bench tells them apart", style="bold")
         return
     operator = ", needs an operator" if body["needs_operator"] else ""
-    line(f"proposed run: {body['duration_s']:.0f} s{operator}", "bold")
-    for words in body["words"]:
-        line(f"  {words}")
-    line(body["command"] or "write it with --out FILE, then hdbench run-ripple --plan FILE")
+    yield Text(f"proposed run: {body['duration_s']:.0f} s{operator}", style="bold")
+    yield from (f"  {words}" for words in body["words"])
+    yield body["command"] or "write it with --out FILE, then hdbench run-ripple --plan FILE"
 
 
-def _open_pairs(body: dict[str, Any]) -> list[dict[str, Any]]:
+def _open_pairs(body: Mapping[str, Any]) -> list[dict[str, Any]]:
     """Return pairs that stay open, each once whatever its order."""
     found: dict[frozenset[str], dict[str, Any]] = {}
     for pair in body["pairs"]:

@@ -10,8 +10,9 @@ from typing import Any
 import click
 
 from hdbench.errors import UsageError
+from hdbench_cli.inputs import DEFAULT_PROFILE
+from hdbench_cli.options import StoredPath, file_option, no_input_option
 from hdbench_cli.output import Output
-from hdbench_cli.parameters import StoredPath
 
 __all__ = ["command"]
 
@@ -33,13 +34,12 @@ def list_(output: Output) -> None:
 
     profiles = [load_profile(name) for name in list_profiles()]
     rows = [{**p.describe(), "description": p.data.description} for p in profiles]
-    lines = "\n".join(f"{row['name']}  {row['description']}" for row in rows)
     body = {**result_header("profiles", None), "profiles": rows}
-    output.result(body, lambda _console: click.echo(lines))
+    output.result(body, lambda _body: [f"{row['name']}  {row['description']}" for row in rows])
 
 
 @command.command("show", epilog="Example: hdbench profile show cim-tr-97-06")
-@click.argument("name", metavar="NAME|PATH", default="cim-tr-97-06")
+@click.argument("name", metavar="NAME|PATH", default=DEFAULT_PROFILE)
 @click.pass_obj
 def show(output: Output, name: str) -> None:
     """Show the text of a profile."""
@@ -54,7 +54,7 @@ def show(output: Output, name: str) -> None:
         "text": profile.text,
         "data": profile.data.model_dump(mode="json"),
     }
-    output.result(body, lambda _console: click.echo(profile.text, nl=False))
+    output.result(body, lambda _body: profile.text)
 
 
 @command.command("check", epilog="Example: hdbench profile check my-bench.toml")
@@ -67,10 +67,8 @@ def check(output: Output, files: tuple[str, ...]) -> None:
 
     profiles = check_profiles(files)
     rows = [{**p.describe(), "path": p.path} for p in profiles]
-    output.result(
-        {**result_header("profiles", None), "profiles": rows},
-        lambda _console: click.echo("\n".join(f"{r['path']}: valid" for r in rows)),
-    )
+    body = {**result_header("profiles", None), "profiles": rows}
+    output.result(body, lambda _body: [f"{row['path']}: valid" for row in rows])
 
 
 @command.command(
@@ -97,13 +95,8 @@ def check(output: Output, files: tuple[str, ...]) -> None:
     help="Cycles per motor turn that every fit holds; may be repeated.  [default: 2 and 4 for a "
     "strain wave gear, whose ratio is 30 to 320; else 1]",
 )
-@click.option("--no-input", is_flag=True, help="Never ask.")
-@click.option(
-    "--out",
-    metavar="FILE",
-    type=click.Path(path_type=Path, dir_okay=False),
-    help="File to write; else the text goes to stdout.",
-)
+@no_input_option
+@file_option("--out", metavar="FILE", help="File to write; else the text goes to stdout.")
 @click.pass_obj
 def new(
     output: Output,
@@ -147,15 +140,13 @@ def new(
         text, more = bench.text, bench.to_dict()
     if out is not None:
         write_new(out, text.encode())
-    body = {"name": name, "path": None if out is None else str(out), **more, "text": text}
+    path = None if out is None else str(out)
+    body = {**result_header("profile-new", None), "name": name, "path": path, **more, "text": text}
     # the text may go into a file by a redirection: what is said about it does not belong there
     if more and not output.json:
         for line in _told(more):
             output.note(line)
-    output.result(
-        {**result_header("profile-new", None), **body},
-        lambda _console: click.echo(text if out is None else f"{out}\n", nl=False),
-    )
+    output.result(body, lambda _body: text if out is None else f"{out}\n")
 
 
 def _asked(value: float | None, option: str, question: str, ask: bool) -> float:
@@ -192,4 +183,4 @@ def schema(output: Output) -> None:
     from hdbench.profile import profile_schema
 
     body = profile_schema()
-    output.result(body, lambda _console: click.echo(json.dumps(body, indent=2)))
+    output.result(body, lambda _body: json.dumps(body, indent=2) + "\n")

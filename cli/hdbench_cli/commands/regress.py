@@ -2,49 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
+from hdbench.errors import DataError, LimitError
+from hdbench_cli.options import StoredPath, file_option
 from hdbench_cli.output import Output
-from hdbench_cli.parameters import StoredPath
 
 if TYPE_CHECKING:
-    from rich.console import Console
+    from rich.text import Text
 
     from hdbench.errors import HdbenchError
     from hdbench.regression import RegressionReport
 
-__all__ = ["command", "show"]
+__all__ = ["command"]
 
 # lines per case on the screen: the rest is in --json
 _MOST_LINES = 20
-
-
-def show(console: Console, report: RegressionReport) -> None:
-    """Draw what moved, case by case."""
-    from rich.text import Text
-
-    for case in report.cases:
-        if case.error is not None:
-            console.print(Text.assemble(("INVALID ", "bold red"), f"{case.name}: not compared"))
-            continue
-        word, style = ("pass", "green") if case.passed else ("MOVED", "bold red")
-        if case.updated and case.changes:
-            word, style = "updated", "yellow"
-        line = Text.assemble((f"{word:8}", style), f"{case.name}: {case.compared} quantities")
-        console.print(line)
-        if case.updated and not case.compared:
-            console.print(f"  . first result kept: {len(case.changes)} quantities")
-            continue
-        for change in case.changes[:_MOST_LINES]:
-            mark = "  ! " if change.regression else "  . "
-            console.print(Text(mark + change.describe()), soft_wrap=True)
-            if change.regression and change.what == "moved":
-                console.print(Text(f"      tolerance: {change.reason}", style="dim"))
-        if len(case.changes) > _MOST_LINES:
-            console.print(f"  and {len(case.changes) - _MOST_LINES} more: see --json")
 
 
 @click.command(
@@ -53,17 +30,15 @@ def show(console: Console, report: RegressionReport) -> None:
 )
 @click.argument("folder", metavar="DIR", type=StoredPath())
 @click.option("--update", is_flag=True, help="Keep what comes out now as the expected results.")
-@click.option(
+@file_option(
     "--junit",
     metavar="FILE",
-    type=click.Path(path_type=Path, dir_okay=False),
     help="Write the outcome as JUnit XML too, for the test page of a CI system.",
 )
-@click.option(
+@file_option(
     "--report",
     "html_file",
     metavar="FILE.html",
-    type=click.Path(path_type=Path, dir_okay=False),
     help="Write the outcome as one offline page; CSV and JSON go beside it.",
 )
 @click.pass_obj
@@ -85,29 +60,36 @@ def command(
         from hdbench.report.regression import write_regression
 
         write_regression(body, html_file)
-    output.result(body, lambda console: _show_all(console, report, junit, html_file))
-    error = _verdict(report, folder)
-    if error is None:
-        return
-    if output.json:
-        output.note(str(error))
-        raise click.exceptions.Exit(error.exit_code)
-    raise error
+    written = [f"written  {file}" for file in (junit, html_file) if file is not None]
+    output.result(body, lambda _body: [*_lines(report), *written])
+    output.end(_verdict(report, folder))
 
 
-def _show_all(console: Console, report: RegressionReport, *files: Path | None) -> None:
-    """Draw what moved, and name the files that were written."""
+def _lines(report: RegressionReport) -> Iterator[str | Text]:
+    """Yield what moved, case by case."""
     from rich.text import Text
 
-    show(console, report)
-    for file in filter(None, files):
-        console.print(Text(f"written  {file}"), soft_wrap=True)
+    for case in report.cases:
+        if case.error is not None:
+            yield Text.assemble(("INVALID ", "bold red"), f"{case.name}: not compared")
+            continue
+        word, style = ("pass", "green") if case.passed else ("MOVED", "bold red")
+        if case.updated and case.changes:
+            word, style = "updated", "yellow"
+        yield Text.assemble((f"{word:8}", style), f"{case.name}: {case.compared} quantities")
+        if case.updated and not case.compared:
+            yield f"  . first result kept: {len(case.changes)} quantities"
+            continue
+        for change in case.changes[:_MOST_LINES]:
+            yield f"  {'!' if change.regression else '.'} {change.describe()}"
+            if change.regression and change.what == "moved":
+                yield Text(f"      tolerance: {change.reason}", style="dim")
+        if len(case.changes) > _MOST_LINES:
+            yield f"  and {len(case.changes) - _MOST_LINES} more: see --json"
 
 
 def _verdict(report: RegressionReport, folder: Path) -> HdbenchError | None:
     """Return the error that the command ends with; None where everything passed."""
-    from hdbench.errors import DataError, LimitError
-
     if len(report.errors) == 1:
         return report.errors[0]
     if report.errors:

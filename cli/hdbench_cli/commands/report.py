@@ -6,7 +6,8 @@ from pathlib import Path
 
 import click
 
-from hdbench_cli.options import profile_option
+from hdbench_cli.inputs import choose_profile
+from hdbench_cli.options import StoredPath, profile_option
 from hdbench_cli.output import Output
 
 __all__ = ["command"]
@@ -17,9 +18,7 @@ __all__ = ["command"]
     epilog="Example: hdbench report runs/RUN1 runs/RUN2 --out report.html; "
     "hdbench report --fleet runs",
 )
-@click.argument(
-    "runs", metavar="FILE|RUN...", nargs=-1, required=True, type=click.Path(path_type=Path)
-)
+@click.argument("runs", metavar="FILE|RUN...", nargs=-1, required=True, type=StoredPath())
 @click.option(
     "--out",
     metavar="FILE|DIR",
@@ -49,11 +48,10 @@ def command(
     With --fleet: how each key figure is distributed over drives, which drives are outliers, causes
     by frequency, and a table that leads to every drive's own report.
     """
-    from hdbench.profile import load_profile
     from hdbench.records import result_header
     from hdbench.report import write_report
 
-    profile = load_profile(profile_name or "cim-tr-97-06")
+    profile = choose_profile(profile_name, None)
     alone = runs[0] if len(runs) == 1 and runs[0].is_dir() else Path()
     if fleet:
         from hdbench.report.fleet import fleet_runs, write_fleet
@@ -61,9 +59,10 @@ def command(
         files = write_fleet(fleet_runs(runs), out or alone / "fleet.html")
     else:
         files = write_report(runs, out or alone / "report.html", profile=profile)
-    body = {"html": str(files.html), "csv": str(files.csv), "json": str(files.json)}
-    body = {**result_header("report-files", profile), **body}
-
-    output.result(
-        body, lambda console: console.print(f"report  {files.html}", highlight=False, markup=False)
-    )
+    body = {
+        **result_header("report-files", profile),
+        "html": str(files.html),
+        "csv": str(files.csv),
+        "json": str(files.json),
+    }
+    output.result(body, lambda _body: [f"report  {files.html}"])

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from hdbench_cli.options import profile_option
+from hdbench_cli.inputs import choose_profile
+from hdbench_cli.options import POSITIVE, model_option, plot_option, profile_option, speeds
 from hdbench_cli.output import Output
-from hdbench_cli.parameters import speeds
+from hdbench_cli.text import table
 
 if TYPE_CHECKING:
-    from rich.console import Console
+    from rich.console import RenderableType
 
     from hdbench.profile import Profile
 
@@ -31,12 +34,7 @@ def _speeds(profile: Profile) -> tuple[float, float]:
 @click.command(
     "response", epilog="Example: hdbench response --model report-6 --velocity 50 --velocity 156"
 )
-@click.option(
-    "--model",
-    "filter_name",
-    metavar="NAME|FILE",
-    help="Filter model: report-a1, report-a2, report-6 or a model file; else the profile's.",
-)
+@model_option("Filter model: report-a1, report-a2, report-6 or a model file; else the profile's.")
 @click.option(
     "--velocity",
     "velocities",
@@ -50,15 +48,10 @@ def _speeds(profile: Profile) -> tuple[float, float]:
     "--period",
     "period_s",
     metavar="S",
-    type=click.FloatRange(min=0.0, min_open=True),
+    type=POSITIVE,
     help="Sampling period.  [default: the profile's]",
 )
-@click.option(
-    "--plot",
-    metavar="FILE.svg",
-    type=click.Path(path_type=Path, dir_okay=False),
-    help="Picture to write, .svg or .png.",
-)
+@plot_option
 @profile_option
 @click.pass_obj
 def command(
@@ -77,18 +70,17 @@ def command(
     from hdbench.filter.response import filter_response, inject
     from hdbench.records import result_header
     from hdbench.session.filters import choose_filter
-    from hdbench_cli.commands.experiment import choose_profile
 
     profile = choose_profile(profile_name, None)
     model = choose_filter(profile, filter_name)
     period = period_s or profile.data.daq.sample_period_s
+    injected = [f for f in _INJECTED_HZ if f < 0.5 / period]
     responses = []
     for velocity in velocities or _speeds(profile):
         item = filter_response(model, velocity, period).to_dict()
-        probes = inject(model, velocity, period, [f for f in _INJECTED_HZ if f < 0.5 / period])
         item["injection"] = [
             {"frequency_hz": p.frequency_hz, "measured": p.measured, "algebra": p.algebra}
-            for p in probes
+            for p in inject(model, velocity, period, injected)
         ]
         responses.append(item)
     body = {
@@ -102,36 +94,33 @@ def command(
 
         plot_response(plot, model.name, responses)
         body["plot"] = str(plot)
-    output.result(body, lambda console: _show(console, body))
+    output.result(body, _lines)
 
 
-def _show(console: Console, body: dict[str, Any]) -> None:
-    from rich.table import Table
-
+def _lines(body: Mapping[str, Any]) -> Iterator[RenderableType]:
     for item in body["responses"]:
         settling = item["settling_time_s"]
         memory = "never" if settling is None else f"{settling:.3g} s"
-        title = f"{body['filter']['name']} at {item['velocity_rad_s']:g} rad/s: "
-        title += f"white noise times {item['noise_gain']:.3f}, settled to 2 % after {memory}"
-        console.print(title, markup=False, highlight=False, soft_wrap=True)
-        table = Table("frequency", "|H|", "|H| by injection", "phase", box=None, pad_edge=False)
-        injected = {p["frequency_hz"]: p["measured"] for p in item["injection"]}
-        for p in item["passed"]:
-            measured = injected.get(p["frequency_hz"])
-            table.add_row(
+        yield (
+            f"{body['filter']['name']} at {item['velocity_rad_s']:g} rad/s: "
+            f"white noise times {item['noise_gain']:.3f}, settled to 2 % after {memory}"
+        )
+        injected = {p["frequency_hz"]: f"{p['measured']:.3f}" for p in item["injection"]}
+        rows = (
+            (
                 f"{p['frequency_hz']:g} Hz",
                 f"{p['gain']:.3f}",
-                "" if measured is None else f"{measured:.3f}",
-                f"{57.29577951308232 * p['phase_rad']:+.1f} deg",
+                injected.get(p["frequency_hz"], ""),
+                f"{math.degrees(p['phase_rad']):+.1f} deg",
             )
-        console.print(table)
+            for p in item["passed"]
+        )
+        yield table(("frequency", "|H|", "|H| by injection", "phase"), rows)
         for n in item["notches"]:
             width = "none: half power is not reached on both sides before the next notch"
             if n["width_hz"] is not None:
                 width = f"{n['width_hz']:.3g} Hz"
-            text = (
-                f"notch {n['name']} at {n['frequency_hz']:.4g} Hz, {n['depth_db']:.0f} dB, width "
-            )
-            console.print(text + width, markup=False, highlight=False, soft_wrap=True)
+            at = f"{n['frequency_hz']:.4g} Hz, {n['depth_db']:.0f} dB"
+            yield f"notch {n['name']} at {at}, width {width}"
     if "plot" in body:
-        console.print(f"picture: {body['plot']}", markup=False, highlight=False, soft_wrap=True)
+        yield f"picture: {body['plot']}"

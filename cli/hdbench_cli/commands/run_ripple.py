@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterator, Mapping
+from typing import Any
 
 import click
 
-from hdbench_cli.commands.experiment import Request, run_command
+from hdbench_cli.commands.experiment import Request, run
 from hdbench_cli.commands.run_misalignment import failed
 from hdbench_cli.options import (
+    StoredPath,
     allow_expired_option,
     bench_options,
     calibration_option,
@@ -18,46 +18,37 @@ from hdbench_cli.options import (
     plan_option,
 )
 from hdbench_cli.output import Output
-from hdbench_cli.parameters import StoredPath
+from hdbench_cli.text import probability, remark_lines, with_uncertainty
 
-if TYPE_CHECKING:
-    from rich.console import Console
-
-__all__ = ["command", "show"]
+__all__ = ["command", "failed", "lines"]
 
 
-def show(console: Console, result: Mapping[str, Any]) -> None:
-    """Draw a ripple result."""
-    from hdbench_cli.numbers import probability, show_remarks, with_uncertainty
-
-    console.print("Torque ripple")
+def lines(result: Mapping[str, Any]) -> Iterator[str]:
+    """Yield a ripple result."""
+    yield "Torque ripple"
     taken = {entry["order"]: entry["suppression_db"] for entry in result["suppression_db"]}
     for line in result["ripple"]:
         order = line["order"]
-        console.print(f"order {order:<7g} {with_uncertainty(line['amplitude_nm'], 'N m')}")
-        console.print(f"  phase       {with_uncertainty(line['phase_rad'], 'rad')}")
+        yield f"order {order:<7g} {with_uncertainty(line['amplitude_nm'], 'N m')}"
+        yield f"  phase       {with_uncertainty(line['phase_rad'], 'rad')}"
         if taken.get(order) is not None:
-            console.print(f"  filter      takes {taken[order]:.1f} dB")
-    for line in result.get("lines", ()):
-        console.print(
-            f"also {line['order']:<8.4g} {with_uncertainty(line['amplitude_nm'], 'N m')}"
+            yield f"  filter      takes {taken[order]:.1f} dB"
+    others = [(f"also {line['order']:<8.4g}", line) for line in result.get("lines", ())]
+    others += [(f"tone {t['frequency_hz']:<5.4g} Hz", t) for t in result.get("tones", ())]
+    for head, line in others:
+        yield (
+            f"{head} {with_uncertainty(line['amplitude_nm'], 'N m')}"
             f"  false alarm {probability(line['false_alarm_probability'])}"
         )
-    for tone in result.get("tones", ()):
-        console.print(
-            f"tone {tone['frequency_hz']:<5.4g} Hz {with_uncertainty(tone['amplitude_nm'], 'N m')}"
-            f"  false alarm {probability(tone['false_alarm_probability'])}"
-        )
     rms = result["torque_rms_nm"]
-    console.print(
-        f"torque rms    {rms['measured']:.4f} measured, {rms['filtered']:.4f} filtered N m"
-    )
-    show_remarks(console, result)
+    yield f"torque rms    {rms['measured']:.4f} measured, {rms['filtered']:.4f} filtered N m"
+    yield from remark_lines(result)
 
 
 @click.command(
     "run-ripple",
-    epilog="Example: hdbench run-ripple --calibration runs/RUN --misalignment runs/RUN --yes",
+    epilog="Example: hdbench run-ripple --calibration last:calibration "
+    "--misalignment last:misalignment --yes",
 )
 @bench_options
 @calibration_option
@@ -68,7 +59,7 @@ def show(console: Console, result: Mapping[str, Any]) -> None:
     type=StoredPath(),
     help="Misalignment result whose output-order block joins the online filter.",
 )
-@model_option
+@model_option()
 @plan_option
 @click.option(
     "--velocity-above",
@@ -95,6 +86,4 @@ def command(
     """
     from hdbench.ripple import Stretch
 
-    stretch = Stretch(velocity_above, from_s, to_s)
-    request = Request(kind="ripple", out=Path(options.pop("out")), stretch=stretch, **options)
-    run_command(output, request, show, failed)
+    run(output, Request("ripple", stretch=Stretch(velocity_above, from_s, to_s), **options))

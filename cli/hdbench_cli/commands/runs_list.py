@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 from click.core import ParameterSource
 
-from hdbench_cli.next_step import line
+from hdbench_cli.next_step import next_line
+from hdbench_cli.options import StoredPath, with_options
 from hdbench_cli.output import Output
 
 if TYPE_CHECKING:
@@ -62,14 +63,14 @@ def filter_options(function: F) -> F:
         "drive": "Identity of the drive, as --drive or the profile gave it.",
         "sensor": "Identity of the sensor, the profile's identity.flexspline_serial.",
     }
-    function = click.option(
+    options = [
+        click.option(f"--{name}", metavar="WORD", multiple=True, help=f"{text} May be repeated.")
+        for name, text in words.items()
+    ]
+    since = click.option(
         "--since", metavar="DATE|DAYSd", type=_Since(), help="Started then or later (UTC)."
-    )(function)
-    for name in reversed(_FILTERS):
-        function = click.option(
-            f"--{name}", metavar="WORD", multiple=True, help=f"{words[name]} May be repeated."
-        )(function)
-    return function
+    )
+    return with_options(*options, since)(function)
 
 
 def chosen_runs(ctx: click.Context, parent: Path, options: dict[str, Any]) -> list[RunSummary]:
@@ -141,18 +142,18 @@ def list_(
             return
     output.result(
         {**result_header("runs", None), "runs": [run.to_dict() for run in runs]},
-        lambda _console: click.echo(_lines(parent, runs)),
+        lambda _body: _lines(parent, runs),
     )
 
 
 def _lines(parent: Path, runs: list[RunSummary]) -> str:
-    lines = [
+    if not runs:
+        return f"no such runs in {parent.resolve()}\n{next_line('hdbench demo')}\n"
+    lines = (
         f"{r.path}  {r.status:10}  {r.verdict:13}  {r.profile}  {r.drive:8}  {r.exit_reason}"
         for r in runs
-    ]
-    if lines:
-        return "\n".join(text.rstrip() for text in lines)
-    return f"no such runs in {parent.resolve()}\n{line('hdbench demo')}"
+    )
+    return "".join(f"{line.rstrip()}\n" for line in lines)
 
 
 def _write_csv(file: str, runs: list[RunSummary]) -> None:
@@ -175,7 +176,7 @@ def _write_csv(file: str, runs: list[RunSummary]) -> None:
 
 
 @click.command("note", epilog="Example: hdbench runs note runs/RUN 're-clamped, new gauges'")
-@click.argument("run", metavar="RUN", type=click.Path(path_type=Path))
+@click.argument("run", metavar="RUN", type=StoredPath())
 @click.argument("text", metavar="TEXT")
 @click.pass_obj
 def note(output: Output, run: Path, text: str) -> None:
@@ -192,5 +193,5 @@ def note(output: Output, run: Path, text: str) -> None:
     notes = [asdict(one) for one in read_notes(run)]
     output.result(
         {**result_header("notes", None), "run": str(run), "notes": notes},
-        lambda _console: click.echo("\n".join(f"{n['utc'][:19]}Z  {n['text']}" for n in notes)),
+        lambda _body: [f"{n['utc'][:19]}Z  {n['text']}" for n in notes],
     )

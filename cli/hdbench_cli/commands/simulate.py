@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from hdbench.errors import DoubtfulDataError, UsageError
-from hdbench_cli.options import profile_option, seed_option
+from hdbench_cli.inputs import choose_profile
+from hdbench_cli.options import POSITIVE, StoredPath, file_option, profile_option, seed_option
 from hdbench_cli.output import Output
-from hdbench_cli.parameters import StoredPath
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
-    from hdbench.model import BenchModel
-    from hdbench.profile import Profile
     from hdbench.records import Trace
 
 __all__ = ["command"]
@@ -41,7 +38,7 @@ __all__ = ["command"]
     "--duration",
     "duration_s",
     metavar="S",
-    type=click.FloatRange(min=0.0, min_open=True),
+    type=POSITIVE,
     help="Length of a run of its own.  [default: the profile's ripple run]",
 )
 @click.option(
@@ -54,13 +51,7 @@ __all__ = ["command"]
     help="White noise of the torque per sample.",
 )
 @seed_option
-@click.option(
-    "--out",
-    metavar="FILE.csv",
-    type=click.Path(path_type=Path, dir_okay=False),
-    required=True,
-    help="Trace to write, .csv or .csv.gz.",
-)
+@file_option("--out", metavar="FILE.csv", required=True, help="Trace to write, .csv or .csv.gz.")
 @click.pass_obj
 def command(
     output: Output,
@@ -77,19 +68,32 @@ def command(
     Alone it runs the profile's ripple plan on an ideal motion. With --like it keeps the measured
     motion of a run or trace and computes the torque that the model gives there.
     """
-    from hdbench.model import load_model
+    import numpy as np
+
+    from hdbench.model import load_model, simulate_like, simulate_run, with_noise
     from hdbench.model.bench import BenchModel
-    from hdbench.records.jsonfile import result_header
-    from hdbench.records.tables import write_trace
-    from hdbench_cli.commands.experiment import choose_profile
+    from hdbench.records import read_trace, resolve_input, result_header, write_trace
 
     _check_out(out, like, duration_s)
     profile = choose_profile(profile_name, like)
     model = load_model(model_file) if model_file else BenchModel.from_profile(profile.data)
-    trace = _simulate(profile, model, like, duration_s, noise_nm, seed)
+    rng = np.random.default_rng(seed)
+    if like is not None:
+        measured = read_trace(resolve_input(like), require=("velocity",))
+        trace = with_noise(simulate_like(measured, profile.data, model), noise_nm, rng)
+    else:
+        plan = profile.data.ripple
+        trace = simulate_run(
+            profile.data,
+            model,
+            duration_s=plan.duration_s if duration_s is None else duration_s,
+            wave=plan.reference,
+            noise_nm=noise_nm,
+            rng=rng,
+        )
     write_trace(out, trace)
     lost = int((~trace.valid("torque_nm")).sum())
-    facts = {
+    body = {
         **result_header("simulation", profile),
         "file": str(out),
         "like": None if like is None else str(like),
@@ -100,7 +104,7 @@ def command(
         **_summary(trace),
         "lost_samples": lost,
     }
-    output.result(facts, lambda console: _show(console, facts))
+    output.result(body, _lines)
     if lost:
         error = DoubtfulDataError(
             f"{lost} of {len(trace)} samples of the motion are lost; their torque is left empty",
@@ -134,36 +138,6 @@ def _check_out(out: Path, like: Path | None, duration_s: float | None) -> None:
         )
 
 
-def _simulate(
-    profile: Profile,
-    model: BenchModel,
-    like: Path | None,
-    duration_s: float | None,
-    noise_nm: float,
-    seed: int,
-) -> Trace:
-    """Return the simulated trace."""
-    import numpy as np
-
-    from hdbench.model import simulate_like, simulate_run, with_noise
-    from hdbench.records import resolve_input
-    from hdbench.records.tables import read_trace
-
-    rng = np.random.default_rng(seed)
-    if like is not None:
-        measured = read_trace(resolve_input(like), require=("velocity",))
-        return with_noise(simulate_like(measured, profile.data, model), noise_nm, rng)
-    plan = profile.data.ripple
-    return simulate_run(
-        profile.data,
-        model,
-        duration_s=plan.duration_s if duration_s is None else duration_s,
-        wave=plan.reference,
-        noise_nm=noise_nm,
-        rng=rng,
-    )
-
-
 def _summary(trace: Trace) -> dict[str, float | int | None]:
     """Return size and root mean square of the simulated torque."""
     import numpy as np
@@ -176,14 +150,9 @@ def _summary(trace: Trace) -> dict[str, float | int | None]:
     }
 
 
-def _show(console: Console, facts: dict[str, Any]) -> None:
-    """Draw the result for a person."""
-    rms = facts["torque_rms_nm"]
+def _lines(body: Mapping[str, Any]) -> Iterator[str]:
+    rms = body["torque_rms_nm"]
     size = "none" if rms is None else f"{rms:.4f} N m rms"
-    lines = (
-        ("torque", f"{size} over {facts['duration_s']:.3f} s"),
-        ("terms", ", ".join(facts["terms"])),
-        ("file", facts["file"]),
-    )
-    for name, value in lines:
-        console.print(f"{name:<8}{value}", markup=False, soft_wrap=True)
+    yield f"torque  {size} over {body['duration_s']:.3f} s"
+    yield f"terms   {', '.join(body['terms'])}"
+    yield f"file    {body['file']}"

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from typing import TYPE_CHECKING
 
 import click
 
 from hdbench.errors import UnsafeError
+from hdbench_cli.inputs import choose_profile
 from hdbench_cli.options import address_option, profile_option
 from hdbench_cli.output import Output
-
-if TYPE_CHECKING:
-    from rich.console import Console
 
 __all__ = ["command"]
 
@@ -27,15 +24,11 @@ def command(output: Output, profile_name: str | None, address: str | None) -> No
     This is no safety function: a bench needs a hard-wired emergency stop.
     """
     from hdbench.devices import stop_bench
-    from hdbench.profile import load_profile
     from hdbench.records import result_header
 
-    profile = load_profile(profile_name or "cim-tr-97-06")
+    profile = choose_profile(profile_name, None)
     safe = stop_bench(profile, address=address)
     if not safe.confirmed:
         raise UnsafeError.unconfirmed(safe.detail, where=address or profile.data.daq.address)
-
-    def text(console: Console) -> None:
-        console.print(f"stopped: {safe.detail}", markup=False)
-
-    output.result({**result_header("stop", profile), **asdict(safe)}, text)
+    body = {**result_header("stop", profile), **asdict(safe)}
+    output.result(body, lambda _body: [f"stopped: {safe.detail}"])

@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
+from hdbench.errors import LimitError, UsageError
 from hdbench_cli.commands.runs_list import chosen_runs, filter_options
+from hdbench_cli.inputs import refuse_same_csv
+from hdbench_cli.options import file_option
 from hdbench_cli.output import Output
+from hdbench_cli.text import table, with_uncertainty
 
 if TYPE_CHECKING:
-    from rich.console import Console
+    from rich.console import RenderableType
 
-__all__ = ["command", "show"]
+__all__ = ["command"]
 
 # the library's own names, written out so that --help imports nothing; a test compares
 QUANTITY_NAMES = (
@@ -44,9 +48,13 @@ QUANTITY_NAMES = (
     help="One chart for each of these.",
 )
 @click.option(
-    "--order", "orders", metavar="ORDER", type=float, multiple=True,
+    "--order",
+    "orders",
+    metavar="ORDER",
+    type=float,
+    multiple=True,
     help="Of the ripple: this order only; may be repeated.  [default: all]",
-)  # fmt: skip
+)
 @click.option(
     "--false-alarm",
     "probability",
@@ -57,15 +65,20 @@ QUANTITY_NAMES = (
     help="Chance of any signal in one stable history, all its charts together.",
 )
 @click.option(
-    "--seed", type=click.IntRange(min=0), default=0, show_default=True,
+    "--seed",
+    type=click.IntRange(min=0),
+    default=0,
+    show_default=True,
     help="Seed of the stable histories that are drawn to find the limits.",
-)  # fmt: skip
+)
 @click.option("--check", is_flag=True, help="Exit 3 on a signal.")
-@click.option("--csv", "csv_file", metavar="FILE.csv", help="The points with their limits as CSV.",
-              type=click.Path(path_type=Path, dir_okay=False))  # fmt: skip
-@click.option("--html", "html_file", metavar="FILE.html",
-              help="One offline page with charts; CSV and JSON go beside it.",
-              type=click.Path(path_type=Path, dir_okay=False))  # fmt: skip
+@file_option("--csv", "csv_file", metavar="FILE.csv", help="The points with their limits as CSV.")
+@file_option(
+    "--html",
+    "html_file",
+    metavar="FILE.html",
+    help="One offline page with charts; CSV and JSON go beside it.",
+)
 @click.pass_context
 def command(
     ctx: click.Context,
@@ -87,17 +100,11 @@ def command(
     residual. Limits come from the runs' own uncertainties and from the scatter between runs. The
     options that choose runs are those of `hdbench runs list`; `hdbench runs note` adds marks.
     """
-    from hdbench.errors import UsageError
     from hdbench.records import write_atomic
     from hdbench.records.runfolder import utc_now
     from hdbench.trend import trend_csv, trend_of_runs
 
-    if csv_file and html_file and csv_file.resolve() == html_file.with_suffix(".csv").resolve():
-        raise UsageError(
-            f"{csv_file} is also the name of the page's own CSV file",
-            where="--csv",
-            fix="give --csv another name than --html",
-        )
+    refuse_same_csv(csv_file, html_file)
     if orders and quantity != "ripple":
         raise UsageError(
             f"--order with {quantity}", where="--order", fix="leave it out, or ask for ripple"
@@ -122,79 +129,69 @@ def command(
 
         files["html"] = str(write_trend(body, trend_csv(body), html_file).html)
     body["files"] = files
-    output.result(body, lambda console: show(console, body, parent))
-    signals = [signal for group in body["groups"] for signal in group["signals"]]
-    if check and signals:
-        _failed(output, body, parent)
-
-
-def _failed(output: Output, body: Mapping[str, Any], parent: Path) -> None:
-    from hdbench.errors import LimitError
-
+    output.result(body, lambda body: _lines(body, parent))
     names = [_title(group) for group in body["groups"] if group["signals"]]
-    error = LimitError(
-        f"{body['label']}: signals in {len(names)} of {len(body['groups'])} histories: "
-        f"{', '.join(names[:5])}{' ...' if len(names) > 5 else ''}",
-        where=str(parent),
-        fix="look at the charts (--html), measure again, and note what was done (runs note)",
-    )
-    if not output.json:
-        raise error
-    output.note(str(error))
-    raise click.exceptions.Exit(error.exit_code)
+    if check and names:
+        more = " ..." if len(names) > 5 else ""
+        output.end(
+            LimitError(
+                f"{body['label']}: signals in {len(names)} of {len(body['groups'])} histories: "
+                f"{', '.join(names[:5])}{more}",
+                where=str(parent),
+                fix="look at the charts (--html), measure again, and note what was done "
+                "(runs note)",
+            )
+        )
 
 
 def _title(group: Mapping[str, Any]) -> str:
     return ", ".join(filter(None, (group["name"], group["series"])))
 
 
-def _pair(body: Mapping[str, Any] | None) -> str:
-    from hdbench_cli.numbers import with_uncertainty
-
+def _number(body: Mapping[str, Any] | None) -> str:
     return "" if body is None else with_uncertainty({**body, "dof": None}, "").strip()
 
 
-def show(console: Console, body: Mapping[str, Any], parent: Path) -> None:
-    """Draw a trend for a person: one row a history, then what stands out."""
-    from rich.table import Table
+def _lines(body: Mapping[str, Any], parent: Path) -> Iterator[RenderableType]:
+    """Yield one row a history, then what stands out."""
     from rich.text import Text
 
-    if not body["groups"]:
-        console.print(Text(f"no run with {body['label']} in {parent.resolve()}"), soft_wrap=True)
+    if body["groups"]:
+        heads = (body["by"], "runs", "mean", "scatter", "drift a month", "signals")
+        title = f"{body['label']} ({body['groups'][0]['unit']})"
+        yield table(heads, map(_row, body["groups"]), title=title)
     else:
-        head = (body["by"], "runs", "mean", "scatter", "drift a month", "signals")
-        table = Table(*head, box=None, pad_edge=False, title_justify="left")
-        table.title = f"{body['label']} ({body['groups'][0]['unit']})"
-        for group in body["groups"]:
-            limits = group["limits"]
-            mean = f"{group['points'][-1]['value']:.5g} (last)"
-            told = (mean, "", "", group["why_no_limits"])
-            if limits is not None:
-                count = len(group["signals"])
-                told = (
-                    _pair(limits["center"]),
-                    f"{limits['run_std']:.2g}",
-                    _pair(group["drift_per_month"]),
-                    Text(str(count), style="bold red") if count else Text("0", style="green"),
-                )
-            table.add_row(Text(_title(group)), str(len(group["points"])), *told)
-        console.print(table)
-    lines = [text for group in body["groups"] for text in _lines(group)]
+        yield f"no run with {body['label']} in {parent.resolve()}"
+    lines = [text for group in body["groups"] for text in _remarkable(group)]
     lines += [("look", text) for text in body["remarks"]]
     lines += [("left out", f"{row['run']}: {row['why']}") for row in body["left_out"]]
     lines += [("page" if name == "html" else name, path) for name, path in body["files"].items()]
-    for name, text in lines:
-        console.print(Text(f"{name:9}{text}"), soft_wrap=True)
+    yield from (f"{name:9}{text}" for name, text in lines)
     if any(group["limits"] for group in body["groups"]):
-        console.print(
+        yield Text(
             f"one stable history shows any signal with probability "
             f"{body['false_alarm_probability']:g}, all its charts together",
             style="dim",
-            soft_wrap=True,
         )
 
 
-def _lines(group: Mapping[str, Any]) -> list[tuple[str, str]]:
+def _row(group: Mapping[str, Any]) -> list[RenderableType]:
+    from rich.text import Text
+
+    limits, count = group["limits"], len(group["signals"])
+    head: list[RenderableType] = [_title(group), str(len(group["points"]))]
+    if limits is None:
+        return [*head, f"{group['points'][-1]['value']:.5g} (last)", "", "", group["why_no_limits"]]
+    return [
+        *head,
+        _number(limits["center"]),
+        f"{limits['run_std']:.2g}",
+        _number(group["drift_per_month"]),
+        Text(str(count), style="bold red" if count else "green"),
+    ]
+
+
+def _remarkable(group: Mapping[str, Any]) -> list[tuple[str, str]]:
     """Return what stands out in one history."""
     title, unit = _title(group), group["unit"]
     found = []
@@ -204,7 +201,7 @@ def _lines(group: Mapping[str, Any]) -> list[tuple[str, str]]:
         found.append(
             (
                 "step",
-                f"{title}: by {_pair(change['step'])} {unit} at {change['run']}, "
+                f"{title}: by {_number(change['step'])} {unit} at {change['run']}, "
                 f"probability {chance}{after}",
             )
         )

@@ -2,19 +2,31 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from hdbench.errors import UsageError
-from hdbench_cli.next_step import after_tune
-from hdbench_cli.next_step import line as next_line
-from hdbench_cli.options import calibration_option, profile_option
+from hdbench.errors import DataError, UsageError
+from hdbench_cli.inputs import check_out, choose_profile, read_input
+from hdbench_cli.next_step import after_tune, next_line
+from hdbench_cli.options import (
+    POSITIVE,
+    calibration_option,
+    file_option,
+    gain_option,
+    model_option,
+    profile_option,
+    sources_argument,
+)
 from hdbench_cli.output import Output
+from hdbench_cli.text import table
 
 if TYPE_CHECKING:
-    from rich.console import Console
+    from rich.console import RenderableType
 
     from hdbench.filter import FilterModel
     from hdbench.filter.tuning import TuningResult, TuningSettings
@@ -48,16 +60,15 @@ def tune_inputs(
 
 def _with_orders(base: FilterModel, orders: tuple[float, ...]) -> FilterModel:
     """Add ripple blocks; orders below one half belong to the output."""
-    from dataclasses import replace
-
     from hdbench.filter import OscillatorBlock
 
-    blocks = list(base.blocks)
-    for order in orders:
-        noise = base.blocks[0].process_noise
-        blocks.append(OscillatorBlock(order, "misalignment" if order < 0.5 else "ripple", noise))
+    noise = base.blocks[0].process_noise
+    added = (
+        OscillatorBlock(order, "misalignment" if order < 0.5 else "ripple", noise)
+        for order in orders
+    )
     try:
-        return replace(base, blocks=tuple(blocks))
+        return replace(base, blocks=(*base.blocks, *added))
     except ValueError as error:
         raise UsageError(
             str(error), where="--order", fix="name each order once, and one the model lacks"
@@ -65,65 +76,43 @@ def _with_orders(base: FilterModel, orders: tuple[float, ...]) -> FilterModel:
 
 
 def _check_target(out: Path, inputs: list[Input]) -> None:
-    from hdbench_cli.inputs import check_out
-
     for item in inputs:
         check_out(out, item.source, item.file)
     if out.suffix != ".json":
-        raise UsageError(
-            f"{out} is no .json file", where="--out", fix="name a model file that ends in .json"
-        )
-    if not out.parent.is_dir():
-        raise UsageError(
-            f"there is no folder {out.parent}",
-            where="--out",
-            fix="make it, or name another",
-        )
-    if out.exists():
-        _refuse_other(out)
+        what, fix = f"{out} is no .json file", "name a model file that ends in .json"
+    elif not out.parent.is_dir():
+        what, fix = f"there is no folder {out.parent}", "make it, or name another"
+    elif out.exists() and not _is_model(out):
+        what, fix = f"{out.name} exists and is no filter model", "name another file"
+    else:
+        return
+    raise UsageError(what, where="--out", fix=fix)
 
 
-def _refuse_other(out: Path) -> None:
-    """Refuse to write over what is no filter model."""
-    from hdbench.errors import DataError
+def _is_model(file: Path) -> bool:
     from hdbench.filter.model import SCHEMA
     from hdbench.records import read_json
 
     try:
-        known = read_json(out).get("schema") == SCHEMA
+        return bool(read_json(file).get("schema") == SCHEMA)
     except DataError:
-        known = False
-    if not known:
-        raise UsageError(
-            f"{out.name} exists and is no filter model", where="--out", fix="name another file"
-        )
+        return False
 
 
 @click.command("tune", epilog="Example: hdbench tune runs/RUN --out tuned.json")
-@click.argument(
-    "sources", metavar="TRACE|RUN...", nargs=-1, required=True, type=click.Path(path_type=Path)
-)
-@click.option(
-    "--out",
-    metavar="MODEL.json",
-    type=click.Path(path_type=Path, dir_okay=False),
-    required=True,
-    help="Model file to write.",
-)
+@sources_argument("TRACE|RUN...")
+@file_option("--out", metavar="MODEL.json", required=True, help="Model file to write.")
 @profile_option
-@click.option(
-    "--model",
-    "filter_name",
-    metavar="NAME|FILE",
-    help="Model whose orders are tuned: a preset, a model file, a diagnosis' extended model; "
-    "else the profile's.",
+@model_option(
+    "Model whose orders are tuned: a preset, a model file, a diagnosis' extended model; "
+    "else the profile's."
 )
 @click.option(
     "--order",
     "orders",
     metavar="ORDER",
     multiple=True,
-    type=click.FloatRange(min=0.0, min_open=True),
+    type=POSITIVE,
     help="Further order, cycles per motor turn; may be repeated.",
 )
 @click.option(
@@ -144,7 +133,7 @@ def _refuse_other(out: Path) -> None:
     help="Outliers: so many standard deviations of the innovation; 0 keeps all.",
 )
 @calibration_option
-@click.option("--gain", metavar="N·m/V", type=float, help="Gain that scales torque_v.")
+@gain_option
 @click.pass_obj
 def command(
     output: Output,
@@ -163,14 +152,10 @@ def command(
     Maximum likelihood of the innovations over one or many traces: process noise of every order,
     slow torque, measurement noise. The result is a model file for --model.
     """
-    from dataclasses import replace
-
     from hdbench.filter import kernel_name, kernel_reason
     from hdbench.filter.tuning import settings_of
     from hdbench.records import result_header, write_json
     from hdbench.session.filters import choose_filter
-    from hdbench_cli.commands.experiment import choose_profile
-    from hdbench_cli.inputs import read_input
 
     profile = choose_profile(profile_name, sources[0])
     base = _with_orders(choose_filter(profile, filter_name), orders)
@@ -180,9 +165,7 @@ def command(
     ]
     _check_target(out, inputs)
     try:
-        settings = replace(
-            settings_of(profile.data, slow=slow), gate_sigma=gate_sigma if gate_sigma else None
-        )
+        settings = replace(settings_of(profile.data, slow=slow), gate_sigma=gate_sigma or None)
     except ValueError as error:
         raise UsageError(str(error), where="--gate", fix="give 0, or 4 and more") from error
     if kernel_name() != "c":
@@ -197,35 +180,31 @@ def command(
         "filter": found.model.to_dict(),
     }
     write_json(out, found.model.to_dict())
-    output.result(body, lambda console: show(console, body))
+    output.result(body, _lines)
 
 
-def show(console: Console, body: dict[str, Any]) -> None:
-    """Print a tuning for a person."""
-    from rich.table import Table
-
-    table = Table("number", "value", "factor of one std", "unit", box=None, pad_edge=False)
+def _lines(body: Mapping[str, Any]) -> Iterator[RenderableType]:
+    rows = []
     for item in body["parameters"]:
         log_std = item["log_std"]
-        spread = "not determined" if log_std is None else f"{2.718281828459045**log_std:.3g}"
-        table.add_row(item["name"], f"{item['estimate']['value']:.4g}", spread, item["unit"])
-    console.print(table)
+        spread = "not determined" if log_std is None else f"{math.exp(log_std):.3g}"
+        rows.append((item["name"], f"{item['estimate']['value']:.4g}", spread, item["unit"]))
+    yield table(("number", "value", "factor of one std", "unit"), rows)
     best = body["slow_candidates"][0]["penalised_nats"]
     for candidate in body["slow_candidates"]:
         starts = candidate["starts"]
         ended = "converged" if any(s["converged"] for s in starts) else "NOT converged"
-        text = f"{candidate['penalised_nats'] - best:12.1f} nats  {candidate['slow']}, {ended}, "
-        text += f"{candidate['starts_agreed']} of {len(starts)} starts agree"
-        text += f"; refused: {candidate['refused']}" if candidate["refused"] else ""
-        console.print(text, markup=False, highlight=False, soft_wrap=True)
+        refused = f"; refused: {candidate['refused']}" if candidate["refused"] else ""
+        yield (
+            f"{candidate['penalised_nats'] - best:12.1f} nats  {candidate['slow']}, {ended}, "
+            f"{candidate['starts_agreed']} of {len(starts)} starts agree{refused}"
+        )
     nis, white = body["consistency"]["nis"], body["consistency"]["whiteness"]
-    lines = [
+    yield (
         f"innovations: NIS {nis['value']:.4f} (95 % {nis['band'][0]:.4f} ... {nis['band'][1]:.4f}),"
         f" Ljung-Box p {white['p_value']:.3g}, largest autocorrelation "
-        f"{white['largest_autocorrelation']:+.3f}; {body['outliers']} outliers left out",
-        *(f"note: {note}" for note in body["notes"]),
-        f"written: {body['out']}",
-        next_line(after_tune(Path(body["out"]))),
-    ]
-    for line in lines:
-        console.print(line, markup=False, highlight=False, soft_wrap=True)
+        f"{white['largest_autocorrelation']:+.3f}; {body['outliers']} outliers left out"
+    )
+    yield from (f"note: {note}" for note in body["notes"])
+    yield f"written: {body['out']}"
+    yield next_line(after_tune(Path(body["out"])))

@@ -11,7 +11,7 @@ from rich.console import Group
 from rich.text import Text
 
 from hdbench_cli.live.history import CURVES, Curve, History, Order
-from hdbench_cli.sparkline import sparkline
+from hdbench_cli.text import sparkline
 
 if TYPE_CHECKING:
     from hdbench.profile import Profile

@@ -22,7 +22,7 @@ from hdbench.devices.node.registers import (
     Value,
     block_scans,
 )
-from hdbench.model.program import ReferenceProgram
+from hdbench.model.waves import ReferenceProgram
 from hdbench.plant.bench import SimulatedBench
 
 __all__ = [

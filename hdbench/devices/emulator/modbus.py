@@ -6,23 +6,17 @@ import time
 from collections.abc import Callable
 from functools import partial
 
-from hdbench.devices.emulator.instrument import ChannelFault, Input, SimulatedInstrument
-from hdbench.devices.emulator.memory import ILLEGAL_VALUE, Cell, Memory
+from hdbench.devices.emulator.instrument import SimulatedInstrument
+from hdbench.devices.emulator.memory import Cell, Memory
 from hdbench.devices.emulator.outputs import DeviceWatchdog, Driving, told
-from hdbench.devices.emulator.server import Device, ModbusRefusedError, Space
+from hdbench.devices.emulator.server import Device, Space
 from hdbench.devices.emulator.serving import Emulation, ModbusWire
-from hdbench.devices.modbus.identity import SIGNATURE, window_start
+from hdbench.devices.modbus.identity import SIGNATURE, signature_address
 from hdbench.devices.modbus.inputs import input_info
 from hdbench.devices.modbus.layout import Place, place_of
 from hdbench.profile.acquiring_modbus import ModbusAcquisition, ModbusChannel
 
 __all__ = ["ModbusDevice", "emulate_modbus"]
-
-# behind the fixture stand an argument and a fault's code, by which a campaign orders faults:
-# 1 silent for ms, 2 restart, 3 words swapped (1 on, 0 off), 5 to 8 an input (stuck, high, low)
-_CHANNELS: tuple[Input, ...] = ("torque", "tacho", "current", "reference")
-_CHANNEL_FAULTS: tuple[ChannelFault | None, ...] = (None, "stuck", "high", "low")
-_FIRST_CHANNEL_FAULT = 5
 
 
 class ModbusDevice(Device):
@@ -91,16 +85,11 @@ class ModbusDevice(Device):
             self.watchdog.tick()
         self._instrument.catch_up()
 
-    def restart(self) -> None:
-        """Let the outputs fall, as after a loss of power; the watchdog waits for a feeding."""
-        if self._driving is not None:
-            self._driving.make_safe("reference", "enable")
-        if self.watchdog is not None:
-            self.watchdog.restart()
-
     def _build(self) -> None:
         table = self._table
-        self._add_window()
+        # no device has anything there
+        place = Place("holding", signature_address(table), "u32", "ABCD", "signature")
+        self.memory.add(Cell(place, float(SIGNATURE), writable=False))
         for channel in table.channels:
             cell = Cell(place_of(table, channel), on_read=partial(self._read, channel))
             cell.writable = False
@@ -155,29 +144,6 @@ class ModbusDevice(Device):
         self._seen = {name: float(volts[-1]) for name, volts in looked.volts.items()}
         self._seen["current"] *= self._amperes_per_v
         self._seen["encoder"] = float(looked.count[-1])
-
-    def _add_window(self) -> None:
-        start = window_start(self._table)
-        place = Place("holding", start, "u32", "ABCD", "signature")
-        self.memory.add(Cell(place, float(SIGNATURE), writable=False))
-        self._fields: dict[str, Cell] = {}
-        for number, name in enumerate(("argument", "fault")):
-            cell = Cell(Place("holding", start + 2 + 2 * number, "f32", "ABCD", name))
-            self._fields[name] = self.memory.add(cell)
-        self._fields["fault"].on_write = self._disturb
-
-    def _disturb(self, code: float) -> None:
-        argument, number = self._fields["argument"].value, int(code) - _FIRST_CHANNEL_FAULT
-        if code == 1:
-            self._silent_until_s = self._clock() + 1e-3 * argument
-        elif code == 2:
-            self.restart()
-        elif code == 3:
-            self.memory.swap_words = bool(argument)
-        elif 0 <= number < len(_CHANNELS) and 0 <= int(argument) < len(_CHANNEL_FAULTS):
-            self._instrument.disturb(_CHANNELS[number], _CHANNEL_FAULTS[int(argument)])
-        else:
-            raise ModbusRefusedError(ILLEGAL_VALUE)
 
 
 def emulate_modbus(emulation: Emulation, table: ModbusAcquisition) -> ModbusWire:

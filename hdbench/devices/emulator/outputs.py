@@ -75,10 +75,6 @@ class DeviceWatchdog:
         if self._cleared == len(self._spec.clear):
             self._cleared, self.tripped, self._fed_s = 0, False, None
 
-    def restart(self) -> None:
-        """Wait for a first feeding, as after power came back."""
-        self.tripped, self._fed_s, self._cleared = False, None, 0
-
     def status(self) -> float:
         """Return what its status register reads."""
         rule = self._spec.tripped

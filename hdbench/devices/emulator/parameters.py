@@ -20,7 +20,7 @@ from hdbench.devices.node.registers import (
     Value,
     register,
 )
-from hdbench.model.program import MAX_PARTS, ProgramPart, ReferenceProgram
+from hdbench.model.waves import MAX_PARTS, ProgramPart, ReferenceProgram
 from hdbench.profile.schema import ProfileData, ReferenceWave
 
 __all__ = [
@@ -136,11 +136,7 @@ def check_parameters(values: Mapping[str, Value], limits: Mapping[str, Value]) -
     if not 0 <= int(values["channels"]) <= ALL_CHANNELS:
         raise _refused("channels", Refusal.VALUE)
     peak_v = abs(float(values["bias_v"])) + abs(float(values["amplitude_v"]))
-    if not peak_v <= float(limits["limit_reference_v"]) * (1.0 + _ROUNDING):
-        raise _refused("amplitude_v", Refusal.REFERENCE_LIMIT)
-    peak_rad_s = peak_v * float(limits["velocity_per_volt"])
-    if not peak_rad_s <= float(limits["limit_velocity_rad_s"]) * (1.0 + _ROUNDING):
-        raise _refused("amplitude_v", Refusal.VELOCITY_LIMIT)
+    _check_peak(peak_v, limits, "amplitude_v")
     if not 0 <= int(values["wave"]) < len(WAVES):
         raise _refused("wave", Refusal.WAVE)
     if values["wave"] == PROGRAM_WAVE:
@@ -149,6 +145,15 @@ def check_parameters(values: Mapping[str, Value], limits: Mapping[str, Value]) -
         reference_wave(values)
     except ValueError as error:
         raise _refused("wave", Refusal.WAVE) from error
+
+
+def _check_peak(peak_v: float, limits: Mapping[str, Value], name: str) -> None:
+    """Refuse a reference, V, beyond the node's limits of volts or of speed."""
+    if not peak_v <= float(limits["limit_reference_v"]) * (1.0 + _ROUNDING):
+        raise _refused(name, Refusal.REFERENCE_LIMIT)
+    peak_rad_s = peak_v * float(limits["velocity_per_volt"])
+    if not peak_rad_s <= float(limits["limit_velocity_rad_s"]) * (1.0 + _ROUNDING):
+        raise _refused(name, Refusal.VELOCITY_LIMIT)
 
 
 def _refused(name: str, reason: Refusal) -> RefusedError:
@@ -184,7 +189,7 @@ class ProgramStore:
         # a part may be written again, as it is when the answer to a write was lost
         follows = number == len(kept) and (number == 0 or needed == self._needed)
         if not (1 <= needed <= MAX_PARTS and number < needed and follows):
-            raise RefusedError(3, Refusal.VALUE, register("program_part").address)
+            raise _refused("program_part", Refusal.VALUE)
         part = self._checked(values)
         self._parts, self._needed = [*kept, part], needed
         self.last = dict(values)
@@ -194,10 +199,10 @@ class ProgramStore:
         if parameters["wave"] != PROGRAM_WAVE:
             return None
         if not self._parts or len(self._parts) != self._needed:
-            raise RefusedError(3, Refusal.WAVE, register("wave").address)
+            raise _refused("wave", Refusal.WAVE)
         program = ReferenceProgram(tuple(self._parts))
         if program.n_samples != int(parameters["n_samples"]):
-            raise RefusedError(3, Refusal.SAMPLE_COUNT, register("n_samples").address)
+            raise _refused("n_samples", Refusal.SAMPLE_COUNT)
         return program
 
     def _checked(self, values: Mapping[str, Value]) -> ProgramPart:
@@ -210,14 +215,10 @@ class ProgramStore:
             float(values["part_frequency_hz"]),
             float(values["part_end_frequency_hz"]),
         )
-        peak_rad_s = part.peak_v * float(self._limits["velocity_per_volt"])
         if not 1 <= part.n_samples <= int(self._limits["max_samples"]):
-            raise RefusedError(3, Refusal.SAMPLE_COUNT, register("part_samples").address)
-        if not part.peak_v <= float(self._limits["limit_reference_v"]) * (1.0 + _ROUNDING):
-            raise RefusedError(3, Refusal.REFERENCE_LIMIT, register("part_start_v").address)
-        if not peak_rad_s <= float(self._limits["limit_velocity_rad_s"]) * (1.0 + _ROUNDING):
-            raise RefusedError(3, Refusal.VELOCITY_LIMIT, register("part_start_v").address)
+            raise _refused("part_samples", Refusal.SAMPLE_COUNT)
+        _check_peak(part.peak_v, self._limits, "part_start_v")
         frequencies = (part.frequency_hz, part.end_frequency_hz)
         if not all(0.0 <= f < math.inf for f in frequencies):
-            raise RefusedError(3, Refusal.VALUE, register("part_frequency_hz").address)
+            raise _refused("part_frequency_hz", Refusal.VALUE)
         return part

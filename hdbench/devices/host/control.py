@@ -12,8 +12,7 @@ import numpy as np
 
 from hdbench.devices.daq import Daq
 from hdbench.errors import DeviceError, HdbenchError, UsageError
-from hdbench.model.program import ReferenceProgram, program_voltage
-from hdbench.model.waves import reference_voltage
+from hdbench.model.waves import ReferenceProgram, program_voltage, reference_voltage
 from hdbench.profile.schema import ReferenceWave
 from hdbench.records.trace import FloatArray
 

@@ -9,14 +9,7 @@ from typing import NoReturn
 
 from hdbench.devices.modbus.layout import Block, Place, plan_blocks, values_of, write_request
 from hdbench.devices.transactor import TWICE, Build, Transactor
-from hdbench.devices.wire import (
-    ExceptionReply,
-    FrameError,
-    Link,
-    Probe,
-    ReplyCheck,
-    Request,
-)
+from hdbench.devices.wire import ExceptionReply, FrameError, Link, Probe, ReplyCheck, Request
 from hdbench.errors import DeviceError, HdbenchError, ProfileError
 
 __all__ = ["QUIET_S", "TRY", "Access"]

@@ -21,33 +21,29 @@ from hdbench.devices.wire import FrameError, Probe, ReplyCheck
 from hdbench.errors import DeviceError, ProfileError
 from hdbench.profile.acquiring_modbus import ModbusAcquisition, ModbusIdentify, ModbusPlace
 
-__all__ = ["SIGNATURE", "check_identity", "is_emulator", "make_probe", "window_start"]
+__all__ = ["SIGNATURE", "check_identity", "is_emulator", "make_probe", "signature_address"]
 
-# "HBEM": what the emulator's window begins with
+# "HBEM": what stands in registers of the emulator that the profile leaves free, far from the others
 SIGNATURE = 0x4842_454D
-_WINDOW = 32
-_HIGHEST, _STEP = 0xFF01, 0x100
+_HIGHEST, _STEP, _AWAY = 0xFF01, 0x100, 32
 
 
-def window_start(table: ModbusAcquisition) -> int:
-    """Return where the emulator's window begins: the highest place that nothing else takes."""
+def signature_address(table: ModbusAcquisition) -> int:
+    """Return where the emulator's signature stands: the highest place that nothing else takes."""
     taken = [place_of(table, place) for place in _listed(table)]
     start = _HIGHEST
-    while any(start - 2 * _WINDOW < place.start < start + _WINDOW for place in taken):
+    while any(start - 2 * _AWAY < place.start < start + _AWAY for place in taken):
         start -= _STEP
     return start
 
 
 def is_emulator(access: Access, table: ModbusAcquisition) -> bool:
     """Return whether hdbench's own emulator answers; a real device has nothing there."""
+    place = Place("holding", signature_address(table), "u32", "ABCD", "signature")
     try:
-        return access.read([Place("holding", window_start(table), "u32", "ABCD", "signature")])[0] \
-            == SIGNATURE  # fmt: skip
-    except ProfileError:
-        # refused: no such register
-        return False
-    except DeviceError:
-        # a device that keeps silent about registers that it does not have
+        return access.read([place])[0] == SIGNATURE
+    except (ProfileError, DeviceError):
+        # refused, or a device that keeps silent about registers that it does not have
         return False
 
 
@@ -59,18 +55,13 @@ def _listed(table: ModbusAcquisition) -> Iterator[ModbusPlace]:
         yield channel
         yield from (word for word in (channel.status, channel.sign) if word is not None)
     output = table.output
-    if output is None:
-        return
-    yield output
-    if output.read_back is not None:
-        yield output.read_back
-    if output.enable is not None:
-        yield output.enable
-    watchdog = output.watchdog
+    watchdog = None if output is None else output.watchdog
+    optional: list[ModbusPlace | None] = []
+    if output is not None:
+        optional += [output, output.read_back, output.enable]
     if watchdog is not None:
-        yield from (watchdog.time, watchdog.tripped, *watchdog.clear)
-        if watchdog.feed is not None:
-            yield watchdog.feed
+        optional += [watchdog.time, watchdog.tripped, watchdog.feed, *watchdog.clear]
+    yield from (place for place in optional if place is not None)
 
 
 _ORDERS: dict[Order, str] = {

@@ -299,6 +299,7 @@ def _pictures(
     findings: Findings, fit: Fit, extended: BenchModel, before: np.ndarray[Any, Any]
 ) -> Pictures:
     record, motion = fit.record, fit.record.motion
+    torque, channel = extended.torque_nm(motion), fit.bands.low_pass
 
     def unused(values: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
         return np.where(record.valid, values, np.nan)
@@ -308,7 +309,7 @@ def _pictures(
         motion.velocity_rad_s,
         record.torque_nm,
         findings.given.torque_nm(motion),
-        extended.torque_nm(motion),
+        torque if channel is None else channel.applied(torque),
         unused(before),
         unused(residual_nm(fit)),
         ~record.valid,

@@ -234,7 +234,7 @@ class Pictures:
     velocity_rad_s: FloatArray
     measured_nm: FloatArray  # NaN where lost
     simulated_nm: FloatArray  # by the model as it was handed in
-    extended_nm: FloatArray
+    extended_nm: FloatArray  # as the torque channel passes it
     residual_before_nm: FloatArray  # measured less fitted baseline; NaN where not used
     residual_after_nm: FloatArray  # less baseline and causes
     masked: NDArray[np.bool_]  # samples that no fit used

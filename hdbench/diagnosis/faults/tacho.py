@@ -13,7 +13,7 @@ from hdbench.diagnosis.faults.scatter import (
     least_squares,
 )
 from hdbench.diagnosis.faults.shaft import Shaft
-from hdbench.model.kinematics import ACCELERATION_WINDOW_S
+from hdbench.model.motion import ACCELERATION_WINDOW_S
 from hdbench.records.trace import FloatArray
 
 __all__ = ["find_tacho_ripple"]

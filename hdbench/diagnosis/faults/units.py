@@ -16,8 +16,7 @@ from hdbench.diagnosis.faults.shaft import (
     velocity_of,
 )
 from hdbench.model import baseline_orders, integrate_velocity
-from hdbench.model.kinematics import velocity_slope
-from hdbench.model.motion import torque_from_trace
+from hdbench.model.motion import torque_from_trace, velocity_slope
 from hdbench.profile.schema import ProfileData
 from hdbench.records.trace import FloatArray, Trace
 

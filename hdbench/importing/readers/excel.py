@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import itertools
 import zipfile
 from collections.abc import Iterator
 from datetime import datetime, time, timedelta
@@ -95,8 +96,10 @@ def _text(cell: object) -> str:
     return str(cell).strip()
 
 
-def _rows(path: Path, sheet: Any, start: int, width: int) -> Iterator[tuple[int, list[str]]]:
-    for number, cells in _cells(sheet):
+def _rows(
+    path: Path, sheet: Any, start: int, width: int, done: int
+) -> Iterator[tuple[int, list[str]]]:
+    for number, cells in itertools.islice(_cells(sheet), done, None):
         if number < start:
             continue
         if any(cells[width:]):

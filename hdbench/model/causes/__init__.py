@@ -30,11 +30,9 @@ _COMPUTED = {
 
 
 def _parameters(entry: Mapping[str, Any], kind: str) -> tuple[Parameter, ...]:
-    defaults, silent = entry.get("defaults", {}), entry.get("not_evident", ())
+    defaults = entry.get("defaults", {})
     return tuple(
-        Parameter(
-            name, unit, lower, upper, what, default=defaults.get(name), evident=name not in silent
-        )
+        Parameter(name, unit, lower, upper, what, default=defaults.get(name))
         for name, unit, lower, upper, what in entry.get(kind, ())
     )
 

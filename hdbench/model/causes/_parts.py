@@ -1,14 +1,32 @@
-"""Parts that several causes share: cosine and sine columns and parameters."""
+"""Parts that several causes share: columns, parameters, and what is computed of a cause."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
-from hdbench.model.definition import Parameter
+from hdbench.model.definition import Parameter, always, unbounded
 from hdbench.model.motion import Motion
 from hdbench.records.trace import FloatArray
+
+__all__ = ["Computed"]
+
+Shape = Mapping[str, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Computed:
+    """The functions of a cause, as `Cause` has them, and the bands of its first shape parameter."""
+
+    columns: Callable[[Motion, Shape], FloatArray]
+    applicable: Callable[[Motion], str | None] = always
+    reach: Callable[[Motion], Mapping[str, tuple[float, float]]] = unbounded
+    change_motion: Callable[[Motion, Shape], Motion] | None = None
+    possible: Callable[[Motion, Shape], FloatArray] | None = None
+    bands: tuple[tuple[float, float], ...] = ()
+
 
 # far outside of what any bench with this kind of gear carries: bounds data errors, not physics
 TORQUE_LIMIT_NM = 1000.0

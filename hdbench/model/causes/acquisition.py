@@ -7,11 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from hdbench.model.causes._computed import Computed
 from hdbench.model.causes._needs import motor_turns, speed_varies
-from hdbench.model.causes._parts import no_column, no_shape, single
-from hdbench.model.kinematics import angle_curvature, integrate_velocity, velocity_slope
-from hdbench.model.motion import Motion
+from hdbench.model.causes._parts import Computed, no_column, no_shape, single
+from hdbench.model.motion import Motion, angle_curvature, integrate_velocity, velocity_slope
 from hdbench.records.trace import FloatArray
 
 __all__ = ["COMPUTED"]

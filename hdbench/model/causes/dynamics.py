@@ -7,7 +7,6 @@ from collections.abc import Callable, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from hdbench.model.causes._computed import Computed
 from hdbench.model.causes._memory import (
     ComplexArray,
     even_step,
@@ -17,9 +16,9 @@ from hdbench.model.causes._memory import (
     spread_out,
 )
 from hdbench.model.causes._needs import accelerates, all_of, loaded
-from hdbench.model.causes._parts import REFERENCE_LOAD_NM, no_shape, single
+from hdbench.model.causes._parts import REFERENCE_LOAD_NM, Computed, no_shape, single
 from hdbench.model.causes.sensor import whole_signal
-from hdbench.model.delay import delayed
+from hdbench.model.localfit import delayed
 from hdbench.model.motion import Motion
 from hdbench.records.trace import FloatArray
 

@@ -6,7 +6,6 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from hdbench.model.causes._computed import Computed
 from hdbench.model.causes._memory import first_order, remembered, spread_out
 from hdbench.model.causes._needs import (
     STANDING_RAD_S,
@@ -17,7 +16,7 @@ from hdbench.model.causes._needs import (
     size_of_speed_varies,
     speed_varies,
 )
-from hdbench.model.causes._parts import no_shape, single
+from hdbench.model.causes._parts import Computed, no_shape, single
 from hdbench.model.motion import Motion
 from hdbench.records.trace import FloatArray
 

@@ -6,11 +6,11 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from hdbench.model.causes._computed import Computed
 from hdbench.model.causes._needs import all_of, lasts, loaded, motor_turns, output_turns
 from hdbench.model.causes._parts import (
     REFERENCE_LOAD_NM,
     REFERENCE_SPEED_RAD_S,
+    Computed,
     broken_orders,
     lobe_angle,
     no_shape,

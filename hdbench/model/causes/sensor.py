@@ -6,7 +6,6 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from hdbench.model.causes._computed import Computed
 from hdbench.model.causes._memory import plays, remembered, spread_out
 from hdbench.model.causes._needs import (
     STANDING_RAD_S,
@@ -18,7 +17,7 @@ from hdbench.model.causes._needs import (
     output_turns,
     torque_turns,
 )
-from hdbench.model.causes._parts import REFERENCE_LOAD_NM, no_shape, pair, single
+from hdbench.model.causes._parts import REFERENCE_LOAD_NM, Computed, no_shape, pair, single
 from hdbench.model.motion import Motion
 from hdbench.records.trace import FloatArray
 

@@ -6,10 +6,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from hdbench.model.causes._computed import Computed
 from hdbench.model.causes._memory import first_order, remembered, spread_out
 from hdbench.model.causes._needs import all_of, lasts, loaded
-from hdbench.model.causes._parts import no_column, no_shape, single
+from hdbench.model.causes._parts import Computed, no_column, no_shape, single
 from hdbench.model.motion import Motion
 from hdbench.records.trace import FloatArray
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from hdbench.records.trace import FloatArray
 
-__all__ = ["parse_numbers"]
+__all__ = ["parse_numbers", "plain_matrix"]
 
 # what decimal numbers and nan are made of
 _PLAIN = b"0123456789+-.eE,\nnaN"
@@ -31,7 +31,7 @@ def parse_numbers(header: Sequence[str], body: bytes) -> dict[str, FloatArray] |
     """Parse rows of numbers; an empty cell is NaN. None where they are not plain."""
     if body.endswith(b"\n\n"):
         body = body.rstrip(b"\n")
-    if len(header) < 2 or not body or body.startswith(b"\n") or body.translate(None, _PLAIN):
+    if len(header) < 2 or not body:
         return None
     if len(body) >= _WORTH_IMPORTING and importlib.util.find_spec("polars"):
         return _by_polars(header, body)
@@ -39,6 +39,8 @@ def parse_numbers(header: Sequence[str], body: bytes) -> dict[str, FloatArray] |
 
 
 def _by_polars(header: Sequence[str], body: bytes) -> dict[str, FloatArray] | None:
+    if body.translate(None, _PLAIN):
+        return None
     polars = importlib.import_module("polars")
     try:
         frame = polars.read_csv(
@@ -63,26 +65,27 @@ def _by_chunks(header: Sequence[str], body: bytes) -> dict[str, FloatArray] | No
     while start < end:
         stop = body.find(b"\n", start + _CHUNK_BYTES, end)
         stop = end if stop < 0 else stop
-        lines = body[start:stop]
-        rows = _rows(lines, len(header))
-        try:
-            cells = _floats(lines.replace(b"\n", b",")) if rows else None
-        except ValueError:
-            cells = None
+        cells = plain_matrix(body[start:stop], len(header))
         if cells is None:
             return None
-        values[:, row : row + rows] = cells.reshape(rows, len(header)).T
-        start, row = stop + 1, row + rows
+        values[:, row : row + len(cells)] = cells.T
+        start, row = stop + 1, row + len(cells)
     return dict(zip(header, values, strict=True))
 
 
-def _rows(lines: bytes, width: int) -> int:
-    """Return the number of lines; 0 where one has not as many cells as there are columns."""
+def plain_matrix(lines: bytes, width: int) -> FloatArray | None:
+    """Parse lines of `width` numbers each; None where they are not plain."""
+    if lines.translate(None, _PLAIN):
+        return None
     marks = np.frombuffer(lines, dtype=np.uint8)
     commas, ends = np.flatnonzero(marks == ord(",")), np.flatnonzero(marks == ord("\n"))
-    rows = len(ends) + 1
     before = np.append(np.searchsorted(commas, ends), len(commas))
-    return rows if np.array_equal(before, (width - 1) * np.arange(1, rows + 1)) else 0
+    if not np.array_equal(before, (width - 1) * np.arange(1, len(ends) + 2)):
+        return None
+    try:
+        return _floats(lines.replace(b"\n", b",")).reshape(-1, width)
+    except ValueError:
+        return None
 
 
 def _floats(cells: bytes) -> FloatArray:
