@@ -16,8 +16,9 @@ from faults.lines import in_thread
 from hdbench.devices.emulator.node import build_core
 from hdbench.devices.emulator.server import ModbusServer
 from hdbench.devices.host import HostedBench, host_settings
+from hdbench.devices.node.access import NodeAccess
 from hdbench.devices.node.driver import NodeDaq
-from hdbench.devices.node.wire import NodeWire, node_probe
+from hdbench.devices.node.wire import node_probe
 from hdbench.devices.wire import connect, parse_address
 from hdbench.plant.converter import RawSamples
 from hdbench.profile import load_profile
@@ -144,10 +145,10 @@ def driver(
         bench.close()
 
 
-def node_wire(host: str, port: int, *, deadline_s: float) -> NodeWire:
+def node_wire(host: str, port: int, *, deadline_s: float) -> NodeAccess:
     """Return register access to a node on TCP."""
     link = connect(parse_address(f"tcp://{host}:{port}"), probe=node_probe)
-    return NodeWire(link, deadline_s=deadline_s)
+    return NodeAccess(link, deadline_s=deadline_s)
 
 
 Handler = Callable[[socket.socket, bytes], None]

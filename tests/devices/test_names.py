@@ -51,7 +51,7 @@ def named(data, found):
 def link_of(daq):
     """Return the connection that carries a driver's requests."""
     daq = getattr(daq, "_outputs", daq) if hasattr(daq, "_inputs") else daq
-    for name in ("_wire", "_control", "_access"):
+    for name in ("_node", "_control", "_access"):
         if hasattr(daq, name):
             return getattr(daq, name)._link
     raise AssertionError(f"{type(daq).__name__}: {sorted(vars(daq))}")
