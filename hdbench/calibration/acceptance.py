@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from hdbench.calibration.budget import expanded_uncertainty
-from hdbench.calibration.stepwise import CLASSES, overall_class
+from hdbench.calibration.stepwise.classes import CLASSES, overall_class
 from hdbench.profile.calibrating import AcceptanceLimits
 from hdbench.results.calibration import Acceptance, LimitTest, LoadGroup, Loop, PairedDifference
 

@@ -18,30 +18,29 @@ from hdbench.calibration.budget import (
 )
 from hdbench.calibration.course import course_of, sequence_deviations, shunt_record
 from hdbench.calibration.curve import loading_loops
-from hdbench.calibration.gains import (
-    GainOutlier,
-    by_position,
-    consensus,
-    direction_effects,
-    direction_entries,
-    gain_outliers,
-    mean_gain,
-    mixed_fit,
-    one_way,
-    paired_difference,
-    position_numbers,
-    side_force,
-)
 from hdbench.calibration.gains.consistency import (
     consistency_interval,
     shared_dof,
     vangel_interval,
 )
+from hdbench.calibration.gains.differences import (
+    consensus,
+    direction_effects,
+    direction_entries,
+    paired_difference,
+    side_force,
+)
+from hdbench.calibration.gains.mixed import mixed_fit
+from hdbench.calibration.gains.outliers import GainOutlier, gain_outliers
+from hdbench.calibration.gains.positions import by_position, mean_gain, one_way, position_numbers
 from hdbench.calibration.lines import fit_experiment
 from hdbench.calibration.montecarlo import propagate
 from hdbench.calibration.readings import TakenReading, reading_resolution, taken_readings
 from hdbench.calibration.remarks import doubts_of, notes_of
-from hdbench.calibration.stepwise import evaluate_group, odd_readings, overall_class, step_groups
+from hdbench.calibration.stepwise.classes import overall_class
+from hdbench.calibration.stepwise.evaluation import evaluate_group
+from hdbench.calibration.stepwise.oddreadings import odd_readings
+from hdbench.calibration.stepwise.series import step_groups
 from hdbench.calibration.torque.applied import TorqueAccount, apply_torque
 from hdbench.errors import DataError
 from hdbench.profile.schema import ProfileData

@@ -9,21 +9,21 @@ from typing import Any
 
 from hdbench.errors import DataError
 from hdbench.profile import Profile, parse_profile
-from hdbench.profile.validity import measured_utc
+from hdbench.profile.scaling import measured_utc
 from hdbench.records import Loads
 from hdbench.records.jsonfile import read_json
 from hdbench.records.runfolder import RunFolder
 from hdbench.records.tables import read_loads
-from hdbench.results import CalibrationResult, MisalignmentResult, RippleResult
+from hdbench.results import (
+    RESULT_TYPES,
+    CalibrationResult,
+    MisalignmentResult,
+    RippleResult,
+)
 
 __all__ = ["Side", "load_side"]
 
-_TYPES: Mapping[str, type[CalibrationResult | MisalignmentResult | RippleResult]] = {
-    "calibration": CalibrationResult,
-    "misalignment": MisalignmentResult,
-    "ripple": RippleResult,
-}
-_KINDS = (*_TYPES, "diagnosis")
+_KINDS = (*RESULT_TYPES, "diagnosis")
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,7 +113,7 @@ def load_side(path: Path) -> Side:
     if file.name == "result.json" and (file.parent / "run.json").is_file():
         manifest = RunFolder.open(file.parent).manifest
     run_id = file.parent.name if manifest else file.name
-    result = _TYPES[kind].from_json(body, str(file)) if kind in _TYPES else None
+    result = RESULT_TYPES[kind].from_json(body, str(file)) if kind in RESULT_TYPES else None
     return Side(path, kind, run_id, body, result, manifest, _profile(manifest, file))
 
 

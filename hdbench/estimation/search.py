@@ -196,18 +196,10 @@ class _Projected:
 
 @dataclass(frozen=True, slots=True)
 class OrderEstimate:
-    """An order measured from the record.
-
-    Parameters
-    ----------
-    order : Quantity
-        Cycles per motor turn.
-    gain : float
-        Sum of squares of the whitened residual that the component explains, dimensionless.
-    """
+    """An order measured from the record."""
 
     order: Quantity
-    gain: float
+    gain: float  # squares of the whitened residual that the component explains
 
 
 def refine_order(

@@ -132,20 +132,10 @@ _SEARCH_POINTS = 2000
 
 @dataclass(frozen=True, slots=True)
 class SteadyStretch:
-    """Neighbouring samples at nearly constant velocity.
-
-    Parameters
-    ----------
-    start, stop : int
-        First sample and one past the last.
-    from_s, to_s : float
-        Time of the first and of the last sample, s.
-    velocity_rad_s : float
-        Mean motor velocity with its sign, rad/s.
-    """
+    """Neighbouring samples at nearly constant velocity."""
 
     start: int
-    stop: int
+    stop: int  # one past the last
     from_s: float
     to_s: float
     velocity_rad_s: float

@@ -25,37 +25,16 @@ _REVERSAL_SHARE = 0.02
 
 @dataclass(frozen=True, slots=True)
 class Trend:
-    """Slow terms that a regression carries beside the components it is asked for.
-
-    Parameters
-    ----------
-    degree : int
-        Degree of the polynomial in time; 0 is the offset alone.
-    direction : bool
-        Whether an offset that changes sign with the direction of travel is included.
-    output : bool
-        Whether cosine and sine of the output angle are included, for a record that spans too
-        little of a turn to measure them, but enough to be bent by them.
-    """
+    """Slow terms that a regression carries beside the components it is asked for."""
 
     degree: int
-    direction: bool = False
-    output: bool = False
+    direction: bool = False  # an offset that changes its sign with the direction
+    output: bool = False  # cosine and sine of the output angle, for a part of a turn
 
 
 @dataclass(frozen=True, slots=True)
 class SlowMotion:
-    """What slow terms depend on, arrays of shape (n,).
-
-    Parameters
-    ----------
-    time_s : ndarray
-        Time, s.
-    velocity_rad_s : ndarray
-        Motor velocity, rad/s.
-    output_angle_rad : ndarray
-        Output angle, rad.
-    """
+    """What slow terms depend on, arrays of shape (n,)."""
 
     time_s: FloatArray
     velocity_rad_s: FloatArray

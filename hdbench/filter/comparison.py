@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,63 +25,27 @@ _LAG_S = 0.25  # delays are sought up to here
 
 @dataclass(frozen=True, slots=True)
 class Contender:
-    """One way to get the torque, judged on the settled part of the record.
-
-    Parameters
-    ----------
-    name : str
-        ``raw``, ``lowpass``, ``report``, ``tuned``, ``smoothed``.
-    torque_nm : ndarray, shape (n,)
-        Its output, N m.
-    suppression_db : mapping of str to float
-        For each block, amplitude before over after, dB, at most 120; None for the smoothed torque
-        where it is the reference itself.
-    torque_kept : float or None
-        Slope of the output on the reference, low-passed without delay where that is the smoothed
-        torque; None where it varies less than the noise.
-    delay_s : float or None
-        Lag of the output behind the reference, s; None as above.
-    noise_nm : float
-        Standard deviation from sample to sample, N m (third differences over root 20).
-    error_rms_nm : float
-        Root mean square of output minus reference, N m.
-    """
+    """One way to get the torque, judged on the settled part of the record."""
 
     name: str
     torque_nm: FloatArray
-    suppression_db: Mapping[str, float | None]
-    torque_kept: float | None
-    delay_s: float | None
-    noise_nm: float
+    suppression_db: Mapping[str, float | None]  # of each block, at most 120 dB
+    torque_kept: float | None  # slope on the reference; None where that hardly varies
+    delay_s: float | None  # lag behind the reference
+    noise_nm: float  # from sample to sample: third differences over root 20
     error_rms_nm: float
 
     def to_dict(self) -> dict[str, object]:
         """Return the row as results store it, without the curve."""
-        return {
-            "name": self.name,
-            "suppression_db": dict(self.suppression_db),
-            "torque_kept": self.torque_kept,
-            "delay_s": self.delay_s,
-            "noise_nm": self.noise_nm,
-            "error_rms_nm": self.error_rms_nm,
-        }
+        names = (item.name for item in fields(self) if item.name != "torque_nm")
+        return {name: getattr(self, name) for name in names}
 
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """All contenders on one trace.
+    """All contenders on one trace."""
 
-    Parameters
-    ----------
-    reference : str
-        ``truth``: the trace's own true torque; ``smoothed``: the tuned model's smoothed torque.
-    from_s : float
-        Start of the part that was judged.
-    contenders : tuple of Contender
-        From raw to smoothed.
-    """
-
-    reference: str
+    reference: str  # truth or smoothed
     from_s: float
     contenders: tuple[Contender, ...]
 

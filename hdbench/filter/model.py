@@ -12,7 +12,16 @@ from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from hdbench.errors import DataError
 
-__all__ = ["SCHEMA", "FilterModel", "NoisePer", "OscillatorBlock", "Role", "SlowBlock", "SlowKind"]
+__all__ = [
+    "SCHEMA",
+    "FilterModel",
+    "NoisePer",
+    "OscillatorBlock",
+    "Role",
+    "SlowBlock",
+    "SlowKind",
+    "first_problem",
+]
 
 SCHEMA = "hdbench/filter-model/1"
 MAX_BLOCKS = 16
@@ -307,10 +316,8 @@ class FilterModel:
         try:
             return TypeAdapter(cls).validate_json(text)
         except ValidationError as error:
-            first = error.errors(include_url=False)[0]
-            place = "".join(f"[{p}]" if isinstance(p, int) else f".{p}" for p in first["loc"])[1:]
-            where = f"{source}:{place}" if place else source
-            raise _bad_file(_what(first, place), where) from error
+            place, what = first_problem(error)
+            raise _bad_file(what, f"{source}:{place}" if place else source) from error
 
 
 def _set_fields(block: OscillatorBlock | SlowBlock) -> dict[str, object]:
@@ -319,17 +326,19 @@ def _set_fields(block: OscillatorBlock | SlowBlock) -> dict[str, object]:
     return {f.name: values[f.name] for f in fields(block) if values[f.name] != f.default}
 
 
-def _what(found: Mapping[str, Any], place: str) -> str:
-    if found["type"] == "missing":
-        return f"key {place!r} is missing"
-    if found["type"] == "unexpected_keyword_argument":
-        known = ", ".join(item.name for item in fields(FilterModel))
-        return f"unknown key {place!r}; known: {known}" if "." not in place else f"unknown {place}"
-    if found["type"] == "value_error":
-        return str(found["msg"]).removeprefix("Value error, ")
-    return (
-        f"{place} is {repr(found['input'])[:60]}; needed: {str(found['msg']).partition('be ')[2]}"
-    )
+def first_problem(error: ValidationError) -> tuple[str, str]:
+    """Return the place of the first wrong key, and what was found and is needed."""
+    first = error.errors(include_url=False)[0]
+    place = "".join(f"[{p}]" if isinstance(p, int) else f".{p}" for p in first["loc"])[1:]
+    if first["type"] == "missing":
+        return place, f"key {place!r} is missing"
+    if first["type"] == "unexpected_keyword_argument":
+        known = ", ".join(sorted(item.name for item in fields(FilterModel)))
+        return place, f"unknown key {place!r}" + ("" if "." in place else f"; known: {known}")
+    if first["type"] == "value_error":
+        return place, str(first["msg"]).removeprefix("Value error, ")
+    needed = str(first["msg"]).partition(" be ")[2] or str(first["msg"])
+    return place, f"{place} is {repr(first['input'])[:60]}; needed: {needed}"
 
 
 def _bad_file(what: str, where: str) -> DataError:

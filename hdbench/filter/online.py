@@ -217,18 +217,7 @@ class OnlineFilter:
 
 @dataclass(frozen=True, slots=True)
 class BlockAmplitude:
-    """Amplitude of one oscillator.
-
-    Parameters
-    ----------
-    block : OscillatorBlock
-        Which one.
-    amplitude_nm : float
-        Length of its two states, N m.
-    std_nm : float
-        Standard deviation of the amplitude by the filter's own covariance, N m: right as far as
-        its noise is, so tight for a tuned model and wide for the report's.
-    """
+    """Amplitude of one oscillator."""
 
     block: OscillatorBlock
     amplitude_nm: float

@@ -24,29 +24,16 @@ _SETTLED = 1e-13  # relative change of P in one doubling: rounding
 class SteadyFilter:
     r"""The filter at one speed after all time, as a linear system.
 
-    Parameters
-    ----------
-    closed : ndarray, shape (n, n)
-        :math:`A = F (I - K C)`: predicted states of one sample to those of the next.
-    gain : ndarray, shape (n,)
-        :math:`B = F K`: innovation to predicted states.
-    taken : ndarray, shape (n,)
-        1 at the first state of every block that is taken off the torque, else 0.
-    covariance : ndarray, shape (n, n)
-        Of the predicted states, (N m)^2, blocks in the kernel's order.
-    sample_period_s : float
-        Sampling period, s.
-
     Notes
     -----
     With measured torque y: :math:`x(k+1) = A x(k) + B y(k)`, filtered torque
     :math:`y(k) - c\,x(k)`, c = `taken`.
     """
 
-    closed: FloatArray
-    gain: FloatArray
-    taken: FloatArray
-    covariance: FloatArray
+    closed: FloatArray  # A = F (I - K C)
+    gain: FloatArray  # B = F K
+    taken: FloatArray  # 1 at the first state of every block that is taken off the torque
+    covariance: FloatArray  # of the predicted states
     sample_period_s: float
 
     def transfer(self, frequency_hz: FloatArray) -> NDArray[np.complex128]:

@@ -23,8 +23,7 @@ from hdbench.model.declared import (
 )
 from hdbench.model.definition import Cause
 from hdbench.profile.problems import key_text, problem
-from hdbench.profile.toml_map import Key, key_lines
-from hdbench.profile.toml_text import read_toml, toml_text
+from hdbench.profile.toml_text import Key, key_lines, read_toml, toml_text
 
 __all__ = ["declared_cause", "load_causes"]
 
@@ -75,24 +74,7 @@ def load_causes(path: Path) -> tuple[Cause, ...]:
 
 
 def declared_cause(definition: Mapping[str, Any], *, where: str) -> Cause:
-    """Return the cause of a declaration that a model file holds.
-
-    Parameters
-    ----------
-    definition : mapping
-        One declaration, as `Cause.definition` has it.
-    where : str
-        Its place, for the error.
-
-    Returns
-    -------
-    Cause
-
-    Raises
-    ------
-    DataError
-        If it is no valid declaration.
-    """
+    """Return the cause of a declaration that a model file holds."""
     adapter: TypeAdapter[Spec] = TypeAdapter(Declaration)
     try:
         return cause_of(adapter.validate_python(_tuples(dict(definition))))

@@ -26,19 +26,10 @@ _BATCH = 20_000
 
 @dataclass(frozen=True, slots=True)
 class LocalFit:
-    """A derivative and how well it is known.
-
-    Parameters
-    ----------
-    derivative : ndarray, shape (n_samples,)
-        Derivative, unit of the values per s^order; NaN where it cannot be formed.
-    noise_std : float
-        Standard deviation of the derivative inside a segment that the scatter of the values about
-        the local polynomials implies, same unit; NaN where no segment is long enough.
-    """
+    """A derivative and how well it is known."""
 
     derivative: FloatArray
-    noise_std: float
+    noise_std: float  # by the scatter of the values about the polynomials
 
 
 def segments(time_s: FloatArray, period_s: float) -> list[slice]:

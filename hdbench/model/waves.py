@@ -117,17 +117,6 @@ MAX_PARTS = 128
 class ProgramPart:
     r"""One part of a program: a ramp with a sine on it.
 
-    Parameters
-    ----------
-    n_samples : int
-        Length in samples, at least 1.
-    start_v, end_v : float
-        The ramp's value at the first sample of the part and of what follows it, V.
-    amplitude_v : float
-        Amplitude of the sine, V.
-    frequency_hz, end_frequency_hz : float
-        Its frequency at the start and at the end of the part, Hz, at least 0; linear between.
-
     Notes
     -----
     :math:`u(t) = u_0 + (u_1 - u_0) t / T + A \sin 2 \pi (f_0 t + (f_1 - f_0) t^2 / 2T)` with t from
@@ -136,7 +125,7 @@ class ProgramPart:
 
     n_samples: int
     start_v: float
-    end_v: float
+    end_v: float  # of the ramp, at the first sample after the part
     amplitude_v: float = 0.0
     frequency_hz: float = 0.0
     end_frequency_hz: float = 0.0
@@ -150,13 +139,7 @@ class ProgramPart:
 
 @dataclass(frozen=True, slots=True)
 class ReferenceProgram:
-    """Motor reference of one acquisition as parts.
-
-    Parameters
-    ----------
-    parts : tuple of ProgramPart
-        At least one, at most `MAX_PARTS`.
-    """
+    """Motor reference of one acquisition as parts."""
 
     parts: tuple[ProgramPart, ...]
 

@@ -9,46 +9,6 @@ from pydantic import PlainSerializer
 from hdbench.records.loads import SequenceEntry
 from hdbench.results.parts import Part, Result, Uncertain, key, listed, optional
 
-__all__ = [
-    "Acceptance",
-    "AppliedTorqueAccount",
-    "ArmRecord",
-    "BudgetRow",
-    "CalibrationResult",
-    "Classification",
-    "Consensus",
-    "Correction",
-    "Course",
-    "Criterion",
-    "DirectionEffects",
-    "Ends",
-    "ExpandedGain",
-    "ExperimentLine",
-    "ExperimentStep",
-    "GainUncertainty",
-    "GroupSeries",
-    "IdentityRecord",
-    "InstrumentRecord",
-    "LengthRecord",
-    "LimitTest",
-    "LoadGroup",
-    "LoadStep",
-    "Loop",
-    "MassRecord",
-    "MixedModel",
-    "MonteCarlo",
-    "Outlier",
-    "PairedDifference",
-    "PositionVariance",
-    "ReadingRecord",
-    "SeriesLackOfFit",
-    "ShuntRecord",
-    "SideForce",
-    "StandardsRecord",
-    "StepUncertainty",
-    "TorqueRecord",
-]
-
 _Entry = Annotated[SequenceEntry, PlainSerializer(SequenceEntry.to_dict)]
 
 

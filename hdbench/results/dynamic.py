@@ -4,30 +4,6 @@ from __future__ import annotations
 
 from hdbench.results.parts import Part, Result, Scale, Uncertain, key, listed, optional
 
-__all__ = [
-    "EvaluatedTime",
-    "FilteredPeak",
-    "FilteredTrace",
-    "FitNoise",
-    "MisalignmentBlock",
-    "MisalignmentOrder",
-    "MisalignmentResult",
-    "MisalignmentStretch",
-    "OrderLine",
-    "OutputOrder",
-    "PeakToPeak",
-    "RippleBlocks",
-    "RippleOrder",
-    "RippleResult",
-    "SlowTerms",
-    "SpectrumLine",
-    "SteadySpectrum",
-    "Suppression",
-    "Tone",
-    "TorqueRms",
-    "VelocityRange",
-]
-
 
 class OrderLine(Part):
     """A line that stands at an order of the motor."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import fields
 from typing import Annotated, Any, Self, dataclass_transform
 
@@ -27,6 +26,8 @@ __all__ = [
 # keys of `Result` that stand before those of a kind; the others stand behind them
 _HEAD_KEYS = 3
 _CONFIG = ConfigDict(allow_inf_nan=False, validate_by_name=True, validate_by_alias=True)
+
+_EVALUATE_AGAIN = "evaluate the run again with --from"
 
 # both write whole numbers as whole numbers, as they always stood in the files
 Uncertain = Annotated[Quantity, PlainSerializer(Quantity.to_dict)]
@@ -83,8 +84,9 @@ def _is_none(value: object) -> bool:
 class Part:
     """Part of a result, with its JSON: every class made of it is a frozen dataclass."""
 
-    def __init_subclass__(cls, *, kw_only: bool = True) -> None:
-        dataclass(frozen=True, kw_only=kw_only, config=_CONFIG)(cls)
+    def __init_subclass__(cls, *, kw_only: bool = True, closed: bool = False) -> None:
+        config = ConfigDict(**_CONFIG, extra="forbid" if closed else "ignore")
+        dataclass(frozen=True, kw_only=kw_only, config=config)(cls)
 
     def to_json(self) -> dict[str, Any]:
         """Return the keys as the JSON file holds them, in its order."""
@@ -92,8 +94,17 @@ class Part:
         return body
 
     @classmethod
-    def from_json(cls, body: Mapping[str, Any], where: str) -> Self:
+    def from_json(cls, body: Any, where: str, fix: str = _EVALUATE_AGAIN) -> Self:
         """Read a stored result; keys that an older version did not write may be missing.
+
+        Parameters
+        ----------
+        body : mapping
+            Content of the file.
+        where : str
+            The file, for messages.
+        fix : str
+            What mends a wrong one.
 
         Raises
         ------
@@ -104,13 +115,13 @@ class Part:
             return TypeAdapter(cls).validate_python(body)
         except ValidationError as error:
             first = error.errors(include_url=False)[0]
-            place = ".".join(str(step) for step in first["loc"])
-            found = "" if first["type"] == "missing" else f", found {first['input']!r:.60}"
-            raise DataError(
-                f"{first['msg']}{found}",
-                where=f"{where}: {place}",
-                fix="evaluate the run again with --from",
-            ) from error
+            place, what = ".".join(str(step) for step in first["loc"]), first["msg"]
+            if first["type"] == "unexpected_keyword_argument":
+                known = sorted(field.name for field in fields(cls))  # type: ignore[arg-type]
+                what = f"unknown key; known: {', '.join(known)}"
+            elif first["type"] != "missing":
+                what = f"{what}, found {first['input']!r:.60}"
+            raise DataError(what, where=f"{where}: {place}", fix=fix) from error
 
 
 class DataFlag(Part, kw_only=False):

@@ -79,9 +79,9 @@ def prove_watchdog(
             )
         try:
             seen = _creep(data, bench, stop)
-            watchdog_s = bench.bench.daq.watchdog().time_s
+            watchdog_s = bench.daq.watchdog().time_s
             _be_silent(bench, watchdog_s + _BRAKING_S, stop, sleep)
-            found = _look(bench.bench.daq, data)
+            found = _look(bench.daq, data)
         finally:
             safe = bench.safe_state()
             if not safe.confirmed:
@@ -115,7 +115,7 @@ def _be_silent(
 ) -> None:
     if bench.guard is not None:
         bench.guard.watch("end-only")
-    bench.bench.fall_silent()
+    bench.fall_silent()
     until_s = time.monotonic() + silence_s
     while time.monotonic() < until_s:
         stop.check()

@@ -11,18 +11,15 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from hdbench.calibration.budget import combined, expanded_uncertainty
-from hdbench.calibration.gains import (
+from hdbench.calibration.gains.differences import (
     DirectionEntry,
-    any_one_position,
     consensus,
     direction_effects,
-    extreme_values,
-    gain_outliers,
-    grubbs_limit,
-    mixed_fit,
-    one_way,
     paired_difference,
 )
+from hdbench.calibration.gains.mixed import mixed_fit
+from hdbench.calibration.gains.outliers import extreme_values, gain_outliers, grubbs_limit
+from hdbench.calibration.gains.positions import any_one_position, one_way
 
 # eight gains with mean 6.60 and consistency 2.0 %, four positions, clockwise and anticlockwise
 EIGHT = [[6.43, 6.46], [6.50, 6.56], [6.63, 6.69], [6.75, 6.78]]

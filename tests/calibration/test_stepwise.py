@@ -12,8 +12,9 @@ import pytest
 
 from hdbench.calibration import evaluate_calibration
 from hdbench.calibration.readings import taken_readings
-from hdbench.calibration.stepwise import CLASSES, class_limit, evaluate_group, step_groups
-from hdbench.calibration.stepwise.classes import classify
+from hdbench.calibration.stepwise.classes import CLASSES, class_limit, classify
+from hdbench.calibration.stepwise.evaluation import evaluate_group
+from hdbench.calibration.stepwise.series import step_groups
 from hdbench.calibration.torque.applied import TorqueAccount
 from hdbench.records import LoadReading, Loads
 

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import asyncio
-import threading
 import time
-from collections.abc import Callable, Coroutine, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -26,29 +24,6 @@ class InThread:
             return act()
 
         return asyncio.run_coroutine_threadsafe(run(), self.loop).result(5)
-
-
-@contextmanager
-def opened(
-    start: Callable[[], Coroutine[Any, Any, Any]], close: Callable[[], None]
-) -> Iterator[tuple[asyncio.AbstractEventLoop, Any]]:
-    """Await `start` in a new thread; yield its loop and what `start` gave, `close` there later."""
-    loop = asyncio.new_event_loop()
-    thread = threading.Thread(target=loop.run_forever, daemon=True)
-    thread.start()
-
-    async def shut() -> None:
-        close()
-        # one turn of the loop closes what is open
-        await asyncio.sleep(0.01)
-
-    try:
-        yield loop, asyncio.run_coroutine_threadsafe(start(), loop).result(5)
-    finally:
-        asyncio.run_coroutine_threadsafe(shut(), loop).result(5)
-        loop.call_soon_threadsafe(loop.stop)
-        thread.join(5)
-        loop.close()
 
 
 def read_all(daq: Daq, *, timeout_s: float = 20.0) -> list[ScanBlock]:

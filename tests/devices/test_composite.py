@@ -174,7 +174,7 @@ def test_two_emulated_devices_are_one_bench():
             if block is not None:
                 blocks.append(block)
                 got = block.first_index + len(block)
-        doubt_s = bench.bench._samples.doubt_s
+        doubt_s = bench._samples.doubt_s
         bench.stop()
         assert bench.safe_state().confirmed
     assert sum(block.lost_before for block in blocks) == 0

@@ -42,13 +42,18 @@ def profile_at(address):
     return PROFILE.model_copy(update={"daq": PROFILE.daq.model_copy(update={"address": address})})
 
 
+def guarding(bench, start_guard):
+    """Return the same device with a guard."""
+    return GuardedBench(bench.daq, bench._settings, start_guard)
+
+
 @contextmanager
 def guarded(node, tmp_path, silence_s=0.3):
     data = profile_at(f"tcp://{node.host}:{node.port}")
     log = tmp_path / "guard.jsonl"
     with driver(node.host, node.port, watchdog_s=2.0) as bench:
         bench.claim()
-        found = GuardedBench(bench, lambda: GuardProcess(order_of(data), silence_s, log=log))
+        found = guarding(bench, lambda: GuardProcess(order_of(data), silence_s, log=log))
         try:
             yield found
         finally:
@@ -110,7 +115,7 @@ def test_a_bench_that_is_closed_without_the_safe_state_is_made_safe(tmp_path):
         data = profile_at(f"tcp://{node.host}:{node.port}")
         with driver(node.host, node.port, watchdog_s=2.0) as inner:
             inner.claim()
-            bench = GuardedBench(inner, lambda: GuardProcess(order_of(data), 1.0))
+            bench = guarding(inner, lambda: GuardProcess(order_of(data), 1.0))
             turn(bench)
             bench.close()
             assert motor(node) == 0.0
@@ -141,7 +146,7 @@ def test_motion_without_a_second_connection_is_refused(tmp_path):
     with served(TinyBench()) as node, driver(node.host, node.port) as inner:
         inner.claim()
         nowhere = order_of(profile_at("tcp://127.0.0.1:1"))
-        bench = GuardedBench(inner, lambda: GuardProcess(nowhere, 1.0))
+        bench = guarding(inner, lambda: GuardProcess(nowhere, 1.0))
         with pytest.raises(DeviceError, match="does not reach the device"):
             bench.configure(AcquisitionSettings(1e-3, 1000, WAVE))
         assert motor(node) == 0.0

@@ -51,7 +51,7 @@ def named(data, found):
 def link_of(daq):
     """Return the connection that carries a driver's requests."""
     daq = getattr(daq, "_outputs", daq) if hasattr(daq, "_inputs") else daq
-    for name in ("_wire", "_control", "_access"):
+    for name in ("_node", "_control", "_access"):
         if hasattr(daq, name):
             return getattr(daq, name)._link
     raise AssertionError(f"{type(daq).__name__}: {sorted(vars(daq))}")
@@ -73,14 +73,14 @@ def test_a_run_asks_for_the_name_once_and_never_waits_for_it_again(name, monkeyp
 
         with open_bench(named(data, found)) as bench:
             bench.configure(AcquisitionSettings(4e-3, 100_000, WAVE))
-            link_of(bench.bench.daq).close()
+            link_of(bench.daq).close()
             timed(bench.start)
             taken = 0
             while taken < 200:
                 block = timed(bench.read_block)
                 taken += len(block) if block else 0
             bench.stop()
-            link_of(bench.bench.daq).close()
+            link_of(bench.daq).close()
             safe = timed(bench.safe_state)
     assert safe.confirmed, safe.detail
     assert resolver.asked == 1

@@ -466,7 +466,7 @@ def test_a_reconnecting_driver_keeps_its_session():
         bench.start()
         assert _gaps(_collect(bench, 380), 380) == 0
         assert bench.daq.status()["session_state"] == 1
-        assert bench.daq._wire.repeats == 1
+        assert bench.daq.repeats == 1
 
 
 # -- operator -------------------------------------------------------------------------------------

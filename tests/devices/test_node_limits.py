@@ -37,7 +37,7 @@ def test_a_scale_that_no_node_can_have_is_an_error_with_its_register(name, value
     limits = {**limit_values(PROFILE), name: value}
     core = NodeCore(machine, identity=identity_values(0), limits=limits, clock=lambda: 0.0)
     server = ModbusServer(core)
-    with in_thread(server, server.open()) as address:
+    with in_thread(server.open, server.close) as (_, address):
         table = PROFILE.daq.model_copy(update={"address": address})
         daq = open_node(PROFILE, table)
         with pytest.raises(DeviceError, match=name) as told:

@@ -49,6 +49,13 @@ def order_block(order, q=1e-4, part="ripple"):
     return OscillatorBlock(order, part, q, "motor-radian")
 
 
+THREE_ORDERS = (
+    order_block(2.0, 1e-9),
+    order_block(4.0, 1e-9),
+    order_block(0.01, 1e-9, "misalignment"),
+)
+
+
 def tuned(kind="matern-3/2", *, gate=None, r=2.5e-3, inertia=1.725e-2):
     blocks = (
         order_block(2.0),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -24,25 +23,8 @@ from kernel_models import (
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.linalg import expm, solveh_banded
 
-from hdbench.filter import OscillatorBlock
-
 FAST = settings(max_examples=15, deadline=None)
 seeds = st.integers(min_value=0, max_value=10_000)
-
-
-@FAST
-@given(seed=seeds, cuts=st.lists(st.integers(0, 300), max_size=6), kind=st.sampled_from(KINDS))
-def test_blocks_of_any_split_give_the_same_bits(seed, cuts, kind):
-    t, v, y = samples(300, seed)
-    model = tuned(kind, gate=6.0)
-    whole = run(model, new_state(model), t, v, y)
-    state, pieces = new_state(model), []
-    edges = [0, *sorted(cuts), 300]
-    for a, b in pairwise(edges):
-        pieces.append(run(model, state, t[a:b], v[a:b], y[a:b]))
-        state = state.copy()  # stored and restored
-    for name in ("torque_filtered_nm", "innovation_nm", "innovation_variance_nm2", "flags"):
-        assert_array_equal(np.concatenate([getattr(p, name) for p in pieces]), getattr(whole, name))
 
 
 def louder(model, factor):
@@ -261,13 +243,3 @@ def test_scaling_all_noise_moves_the_likelihood_as_concentration_says():
     # rounding of 300 terms
     assert two.sum_normalised_squares == pytest.approx(two.n_used, rel=1e-9)
     assert two.log_likelihood >= one.log_likelihood
-
-
-def test_a_block_that_turns_with_the_clock_takes_out_a_hum():
-    t = np.arange(6000) * 1e-3
-    y = 0.3 * np.sin(2.0 * np.pi * 50.0 * t)
-    block = OscillatorBlock(0.0, "ripple", 1e-6, "second", 50.0)
-    model = filter_model((block,), 1e-4, order_prior_std_nm=1.0)
-    left = run(model, new_state(model), t, np.zeros_like(t), y).torque_filtered_nm
-    # settled to a Q / R of 1e-5 after 6 s
-    assert np.abs(left[5000:]).max() < 1e-3

@@ -120,7 +120,7 @@ def test_what_looks_on_is_told_how_often_the_driver_asked_again() -> None:
             SimulatedBench(profile, load_plant("as-modelled"), 0), profile, 0, pace="fast"
         )
         server = ModbusServer(core)
-        node = stack.enter_context(in_thread(server, server.open()))
+        node = stack.enter_context(in_thread(server.open, server.close))[1]
         address = stack.enter_context(behind(node, spoiler))
         seen = Seen()
 

@@ -292,7 +292,7 @@ def _driver_rate(port: int, seconds: float, run: int, *, decode: bool) -> float:
         now_s = time.monotonic()
         if now_s - start_s >= seconds:
             break
-        raw = wire.exchange(reader.ack, reader.count)
+        raw = wire.exchange(reader.window, reader.ack)
         if decode:
             reader.take(raw, (now_s, time.monotonic()))
         else:

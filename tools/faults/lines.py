@@ -23,7 +23,7 @@ import time
 import tty
 from collections.abc import Callable, Coroutine, Iterator
 from contextlib import contextmanager
-from typing import Any, Protocol
+from typing import Any
 
 from faults.mangler import Delivery, Mangler
 from hdbench.system.lines import terminal_pair
@@ -292,14 +292,6 @@ def _write_all(descriptor: int, data: bytes) -> None:
 OVER = 1.1
 
 
-class Server(Protocol):
-    """Serves a device until it is closed."""
-
-    def close(self) -> None:
-        """End every connection."""
-        ...
-
-
 class Deadlines:
     """Counts how calls keep their deadline.
 
@@ -351,19 +343,21 @@ def _ready_s() -> float:
 
 
 @contextmanager
-def in_thread(server: Server, opening: Coroutine[Any, Any, Any]) -> Iterator[Any]:
-    """Run a server in a loop of its own thread; yields what its opening returned."""
+def in_thread(
+    start: Callable[[], Coroutine[Any, Any, Any]], close: Callable[[], None]
+) -> Iterator[tuple[asyncio.AbstractEventLoop, Any]]:
+    """Await `start` in a new thread; yield its loop and what `start` gave, `close` there later."""
     loop = asyncio.new_event_loop()
     thread = threading.Thread(target=loop.run_forever, daemon=True)
     thread.start()
 
     async def shut() -> None:
-        server.close()
+        close()
         # one turn of the loop closes what is open
         await asyncio.sleep(0.01)
 
     try:
-        yield asyncio.run_coroutine_threadsafe(opening, loop).result(5)
+        yield loop, asyncio.run_coroutine_threadsafe(start(), loop).result(5)
     finally:
         asyncio.run_coroutine_threadsafe(shut(), loop).result(5)
         loop.call_soon_threadsafe(loop.stop)

@@ -136,7 +136,7 @@ def unsimulated(profile: Path) -> Iterator[tuple[str, list[float]]]:
     machine = NodeMachine(bench, pace="realtime", clock=time.monotonic, record=record)
     core = NodeCore(machine, identity=identity, limits=limit_values(data), clock=time.monotonic)
     server = ModbusServer(core)
-    with in_thread(server, server.open()) as address:
+    with in_thread(server.open, server.close) as (_, address):
         yield address, speeds
 
 

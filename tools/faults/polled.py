@@ -152,7 +152,7 @@ def partner(number: int) -> int:
 def served(wire: str, device: CountingDevice) -> Iterator[str]:
     """Serve a device in a thread; yields its address."""
     server = ModbusServer(device, wire)
-    with in_thread(server, server.open()) as address:
+    with in_thread(server.open, server.close) as (_, address):
         yield address
 
 

@@ -138,7 +138,7 @@ def served(wire: str) -> Iterator[str]:
     """Serve a counting node in a thread; yields its address."""
     core = build_core(CountingBench(), PROFILE, 0, pace="fast")
     server = ModbusServer(core, wire)
-    with in_thread(server, server.open()) as address:
+    with in_thread(server.open, server.close) as (_, address):
         yield address
 
 

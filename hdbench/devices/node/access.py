@@ -91,25 +91,20 @@ _FEWEST_BITS, _MOST_BITS = 8, 16
 _ABOVE_ZERO = ("range_v", "current_range_a", "limit_velocity_rad_s")
 
 
-class NodeAccess:
+class NodeAccess(NodeWire):
     """Everything of a node but its acquisition.
 
-    Parameters
-    ----------
-    wire : NodeWire
-        Register access; owned from now on.
+    Parameters are those of `NodeWire`.
     """
 
-    def __init__(self, wire: NodeWire) -> None:
-        self.wire = wire
-        self._identity: Identity | None = None
-        self._has_program = False
-        self._limits: dict[str, Value] = {}
+    _identity: Identity | None = None
+    _limits: dict[str, Value] | None = None
+    _has_program = False
 
     def identity(self) -> Identity:
         """Return who answers; asked once, before anything is written."""
         if self._identity is None:
-            values = decode_group(IDENTITY, self.wire.read(IDENTITY))
+            values = decode_group(IDENTITY, self.read(IDENTITY))
             if values["word_order"] != WORD_ORDER_TEST:
                 raise self.error(
                     f"word order test reads 0x{values['word_order']:08X}; "
@@ -135,8 +130,8 @@ class NodeAccess:
 
     def limits(self) -> dict[str, Value]:
         """Return the node's own limits and scales, by register name."""
-        if not self._limits:
-            found = decode_group(LIMITS, self.wire.read(LIMITS))
+        if self._limits is None:
+            found = decode_group(LIMITS, self.read(LIMITS))
             self._check_limits(found)
             self._limits = found
         return self._limits
@@ -161,11 +156,11 @@ class NodeAccess:
 
     def status(self) -> dict[str, Value]:
         """Return the status block of this moment, by register name."""
-        return decode_group(STATUS, self.wire.read_status())
+        return decode_group(STATUS, self.read_status())
 
     def command(self, command: Command) -> None:
         """Write a command, once."""
-        self.wire.write_once((register("command"),), struct.pack(">H", command))
+        self.write_once((register("command"),), struct.pack(">H", command))
 
     def make_safe(self) -> None:
         """Order the safe state of a device that is known to be a node."""
@@ -186,11 +181,11 @@ class NodeAccess:
     def write_and_read_back(self, group: tuple[Register, ...], wanted: dict[str, Value]) -> None:
         """Write `wanted` once; what counts is what then stands in the node."""
         try:
-            self.wire.write_once(group, encode_group(group, wanted))
+            self.write_once(group, encode_group(group, wanted))
         except DeviceError as error:
             if not isinstance(error.__cause__, FrameError):
                 raise
-        found = decode_group(group, self.wire.read(group))
+        found = decode_group(group, self.read(group))
         for name, value in wanted.items():
             if found[name] != value:
                 raise self.error(
@@ -203,5 +198,5 @@ class NodeAccess:
         """Return an error that names a register."""
         entry = register(name)
         return DeviceError(
-            what, where=f"{self.wire.where}, register {name} (0x{entry.address:04X})", fix=fix
+            what, where=f"{self.where}, register {name} (0x{entry.address:04X})", fix=fix
         )

@@ -249,7 +249,7 @@ class BlockReader:
         self.stopped = False
         self.ended_early = False
         self.ack = 0
-        self.count = block_registers(self._bits.bit_count())
+        self.window = BlockExchange(block_registers(self._bits.bit_count()))
         self._where = where
         self._run = run
         self._n_samples = settings.n_samples

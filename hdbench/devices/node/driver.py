@@ -32,7 +32,6 @@ from hdbench.devices.node.registers import (
     block_scans,
     decode_group,
 )
-from hdbench.devices.node.wire import NodeWire
 from hdbench.devices.safestate import Seen, reach_safe_state
 from hdbench.devices.wire import FrameError
 from hdbench.devices.wire.address import Address
@@ -108,8 +107,8 @@ class NodeDaq:
 
     Parameters
     ----------
-    wire : NodeWire
-        Register access; owned by the driver from now on.
+    node : NodeAccess
+        The node; owned by the driver from now on.
     exchanges_hz : callable
         Highest rate of block exchanges with n channels that the wire sustains, Hz.
     tacho_rad_s_per_v : float
@@ -120,15 +119,14 @@ class NodeDaq:
 
     def __init__(
         self,
-        wire: NodeWire,
+        node: NodeAccess,
         *,
         exchanges_hz: Callable[[int], float],
         tacho_rad_s_per_v: float,
         clock: Callable[[], float] = time.monotonic,
         sleep: Callable[[float], None] = time.sleep,
     ) -> None:
-        self._node = NodeAccess(wire)
-        self._wire = wire
+        self._node = node
         self._exchanges_hz = exchanges_hz
         self._tacho_rad_s_per_v = tacho_rad_s_per_v
         self._clock = clock
@@ -140,7 +138,7 @@ class NodeDaq:
     @property
     def repeats(self) -> int:
         """Requests that were sent again so far."""
-        return self._wire.repeats
+        return self._node.repeats
 
     def identity(self) -> Identity:
         """Return who answers; asked once, before anything is written."""
@@ -158,7 +156,7 @@ class NodeDaq:
     def claim(self) -> None:
         """Become the one host that may write."""
         self.identity()
-        self._wire.take_session(secrets.randbelow(0xFFFFFFFF) + 1)
+        self._node.take_session(secrets.randbelow(0xFFFFFFFF) + 1)
 
     def configure(self, settings: DaqSettings) -> float:
         """Write the parameter block with the watchdog time, read it back, return the period, s."""
@@ -186,7 +184,7 @@ class NodeDaq:
         if after["starts"] == before["starts"]:
             raise self._node.error("the node did not start", "command", "configure it again")
         self._reader = BlockReader(
-            self.limits(), self._settings, run=int(after["starts"]), where=self._wire.where
+            self.limits(), self._settings, run=int(after["starts"]), where=self._node.where
         )
         self._next_poll_s = 0.0
 
@@ -205,7 +203,7 @@ class NodeDaq:
         if wait_s > 0.0:
             self._sleep(wait_s)
         asked_s = self._clock()
-        raw = self._wire.exchange(reader.ack, reader.count)
+        raw = self._node.exchange(reader.window, reader.ack)
         block = reader.take(raw, (asked_s, self._clock()))
         if reader.ended_early:
             raise self._node.error(
@@ -251,7 +249,7 @@ class NodeDaq:
 
     def arm_watchdog(self, time_s: float) -> float:
         """Return the watchdog's time, s; `configure` sets it and a start arms it."""
-        values = decode_group(PARAMETERS, self._wire.read(PARAMETERS))
+        values = decode_group(PARAMETERS, self._node.read(PARAMETERS))
         found_s = 1e-3 * float(values["watchdog_ms"])
         if not found_s <= time_s:
             raise self._node.error(
@@ -263,12 +261,12 @@ class NodeDaq:
 
     def feed_watchdog(self) -> None:
         """Feed it once; `read_block` does so by itself."""
-        self._wire.feed()
+        self._node.feed()
 
     def watchdog(self) -> WatchdogState:
         """Return the watchdog's state."""
         state = self.status()["state"]
-        values = decode_group(PARAMETERS, self._wire.read(PARAMETERS))
+        values = decode_group(PARAMETERS, self._node.read(PARAMETERS))
         armed_s = 1e-3 * float(values["watchdog_ms"])
         return WatchdogState(state == State.RUNNING, state == State.TRIPPED, armed_s)
 
@@ -312,7 +310,7 @@ class NodeDaq:
 
     def close(self) -> None:
         """Give the session back and close the connection; never raises."""
-        self._wire.close()
+        self._node.close()
 
     def _seen(self) -> Seen:
         status = self.status()

@@ -6,6 +6,7 @@ from functools import partial
 
 from hdbench.devices.driver import Driver, later
 from hdbench.devices.guard.order import Check, Look, Target, target_at
+from hdbench.devices.node.access import NodeAccess
 from hdbench.devices.node.driver import NodeDaq, exchange_rate_hz
 from hdbench.devices.node.registers import (
     IDENTITY,
@@ -37,7 +38,7 @@ def open_node(profile: ProfileData, table: NodeAcquisition) -> NodeDaq:
     address = node_address(table)
     link = connect(address, unit=table.unit, probe=node_probe, tls=table.tls)
     return NodeDaq(
-        NodeWire(link, deadline_s=table.deadline_s),
+        NodeAccess(link, deadline_s=table.deadline_s),
         exchanges_hz=partial(exchange_rate_hz, address),
         tacho_rad_s_per_v=profile.tacho.gain_rad_s_per_v,
     )

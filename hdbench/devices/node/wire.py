@@ -90,8 +90,6 @@ class NodeWire(Transactor):
         self._session = 0
         self._heartbeat = 0
         self._nonce = 0
-        self._window: BlockExchange | None = None
-        self._window_count = 0
         link.opened = self._present_session
 
     def read(self, group: Sequence[Register]) -> bytes:
@@ -117,12 +115,8 @@ class NodeWire(Transactor):
 
         return self._repeat(build, STATUS[0])
 
-    def exchange(self, ack: int, count: int) -> bytes:
+    def exchange(self, window: BlockExchange, ack: int) -> bytes:
         """Acknowledge a block, feed the watchdog and read the window, in one transaction."""
-        window = self._window
-        if window is None or self._window_count != count:
-            self._window = window = BlockExchange(count)
-            self._window_count = count
 
         def build() -> tuple[bytes, ReplyCheck]:
             self._heartbeat = self._heartbeat % 0xFFFF + 1

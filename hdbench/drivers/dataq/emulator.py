@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hdbench.devices.emulator.instrument import (
-    ChannelFault,
     ElectricalSamples,
     Input,
     SimulatedInstrument,
@@ -70,9 +69,6 @@ def _analog(volts: FloatArray, range_v: float, bits: int) -> NDArray[np.int16]:
 _OVERFLOW = b"stop 01"
 _FIRMWARE = "87"
 _INFO = {0: "DATAQ", 2: _FIRMWARE, 5: EMULATOR_NAME}
-_CHANNELS: tuple[Input, ...] = ("torque", "tacho", "current", "reference")
-_CHANNEL_FAULTS: tuple[ChannelFault | None, ...] = (None, "stuck", "high", "low")
-_FIRST_CHANNEL_FAULT = 5
 # one line of the encoder has one rising edge in four counts
 _COUNTS_PER_EDGE = 4
 # numbers that a host may set, with what they are when it is switched on
@@ -95,7 +91,7 @@ class DataqDevice:
         self.instrument = instrument
         self.model = model
         self.serial = serial
-        self.lose_bytes = self.lose_scans = 0
+        self.lose_bytes = 0
         self.lines = OPEN_LINES
         self.buffer_samples = BUFFER_SAMPLES
         self._wiring = wiring
@@ -158,34 +154,13 @@ class DataqDevice:
             self._numbers[word] = int(rest)
         elif word == "filter":
             self._average = rest.split()[-1:] == ["1"]
-        elif word == "fault":
-            return self._bench(rest.split())
         elif word == "din":
             return str(self.lines)
         return "" if word in (*_NUMBERS, *_SILENT, "slist", "filter") else "unknown"
 
-    def _bench(self, values: list[str]) -> str:
-        """Break something of the simulated bench; empty when it was done."""
-        try:
-            numbers = [float(value) for value in values]
-            self._disturb(int(numbers[0]), int(numbers[1]))
-        except (ValueError, IndexError):
-            return "refused"
-        return ""
-
-    def _disturb(self, code: int, argument: int) -> None:
-        """Break something: 1 line held for ms, 2 bytes lost, 3 scans lost, 4 D6 to D0, 5 to 8."""
-        if code == 1:
-            self._held_until_s = self._clock() + 1e-3 * argument
-        elif code == 2:
-            self.lose_bytes = argument
-        elif code == 3:
-            self.lose_scans = argument
-        elif code == 4:
-            self.lines = argument
-        else:
-            channel = _CHANNELS[code - _FIRST_CHANNEL_FAULT]
-            self.instrument.disturb(channel, _CHANNEL_FAULTS[argument])
+    def hold(self, time_s: float) -> None:
+        """Hold the line for a time: what is sampled meanwhile stays in the buffer."""
+        self._held_until_s = self._clock() + time_s
 
     def _start(self) -> None:
         if self._scanning or not self._entries:
@@ -239,11 +214,7 @@ class DataqDevice:
             self.lines,
             edges[averaged - 1 :: averaged],
         )
-        lost, self.lose_scans = (
-            min(self.lose_scans, len(words)),
-            max(0, self.lose_scans - len(words)),
-        )
-        data = words[lost:].astype("<i2").tobytes()
+        data = words.astype("<i2").tobytes()
         cut, self.lose_bytes = self.lose_bytes, 0
         return data[cut:]
 

@@ -24,52 +24,24 @@ _SHARPEST = 1e6  # 2 pi f T of a resonance that no record of hours can tell from
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """One number of the model, varied as its logarithm.
-
-    Parameters
-    ----------
-    name : str
-        For messages and results, e.g. ``order 2 process_noise``.
-    unit : str
-        Its unit.
-    target : {"block", "slow"}
-        Which tuple of the model holds it.
-    index : int
-        Index there.
-    field : str
-        Name of the number.
-    relative : bool
-        Whether it scales with the measurement noise.
-    starts : tuple of float
-        Logarithms that the search starts from.
-    lower, upper : float
-        Bounds of the logarithm.
-    """
+    """One number of the model, varied as its logarithm."""
 
     name: str
     unit: str
     target: Target
     index: int
     field: str
-    relative: bool
-    starts: tuple[float, ...]
+    relative: bool  # whether it scales with the measurement noise
+    starts: tuple[float, ...]  # logarithms, as are the bounds
     lower: float
     upper: float
 
 
 @dataclass(frozen=True, slots=True)
 class Problem:
-    """A model with its free numbers.
+    """A model with its free numbers."""
 
-    Parameters
-    ----------
-    base : FilterModel
-        Everything that is not varied; measurement noise 1, priors in units of it.
-    parameters : tuple of Parameter
-        What is varied.
-    """
-
-    base: FilterModel
+    base: FilterModel  # measurement noise 1, priors in units of it
     parameters: tuple[Parameter, ...]
 
     def model(self, logs: Sequence[float] | FloatArray) -> FilterModel:
@@ -177,20 +149,10 @@ def _slow_parameters(kind: SlowKind, at: int, motion: Motion, excess: float) -> 
 
 @dataclass(frozen=True, slots=True)
 class Score:
-    """How well a model of measurement noise 1 foretells the traces.
-
-    Parameters
-    ----------
-    samples : int
-        Samples used.
-    noise_nm2 : float
-        The measurement noise that fits best, (N m)^2; every other noise scales with it.
-    log_likelihood : float
-        Gaussian log-likelihood at that noise, nats.
-    """
+    """How well a model of measurement noise 1 foretells the traces."""
 
     samples: int
-    noise_nm2: float
+    noise_nm2: float  # the measurement noise that fits best
     log_likelihood: float
 
 

@@ -133,19 +133,7 @@ def _kinds_of(settings: TuningSettings) -> tuple[SlowKind | None, ...]:
 
 @dataclass(frozen=True, slots=True)
 class _Trial:
-    """What every try has in common.
-
-    Parameters
-    ----------
-    start : FilterModel
-        Orders and offset at measurement noise 1, priors relative to it.
-    settings : TuningSettings
-        What is asked.
-    motion : Motion
-        The traces' motion.
-    noise_nm2 : float
-        First guess of the measurement noise, (N m)^2.
-    """
+    """What every try has in common."""
 
     start: FilterModel
     settings: TuningSettings

@@ -8,7 +8,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
-from served import InThread, opened, read_all
+from faults.lines import in_thread
+from served import InThread, read_all
 
 from hdbench.devices.daq import DaqSettings
 from hdbench.devices.emulator.instrument import DeviceClock, SimulatedInstrument
@@ -70,7 +71,7 @@ def served(what: ModbusAcquisition, *, wire: Wire = "tcp", seed: int = 3) -> Ite
     )
     device = ModbusDevice(instrument, what, amperes_per_v=1.0)
     server = ModbusServer(device, wire)
-    with opened(server.open, server.close) as (loop, address):
+    with in_thread(server.open, server.close) as (loop, address):
         found = Served(loop, device, instrument, address, server)
         answer = device.answer
 

@@ -7,7 +7,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
-from served import InThread, opened, read_all
+from faults.lines import in_thread
+from served import InThread, read_all
 
 from hdbench.devices.daq import DaqSettings
 from hdbench.devices.emulator.instrument import SimulatedInstrument
@@ -55,7 +56,7 @@ def served(what: DataqAcquisition, *, speed: float = 1.0, seed: int = 3) -> Iter
     emulation = Emulation(BENCH, "as-modelled", seed)
     emulation.speed = speed
     instrument, line = emulation.instrument, emulate_dataq(emulation, what).line
-    with opened(line.open, line.close) as (loop, address):
+    with in_thread(line.open, line.close) as (loop, address):
         yield Served(loop, line.device, line, instrument, address)
 
 

@@ -9,7 +9,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from served import InThread, opened, read_all
+from faults.lines import in_thread
+from served import InThread, read_all
 
 from hdbench.devices.daq import DaqSettings, ScanBlock
 from hdbench.devices.driver import open_daq
@@ -57,7 +58,7 @@ def served(
     )
     wiring = Wiring(instrument, table or PROFILE.daq, current_v_per_v=1.0, seed=seed)
     server = LabJackServer(LabJackDevice(wiring, seed, count_joint=count_joint))
-    with opened(lambda: server.open("127.0.0.1", 0), server.close) as (loop, (host, port)):
+    with in_thread(lambda: server.open("127.0.0.1", 0), server.close) as (loop, (host, port)):
         yield Served(loop, server, instrument, host, port, events)
 
 

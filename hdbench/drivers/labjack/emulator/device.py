@@ -1,17 +1,4 @@
-"""Emulated T4 or T7: its map, wired to terminals, stream and watchdog.
-
-A campaign that runs the emulator in another process writes an argument to USER_RAM21_U32 (46142)
-and then a code to USER_RAM20_U32 (46140); a real device ignores both.
-
-| code | fault | argument |
-|---|---|---|
-| 1 | the network is away: packets stay in the device's buffer | ms |
-| 2 | scans vanish without a word (an index jump) | scans |
-| 3 | the stream ends | status, 2942 to 2945 |
-| 4 | a gateway swaps the words of 32-bit values | 1 on, 0 off |
-| 5, 6, 7, 8 | torque, tacho, current, reference input | 0 mended, 1 stuck, 2 high, 3 low |
-| 9 | the device restarts | - |
-"""
+"""Emulated T4 or T7: its map, wired to terminals, stream and watchdog."""
 
 from __future__ import annotations
 
@@ -20,80 +7,13 @@ import time
 from collections.abc import Callable
 from functools import partial
 
-from hdbench.devices.emulator.instrument import ChannelFault, Input
 from hdbench.drivers.labjack.emulator.memory import (
     Cell,
     DeviceWatchdog,
     Memory,
     RefusedError,
 )
-from hdbench.drivers.labjack.emulator.streaming import (
-    CORE_TIMER_HZ,
-    StreamEngine,
-    StreamOrder,
-    Wiring,
-    actual_rate_hz,
-)
-
-_RATE, _ENTRIES, _PER_PACKET, _SETTLING, _BUFFER, _SCANS = 4002, 4004, 4006, 4008, 4012, 4020
-_STOP_WHEN_FULL, _LIST, _ENABLE = 4028, 4100, 4990
-_PLAIN = (_ENTRIES, _PER_PACKET, 4010, _BUFFER, 4014, 4016, 4018, _SCANS)
-_LONGEST = 128
-# what the buffer holds where nothing is asked for
-_BUFFER_BYTES = {"T4": 8192, "T7": 4096}
-_NOT_RUNNING, _ACTIVE = 2620, 2605
-_INPUTS = 14
-
-
-class StreamRegisters:
-    """Adds the stream's cells to a device's map."""
-
-    def __init__(
-        self, memory: Memory, engine: StreamEngine, wiring: Wiring, ticks: Callable[[], int]
-    ) -> None:
-        self._memory = memory
-        self._engine = engine
-        self._model = wiring.model
-        self._ticks = ticks
-        rate = memory.add(_RATE, "f32")
-        rate.on_read = lambda: actual_rate_hz(rate.value) if rate.value > 0.0 else 0.0
-        memory.add_all((*_PLAIN, *range(_LIST, _LIST + 2 * _LONGEST, 2)), "u32")
-        memory.add(_SETTLING, "f32")
-        if self._model == "T7":
-            # a T4 has no such register: it always goes on
-            memory.add(_STOP_WHEN_FULL, "u32")
-        memory.add(4026, "u32", on_read=lambda: engine.start_ticks % 2**32, writable=False)
-        memory.add(_ENABLE, "u32", on_read=lambda: int(engine.running), on_write=self._switch)
-
-    def _switch(self, value: float) -> None:
-        if not value:
-            if not self._engine.running:
-                raise RefusedError(_NOT_RUNNING)
-            self._engine.stop()
-            return
-        if self._engine.running:
-            raise RefusedError(_ACTIVE)
-        self._engine.start(self._order(), self._ticks())
-
-    def _order(self) -> StreamOrder:
-        value = self._memory.value
-        entries = min(int(value(_ENTRIES)), _LONGEST)
-        rate_hz = float(value(_RATE))
-        return StreamOrder(
-            rate_hz=actual_rate_hz(rate_hz) if rate_hz > 0.0 else 0.0,
-            addresses=tuple(int(value(_LIST + 2 * n)) for n in range(entries)),
-            samples_per_packet=int(value(_PER_PACKET)),
-            buffer_samples=(int(value(_BUFFER)) or _BUFFER_BYTES[self._model]) // 2,
-            n_scans=int(value(_SCANS)),
-            stop_when_full=self._model == "T7" and bool(value(_STOP_WHEN_FULL)),
-            ranges_v={number: self._range_v(number) for number in range(_INPUTS)},
-        )
-
-    def _range_v(self, number: int) -> float:
-        # ranges travel as 32-bit floats; 0 is the widest
-        value = float(self._memory.value(40000 + 2 * number)) or 10.0
-        return min((10.0, 1.0, 0.1, 0.01), key=lambda known: abs(known - value))
-
+from hdbench.drivers.labjack.emulator.streaming import CORE_TIMER_HZ, StreamEngine, Wiring
 
 EMULATOR_NAME = "hdbench-emulator"
 _PRODUCTS = {"T4": 4, "T7": 7}
@@ -103,11 +23,6 @@ _REBOOT = 0x4C4A
 _BAD_REBOOT, _BAD_RANGE = 2402, 2370
 _BAD_INDEX, _EF_RUNS, _AIN_BUSY = 2551, 2566, 2605
 _QUADRATURE = 10
-# USER_RAM20_U32 and USER_RAM21_U32
-_FAULT, _FAULT_ARGUMENT = 46140, 46142
-_CHANNELS: tuple[Input, ...] = ("torque", "tacho", "current", "reference")
-_CHANNEL_FAULTS: tuple[ChannelFault | None, ...] = (None, "stuck", "high", "low")
-_ILLEGAL_VALUE = 3
 
 
 class LabJackDevice:
@@ -122,36 +37,24 @@ class LabJackDevice:
         count_joint: bool = False,
     ) -> None:
         self.rebooted: Callable[[], None] = lambda: None
-        self.swap_words = False
+        # faults: a gateway that swaps the words of 32-bit values, a network that is away
+        self.swap_words = self.away = False
         self.wiring = wiring
         self.memory = Memory()
-        self.stream = StreamEngine(wiring, lambda: self.levels, count_joint=count_joint)
+        self._clock = clock
+        self.stream = StreamEngine(
+            self.memory, wiring, self._ticks, lambda: self.levels, count_joint=count_joint
+        )
         self.watchdog = DeviceWatchdog(self.memory, clock, self._time_out)
         self.levels = self.directions = 0
-        self._clock = clock
-        self._held_until_s = clock()
         self._build(serial)
-        self._faults: dict[int, Callable[[int], None]] = {
-            1: self._hold,
-            2: partial(setattr, self.stream, "skip_scans"),
-            3: self.stream.fail,
-            4: lambda on: setattr(self, "swap_words", bool(on)),
-            9: lambda _: self.reboot(),
-        }
 
-    def tick(self) -> list[bytes]:
-        """Let time pass; return stream packets that are complete."""
+    def tick(self, *, blocked: bool = False) -> list[bytes]:
+        """Let time pass; return stream packets that are complete, none while they are blocked."""
         self.watchdog.tick()
-        held = self.stream.hold
-        self.stream.hold = held or self._clock() < self._held_until_s
-        packets = self.stream.tick()
-        self.stream.hold = held
+        packets = self.stream.tick(blocked=blocked or self.away)
         self.wiring.instrument.catch_up()
         return packets
-
-    def _hold(self, time_ms: int) -> None:
-        """Keep packets back for a time, as while the network is away."""
-        self._held_until_s = self._clock() + 1e-3 * time_ms
 
     def note_error(self, error: RefusedError, transaction: int) -> None:
         """Keep a refusal for LAST_ERR_*."""
@@ -187,10 +90,8 @@ class LabJackDevice:
             add(60500 + position, "u16", word, writable=False)
         self._build_terminals()
         self._build_lines()
-        StreamRegisters(self.memory, self.stream, self.wiring, self._ticks)
         add_all(range(46000, 46080, 2), "f32")
         add_all(range(46100, 46180, 2), "u32")
-        add(_FAULT, "u32", on_write=self._break)
         add(61520, "u32", on_read=lambda: self._ticks() % 2**32, writable=False)
         add(61810, "u32")
         for word in range(60):
@@ -221,17 +122,6 @@ class LabJackDevice:
         add(2580, "u16", on_read=lambda: self.levels & 0xFFFF, writable=False)
         add(2800, "u32", on_read=lambda: self.levels, writable=False)
         add(2850, "u32", on_read=lambda: self.directions, writable=False)
-
-    def _break(self, value: float) -> None:
-        """Carry out a fault that a campaign orders; the module's table says which."""
-        code, argument = int(value), int(self.memory.value(_FAULT_ARGUMENT))
-        channel = code - 5
-        if code in self._faults:
-            self._faults[code](argument)
-        elif 0 <= channel < len(_CHANNELS) and argument < len(_CHANNEL_FAULTS):
-            self.wiring.instrument.disturb(_CHANNELS[channel], _CHANNEL_FAULTS[argument])
-        elif code:
-            raise RefusedError(_ILLEGAL_VALUE, _ILLEGAL_VALUE)
 
     def _ticks(self) -> int:
         return int(self._clock() * CORE_TIMER_HZ)

@@ -95,11 +95,7 @@ class LabJackServer(Device):
         slow = not self._readers or any(
             reader.get_write_buffer_size() > _SLOW_BYTES for reader in self._readers
         )
-        held, stream = self.device.stream.hold, self.device.stream
-        stream.hold = held or slow
-        packets = self.device.tick()
-        stream.hold = held
-        for packet in packets:
+        for packet in self.device.tick(blocked=slow):
             for changed in self.change_packets(packet):
                 for reader in self._readers:
                     reader.write(changed)

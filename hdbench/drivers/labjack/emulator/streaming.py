@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hdbench.devices.emulator.instrument import ElectricalSamples, Input, SimulatedInstrument
-from hdbench.drivers.labjack.emulator.memory import RefusedError
+from hdbench.drivers.labjack.emulator.memory import Memory, RefusedError
 from hdbench.drivers.labjack.table import LabJackAcquisition
 from hdbench.records.trace import FloatArray
 
@@ -138,6 +138,16 @@ RECOVERING, RECOVERED, OVERLAP, UNCOUNTED, BURST, FULL = range(2940, 2946)
 _AIN_END, _LINES, _CAPTURE, _TIMER = 500, 2580, 4899, 61520
 
 
+_RATE, _ENTRIES, _PER_PACKET, _SETTLING, _BUFFER, _SCANS = 4002, 4004, 4006, 4008, 4012, 4020
+_STOP_WHEN_FULL, _LIST, _ENABLE = 4028, 4100, 4990
+_PLAIN = (_ENTRIES, _PER_PACKET, 4010, _BUFFER, 4014, 4016, 4018, _SCANS)
+_LONGEST = 128
+# what the buffer holds where nothing is asked for
+_BUFFER_BYTES = {"T4": 8192, "T7": 4096}
+_NOT_RUNNING, _ACTIVE = 2620, 2605
+_INPUTS = 14
+
+
 @dataclass(frozen=True, slots=True)
 class StreamOrder:
     """What the registers ask for when the stream is enabled."""
@@ -152,7 +162,9 @@ class StreamOrder:
 
 
 def actual_rate_hz(rate_hz: float) -> float:
-    """Return the rate that the device's divider makes of the one asked for."""
+    """Return the rate that the device's divider makes of the one asked for; 0 of 0."""
+    if not rate_hz > 0.0:
+        return 0.0
     for divider in (8, 80, 800, 8000, 80_000):
         roll = round(80e6 / (divider * rate_hz))
         if roll <= 65536:
@@ -164,13 +176,20 @@ class StreamEngine:
     """One stream session."""
 
     def __init__(
-        self, wiring: Wiring, levels: Callable[[], int], *, count_joint: bool = False
+        self,
+        memory: Memory,
+        wiring: Wiring,
+        ticks: Callable[[], int],
+        levels: Callable[[], int],
+        *,
+        count_joint: bool = False,
     ) -> None:
         self.running = False
         self.start_ticks = 0
         self.skip_scans = 0
-        self.hold = False
+        self._memory = memory
         self._wiring = wiring
+        self._ticks = ticks
         self._levels = levels
         self._count_joint = count_joint
         self._order: StreamOrder | None = None
@@ -180,9 +199,44 @@ class StreamEngine:
         self._skipped: int | None = None
         self._joint: int | None = None
         self._status = 0
+        rate = memory.add(_RATE, "f32")
+        rate.on_read = lambda: actual_rate_hz(rate.value)
+        memory.add_all((*_PLAIN, *range(_LIST, _LIST + 2 * _LONGEST, 2)), "u32")
+        memory.add(_SETTLING, "f32")
+        if wiring.model == "T7":
+            # a T4 has no such register: it always goes on
+            memory.add(_STOP_WHEN_FULL, "u32")
+        memory.add(4026, "u32", on_read=lambda: self.start_ticks % 2**32, writable=False)
+        memory.add(_ENABLE, "u32", on_read=lambda: int(self.running), on_write=self._switch)
 
-    def start(self, order: StreamOrder, ticks: int) -> None:
-        """Start scanning."""
+    def _switch(self, value: float) -> None:
+        if bool(value) == self.running:
+            raise RefusedError(_ACTIVE if value else _NOT_RUNNING)
+        if value:
+            self._start(self._ordered())
+        else:
+            self.stop()
+
+    def _ordered(self) -> StreamOrder:
+        """Return what the registers ask for."""
+        value, t7 = self._memory.value, self._wiring.model == "T7"
+        entries = min(int(value(_ENTRIES)), _LONGEST)
+        return StreamOrder(
+            rate_hz=actual_rate_hz(float(value(_RATE))),
+            addresses=tuple(int(value(_LIST + 2 * n)) for n in range(entries)),
+            samples_per_packet=int(value(_PER_PACKET)),
+            buffer_samples=(int(value(_BUFFER)) or _BUFFER_BYTES[self._wiring.model]) // 2,
+            n_scans=int(value(_SCANS)),
+            stop_when_full=t7 and bool(value(_STOP_WHEN_FULL)),
+            ranges_v={number: self._range_v(number) for number in range(_INPUTS)},
+        )
+
+    def _range_v(self, number: int) -> float:
+        # ranges travel as 32-bit floats; 0 is the widest
+        value = float(self._memory.value(40000 + 2 * number)) or 10.0
+        return min(_GAINS, key=lambda known: abs(known - value))
+
+    def _start(self, order: StreamOrder) -> None:
         self._check(order)
         self._order = order
         self._rows.clear()
@@ -190,7 +244,7 @@ class StreamEngine:
         self._skipped = self._joint = None
         self._status = 0
         self.skip_scans = 0
-        self.start_ticks = ticks + round(CORE_TIMER_HZ / order.rate_hz)
+        self.start_ticks = self._ticks() + round(CORE_TIMER_HZ / order.rate_hz)
         self._wiring.instrument.begin(1.0 / order.rate_hz)
         self.running = True
 
@@ -201,17 +255,18 @@ class StreamEngine:
         self.running = False
         self._rows.clear()
 
-    def tick(self) -> list[bytes]:
-        """Scan what is due and return the packets that are complete."""
+    def tick(self, *, blocked: bool = False) -> list[bytes]:
+        """Scan what is due and return the packets that are complete, none while blocked."""
         if not self.running or self._order is None:
             return []
         self._scan(self._order)
         packets: list[bytes] = []
         scans = self._order.samples_per_packet // len(self._order.addresses)
-        while not self.hold and len(self._rows) >= scans:
+        while not blocked and len(self._rows) >= scans:
             packets.append(self._packet(self._order, scans))
-        self._recover(self._order, scans)
-        if self._status in (OVERLAP, UNCOUNTED, FULL, BURST) and not self.hold:
+        if not blocked:
+            self._recover(self._order, scans)
+        if self._status in (OVERLAP, UNCOUNTED, FULL, BURST) and not blocked:
             # less than a packet is left: it carries the status
             packets.append(self._packet(self._order, len(self._rows), self._status))
             self.stop()
@@ -247,7 +302,7 @@ class StreamEngine:
 
     def _recover(self, order: StreamOrder, scans: int) -> None:
         """Take new scans again once the buffer has been emptied."""
-        if self._skipped is None or len(self._rows) >= scans or self.hold:
+        if self._skipped is None or len(self._rows) >= scans:
             return
         if self._skipped > 0xFFFF:
             self._status = UNCOUNTED

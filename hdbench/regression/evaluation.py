@@ -16,6 +16,7 @@ from hdbench.records import Loads, TorqueScale, Trace
 from hdbench.records.jsonfile import result_header
 from hdbench.records.tables import read_loads, read_trace
 from hdbench.regression.case import Case
+from hdbench.results.dynamic import FilteredTrace
 from hdbench.ripple import Stretch
 
 __all__ = ["evaluate_case"]
@@ -47,7 +48,7 @@ def _result(
         return _diagnosis(case, profile, _in_nm(records, scale), header)
     model = load_filter_model(case.filter_name or profile.data.filter.model, profile.data)
     if case.kind == "filter" and isinstance(records, Trace):
-        return _filtered(records, scale, model, profile)
+        return _filtered(records, scale, model, profile).to_json()
     stretch = Stretch(**case.options) if case.kind == "ripple" and case.options else None
     return evaluate(
         case.kind,
@@ -62,35 +63,29 @@ def _result(
 
 def _filtered(
     trace: Trace, scale: TorqueScale, model: FilterModel, profile: Profile
-) -> dict[str, Any]:
-    filtered = filter_trace(
+) -> FilteredTrace:
+    torque_nm = filter_trace(
         _in_nm(trace, scale),
         model,
         velocity_gain_rad_s_per_v=profile.data.tacho.gain_rad_s_per_v,
         encoder_counts_per_turn=profile.data.encoder.counts_per_turn,
+    ).torque_filtered_nm
+    good = torque_nm[np.isfinite(torque_nm)]
+    at = np.linspace(0, len(good) - 1, min(_POINTS, len(good))).astype(int)
+    return FilteredTrace(
+        filter_name=model.name,
+        n_samples=len(torque_nm),
+        n_present=len(good),
+        torque_filtered_rms_nm=float(np.sqrt(np.mean(good**2))),
+        torque_filtered_min_nm=float(good.min()),
+        torque_filtered_max_nm=float(good.max()),
+        samples_nm=tuple(good[at].tolist()),
+        sha256=hashlib.sha256(np.ascontiguousarray(torque_nm, dtype="<f8").tobytes()).hexdigest(),
     )
-    header = result_header("filter", profile)
-    return {**header, "filter_name": model.name, **_filter_result(filtered.torque_filtered_nm)}
 
 
 def _in_nm(trace: Trace, scale: TorqueScale) -> Trace:
     return trace.with_columns(torque_nm=torque_channel(trace, scale))
-
-
-def _filter_result(torque_nm: Any) -> dict[str, Any]:
-    present = np.isfinite(torque_nm)
-    good = torque_nm[present]
-    at = np.linspace(0, len(good) - 1, min(_POINTS, len(good))).astype(int)
-    digest = hashlib.sha256(np.ascontiguousarray(torque_nm, dtype="<f8").tobytes()).hexdigest()
-    return {
-        "n_samples": len(torque_nm),
-        "n_present": int(present.sum()),
-        "torque_filtered_rms_nm": float(np.sqrt(np.mean(good**2))),
-        "torque_filtered_min_nm": float(good.min()),
-        "torque_filtered_max_nm": float(good.max()),
-        "samples_nm": [float(value) for value in good[at]],
-        "sha256": digest,
-    }
 
 
 def _diagnosis(
