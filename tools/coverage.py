@@ -231,7 +231,7 @@ def main() -> int:
     parser.add_argument("campaign", choices=CAMPAIGNS)
     parser.add_argument("--runs", type=int)
     parser.add_argument("--seed", type=int, default=0, help="the first one")
-    parser.add_argument("--workers", type=int, default=1)
+    parser.add_argument("--workers", type=int, default=2, help="processes")
     asked = parser.parse_args()
     run, runs = CAMPAIGNS[asked.campaign]
     asked.runs = asked.runs or runs
