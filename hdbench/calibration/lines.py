@@ -32,28 +32,6 @@ def fit_experiment(
 ) -> tuple[ExperimentLine, tuple[ExperimentStep, ...]]:
     """Fit the line of one loading experiment.
 
-    Parameters
-    ----------
-    name : str
-        Identifier of the experiment.
-    readings : sequence of (int, LoadReading)
-        Its readings with their index in the loads; loading and unloading together.
-    source : str
-        Where they came from, for messages.
-
-    Returns
-    -------
-    line : ExperimentLine
-        The line.
-    steps : tuple of ExperimentStep
-        Mean readings per load.
-
-    Raises
-    ------
-    DataError
-        If fewer than three readings or fewer than two distinct voltages are there, if a number
-        is not finite, or if one experiment holds several positions, directions or ranges.
-
     Notes
     -----
     ``torque = gain * reading + intercept``, ordinary least squares of torque on voltage, as in

@@ -40,21 +40,6 @@ def position_numbers(lines: tuple[ExperimentLine, ...]) -> tuple[int, ...]:
 def mean_gain(lines: tuple[ExperimentLine, ...]) -> tuple[Quantity, str, str]:
     """Return the mean gain with the uncertainty of a mean over flexspline positions.
 
-    Parameters
-    ----------
-    lines : tuple of ExperimentLine
-        At least one experiment.
-
-    Returns
-    -------
-    gain : Quantity
-        Plain mean of the gains, N m/V.
-    basis : str
-        ``positions``, ``positions-unbalanced``; with a single position ``repetitions`` or
-        ``residual``.
-    reason : str
-        One line that says what the uncertainty rests on.
-
     Notes
     -----
     What is estimated is the gain averaged over flexspline positions. The position is a random
@@ -114,16 +99,6 @@ def _one_position(lines: tuple[ExperimentLine, ...], value: float) -> tuple[Quan
 
 def one_way(groups: Sequence[Sequence[float]]) -> PositionVariance | None:
     """Split the scatter of gains into within and between positions.
-
-    Parameters
-    ----------
-    groups : sequence of sequence of float
-        Gains of each position, N m/V.
-
-    Returns
-    -------
-    PositionVariance or None
-        None for fewer than two positions, or no position with two experiments.
 
     Notes
     -----

@@ -95,20 +95,7 @@ class StepGroup:
 
 
 def step_groups(readings: Sequence[TakenReading], loading: str) -> tuple[StepGroup, ...]:
-    """Order the readings by direction, range, way of loading and arm.
-
-    Parameters
-    ----------
-    readings : sequence of TakenReading
-        Readings, with applied torques.
-    loading : str
-        ``single`` or ``couple``, where a reading does not say.
-
-    Returns
-    -------
-    tuple of StepGroup
-        Full ranges first; groups without a single load are left out.
-    """
+    """Order the readings by direction, range, way of loading and arm."""
     groups: dict[_Key, list[TakenReading]] = {}
     for taken in readings:
         reading, detail = taken.reading, taken.detail

@@ -28,21 +28,6 @@ def _mass_limits(mass: MassStandard) -> float | None:
 def torque_sources(applied: AppliedTorque, arm: Arm, standards: Standards) -> tuple[BudgetRow, ...]:
     """Return the standard uncertainties of one applied torque, relative to it.
 
-    Parameters
-    ----------
-    applied : AppliedTorque
-        The torque, with the tilt under it.
-    arm : Arm
-        The arm.
-    standards : Standards
-        Certificates and limits.
-
-    Returns
-    -------
-    tuple of BudgetRow
-        One per source, those not declared among them with no size. All of them are common to
-        every reading: they scale the gain as a whole and do not average out.
-
     Notes
     -----
     With ``T = F (L cos a - e sin a)``: ``d ln T / da = -(L sin a + e cos a) / (L cos a - e sin a)``
