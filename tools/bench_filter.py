@@ -53,7 +53,7 @@ def ours(n: int) -> dict[str, tuple[Work, int]]:
     """Return our forms: what to time, and samples per call."""
     packed, (t, v, y) = model(), trace(n)
     m = max(n // 200, 10)
-    columns = [np.repeat(a[:m, None], _TRACES, axis=1) * np.linpacked(0.9, 1, 64) for a in (v, y)]
+    columns = [np.repeat(a[:m, None], _TRACES, axis=1) * np.linspace(0.9, 1, 64) for a in (v, y)]
     half = slice(0, max(n // 10, 10))
 
     def steps() -> None:

@@ -9,7 +9,7 @@ from typing import Any
 
 from hdbench.errors import DataError
 from hdbench.profile import Profile, parse_profile
-from hdbench.profile.validity import measured_utc
+from hdbench.profile.scaling import measured_utc
 from hdbench.records import Loads
 from hdbench.records.jsonfile import read_json
 from hdbench.records.runfolder import RunFolder

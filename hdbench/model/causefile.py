@@ -23,8 +23,7 @@ from hdbench.model.declared import (
 )
 from hdbench.model.definition import Cause
 from hdbench.profile.problems import key_text, problem
-from hdbench.profile.toml_map import Key, key_lines
-from hdbench.profile.toml_text import read_toml, toml_text
+from hdbench.profile.toml_text import Key, key_lines, read_toml, toml_text
 
 __all__ = ["declared_cause", "load_causes"]
 

@@ -16,7 +16,7 @@ BROKEN = (ImportError, AttributeError, TypeError, ValueError, SyntaxError)
 
 # where the driver of a name is, and its table
 _OWN = {
-    "node": ("hdbench.devices.node.opening", "hdbench.profile.acquiring_node:NodeAcquisition"),
+    "node": ("hdbench.devices.node.opening", "hdbench.profile.acquiring_table:NodeAcquisition"),
     "modbus": (
         "hdbench.devices.modbus.opening",
         "hdbench.profile.acquiring_modbus:ModbusAcquisition",

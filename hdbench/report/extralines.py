@@ -2,26 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
-
 from hdbench.report.numbers import probability, short, with_std
 from hdbench.report.pagemodel import Table, Verdict, filled, make_table
+from hdbench.results import MisalignmentResult, RippleResult
 
 __all__ = ["extra_line_tables", "extra_line_words", "with_extra_lines"]
 
 
-def extra_line_words(result: Mapping[str, Any]) -> str:
+def extra_line_words(result: MisalignmentResult | RippleResult) -> str:
     """Return each line and tone with its place and size; nothing where there is none."""
-    places = [(x, f"motor order {short(float(x['order']))}") for x in result.get("lines", ())]
-    places += [(x, f"{short(float(x['frequency_hz']))} Hz") for x in result.get("tones", ())]
-    return "; ".join(
-        f"{with_std(line['amplitude_nm'])} N·m at {place}" if "amplitude_nm" in line else place
-        for line, place in places
-    )
+    words = [
+        f"{with_std(x.amplitude_nm)} N·m at motor order {short(x.order)}" for x in result.lines
+    ]
+    words += [f"{with_std(x.amplitude_nm)} N·m at {short(x.frequency_hz)} Hz" for x in result.tones]
+    return "; ".join(words)
 
 
-def with_extra_lines(verdict: Verdict, result: Mapping[str, Any]) -> Verdict:
+def with_extra_lines(verdict: Verdict, result: MisalignmentResult | RippleResult) -> Verdict:
     """Return a verdict that says when more stands out than was looked for."""
     words = extra_line_words(result)
     if not words:
@@ -30,22 +27,18 @@ def with_extra_lines(verdict: Verdict, result: Mapping[str, Any]) -> Verdict:
     return Verdict(level, f"{verdict.text} More stands out ({words}): diagnose this run.")
 
 
-def extra_line_tables(result: Mapping[str, Any]) -> tuple[Table, ...]:
+def extra_line_tables(result: MisalignmentResult | RippleResult) -> tuple[Table, ...]:
     """Return the table of lines and tones; empty where there are none."""
     return filled(
         make_table(
             "Beyond the known orders",
             (
-                ("motor order", lambda line: line.get("order")),
-                ("frequency (Hz)", lambda line: line.get("frequency_hz")),
-                ("amplitude (N·m)", lambda line: line.get("amplitude_nm")),
-                (
-                    "false-alarm probability",
-                    lambda line: line.get("false_alarm_probability"),
-                    probability,
-                ),
+                ("motor order", "order"),
+                ("frequency (Hz)", "frequency_hz"),
+                ("amplitude (N·m)", "amplitude_nm"),
+                ("false-alarm probability", "false_alarm_probability", probability),
             ),
-            (*result.get("lines", ()), *result.get("tones", ())),
+            (*result.lines, *result.tones),
             "Found in the residual of the evaluation and fitted together with the rest.",
         )
     )

@@ -36,6 +36,7 @@ from hdbench.report.pagemodel import (
     filled,
     make_table,
 )
+from hdbench.report.source import typed_result
 
 __all__ = ["FleetRun", "fleet_runs", "outlier_limit", "write_fleet"]
 
@@ -152,11 +153,12 @@ def _run(path: Path, drive: str) -> FleetRun:
             f"{path.name.partition('.')[0]}.result.json"
         )  # fmt: skip
         result = read_json(file)
+        kind = str(result.get("schema", "")).removeprefix("hdbench/").partition("/")[0]
+        typed_result(kind, result, str(file))
     except HdbenchError as error:
         return FleetRun(drive or path.name, path, {}, error=f"{error.where}: {error.what}")
     named = manifest.get("drive")
     known = drive or (named if isinstance(named, str) and named else path.name)
-    kind = str(result.get("schema", "")).removeprefix("hdbench/").partition("/")[0]
     return FleetRun(known, path, result, kind, str(manifest.get("started_utc") or ""))
 
 
@@ -347,7 +349,8 @@ def _cause_table(runs: Sequence[FleetRun]) -> Table:
         ("drives", lambda row: row[1]),
         ("share (95 % interval)", share),
     )
-    return make_table(f"Causes by frequency, of {len(told)} drives", columns, counts.most_common())
+    rows = sorted(counts.items(), key=lambda row: (-row[1], row[0]))
+    return make_table(f"Causes by frequency, of {len(told)} drives", columns, rows)
 
 
 def _drive_table(
@@ -364,7 +367,11 @@ def _drive_table(
         causes = runs[k].result.get("causes")
         if isinstance(causes, list):
             return ", ".join(cause["name"] for cause in causes) or "nothing found"
-        return _LEVELS[KINDS[kind].verdict(runs[k].result).level] if kind in KINDS else DASH
+        return (
+            _LEVELS[KINDS[kind].verdict(typed_result(kind, runs[k].result, "")).level]
+            if kind in KINDS
+            else DASH
+        )
 
     shown = figures[:_MOST_COLUMNS]
     columns: tuple[Column, ...] = (

@@ -6,6 +6,8 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+from hdbench.records import Quantity
+
 __all__ = [
     "DASH",
     "MINUS",
@@ -61,6 +63,8 @@ def plain(value: object) -> str:
         return short(value)
     if value is None:
         return DASH
+    if isinstance(value, Quantity):
+        return with_std(value)
     if isinstance(value, Mapping):
         if {"value", "std"} <= value.keys():
             return with_std(value)
@@ -70,8 +74,10 @@ def plain(value: object) -> str:
     return str(value)
 
 
-def with_std(quantity: Mapping[str, Any]) -> str:
+def with_std(quantity: Quantity | Mapping[str, Any]) -> str:
     """Return ``value ± std`` without its unit."""
+    if isinstance(quantity, Quantity):
+        quantity = {"value": quantity.value, "std": quantity.std}
     value, std = float(quantity["value"]), quantity.get("std")
     if not std:
         return short(value)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from hdbench.records import Quantity
 from hdbench.report.numbers import plain
+from hdbench.results.calibration import ExpandedGain
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -29,7 +30,7 @@ __all__ = [
 ]
 
 Level = Literal["good", "look", "bad"]
-# head, the entry of a row (its key, or a function of the row), its text where that is not plain
+# head, the entry of a row (its name, or a function of the row), its text where that is not plain
 Column = (
     tuple[str, str | Callable[[Any], object]]
     | tuple[str, str | Callable[[Any], object], Callable[[Any], str]]
@@ -76,6 +77,8 @@ def key_number(body: object, label: str, quantity: str, unit: str, source: str) 
     std = dof = None
     if isinstance(body, Mapping):
         std, dof, body = body.get("std"), body.get("dof"), body.get("value")
+    elif isinstance(body, Quantity | ExpandedGain):
+        std, dof, body = body.std, body.dof, body.value
     if isinstance(body, bool) or not isinstance(body, int | float):
         return None
     return KeyNumber(label, quantity, float(body), unit, source, std, dof)
@@ -143,7 +146,10 @@ def make_table(
 
 def _cell(column: Column, item: Any) -> str:
     entry = column[1]
-    value = entry(item) if callable(entry) else item[entry]
+    if callable(entry):
+        value = entry(item)
+    else:
+        value = item[entry] if isinstance(item, Mapping) else getattr(item, entry)
     return column[2](value) if len(column) == 3 else plain(value)
 
 

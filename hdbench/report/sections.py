@@ -58,7 +58,7 @@ def make_section(source: Source, number: int, out: Path) -> Section:
             verdict = kind.verdict(source.result)
             summary = kind.summary(source.result, source)
             numbers = kind.numbers(source.result, source.run_id)
-            tables = (*kind.tables(source.result), *_notes(source.result), *_filter_tables(source))
+            tables = (*kind.tables(source.result), *_notes(source.stored), *_filter_tables(source))
         except (KeyError, TypeError, ValueError, AttributeError) as error:
             raise DataError(
                 f"the {source.kind} result lacks or misshapes an entry: {error}",
@@ -109,11 +109,11 @@ def _provenance(source: Source) -> Iterator[tuple[str, str]]:
     for key, words in _MANIFEST.items():
         if source.manifest.get(key) not in (None, ""):
             yield words, plain(source.manifest[key])
-    identity = source.manifest.get("profile") or source.result.get("profile")
+    identity = source.manifest.get("profile") or source.stored.get("profile")
     if isinstance(identity, Mapping):
         yield "profile", plain(identity.get("name"))
         yield "profile SHA-256", plain(identity.get("sha256"))
-    scale = source.result.get("torque_scale") or source.detail("calibration")
+    scale = source.stored.get("torque_scale") or source.detail("calibration")
     if isinstance(scale, Mapping) and source.kind != "calibration":
         yield "torque gain (N·m/V)", plain(scale.get("gain_nm_per_v"))
         yield "torque gain from", plain(scale.get("source"))

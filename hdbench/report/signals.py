@@ -83,7 +83,7 @@ def make_signals(source: Source, doubts: list[str]) -> Signals | None:
 def _with_torque(source: Source, trace: Trace) -> Trace:
     if "torque_nm" in trace:
         return trace
-    said = source.result.get("torque_scale") or source.detail("calibration")
+    said = source.stored.get("torque_scale") or source.detail("calibration")
     scale = stored_scale(said, source.path)
     if scale is None and source.profile is not None:
         scale = profile_scale(source.profile)

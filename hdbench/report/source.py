@@ -14,10 +14,16 @@ from hdbench.records.jsonfile import read_json, sha256_file
 from hdbench.records.recovery import resolve_input
 from hdbench.records.runfolder import RunFolder
 from hdbench.records.tables import is_loads_file, read_loads, read_trace
+from hdbench.results import CalibrationResult, MisalignmentResult, Result, RippleResult
 
-__all__ = ["Source", "load_source"]
+__all__ = ["Source", "load_source", "typed_result"]
 
-KINDS = ("calibration", "misalignment", "ripple", "diagnosis")
+_TYPES: dict[str, type[Result]] = {
+    "calibration": CalibrationResult,
+    "misalignment": MisalignmentResult,
+    "ripple": RippleResult,
+}
+_KINDS = (*_TYPES, "diagnosis")
 _STATUS = {
     "running": "The run has not ended: what is shown here is what was there when this was written.",
     "incomplete": "The run is incomplete: it ended before its plan did.",
@@ -30,14 +36,16 @@ class Source:
     """One run as the report needs it.
 
     `kind` is ``trace`` or ``loads`` for data without a result; `manifest` is the content of
-    ``run.json`` and `result` that of ``result.json``, both empty where there is none.
+    ``run.json`` and `stored` that of ``result.json``, both empty where there is none. `result` is
+    the same typed; that of a diagnosis is a mapping.
     """
 
     path: Path
     kind: str
     run_id: str
     manifest: Mapping[str, Any]
-    result: Mapping[str, Any]
+    stored: Mapping[str, Any]
+    result: Any
     trace: Trace | None
     loads: Loads | None
     profile: Profile | None
@@ -69,30 +77,36 @@ def load_source(path: Path, profile: Profile | None = None) -> Source:
     if is_loads_file(path):
         arm = None if profile is None else profile.data.arm
         loads = read_loads(path, arm)
-        return Source(path, "loads", path.name, {}, {}, None, loads, profile, ())
-    return Source(path, "trace", path.name, {}, {}, read_trace(path), None, profile, ())
+        return Source(path, "loads", path.name, {}, {}, None, None, loads, profile, ())
+    return Source(path, "trace", path.name, {}, {}, None, read_trace(path), None, profile, ())
+
+
+def typed_result(kind: str, stored: Mapping[str, Any], where: str) -> Any:
+    """Return a stored result as its type; one of a kind without a type as it is."""
+    return _TYPES[kind].from_json(stored, where) if kind in _TYPES else stored
 
 
 def _from_result(path: Path, profile: Profile | None) -> Source:
     result = read_json(path, None)
     kind = str(result.get("schema", "")).removeprefix("hdbench/").partition("/")[0]
-    if kind not in KINDS:
+    if kind not in _KINDS:
         raise DataError(
             f"schema is {result.get('schema')!r:.60}; needed: one of "
-            + ", ".join(f"hdbench/{name}/1" for name in KINDS),
+            + ", ".join(f"hdbench/{name}/1" for name in _KINDS),
             where=f"{path}: schema",
             fix="name a run folder or a result.json",
         )
     doubts = ("Only the result was given: figures of the data itself are left out.",)
-    return Source(path, kind, path.name, {}, result, None, None, profile, doubts)
+    typed = typed_result(kind, result, str(path))
+    return Source(path, kind, path.name, {}, result, typed, None, None, profile, doubts)
 
 
 def _from_folder(path: Path, given: Profile | None) -> Source:
     run = RunFolder.open(path)
     kind = str(run.manifest["kind"])
-    if kind not in KINDS:
+    if kind not in _KINDS:
         raise DataError(
-            f"a run of kind {kind!r:.40}; needed: {', '.join(KINDS)}",
+            f"a run of kind {kind!r:.40}; needed: {', '.join(_KINDS)}",
             where=f"{path / 'run.json'}: kind",
             fix="name a run of an experiment or a diagnosis",
         )
@@ -105,8 +119,9 @@ def _from_folder(path: Path, given: Profile | None) -> Source:
         doubts.append("There is no result: the run was not evaluated.")
     doubts.extend(_result_doubts(result))
     trace, loads = _data(run, kind, profile, doubts)
+    typed = typed_result(kind, result, str(run.result)) if result else None
     return Source(
-        path, kind, run.run_id, run.manifest, result, trace, loads, profile, tuple(doubts)
+        path, kind, run.run_id, run.manifest, result, typed, trace, loads, profile, tuple(doubts)
     )
 
 

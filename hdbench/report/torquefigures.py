@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -22,6 +22,7 @@ from hdbench.report.canvas import (
 from hdbench.report.numbers import short
 from hdbench.report.pagemodel import Picture
 from hdbench.report.signals import Filtered, Signals
+from hdbench.results import MisalignmentResult
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -109,24 +110,25 @@ def _spread(signals: Signals, torque: FloatArray, steady: SteadyStretch | None) 
     return float(np.nanstd(part)) if np.isfinite(part).any() else 0.0
 
 
-def signature_picture(signals: Signals, result: Mapping[str, Any], name: str) -> Picture | None:
+def signature_picture(
+    signals: Signals, result: MisalignmentResult | None, name: str
+) -> Picture | None:
     """Draw the misalignment signature: measured, expected, and the component found."""
-    if signals.motion is None or signals.expected_nm is None or "amplitude_nm" not in result:
+    if signals.motion is None or signals.expected_nm is None or result is None:
         return None
     figure, (axes,) = new_figure(1, 3.4)
     time, angle = signals.time_s, signals.motion.output_angle_rad
-    amplitude, phase = (float(result[key]["value"]) for key in ("amplitude_nm", "phase_rad"))
+    amplitude, phase = result.amplitude_nm.value, result.phase_rad.value
     found = np.full(len(time), np.nan)
-    for stretch in result.get("stretches", ()):
-        cut = signals.during(stretch["from_s"], stretch["to_s"])
-        offset = stretch.get("offset_nm", {"value": 0.0})["value"]
-        found[cut] = offset + amplitude * np.cos(angle[cut] + phase)
+    for stretch in result.stretches:
+        cut = signals.during(stretch.from_s, stretch.to_s)
+        found[cut] = stretch.offset_nm.value + amplitude * np.cos(angle[cut] + phase)
     draw_curve(axes, time, signals.torque_nm, "measured", linewidth=0.6, label="measured")
     draw_curve(axes, time, signals.expected_nm, "expected", label="expected")
     draw_curve(axes, time, found, "filtered", linewidth=1.8, label="once per output turn")
     label_axes(axes, "time (s)", "torque (N·m)")
     legend_above(axes)
-    peak = float(result["peak_to_peak_nm"]["value"])
+    peak = result.peak_to_peak_nm.value
     caption = (
         f"At constant velocity the expected torque is flat, but the measured one swings once per "
         f"turn of the output: {peak:.3f} N·m from peak to peak. That swing is the signature of a "
@@ -142,7 +144,7 @@ def signature_picture(signals: Signals, result: Mapping[str, Any], name: str) ->
 
 
 def ripple_picture(
-    signals: Signals, steady: SteadyStretch, peaks: Sequence[Mapping[str, Any]], name: str
+    signals: Signals, steady: SteadyStretch, peaks: Sequence[tuple[str | None, float]], name: str
 ) -> Picture:
     """Draw torque, velocity and the power spectrum of the steady stretch."""
     part = signals.during(steady.from_s, steady.to_s)
@@ -190,18 +192,17 @@ def _power(axes: Axes, spectrum: Spectrum, speed_rad_s: float) -> None:
 
 
 def _name_peaks(
-    axes: Axes, spectrum: Spectrum, speed_rad_s: float, peaks: Sequence[Mapping[str, Any]]
+    axes: Axes, spectrum: Spectrum, speed_rad_s: float, peaks: Sequence[tuple[str | None, float]]
 ) -> str:
     right, words = axes.get_xlim()[1], []
     labelled: list[float] = []
-    for peak in peaks[:_MOST_PEAKS]:
-        omega = float(peak["angular_frequency_rad_s"])
+    for name, omega in peaks[:_MOST_PEAKS]:
         if not 0.2 * speed_rad_s < omega < right:
             continue
         at = int(np.argmin(np.abs(2.0 * math.pi * spectrum.frequency_hz - omega)))
         level = float(_decibel(spectrum.power_density[at]))
         order = omega / speed_rad_s
-        label = str(peak.get("name") or f"order {order:.3g}")
+        label = name or f"order {order:.3g}"
         draw_curve(axes, [omega], [level], "expected", "v", markersize=5, zorder=4)
         words.append(f"{label} at {omega:.0f} rad/s ({order:.3f} times the velocity)")
         if all(abs(omega - other) > _LABEL_SHARE * right for other in labelled):

@@ -19,7 +19,7 @@ from hdbench.devices.serial_ports import latency_timer_ms
 from hdbench.errors import DataError, HdbenchError
 from hdbench.filter import kernel_name, kernel_reason
 from hdbench.profile import Profile
-from hdbench.profile.validity import calibration_time
+from hdbench.profile.scaling import calibration_time
 from hdbench.records import list_runs
 from hdbench.records.jsonfile import read_json
 

@@ -12,8 +12,7 @@ from hdbench.evaluation import EvaluatedResult
 from hdbench.evaluation import evaluate as evaluate_record
 from hdbench.filter import FilterModel, build_filter_model
 from hdbench.profile import Profile
-from hdbench.profile.scaling import profile_scale, rescaled, stored_scale
-from hdbench.profile.validity import measured_utc
+from hdbench.profile.scaling import measured_utc, profile_scale, rescaled, stored_scale
 from hdbench.records import Loads, TorqueScale, Trace
 from hdbench.records.jsonfile import read_json, write_json
 from hdbench.records.provenance import input_identity, provenance_path

@@ -8,8 +8,7 @@ from hdbench.diagnosis.planning.planfile import write_plan
 from hdbench.diagnosis.planning.segments import MotionPlan
 from hdbench.filter import kernel_name
 from hdbench.profile import Profile
-from hdbench.profile.scaling import profile_scale, read_calibration
-from hdbench.profile.validity import checked_age
+from hdbench.profile.scaling import checked_age, profile_scale, read_calibration
 from hdbench.records import TorqueScale
 from hdbench.records.runfolder import RunFolder, utc_now
 from hdbench.records.storage import keep_reserve

@@ -8,7 +8,7 @@ from datetime import UTC, datetime, timedelta
 from typing import TypeVar
 
 from hdbench.errors import DataError
-from hdbench.profile.validity import calibration_time
+from hdbench.profile.scaling import calibration_time
 from hdbench.records import RunSummary, read_json
 from hdbench.results import CalibrationResult, Part, RippleResult
 

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from hdbench.errors import DataError
-from hdbench.profile.validity import measured_utc
+from hdbench.profile.scaling import measured_utc
 from hdbench.records import Quantity, RunSummary, read_json, read_notes, result_header
 from hdbench.records.tables import safe_cell
 from hdbench.results import RESULT_TYPES

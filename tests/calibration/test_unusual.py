@@ -134,7 +134,7 @@ def test_gains_that_cancel_in_pairs_have_no_relative_difference_of_direction() -
 
 
 def test_a_bridge_wired_the_other_way_has_its_sign_in_both_equations() -> None:
-    body = found(calibration(gains=(-6.5, -6.6, -6.7))).to_json()
+    body = found(calibration(gains=(-6.5, -6.6, -6.7)))
     (equations,) = [t for t in tables(body) if t.title == "Equation both ways"]
     assert all("V = \u2212" in row[1] and "T = \u2212" in row[2] for row in equations.rows)
 
@@ -208,5 +208,5 @@ def test_a_torque_beyond_any_machine_is_refused_with_its_experiment() -> None:
 
 
 def test_a_record_that_is_not_accepted_names_the_limit() -> None:
-    body = found(calibration(gains=(6.0, 6.6, 7.2))).to_json()
+    body = found(calibration(gains=(6.0, 6.6, 7.2)))
     assert verdict(body).text.endswith("; not held: consistency.")

@@ -21,7 +21,7 @@ PROFILE = load_profile("cim-tr-97-06").data
 
 
 def _table(driver, **options):
-    return PluginAcquisition(driver=driver, sample_period_s=0.01, options=options)
+    return PluginAcquisition.model_construct(driver=driver, sample_period_s=0.01, options=options)
 
 
 @pytest.fixture

@@ -356,8 +356,9 @@ def test_lines_beyond_the_known_orders_are_told_in_the_verdict(
 ) -> None:
     run = _copy(runs["ripple"], tmp_path)
     amplitude = {"value": 0.2, "std": 0.003, "dof": 5.0}
-    line = {"order": 3.0, "false_alarm_probability": 0.0, "amplitude_nm": amplitude}
-    tone = {"frequency_hz": 50.0, "false_alarm_probability": 1e-9, "amplitude_nm": amplitude}
+    sizes = {"amplitude_nm": amplitude, "phase_rad": amplitude}
+    line = {"order": 3.0, "false_alarm_probability": 0.0, **sizes}
+    tone = {"frequency_hz": 50.0, "false_alarm_probability": 1e-9, **sizes}
     _edit(run / "result.json", lines=[line], tones=[tone])
     page = Page(write_report([run], tmp_path).html.read_text(encoding="utf-8"))
     body = json.loads((tmp_path / "report.json").read_text())["runs"][0]

@@ -248,8 +248,7 @@ def _calibration_age(request: Request, profile: Profile) -> str:
     """Say how old the calibration is that a run would use; an expired one is refused."""
     if request.calibration is None:
         return ""
-    from hdbench.profile.scaling import read_calibration
-    from hdbench.profile.validity import checked_age
+    from hdbench.profile.scaling import checked_age, read_calibration
     from hdbench.records.runfolder import utc_now
 
     scale = checked_age(

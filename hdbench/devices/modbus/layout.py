@@ -16,8 +16,12 @@ from hdbench.devices.wire import (
     write_register,
     write_registers,
 )
-from hdbench.profile.acquiring_modbus import ModbusAcquisition, ModbusIdentify, ModbusPlace
-from hdbench.profile.modbus_checks import number_ranges
+from hdbench.profile.acquiring_modbus import (
+    ModbusAcquisition,
+    ModbusIdentify,
+    ModbusPlace,
+    number_ranges,
+)
 
 __all__ = [
     "Block",

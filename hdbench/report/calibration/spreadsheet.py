@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from typing import Any
+from collections.abc import Iterator
 
 from hdbench.report.pagefiles import csv_text
+from hdbench.results import CalibrationResult
 
 __all__ = ["record_csv"]
 
@@ -40,7 +40,7 @@ _CASE = {
 Row = tuple[str, str, object, str, object, str]
 
 
-def record_csv(result: Mapping[str, Any]) -> str:
+def record_csv(result: CalibrationResult) -> str:
     """Return the calibration record as text with commas."""
     rows = (
         (
@@ -57,31 +57,35 @@ def record_csv(result: Mapping[str, Any]) -> str:
     return csv_text(_HEAD, rows)
 
 
-def _rows(result: Mapping[str, Any]) -> Iterator[Row]:
-    for name, body in result.get("uncertainty", {}).items():
-        if isinstance(body, Mapping):
-            yield from (("gain", name, None, key, body.get(key), u) for key, u in _GAIN.items())
-    yield "gain", "experiments", None, "consistency", result.get("consistency"), "1"
-    for end, value in zip(("low", "high"), result.get("consistency_interval") or (), strict=False):
-        yield "gain", "experiments", None, f"consistency_{end}", value, "1"
-    yield "class", "indicative", None, "class", result.get("class"), "1"
-    for test in result.get("acceptance", {}).get("tests", ()):
-        yield "acceptance", "limits", None, test["name"], str(test["passed"]), ""
-    for line in result.get("experiments", ()):
+def _rows(result: CalibrationResult) -> Iterator[Row]:
+    for name in ("mean_of_positions", "any_one_position", "naive"):
+        gain = getattr(result.uncertainty, name, None)
+        if gain is not None:
+            yield from (
+                ("gain", name, None, key, getattr(gain, key), u) for key, u in _GAIN.items()
+            )
+    yield "gain", "experiments", None, "consistency", result.consistency, "1"
+    for end, limit in zip(("low", "high"), result.consistency_interval or (), strict=False):
+        yield "gain", "experiments", None, f"consistency_{end}", limit, "1"
+    yield "class", "indicative", None, "class", result.grade, "1"
+    for test in result.acceptance.tests if result.acceptance else ():
+        yield "acceptance", "limits", None, test.name, str(test.passed), ""
+    for line in result.experiments:
         for key, unit in _LINE.items():
-            yield "experiment", str(line["id"]), None, key, line.get(key), unit
-    for step in result.get("steps", ()):
-        group, torque = f"{step['direction']} {step['range']}", step["torque_nm"]
-        yield from (("step", group, torque, key, step[key], "V") for key in _STEP)
+            yield "experiment", str(line.id), None, key, getattr(line, key), unit
+    for step in result.steps:
+        group, torque = f"{step.direction} {step.range}", step.torque_nm
+        yield from (("step", group, torque, key, getattr(step, key), "V") for key in _STEP)
         for case in ("increasing", "increasing_decreasing"):
             for key, unit in _CASE.items():
-                yield "step", group, torque, f"{case}.{key}", (step[case] or {}).get(key), unit
-    for row in result.get("budget", ()):
-        size = row["relative_std"] if row["declared"] else "not declared"
-        yield "budget", row["group"], None, row["name"], size, "1"
-    for row in result.get("torque", {}).get("corrections", ()):
-        size = row["relative"] if row["made"] else "not made"
-        yield "correction", "applied torque", None, row["name"], size, "1"
-    for r in result.get("readings", ()):
-        group = f"{r['experiment']} {r['series']}"
-        yield r["kind"], group, r["torque_nm"], "reading_v", r["reading_v"], "V"
+                value = getattr(getattr(step, case), key, None)
+                yield "step", group, torque, f"{case}.{key}", value, unit
+    for row in result.budget:
+        size = row.relative_std if row.declared else "not declared"
+        yield "budget", row.group, None, row.name, size, "1"
+    for part in result.torque.corrections if result.torque else ():
+        told = part.relative if part.made else "not made"
+        yield "correction", "applied torque", None, part.name, told, "1"
+    for r in result.readings:
+        group = f"{r.experiment} {r.series}"
+        yield r.kind, group, r.torque_nm, "reading_v", r.reading_v, "V"
