@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from hdbench.calibration.gains.mixed import plain_mean
-from hdbench.calibration.lines import POSITION_RAD
+from hdbench.calibration.lines import position_number
 from hdbench.records.quantity import Quantity
 from hdbench.results.calibration import ExperimentLine, PositionVariance
 
@@ -17,24 +17,18 @@ __all__ = ["any_one_position", "by_position", "mean_gain", "one_way", "position_
 _UNBALANCED, _REPEATED, _RESIDUAL = "positions-unbalanced", "repetitions", "residual"
 
 
-def by_position(lines: tuple[ExperimentLine, ...]) -> list[list[ExperimentLine]]:
-    """Group experiments by flexspline position; a full turn is the same position."""
-    groups: list[list[ExperimentLine]] = []
-    for line in lines:
-        for group in groups:
-            apart = math.remainder(line.position_rad - group[0].position_rad, 2.0 * math.pi)
-            if abs(apart) < POSITION_RAD:
-                group.append(line)
-                break
-        else:
-            groups.append([line])
-    return groups
-
-
 def position_numbers(lines: tuple[ExperimentLine, ...]) -> tuple[int, ...]:
     """Return the number of the position of each experiment, from 0."""
-    number = {line.id: k for k, group in enumerate(by_position(lines)) for line in group}
-    return tuple(number[line.id] for line in lines)
+    places: list[float] = []
+    return tuple(position_number(line.position_rad, places) for line in lines)
+
+
+def by_position(lines: tuple[ExperimentLine, ...]) -> list[list[ExperimentLine]]:
+    """Group experiments by flexspline position."""
+    groups: dict[int, list[ExperimentLine]] = {}
+    for number, line in zip(position_numbers(lines), lines, strict=True):
+        groups.setdefault(number, []).append(line)
+    return list(groups.values())
 
 
 def mean_gain(lines: tuple[ExperimentLine, ...]) -> tuple[Quantity, str, str]:
