@@ -32,7 +32,7 @@ $(VENV)/.dev: $(VENV)/.installed
 
 # Slow campaigns, on demand; reduced forms are in the tests.
 coverage-campaign: $(VENV)/.dev
-	$(BIN)/python tools/coverage.py loop --workers 2
+	$(BIN)/python tools/coverage.py loop
 
 blind: $(VENV)/.dev
 	$(BIN)/python tools/blind --full --processes $$(nproc) --out build/blind
