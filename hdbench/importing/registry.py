@@ -22,8 +22,6 @@ from hdbench.importing.source import PIECE_ROWS, Asked, Channel, Piece, Source, 
 from hdbench.importing.text import ForeignFormat, open_text
 from hdbench.system.children import child_command
 
-__all__ = ["FORMATS", "Format", "end_reader", "open_isolated", "open_source"]
-
 _HEAD = 1024
 # threads of a library would hold memory of their own; its allocator has to heed the limit
 _SETTINGS = {

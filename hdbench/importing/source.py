@@ -17,20 +17,6 @@ from numpy.typing import NDArray
 from hdbench.errors import DataError, HdbenchError, UsageError
 from hdbench.importing.units import bare_name
 
-__all__ = [
-    "MOST_CHANNELS",
-    "PIECE_ROWS",
-    "Asked",
-    "Channel",
-    "Piece",
-    "Source",
-    "damaged",
-    "find_channel",
-    "spelled",
-    "told",
-    "told_apart",
-]
-
 # rows that are in memory at a time: bounds the memory whatever the size of the file
 PIECE_ROWS = 1 << 16
 # a file that claims more is damaged or made to harm; a wide log of a robot has some hundreds

@@ -32,8 +32,6 @@ from hdbench.records.tables import data_error
 from hdbench.records.tables.numbers import plain_matrix
 from hdbench.records.trace import FloatArray
 
-__all__ = ["CellTable", "CellsSource", "ForeignFormat", "open_text"]
-
 # no line of a table is longer: a thousand columns of a hundred characters
 _LONGEST_LINE = 1 << 20
 # text of real samples shrinks 2 to 20 times; below 16 MiB a higher ratio does no harm

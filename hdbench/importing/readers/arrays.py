@@ -22,8 +22,6 @@ from hdbench.importing.source import (
 )
 from hdbench.importing.units import stated_unit
 
-__all__ = ["MOST_COLUMNS", "ArraySource", "NamedArray"]
-
 # columns of one matrix that are channels; a matrix that is wider either way is no set of channels
 MOST_COLUMNS = 512
 _KINDS = "fbiumM"

@@ -24,8 +24,6 @@ from hdbench.importing.source import (
 )
 from hdbench.importing.units import stated_unit
 
-__all__ = ["open_file"]
-
 _FORM = "JSON file"
 _BLOCK = 1 << 20
 # one record or one value beside the records; more is no record of samples

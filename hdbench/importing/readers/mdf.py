@@ -24,8 +24,6 @@ from hdbench.importing.source import (
     told_apart,
 )
 
-__all__ = ["open_file"]
-
 _FORM = "MDF file"
 _MOST_RECORD_BYTES = 1 << 16
 

@@ -14,8 +14,6 @@ from hdbench.importing.layout import is_time_name
 from hdbench.importing.source import PIECE_ROWS, Channel, Piece, Source, numbers, told_apart
 from hdbench.importing.units import stated_unit
 
-__all__ = ["open_file"]
-
 _FORM = "Parquet file"
 # a group of rows is unpacked by columns; writers make groups of some MB
 _MOST_GROUP_BYTES = 1 << 30

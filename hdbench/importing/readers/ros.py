@@ -28,8 +28,6 @@ from hdbench.importing.source import (
     told_apart,
 )
 
-__all__ = ["open_file"]
-
 _FORM = "ROS bag"
 _NAMES = ("name", "names", "joint_names")
 _STAMP = ("header/stamp/sec", "header/stamp/nanosec")

@@ -23,8 +23,6 @@ from hdbench.importing.source import (
 )
 from hdbench.importing.units import stated_unit
 
-__all__ = ["open_file"]
-
 _FORM = "TDMS file"
 _TIME = "time"
 
