@@ -24,8 +24,6 @@ from hdbench.records.storage import storage_error, write_atomic
 from hdbench.records.tables import require_parquet
 from hdbench.system.files import lock_file
 
-__all__ = ["BatchFolder", "read_table", "summary_of"]
-
 # the same content fails or passes in the same way; anything else is worth another try
 _LASTING = (0, 2, 3, 4, 6)
 # first columns of the table, in the contract's order

@@ -1,4 +1,4 @@
-"""Stored results of the three experiments, fed into a filter model."""
+"""Filter model from stored results of the three experiments."""
 
 from __future__ import annotations
 
@@ -18,31 +18,31 @@ __all__ = ["build_filter_model"]
 _PREFIX = "results-on-"
 
 
-def _value_of(entry: object) -> object:
+def value_of(entry: object) -> object:
     """Return the value of an object with an uncertainty, or a number itself."""
     return entry.get("value") if isinstance(entry, Mapping) else entry
 
 
-_Number = Annotated[float, BeforeValidator(_value_of)]
+_Number = Annotated[float, BeforeValidator(value_of)]
 _Positive = Annotated[_Number, Field(gt=0.0)]
 
 
-class _Read(BaseModel):
-    """The numbers of a result that a filter takes."""
+class Stored(BaseModel):
+    """The keys of a stored result or model that a filter takes; others are left alone."""
 
     model_config = ConfigDict(strict=True, allow_inf_nan=False)
 
 
-class _Noise(_Read):
+class _Noise(Stored):
     measurement_noise: _Positive | None = None
     process_noise: _Positive | None = None
 
 
-class _Order(_Read):
+class _Order(Stored):
     order: _Positive
 
 
-class _Ripple(_Read):
+class _Ripple(Stored):
     ripple: Annotated[list[_Order], Field(min_length=1)]
     filter: _Noise = _Noise()
 
@@ -51,15 +51,15 @@ class _Block(_Order, _Noise):
     """The block that a misalignment adds."""
 
 
-class _Misalignment(_Read):
+class _Misalignment(Stored):
     filter: _Block
 
 
-class _Calibration(_Read):
+class _Calibration(Stored):
     gain_nm_per_v: _Number
 
 
-_Kind = TypeVar("_Kind", bound=_Read)
+_Kind = TypeVar("_Kind", bound=Stored)
 
 
 def _read(kind: type[_Kind], result: Mapping[str, Any], what: str) -> _Kind:
@@ -78,7 +78,7 @@ def build_filter_model(
     misalignment: Mapping[str, Any] | None = None,
     calibration: Mapping[str, Any] | None = None,
 ) -> FilterModel:
-    """Feed stored results into a filter model.
+    """Return a filter model with the numbers of stored results.
 
     Parameters
     ----------

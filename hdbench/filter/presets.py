@@ -7,9 +7,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BeforeValidator, Field, ValidationError, model_validator
 
 from hdbench.errors import DataError
+from hdbench.filter.build import Stored, value_of
 from hdbench.filter.model import SCHEMA, FilterModel, OscillatorBlock, first_problem
 from hdbench.profile.schema import ProfileData
 from hdbench.records.jsonfile import read_json
@@ -131,27 +132,16 @@ def _unknown(name: str) -> DataError:
     )
 
 
-def _value_of(entry: object) -> object:
-    """Return the value of an object with an uncertainty, or a number itself."""
-    return entry.get("value") if isinstance(entry, dict) else entry
-
-
 # cycles per motor turn, or Hz
-_Place = Annotated[float, BeforeValidator(_value_of), Field(gt=0.0, lt=1e6)]
+_Place = Annotated[float, BeforeValidator(value_of), Field(gt=0.0, lt=1e6)]
 
 
-class _Read(BaseModel):
-    """The part of a bench model that a filter takes."""
-
-    model_config = ConfigDict(strict=True, allow_inf_nan=False)
-
-
-class _Parameters(_Read):
+class _Parameters(Stored):
     order: _Place | None = None
     frequency_hz: _Place | None = None
 
 
-class _Cause(_Read):
+class _Cause(Stored):
     name: str
     parameters: _Parameters = _Parameters()
 
@@ -162,17 +152,17 @@ class _Cause(_Read):
         return self
 
 
-class _Ripple(_Read):
+class _Ripple(Stored):
     order: _Place
 
 
-class _Baseline(_Read):
-    ripple: list[_Ripple] = []
+class _Baseline(Stored):
+    ripple: list[_Ripple] = Field(default_factory=list)
 
 
-class _BenchModel(_Read):
+class _BenchModel(Stored):
     baseline: _Baseline = _Baseline()
-    causes: list[_Cause] = []
+    causes: list[_Cause] = Field(default_factory=list)
 
 
 def _from_bench_model(body: dict[str, Any], path: Path, profile: ProfileData) -> FilterModel:

@@ -20,8 +20,6 @@ from hdbench.importing.units import target_unit, unit_scale
 from hdbench.records.tables.numbers import plain_matrix
 from hdbench.records.trace import FloatArray
 
-__all__ = ["Conversion", "Derived", "conversion", "decimal_cell", "derived_columns"]
-
 _WIDTHS = {"int8": 8, "int16": 16, "int32": 32}
 # what turns with the shaft: on the joint side these are smaller by the gear ratio
 _TURNING = ("motor_angle_rad", "motor_velocity_rad_s")

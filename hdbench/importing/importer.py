@@ -26,8 +26,6 @@ from hdbench.records.storage import publish, staged_path, write_atomic
 from hdbench.records.tables import ArmLike, quoted, read_loads, read_trace, write_trace
 from hdbench.records.trace import FloatArray
 
-__all__ = ["ImportReport", "import_files"]
-
 # a device has at most some 100 channels with a line each; a person reads no more than these
 _SHOWN_LINES, _SHOWN_CHARACTERS = 20, 120
 _Entry = TypeVar("_Entry", ColumnMap, Constant)

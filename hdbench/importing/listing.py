@@ -15,8 +15,6 @@ from hdbench.importing.layout import MISSING
 from hdbench.importing.source import Channel, Source
 from hdbench.importing.units import unit_scale
 
-__all__ = ["ChannelFacts", "list_channels", "read_numbers"]
-
 # rows that are looked at: enough to see what a channel is, whatever the size of the file
 LOOKED_AT = 200_000
 # two's complement: the numbers lie at the two ends of the range, the middle half is empty

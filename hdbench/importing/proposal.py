@@ -14,8 +14,6 @@ from hdbench.importing.recipe import Recipe
 from hdbench.importing.source import Channel
 from hdbench.importing.units import bare_name, target_unit, unit_scale
 
-__all__ = ["Proposal", "is_measured", "is_unit", "proposed_mapping", "time_candidate"]
-
 # words that name a quantity, the more telling ones first
 _WORDS = {
     "motor_angle_rad": ("position", "pos", "angle", "theta", "phi", "winkel", "qm", "q"),

@@ -18,8 +18,6 @@ from hdbench.records.loads import LOADS_COLUMNS, LOADS_OPTIONAL
 from hdbench.records.storage import write_new
 from hdbench.records.tables import TRACE_COLUMNS, read_text
 
-__all__ = ["Recipe", "known_columns", "read_recipe", "write_recipe"]
-
 _COLUMNS = {"trace": TRACE_COLUMNS, "loads": (*LOADS_COLUMNS, *LOADS_OPTIONAL)}
 DELIMITERS = {"auto": None, "comma": ",", "semicolon": ";", "tab": "\t", "blank": " "}
 _CHOICES: dict[str, tuple[str, ...]] = {

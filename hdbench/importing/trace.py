@@ -16,8 +16,6 @@ from hdbench.importing.convert import Conversion, Derived, derived_columns
 from hdbench.importing.source import Source, listed
 from hdbench.records.trace import FloatArray, Trace
 
-__all__ = ["Joined", "Part", "joined_trace"]
-
 # a trace of more cells is read by no other command: some 1 GB of text
 MOST_CELLS = 50_000_000
 # samples of another clock further apart than this many of its steps are a gap

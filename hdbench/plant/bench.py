@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -231,11 +231,11 @@ class SimulatedBench:
         added = self._causes.volts(stamps, timeline.sample_period_s * stamps.astype(np.float64))
         added = added + self._shunt_v
         wander = encoder_error_rad(self._effects, true.angle_rad, profile.drive.gear_ratio)
-        return AnalogueSamples(
-            torque_v=true.volts[0] + added + white[:, 0] * (sensor.noise_nm / sensor.gain_nm_per_v),
-            tacho_v=true.volts[1] + white[:, 1] * profile.tacho.noise_v,
-            current_v=true.volts[2],
-            reference_v=true.reference_v,
+        noise_v = white[:, 0] * (sensor.noise_nm / sensor.gain_nm_per_v)
+        return replace(
+            true,
+            torque_v=true.torque_v + added + noise_v,
+            tacho_v=true.tacho_v + white[:, 1] * profile.tacho.noise_v,
             angle_rad=true.angle_rad + wander,
         )
 

@@ -12,6 +12,7 @@ from hdbench.model.waves import ReferenceProgram, program_voltage, reference_vol
 from hdbench.plant.bridge import GaugeBridge, place_gauges
 from hdbench.plant.converter import (
     HALF_LENGTH_SAMPLES,
+    AnalogueSamples,
     Decimator,
     steps_per_sample,
 )
@@ -172,15 +173,6 @@ class AnalogueChannels:
 BLOCK_HOLDS = 64
 
 
-@dataclass(frozen=True, slots=True)
-class TrueSamples:
-    """Filtered channels and latched values, without noise."""
-
-    volts: FloatArray
-    angle_rad: FloatArray
-    reference_v: FloatArray
-
-
 class Timeline:
     """Samples of one acquisition, in pieces of any size.
 
@@ -278,8 +270,8 @@ class Timeline:
         self._interrupt()
         self._mount = mount
 
-    def advance(self, n_samples: int) -> TrueSamples:
-        """Return the next samples."""
+    def advance(self, n_samples: int) -> AnalogueSamples:
+        """Return the next samples, without noise."""
         volts, angles = [np.zeros((3, 0))], [np.zeros(0)]
         first, left = self._served, n_samples
         while left > 0:
@@ -295,7 +287,8 @@ class Timeline:
             left -= take
         reference = self.references(first, n_samples)
         self._reference.forget(self._served - 1)
-        return TrueSamples(np.concatenate(volts, axis=1), np.concatenate(angles), reference)
+        torque_v, tacho_v, current_v = np.concatenate(volts, axis=1)
+        return AnalogueSamples(torque_v, tacho_v, current_v, reference, np.concatenate(angles))
 
     def _state(self, hold: int) -> tuple[float, float]:
         """Return angle and speed at the start of `hold`."""

@@ -10,21 +10,6 @@ from pydantic import BaseModel, Field, PositiveFloat, model_validator
 from hdbench.profile.acquiring_table import Acquisition, OutputChannel, Role, SerialLine, TlsFiles
 from hdbench.profile.tables import Conflict, NonNegative, Table, refuse
 
-__all__ = [
-    "ModbusAcquisition",
-    "ModbusChannel",
-    "ModbusEnable",
-    "ModbusFeed",
-    "ModbusIdentify",
-    "ModbusOutput",
-    "ModbusPlace",
-    "ModbusSign",
-    "ModbusStatus",
-    "ModbusWatchdog",
-    "ModbusWrite",
-    "number_ranges",
-]
-
 Key = tuple[str | int, ...]
 
 # first number of each table as Modicon's manuals count: five digits for 9999 of them, six for all

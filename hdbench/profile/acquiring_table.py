@@ -10,16 +10,6 @@ from pydantic import Field, PositiveFloat, ValidationInfo, field_validator, mode
 from hdbench.profile.drivers import closest, find
 from hdbench.profile.tables import Conflict, NonNegative, Table, refuse
 
-__all__ = [
-    "ROLES",
-    "Acquisition",
-    "NodeAcquisition",
-    "OutputChannel",
-    "Role",
-    "SerialLine",
-    "TlsFiles",
-]
-
 Role = Literal["torque", "tacho", "current", "reference", "encoder"]
 ROLES: tuple[Role, ...] = ("torque", "tacho", "current", "reference", "encoder")
 

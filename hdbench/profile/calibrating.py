@@ -16,20 +16,6 @@ from pydantic import (
 from hdbench.profile.gravity import GravityFormula, local_gravity
 from hdbench.profile.tables import Conflict, NonNegative, Positive, Table, refuse
 
-__all__ = [
-    "AcceptanceLimits",
-    "Arm",
-    "CalibrationPlan",
-    "Identity",
-    "InstrumentStandard",
-    "LengthStandard",
-    "MassStandard",
-    "ShuntCheck",
-    "Standards",
-    "StepSequence",
-    "TorqueStandard",
-]
-
 _Share = Annotated[float, Field(ge=0.0, lt=1.0)]
 _Text = Annotated[str, Field(max_length=200)]
 _Angle = Annotated[float, Field(ge=-0.5, le=0.5)]

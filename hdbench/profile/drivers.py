@@ -6,8 +6,6 @@ import difflib
 from importlib.metadata import EntryPoint, entry_points
 from typing import Literal
 
-__all__ = ["BROKEN", "Group", "closest", "find", "installed"]
-
 Group = Literal["hdbench.drivers", "hdbench.tables"]
 """Entry points of drivers, and of the tables that describe their devices in a profile."""
 

@@ -15,8 +15,6 @@ from hdbench.profile.acquiring import Acquisition, NodeAcquisition, driver_table
 from hdbench.profile.tables import CONFLICT, Conflict
 from hdbench.profile.toml_text import Key
 
-__all__ = ["key_text", "known_keys", "problem", "schema_problems"]
-
 _TYPES = {
     "float_type": "a number",
     "int_type": "a whole number",

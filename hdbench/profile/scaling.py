@@ -12,16 +12,6 @@ from hdbench.profile.loader import Profile
 from hdbench.records import Quantity, TorqueScale, Trace
 from hdbench.records.jsonfile import read_json, sha256_file
 
-__all__ = [
-    "calibration_time",
-    "checked_age",
-    "measured_utc",
-    "profile_scale",
-    "read_calibration",
-    "rescaled",
-    "stored_scale",
-]
-
 # clocks of two computers may differ by minutes; by an hour where one keeps the wrong season
 _CLOCK_SLACK = timedelta(hours=1)
 _EIGHT = 8  # experiments behind the profile's consistency, report section 3

@@ -9,8 +9,6 @@ from typing import Annotated
 from pydantic import BaseModel, ConfigDict, Field
 from pydantic_core import PydanticCustomError
 
-__all__ = ["CONFLICT", "Conflict", "NonNegative", "Positive", "Table", "refuse"]
-
 CONFLICT = "conflict"
 NonNegative = Annotated[float, Field(ge=0.0)]
 Positive = Annotated[float, Field(gt=0.0)]

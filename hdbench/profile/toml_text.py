@@ -11,8 +11,6 @@ from typing import Any
 
 from hdbench.errors import ProfileError
 
-__all__ = ["Key", "key_lines", "nesting_problem", "read_toml", "toml_text"]
-
 Key = tuple[str | int, ...]
 
 # the built-in profile has 8 kB in 150 lines; a parser takes seconds for a megabyte of brackets

@@ -24,8 +24,6 @@ from hdbench.records.runfolder import RUN_SCHEMA
 from hdbench.records.storage import write_atomic
 from hdbench.records.tables import ArmLike, is_loads_file, read_loads, read_trace
 
-__all__ = ["FORMATS", "Channel", "Content", "export_records", "gather", "unit_of_column"]
-
 # longest first: `_rad_s` ends in `_s` too
 _UNITS = {
     "_rad_s2": "rad/s^2",

@@ -6,8 +6,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-__all__ = ["LOADS_COLUMNS", "LOADS_OPTIONAL", "LoadReading", "Loads", "SequenceEntry"]
-
 LOADS_COLUMNS = (
     "experiment",
     "position_rad",

@@ -13,8 +13,6 @@ from hdbench.records.runfolder import read_manifest, utc_text
 from hdbench.records.storage import file_bytes, storage_error
 from hdbench.system.files import sync_folder
 
-__all__ = ["RunNote", "add_note", "read_notes"]
-
 _NAME = "notes.jsonl"
 _LIMIT_BYTES = 1 << 20
 _LONGEST = 500

@@ -21,8 +21,6 @@ from hdbench.records.runfolder import RunFolder
 from hdbench.records.storage import free_reserve, sha256_file
 from hdbench.records.tables import write_loads
 
-__all__ = ["VerifyReport", "recover_run", "resolve_input", "verify_run", "verify_runs"]
-
 
 def _is_calibration(folder: RunFolder) -> bool:
     return str(folder.manifest["kind"]).startswith("calib")

@@ -19,8 +19,6 @@ from hdbench.records.storage import sha256_file, storage_error
 from hdbench.system.files import sync_folder
 from hdbench.system.processes import process_exists, process_mark
 
-__all__ = ["RUN_SCHEMA", "RunFolder", "read_manifest", "utc_now", "utc_text"]
-
 _KIND = re.compile(r"[a-z][a-z0-9-]{0,31}")
 _NAMES = ("journal.hdj", "trace.csv", "loads.csv", "result.json", "report.html")
 RUN_SCHEMA = "hdbench/run/1"

@@ -14,22 +14,6 @@ from pathlib import Path
 from hdbench.errors import DataError, StorageError, UsageError
 from hdbench.system.files import allocate, sync_file, sync_folder
 
-__all__ = [
-    "RESERVE_NAME",
-    "check_space",
-    "checked_size",
-    "file_bytes",
-    "free_reserve",
-    "keep_reserve",
-    "publish",
-    "read_failure",
-    "sha256_file",
-    "staged_path",
-    "storage_error",
-    "write_atomic",
-    "write_new",
-]
-
 _CHUNK = 1 << 20
 RESERVE_NAME = ".reserve"
 # run.json with the profile's text, an event of the journal and the directory's own blocks

@@ -26,11 +26,11 @@ from hdbench.records import LoadReading, Loads
 from hdbench.records.tables import read_loads, write_loads
 from hdbench.results.calibration import BudgetRow, LimitTest
 
-_TOOL = Path(__file__).parents[2] / "tools" / "calibration_coverage.py"
+_TOOL = Path(__file__).parents[2] / "tools" / "coverage.py"
 
 
 def tool():
-    spec = importlib.util.spec_from_file_location("calibration_coverage", _TOOL)
+    spec = importlib.util.spec_from_file_location("coverage_tool", _TOOL)
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)

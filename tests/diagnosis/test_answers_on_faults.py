@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from swinging_shaft import COUNT, slipped
+from swinging_shaft import read_by_encoder as bench
 
 from hdbench.diagnosis import diagnose_trace
 from hdbench.model import load_model, save_model
@@ -9,48 +11,10 @@ from hdbench.profile import load_profile
 from hdbench.records import Trace
 
 PROFILE = load_profile("cim-tr-97-06")
-COUNT = 2.0 * np.pi / 4000
-PERIOD = 9.0
-SWING = 40.0
-
-
-def course(time):
-    """Speed, angle and acceleration of 90 + 40 sin rad/s, in closed form."""
-    rate = 2.0 * np.pi / PERIOD
-    speed = 90.0 + SWING * np.sin(rate * time)
-    angle = 90.0 * time + SWING / rate * (1.0 - np.cos(rate * time))
-    return speed, angle, SWING * rate * np.cos(rate * time)
-
-
-def bench(n=10_000, seed=0, lost=(), extra=lambda t, a, w: 0.0, tacho=0.0):
-    """Columns of a record; `lost`: (first sample, how many) that no stamp tells of."""
-    rng = np.random.default_rng(seed)
-    total = n + sum(count for _, count in lost)
-    time = np.arange(total) * 1e-3
-    speed, angle, drive = course(time)
-    torque = 0.4 * np.cos(2 * angle + 0.6) + 0.2 * np.cos(4 * angle - 1.1)
-    torque += 0.5 * np.cos(angle / 100 + 0.3) + 1.725e-4 * drive + extra(time, angle, speed)
-    torque += 0.05 * rng.standard_normal(total)
-    read = speed * (1.0 + tacho * np.cos(22 * angle + 0.5)) + 0.056 * rng.standard_normal(total)
-    kept = np.ones(total, dtype=bool)
-    for first, count in lost:
-        kept[first : first + count] = False
-    return {
-        "time_s": np.arange(n) * 1e-3,
-        "torque_nm": torque[kept],
-        "motor_velocity_rad_s": read[kept],
-        "encoder_count": np.floor(angle[kept] / COUNT),
-    }
 
 
 def changed(columns, **new):
     return Trace({**columns, **new})
-
-
-def slipped(columns, first, counts):
-    moved = columns["encoder_count"].copy()
-    moved[first:] += counts
-    return changed(columns, encoder_count=moved)
 
 
 def every(result):
@@ -59,7 +23,7 @@ def every(result):
 
 def test_a_slip_is_named_modelled_and_an_effect_beside_it_is_still_found(tmp_path):
     columns = bench(6000, seed=8, extra=lambda t, a, w: 0.08 * np.cos(6 * a))
-    trace = slipped(columns, 3000, 150)
+    trace = Trace(slipped(columns, (3000, 150)))
     result = diagnose_trace(trace, PROFILE)
     assert [c.name for c in result.causes] == ["encoder-slip", "ripple-harmonic"]
     slip, ripple = result.causes

@@ -6,12 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from reversing_loads import NOISE_NM, reversing
 from scipy import signal
+from swinging_shaft import NOISE_NM, reversing, swing, trace_of
 
-from hdbench.diagnosis import diagnose_loads, diagnose_trace
+from hdbench.diagnosis import diagnose_trace
 from hdbench.profile import load_profile
-from hdbench.records import LoadReading, Loads, Trace
+from hdbench.records import Trace
 
 PROFILE = load_profile("cim-tr-97-06")
 DATA = os.environ.get("HDBENCH_DATA")
@@ -97,75 +97,17 @@ def test_friction_on_a_staircase_of_speeds_is_named_with_its_slope():
     assert {one.name for one in found.causes} <= {"viscous-friction", "inertia-error"}
 
 
-def shaft(n=14_000):
-    """Time, angle, speed and acceleration of a motor whose speed swings through zero."""
-    time = np.arange(n) * 1e-3
-    rate = 2.0 * np.pi / 5.0
-    speed = 30.0 + 60.0 * np.sin(rate * time)
-    angle = 30.0 * time + 60.0 / rate * (1.0 - np.cos(rate * time))
-    return time, angle, speed, 60.0 * rate * np.cos(rate * time)
-
-
-def torque_at(angle, accel):
-    """Ripple of both lobes and the load's inertia."""
-    return 0.4 * np.cos(2.0 * angle) + 0.2 * np.sin(4.0 * angle) + 1.725e-4 * accel
-
-
-def swinging(torque, n=14_000, seed=4):
-    time, angle, speed, _ = shaft(n)
-    noise = 0.02 * np.random.default_rng(seed).standard_normal(n)
-    columns = {"time_s": time, "motor_angle_rad": angle, "motor_velocity_rad_s": speed}
-    return Trace({**columns, "torque_nm": torque + noise})
-
-
 def test_a_friction_that_changes_with_the_angle_is_left_unexplained_at_its_order():
-    _, angle, speed, accel = shaft()
-    friction = 0.03 * 2.0 / np.pi * np.arctan(speed / 0.5) * np.cos(2.0 * angle + 0.4)
-    found = diagnose_trace(swinging(torque_at(angle, accel) + friction), PROFILE)
+    time = np.arange(14_000) * 1e-3
+    ripple = ((2.0, 0.4, 0.0), (4.0, 0.2, -0.5 * np.pi))
+    speed, angle, torque = swing(time, 30.0, 60.0, 5.0, ripple)
+    torque += 0.03 * 2.0 / np.pi * np.arctan(speed / 0.5) * np.cos(2.0 * angle + 0.4)
+    torque += 0.02 * np.random.default_rng(4).standard_normal(len(time))
+    found = diagnose_trace(trace_of(time, speed, angle, torque), PROFILE)
     assert found.causes == ()
     (place,) = found.unexplained
     assert place.domain == "motor-order"
     assert place.location == pytest.approx(2.0, abs=0.02)
-
-
-def bent_arm(seed, bend_rad=0.15, tilt_rad=-0.08, noise_nm=0.005):
-    """Readings of an arm that bends by its own cosine, the weight hung below its line."""
-    rng = np.random.default_rng(seed)
-    rows, number, clock = [], 0, 0.0
-    for place in range(4):
-        for way, name in ((1.0, "cw"), (-1.0, "ccw")):
-            for k, mass in enumerate((0.0, 2.0, 4.0, 6.0, 8.0, 6.0, 4.0, 2.0, 0.0)):
-                pull, angle = mass * 9.8065 * 0.5, 0.0
-                for _ in range(40):
-                    angle = bend_rad * pull / 40.0 * np.cos(tilt_rad + angle)
-                true = pull * (np.cos(tilt_rad + angle) / np.cos(tilt_rad))
-                volts = (way * true + noise_nm * rng.standard_normal()) / 6.6
-                series = "up" if k < 5 else "down"
-                rows.append((number, 0.5 * np.pi * place, way * pull, volts, clock, name, series))
-                clock += 30.0
-            number += 1
-            clock += 200.0
-    return rows
-
-
-def test_an_arm_that_bends_far_is_never_a_certain_limit():
-    for seed in (1, 2):
-        readings = tuple(
-            LoadReading(
-                experiment=str(number),
-                position_rad=position,
-                range="full",
-                direction=direction,
-                series=series,
-                torque_nm=torque,
-                reading_v=volts,
-                time_s=clock,
-            )
-            for number, position, torque, volts, clock, direction, series in bent_arm(seed)
-        )
-        found = diagnose_loads(Loads(readings, source="bent arm"), PROFILE)
-        names = {n for c in found.causes for n in (c.name, *c.group, *c.rivals)}
-        assert "arm-sag" in names
 
 
 @pytest.mark.skipif(not DATA, reason="HDBENCH_DATA is not set")

@@ -2,36 +2,32 @@
 
 import numpy as np
 import pytest
-from reversing_loads import reversing
+from swinging_shaft import NOISE_NM, reversing, swing, trace_of
 
 from hdbench.diagnosis import diagnose_trace
 from hdbench.profile import load_profile
 from hdbench.records import Trace
 
 PROFILE = load_profile("cim-tr-97-06")
-INERTIA = 1.725e-4
 
 
-def bare_trace(extra=lambda time, angle: 0.0, n=12_000, seed=0, velocity_noise=0.06):
-    """Return time, speed and torque alone, and the true angle, of a sine of speed."""
+def bare_trace(extra, n=12_000, seed=0, velocity_noise=0.06):
+    """Return time, speed and torque alone."""
     rng = np.random.default_rng(seed)
     time = np.arange(n) * 1e-3
-    speed = 90.0 + 40.0 * np.sin(2.0 * np.pi * time / 9.0)
-    angle = 90.0 * time + 40.0 * 9.0 / (2.0 * np.pi) * (1.0 - np.cos(2.0 * np.pi * time / 9.0))
-    drive = 40.0 * 2.0 * np.pi / 9.0 * np.cos(2.0 * np.pi * time / 9.0)
-    torque = 0.5 * np.cos(2 * angle + 0.6) + 0.3 * np.cos(4 * angle - 1.1) + 1.725e-4 * drive
-    torque += 0.7 * np.cos(angle / 100 + 0.3) + extra(time, angle)
+    ripple = ((2.0, 0.5, 0.6), (4.0, 0.3, -1.1), (0.01, 0.7, 0.3))
+    speed, angle, torque = swing(time, ripple=ripple)
     columns = {
         "time_s": time,
         "motor_velocity_rad_s": speed + velocity_noise * rng.standard_normal(n),
-        "torque_nm": torque + 0.01 * rng.standard_normal(n),
+        "torque_nm": torque + extra(time, angle) + 0.01 * rng.standard_normal(n),
     }
-    return Trace(columns), angle
+    return Trace(columns)
 
 
 def test_a_tone_at_the_ripple_frequency_leaves_no_second_name():
     # at 90 rad/s order 2 has 28.6 Hz
-    trace, _ = bare_trace(lambda t, a: 0.07 * np.cos(2.0 * np.pi * 28.6 * t), seed=3)
+    trace = bare_trace(lambda t, a: 0.07 * np.cos(2.0 * np.pi * 28.6 * t), seed=3)
     (cause,) = diagnose_trace(trace, PROFILE, materiality=0.0).causes
     assert cause.parameters["frequency_hz"]["value"] == pytest.approx(28.6, abs=0.01)
 
@@ -63,15 +59,12 @@ def test_a_single_line_at_a_whole_order_is_a_ripple():
 
 @pytest.mark.parametrize("hertz", [75.0, 85.0, 93.0])
 def test_a_narrow_resonance_is_seen_wherever_it_lies(hertz):
-    n = 24_000
-    time = np.arange(n) * 1e-3
-    speed = 150.0 + 140.0 * np.sin(2.0 * np.pi * time / 12.0)
-    angle = 150.0 * time + 140.0 * 12.0 / (2.0 * np.pi) * (1.0 - np.cos(2.0 * np.pi * time / 12.0))
-    accel = 140.0 * 2.0 * np.pi / 12.0 * np.cos(2.0 * np.pi * time / 12.0)
+    time = np.arange(24_000) * 1e-3
+    speed, angle, torque = swing(
+        time, 150.0, 140.0, 12.0, ((2.0, 0.4, 0.0), (4.0, 0.2, -0.5 * np.pi))
+    )
     ratio = 2.0 * speed / (2.0 * np.pi * hertz)
     passed = np.exp(2j * angle) / (1.0 - ratio**2 + 2j * 0.03 * ratio)
-    torque = INERTIA * accel + 0.4 * np.cos(2.0 * angle) + 0.2 * np.sin(4.0 * angle)
-    torque += 0.0022 * passed.real + 0.05 * np.random.default_rng(3).standard_normal(n)
-    columns = {"time_s": time, "motor_angle_rad": angle, "motor_velocity_rad_s": speed}
-    found = diagnose_trace(Trace({**columns, "torque_nm": torque}), PROFILE, materiality=0.0)
+    torque += 0.0022 * passed.real + NOISE_NM * np.random.default_rng(3).standard_normal(len(time))
+    found = diagnose_trace(trace_of(time, speed, angle, torque), PROFILE, materiality=0.0)
     assert found.causes[0].name == "torsional-resonance"

@@ -33,7 +33,7 @@ import numpy as np  # noqa: E402
 from numpy.typing import NDArray  # noqa: E402
 from runner import end_line, read_lines  # noqa: E402
 from scipy.signal import lfilter  # noqa: E402
-from scipy.stats import beta, binom  # noqa: E402
+from scipy.stats import binom, binomtest  # noqa: E402
 
 from hdbench.batch import Workers, run_tasks  # noqa: E402
 from hdbench.diagnosis import diagnose_trace  # noqa: E402
@@ -42,13 +42,6 @@ from hdbench.records import Trace  # noqa: E402
 
 NOISES = ("white", "ar", "flicker")
 _WORDS = {"white": "white", "ar": "AR(0.9)", "flicker": "1/f"}
-
-
-def _interval(events: int, count: int) -> tuple[float, float]:
-    """Return the 95 % interval of Clopper and Pearson."""
-    low = float(beta.ppf(0.025, events, count - events + 1)) if events else 0.0
-    high = float(beta.ppf(0.975, events + 1, count - events)) if events < count else 1.0
-    return low, high
 
 
 def table(entries: Sequence[Mapping[str, Any]], alpha: float) -> tuple[list[str], bool]:
@@ -65,7 +58,7 @@ def table(entries: Sequence[Mapping[str, Any]], alpha: float) -> tuple[list[str]
             continue
         events = sum(bool(e["names"] or e["places"]) for e in some)
         named, left = sum(bool(e["names"]) for e in some), sum(bool(e["places"]) for e in some)
-        low, high = _interval(events, len(some))
+        low, high = binomtest(events, len(some)).proportion_ci(0.95, "exact")
         limit = int(binom.ppf(0.999, len(some), alpha))
         kept = kept and events <= limit
         lines.append(

@@ -15,7 +15,7 @@ from page import page
 from runner import ROOT, read_lines
 from scorer.judge import judge
 from scorer.metrics import Row, figures
-from scorer.tables import by_family, by_load_family, by_outside, confusion, shuffled_rows
+from scorer.tables import by_family, by_outside, confusion, shuffled_rows
 from scorer.truth import open_truth
 from wide import WIDE, line_of, report_wide, wide_page
 
@@ -110,7 +110,7 @@ def report(folder: Path, write: bool) -> None:
         outside=by_outside(dynamic),
         loads=loads,
         load_numbers=static,
-        load_families=by_load_family(loads),
+        load_families=by_family(loads, "L"),
         shuffled=shuffled,
         rivals=_rivals(folder, rows),
         null=read_lines(folder / "null.jsonl"),

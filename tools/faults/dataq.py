@@ -13,10 +13,13 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
+from faults.mangler import PACKET_FAULTS, Spoil, flipped
 from hdbench.drivers.dataq.scans import ScanAssembler, StreamFault, plan_scan
 from hdbench.drivers.dataq.table import DataqAcquisition
 
@@ -26,7 +29,6 @@ ROLES = ("torque", "tacho", "current", "reference")
 PACKET = 128
 PACKETS = 12
 MARK = 0x7F00
-Spoil = Callable[[list[bytes], int, np.random.Generator], list[bytes]]
 TABLE = DataqAcquisition.model_validate(
     {
         "driver": "dataq",
@@ -49,34 +51,11 @@ def stream(random: np.random.Generator) -> tuple[list[bytes], np.ndarray]:
     return [data[at : at + PACKET] for at in range(0, len(data), PACKET)], words
 
 
-def _cut(packet: bytes, random: np.random.Generator) -> bytes:
-    at, size = int(random.integers(1, len(packet) - 9)), int(random.integers(1, 9))
-    return packet[:at] + packet[at + size :]
-
-
-def _insert(packet: bytes, random: np.random.Generator) -> bytes:
-    at = int(random.integers(1, len(packet)))
-    return packet[:at] + random.bytes(int(random.integers(1, 9))) + packet[at:]
-
-
-def _flip(packet: bytes, random: np.random.Generator) -> bytes:
-    changed = bytearray(packet)
-    bit = int(random.integers(8 * len(packet)))
-    changed[bit // 8] ^= 1 << bit % 8
-    return bytes(changed)
-
-
 FAULTS: dict[str, Spoil] = {
-    "bytes missing": lambda p, n, r: [*p[:n], _cut(p[n], r), *p[n + 1 :]],
-    "bytes inserted": lambda p, n, r: [*p[:n], _insert(p[n], r), *p[n + 1 :]],
-    "packet dropped": lambda p, n, r: p[:n] + p[n + 1 :],
-    "two packets dropped": lambda p, n, r: p[:n] + p[n + 2 :],
-    "packet twice": lambda p, n, r: [*p[: n + 1], p[n], *p[n + 1 :]],
-    "packets swapped": lambda p, n, r: [*p[:n], p[n + 1], p[n], *p[n + 2 :]],
-    "packet from before": lambda p, n, r: [*p[:n], p[n - 2], *p[n + 1 :]],
+    **PACKET_FAULTS,
     "text in between": lambda p, n, r: [*p[:n], b"stop 01\r", *p[n:]],
     "five packets dropped": lambda p, n, r: p[:n] + p[n + 5 :],
-    "bit of a sample": lambda p, n, r: [*p[:n], _flip(p[n], r), *p[n + 1 :]],
+    "bit of a sample": lambda p, n, r: [*p[:n], flipped(p[n], 0, r), *p[n + 1 :]],
 }
 
 

@@ -13,7 +13,6 @@ from __future__ import annotations
 import struct
 import sys
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +20,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from faults.lines import faulty_tcp
-from faults.mangler import Mangler, TcpFraming
+from faults.mangler import PACKET_FAULTS, Mangler, Spoil, TcpFraming, flipped
 from hdbench.devices.wire import connect, parse_address
 from hdbench.drivers.labjack.control import Control
 from hdbench.drivers.labjack.packets import PacketParser, StreamFault
@@ -32,7 +31,6 @@ from hdbench.errors import DeviceError
 LAYOUT = ScanLayout(4, 2, 40_000.0)
 SCANS, PACKETS = 20, 8
 DEADLINE_S = 0.05
-Spoil = Callable[[list[bytes], int, np.random.Generator], list[bytes]]
 
 
 def packet(number: int, words: np.ndarray) -> bytes:
@@ -49,33 +47,14 @@ def stream(random: np.random.Generator) -> tuple[list[bytes], np.ndarray]:
     return [packet(n, words[SCANS * n : SCANS * (n + 1)]) for n in range(PACKETS)], words
 
 
-def _flip(frame: bytes, low: int, high: int, random: np.random.Generator) -> bytes:
-    bit = int(random.integers(8 * low, 8 * high))
-    changed = bytearray(frame)
-    changed[bit // 8] ^= 0x80 >> bit % 8
-    return bytes(changed)
-
-
-def _cut(frame: bytes, random: np.random.Generator) -> bytes:
-    at, size = int(random.integers(len(frame))), int(random.integers(1, 9))
-    return frame[:at] + frame[at + size :]
-
-
-def _insert(frame: bytes, random: np.random.Generator) -> bytes:
-    at = int(random.integers(len(frame)))
-    return frame[:at] + random.bytes(int(random.integers(1, 9))) + frame[at:]
-
-
 STREAM_FAULTS: dict[str, Spoil] = {
-    "packet dropped": lambda p, n, r: p[:n] + p[n + 1 :],
-    "two packets dropped": lambda p, n, r: p[:n] + p[n + 2 :],
-    "packet twice": lambda p, n, r: [*p[: n + 1], p[n], *p[n + 1 :]],
-    "packets swapped": lambda p, n, r: [*p[:n], p[n + 1], p[n], *p[n + 2 :]],
-    "packet from before": lambda p, n, r: [*p[:n], p[n - 2], *p[n + 1 :]],
-    "bytes missing": lambda p, n, r: [*p[:n], _cut(p[n], r), *p[n + 1 :]],
-    "bytes inserted": lambda p, n, r: [*p[:n], _insert(p[n], r), *p[n + 1 :]],
-    "bit of the header": lambda p, n, r: [*p[:n], _flip(p[n], 0, 16, r), *p[n + 1 :]],
-    "bit of a sample": lambda p, n, r: [*p[:n], _flip(p[n], 16, len(p[n]), r), *p[n + 1 :]],
+    **PACKET_FAULTS,
+    "bit of the header": lambda p, n, r: [
+        *p[:n],
+        flipped(p[n][:16], 0, r) + p[n][16:],
+        *p[n + 1 :],
+    ],
+    "bit of a sample": lambda p, n, r: [*p[:n], flipped(p[n], 16, r), *p[n + 1 :]],
 }
 
 

@@ -18,12 +18,15 @@ __all__ = [
     "COUNTED",
     "ECHOED",
     "FAULT_KINDS",
+    "PACKET_FAULTS",
     "Delivery",
     "FaultKind",
     "Mangler",
     "RawFraming",
     "RtuFraming",
+    "Spoil",
     "TcpFraming",
+    "flipped",
 ]
 
 _HEADER = struct.Struct(">HHHB")
@@ -335,3 +338,34 @@ def _swapped(unit: bytes) -> bytes:
     pairs = len(data) // 4 * 4
     swapped = b"".join(data[n + 2 : n + 4] + data[n : n + 2] for n in range(0, pairs, 4))
     return unit[:at] + swapped + data[pairs:]
+
+
+Spoil = Callable[[list[bytes], int, np.random.Generator], list[bytes]]
+"""Makes a fault at one packet of a stream."""
+
+
+def flipped(packet: bytes, first: int, random: np.random.Generator) -> bytes:
+    """Return a packet with one bit changed, from byte `first` on."""
+    return _flipped(packet, [int(random.integers(8 * first, 8 * len(packet)))])
+
+
+def _cut(packet: bytes, random: np.random.Generator) -> bytes:
+    at, size = int(random.integers(1, len(packet) - 9)), int(random.integers(1, 9))
+    return packet[:at] + packet[at + size :]
+
+
+def _longer(packet: bytes, random: np.random.Generator) -> bytes:
+    at = int(random.integers(1, len(packet)))
+    return packet[:at] + random.bytes(int(random.integers(1, 9))) + packet[at:]
+
+
+PACKET_FAULTS: dict[str, Spoil] = {
+    "bytes missing": lambda p, n, r: [*p[:n], _cut(p[n], r), *p[n + 1 :]],
+    "bytes inserted": lambda p, n, r: [*p[:n], _longer(p[n], r), *p[n + 1 :]],
+    "packet dropped": lambda p, n, r: p[:n] + p[n + 1 :],
+    "two packets dropped": lambda p, n, r: p[:n] + p[n + 2 :],
+    "packet twice": lambda p, n, r: [*p[: n + 1], p[n], *p[n + 1 :]],
+    "packets swapped": lambda p, n, r: [*p[:n], p[n + 1], p[n], *p[n + 2 :]],
+    "packet from before": lambda p, n, r: [*p[:n], p[n - 2], *p[n + 1 :]],
+}
+"""What can happen to the packets of any stream."""

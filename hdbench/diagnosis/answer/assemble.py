@@ -25,9 +25,10 @@ from hdbench.diagnosis.discovery.record import SAMPLED
 from hdbench.diagnosis.discovery.rest import noise_rms_nm, residual_nm
 from hdbench.diagnosis.discovery.search import Search
 from hdbench.diagnosis.discovery.told import Told, minimum_detectable, spectra, tell
-from hdbench.diagnosis.faults.converter import coarse_steps
+from hdbench.diagnosis.faults.converter import CHANCE, step_of
 from hdbench.diagnosis.faults.fault import Fault, Inspected
 from hdbench.diagnosis.faults.residual import ResidualFaults
+from hdbench.diagnosis.inspection.channel import held_share
 from hdbench.model import BenchModel, Cause, CauseTerm
 from hdbench.profile import Profile
 from hdbench.records.trace import FloatArray
@@ -74,6 +75,8 @@ def assemble(
     motion = fit.record.motion
     noise = noise_rms_nm(fit)
     given = findings.given
+    torque = fit.record.torque_nm[fit.record.valid]
+    step = step_of(torque)
     return Diagnosis(
         verdict_of(causes, places),
         causes,
@@ -104,9 +107,9 @@ def assemble(
             motion,
             torque_bandwidth_hz=_bandwidth(fit),
             rate_hz=1.0 / fit.record.period_s,
-            torque_step_nm=_step(fit),
+            torque_step_nm=step,
             torque_noise_nm=noise,
-            held_share=_held_share(fit),
+            held_share=held_share(torque, step, CHANCE),
             derived=findings.inspected.derived,
         ),
     )
@@ -277,16 +280,6 @@ def _bandwidth(fit: Fit) -> float:
     """Return the frequency above which the torque has no power, Hz; infinite without one."""
     whole = fit.bands.size >= fit.bands.length
     return float("inf") if whole else float(fit.bands.frequency_hz[-1])
-
-
-def _step(fit: Fit) -> float:
-    steps = coarse_steps(fit.record.torque_nm[fit.record.valid])
-    return 0.0 if steps is None else float(steps.step)
-
-
-def _held_share(fit: Fit) -> float:
-    torque = fit.record.torque_nm[fit.record.valid]
-    return float(np.mean(np.diff(torque) == 0.0)) if len(torque) > 1 else 0.0
 
 
 def _left_out(findings: Findings) -> tuple[LeftOutSamples, ...]:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.ndimage import median_filter, uniform_filter1d
-from scipy.signal import coherence, csd, spectrogram
+from scipy.signal import coherence, csd, spectrogram, welch
 
 from hdbench.diagnosis.faults.converter import STUCK
 from hdbench.diagnosis.faults.scatter import AROUND, bridged, mask_runs, tail_nats
@@ -49,10 +49,8 @@ def spectrum_of(values: FloatArray, rate_hz: float, step: float) -> Spectrum | N
         return None
     # eight segments at least: a median of so many bins is known to a tenth
     size = max(64, min(_LONGEST, len(values) // 8))
-    frequency, _, parts = spectrogram(
-        bridged(values), rate_hz, _WINDOW, size, size // 2, detrend="constant"
-    )
-    power = parts.mean(axis=1)
+    whole = bridged(values)
+    frequency, power = welch(whole, rate_hz, _WINDOW, nperseg=size)
     width = max(3, len(power) // 32) | 1
     # the median of a few bins is the noise between the lines
     density = median_filter(power, size=width, mode="nearest")[1:]
@@ -72,6 +70,7 @@ def spectrum_of(values: FloatArray, rate_hz: float, step: float) -> Spectrum | N
         above = int(np.flatnonzero(density > 10.0 * rounding).max(initial=0))
         if density[above // 2] > 64.0 * 10.0 * rounding and frequency[above] <= 0.8 * band:
             limit = float(frequency[above])
+            parts = spectrogram(whole, rate_hz, _WINDOW, size, size // 2)[2]
             inside = np.maximum(parts[1:][above // 4 : above // 2 + 1], rounding)
             even = np.exp(np.log(inside).mean(axis=1)) / inside.mean(axis=1)
             computed = bool(np.median(even) < 4e-3)

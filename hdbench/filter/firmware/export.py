@@ -21,6 +21,17 @@ from hdbench.records import FloatArray
 __all__ = ["export_firmware"]
 
 _ASSETS = ("example.c", "selftest.c", "target.c", "target.ld", "Makefile", "README.md")
+_KINDS = (
+    "HDB_OSCILLATOR",
+    "HDB_RANDOM_WALK",
+    "HDB_INTEGRATED_WALK",
+    "HDB_ORNSTEIN_UHLENBECK",
+    "HDB_MATERN",
+    "HDB_RESONANCE",
+)
+_PARTS = ("HDB_RIPPLE", "HDB_MISALIGNMENT", "HDB_SLOW")
+_SAMPLES = 600
+_TOLERANCE_NM = 1e-3  # a float carries 24 bits; the acceptance of ten minutes at 1 kHz
 
 
 def export_firmware(
@@ -97,60 +108,39 @@ def _one_file(name: str) -> str:
     )
 
 
-_KINDS = (
-    "HDB_OSCILLATOR",
-    "HDB_RANDOM_WALK",
-    "HDB_INTEGRATED_WALK",
-    "HDB_ORNSTEIN_UHLENBECK",
-    "HDB_MATERN",
-    "HDB_RESONANCE",
-)
-_PARTS = ("HDB_RIPPLE", "HDB_MISALIGNMENT", "HDB_SLOW")
-
-
 def real(value: float) -> str:
     """Return a number as C source, exact in both builds."""
     return "(hdb_real)NAN" if value != value else f"(hdb_real){value:.17g}"
 
 
+def _filled(text: str, **values: object) -> str:
+    """Return a template with its @NAMES@ replaced."""
+    for name, value in values.items():
+        text = text.replace(f"@{name.upper()}@", str(value))
+    return text
+
+
 def model_header(packed: FloatArray, *, sample_period_s: float, provenance: Iterable[str]) -> str:
     """Return the header that fixes a model at compile time."""
     oscillators, slow = int(packed[0]), int(packed[1])
-    lines = [
-        "/* Filter model, fixed at compile time. Written by `hdbench export`; do not edit.",
-        *(f" *   {_plain(line)}" for line in provenance),
-        " * Build with -DHDB_DOUBLE for double; else every number is a float. */",
-        "#ifndef HDB_MODEL_H",
-        "#define HDB_MODEL_H",
-        "",
-        "#ifndef HDB_DOUBLE",
-        "#define HDB_SINGLE",
-        "#endif",
-        f"#define HDB_N_OSCILLATORS {oscillators}",
-        f"#define HDB_N_SLOW {slow}",
-        f"#define HDB_MAX_BLOCKS {oscillators + slow}",
-        f"#define HDB_MAX_SLOW {max(slow, 1)}",
-        f"#define HDB_SAMPLE_PERIOD_S ({real(float(np.float32(sample_period_s)))})",
-        "#include <math.h>",
-        "",
-        '#include "filter.h"',
-        "",
-        "static const hdb_model hdb_exported_model = {",
-        f"    .n_oscillators = {oscillators}, .n_slow = {slow},",
-        f"    .r = {real(packed[2])}, /* (N m)^2 */",
-        f"    .inertia = {real(packed[3])}, /* kg m^2 */",
-        f"    .ratio = {real(packed[4])},",
-        f"    .constant = {real(packed[5])}, /* s */",
-        f"    .gate = {real(packed[6])}, .gate_samples = {real(packed[7])},",
-        f"    .prior_start = {int(packed[8])},",
-        "    .block = {",
-        *(line for row in block_rows(packed) for line in _block(row)),
-        "    },",
-        "};",
-        "",
-        "#endif",
-    ]
-    return "\n".join(lines) + "\n"
+    r, inertia, ratio, constant, gate, gate_samples = map(real, packed[2:8].tolist())
+    return _filled(
+        _text("firmware/assets", "hdb_model.h"),
+        provenance="\n".join(f" *   {_plain(line)}" for line in provenance),
+        oscillators=oscillators,
+        slow=slow,
+        blocks=oscillators + slow,
+        max_slow=max(slow, 1),
+        period=real(float(np.float32(sample_period_s))),
+        r=r,
+        inertia=inertia,
+        ratio=ratio,
+        constant=constant,
+        gate=gate,
+        gate_samples=gate_samples,
+        prior_start=int(packed[8]),
+        block_rows="\n".join(line for row in block_rows(packed) for line in _block(row)),
+    )
 
 
 def _plain(text: str) -> str:
@@ -168,10 +158,6 @@ def _block(row: list[float]) -> list[str]:
         f"         .rate = {rate}, .variance = {variance},",
         f"         .prior = {{{first}, {other}}}}},",
     ]
-
-
-_SAMPLES = 600
-_TOLERANCE_NM = 1e-3  # a float carries 24 bits; the acceptance of ten minutes at 1 kHz
 
 
 def check_samples(n: int, sample_period_s: float) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -210,16 +196,7 @@ def vector_header(packed: FloatArray, sample_period_s: float) -> str:
     """Return the header with test vectors of a model."""
     time, velocity, torque = check_samples(_SAMPLES, sample_period_s)
     answer = run(packed, new_state(packed), time, velocity, torque)
-    lines = [
-        "/* Samples, and what the filter of the host answers in double precision. */",
-        "#ifndef HDB_VECTORS_H",
-        "#define HDB_VECTORS_H",
-        "",
-        f"#define HDB_VECTORS {_SAMPLES}",
-        f"#define HDB_TOLERANCE ({real(_TOLERANCE_NM)}) /* N m */",
-        f"#define HDB_TOLERANCE_UNRESOLVED ({real(unresolved_tolerance_nm(packed))})",
-        "",
-    ]
+    lines = []
     for name, values in (
         ("velocity", velocity),
         ("torque", torque),
@@ -230,5 +207,11 @@ def vector_header(packed: FloatArray, sample_period_s: float) -> str:
         lines += [f"    {real(value)}," for value in values.tolist()]
         lines += ["};", ""]
     lines += ["static const unsigned char hdb_vector_flag[HDB_VECTORS] = {"]
-    lines += [f"    {value}," for value in answer.flags.tolist()]
-    return "\n".join([*lines, "};", "", "#endif", ""])
+    lines += [*(f"    {value}," for value in answer.flags.tolist()), "};", ""]
+    return _filled(
+        _text("firmware/assets", "hdb_vectors.h"),
+        samples=_SAMPLES,
+        tolerance=real(_TOLERANCE_NM),
+        unresolved=real(unresolved_tolerance_nm(packed)),
+        arrays="\n".join(lines),
+    )

@@ -17,8 +17,6 @@ from hdbench.importing.source import Source, listed
 from hdbench.importing.text import CellsSource, CellTable
 from hdbench.records.tables import data_error
 
-__all__ = ["open_file"]
-
 _FORM = "Excel workbook"
 # texts that cells share are read as a whole; numbers are not among them
 _MOST_SHARED_BYTES = 64 << 20

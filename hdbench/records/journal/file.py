@@ -25,8 +25,6 @@ from hdbench.errors import BusyError, DataError, StorageError
 from hdbench.records.storage import checked_size, read_failure, storage_error
 from hdbench.system.files import lock_file, sync_data, sync_file, sync_folder
 
-__all__ = ["JournalBlock", "JournalContent", "JournalReader", "JournalWriter", "read_journal"]
-
 _MAGIC = b"HDJ1"
 _HEAD = struct.Struct("<4sII")
 _WORD = struct.Struct("<I")

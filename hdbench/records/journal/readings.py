@@ -19,8 +19,6 @@ from hdbench.records.storage import write_atomic
 from hdbench.records.tables.csvtext import quoted
 from hdbench.records.tables.loadsfile import SEQUENCE_NAME
 
-__all__ = ["ReadingEntry", "journal_loads", "reading_entries", "write_sequence"]
-
 _COLUMNS = (
     "time_s",
     "kind",

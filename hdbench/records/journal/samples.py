@@ -20,15 +20,6 @@ from hdbench.records.storage import write_atomic
 from hdbench.records.tables.tracefile import rows_as_bytes
 from hdbench.records.trace import FloatArray, Trace
 
-__all__ = [
-    "JournalSamples",
-    "JournalSummary",
-    "SampleGroup",
-    "all_samples",
-    "summarize_journal",
-    "survey_samples",
-]
-
 # rows converted at a time: bounds the memory that Python floats take on the way
 _CHUNK_ROWS = 20_000
 

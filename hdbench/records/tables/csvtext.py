@@ -13,20 +13,6 @@ from hdbench.errors import DataError
 from hdbench.records.storage import file_bytes, read_failure
 from hdbench.records.tables.parquetfile import PARQUET, parquet_names
 
-__all__ = [
-    "IMPORT_FIX",
-    "Table",
-    "as_text",
-    "check_header",
-    "data_error",
-    "parse_table",
-    "quoted",
-    "read_header",
-    "read_raw",
-    "read_text",
-    "safe_cell",
-]
-
 _LIMIT_COLUMNS = 1000
 _LIMIT_HEADER = 1 << 20
 _BYTE_ORDER_MARK = b"\xef\xbb\xbf"

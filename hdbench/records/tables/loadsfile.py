@@ -19,15 +19,6 @@ from hdbench.records.tables.csvtext import (
     read_text,
 )
 
-__all__ = [
-    "SEQUENCE_NAME",
-    "ArmLike",
-    "is_loads_file",
-    "read_loads",
-    "read_sequence",
-    "write_loads",
-]
-
 SEQUENCE_NAME = "sequence.csv"
 _NEEDED = ("experiment", "position_rad", "range", "direction", "series", "reading_v")
 _WORDS = {"range": ("low", "full"), "direction": ("cw", "ccw"), "series": ("up", "down")}

@@ -16,8 +16,6 @@ import numpy as np
 
 from hdbench.records.trace import FloatArray
 
-__all__ = ["parse_numbers", "plain_matrix"]
-
 # what decimal numbers and nan are made of
 _PLAIN = b"0123456789+-.eE,\nnaN"
 _MINUS_ZERO = re.compile(rb"-0(?:,|$)")

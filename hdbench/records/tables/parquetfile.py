@@ -11,8 +11,6 @@ import numpy as np
 from hdbench.errors import DataError, UsageError
 from hdbench.records.trace import FloatArray
 
-__all__ = ["PARQUET", "parquet_columns", "parquet_names", "require_parquet"]
-
 PARQUET = ".parquet"
 # as many cells as a CSV file of the largest size that is read could hold, ten bytes each
 _LIMIT_CELLS = 100_000_000

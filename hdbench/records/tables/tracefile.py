@@ -24,8 +24,6 @@ from hdbench.records.tables.numbers import parse_numbers
 from hdbench.records.tables.parquetfile import PARQUET, parquet_columns
 from hdbench.records.trace import FloatArray, Trace
 
-__all__ = ["TRACE_COLUMNS", "read_trace", "rows_as_bytes", "write_trace"]
-
 TRACE_COLUMNS = (
     "time_s",
     "motor_velocity_rad_s",

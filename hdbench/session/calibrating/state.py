@@ -172,15 +172,13 @@ class Mounting:
         """Note the locked wave generator."""
         if self.hands is not None:
             self.hands.mount(locked=True, position_rad=self.log.state.position_rad or 0.0)
-        self._note_changes()
-        self.log.note("locked", {"locked": True})
+        self._note("locked", {"locked": True})
 
     def place(self, point: Point) -> None:
         """Note the position of a point."""
         if self.hands is not None:
             self.hands.mount(locked=True, position_rad=point.position_rad)
-        self._note_changes()
-        self.log.note("placed", {"position_rad": point.position_rad})
+        self._note("placed", {"position_rad": point.position_rad})
 
     def put(self, point: Point, mass_kg: float | None = None) -> None:
         """Note the weight of a point."""
@@ -195,22 +193,22 @@ class Mounting:
                 self.hands.put(
                     mass, direction=point.direction, number=point.number, attempt=attempt
                 )
-        self._note_changes()
-        self.log.note("hung", {"point": point.number, "direction": point.direction})
+        self._note("hung", {"point": point.number, "direction": point.direction})
 
     def open_shunt(self) -> None:
         """Take the shunt resistor off again."""
         if self.hands is not None:
             self.hands.shunt(closed=False)
-        self._note_changes()
-        self.log.note("opened")
+        self._note("opened", {})
 
     def restore(self) -> None:
         """Bring a simulated bench to where the journal left it."""
         if self.hands is not None:
             self.hands.restore(self.log.state.fixtures, self.log.state.acquisitions)
 
-    def _note_changes(self) -> None:
+    def _note(self, event: str, body: Mapping[str, Any]) -> None:
+        """Note what changed at a simulated bench, then the event."""
         if self.hands is not None:
             for change in self.hands.history()[len(self.log.state.fixtures) :]:
                 self.log.note("fixture", {"fixture": change})
+        self.log.note(event, body)
