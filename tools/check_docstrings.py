@@ -52,6 +52,8 @@ def _has_parameters(thing: object) -> bool:
     if inspect.isclass(thing):
         inherits = issubclass(thing, Exception) and "__init__" not in vars(thing)
         known = issubclass(thing, Enum | BaseModel) or getattr(thing, "_is_protocol", False)
+        # the fields of a result carry their meaning themselves
+        known = known or hasattr(thing, "__pydantic_fields__")
         return not (inherits or known)
     return inspect.isfunction(thing)
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hdbench.calibration.gains.positions import any_one_position, by_position
+from hdbench.calibration.torque.sources import certified_row
 from hdbench.profile.schema import ProfileData
 from hdbench.records.quantity import Quantity
 from hdbench.results.calibration import BudgetRow, ExpandedGain, ExperimentLine, PositionVariance
@@ -128,20 +129,10 @@ def gain_rows(
 def _instrument(bench: ProfileData | None) -> tuple[BudgetRow, ...]:
     if bench is None:
         return ()
-    instrument = bench.standards.instrument
-    expanded = instrument.relative_expanded_uncertainty
-    return (
-        BudgetRow(
-            name="reading of the bridge",
-            group="instrument",
-            half_width=expanded,
-            distribution="normal",
-            divisor=2.0,
-            relative_std=0.0 if expanded is None else expanded / 2.0,
-            declared=expanded is not None,
-            origin=instrument.certificate or instrument.identity,
-        ),
-    )
+    stated = bench.standards.instrument
+    origin = stated.certificate or stated.identity
+    expanded = stated.relative_expanded_uncertainty
+    return (certified_row("reading of the bridge", "instrument", expanded, origin),)
 
 
 def _side_force(lines: tuple[ExperimentLine, ...], loading: str) -> tuple[BudgetRow, ...]:

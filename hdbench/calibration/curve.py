@@ -49,20 +49,6 @@ def loading_loop(
 ) -> Loop | None:
     """Compare unloading with loading at equal torque.
 
-    Parameters
-    ----------
-    up, down : tuple of ndarray
-        Torque, N m, at least 0, and reading, V, of each branch, in the order of the readings.
-    gain : float
-        N m/V of the series.
-    zero_nm : float
-        Torque up to which a reading is one of the zero, N m.
-
-    Returns
-    -------
-    Loop or None
-        None where the branches have no torque in common or nothing was loaded.
-
     Notes
     -----
     Between its readings a branch is a straight line. Both are compared where either has a
@@ -129,18 +115,6 @@ def _shape(
 
 def series_lack_of_fit(torque_nm: FloatArray, deflection_v: FloatArray) -> SeriesLackOfFit | None:
     """Test straightness with one slope for each series.
-
-    Parameters
-    ----------
-    torque_nm : ndarray, shape (m,)
-        Steps, N m, above 0.
-    deflection_v : ndarray, shape (j, m)
-        Deflections of each series, V; series that lack a step are left out.
-
-    Returns
-    -------
-    SeriesLackOfFit or None
-        None for fewer than two steps or no complete series.
 
     Notes
     -----

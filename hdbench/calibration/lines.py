@@ -13,11 +13,11 @@ from hdbench.records.loads import LoadReading
 from hdbench.records.trace import FloatArray
 from hdbench.results.calibration import ExperimentLine, ExperimentStep
 
-__all__ = ["POSITION_RAD", "fit_experiment"]
+__all__ = ["fit_experiment", "position_number"]
 
 # positions closer than this are one position: a sixth of a tooth of 200, above what an encoder at
 # the output or a mark made by hand repeats
-POSITION_RAD = 5e-3
+_POSITION_RAD = 5e-3
 
 # torques of one load step differ by less than this share of the largest torque
 _STEP_SHARE = 1e-6
@@ -27,32 +27,19 @@ _DOUBT_LEVEL = 0.05
 _LARGEST = 1e100
 
 
+def position_number(position_rad: float, places: list[float]) -> int:
+    """Return the number of a position, a new one joins `places`; a full turn is the same."""
+    for number, known in enumerate(places):
+        if abs(math.remainder(position_rad - known, 2.0 * math.pi)) < _POSITION_RAD:
+            return number
+    places.append(position_rad)
+    return len(places) - 1
+
+
 def fit_experiment(
     name: str, readings: Sequence[tuple[int, LoadReading]], *, source: str
 ) -> tuple[ExperimentLine, tuple[ExperimentStep, ...]]:
     """Fit the line of one loading experiment.
-
-    Parameters
-    ----------
-    name : str
-        Identifier of the experiment.
-    readings : sequence of (int, LoadReading)
-        Its readings with their index in the loads; loading and unloading together.
-    source : str
-        Where they came from, for messages.
-
-    Returns
-    -------
-    line : ExperimentLine
-        The line.
-    steps : tuple of ExperimentStep
-        Mean readings per load.
-
-    Raises
-    ------
-    DataError
-        If fewer than three readings or fewer than two distinct voltages are there, if a number
-        is not finite, or if one experiment holds several positions, directions or ranges.
 
     Notes
     -----
@@ -122,7 +109,7 @@ def _check_one_experiment(
     for key in ("position_rad", "direction", "range"):
         values = sorted({str(getattr(r, key)) for _, r in readings})
         if key == "position_rad" and all(
-            abs(math.remainder(r.position_rad - first, 2.0 * math.pi)) < POSITION_RAD
+            abs(math.remainder(r.position_rad - first, 2.0 * math.pi)) < _POSITION_RAD
             for _, r in readings
         ):
             continue

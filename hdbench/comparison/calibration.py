@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from hdbench.calibration.lines import position_number
 from hdbench.comparison.score import Compared, SharedPart, compared
 from hdbench.estimation.harmonics import combine
 from hdbench.records import Quantity
@@ -18,8 +19,6 @@ __all__ = ["compare_calibrations"]
 _GAIN = ("gain_nm_per_v", "torque gain", "N m/V")
 # from three positions on their scatter has two degrees of freedom; one alone has k = 12.7
 _FEWEST_PAIRS = 3
-# angles of one position, as in the evaluation: a sixth of a tooth of 200
-_SAME_POSITION_RAD = 5e-3
 
 
 def compare_calibrations(
@@ -77,22 +76,13 @@ def _shared_rows(
     return shared
 
 
-def _place(position_rad: float, places: list[float]) -> int:
-    """Return the number of a position; a full turn is the same position."""
-    for place, known in enumerate(places):
-        if abs(math.remainder(position_rad - known, 2.0 * math.pi)) < _SAME_POSITION_RAD:
-            return place
-    places.append(position_rad)
-    return len(places) - 1
-
-
 def _position_gains(
     result: CalibrationResult, places: list[float]
 ) -> dict[tuple[int, str, str], float]:
     """Return the mean gain of every position, direction and range; new positions join `places`."""
     groups: dict[tuple[int, str, str], list[float]] = {}
     for line in result.experiments:
-        key = (_place(line.position_rad, places), line.direction, line.range)
+        key = (position_number(line.position_rad, places), line.direction, line.range)
         groups.setdefault(key, []).append(line.gain_nm_per_v)
     return {key: float(np.mean(gains)) for key, gains in groups.items()}
 

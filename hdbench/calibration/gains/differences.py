@@ -45,18 +45,6 @@ def paired_difference(
 ) -> PairedDifference | None:
     """Compare two levels over the pairs that have both.
 
-    Parameters
-    ----------
-    entries : sequence of (hashable, str, float)
-        What the members of a pair share, level, gain in N m/V.
-    first, second : str
-        The two levels.
-
-    Returns
-    -------
-    PairedDifference or None
-        None for fewer than two pairs, or for means that cancel.
-
     Notes
     -----
     Gains of one level of one pair are averaged. ``t = mean / (s / sqrt(n))`` with n - 1 dof: what
@@ -99,16 +87,6 @@ def _two_sided(statistic: float, dof: float) -> float:
 
 def consensus(gains: Sequence[float], stds: Sequence[float]) -> Consensus | None:
     """Weigh gains by their own uncertainties and find what these do not explain.
-
-    Parameters
-    ----------
-    gains, stds : sequence of float
-        Gains and their standard uncertainties, N m/V.
-
-    Returns
-    -------
-    Consensus or None
-        None for fewer than two gains or one without uncertainty.
 
     Notes
     -----
@@ -171,15 +149,6 @@ class DirectionEntry:
 
 def direction_effects(entries: Sequence[DirectionEntry]) -> DirectionEffects:
     """Separate side force from a true difference of the directions, where the data allow it.
-
-    Parameters
-    ----------
-    entries : sequence of DirectionEntry
-        One per experiment.
-
-    Returns
-    -------
-    DirectionEffects
 
     Notes
     -----

@@ -26,20 +26,6 @@ def mixed_fit(
 ) -> MixedModel | None:
     """Fit the mixed model.
 
-    Parameters
-    ----------
-    gains : sequence of float
-        One per experiment, N m/V.
-    positions : sequence of int
-        Number of the position of each experiment.
-    fixed : sequence of sequence of str
-        Levels of the fixed effects of each experiment, such as direction and range.
-
-    Returns
-    -------
-    MixedModel or None
-        None where there are too few experiments for the effects, or fewer than two positions.
-
     Notes
     -----
     ``G = X b + Z p + e`` with p and e normal; the ratio of their variances maximises the
@@ -143,19 +129,6 @@ def plain_mean(
     gains: Sequence[float], positions: Sequence[int], fixed: Sequence[Sequence[str]]
 ) -> Quantity:
     """Return the plain mean of gains with a random effect of the position.
-
-    Parameters
-    ----------
-    gains : sequence of float
-        One per experiment, N m/V.
-    positions : sequence of int
-        Number of the position of each experiment, from 0; at least two.
-    fixed : sequence of sequence of str
-        Levels of the fixed effects of each experiment, such as direction and range.
-
-    Returns
-    -------
-    Quantity
 
     Notes
     -----

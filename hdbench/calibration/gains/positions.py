@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from hdbench.calibration.gains.mixed import plain_mean
-from hdbench.calibration.lines import POSITION_RAD
+from hdbench.calibration.lines import position_number
 from hdbench.records.quantity import Quantity
 from hdbench.results.calibration import ExperimentLine, PositionVariance
 
@@ -17,43 +17,22 @@ __all__ = ["any_one_position", "by_position", "mean_gain", "one_way", "position_
 _UNBALANCED, _REPEATED, _RESIDUAL = "positions-unbalanced", "repetitions", "residual"
 
 
-def by_position(lines: tuple[ExperimentLine, ...]) -> list[list[ExperimentLine]]:
-    """Group experiments by flexspline position; a full turn is the same position."""
-    groups: list[list[ExperimentLine]] = []
-    for line in lines:
-        for group in groups:
-            apart = math.remainder(line.position_rad - group[0].position_rad, 2.0 * math.pi)
-            if abs(apart) < POSITION_RAD:
-                group.append(line)
-                break
-        else:
-            groups.append([line])
-    return groups
-
-
 def position_numbers(lines: tuple[ExperimentLine, ...]) -> tuple[int, ...]:
     """Return the number of the position of each experiment, from 0."""
-    number = {line.id: k for k, group in enumerate(by_position(lines)) for line in group}
-    return tuple(number[line.id] for line in lines)
+    places: list[float] = []
+    return tuple(position_number(line.position_rad, places) for line in lines)
+
+
+def by_position(lines: tuple[ExperimentLine, ...]) -> list[list[ExperimentLine]]:
+    """Group experiments by flexspline position."""
+    groups: dict[int, list[ExperimentLine]] = {}
+    for number, line in zip(position_numbers(lines), lines, strict=True):
+        groups.setdefault(number, []).append(line)
+    return list(groups.values())
 
 
 def mean_gain(lines: tuple[ExperimentLine, ...]) -> tuple[Quantity, str, str]:
     """Return the mean gain with the uncertainty of a mean over flexspline positions.
-
-    Parameters
-    ----------
-    lines : tuple of ExperimentLine
-        At least one experiment.
-
-    Returns
-    -------
-    gain : Quantity
-        Plain mean of the gains, N m/V.
-    basis : str
-        ``positions``, ``positions-unbalanced``; with a single position ``repetitions`` or
-        ``residual``.
-    reason : str
-        One line that says what the uncertainty rests on.
 
     Notes
     -----
@@ -114,16 +93,6 @@ def _one_position(lines: tuple[ExperimentLine, ...], value: float) -> tuple[Quan
 
 def one_way(groups: Sequence[Sequence[float]]) -> PositionVariance | None:
     """Split the scatter of gains into within and between positions.
-
-    Parameters
-    ----------
-    groups : sequence of sequence of float
-        Gains of each position, N m/V.
-
-    Returns
-    -------
-    PositionVariance or None
-        None for fewer than two positions, or no position with two experiments.
 
     Notes
     -----

@@ -30,19 +30,6 @@ _ROUNDING = 1e-12
 def class_limit(name: str, grade: float) -> float:
     """Return the limit of a criterion in a class.
 
-    Parameters
-    ----------
-    name : str
-        Criterion.
-    grade : float
-        Class, one of `CLASSES`.
-
-    Returns
-    -------
-    float
-        Share of the deflection (of that at the largest torque for ``zero``); for ``resolution``
-        the least number of resolution steps in the smallest torque.
-
     References
     ----------
     .. [1] In the manner of EURAMET cg-14 v2.0 (2011) and DIN 51309; not checked against the text.

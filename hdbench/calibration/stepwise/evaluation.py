@@ -22,24 +22,7 @@ __all__ = ["evaluate_group"]
 def evaluate_group(
     group: StepGroup, account: TorqueAccount, resolution_v: float | None
 ) -> tuple[LoadGroup, tuple[LoadStep, ...]]:
-    """Evaluate one group in the manner of EURAMET cg-14.
-
-    Parameters
-    ----------
-    group : StepGroup
-        Series of one direction and range.
-    account : TorqueAccount
-        Uncertainty of the applied torque.
-    resolution_v : float or None
-        Resolution of a reading, V.
-
-    Returns
-    -------
-    group : LoadGroup
-        What holds for all steps.
-    steps : tuple of LoadStep
-        One entry per load.
-    """
+    """Evaluate one group in the manner of EURAMET cg-14."""
     found, torque = step_quantities(group), group.torque_nm
     relative = np.array([account.relative_std_at(float(t)) for t in torque])
     one = case_one(found, torque, relative, resolution_v)

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hdbench.calibration.lines import POSITION_RAD
+from hdbench.calibration.lines import position_number
 from hdbench.calibration.readings import TakenReading
 from hdbench.records.trace import FloatArray
 
@@ -95,20 +95,7 @@ class StepGroup:
 
 
 def step_groups(readings: Sequence[TakenReading], loading: str) -> tuple[StepGroup, ...]:
-    """Order the readings by direction, range, way of loading and arm.
-
-    Parameters
-    ----------
-    readings : sequence of TakenReading
-        Readings, with applied torques.
-    loading : str
-        ``single`` or ``couple``, where a reading does not say.
-
-    Returns
-    -------
-    tuple of StepGroup
-        Full ranges first; groups without a single load are left out.
-    """
+    """Order the readings by direction, range, way of loading and arm."""
     groups: dict[_Key, list[TakenReading]] = {}
     for taken in readings:
         reading, detail = taken.reading, taken.detail
@@ -131,7 +118,7 @@ def _group(key: _Key, members: list[TakenReading]) -> StepGroup | None:
     counts: dict[tuple[int, int | None], int] = {}
     series = []
     for name, own in experiments.items():
-        position = _place(own[0].reading.position_rad, places)
+        position = position_number(own[0].reading.position_rad, places)
         mounting = own[0].detail.mounting
         counted = counts.get((position, mounting), 0)
         counts[position, mounting] = counted + 1
@@ -167,15 +154,6 @@ def _load_grid(experiments: Iterable[list[TakenReading]], zero_nm: float) -> lis
         else:
             steps.append([torque])
     return [s[0] if s[0] == s[-1] else math.fsum(s) / len(s) for s in steps]
-
-
-def _place(position_rad: float, places: list[float]) -> int:
-    """Return the number of a position; a full turn is the same position."""
-    for number, known in enumerate(places):
-        if abs(math.remainder(position_rad - known, 2.0 * math.pi)) < POSITION_RAD:
-            return number
-    places.append(position_rad)
-    return len(places) - 1
 
 
 def _series(

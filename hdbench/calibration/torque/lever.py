@@ -47,25 +47,6 @@ class Conditions:
 def air_density(pressure_hpa: float, humidity_percent: float, temperature_c: float) -> float:
     """Return the density of moist air.
 
-    Parameters
-    ----------
-    pressure_hpa : float
-        Air pressure, hPa, 600 to 1100.
-    humidity_percent : float
-        Relative humidity, %, 0 to 100.
-    temperature_c : float
-        Air temperature, degrees Celsius, 0 to 50.
-
-    Returns
-    -------
-    float
-        Density, kg/m^3; about 2e-4 of it off the full formula near room conditions.
-
-    Raises
-    ------
-    ValueError
-        If a value is out of its domain.
-
     Notes
     -----
     ``rho = (0.34848 p - 0.009 h exp(0.061 t)) / (273.15 + t)``.
@@ -91,20 +72,6 @@ def buoyancy_factors(
     air_kg_m3: float, weight_kg_m3: float, *, conventional: bool
 ) -> tuple[float, float]:
     """Return what turns a stated mass into the mass that presses down in air.
-
-    Parameters
-    ----------
-    air_kg_m3, weight_kg_m3 : float
-        Densities of air and of the weights, kg/m^3.
-    conventional : bool
-        Whether the conventional mass is stated, as on a certificate, or the true one.
-
-    Returns
-    -------
-    to_true : float
-        True mass over stated mass.
-    in_air : float
-        Force in air over the force in vacuum of the true mass.
 
     Notes
     -----
@@ -146,26 +113,6 @@ def applied_torque(
     mass_kg: float, arm: Arm, mass: MassStandard, conditions: Conditions | None = None
 ) -> AppliedTorque:
     """Return the torque of a mass on the arm.
-
-    Parameters
-    ----------
-    mass_kg : float
-        Mass hung on the arm, as stated, kg, at least 0.
-    arm : Arm
-        The arm and where it stands.
-    mass : MassStandard
-        What is known of the weights.
-    conditions : Conditions or None
-        Temperature and air at the reading.
-
-    Returns
-    -------
-    AppliedTorque
-
-    Raises
-    ------
-    ValueError
-        If the mass is negative or not finite.
 
     Notes
     -----

@@ -9,7 +9,7 @@ from hdbench.calibration.torque.lever import AppliedTorque
 from hdbench.profile.calibrating import Arm, MassStandard, Standards, TorqueStandard
 from hdbench.results.calibration import BudgetRow
 
-__all__ = ["given_sources", "torque_sources"]
+__all__ = ["certified_row", "given_sources", "torque_sources"]
 
 # largest permissible errors from 100 g up, share of the mass: OIML R 111-1 (2004), table 1
 _CLASSES = {"E2": 1.6e-6, "F1": 5e-6, "F2": 1.6e-5, "M1": 5e-5, "M2": 1.6e-4, "M3": 5e-4}
@@ -27,21 +27,6 @@ def _mass_limits(mass: MassStandard) -> float | None:
 
 def torque_sources(applied: AppliedTorque, arm: Arm, standards: Standards) -> tuple[BudgetRow, ...]:
     """Return the standard uncertainties of one applied torque, relative to it.
-
-    Parameters
-    ----------
-    applied : AppliedTorque
-        The torque, with the tilt under it.
-    arm : Arm
-        The arm.
-    standards : Standards
-        Certificates and limits.
-
-    Returns
-    -------
-    tuple of BudgetRow
-        One per source, those not declared among them with no size. All of them are common to
-        every reading: they scale the gain as a whole and do not average out.
 
     Notes
     -----
@@ -91,17 +76,20 @@ def torque_sources(applied: AppliedTorque, arm: Arm, standards: Standards) -> tu
 def given_sources(standard: TorqueStandard) -> tuple[BudgetRow, ...]:
     """Return the uncertainty of torques that a reference sensor measured."""
     expanded = standard.relative_expanded_uncertainty
-    return (
-        BudgetRow(
-            name="reference torque",
-            group="applied torque",
-            half_width=expanded,
-            distribution="normal",
-            divisor=2.0,
-            relative_std=0.0 if expanded is None else expanded / 2.0,
-            declared=expanded is not None,
-            origin=standard.certificate,
-        ),
+    return (certified_row("reference torque", "applied torque", expanded, standard.certificate),)
+
+
+def certified_row(name: str, group: str, expanded: float | None, origin: str) -> BudgetRow:
+    """Return the row of a certificate that states a relative expanded uncertainty, k = 2."""
+    return BudgetRow(
+        name=name,
+        group=group,
+        half_width=expanded,
+        distribution="normal",
+        divisor=2.0,
+        relative_std=0.0 if expanded is None else expanded / 2.0,
+        declared=expanded is not None,
+        origin=origin,
     )
 
 
