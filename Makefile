@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test check venv dev coverage-campaign blind bench faults faults-all firmware-check formats import-formats bench-import real docs clean
+.PHONY: demo test check venv dev coverage-campaign blind bench faults faults-all firmware-check formats import-formats bench-import real wheel docs clean
 
 demo: $(VENV)/.installed
 	$(BIN)/hdbench demo
@@ -22,7 +22,7 @@ dev: $(VENV)/.dev
 $(VENV)/bin/python:
 	$(PYTHON) -m venv $(VENV)
 
-$(VENV)/.installed: $(VENV)/bin/python pyproject.toml setup.py $(wildcard hdbench/native/* hdbench/filter/kernel/* hdbench/model/causes/native/*)
+$(VENV)/.installed: $(VENV)/bin/python pyproject.toml setup.py $(wildcard hdbench/filter/kernel/*)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable .
 	touch $@
 
@@ -32,21 +32,21 @@ $(VENV)/.dev: $(VENV)/.installed
 
 # Slow campaigns, on demand; reduced forms are in the tests.
 coverage-campaign: $(VENV)/.dev
-	$(BIN)/python tools/coverage_campaign.py
+	$(BIN)/python tools/coverage.py loop
 
 blind: $(VENV)/.dev
-	$(BIN)/python tools/blind.py --full --processes $$(nproc) --out build/blind
-	$(BIN)/python tools/blind.py --rivals 150 --processes $$(nproc) --out build/blind
-	$(BIN)/python tools/null_campaign.py --records 2100 --processes $$(nproc) --out build/blind
-	$(BIN)/python tools/blind.py --report build/blind --write
+	$(BIN)/python tools/blind --full --processes $$(nproc) --out build/blind
+	$(BIN)/python tools/blind --rivals 150 --processes $$(nproc) --out build/blind
+	$(BIN)/python tools/blind/null.py --records 2100 --processes $$(nproc) --out build/blind
+	$(BIN)/python tools/blind --report build/blind --write
 
 # Break what can be broken: a twentieth of the campaign, and the whole with its table written.
 faults: $(VENV)/.dev
-	OMP_NUM_THREADS=1 $(BIN)/python tools/faults.py --share 0.05
+	OMP_NUM_THREADS=1 $(BIN)/python tools/faults/campaign.py --share 0.05
 
 faults-all: $(VENV)/.dev
-	OMP_NUM_THREADS=1 $(BIN)/python tools/faults.py --share 1 --write docs/reliability.md
-	OMP_NUM_THREADS=1 $(BIN)/python tools/fault_soak.py --hours 8
+	OMP_NUM_THREADS=1 $(BIN)/python tools/faults/campaign.py --share 1 --write docs/reliability.md
+	OMP_NUM_THREADS=1 $(BIN)/python tools/faults/soak.py --hours 8
 
 # The exported filter on this machine and on an emulated Cortex-M4F; says what is missing.
 firmware-check: $(VENV)/.installed
@@ -70,6 +70,15 @@ $(VENV)/.formats: $(VENV)/.dev
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable ".[dev,logs]" mcap netCDF4 polars XlsxWriter
 	touch $@
 
+# Sdist and wheel: built, looked into, installed into a bare environment and used there. `cibuildwheel` builds the
+# wheels of all three systems by [tool.cibuildwheel] of pyproject.toml.
+wheel: $(VENV)/.dev
+	$(BIN)/python tools/wheel.py
+
+$(VENV)/.bench: $(VENV)/.dev
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable ".[dev,bench]"
+	touch $@
+
 # Reading a million rows of each format, beside the library alone.
 bench-import: $(VENV)/.formats
 	$(BIN)/python tools/bench_import.py
@@ -78,8 +87,9 @@ bench-import: $(VENV)/.formats
 real: $(VENV)/.formats
 	OMP_NUM_THREADS=1 $(BIN)/python tools/real.py
 
-bench: $(VENV)/.dev
-	$(BIN)/python tools/bench.py
+# Speed beside the libraries that do the same; the table goes to docs/performance.md.
+bench: $(VENV)/.bench
+	$(BIN)/python tools/bench.py --write docs/performance.md
 	$(BIN)/python tools/bench_plant.py
 	$(BIN)/python tools/bench_index.py
 

@@ -4,8 +4,9 @@ import os
 import subprocess
 import sys
 import tempfile
+from glob import glob
 
-from setuptools import Extension, setup
+from setuptools import Extension, find_packages, setup
 from setuptools.command.build_ext import build_ext
 
 # -ffp-contract=off: the same bits on every processor; -fno-trapping-math: choices become selects
@@ -47,60 +48,31 @@ class Build(build_ext):
         return built and "clang" not in version
 
 
-ARRAYS = "hdbench/native"
 KERNEL = "hdbench/filter/kernel"
-RECURSIONS = "hdbench/model/causes/native/recursions.c"
-FLAGS = {
-    "extra_compile_args": [] if sys.platform == "win32" else GCC_FLAGS,
-    "libraries": [] if sys.platform == "win32" else ["m"],
-    "py_limited_api": True,
-    "optional": True,
-}
+
+
+def extension(name: str, folder: str) -> Extension:
+    """Compile every source in a folder; without a compiler the installation goes on."""
+    return Extension(
+        name,
+        sources=sorted(glob(f"{folder}/*.c")),
+        depends=sorted(glob(f"{folder}/*.h")),
+        include_dirs=[folder],
+        define_macros=[("Py_LIMITED_API", "0x030B0000")],
+        extra_compile_args=[] if sys.platform == "win32" else GCC_FLAGS,
+        libraries=[] if sys.platform == "win32" else ["m"],
+        py_limited_api=True,
+        optional=True,
+    )
+
+
 setup(
     cmdclass={"build_ext": Build},
-    ext_modules=[
-        Extension(
-            "hdbench.filter._kernel",
-            sources=[
-                f"{KERNEL}/{name}.c"
-                for name in ("binding", "filter", "filter_run", "filter_smooth")
-            ],
-            depends=[
-                f"{ARRAYS}/arrays.h",
-                *(
-                    f"{KERNEL}/filter{name}.h"
-                    for name in (
-                        "",
-                        "_dispatch",
-                        "_host",
-                        "_lanes",
-                        "_many",
-                        "_math",
-                        "_motion",
-                        "_one",
-                        "_phase",
-                        "_recurse",
-                        "_rows",
-                        "_rows_move",
-                        "_rows_recurse",
-                        "_rows_report",
-                        "_sincos",
-                        "_triangle",
-                        "_update",
-                    )
-                ),
-            ],
-            include_dirs=[ARRAYS, KERNEL],
-            define_macros=[("Py_LIMITED_API", "0x030B0000")],
-            **FLAGS,
-        ),
-        Extension(
-            "hdbench.model.causes._recursions",
-            sources=[RECURSIONS],
-            depends=[f"{ARRAYS}/arrays.h"],
-            include_dirs=[ARRAYS],
-            define_macros=[("Py_LIMITED_API", "0x030B0000")],
-            **FLAGS,
-        ),
-    ],
+    packages=[*find_packages(include=["hdbench*"]), *find_packages("cli"), "hdbench_profiles"],
+    package_dir={
+        "hdbench": "hdbench",
+        "hdbench_cli": "cli/hdbench_cli",
+        "hdbench_profiles": "profiles",
+    },
+    ext_modules=[extension("hdbench.filter._kernel", KERNEL)],
 )

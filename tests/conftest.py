@@ -4,7 +4,7 @@ A deadline on a shared machine can be missed for no fault of the code: the sched
 time slice to somebody else. What calculates is never tried again; a wrong number stays wrong.
 
 Examples of hypothesis are the same in every run and have no deadline: the suite says whether a
-change is good, looking for new inputs is the work of `tools/fault_inputs.py`.
+change is good, looking for new inputs is the work of `tools/faults/inputs.py`.
 """
 
 from __future__ import annotations

@@ -6,8 +6,8 @@
 single command. `stop` sends Ctrl-C at ten random moments, goes on with --resume, and compares the
 table with that of a batch that nobody stopped. `twice` runs the same batch again. `cluster` takes
 the wall time with one and two workers and with three workers started by hand; the overhead is what
-a worker does not spend in the command itself, and stands beside each. Records are made by
-`null_campaign.clean_record`. Prints one line of JSON each and exits 1 where one does not hold.
+a worker does not spend in the command itself, and stands beside each. Records are those of
+`python tools/blind/null.py`. Prints one line of JSON each and exits 1 where one does not hold.
 """
 
 from __future__ import annotations
@@ -29,7 +29,9 @@ from pathlib import Path
 from typing import Any
 
 import psutil
-from null_campaign import NOISES, clean_record
+
+sys.path.insert(0, str(Path(__file__).parent / "blind"))
+from null import NOISES, clean_record
 
 from hdbench.records import write_trace
 from hdbench_cli.main import _run as run_line

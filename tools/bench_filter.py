@@ -22,8 +22,8 @@ from pathlib import Path
 import numpy as np
 from bench_peers import LONGEST, Work, peers
 
-from hdbench.filter.kalman import batch, new_state, run, smooth
-from hdbench.filter.statespace import StateBlock, StateSpace
+from hdbench.filter import FilterModel, OscillatorBlock
+from hdbench.filter.kalman import batch, new_state, pack, run, smooth
 from hdbench.records import FloatArray
 
 _ROUNDS = 5
@@ -32,11 +32,11 @@ _FEW = 3_000  # samples of the slow forms
 _TRACES = 64
 
 
-def model() -> StateSpace:
-    """Return the report's model of six states, without expected torque."""
+def model() -> FloatArray:
+    """Return the report's model of six states as the kernel reads it, without expected torque."""
     orders = ((2.0, 1000.0), (4.0, 1000.0), (0.01, 0.05))
-    blocks = (StateBlock("oscillator", "ripple", order=o, noise_per_sample=q) for o, q in orders)
-    return StateSpace(tuple(blocks), 1.0, start="listing")
+    blocks = tuple(OscillatorBlock(order, "ripple", q) for order, q in orders)
+    return pack(FilterModel("report-6", blocks, 1.0, 0.0, 1.0, 1.0, use_measured_angle=False))
 
 
 def trace(n: int) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -51,31 +51,31 @@ def trace(n: int) -> tuple[FloatArray, FloatArray, FloatArray]:
 
 def ours(n: int) -> dict[str, tuple[Work, int]]:
     """Return our forms: what to time, and samples per call."""
-    space, (t, v, y) = model(), trace(n)
+    packed, (t, v, y) = model(), trace(n)
     m = max(n // 200, 10)
     columns = [np.repeat(a[:m, None], _TRACES, axis=1) * np.linspace(0.9, 1, 64) for a in (v, y)]
     half = slice(0, max(n // 10, 10))
 
     def steps() -> None:
-        state = new_state(space)
+        state = new_state(packed)
         for k in range(_FEW):
-            run(space, state, t[k : k + 1], v[k : k + 1], y[k : k + 1])
+            run(packed, state, t[k : k + 1], v[k : k + 1], y[k : k + 1])
 
     def numpy_form() -> None:
-        run(space, new_state(space), t[:_FEW], v[:_FEW], y[:_FEW], form="numpy")
+        run(packed, new_state(packed), t[:_FEW], v[:_FEW], y[:_FEW], form="numpy")
 
     return {
-        "run": (lambda: run(space, new_state(space), t, v, y).ripple_nm, n),
+        "run": (lambda: run(packed, new_state(packed), t, v, y).ripple_nm, n),
         f"batch of {_TRACES}": (
-            lambda: batch(space, t[:m], columns[0], columns[1]).torque_filtered_nm,
+            lambda: batch(packed, t[:m], columns[0], columns[1]).torque_filtered_nm,
             m * _TRACES,
         ),
         "smoother": (
-            lambda: smooth(space, t[half], v[half], y[half]).torque_expected_nm,
+            lambda: smooth(packed, t[half], v[half], y[half]).torque_expected_nm,
             half.stop,
         ),
         "one sample per call": (steps, _FEW),
-        "Python form": (numpy_form, _FEW),
+        "NumPy form": (numpy_form, _FEW),
     }
 
 
@@ -134,11 +134,11 @@ def timed(work: dict[str, tuple[Work, int]]) -> dict[str, float]:
 
 def covariance(n: int) -> None:
     """Run `n` samples and print the eigenvalues of P on the way."""
-    space, chunk = model(), 1_000_000
+    packed, chunk = model(), 1_000_000
     t, v, y = trace(chunk)
-    state, size = new_state(space), 6
+    state, size = new_state(packed), 6
     for k in range(max(n // chunk, 1)):
-        run(space, state, t + k * chunk * _PERIOD_S, v, y)
+        run(packed, state, t + k * chunk * _PERIOD_S, v, y)
         p = np.zeros((size, size))
         p[np.tril_indices(size)] = state[-size * (size + 1) // 2 :]
         values = np.linalg.eigvalsh(p + np.tril(p, -1).T)
@@ -176,8 +176,8 @@ def rows(n: int) -> tuple[list[Row], list[str]]:
     single = float_ns(_ROUNDS)
     if single is not None:
         best["float32, as exported"] = single
-    space = model()
-    wanted = run(space, new_state(space), time_s, v, y).ripple_nm
+    packed = model()
+    wanted = run(packed, new_state(packed), time_s, v, y).ripple_nm
     found = []
     for name, value in best.items():
         apart = None
@@ -186,15 +186,15 @@ def rows(n: int) -> tuple[list[Row], list[str]]:
             # the first prediction is reported as 0 by ours: nothing was seen
             apart = float(np.abs(answer[1:] - wanted[1 : answer.size]).max())
         found.append(Row(name, value, value / best["run"], apart))
-    found.append(Row("C against NumPy form", math.nan, math.nan, forms_apart(space, n)))
+    found.append(Row("C against NumPy form", math.nan, math.nan, forms_apart(packed, n)))
     return found, missing
 
 
-def forms_apart(space: StateSpace, n: int) -> float:
-    """Return how far the compiled and the Python form are apart, N m."""
+def forms_apart(packed: FloatArray, n: int) -> float:
+    """Return how far the compiled and the NumPy form are apart, N m."""
     t, v, y = trace(n)
     one, two = (
-        run(space, new_state(space), t, v, y, form=form).torque_filtered_nm
+        run(packed, new_state(packed), t, v, y, form=form).torque_filtered_nm
         for form in ("c", "numpy")
     )
     return float(np.abs(one - two).max())

@@ -119,14 +119,14 @@ FEWER = {"excel": 20, "db3": 10, "mcap": 10, "ros1": 10}
 
 def _ours(path: Path) -> Any:
     """Read every channel as `hdbench import` does before it converts."""
-    from hdbench.importing.isolated import end_reader
-    from hdbench.importing.registry import open_source
+    from hdbench.importing.registry import end_reader, open_source
     from hdbench.importing.text import ForeignFormat
 
     source = open_source(path, ForeignFormat())
     columns: dict[str, list[Any]] = {c.name: [] for c in source.channels}
     for clock in dict.fromkeys(c.clock for c in source.channels):
         names = [c.name for c in source.channels if c.clock == clock]
+        source.rounded = frozenset(names)
         for piece in source.pieces(names):
             for name in names:
                 columns[name].append(np.asarray(piece[name], dtype=np.float64))

@@ -35,7 +35,7 @@ def exported() -> set[int]:
 def public_names() -> Iterator[tuple[str, object]]:
     """Yield the dotted name of every public function and class, and the thing itself."""
     for info in pkgutil.walk_packages(hdbench.__path__, "hdbench."):
-        if info.name.endswith(("__main__", "_kernel", "_recursions")):
+        if info.name.endswith(("__main__", "_kernel")):
             continue
         module = importlib.import_module(info.name)
         for name in getattr(module, "__all__", ()):
@@ -52,6 +52,8 @@ def _has_parameters(thing: object) -> bool:
     if inspect.isclass(thing):
         inherits = issubclass(thing, Exception) and "__init__" not in vars(thing)
         known = issubclass(thing, Enum | BaseModel) or getattr(thing, "_is_protocol", False)
+        # the fields of a result carry their meaning themselves
+        known = known or hasattr(thing, "__pydantic_fields__")
         return not (inherits or known)
     return inspect.isfunction(thing)
 

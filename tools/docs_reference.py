@@ -1,17 +1,20 @@
-"""Write the reference pages of the documentation out of the code: commands, profile, results.
+"""Reference pages of the documentation, made from the code: commands, profile, results, registers.
 
-`python tools/docs_reference.py --write` writes docs/reference/*.md; without it the command says
-which page is not what the code says now, and exits 1.
+`python tools/docs_reference.py --write` writes docs/reference/ (or another folder); without it the
+command says whether the one page that is kept in the project, profile.md, is what the code says,
+and exits 1 where it is not. The other pages are made when the site is built.
 """
 
 from __future__ import annotations
 
 import argparse
 import inspect
+import json
 import re
 import sys
 import types
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any, Union, get_args, get_origin
 
@@ -268,7 +271,7 @@ def code_words(kind: Any) -> str:
 
 def results_page() -> str:
     """Return the page of result keys."""
-    from hdbench.regression.resultkeys import KINDS, keys_of
+    from hdbench.results.reference import KINDS, keys_of
 
     parts = [
         MADE + "# Result keys\n",
@@ -276,7 +279,9 @@ def results_page() -> str:
         "misalignment and a ripple every key is listed, also inside tables (`name.key`) and the "
         "entries of lists (`name[].key`); of the others those of the top level. *uncertain* is an "
         "object `value`, `std` (standard uncertainty), `dof` (degrees of freedom or null). A unit "
-        "stands in the name or in the column. No result holds NaN or an infinity.\n",
+        "stands in the name or in the column. No result holds NaN or an infinity. JSON schemas: "
+        "[calibration](calibration.schema.json), [misalignment](misalignment.schema.json), "
+        "[ripple](ripple.schema.json).\n",
     ]
     for kind in KINDS:
         rows = ["| key | type | unit | meaning |", "|---|---|---|---|"]
@@ -286,6 +291,13 @@ def results_page() -> str:
         ]
         parts.append(f"## {kind}\n\n" + "\n".join(rows) + "\n")
     return "\n".join(parts)
+
+
+def schema_file(kind: str) -> str:
+    """Return the JSON schema of one kind of result."""
+    from hdbench.results.reference import json_schema
+
+    return json.dumps(json_schema(kind), indent=1)
 
 
 # -- registers ------------------------------------------------------------------------------------
@@ -317,27 +329,40 @@ PAGES = {
     "profile.md": profile_page,
     "exit-codes.md": exit_page,
     "results.md": results_page,
+    **{
+        f"{kind}.schema.json": partial(schema_file, kind)
+        for kind in ("calibration", "misalignment", "ripple")
+    },
     "registers.md": registers_page,
 }
 
 
+# kept in the project: read where there is no site; the others are made with it
+KEPT = "profile.md"
+
+
 def main() -> int:
-    """Write the pages, or say which one is stale."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--write", action="store_true", help="write the pages")
-    write = parser.parse_args().write
-    stale = []
-    for name, make in PAGES.items():
-        text = make().rstrip("\n") + "\n"
-        page = FOLDER / name
-        if write:
-            FOLDER.mkdir(parents=True, exist_ok=True)
-            page.write_text(text, encoding="utf-8")
-        elif not page.is_file() or page.read_text(encoding="utf-8") != text:
-            stale.append(str(page.relative_to(ROOT)))
-    for name in stale:
-        print(f"{name} is not what the code says; run: python tools/docs_reference.py --write")
-    return 1 if stale else 0
+    """Write the pages, or say that the kept one is stale."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument(
+        "--write", metavar="FOLDER", nargs="?", type=Path, const=FOLDER, help="write the pages"
+    )
+    folder = parser.parse_args().write
+    if folder is None:
+        page = FOLDER / KEPT
+        if page.is_file() and page.read_text(encoding="utf-8") == text_of(KEPT):
+            return 0
+        print(f"{page} is not what the code says; run: python tools/docs_reference.py --write")
+        return 1
+    folder.mkdir(parents=True, exist_ok=True)
+    for name in PAGES:
+        (folder / name).write_text(text_of(name), encoding="utf-8")
+    return 0
+
+
+def text_of(name: str) -> str:
+    """Return the text of one page."""
+    return PAGES[name]().rstrip("\n") + "\n"
 
 
 if __name__ == "__main__":

@@ -59,8 +59,8 @@ def mutated(raw: bytes, chance: random.Random) -> bytes:
 def _import(form: str, file: Path, out: Path) -> str:
     """Import one file as the command does; return how it ended."""
     from hdbench.errors import HdbenchError
+    from hdbench.importing.importer import import_files
     from hdbench.importing.listing import list_channels
-    from hdbench.importing.plan import import_files
     from hdbench.importing.recipe import Recipe
     from hdbench.importing.registry import open_source
 
@@ -73,7 +73,7 @@ def _import(form: str, file: Path, out: Path) -> str:
             list_channels(source)
         finally:
             source.close()
-        import_files(recipe.plan(100.0), [file], out)
+        import_files(recipe, [file], out, gear_ratio=100.0)
     except HdbenchError as error:
         if error.exit_code not in (2, 4):
             return f"exit {error.exit_code}: {error.what}"
@@ -97,7 +97,7 @@ def _alarm(*_: object) -> None:
 
 
 def _campaign(form: str, files: int, seed: int, kept: str, results: Any) -> None:
-    from hdbench.importing.isolated import end_reader
+    from hdbench.importing.registry import end_reader
 
     warnings.simplefilter("ignore")
     chance = random.Random(f"{form} {seed}")

@@ -11,8 +11,6 @@ from pathlib import Path
 from hdbench.errors import nothing_stored
 from hdbench.records.storage import sha256_file, storage_error
 
-__all__ = ["Content", "Stamps", "content_of", "stamps_of"]
-
 Stamps = dict[str, list[int]]
 """Size, byte, and time of change, ns, of every file by its name in the input."""
 

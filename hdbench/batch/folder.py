@@ -20,11 +20,9 @@ from typing import Any, BinaryIO
 from hdbench.batch.fingerprint import stamps_of
 from hdbench.batch.inputs import Input
 from hdbench.errors import BusyError, DataError, UsageError
-from hdbench.records.parquetfile import require_parquet
 from hdbench.records.storage import storage_error, write_atomic
+from hdbench.records.tables import require_parquet
 from hdbench.system.files import lock_file
-
-__all__ = ["BatchFolder", "read_table", "summary_of"]
 
 # the same content fails or passes in the same way; anything else is worth another try
 _LASTING = (0, 2, 3, 4, 6)

@@ -11,8 +11,6 @@ from pathlib import Path
 from hdbench.errors import DataError, HdbenchError, UsageError
 from hdbench.records.jsonfile import read_json
 
-__all__ = ["Input", "expand_inputs"]
-
 _LIST_COLUMNS = ("input", "profile", "calibration", "drive")
 _DATA_SUFFIXES = (".csv", ".csv.gz", ".parquet")
 # the head of a list is short; what is longer is a log

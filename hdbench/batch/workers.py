@@ -17,8 +17,6 @@ from typing import Any
 from hdbench.errors import DeviceError, UsageError
 from hdbench.system.processes import kill, undisturbed
 
-__all__ = ["Outcome", "Workers", "run_tasks"]
-
 # so long without a single worker, s, nobody will come: a loaded computer starts one in 30
 _WITHOUT_WORKERS_S = 120.0
 _LOOK_S = 0.5

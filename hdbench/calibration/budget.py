@@ -1,95 +1,44 @@
-"""A budget of relative standard uncertainties and what it adds up to."""
+"""Budget of the mean gain: sources of uncertainty, and what they add up to."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
 
-__all__ = ["BudgetRow", "ExpandedUncertainty", "budget_dicts", "combined", "expanded_uncertainty"]
+import numpy as np
+
+from hdbench.calibration.gains.positions import any_one_position, by_position
+from hdbench.calibration.torque.sources import certified_row
+from hdbench.profile.schema import ProfileData
+from hdbench.records.quantity import Quantity
+from hdbench.results.calibration import BudgetRow, ExpandedGain, ExperimentLine, PositionVariance
+
+__all__ = [
+    "ExpandedUncertainty",
+    "combined",
+    "expanded_any_one",
+    "expanded_gain",
+    "expanded_naive",
+    "expanded_of",
+    "expanded_uncertainty",
+    "gain_rows",
+    "relative_std",
+    "with_shares",
+]
 
 # dof above which Student's t is the normal distribution to four digits of k
 _MANY_DOF = 1e6
 
 
 @dataclass(frozen=True, slots=True)
-class BudgetRow:
-    """One source of uncertainty.
-
-    Parameters
-    ----------
-    name : str
-        The source.
-    group : str
-        What it belongs to, such as ``applied torque``.
-    half_width : float or None
-        Limits +-, or the standard uncertainty where the distribution is ``normal`` or ``t``;
-        in `unit`. None: not declared.
-    unit : str
-        Its unit; ``1`` for a share.
-    distribution : str
-        ``rectangular``, ``normal``, ``t`` or ``in full``.
-    divisor : float
-        Half width over standard uncertainty.
-    sensitivity : float
-        Relative change of the gain per unit.
-    relative_std : float
-        Its part of the relative standard uncertainty of the gain.
-    dof : float or None
-        Degrees of freedom; None: known.
-    declared : bool
-        Whether it has a size; a row without one counts as nothing and says so.
-    origin : str
-        Certificate or formula; empty: not declared.
-    """
-
-    name: str
-    group: str
-    half_width: float | None
-    unit: str
-    distribution: str
-    divisor: float
-    sensitivity: float
-    relative_std: float
-    dof: float | None
-    declared: bool
-    origin: str = ""
-
-
-@dataclass(frozen=True, slots=True)
 class ExpandedUncertainty:
-    """A standard uncertainty, its degrees of freedom, and the interval they make.
-
-    Parameters
-    ----------
-    std : float
-        Standard uncertainty.
-    dof : float or None
-        Effective degrees of freedom; None where known.
-    coverage_factor : float
-        k of 95 % coverage for these degrees of freedom.
-    expanded : float
-        k times std.
-    """
+    """A standard uncertainty, its degrees of freedom, and the 95 % interval they make."""
 
     std: float
     dof: float | None
     coverage_factor: float
     expanded: float
-
-    def to_dict(self, value: float, unit: str) -> dict[str, object]:
-        """Return it beside the value it belongs to, as results store it."""
-        return {
-            "value": value,
-            "unit": unit,
-            "std": self.std,
-            "dof": self.dof,
-            "coverage_factor": self.coverage_factor,
-            "coverage_probability": 0.95,
-            "expanded": self.expanded,
-            "expanded_relative": self.expanded / abs(value) if value else None,
-        }
 
 
 def expanded_uncertainty(
@@ -111,6 +60,20 @@ def expanded_uncertainty(
     return ExpandedUncertainty(std, dof, k, k * std)
 
 
+def expanded_gain(value: float, found: ExpandedUncertainty | None) -> ExpandedGain | None:
+    """Return an expanded uncertainty beside the gain that it belongs to."""
+    if found is None:
+        return None
+    return ExpandedGain(
+        value=value,
+        std=found.std,
+        dof=found.dof,
+        coverage_factor=found.coverage_factor,
+        expanded=found.expanded,
+        expanded_relative=found.expanded / abs(value) if value else None,
+    )
+
+
 def combined(parts: Sequence[tuple[float, float | None]]) -> tuple[float, float | None]:
     """Return root sum of squares and effective degrees of freedom.
 
@@ -123,23 +86,105 @@ def combined(parts: Sequence[tuple[float, float | None]]) -> tuple[float, float 
     return math.sqrt(variance), variance**2 / loss if loss > 0.0 else None
 
 
-def budget_dicts(rows: Sequence[BudgetRow]) -> list[dict[str, Any]]:
-    """Return the rows as results store them, with the share of each in the variance."""
+def relative_std(rows: Sequence[BudgetRow]) -> float:
+    """Return the root sum of squares of a budget."""
+    return math.sqrt(math.fsum(row.relative_std**2 for row in rows))
+
+
+def with_shares(rows: Sequence[BudgetRow]) -> tuple[BudgetRow, ...]:
+    """Return the rows with the share of each in the variance."""
     total = math.fsum(row.relative_std**2 for row in rows)
-    return [
-        {
-            "name": row.name,
-            "group": row.group,
-            "half_width": row.half_width,
-            "unit": row.unit,
-            "distribution": row.distribution,
-            "divisor": row.divisor,
-            "sensitivity": row.sensitivity,
-            "relative_std": row.relative_std,
-            "dof": row.dof,
-            "share": row.relative_std**2 / total if total > 0.0 else 0.0,
-            "declared": row.declared,
-            "origin": row.origin or "not declared",
-        }
+    return tuple(
+        replace(
+            row,
+            share=row.relative_std**2 / total if total > 0.0 else 0.0,
+            origin=row.origin or "not declared",
+        )
         for row in rows
-    ]
+    )
+
+
+def gain_rows(
+    gain: Quantity,
+    lines: tuple[ExperimentLine, ...],
+    torque_rows: tuple[BudgetRow, ...],
+    bench: ProfileData | None,
+) -> tuple[BudgetRow, ...]:
+    """Return the budget of the mean gain."""
+    relative, n = gain.std / abs(gain.value), len(lines)
+    scatter = BudgetRow(
+        name="scatter of the gain",
+        group="gain",
+        half_width=relative,
+        distribution="t",
+        relative_std=relative,
+        dof=gain.dof,
+        declared=True,
+        origin=f"{n} experiments" if n > 1 else "residuals of one line",
+    )
+    loading = "single" if bench is None else bench.arm.loading
+    return (scatter, *torque_rows, *_instrument(bench), *_side_force(lines, loading))
+
+
+def _instrument(bench: ProfileData | None) -> tuple[BudgetRow, ...]:
+    if bench is None:
+        return ()
+    stated = bench.standards.instrument
+    origin = stated.certificate or stated.identity
+    expanded = stated.relative_expanded_uncertainty
+    return (certified_row("reading of the bridge", "instrument", expanded, origin),)
+
+
+def _side_force(lines: tuple[ExperimentLine, ...], loading: str) -> tuple[BudgetRow, ...]:
+    """Return a row without size where one direction alone leaves the side force in the gain."""
+    if loading == "couple" or len({line.direction for line in lines}) > 1:
+        return ()
+    return (
+        BudgetRow(
+            name="side force, one direction only",
+            group="gain",
+            half_width=None,
+            distribution="rectangular",
+            relative_std=0.0,
+            declared=False,
+        ),
+    )
+
+
+def expanded_of(value: float, rows: Sequence[BudgetRow]) -> ExpandedUncertainty:
+    """Return the expanded uncertainty of the gain averaged over positions."""
+    sized = [row for row in rows if row.relative_std > 0.0]
+    if not sized:
+        return expanded_uncertainty(0.0, rows[0].dof)
+    if len(sized) == 1:
+        return expanded_uncertainty(sized[0].relative_std * abs(value), sized[0].dof)
+    return expanded_uncertainty(*combined([(r.relative_std * abs(value), r.dof) for r in sized]))
+
+
+def expanded_any_one(
+    value: float,
+    positions: PositionVariance | None,
+    lines: tuple[ExperimentLine, ...],
+    rows: Sequence[BudgetRow],
+) -> ExpandedUncertainty | None:
+    """Return the expanded uncertainty of the gain at any one position."""
+    n_positions = len(by_position(lines))
+    if n_positions < 2:
+        return None
+    if positions is None:
+        # one experiment at each position: the next one differs from their mean by this
+        gains = [line.gain_nm_per_v for line in lines]
+        own = float(np.std(gains, ddof=1)) * math.sqrt(1.0 + 1.0 / n_positions)
+        parts: list[tuple[float, float | None]] = [(own, float(n_positions - 1))]
+    else:
+        parts = [any_one_position(positions)]
+    parts += [(row.relative_std * abs(value), row.dof) for row in rows[1:] if row.relative_std > 0]
+    return expanded_uncertainty(*combined(parts))
+
+
+def expanded_naive(gains: Sequence[float]) -> ExpandedUncertainty | None:
+    """Return the expanded uncertainty as if every experiment were independent."""
+    if len(gains) < 2:
+        return None
+    std = float(np.std(gains, ddof=1)) / math.sqrt(len(gains))
+    return expanded_uncertainty(std, float(len(gains) - 1))

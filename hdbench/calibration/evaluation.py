@@ -1,38 +1,69 @@
-"""Calibration by the report's method: a line per experiment, mean gain, consistency."""
+"""Calibration by the report's method, and the metrological evaluation beside it."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
-from hdbench.calibration.acceptance import Acceptance, LimitTest, decide
-from hdbench.calibration.limits import limit_tests
-from hdbench.calibration.lines import ExperimentLine, fit_experiment
-from hdbench.calibration.metrology import Metrology, evaluate_metrology
-from hdbench.calibration.montecarlo import MonteCarlo, propagate
-from hdbench.calibration.readings import TakenReading, taken_readings
-from hdbench.calibration.remarks import doubts_of, notes_of
-from hdbench.calibration.result import CalibrationResult
-from hdbench.calibration.statistics import (
+from hdbench.calibration.acceptance import decide, limit_tests
+from hdbench.calibration.budget import (
+    expanded_any_one,
+    expanded_gain,
+    expanded_naive,
+    expanded_of,
+    gain_rows,
+    with_shares,
+)
+from hdbench.calibration.course import course_of, sequence_deviations, shunt_record
+from hdbench.calibration.curve import loading_loops
+from hdbench.calibration.gains.consistency import (
     consistency_interval,
-    mean_gain,
     shared_dof,
     vangel_interval,
 )
+from hdbench.calibration.gains.differences import (
+    consensus,
+    direction_effects,
+    direction_entries,
+    paired_difference,
+    side_force,
+)
+from hdbench.calibration.gains.mixed import mixed_fit
+from hdbench.calibration.gains.outliers import GainOutlier, gain_outliers
+from hdbench.calibration.gains.positions import by_position, mean_gain, one_way, position_numbers
+from hdbench.calibration.lines import fit_experiment
+from hdbench.calibration.montecarlo import propagate
+from hdbench.calibration.readings import TakenReading, reading_resolution, taken_readings
+from hdbench.calibration.remarks import doubts_of, notes_of
+from hdbench.calibration.stepwise.classes import overall_class
+from hdbench.calibration.stepwise.evaluation import evaluate_group
+from hdbench.calibration.stepwise.oddreadings import odd_readings
+from hdbench.calibration.stepwise.series import step_groups
 from hdbench.calibration.torque.applied import TorqueAccount, apply_torque
 from hdbench.errors import DataError
 from hdbench.profile.schema import ProfileData
 from hdbench.records.loads import LoadReading, Loads
 from hdbench.records.quantity import Quantity
+from hdbench.results.calibration import (
+    ArmRecord,
+    CalibrationResult,
+    ExperimentLine,
+    ExperimentStep,
+    GainUncertainty,
+    IdentityRecord,
+    LimitTest,
+    Outlier,
+    PairedDifference,
+    StandardsRecord,
+)
 
 __all__ = ["evaluate_calibration"]
 
 # an uncertainty below this share of the gain is rounding: trials cannot show it
 _ROUNDING = 1e-12
-
-_Interval = tuple[float, float] | None
-_Spread = tuple[float | None, _Interval, _Interval, tuple[float, float | None] | None]
+_METHOD = "in the manner of EURAMET cg-14, indicative, not checked against its text"
 
 
 def evaluate_calibration(
@@ -80,31 +111,76 @@ def evaluate_calibration(
     if bench is not None:
         everything, account = apply_torque(everything, bench)
     readings = tuple(t for t in everything if t.detail.kind == "reading")
-    lines = _lines(readings, loads.source)
+    lines, steps = _lines(readings, loads.source)
     scatter, basis, reason = mean_gain(lines)
     _check_sign(scatter.value, loads.source)
-    found = evaluate_metrology(readings, lines, scatter, account, bench)
-    gain = Quantity(scatter.value, found.mean.std, found.mean.dof)
-    consistency, interval, shared, vangel = _consistency(lines, gain.value)
+    value, gains, places = scatter.value, [x.gain_nm_per_v for x in lines], position_numbers(lines)
+    rows = gain_rows(scatter, lines, account.rows, bench)
+    mean = expanded_of(value, rows)
+    positions = one_way([[x.gain_nm_per_v for x in group] for group in by_position(lines)])
+    grouped = step_groups(readings, "single" if bench is None else bench.arm.loading)
+    resolution = reading_resolution(readings, bench)
+    groups = [evaluate_group(group, account, resolution) for group in grouped]
+    grade = overall_class([group for group, _ in groups])
+    loops, direction = loading_loops(readings, lines), _paired(lines, places, "cw", "ccw")
+    spread = _consistency(lines, value)
+    rule, tests = "simple", [_consistency_test(spread, max_consistency)]
+    if bench is not None:
+        limits, rule = bench.calibration.limits, bench.calibration.limits.decision_rule
+        expanded, summaries = mean.expanded / abs(value), [group for group, _ in groups]
+        tests += limit_tests(expanded, summaries, list(loops.values()), direction, limits)
+    accepted, acceptance = decide(tests, rule)
+    monte_carlo = None
+    if monte_carlo_seed is not None and mean.std > _ROUNDING * abs(value):
+        monte_carlo = propagate(value, rows, (mean.std, mean.expanded), seed=monte_carlo_seed)
+    sequence = tuple(loads.metadata.get("sequence", ()))
+    course = course_of(everything, sequence)
+    shunt = None if bench is None else bench.calibration.shunt
     return CalibrationResult(
-        gain_nm_per_v=gain,
+        gain_nm_per_v=Quantity(value, mean.std, mean.dof),
         gain_basis=basis,
         gain_basis_reason=reason,
-        consistency=consistency,
-        consistency_interval=interval,
-        consistency_interval_positions=shared,
-        consistency_interval_vangel=vangel,
+        **spread,
         max_consistency=max_consistency,
-        acceptance=_acceptance(found, gain.value, (consistency, interval, max_consistency), bench),
+        n_experiments=len(lines),
+        accepted=accepted,
+        acceptance=acceptance,
         experiments=lines,
+        method=_METHOD,
+        steps=tuple(step for _, own in groups for step in own),
+        grade=grade.value,
+        class_reason=f"{_METHOD}; {grade.reason}",
+        groups=tuple(group for group, _ in groups),
+        uncertainty=GainUncertainty(
+            mean_of_positions=expanded_gain(value, mean),
+            any_one_position=expanded_gain(value, expanded_any_one(value, positions, lines, rows)),
+            naive=expanded_gain(value, expanded_naive(gains)),
+        ),
+        positions=positions,
+        mixed_model=mixed_fit(gains, places, [(x.direction, x.range) for x in lines]),
+        direction=direction,
+        direction_effects=direction_effects(direction_entries(readings, lines, bench)),
+        ranges=_paired(lines, places, "low", "full"),
+        consensus=consensus(gains, [x.gain_std_nm_per_v or 0.0 for x in lines]),
+        hysteresis=loops,
+        outliers=(
+            *(_outlier(found, lines) for found in gain_outliers(gains, places)),
+            *(reading for group in grouped for reading in odd_readings(group)),
+        ),
+        torque=account.record(),
+        side_force=side_force(account.largest, direction, None if bench is None else bench.arm),
+        budget=with_shares(rows),
+        experiment_steps=steps,
+        monte_carlo=monte_carlo,
+        course=course,
+        shunt=shunt_record(everything, sequence, shunt, value),
+        deviations=sequence_deviations(groups, course.n_preloads),
+        **_declared(bench),
+        sequence=sequence,
+        readings=tuple(taken.record() for taken in everything),
         flags=doubts_of(lines),
         notes=notes_of(lines, everything, account, (basis, reason)),
         n_samples=len(readings),
-        metrology=found,
-        monte_carlo=_trials(gain, found, monte_carlo_seed),
-        readings=everything,
-        bench=bench,
-        sequence=tuple(loads.metadata.get("sequence", ())),
     )
 
 
@@ -117,21 +193,10 @@ def _check_sign(gain: float, source: str) -> None:
         )
 
 
-def _consistency(lines: tuple[ExperimentLine, ...], gain: float) -> _Spread:
-    """Return the consistency and its intervals; None for one experiment."""
-    if len(lines) < 2:
-        return None, None, None, None
-    gains = np.array([line.gain_nm_per_v.value for line in lines])
-    consistency = float(np.std(gains, ddof=1)) / abs(gain)
-    return (
-        consistency,
-        consistency_interval(consistency, len(lines) - 1),
-        consistency_interval(consistency, shared_dof(lines)),
-        vangel_interval(consistency, len(lines) - 1),
-    )
-
-
-def _lines(readings: Sequence[TakenReading], source: str) -> tuple[ExperimentLine, ...]:
+def _lines(
+    readings: Sequence[TakenReading], source: str
+) -> tuple[tuple[ExperimentLine, ...], tuple[ExperimentStep, ...]]:
+    """Return the line of each experiment, and the steps of all."""
     groups: dict[str, list[tuple[int, LoadReading]]] = {}
     for taken in readings:
         groups.setdefault(taken.reading.experiment, []).append((taken.index, taken.reading))
@@ -141,25 +206,74 @@ def _lines(readings: Sequence[TakenReading], source: str) -> tuple[ExperimentLin
             where=source,
             fix="give a loads file with readings",
         )
-    return tuple(fit_experiment(name, group, source=source) for name, group in groups.items())
+    found = [fit_experiment(name, group, source=source) for name, group in groups.items()]
+    return tuple(line for line, _ in found), tuple(step for _, own in found for step in own)
 
 
-def _trials(gain: Quantity, found: Metrology, seed: int | None) -> MonteCarlo | None:
-    if seed is None or not found.mean.std > _ROUNDING * abs(gain.value):
-        return None
-    formula = (found.mean.std, found.mean.expanded)
-    return propagate(gain.value, found.rows, formula, seed=seed)
+def _consistency(lines: tuple[ExperimentLine, ...], gain: float) -> dict[str, Any]:
+    """Return the consistency and its intervals; None for one experiment."""
+    if len(lines) < 2:
+        return {"consistency": None}
+    gains = np.array([line.gain_nm_per_v for line in lines])
+    consistency, dof = float(np.std(gains, ddof=1)) / abs(gain), len(lines) - 1
+    return {
+        "consistency": consistency,
+        "consistency_interval": consistency_interval(consistency, dof),
+        "consistency_interval_positions": consistency_interval(consistency, shared_dof(lines)),
+        "consistency_interval_vangel": vangel_interval(consistency, dof),
+    }
 
 
-def _acceptance(
-    found: Metrology,
-    gain: float,
-    consistency: tuple[float | None, tuple[float, float] | None, float],
-    bench: ProfileData | None,
-) -> Acceptance:
-    limits = None if bench is None else bench.calibration.limits
-    value, interval, limit = consistency
-    upper = None if interval is None else interval[1]
-    first = LimitTest("consistency", value, limit, upper)
-    tests = limit_tests(found, gain, first, limits)
-    return decide(tests, "simple" if limits is None else limits.decision_rule)
+def _consistency_test(spread: dict[str, Any], limit: float) -> LimitTest:
+    interval = spread.get("consistency_interval")
+    return LimitTest(
+        name="consistency",
+        value=spread["consistency"],
+        limit=limit,
+        upper=None if interval is None else interval[1],
+    )
+
+
+def _paired(
+    lines: tuple[ExperimentLine, ...], places: Sequence[int], first: str, second: str
+) -> PairedDifference | None:
+    """Compare directions or ranges over the pairs that share position and the other of both."""
+    entries = []
+    for place, line in zip(places, lines, strict=True):
+        shared, level = line.range, line.direction
+        if first == "low":
+            shared, level = level, shared
+        entries.append(((place, shared), level, line.gain_nm_per_v))
+    return paired_difference(entries, first, second)
+
+
+def _outlier(found: GainOutlier, lines: tuple[ExperimentLine, ...]) -> Outlier:
+    own = [lines[place] for place in found.places]
+    return Outlier(
+        kind=found.kind,
+        experiment=", ".join(line.id for line in own),
+        position_rad=own[0].position_rad,
+        statistic=found.statistic,
+        limit=found.limit,
+    )
+
+
+def _declared(bench: ProfileData | None) -> dict[str, Any]:
+    """Return what the profile declares: standards, identity, arm, validity."""
+    if bench is None:
+        return {}
+    sensor, drive = bench.sensor, bench.drive
+    return {
+        "standards": StandardsRecord.from_json(bench.standards.model_dump(), "standards"),
+        "identity": IdentityRecord(
+            **bench.identity.model_dump(),
+            excitation_v=sensor.excitation_v,
+            amplifier_gain=sensor.amplifier_gain,
+            gauge_factor=sensor.gauge_factor,
+            gear_ratio=drive.gear_ratio,
+            rated_torque_nm=drive.rated_torque_nm,
+        ),
+        "arm": ArmRecord(**bench.arm.model_dump()),
+        "validity_days": bench.calibration.validity_days,
+        "average_s": bench.calibration.average_s,
+    }

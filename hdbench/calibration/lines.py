@@ -4,115 +4,42 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
-from hdbench.calibration.steps import LoadStep, load_steps
 from hdbench.errors import DataError
 from hdbench.estimation.regression import LinearFit, ordinary_fit
 from hdbench.records.loads import LoadReading
-from hdbench.records.quantity import Quantity
 from hdbench.records.trace import FloatArray
+from hdbench.results.calibration import ExperimentLine, ExperimentStep
 
-__all__ = ["POSITION_RAD", "ExperimentLine", "fit_experiment"]
+__all__ = ["fit_experiment", "position_number"]
 
 # positions closer than this are one position: a sixth of a tooth of 200, above what an encoder at
 # the output or a mark made by hand repeats
-POSITION_RAD = 5e-3
+_POSITION_RAD = 5e-3
 
+# torques of one load step differ by less than this share of the largest torque
+_STEP_SHARE = 1e-6
 # chance that one experiment without a bad reading shows a doubtful one
 _DOUBT_LEVEL = 0.05
 # squares of larger numbers leave the range of a double; no torque or voltage comes near
 _LARGEST = 1e100
 
 
-@dataclass(frozen=True, slots=True)
-class ExperimentLine:
-    """Torque on voltage for one loading experiment.
-
-    Parameters
-    ----------
-    id : str
-        Identifier of the experiment.
-    position_rad : float
-        Flexspline position, rad.
-    direction, range : str
-        ``cw`` or ``ccw``; ``low`` or ``full``.
-    gain_nm_per_v : Quantity
-        Slope, N m/V.
-    intercept_nm : Quantity
-        Torque at zero volts, N m.
-    zero_v : float
-        Reading at zero torque by the line, V.
-    residual_rms_nm : float
-        Root mean square of the residuals, N m.
-    hysteresis_nm : float or None
-        Largest difference of unloading and loading at one step, N m.
-    n : int
-        Readings.
-    doubtful : tuple of int
-        Indices, in the loads, of readings that stand off the line; marked, not removed.
-    steps : tuple of LoadStep
-        Mean readings per load.
-    """
-
-    id: str
-    position_rad: float
-    direction: str
-    range: str
-    gain_nm_per_v: Quantity
-    intercept_nm: Quantity
-    zero_v: float
-    residual_rms_nm: float
-    hysteresis_nm: float | None
-    n: int
-    doubtful: tuple[int, ...]
-    steps: tuple[LoadStep, ...]
-
-    def to_dict(self) -> dict[str, object]:
-        """Return the line as results store it; the gain is a plain number, its std beside it."""
-        return {
-            "id": self.id,
-            "position_rad": self.position_rad,
-            "direction": self.direction,
-            "range": self.range,
-            "gain_nm_per_v": self.gain_nm_per_v.value,
-            "gain_std_nm_per_v": self.gain_nm_per_v.std,
-            "gain_dof": self.gain_nm_per_v.dof,
-            "intercept_nm": self.intercept_nm.value,
-            "intercept_std_nm": self.intercept_nm.std,
-            "zero_v": self.zero_v,
-            "residual_rms_nm": self.residual_rms_nm,
-            "hysteresis_nm": self.hysteresis_nm,
-            "n": self.n,
-            "doubtful": list(self.doubtful),
-        }
+def position_number(position_rad: float, places: list[float]) -> int:
+    """Return the number of a position, a new one joins `places`; a full turn is the same."""
+    for number, known in enumerate(places):
+        if abs(math.remainder(position_rad - known, 2.0 * math.pi)) < _POSITION_RAD:
+            return number
+    places.append(position_rad)
+    return len(places) - 1
 
 
 def fit_experiment(
     name: str, readings: Sequence[tuple[int, LoadReading]], *, source: str
-) -> ExperimentLine:
+) -> tuple[ExperimentLine, tuple[ExperimentStep, ...]]:
     """Fit the line of one loading experiment.
-
-    Parameters
-    ----------
-    name : str
-        Identifier of the experiment.
-    readings : sequence of (int, LoadReading)
-        Its readings with their index in the loads; loading and unloading together.
-    source : str
-        Where they came from, for messages.
-
-    Returns
-    -------
-    ExperimentLine
-
-    Raises
-    ------
-    DataError
-        If fewer than three readings or fewer than two distinct voltages are there, if a number
-        is not finite, or if one experiment holds several positions, directions or ranges.
 
     Notes
     -----
@@ -124,24 +51,27 @@ def fit_experiment(
     volts = np.array([r.reading_v for _, r in readings])
     torque = np.array([r.torque_nm for _, r in readings])
     fit = _fit_line(name, volts, torque, source)
-    gain = fit.quantity(0)
-    steps = load_steps([r for _, r in readings], gain.value, fit.coefficients[1])
+    gain, intercept = fit.quantity(0), fit.quantity(1)
+    steps = _steps([r for _, r in readings], gain.value, float(fit.coefficients[1]))
     widths = [abs(s.hysteresis_v * gain.value) for s in steps if s.hysteresis_v is not None]
     first = readings[0][1]
-    return ExperimentLine(
+    line = ExperimentLine(
         id=name,
         position_rad=first.position_rad,
         direction=first.direction,
         range=first.range,
-        gain_nm_per_v=gain,
-        intercept_nm=fit.quantity(1),
+        gain_nm_per_v=gain.value,
+        gain_std_nm_per_v=gain.std,
+        gain_dof=gain.dof,
+        intercept_nm=intercept.value,
+        intercept_std_nm=intercept.std,
         zero_v=-float(fit.coefficients[1]) / gain.value,
         residual_rms_nm=fit.rms,
         hysteresis_nm=max(widths) if widths else None,
         n=len(readings),
         doubtful=tuple(readings[i][0] for i in _doubtful(volts, fit.residual)),
-        steps=steps,
     )
+    return line, steps
 
 
 def _fit_line(name: str, volts: FloatArray, torque: FloatArray, source: str) -> LinearFit:
@@ -179,7 +109,7 @@ def _check_one_experiment(
     for key in ("position_rad", "direction", "range"):
         values = sorted({str(getattr(r, key)) for _, r in readings})
         if key == "position_rad" and all(
-            abs(math.remainder(r.position_rad - first, 2.0 * math.pi)) < POSITION_RAD
+            abs(math.remainder(r.position_rad - first, 2.0 * math.pi)) < _POSITION_RAD
             for _, r in readings
         ):
             continue
@@ -212,3 +142,35 @@ def _doubtful(volts: FloatArray, residual: FloatArray) -> list[int]:
     return [
         i for i in range(n) if residual[i] ** 2 / open_[i] > limit**2 * max(float(others[i]), floor)
     ]
+
+
+def _steps(
+    readings: Sequence[LoadReading], gain: float, intercept: float
+) -> tuple[ExperimentStep, ...]:
+    """Return the steps of one experiment, by applied torque."""
+    largest = max(abs(r.torque_nm) for r in readings)
+    groups: list[list[LoadReading]] = []
+    for reading in sorted(readings, key=lambda r: r.torque_nm):
+        last = groups[-1][0].torque_nm if groups else math.inf
+        if groups and abs(reading.torque_nm - last) <= _STEP_SHARE * largest:
+            groups[-1].append(reading)
+        else:
+            groups.append([reading])
+    return tuple(_step(group, gain, intercept) for group in groups)
+
+
+def _step(group: list[LoadReading], gain: float, intercept: float) -> ExperimentStep:
+    def mean(series: str) -> float | None:
+        values = [r.reading_v for r in group if r.series == series]
+        return math.fsum(values) / len(values) if values else None
+
+    up, down = mean("up"), mean("down")
+    reading = math.fsum(r.reading_v for r in group) / len(group)
+    return ExperimentStep(
+        experiment=group[0].experiment,
+        torque_nm=group[0].torque_nm,
+        reading_up_v=up,
+        reading_down_v=down,
+        hysteresis_v=None if up is None or down is None else down - up,
+        deviation_nm=group[0].torque_nm - (gain * reading + intercept),
+    )

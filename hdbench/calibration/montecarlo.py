@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
-from hdbench.calibration.budget import BudgetRow
 from hdbench.records.trace import FloatArray
+from hdbench.results.calibration import BudgetRow, MonteCarlo
 
-__all__ = ["DRAWS", "MonteCarlo", "propagate"]
+__all__ = ["DRAWS", "propagate"]
 
 # number of trials that fixes the ends of a 95 % interval to two digits of the uncertainty
 DRAWS = 1_000_000
@@ -21,52 +20,6 @@ _SIGMAS = 3.0
 _SPAN = 500
 # trials in hand at a time: 2 MB per array
 _BLOCK = 250_000
-
-
-@dataclass(frozen=True, slots=True)
-class MonteCarlo:
-    """Distribution of the gain.
-
-    Parameters
-    ----------
-    draws, seed : int
-        Trials and the seed of the generator.
-    mean, std : float
-        Of the trials, N m/V; std is not the standard uncertainty of a t with few dof.
-    interval, shortest : tuple of float
-        95 % interval with equal tails, and the shortest one, N m/V.
-    expanded : float
-        Half the length of the first, N m/V.
-    agrees : bool
-        Whether both ends are those of the formula within `tolerance`.
-    tolerance : float
-        Half a unit of the second digit of the standard uncertainty, or three standard
-        uncertainties of an end of the interval from so many trials, if that is more, N m/V.
-    """
-
-    draws: int
-    seed: int
-    mean: float
-    std: float
-    interval: tuple[float, float]
-    shortest: tuple[float, float]
-    expanded: float
-    agrees: bool
-    tolerance: float
-
-    def to_dict(self) -> dict[str, object]:
-        """Return the distribution as results store it."""
-        return {
-            "draws": self.draws,
-            "seed": self.seed,
-            "mean_nm_per_v": self.mean,
-            "std_nm_per_v": self.std,
-            "interval_nm_per_v": list(self.interval),
-            "shortest_interval_nm_per_v": list(self.shortest),
-            "expanded_nm_per_v": self.expanded,
-            "agrees_with_formula": self.agrees,
-            "tolerance_nm_per_v": self.tolerance,
-        }
 
 
 def propagate(
@@ -103,15 +56,15 @@ def propagate(
     tolerance = max(digit, _SIGMAS * max(_end_std(trials, end) for end in (low, low + keep - 1)))
     ends = (value - expanded, value + expanded)
     return MonteCarlo(
-        draws,
-        seed,
-        float(trials.mean()),
-        float(trials.std(ddof=1)),
-        equal,
-        (float(trials[narrow]), float(trials[narrow + keep - 1])),
-        (equal[1] - equal[0]) / 2.0,
-        all(abs(a - b) <= tolerance for a, b in zip(ends, equal, strict=True)),
-        tolerance,
+        draws=draws,
+        seed=seed,
+        mean_nm_per_v=float(trials.mean()),
+        std_nm_per_v=float(trials.std(ddof=1)),
+        interval_nm_per_v=equal,
+        shortest_interval_nm_per_v=(float(trials[narrow]), float(trials[narrow + keep - 1])),
+        expanded_nm_per_v=(equal[1] - equal[0]) / 2.0,
+        agrees_with_formula=all(abs(a - b) <= tolerance for a, b in zip(ends, equal, strict=True)),
+        tolerance_nm_per_v=tolerance,
     )
 
 

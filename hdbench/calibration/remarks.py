@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from hdbench.calibration.lines import ExperimentLine
 from hdbench.calibration.readings import TakenReading, flagged
 from hdbench.calibration.torque.applied import TorqueAccount
-from hdbench.estimation.channel import DataFlag
+from hdbench.results import DataFlag
+from hdbench.results.calibration import ExperimentLine
 
 __all__ = ["doubts_of", "notes_of"]
 
@@ -17,8 +17,8 @@ _SHOWN = 10
 
 def doubts_of(lines: Sequence[ExperimentLine]) -> tuple[DataFlag, ...]:
     """Return what makes the data doubtful: gains of both signs."""
-    below = [line for line in lines if line.gain_nm_per_v.value < 0.0]
-    above = [line for line in lines if line.gain_nm_per_v.value > 0.0]
+    below = [line for line in lines if line.gain_nm_per_v < 0.0]
+    above = [line for line in lines if line.gain_nm_per_v > 0.0]
     if not (below and above):
         return ()
     fewer, word = (below, "negative") if len(below) <= len(above) else (above, "positive")

@@ -1,4 +1,4 @@
-"""Benches on the wire: ports, the node driver, and the emulated bench."""
+"""Devices: benches on the wire, their drivers, their guard and their emulators."""
 
 from __future__ import annotations
 
@@ -6,9 +6,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from hdbench.devices.opening import open_bench, stop_bench
-    from hdbench.devices.operator import SimulatedOperator
-    from hdbench.devices.ports import (
+    from hdbench.devices.bench import (
         AcquisitionSettings,
         Bench,
         Block,
@@ -16,6 +14,8 @@ if TYPE_CHECKING:
         Operator,
         SafeState,
     )
+    from hdbench.devices.opening import open_bench, stop_bench
+    from hdbench.devices.operator import SimulatedOperator
 
 __all__ = [
     "AcquisitionSettings",
@@ -40,4 +40,4 @@ def __getattr__(name: str) -> Any:
     """Load what is asked for: the guard needs the wire below alone, and starts without the rest."""
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f"{__name__}.{_ELSEWHERE.get(name, 'ports')}"), name)
+    return getattr(import_module(f"{__name__}.{_ELSEWHERE.get(name, 'bench')}"), name)

@@ -1,24 +1,18 @@
-"""The one interface of every DAQ: what a driver implements, and nothing more."""
+"""DAQ: the one interface of every acquisition device, what it can do, and the base of drivers."""
 
 from __future__ import annotations
 
+import unicodedata
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Literal, NoReturn, Protocol
 
 from numpy import bool_
 from numpy.typing import NDArray
 
-from hdbench.devices.capabilities import (
-    ROLE_UNITS,
-    Capabilities,
-    InputInfo,
-    OutputInfo,
-    Role,
-    WatchdogInfo,
-)
-from hdbench.devices.ports import Identity, SafeState
-from hdbench.model.program import ReferenceProgram
+from hdbench.devices.bench import Identity, SafeState
+from hdbench.errors import DeviceError
+from hdbench.model.waves import ReferenceProgram
 from hdbench.profile.schema import ReferenceWave
 from hdbench.records.trace import FloatArray
 
@@ -28,12 +22,178 @@ __all__ = [
     "Daq",
     "DaqSettings",
     "InputInfo",
+    "InputsOnly",
     "OutputInfo",
     "Role",
     "ScanBlock",
     "WatchdogInfo",
     "WatchdogState",
+    "clean_text",
+    "repeats_of",
 ]
+
+
+def clean_text(raw: bytes) -> str:
+    """Return device text without control, format and undecodable characters."""
+    text = raw.split(b"\0", 1)[0].decode("utf-8", errors="replace")
+    printable = (c for c in text if unicodedata.category(c)[0] != "C")
+    return "".join(printable).replace("\N{REPLACEMENT CHARACTER}", "").strip()
+
+
+Role = Literal["torque", "tacho", "current", "reference", "encoder"]
+"""What a channel of a bench measures."""
+
+ROLE_UNITS: dict[Role, str] = {
+    "torque": "V",
+    "tacho": "V",
+    "current": "A",
+    "reference": "V",
+    "encoder": "count",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class InputInfo:
+    """One channel that can be sampled.
+
+    Parameters
+    ----------
+    role : {"torque", "tacho", "current", "reference", "encoder"}
+        What it measures; its unit stands in `ROLE_UNITS`.
+    low, high : float
+        Ends of its range in the unit of its role; a value at either end is saturated. For an
+        encoder the ends of its count.
+    bits : int
+        Resolution, bit; 0 where it is not known.
+    wrap : int
+        Period of a counter, counts: 2**16 or 2**32; 0 for channels that do not wrap.
+    """
+
+    role: Role
+    low: float
+    high: float
+    bits: int = 0
+    wrap: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class OutputInfo:
+    """One output that the host writes.
+
+    Parameters
+    ----------
+    name : str
+        ``reference`` is the motor reference.
+    low, high : float
+        Range that may be written, V.
+    step : float
+        Smallest change that the converter shows, V; 0 where it is not known.
+    write_s : float
+        Time that one confirmed write takes, typically, s.
+    """
+
+    name: str
+    low: float
+    high: float
+    step: float
+    write_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class WatchdogInfo:
+    """The watchdog that lives in the device.
+
+    Parameters
+    ----------
+    min_s, max_s, step_s : float
+        Shortest and longest time, and its grain, s.
+    fed_by : {"message", "write", "key", "heartbeat"}
+        What feeds it: any message, any write, a key written to a register of its own, or a changed
+        number. With ``message`` a stuck program that still polls keeps the motor alive.
+    drops : tuple of str
+        Outputs that it makes safe: ``reference``, ``enable``. Empty: it stops nothing.
+    latches : bool
+        Whether outputs stay safe until the trip is cleared.
+    """
+
+    min_s: float
+    max_s: float
+    step_s: float
+    fed_by: Literal["message", "write", "key", "heartbeat"]
+    drops: tuple[str, ...]
+    latches: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Capabilities:
+    """What one DAQ can do as it is configured in the profile.
+
+    Parameters
+    ----------
+    inputs : tuple of InputInfo
+        Channels that can be sampled; at most one per role.
+    max_rates_hz : tuple of float
+        Highest sustained scan rate with 1, 2, ... channels, Hz, the wire included. Empty for a
+        device without inputs.
+    min_rate_hz : float
+        Lowest scan rate, Hz.
+    outputs : tuple of OutputInfo
+        Outputs that the host writes.
+    generator : bool
+        Whether the device makes the motor reference itself (`DaqSettings.reference`), sample by
+        sample; otherwise the host writes it.
+    enable : bool
+        Whether the drive's enable line is under the device's control.
+    buffered : bool
+        Whether the device samples on its own clock into a buffer; otherwise every sample is asked
+        for, and its time is the host's.
+    buffer_scans : int
+        Scans that the buffer holds with all of `inputs`; 0 for a polled device.
+    watchdog : WatchdogInfo or None
+        The device's watchdog, if it has one.
+    simulated : bool
+        True for an emulator: no real motor turns.
+    """
+
+    inputs: tuple[InputInfo, ...]
+    max_rates_hz: tuple[float, ...]
+    min_rate_hz: float
+    outputs: tuple[OutputInfo, ...]
+    generator: bool
+    enable: bool
+    buffered: bool
+    buffer_scans: int
+    watchdog: WatchdogInfo | None
+    simulated: bool
+
+    @property
+    def roles(self) -> tuple[Role, ...]:
+        """Roles of the inputs, in their order."""
+        return tuple(info.role for info in self.inputs)
+
+    @property
+    def drives(self) -> bool:
+        """Whether the device can put out a motor reference."""
+        return self.generator or any(info.name == "reference" for info in self.outputs)
+
+    @property
+    def guarded(self) -> bool:
+        """Whether a watchdog in the device stops the motor when the host falls silent."""
+        return self.watchdog is not None and bool(self.watchdog.drops)
+
+    def input(self, role: Role) -> InputInfo | None:
+        """Return the channel of `role`, None where there is none."""
+        return next((info for info in self.inputs if info.role == role), None)
+
+    def output(self, name: str) -> OutputInfo | None:
+        """Return the output called `name`, None where there is none."""
+        return next((info for info in self.outputs if info.name == name), None)
+
+    def max_rate_hz(self, n_channels: int) -> float:
+        """Return the highest sustained scan rate with `n_channels`, Hz; 0 where it has fewer."""
+        if not 1 <= n_channels <= len(self.max_rates_hz):
+            return 0.0
+        return self.max_rates_hz[n_channels - 1]
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,15 +296,12 @@ class Daq(Protocol):
 
     def capabilities(self) -> Capabilities:
         """Return what the device can do; asks the device once at most."""
-        ...
 
     def identity(self) -> Identity:
         """Return who answers, control characters removed; raises if it is not the device meant."""
-        ...
 
     def claim(self) -> None:
         """Become the one host that may write, where the device knows sessions."""
-        ...
 
     def configure(self, settings: DaqSettings) -> float:
         """Write everything but motion, read it back, and return the actual sample period, s.
@@ -152,11 +309,9 @@ class Daq(Protocol):
         The watchdog's time is written here where the device arms it by itself at the start.
         Settings kept in flash are written only where they differ.
         """
-        ...
 
     def start(self) -> None:
         """Start sampling; a device with a generator starts the motion with the first scan."""
-        ...
 
     def read_block(self) -> ScanBlock | None:
         """Acknowledge the previous block and return the next; None when none is ready yet.
@@ -165,11 +320,9 @@ class Daq(Protocol):
         an empty one again. After an empty answer the next call waits a little by itself. A device
         whose watchdog is fed by a heartbeat in the block exchange is fed by this call.
         """
-        ...
 
     def stop(self) -> None:
         """Stop sampling, and the device's own generator; scans already taken can still be read."""
-        ...
 
     def write_output(self, name: str, value: float) -> float:
         """Write an output within its limits and return what is read back, V.
@@ -177,27 +330,21 @@ class Daq(Protocol):
         A value outside the range is refused with an error, never clipped. A read-back that differs
         by more than one `OutputInfo.step` is an error, too.
         """
-        ...
 
     def enable(self, *, on: bool) -> bool:
         """Switch the drive's enable line and return what is read back."""
-        ...
 
     def arm_watchdog(self, time_s: float) -> float:
         """Set the watchdog's time, start it, and return the time read back, s."""
-        ...
 
     def feed_watchdog(self) -> None:
         """Feed it once. Called by the control thread only, after its checks."""
-        ...
 
     def watchdog(self) -> WatchdogState:
         """Return its state as read from the device."""
-        ...
 
     def clear_watchdog(self) -> None:
         """Clear a latched trip, and disarm; outputs stay safe."""
-        ...
 
     def snapshot(self) -> Mapping[Role, float]:
         """Return one reading of the channels at this moment, outside of an acquisition.
@@ -205,7 +352,6 @@ class Daq(Protocol):
         Units as in `ROLE_UNITS`; a device with a speed of its own gives ``tacho`` in V by the
         profile's scale. Empty where the device cannot.
         """
-        ...
 
     def safe_state(self) -> SafeState:
         """Stop, reference zero, enable off, all read back; from any state, never raises.
@@ -213,8 +359,61 @@ class Daq(Protocol):
         `SafeState.velocity_rad_s` is None where the device does not measure the motor's speed; its
         standstill is confirmed elsewhere then.
         """
-        ...
 
     def close(self) -> None:
         """Close the connection; never raises."""
-        ...
+
+
+class InputsOnly:
+    """Base of drivers whose device drives nothing: all that drives is refused."""
+
+    def identity(self) -> Identity:
+        """Return who answers; every driver has its own."""
+        raise NotImplementedError
+
+    def claim(self) -> None:
+        """Check who answers: a serial port is open for one program only."""
+        self.identity()
+
+    def write_output(self, name: str, value: float) -> float:
+        """Refuse: there is no analog output."""
+        self._refuse()
+
+    def enable(self, *, on: bool) -> bool:
+        """Refuse: nothing here enables a drive."""
+        self._refuse()
+
+    def arm_watchdog(self, time_s: float) -> float:
+        """Refuse: there is no watchdog."""
+        self._refuse()
+
+    def feed_watchdog(self) -> None:
+        """Refuse: there is no watchdog."""
+        self._refuse()
+
+    def watchdog(self) -> WatchdogState:
+        """Return that there is none."""
+        return WatchdogState(armed=False, tripped=False, time_s=0.0)
+
+    def clear_watchdog(self) -> None:
+        """Do nothing: there is none."""
+
+    def snapshot(self) -> Mapping[Role, float]:
+        """Return nothing: no reading is needed to see a motor stand."""
+        return {}
+
+    def safe_state(self) -> SafeState:
+        """Return that nothing moves by this device."""
+        return SafeState(True, None, None, "the device drives nothing")
+
+    def _refuse(self) -> NoReturn:
+        raise DeviceError(
+            "this device has no analog output and no watchdog",
+            where=type(self).__name__,
+            fix='drive the motor with another device: driver = "composite"',
+        )
+
+
+def repeats_of(daq: object) -> int:
+    """Return how many requests a driver has sent again so far; 0 where it does not count."""
+    return int(getattr(daq, "repeats", 0))

@@ -1,4 +1,4 @@
-"""What hdbench has to know of a kind of device: one record for every driver."""
+"""Drivers: one record for every kind of device, and the registry of those that are installed."""
 
 from __future__ import annotations
 
@@ -6,16 +6,20 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module
+from importlib.metadata import EntryPoint
 from typing import TYPE_CHECKING, Any
 
 from hdbench.devices.daq import Daq
+from hdbench.errors import UsageError
+from hdbench.profile.acquiring import Acquisition, load_table, table_of
+from hdbench.profile.drivers import BROKEN, closest, find, installed
 from hdbench.profile.schema import ProfileData
 
 if TYPE_CHECKING:
     from hdbench.devices.emulator.serving import EmulatedDevice, Emulation
     from hdbench.devices.guard.order import Target
 
-__all__ = ["Driver", "later"]
+__all__ = ["Driver", "DriverInfo", "driver_of", "drivers", "later", "open_daq", "probes"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,3 +67,89 @@ def later(place: str) -> Callable[..., Any]:
         return getattr(import_module(module), name)(*given)
 
     return call
+
+
+@dataclass(frozen=True, slots=True)
+class DriverInfo:
+    """One driver as ``hdbench doctor`` and run.json list it.
+
+    Parameters
+    ----------
+    name : str
+        The value of ``driver`` in the profile.
+    origin : str
+        ``hdbench``, or the other package and its version.
+    problem : str
+        Why it cannot be used; empty where it can.
+    """
+
+    name: str
+    origin: str
+    problem: str = ""
+
+
+def drivers() -> tuple[DriverInfo, ...]:
+    """Return every driver that is installed; one that cannot be loaded is told, not fatal."""
+    found: list[DriverInfo] = []
+    for entry in installed("hdbench.drivers"):
+        taken = any(info.name == entry.name for info in found)
+        problem = "its name is taken" if taken else _problem(entry)
+        found.append(DriverInfo(entry.name, _origin(entry), problem))
+    return tuple(found)
+
+
+def driver_of(name: str) -> Driver:
+    """Return the driver of a name."""
+    entry = find("hdbench.drivers", name)
+    if entry is None:
+        names, fix = closest(name)
+        raise UsageError(
+            f"no driver {name!r} is installed; installed: {names}", where="key daq.driver", fix=fix
+        )
+    try:
+        return _load(entry)
+    except BROKEN as error:
+        raise UsageError(
+            f"driver {name!r} cannot be loaded ({type(error).__name__}: {error})",
+            where="key daq.driver",
+            fix="install its package again, or choose another driver",
+        ) from error
+
+
+def probes() -> tuple[Callable[[str], str], ...]:
+    """Return how the drivers ask who is on a serial port; those that cannot be loaded do not."""
+    usable = (driver_of(info.name) for info in drivers() if not info.problem)
+    return tuple(driver.probe for driver in usable if driver.probe is not None)
+
+
+def open_daq(profile: ProfileData, table: Acquisition) -> Daq:
+    """Open the device that `table` names."""
+    driver = driver_of(table.driver)
+    if not isinstance(table, table_of(table.driver)):
+        raise UsageError(
+            f"a {type(table).__name__} is no table of driver {table.driver!r}",
+            where="key daq.driver",
+            fix="load the profile again",
+        )
+    driver.verify(table)
+    return driver.open(profile, table)
+
+
+def _load(entry: EntryPoint) -> Driver:
+    driver = entry.load()
+    if not isinstance(driver, Driver):
+        raise TypeError(f"{entry.value} is no Driver")
+    return driver
+
+
+def _problem(entry: EntryPoint) -> str:
+    try:
+        _load(entry)
+        load_table(entry.name)
+    except BROKEN as error:
+        return f"{type(error).__name__}: {error}"
+    return ""
+
+
+def _origin(entry: EntryPoint) -> str:
+    return f"{entry.dist.name} {entry.dist.version}" if entry.dist is not None else "hdbench"

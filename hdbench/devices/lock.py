@@ -1,25 +1,104 @@
-"""One process per bench: an advisory lock that dies with its process."""
+"""Bench lock: one process per bench, and the request to end that process."""
 
 from __future__ import annotations
 
 import errno
 import os
 import re
+import secrets
+import signal
+import socket
+import threading
 import time
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
-from hdbench.devices.request import Holder, listening
 from hdbench.errors import BusyError, StorageError
 from hdbench.system.files import OPEN_OWN, is_own, lock_file, user_folders
-from hdbench.system.processes import hold_name, process_mark, terminate
+from hdbench.system.processes import hold_name, process_mark, signal_self, terminate
 
-__all__ = ["exclusive", "holder", "is_line", "release"]
+__all__ = ["Holder", "exclusive", "is_line", "listening", "release"]
+
+_ANSWER_S = 1.0
+_GRAIN_S = 0.2
+_LONGEST = 64
+
+
+@dataclass(frozen=True, slots=True)
+class Holder:
+    """The process that holds a bench, as its lock file tells; 0 and empty where it tells nothing.
+
+    Parameters
+    ----------
+    pid : int
+        Process number.
+    mark : str
+        As `hdbench.system.processes.process_mark` gives it; ``-`` where the system tells none.
+    port : int
+        Where it listens.
+    secret : str
+        What it is told.
+    """
+
+    pid: int = 0
+    mark: str = ""
+    port: int = 0
+    secret: str = ""
+
+    def ask(self, what: Literal["here", "stop"]) -> bool:
+        """Ask whether it is there, or to end; return whether it said yes."""
+        if not self.port:
+            return False
+        try:
+            with socket.create_connection(("127.0.0.1", self.port), timeout=_ANSWER_S) as link:
+                link.sendall(f"{what} {self.secret}\n".encode())
+                return link.recv(_LONGEST) == b"yes\n"
+        except OSError:
+            return False
+
+
+@contextmanager
+def listening() -> Iterator[str]:
+    """Take requests until the end of the block."""
+    secret = secrets.token_hex(16)
+    ended = threading.Event()
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        listener.settimeout(_GRAIN_S)
+        threading.Thread(target=_serve, args=(listener, secret, ended), daemon=True).start()
+        try:
+            yield f"{listener.getsockname()[1]} {secret}"
+        finally:
+            ended.set()
+
+
+def _serve(listener: socket.socket, secret: str, ended: threading.Event) -> None:
+    while not ended.is_set():
+        try:
+            link, _ = listener.accept()
+        except TimeoutError:
+            continue
+        except OSError:
+            # closed, or no descriptor left for a moment
+            ended.wait(_GRAIN_S)
+            continue
+        with link, suppress(OSError):
+            link.settimeout(_ANSWER_S)
+            asked = link.recv(_LONGEST).decode("ascii", "replace").strip()
+            what, _, said = asked.partition(" ")
+            if secrets.compare_digest(said.encode(), secret.encode()) and what in ("here", "stop"):
+                link.sendall(b"yes\n")
+                if what == "stop" and not ended.is_set():
+                    signal_self(signal.SIGTERM)
+
 
 # a run ends within 4 s of SIGTERM, its motor stopped
 _RELEASE_S = 6.0
 _POLL_S = 0.05
+# from locking the file to writing it takes milliseconds
+_WRITING_S = 1.0
 _LINES = ("rtu", "ascii", "serial")
 _PORT = "502"
 
@@ -66,32 +145,25 @@ def release(address: str, *, timeout_s: float = _RELEASE_S) -> None:
     process that holds the lock: where the system can prove which one that is (Linux), by the signal
     itself, else at the place that the lock file tells, with the secret word that stands there.
     """
-    path = _held(address)
-    if path is None:
-        return
-    found = _holder_in(path)
-    if found.pid == os.getpid():
-        return
-    if not terminate(found.pid, found.mark) and not found.ask("stop"):
-        raise _busy(
-            address, "a process that cannot be told for certain holds the line", "stop it there"
-        )
-    until_s = time.monotonic() + timeout_s
-    while _held(address) is not None:
-        if not time.monotonic() < until_s:
+    start_s, asked = time.monotonic(), False
+    while (path := _held(address)) is not None:
+        found = _holder_in(path)
+        if found.pid == os.getpid():
+            return
+        asked = asked or terminate(found.pid, found.mark) or found.ask("stop")
+        waited_s = time.monotonic() - start_s
+        # whoever has just locked it has yet to write who it is
+        if not asked and waited_s >= min(timeout_s, _WRITING_S):
+            raise _busy(
+                address, "a process that cannot be told for certain holds the line", "stop it there"
+            )
+        if not waited_s < timeout_s:
             raise _busy(
                 address,
                 f"process {found.pid} holds the line and does not end within {timeout_s:g} s",
                 "press the emergency stop, then kill it",
             )
         time.sleep(_POLL_S)
-
-
-def holder(address: str) -> int | None:
-    """Return the number of the process that holds `address`, None when nobody is known to."""
-    path = _held(address)
-    found = Holder() if path is None else _holder_in(path)
-    return found.pid if found.pid and found.mark == (process_mark(found.pid) or "-") else None
 
 
 def is_line(address: str) -> bool:
@@ -134,7 +206,23 @@ def _key(address: str) -> str:
     if not mark:
         return scheme
     host, colon, port = rest.rpartition(":")
-    return rest if colon and port.isdecimal() and host else f"{rest}:{_PORT}"
+    if not (colon and port.isdecimal() and host):
+        host, port = rest, _PORT
+    # every address of this computer leads to the emulator that listens there
+    return f"{'localhost' if _is_here(host.strip('[]')) else host}:{port}"
+
+
+def _is_here(number: str) -> bool:
+    """Return whether this is an address of this computer, on which alone a program can listen."""
+    try:
+        family, kind, protocol, _, place = socket.getaddrinfo(
+            number, 0, type=socket.SOCK_STREAM, flags=socket.AI_NUMERICHOST
+        )[0]
+        with socket.socket(family, kind, protocol) as listener:
+            listener.bind(place)
+    except OSError:
+        return False
+    return True
 
 
 def _file_name(address: str) -> str:

@@ -8,8 +8,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from hdbench.devices.bench import Bench, SafeState
 from hdbench.devices.lock import exclusive, is_line, release
-from hdbench.devices.ports import Bench, SafeState
 from hdbench.errors import HdbenchError, UsageError
 from hdbench.profile.acquiring import Acquisition, CompositeAcquisition
 from hdbench.profile.loader import Profile
@@ -17,9 +17,8 @@ from hdbench.profile.schema import ProfileData
 
 if TYPE_CHECKING:
     from hdbench.devices.emulator.machine import Pace
-    from hdbench.devices.hosted import HostedBench
 
-__all__ = ["addresses_of", "open_bench", "stop_bench"]
+__all__ = ["addresses_of", "made_safe", "open_bench", "stop_bench"]
 
 EMBEDDED = "embedded"
 # the emulator shares the processor with its host: both wait for the scheduler, no motor does. So
@@ -80,7 +79,9 @@ def open_bench(
     UsageError
         If the address has another form, or seed or plant are out of their domain.
     """
-    from hdbench.devices.guard import Guard, GuardedBench, guard_silence_s, order_of
+    from hdbench.devices.driver import open_daq
+    from hdbench.devices.guard import GuardedBench, GuardProcess, guard_silence_s, order_of
+    from hdbench.devices.host import host_settings
     from hdbench.devices.simulation import Simulation
 
     data = _data(profile)
@@ -110,16 +111,17 @@ def open_bench(
                 simulation = Simulation(control, embedded=False)
         if simulation is not None:
             stack.callback(simulation.close)
-        bench = _hosted(data, watchdog_s, speed)
         silence_s = guard_silence_s(watchdog_s, data.daq.deadline_s)
-        guarded = GuardedBench(
-            bench,
-            lambda: Guard(order_of(data), silence_s, log=guard_log, emulator=emulator),
+        bench = GuardedBench(
+            open_daq(data, data.daq),
+            host_settings(data, watchdog_s=watchdog_s),
+            lambda: GuardProcess(order_of(data), silence_s, log=guard_log, emulator=emulator),
             simulation,
+            speed=speed,
         )
-        stack.callback(guarded.close)
+        stack.callback(bench.close)
         bench.claim()
-        yield guarded
+        yield bench
 
 
 def stop_bench(profile: Profile | ProfileData, *, address: str | None = None) -> SafeState:
@@ -158,18 +160,22 @@ def stop_bench(profile: Profile | ProfileData, *, address: str | None = None) ->
         if is_line(name):
             release(name)
     try:
-        return _made_safe(there)
+        return made_safe(there)
     except HdbenchError as error:
         table = there.daq
         if not isinstance(table, CompositeAcquisition):
             raise
         # whatever is the matter with the inputs, the part that drives the motor is stopped
-        safe = _made_safe(there.model_copy(update={"daq": table.outputs}))
+        safe = made_safe(there.model_copy(update={"daq": table.outputs}))
         return replace(safe, confirmed=False, detail=f"{safe.detail}; but {error.what}")
 
 
-def _made_safe(data: ProfileData) -> SafeState:
-    bench = _hosted(data, data.daq.watchdog_s)
+def made_safe(data: ProfileData) -> SafeState:
+    """Make a bench safe through its driver, after checking who answers."""
+    from hdbench.devices.driver import open_daq
+    from hdbench.devices.host import HostedBench, host_settings
+
+    bench = HostedBench(open_daq(data, data.daq), host_settings(data))
     try:
         # a device that is not the one meant is never written to
         bench.identity()
@@ -221,11 +227,3 @@ def _numbered(data: ProfileData) -> ProfileData:
 
 def _data(profile: Profile | ProfileData) -> ProfileData:
     return profile.data if isinstance(profile, Profile) else profile
-
-
-def _hosted(data: ProfileData, watchdog_s: float, speed: float = 1.0) -> HostedBench:
-    from hdbench.devices.hosted import HostedBench, host_settings
-    from hdbench.devices.registry import open_daq
-
-    settings = host_settings(data, watchdog_s=watchdog_s)
-    return HostedBench(open_daq(data, data.daq), settings, speed=speed)

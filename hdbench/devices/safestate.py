@@ -1,14 +1,27 @@
-"""Bring a bench to its safe state through its device, and prove it by reading back."""
+"""Safe state of a bench: reached through its device and confirmed by reading back."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
-from hdbench.devices.ports import SafeState
+from hdbench.devices.bench import SafeState
 from hdbench.errors import HdbenchError
 
-__all__ = ["STANDSTILL_RAD_S", "SafeActs", "Seen", "reach_safe_state", "until_calm"]
+if TYPE_CHECKING:
+    from hdbench.devices.daq import Daq
+    from hdbench.devices.host.settings import HostSettings
+
+__all__ = [
+    "STANDSTILL_RAD_S",
+    "Seen",
+    "confirm_safe",
+    "reach_safe_state",
+    "until_calm",
+    "wait_for_standstill",
+]
 
 # standing still: eight standard deviations of a tacho with 1 mV noise at 56 rad/s per volt
 STANDSTILL_RAD_S = 0.5
@@ -40,14 +53,23 @@ class Seen:
     problem: str = ""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SafeActs:
-    """What the safe state needs of a device; every act may be repeated and raise `HdbenchError`.
+def reach_safe_state(
+    *,
+    stop: Callable[[], object],
+    look: Callable[[], Seen],
+    disable: Callable[[], bool] = lambda: True,
+    zero_v: float,
+    brake_s: float = 0.0,
+    clock: Callable[[], float],
+    sleep: Callable[[float], None],
+) -> SafeState:
+    """Zero the reference, let the drive brake, disable it, and confirm; never raises.
 
     Parameters
     ----------
     stop : callable
-        Brings the reference to zero and stops whatever runs.
+        Brings the reference to zero and stops whatever runs. This and the next two may be repeated
+        and raise `HdbenchError`.
     look : callable
         Returns what is `Seen`.
     disable : callable, optional
@@ -56,19 +78,8 @@ class SafeActs:
         What still counts as reference zero, V.
     brake_s : float, optional
         Time from reference zero to drive off in any case, s.
-    """
-
-    stop: Callable[[], object]
-    look: Callable[[], Seen]
-    disable: Callable[[], bool] = field(default=lambda: True)
-    zero_v: float
-    brake_s: float = 0.0
-
-
-def reach_safe_state(
-    acts: SafeActs, clock: Callable[[], float], sleep: Callable[[float], None]
-) -> SafeState:
-    """Zero the reference, let the drive brake, disable it, and confirm; never raises.
+    clock, sleep : callable
+        Monotonic clock in s, and waiting.
 
     Notes
     -----
@@ -78,27 +89,27 @@ def reach_safe_state(
     start_s = clock()
     seen = Seen()
 
-    def look(calm: int) -> str:
+    def confirm(calm: int) -> str:
         nonlocal seen
         problem, seen = "", Seen()
         try:
             if calm == 0:
-                acts.stop()
-            seen = acts.look()
+                stop()
+            seen = look()
         except HdbenchError as error:
             problem = error.what
-        problem = problem or _not_zero(seen, acts.zero_v)
+        problem = problem or _not_zero(seen, zero_v)
         turns = _turns(seen)
         braking_s = clock() - start_s
-        if not problem and (braking_s < acts.brake_s or (turns and braking_s < _BRAKING_S)):
+        if not problem and (braking_s < brake_s or (turns and braking_s < _BRAKING_S)):
             return turns or "the drive is to brake first"
         try:
-            off = "" if acts.disable() else "the drive is still enabled"
+            off = "" if disable() else "the drive is still enabled"
         except HdbenchError as error:
             off = error.what
         return problem or off or turns or seen.problem
 
-    problem = until_calm(look, clock, sleep)
+    problem = until_calm(confirm, clock, sleep)
     done = "motor reference zero, drive disabled"
     return SafeState(
         confirmed=not problem,
@@ -133,3 +144,71 @@ def _turns(seen: Seen) -> str:
     if seen.velocity_rad_s is None or abs(seen.velocity_rad_s) < STANDSTILL_RAD_S:
         return ""
     return f"the motor turns at {seen.velocity_rad_s:.4g} rad/s"
+
+
+class _Speed:
+    """Motor speed from tacho, else from two readings of the encoder."""
+
+    def __init__(self, daq: Daq, settings: HostSettings, clock: Callable[[], float]) -> None:
+        self._daq = daq
+        self._settings = settings
+        self._clock = clock
+        self._last: tuple[float, float] | None = None
+
+    def __call__(self) -> float | None:
+        reading = self._daq.snapshot()
+        if "tacho" in reading:
+            return reading["tacho"] * self._settings.tacho_rad_s_per_v
+        if "encoder" not in reading:
+            return None
+        now = (self._clock(), reading["encoder"])
+        last, self._last = self._last, now
+        if last is None or not now[0] > last[0]:
+            return math.inf
+        turn = 2.0 * math.pi / self._settings.counts_per_turn
+        return (now[1] - last[1]) * turn / (now[0] - last[0])
+
+
+def wait_for_standstill(
+    daq: Daq,
+    settings: HostSettings,
+    clock: Callable[[], float],
+    sleep: Callable[[float], None],
+) -> tuple[float | None, str]:
+    """Wait until two readings in a row find the motor standing."""
+    speed = _Speed(daq, settings, clock)
+    found: float | None = None
+    blind = False
+
+    def look(_: int) -> str:
+        nonlocal found, blind
+        try:
+            found = speed()
+        except HdbenchError as error:
+            found = None
+            return error.what
+        blind = found is None
+        # one who cannot see is not asked again
+        stands = found is None or abs(found) < STANDSTILL_RAD_S
+        return "" if stands else f"the motor turns at {found:.4g} rad/s"
+
+    why = until_calm(look, clock, sleep)
+    if blind:
+        return None, "the device measures no motor speed"
+    known = found if found is not None and math.isfinite(found) else None
+    return known, why
+
+
+def confirm_safe(
+    safe: SafeState,
+    daq: Daq,
+    settings: HostSettings,
+    clock: Callable[[], float],
+    sleep: Callable[[float], None],
+) -> SafeState:
+    """Return `safe` with the motor's standstill, where the device has not looked itself."""
+    if not safe.confirmed or safe.velocity_rad_s is not None:
+        return safe
+    speed, why = wait_for_standstill(daq, settings, clock, sleep)
+    detail = why or f"{safe.detail}, motor standing"
+    return replace(safe, confirmed=not why, velocity_rad_s=speed, detail=detail)

@@ -1,4 +1,4 @@
-"""The control channel of a simulated bench: lock, position and weights, beside the device's wire.
+"""Control channel of a simulated bench: lock, position and weights, beside the device's wire.
 
 One line of JSON each way on a loopback port, which the emulator alone opens. No device has it, so
 that nothing a device says on its own wire can make it a simulated bench.
@@ -8,12 +8,14 @@ from __future__ import annotations
 
 import json
 import time
+from collections.abc import Mapping
 from typing import Any
 
 from hdbench.devices.wire import dial, numbered, parse_address
 from hdbench.errors import DeviceError
+from hdbench.profile import Profile
 
-__all__ = ["Simulation"]
+__all__ = ["Simulation", "hidden_effects"]
 
 _DEADLINE_S = 5.0
 _LONGEST = 4096
@@ -101,3 +103,12 @@ class Simulation:
             where=f"control channel {self._address}",
             fix="give --control the address that hdbench emulate prints, or leave it out",
         )
+
+
+def hidden_effects(profile: Profile, plant: str, seed: int) -> tuple[Mapping[str, object], ...]:
+    """Return the effects that a plant adds to the torque with this seed."""
+    from hdbench.plant.bench import SimulatedBench
+    from hdbench.plant.plantfile import load_plant
+
+    effects = SimulatedBench(profile.data, load_plant(plant), seed).truth()["effects"]
+    return tuple(effects) if isinstance(effects, list) else ()

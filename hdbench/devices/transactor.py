@@ -10,7 +10,10 @@ from typing import NoReturn
 from hdbench.devices.wire import ExceptionReply, FrameError, Link, ReplyCheck
 from hdbench.errors import DeviceError
 
-__all__ = ["TWICE", "Transactor"]
+__all__ = ["TWICE", "Build", "Transactor"]
+
+Build = Callable[[], tuple[bytes, ReplyCheck]]
+"""Makes a request and the check of its reply; called for every try."""
 
 # a lost request or reply is repeated once, each try within half of the deadline
 TWICE = 2
@@ -45,7 +48,7 @@ class Transactor:
 
     def transact(
         self,
-        build: Callable[[], tuple[bytes, ReplyCheck]],
+        build: Build,
         attempts: int,
         *,
         refused: Callable[[ExceptionReply, float], NoReturn],
@@ -58,15 +61,29 @@ class Transactor:
         try:
             last = FrameError("no time left")
             for attempt in range(1, attempts + 1):
-                until_s = start_s + self._deadline_s * attempt / attempts
+                until_s = self._end_of_try(start_s, attempt, attempts)
+                if not self._clock() < until_s:
+                    break
                 try:
-                    return self._link.transact(*build(), until_s)
+                    return self._ask(build, until_s, is_read=attempts > 1)
                 except ExceptionReply as reply:
                     refused(reply, start_s + self._deadline_s)
                 except FrameError as found:
                     self.repeats += attempt < attempts
+                    self._failed(until_s)
                     last = found
             times = f", {attempts} times" if attempts > 1 else ""
             raise fault(f"{last}{times} (deadline {self._deadline_s:g} s)") from last
         finally:
             self._lock.release()
+
+    def _end_of_try(self, start_s: float, attempt: int, attempts: int) -> float:
+        """Return until when one try may last."""
+        return start_s + self._deadline_s * attempt / attempts
+
+    def _ask(self, build: Build, until_s: float, *, is_read: bool) -> bytes:
+        """Make one try."""
+        return self._link.transact(*build(), until_s)
+
+    def _failed(self, until_s: float) -> None:
+        """Note that a try has failed."""

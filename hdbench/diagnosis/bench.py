@@ -10,7 +10,9 @@ from typing import Any
 import numpy as np
 
 from hdbench.diagnosis.answer.testable import testable
-from hdbench.diagnosis.inspection import ChannelFacts, Inspection, Log, inspect_log
+from hdbench.diagnosis.inspection import inspect_log
+from hdbench.diagnosis.inspection.log import Log
+from hdbench.diagnosis.inspection.result import ChannelFacts, Inspection
 from hdbench.errors import DataError
 from hdbench.model import catalogue, motion_from_trace
 from hdbench.profile import Profile, load_profile, new_profile, parse_profile
@@ -19,8 +21,6 @@ from hdbench.records.trace import FloatArray, Trace
 
 __all__ = ["BenchOfLog", "Known", "Support", "bench_of_trace"]
 
-# what a limit is read from: a spike in a thousand samples does not set it
-_REACHED = 0.999
 # ratios of strain wave gears that are sold; outside of them the drive is another
 _HARMONIC = (30.0, 320.0)
 # volts of the reference and of the bridge at the greatest speed and torque, of 10 that there are
@@ -29,24 +29,12 @@ _FULL_V = 8.0
 
 @dataclass(frozen=True, slots=True)
 class Known:
-    """What no log tells of a bench.
+    """What no log tells of a bench."""
 
-    Parameters
-    ----------
-    gear_ratio : float
-        Motor turns per output turn, at least 1.
-    load_inertia_kg_m2 : float
-        Inertia of the load about the output.
-    rated_torque_nm : float or None
-        Rated output torque; the greatest of the log where None.
-    orders : tuple of float
-        Orders per motor turn that every fit holds; those of the kind of drive where empty.
-    """
-
-    gear_ratio: float
-    load_inertia_kg_m2: float
-    rated_torque_nm: float | None = None
-    orders: tuple[float, ...] = ()
+    gear_ratio: float  # motor turns per output turn, at least 1
+    load_inertia_kg_m2: float  # about the output
+    rated_torque_nm: float | None = None  # the greatest torque of the log where None
+    orders: tuple[float, ...] = ()  # per motor turn; those of the kind of drive where empty
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,21 +48,11 @@ class Support:
 
 @dataclass(frozen=True, slots=True)
 class BenchOfLog:
-    """A new profile and where it comes from.
+    """A new profile and where it comes from."""
 
-    Parameters
-    ----------
-    text : str
-        TOML text.
-    filled : dict of str to tuple of (value, str)
-        Keys that are not those of the report's bench, and why.
-    experiments, causes : tuple of Support
-        What the log supports.
-    """
-
-    text: str
-    filled: dict[str, tuple[Any, str]]
-    experiments: tuple[Support, ...]
+    text: str  # TOML
+    filled: dict[str, tuple[Any, str]]  # keys that are not those of the report's bench, and why
+    experiments: tuple[Support, ...]  # what the log supports
     causes: tuple[Support, ...]
 
     def to_dict(self) -> dict[str, Any]:
@@ -111,7 +89,8 @@ def _up(value: float) -> float:
 def _reached(values: FloatArray | None) -> float:
     """Return the size that a channel reaches; 0 where there is none."""
     known = np.array([]) if values is None else np.abs(values[np.isfinite(values)])
-    return float(np.quantile(known, _REACHED)) if len(known) else 0.0
+    # what a limit is read from: a spike in a thousand samples does not set it
+    return float(np.quantile(known, 0.999)) if len(known) else 0.0
 
 
 def _filled(

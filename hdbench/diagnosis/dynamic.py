@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hdbench.diagnosis.answer.assemble import Findings, assemble, data_bad
-from hdbench.diagnosis.answer.result import Diagnosis
+from hdbench.diagnosis.answer.assemble import Findings, assemble
+from hdbench.diagnosis.answer.result import Diagnosis, data_bad
 from hdbench.diagnosis.discovery.bands import LowPass
 from hdbench.diagnosis.discovery.baseline import BaselineChange, parse_baseline
 from hdbench.diagnosis.discovery.fit import Fit
@@ -17,42 +18,31 @@ from hdbench.diagnosis.discovery.record import Record, prepare_record
 from hdbench.diagnosis.discovery.rest import residual_nm, whitened_nm
 from hdbench.diagnosis.discovery.search import Search, search
 from hdbench.diagnosis.discovery.term import Term
-from hdbench.diagnosis.faults import (
-    Inspected,
-    ResidualFaults,
-    coarse_steps,
-    faults_of_residual,
-    inspect_channels,
-)
+from hdbench.diagnosis.evidence import check_rates
+from hdbench.diagnosis.faults.converter import coarse_steps
+from hdbench.diagnosis.faults.fault import Inspected
+from hdbench.diagnosis.faults.inspection import inspect_channels
+from hdbench.diagnosis.faults.residual import ResidualFaults, faults_of_residual
+from hdbench.diagnosis.inspection.channel import same_noise
 from hdbench.model import BenchModel, Cause, catalogue
 from hdbench.model.motion import torque_from_trace
 from hdbench.profile import Profile
 from hdbench.records.trace import Trace
 
 __all__ = [
-    "Ready",
-    "Refused",
-    "Task",
-    "both_late",
-    "diagnose_trace",
-    "findings_of",
-    "late_faults",
-    "make_ready",
-    "make_task",
-    "with_early",
-    "without_spikes",
-]
+    "Ready", "Refused", "Report", "Task", "diagnose_trace", "findings_of", "make_ready",
+    "make_task", "searched",
+]  # fmt: skip
+
+_Found = TypeVar("_Found")
+
+Report = Callable[[str, float], None]
+"""Told what is being done and the share done."""
 
 # fewest usable samples for each coefficient of the baseline
 _SAMPLES_PER_COEFFICIENT = 10
 # noise ahead of a coarse converter, in steps, of which the likeliest is taken
 _DITHERS = (0.02, 0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.5)
-# samples that fade in and out at the ends say nothing of the noise
-_UNFADED = 0.999
-# causes down to this part of the materiality line are looked for
-_MINOR = 0.1
-# a torque of which a current explains all but this share of the variance was made of that current
-_OWN_SHARE = 1e-3
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,11 +55,12 @@ class Task:
     alpha: float
     materiality: float
     change: BaselineChange
+    settings: dict[str, object]  # as the result states them
 
     @property
     def least_share(self) -> float:
-        """Share of the variance of the smallest causes that are looked for."""
-        return _MINOR * self.materiality
+        """Share of the variance of the smallest causes: a tenth of the materiality line."""
+        return 0.1 * self.materiality
 
     def known(self) -> tuple[Term, ...]:
         """Return the causes that the model already holds, as terms of the fit."""
@@ -131,19 +122,30 @@ def diagnose_trace(
     -----
     ``docs/diagnosis.md`` has the model. Two times the same input give the same result.
     """
-    task = make_task(profile, model, causes, alpha, materiality, baseline)
+    task = make_task(profile, model, causes, alpha, materiality, seed, baseline)
     report = progress or (lambda what, share: None)
-    settings: dict[str, object] = {"alpha": alpha, "materiality": materiality, "seed": seed}
-    if baseline:
-        settings["baseline"] = list(baseline)
     report("inspecting the channels", 0.0)
     ready = make_ready(task, trace)
     if isinstance(ready, Refused):
-        return data_bad(task.given, ready.inspected, settings, ready.reason)
+        flags, given = ready.inspected.flags, task.given
+        return data_bad(given, given.terms(), flags, task.settings, ready.reason)
     rng = np.random.default_rng(seed)
-    found, late = _searched(task, ready, rng, report)
+
+    def find(records: list[Record], told: Report | None) -> tuple[Search, list[Fit]]:
+        found = search(
+            records[0],
+            task.causes,
+            task.known(),
+            alpha=alpha,
+            rng=rng,
+            progress=told,
+            least_share=task.least_share,
+        )
+        return found, [found.fit]
+
+    found, (late,) = searched(task, [ready], find, report)
     report("measuring the gain on held-out blocks", 0.9)
-    answer = assemble(findings_of(task, ready, found, late), settings, rng)
+    answer = assemble(findings_of(task, ready, found, late), task.settings, rng)
     report("done", 1.0)
     return answer
 
@@ -154,16 +156,17 @@ def make_task(
     causes: tuple[Cause, ...],
     alpha: float,
     materiality: float,
+    seed: int,
     baseline: tuple[str, ...],
 ) -> Task:
     """Return what is asked; ValueError where a rate is out of its domain."""
-    if not 0.0 < alpha < 1.0:
-        raise ValueError(f"alpha {alpha!r} must be in (0, 1)")
-    if not 0.0 <= materiality < 1.0:
-        raise ValueError(f"materiality {materiality!r} must be in [0, 1)")
+    check_rates(alpha, materiality)
     given = (model or BenchModel.from_profile(profile.data)).with_extra(causes)
     every = dict(catalogue(given.extra_causes))
-    return Task(profile, given, every, alpha, materiality, parse_baseline(baseline))
+    settings: dict[str, object] = {"alpha": alpha, "materiality": materiality, "seed": seed}
+    if baseline:
+        settings["baseline"] = list(baseline)
+    return Task(profile, given, every, alpha, materiality, parse_baseline(baseline), settings)
 
 
 @dataclass(frozen=True, slots=True)
@@ -212,7 +215,6 @@ def findings_of(task: Task, ready: Ready, found: Search, late: ResidualFaults) -
         late,
         undone,
         task.materiality,
-        task.alpha,
         task.causes,
     )
 
@@ -227,13 +229,7 @@ def _without_own_current(inspected: Inspected, profile: Profile) -> Inspected:
     trace = inspected.trace
     if "motor_current_a" not in trace or inspected.reason:
         return inspected
-    torque = torque_from_trace(trace, profile.data)
-    both = np.column_stack([torque, trace["motor_current_a"]])
-    good = np.isfinite(both).all(axis=1)
-    if good.sum() < _SAMPLES_PER_COEFFICIENT or not both[good].std(axis=0).all():
-        return inspected
-    like = float(np.corrcoef(both[good].T)[0, 1])
-    if 1.0 - like**2 > _OWN_SHARE:
+    if not same_noise(torque_from_trace(trace, profile.data), trace["motor_current_a"]):
         return inspected
     kept = {k: v for k, v in trace.columns.items() if k != "motor_current_a"}
     derived = (*inspected.derived, ("torque_nm", "motor_current_a"))
@@ -252,58 +248,77 @@ def _unfit(record: Record) -> str:
     return ""
 
 
-def late_faults(task: Task, ready: Ready, fit: Fit) -> ResidualFaults:
-    """Return the faults that the residual of a search shows."""
-    return _faults(task, fit.record, fit, True, "torque_v" in ready.inspected.trace)
+def searched(
+    task: Task,
+    ready: Sequence[Ready],
+    find: Callable[[list[Record], Report | None], tuple[_Found, list[Fit]]],
+    report: Report,
+) -> tuple[_Found, list[ResidualFaults]]:
+    """Return what a search of records finds, once more where spikes only show in its residual.
+
+    And the faults that the residual of each record shows, spikes before the search among them.
+    """
+
+    def late_of(fits: list[Fit]) -> list[ResidualFaults]:
+        pairs = zip(ready, fits, strict=True)
+        return [_faults(task, one, fit.record, fit, white=True) for one, fit in pairs]
+
+    records = [one.record for one in ready]
+    found, fits = find(records, report)
+    late = late_of(fits)
+    if any(faults.spikes.any() for faults in late):
+        report("searching again without spikes", 0.8)
+        pairs = zip(records, late, strict=True)
+        found, fits = find([_without(one, faults.spikes) for one, faults in pairs], None)
+        late = [_both_late(one, two) for one, two in zip(late, late_of(fits), strict=True)]
+    return found, [_with_early(task, one, two) for one, two in zip(ready, late, strict=True)]
 
 
-def without_spikes(record: Record, spikes: NDArray[np.bool_]) -> Record:
-    """Return a record without the samples that a search found to be spikes."""
+def _without(record: Record, spikes: NDArray[np.bool_]) -> Record:
     again = replace(record, valid=record.valid & ~spikes)
     return replace(again, columns=np.where(again.valid[:, None], record.columns, 0.0))
 
 
-def both_late(first: ResidualFaults, second: ResidualFaults) -> ResidualFaults:
+def _both_late(first: ResidualFaults, second: ResidualFaults) -> ResidualFaults:
     """Return the spikes of a search and what a second one without them shows."""
-    return replace(
-        second,
-        faults=(
-            *(f for f in first.faults if f.name == "spikes"),
-            *(f for f in second.faults if f.name != "spikes"),
-        ),
-        spikes=first.spikes | second.spikes,
-    )
+    spikes = [fault for fault in first.faults if fault.name == "spikes"]
+    others = [fault for fault in second.faults if fault.name != "spikes"]
+    return replace(second, faults=(*spikes, *others), spikes=first.spikes | second.spikes)
 
 
-def with_early(task: Task, ready: Ready, late: ResidualFaults) -> ResidualFaults:
+def _with_early(task: Task, ready: Ready, late: ResidualFaults) -> ResidualFaults:
     """Return late faults with the spikes that were taken out before the search."""
     inspected, spikes = ready.inspected, ready.spikes
-    if spikes.any() and not any(f.name == "spikes" for f in late.faults):
+    if spikes.any() and not any(fault.name == "spikes" for fault in late.faults):
         whole = _prepared(task, inspected.trace, inspected.masked)
         fit = Fit.start(whole.behind(ready.record.low_pass), task.known())
-        early = _faults(task, fit.record, fit, False, "torque_v" in inspected.trace)
+        early = _faults(task, ready, fit.record, fit, white=False)
         late = replace(late, faults=(*early.faults, *late.faults))
     return replace(late, spikes=late.spikes | spikes)
 
 
-def _faults(task: Task, record: Record, fit: Fit, white: bool, volts: bool) -> ResidualFaults:
+def _faults(
+    task: Task, ready: Ready | Inspected, record: Record, fit: Fit, *, white: bool
+) -> ResidualFaults:
+    inspected = ready.inspected if isinstance(ready, Ready) else ready
+    # samples that fade in and out at the ends say nothing of the noise
+    unfaded = record.valid & (fit.bands.fade > 0.999)
     return faults_of_residual(
         residual_nm(fit),
         whitened_nm(fit) if white else None,
         record.motion,
-        record.valid & (fit.bands.fade > _UNFADED),
+        unfaded,
         np.where(record.valid, record.torque_nm, 0.0),
         task.profile.data,
         alpha=0.03 * task.alpha,
-        volts=volts,
+        volts="torque_v" in inspected.trace,
     )
 
 
 def _cleaned(task: Task, inspected: Inspected, record: Record) -> tuple[Record, NDArray[np.bool_]]:
     """Return the record without spikes, and with what coarse readings add on average."""
-    volts = "torque_v" in inspected.trace
     fit = Fit.start(record, task.known())
-    early = _faults(task, record, fit, False, volts)
+    early = _faults(task, inspected, record, fit, white=False)
     spikes = early.spikes
     low_pass = fit.bands.low_pass
     if spikes.any():
@@ -327,34 +342,6 @@ def _rounded(task: Task, record: Record) -> Record:
         error = min(errors, key=lambda e: float(np.sum((left - e)[record.valid] ** 2)))
         record = replace(record, fixed_nm=record.fixed_nm + np.where(record.valid, error, 0.0))
     return record
-
-
-def _searched(
-    task: Task,
-    ready: Ready,
-    rng: np.random.Generator,
-    report: Callable[[str, float], None],
-) -> tuple[Search, ResidualFaults]:
-    """Return what the search finds, once more where spikes only show in its residual."""
-
-    def once(record: Record, progress: Callable[[str, float], None] | None) -> Search:
-        return search(
-            record,
-            task.causes,
-            task.known(),
-            alpha=task.alpha,
-            rng=rng,
-            progress=progress,
-            least_share=task.least_share,
-        )
-
-    found = once(ready.record, report)
-    late = late_faults(task, ready, found.fit)
-    if late.spikes.any():
-        report("searching again without spikes", 0.8)
-        found = once(without_spikes(ready.record, late.spikes), None)
-        late = both_late(late, late_faults(task, ready, found.fit))
-    return found, with_early(task, ready, late)
 
 
 def _residual_of(

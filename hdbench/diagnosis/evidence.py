@@ -12,6 +12,7 @@ __all__ = [
     "RANK",
     "RIVAL_NATS",
     "SAME_SPACE",
+    "check_rates",
     "marginal_nats",
     "orthonormal",
     "probabilities",
@@ -27,9 +28,14 @@ RIVAL_NATS = 3.0
 SAME_SPACE = 0.01
 # of columns of length 1, what is below this share of the largest is rounding
 RANK = 1e-9
-# the noise is looked for in equal ratios; the logarithm of the likelihood is flat at its top, so
-# that this many steps over the possible range cost less than 0.01 nats
-_NOISE_STEPS = 200
+
+
+def check_rates(alpha: float, materiality: float) -> None:
+    """Raise ValueError where the false-alarm rate or the least share is out of its domain."""
+    if not 0.0 < alpha < 1.0:
+        raise ValueError(f"alpha {alpha!r} must be in (0, 1)")
+    if not 0.0 <= materiality < 1.0:
+        raise ValueError(f"materiality {materiality!r} must be in [0, 1)")
 
 
 def scaled(columns: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -87,7 +93,9 @@ def marginal_nats(
     along = (vectors[:, good].T @ (forms.T @ left)) ** 2 / scales
     rest = max(total - float(along.sum()), 0.0)
     low = max(0.5 * rest / dof, floor)
-    grid = np.geomspace(low, max(2.0 * total / dof, 2.0 * low), _NOISE_STEPS)
+    # the logarithm of the likelihood is flat at its top: 200 equal ratios over the possible range
+    # cost less than 0.01 nats
+    grid = np.geomspace(low, max(2.0 * total / dof, 2.0 * low), 200)
     both = grid[:, None] + scales[None, :]
     twice = (dof - len(scales)) * np.log(grid) + rest / grid + (np.log(both) + along / both).sum(1)
     best = int(np.argmin(twice))

@@ -3,21 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from hdbench.diagnosis.answer.files import write_pictures, write_table
+import numpy as np
+
 from hdbench.diagnosis.answer.filtergain import filter_gain
-from hdbench.diagnosis.answer.maps import code_map
 from hdbench.diagnosis.answer.result import Diagnosis
+from hdbench.diagnosis.answer.tables import code_map, write_pictures, write_table
 from hdbench.diagnosis.dynamic import diagnose_trace
-from hdbench.diagnosis.inspection import Inspection, inspect_trace
-from hdbench.diagnosis.part import MOST_SAMPLES, Part, part_of
-from hdbench.diagnosis.planning import Proposal, plan_for_result, write_plan
+from hdbench.diagnosis.inspection import inspect_trace
+from hdbench.diagnosis.inspection.result import Inspection
+from hdbench.diagnosis.planning import plan_for_result, write_plan
+from hdbench.diagnosis.planning.proposal import Proposal
 from hdbench.diagnosis.static import diagnose_loads
 from hdbench.diagnosis.together import diagnose_together
-from hdbench.errors import UsageError
+from hdbench.errors import DataError, UsageError
 from hdbench.model import (
     BenchModel,
     Motion,
@@ -42,7 +44,50 @@ from hdbench.records import (
     write_json,
 )
 
-__all__ = ["DiagnosisOptions", "diagnose_run", "diagnose_runs_together"]
+__all__ = ["DiagnosisOptions", "diagnose_run", "diagnose_runs_together", "part_of"]
+
+MOST_SAMPLES = 600_000
+"""Samples of one diagnosis at most: ten minutes at 1 kHz, the longest records of the blind
+benchmark. Memory grows by some 4 kB a sample."""
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """Which part of a record is diagnosed: first and last stamp, samples, and of how many."""
+
+    from_s: float
+    to_s: float
+    samples: int
+    of_samples: int
+    cut: bool  # whether it ends there because one diagnosis takes no more samples
+
+
+def part_of(
+    trace: Trace,
+    from_s: float | None = None,
+    to_s: float | None = None,
+    *,
+    most: int = MOST_SAMPLES,
+) -> tuple[Trace, Part | None]:
+    """Return the part of a record to diagnose."""
+    time_s = trace.time_s
+    begin = 0 if from_s is None else int(np.searchsorted(time_s, from_s, side="left"))
+    end = len(trace) if to_s is None else int(np.searchsorted(time_s, to_s, side="right"))
+    if end <= begin:
+        raise DataError(
+            f"no sample from {'the start' if from_s is None else f'{from_s:g} s'} to "
+            f"{'the end' if to_s is None else f'{to_s:g} s'}; "
+            f"the record runs from {time_s[0]:g} to {time_s[-1]:g} s",
+            where=trace.source,
+            fix="name times of the record's own clock, the earlier one first",
+        )
+    kept = min(end - begin, most)
+    if kept == len(trace):
+        return trace, None
+    columns = {name: column[begin : begin + kept] for name, column in trace.columns.items()}
+    held = Trace(columns, trace.source, trace.metadata)
+    ends = float(held.time_s[0]), float(held.time_s[-1])
+    return held, Part(*ends, kept, len(trace), kept < end - begin)
 
 
 @dataclass(frozen=True, slots=True)
@@ -192,12 +237,8 @@ def diagnose_runs_together(
         [one.trace for one in inputs],
         [str(source) for source in sources],
         profile,
-        model=_given(chosen, profile),
-        alpha=chosen.alpha,
-        materiality=chosen.materiality,
-        seed=chosen.seed,
-        progress=progress,
         baseline=chosen.baseline,
+        **_asked(chosen, profile, progress),
     )
     used = next(i for i, one in enumerate(answer.records) if not one.left_out)
     done = _Done(answer, inputs[used])
@@ -284,31 +325,25 @@ def _diagnose(
     options: DiagnosisOptions,
     progress: Callable[[str, float], None] | None,
 ) -> _Done:
-    model = _given(options, profile)
+    asked = _asked(options, profile, progress)
     if is_loads_file(file):
         _refuse_for_loads(options, file)
-        static = diagnose_loads(
-            read_loads(file, profile.data.arm),
-            profile,
-            model=model,
-            alpha=options.alpha,
-            materiality=options.materiality,
-            seed=options.seed,
-            progress=progress,
-        )
-        return _Done(static)
+        return _Done(diagnose_loads(read_loads(file, profile.data.arm), profile, **asked))
     given = _input(file, source, profile, options)
-    answer = diagnose_trace(
-        given.trace,
-        profile,
-        model=model,
-        alpha=options.alpha,
-        materiality=options.materiality,
-        seed=options.seed,
-        progress=progress,
-        baseline=options.baseline,
-    )
-    return _Done(answer, given)
+    return _Done(diagnose_trace(given.trace, profile, baseline=options.baseline, **asked), given)
+
+
+def _asked(
+    options: DiagnosisOptions, profile: Profile, progress: Callable[[str, float], None] | None
+) -> dict[str, Any]:
+    """Return what every kind of diagnosis is asked for."""
+    return {
+        "model": _given(options, profile),
+        "alpha": options.alpha,
+        "materiality": options.materiality,
+        "seed": options.seed,
+        "progress": progress,
+    }
 
 
 def _input(
@@ -322,7 +357,7 @@ def _input(
 def _of_input(given: _Input | None) -> dict[str, Any]:
     return {
         "torque_scale": None if given is None else given.scale.to_dict(),
-        "part": None if given is None or given.part is None else given.part.to_dict(),
+        "part": None if given is None or given.part is None else asdict(given.part),
         "inspection": None if given is None else given.log.to_dict(),
     }
 

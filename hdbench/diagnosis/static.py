@@ -6,7 +6,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from hdbench.diagnosis.answer.result import Diagnosis
+from hdbench.diagnosis.answer.result import Diagnosis, data_bad
+from hdbench.diagnosis.evidence import check_rates
 from hdbench.diagnosis.loads.answer import LoadAnswer
 from hdbench.diagnosis.loads.fit import fit_loads
 from hdbench.diagnosis.loads.forms import Term, form_named, load_forms, outliers, places
@@ -73,10 +74,7 @@ def diagnose_loads(
     ValueError
         If `alpha` or `materiality` is out of its domain.
     """
-    if not 0.0 < alpha < 1.0:
-        raise ValueError(f"alpha {alpha!r} must be in (0, 1)")
-    if not 0.0 <= materiality < 1.0:
-        raise ValueError(f"materiality {materiality!r} must be in [0, 1)")
+    check_rates(alpha, materiality)
     if len(loads) > _MOST_READINGS:
         raise DataError(
             f"found {len(loads)} readings; needed: at most {_MOST_READINGS}",
@@ -90,11 +88,7 @@ def diagnose_loads(
     table, flags = load_table(loads, profile.data)
     reason = _unfit(table)
     if reason:
-        none: dict[str, object] = {"terms": [], "heldout_rms_nm": None}
-        return Diagnosis(
-            "data-bad", (), (), (), (), flags, (), none, none, given, settings, reason,
-            left_out=left_out(table, flags),
-        )  # fmt: skip
+        return data_bad(given, (), flags, settings, reason, left_out(table, flags))
     known = _known_terms(given, table)
     base = base_columns(table)
     baseline = fit_loads(table, base, known, refine=False)

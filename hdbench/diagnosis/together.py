@@ -2,14 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
 from hdbench.diagnosis.answer.assemble import assemble
-from hdbench.diagnosis.answer.records import DataFlag, LeftOutSamples, RecordPart, Testable
-from hdbench.diagnosis.answer.result import Diagnosis, Pictures, Rest, verdict_of
+from hdbench.diagnosis.answer.result import (
+    DataFlag,
+    Diagnosis,
+    LeftOutSamples,
+    Pictures,
+    RecordPart,
+    Rest,
+    Testable,
+    by_share,
+    verdict_of,
+)
+from hdbench.diagnosis.discovery.fit import Fit
+from hdbench.diagnosis.discovery.record import Record
 from hdbench.diagnosis.discovery.search import Search
 from hdbench.diagnosis.discovery.together import (
     Together,
@@ -21,16 +32,13 @@ from hdbench.diagnosis.discovery.told import minimum_detectable, spectra
 from hdbench.diagnosis.dynamic import (
     Ready,
     Refused,
+    Report,
     Task,
-    both_late,
     findings_of,
-    late_faults,
     make_ready,
     make_task,
-    with_early,
-    without_spikes,
+    searched,
 )
-from hdbench.diagnosis.faults import ResidualFaults
 from hdbench.errors import DataError
 from hdbench.model import BenchModel, Cause
 from hdbench.profile import Profile
@@ -40,8 +48,6 @@ __all__ = ["LEFT_OUT", "diagnose_together"]
 
 LEFT_OUT = "record-left-out"
 """Flag of a record that took no part."""
-
-Report = Callable[[str, float], None]
 
 
 def diagnose_together(
@@ -59,53 +65,14 @@ def diagnose_together(
 ) -> Diagnosis:
     """Say what the simulation gets wrong on several records of one drive, and which record says so.
 
-    Parameters
-    ----------
-    traces : sequence of Trace
-        Dynamic runs of one drive. Rates and lengths may differ.
-    names : sequence of str
-        Name of each.
-    profile : Profile
-        Bench.
-    model : BenchModel or None
-        Model to hold against the records; the profile's where None.
-    alpha : float
-        Probability of any finding on all records without an effect, in (0, 1).
-    materiality : float
-        Smallest share of the baselines' residual variance of a cause that counts, in [0, 1).
-    seed : int
-        Seed of the draws of the null and the bootstrap.
-    progress : callable or None
-        Called with what is being done and the share done in [0, 1].
-    causes : tuple of Cause
-        Causes beside the catalogue and the model's own.
-    baseline : tuple of str
-        Terms of the baseline to add or remove, as `parse_baseline` reads them.
-
-    Returns
-    -------
-    Diagnosis
-        With `records`, and `voices` in every cause. The extended model has what differs (zero,
-        ripple, phases) from the first record that was used.
-
-    Raises
-    ------
-    DataError
-        If fewer than two records can be used.
-    ValueError
-        If `alpha` or `materiality` is out of its domain.
-
-    Notes
-    -----
-    Each record has its own baseline, noise, torque channel, faults and samples left out. The
-    columns of a shared cause run through all records, so that its evidence adds, each record in
-    the units of its own noise.
+    Arguments are those of `diagnose_trace`, with a name for each trace; rates and lengths may
+    differ. `DataError` where fewer than two records can be used. Each record has its own baseline,
+    noise, torque channel, faults and samples left out. The columns of a shared cause run through
+    all records, so that its evidence adds, each record in the units of its own noise. The extended
+    model has what differs (zero, ripple, phases) from the first record that was used.
     """
-    task = make_task(profile, model, causes, alpha, materiality, baseline)
+    task = make_task(profile, model, causes, alpha, materiality, seed, baseline)
     report = progress or (lambda what, share: None)
-    settings: dict[str, object] = {"alpha": alpha, "materiality": materiality, "seed": seed}
-    if baseline:
-        settings["baseline"] = list(baseline)
     every = _all_ready(task, traces, names, report)
     used = [(one, one.ready) for one in every if isinstance(one.ready, Ready)]
     if len(used) < 2:
@@ -118,7 +85,20 @@ def diagnose_together(
         )
     rng = np.random.default_rng(seed)
     names = [one.name for one, _ in used]
-    search, late = _searched(task, [ready for _, ready in used], rng, report)
+
+    def find(records: list[Record], told: Report | None) -> tuple[Search, list[Fit]]:
+        found = search_together(
+            records,
+            task.causes,
+            task.known(),
+            alpha=alpha,
+            rng=rng,
+            progress=told or (lambda what, share: None),
+            least_share=task.least_share,
+        )
+        return found, [piece.fit for piece, _ in piece_searches(found)]
+
+    search, late = searched(task, [ready for _, ready in used], find, report)
     report("measuring the gain on held-out blocks", 0.9)
     findings = [
         findings_of(task, ready, piece, faults)
@@ -132,10 +112,10 @@ def diagnose_together(
         [one.noise_variance for one in findings],
     )
     answers = [
-        assemble(replace(one, search=piece), settings, rng, own)
+        assemble(replace(one, search=piece), task.settings, rng, own)
         for one, (piece, own) in zip(findings, told.records, strict=True)
     ]
-    answer = _joined(task, told, every, dict(zip(names, answers, strict=True)), settings)
+    answer = _joined(task, told, every, dict(zip(names, answers, strict=True)))
     report("done", 1.0)
     return answer
 
@@ -160,66 +140,33 @@ def _all_ready(
     return out
 
 
-def _searched(
-    task: Task, ready: Sequence[Ready], rng: np.random.Generator, report: Report
-) -> tuple[Search, list[ResidualFaults]]:
-    """Return what the search finds, once more where spikes only show in its residual."""
-
-    def once(records: list[Ready]) -> tuple[Search, list[ResidualFaults]]:
-        found = search_together(
-            [one.record for one in records],
-            task.causes,
-            task.known(),
-            alpha=task.alpha,
-            rng=rng,
-            progress=report,
-            least_share=task.least_share,
-        )
-        pieces = piece_searches(found)
-        pairs = zip(records, pieces, strict=True)
-        return found, [late_faults(task, one, piece.fit) for one, (piece, _) in pairs]
-
-    found, late = once(list(ready))
-    if any(faults.spikes.any() for faults in late):
-        again = [
-            replace(one, record=without_spikes(one.record, faults.spikes))
-            for one, faults in zip(ready, late, strict=True)
-        ]
-        found, later = once(again)
-        late = [both_late(a, b) for a, b in zip(late, later, strict=True)]
-    return found, [with_early(task, a, b) for a, b in zip(ready, late, strict=True)]
-
-
 # --- one answer of all
 def _joined(
     task: Task,
     told: Together,
     every: Sequence[_Named],
     by_name: dict[str, Diagnosis],
-    settings: dict[str, object],
 ) -> Diagnosis:
     answers = list(by_name.values())
     # causes of one record alone, faults of its acquisition, have no voices yet
     faults = [cause for one in answers for cause in (*one.causes, *one.minor) if not cause.voices]
-    named = [*faults, *told.causes]
-    limit = task.materiality
-    causes = tuple(c for c in named if c.share_of_variance >= limit)
-    places = tuple(u for u in told.places if u.share_of_variance >= limit)
+    causes, minor = by_share([*faults, *told.causes], task.materiality)
+    places, small = by_share(told.places, task.materiality)
     parts = tuple(_part(one, by_name.get(one.name), told) for one in every)
     first = answers[0]
     noise = float(np.sqrt(np.mean([(p.noise_rms_nm or 0.0) ** 2 for p in parts if not p.left_out])))
     return Diagnosis(
         verdict_of(causes, places),
         causes,
-        tuple(c for c in named if c not in causes),
+        minor,
         places,
-        tuple(u for u in told.places if u not in places),
+        small,
         tuple(flag for one in every for flag in _flags(one, by_name.get(one.name))),
         minimum_detectable(told.search),
         {**first.simulated, "heldout_rms_nm": told.before.rms_nm},
         {**first.extended, "heldout_rms_nm": told.after.rms_nm},
         first.model,
-        {**settings, **_settings(told, answers)},
+        {**task.settings, **_settings(told, answers)},
         "",
         _pictures(told, answers),
         left_out=_left_out(every, by_name),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from hdbench.estimation.channel import DataFlag, data_flags, stretch_starts, torque_channel
 from hdbench.estimation.harmonics import (
     Harmonic,
     combine,
@@ -10,16 +9,20 @@ from hdbench.estimation.harmonics import (
     harmonic_columns,
     scaled,
 )
-from hdbench.estimation.noise import NoiseModel, fit_noise, run_positions
+from hdbench.estimation.noise import NoiseModel, fit_noise, run_positions, whiten
 from hdbench.estimation.regression import LinearFit, coloured_fit, ordinary_fit
-from hdbench.estimation.scan import Line, strongest_line
-from hdbench.estimation.search import FALSE_ALARM_LEVEL, LineFit, fit_with_lines
+from hdbench.estimation.search import (
+    FALSE_ALARM_LEVEL,
+    Line,
+    LineFit,
+    fit_with_lines,
+    strongest_line,
+)
 from hdbench.estimation.spectrum import Spectrum, SpectrumPeak, amplitude_spectrum, find_peaks
-from hdbench.estimation.whitening import whiten
+from hdbench.estimation.stretches import data_flags, stretch_starts, torque_channel
 
 __all__ = [
     "FALSE_ALARM_LEVEL",
-    "DataFlag",
     "Harmonic",
     "Line",
     "LineFit",

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hdbench.estimation.noise import MAX_AR_ORDER, NoiseModel, fit_noise
-from hdbench.estimation.whitening import whiten
+from hdbench.estimation.noise import MAX_AR_ORDER, NoiseModel, fit_noise, whiten
 from hdbench.records.quantity import Quantity
 from hdbench.records.trace import FloatArray
 

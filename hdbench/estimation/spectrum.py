@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hdbench.estimation.lines import background
+from hdbench.estimation.harmonics import background
 from hdbench.records.trace import FloatArray
 
 __all__ = ["Spectrum", "SpectrumPeak", "amplitude_spectrum", "find_peaks"]

@@ -25,47 +25,16 @@ _REVERSAL_SHARE = 0.02
 
 @dataclass(frozen=True, slots=True)
 class Trend:
-    """Slow terms that a regression carries beside the components it is asked for.
-
-    Parameters
-    ----------
-    degree : int
-        Degree of the polynomial in time; 0 is the offset alone.
-    direction : bool
-        Whether an offset that changes sign with the direction of travel is included.
-    output : bool
-        Whether cosine and sine of the output angle are included, for a record that spans too
-        little of a turn to measure them, but enough to be bent by them.
-    """
+    """Slow terms that a regression carries beside the components it is asked for."""
 
     degree: int
-    direction: bool = False
-    output: bool = False
-
-    def to_dict(self) -> dict[str, object]:
-        """Return the choice with its rule, as results store it."""
-        return {
-            "degree": self.degree,
-            "direction_offset": self.direction,
-            "output_sinusoid": self.output,
-            "rule": "offset by direction, sinusoid of the output angle, polynomial in time; each "
-            "kept while the BIC of the residual with autoregressive noise falls",
-        }
+    direction: bool = False  # an offset that changes its sign with the direction
+    output: bool = False  # cosine and sine of the output angle, for a part of a turn
 
 
 @dataclass(frozen=True, slots=True)
 class SlowMotion:
-    """What slow terms depend on, arrays of shape (n,).
-
-    Parameters
-    ----------
-    time_s : ndarray
-        Time, s.
-    velocity_rad_s : ndarray
-        Motor velocity, rad/s.
-    output_angle_rad : ndarray
-        Output angle, rad.
-    """
+    """Time, velocity and output angle that slow terms depend on, arrays of shape (n,)."""
 
     time_s: FloatArray
     velocity_rad_s: FloatArray

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from hdbench.filter.assemble import state_space
-from hdbench.filter.blocks import OscillatorBlock, SlowBlock
 from hdbench.filter.build import build_filter_model
-from hdbench.filter.channels import Channels, filter_channels
-from hdbench.filter.compare import butterworth_lowpass, transfer_at_steady_speed
-from hdbench.filter.core import kernel_name, kernel_reason
-from hdbench.filter.model import FilterModel
-from hdbench.filter.offline import filter_trace, filtered_columns
-from hdbench.filter.online import FilteredBlock, OnlineFilter
+from hdbench.filter.comparison import butterworth_lowpass
+from hdbench.filter.kalman import FilteredBlock, kernel_name, kernel_reason
+from hdbench.filter.model import FilterModel, OscillatorBlock, SlowBlock
+from hdbench.filter.online import OnlineFilter
 from hdbench.filter.presets import PRESETS, load_filter_model, preset
+from hdbench.filter.steady import transfer_at_steady_speed
+from hdbench.filter.traces import Channels, filter_channels, filter_trace, filtered_columns
 from hdbench.filter.tuning import TuningResult, TuningSettings, tune
 
 __all__ = [
@@ -33,7 +31,6 @@ __all__ = [
     "kernel_reason",
     "load_filter_model",
     "preset",
-    "state_space",
     "transfer_at_steady_speed",
     "tune",
 ]

@@ -1,20 +1,74 @@
-"""Stored results of the three experiments, fed into a filter model."""
+"""Filter model from stored results of the three experiments."""
 
 from __future__ import annotations
 
 import hashlib
 import json
-import math
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
+from typing import Annotated, Any, TypeVar
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
 from hdbench.errors import DataError
-from hdbench.filter.model import FilterModel, OscillatorBlock
+from hdbench.filter.model import FilterModel, OscillatorBlock, first_problem
 
 __all__ = ["build_filter_model"]
 
 _PREFIX = "results-on-"
+
+
+def value_of(entry: object) -> object:
+    """Return the value of an object with an uncertainty, or a number itself."""
+    return entry.get("value") if isinstance(entry, Mapping) else entry
+
+
+_Number = Annotated[float, BeforeValidator(value_of)]
+_Positive = Annotated[_Number, Field(gt=0.0)]
+
+
+class Stored(BaseModel):
+    """The keys of a stored result or model that a filter takes; others are left alone."""
+
+    model_config = ConfigDict(strict=True, allow_inf_nan=False)
+
+
+class _Noise(Stored):
+    measurement_noise: _Positive | None = None
+    process_noise: _Positive | None = None
+
+
+class _Order(Stored):
+    order: _Positive
+
+
+class _Ripple(Stored):
+    ripple: Annotated[list[_Order], Field(min_length=1)]
+    filter: _Noise = _Noise()
+
+
+class _Block(_Order, _Noise):
+    """The block that a misalignment adds."""
+
+
+class _Misalignment(Stored):
+    filter: _Block
+
+
+class _Calibration(Stored):
+    gain_nm_per_v: _Number
+
+
+_Kind = TypeVar("_Kind", bound=Stored)
+
+
+def _read(kind: type[_Kind], result: Mapping[str, Any], what: str) -> _Kind:
+    """Return what a filter takes of a result."""
+    try:
+        return kind.model_validate(result)
+    except ValidationError as error:
+        place, found = first_problem(error)
+        raise _bad(found, f"{what} result:{place}") from error
 
 
 def build_filter_model(
@@ -24,7 +78,7 @@ def build_filter_model(
     misalignment: Mapping[str, Any] | None = None,
     calibration: Mapping[str, Any] | None = None,
 ) -> FilterModel:
-    """Feed stored results into a filter model.
+    """Return a filter model with the numbers of stored results.
 
     Parameters
     ----------
@@ -64,15 +118,16 @@ def build_filter_model(
     provenance = dict(base.provenance)
     r, gain = base.measurement_noise, base.torque_gain_nm_per_v
     if misalignment is not None:
-        added = _with_misalignment(blocks, misalignment, r)
+        block = _read(_Misalignment, misalignment, "misalignment").filter
+        added = _with_misalignment(blocks, block, r)
         blocks = _own_noise(blocks, added) if tuned else added
         provenance["misalignment block"] = _origin(misalignment, "misalignment")
     if ripple is not None:
-        added, new_r = _with_ripple(blocks, ripple, r)
+        added, new_r = _with_ripple(blocks, _read(_Ripple, ripple, "ripple"), r)
         blocks, r = (_own_noise(blocks, added), r) if tuned else (added, new_r)
         provenance["ripple blocks, measurement_noise"] = _origin(ripple, "ripple")
     if calibration is not None:
-        gain = _finite(calibration, "gain_nm_per_v", "calibration result")
+        gain = _read(_Calibration, calibration, "calibration").gain_nm_per_v
         provenance["torque_gain_nm_per_v"] = _origin(calibration, "calibration")
     try:
         return replace(
@@ -99,25 +154,6 @@ def _origin(result: Mapping[str, Any], kind: str) -> str:
     return f"{kind} result{f' of {run}' if run else ''}, sha256 {digest}"
 
 
-def _number(body: object, key: str, where: str) -> float:
-    value = _finite(body, key, where)
-    if not value > 0.0:
-        raise _bad(f"{key} is {value!r}; needed: above 0", where)
-    return value
-
-
-def _finite(body: object, key: str, where: str) -> float:
-    if not isinstance(body, Mapping):
-        raise _bad(f"found {repr(body)[:60]}; needed: an object with {key}", where)
-    entry = body.get(key)
-    value = entry.get("value") if isinstance(entry, Mapping) else entry
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise _bad(f"{key} is {entry!r}; needed: a number or {{value, std, dof}}", where)
-    if not math.isfinite(value):
-        raise _bad(f"{key} is {value!r}; needed: a finite number", where)
-    return float(value)
-
-
 def _own_noise(
     before: tuple[OscillatorBlock, ...], after: tuple[OscillatorBlock, ...]
 ) -> tuple[OscillatorBlock, ...]:
@@ -135,44 +171,30 @@ def _own_noise(
 
 
 def _with_ripple(
-    blocks: tuple[OscillatorBlock, ...], result: Mapping[str, Any], r: float
+    blocks: tuple[OscillatorBlock, ...], result: _Ripple, r: float
 ) -> tuple[tuple[OscillatorBlock, ...], float]:
     """Return blocks and R after a ripple result; `r` is R before it."""
-    entries = result.get("ripple")
-    if not isinstance(entries, list) or not entries:
-        raise _bad("key ripple is no list of orders", "ripple result")
-    noise = result.get("filter", {})
-    where = "ripple result:filter"
-    if not isinstance(noise, Mapping):
-        raise _bad("key filter is no object", where)
-    new_r = _number(noise, "measurement_noise", where) if "measurement_noise" in noise else r
+    new_r = r if result.filter.measurement_noise is None else result.filter.measurement_noise
     scaled = tuple(replace(b, process_noise=b.process_noise * new_r / r) for b in blocks)
-    q = next((block for block in scaled if block.role == "ripple"), scaled[0]).process_noise
-    if "process_noise" in noise:
-        q = _number(noise, "process_noise", where)
-    found = tuple(
-        OscillatorBlock(_number(entry, "order", f"ripple result:ripple[{i}]"), "ripple", q)
-        for i, entry in enumerate(entries)
-    )
+    q = result.filter.process_noise
+    if q is None:
+        q = next((block for block in scaled if block.role == "ripple"), scaled[0]).process_noise
+    found = tuple(OscillatorBlock(entry.order, "ripple", q) for entry in result.ripple)
     kept = tuple(block for block in scaled if block.role != "ripple" or block.frequency_hz > 0.0)
     return found + kept, new_r
 
 
 def _with_misalignment(
-    blocks: tuple[OscillatorBlock, ...], result: Mapping[str, Any], r: float
+    blocks: tuple[OscillatorBlock, ...], added: _Block, r: float
 ) -> tuple[OscillatorBlock, ...]:
     """Return the blocks after a misalignment result, its Q brought to the scale of `r`."""
-    entry = result.get("filter")
-    if not isinstance(entry, Mapping):
-        raise _bad("key filter, the block to add, is missing", "misalignment result")
-    where = "misalignment result:filter"
     template = next((block for block in blocks if block.role == "misalignment"), blocks[-1])
     q = template.process_noise
-    if "process_noise" in entry:
-        q = _number(entry, "process_noise", where)
-        if "measurement_noise" in entry:
-            q *= r / _number(entry, "measurement_noise", where)
-    block = OscillatorBlock(_number(entry, "order", where), "misalignment", q)
+    if added.process_noise is not None:
+        q = added.process_noise
+        if added.measurement_noise is not None:
+            q *= r / added.measurement_noise
+    block = OscillatorBlock(added.order, "misalignment", q)
     # relative rounding of 1/N written and read again
     kept = tuple(b for b in blocks if abs(b.order - block.order) > 1e-9 * block.order)
     return (*kept, block)

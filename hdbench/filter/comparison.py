@@ -1,23 +1,22 @@
-"""Filters side by side on one trace: what each takes, what it keeps, what it costs."""
+"""Comparison of filters on one trace: suppression, torque kept, delay, noise, error."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from hdbench.errors import DataError
-from hdbench.filter.channels import Channels
-from hdbench.filter.compare import butterworth_lowpass
 from hdbench.filter.model import FilterModel
 from hdbench.filter.online import OnlineFilter
 from hdbench.filter.smoothing import motor_angle, smooth_channels
+from hdbench.filter.traces import Channels
 from hdbench.records import FloatArray
 
-__all__ = ["Comparison", "Contender", "compare_filters"]
+__all__ = ["Comparison", "Contender", "butterworth_lowpass", "compare_filters"]
 
 _SETTLE_SHARE = 0.25  # of the record is left to the filters to settle, at most 20 s
 _SETTLE_S = 20.0
@@ -26,63 +25,27 @@ _LAG_S = 0.25  # delays are sought up to here
 
 @dataclass(frozen=True, slots=True)
 class Contender:
-    """One way to get the torque, judged on the settled part of the record.
-
-    Parameters
-    ----------
-    name : str
-        ``raw``, ``lowpass``, ``report``, ``tuned``, ``smoothed``.
-    torque_nm : ndarray, shape (n,)
-        Its output, N m.
-    suppression_db : mapping of str to float
-        For each block, amplitude before over after, dB, at most 120; None for the smoothed torque
-        where it is the reference itself.
-    torque_kept : float or None
-        Slope of the output on the reference, low-passed without delay where that is the smoothed
-        torque; None where it varies less than the noise.
-    delay_s : float or None
-        Lag of the output behind the reference, s; None as above.
-    noise_nm : float
-        Standard deviation from sample to sample, N m (third differences over root 20).
-    error_rms_nm : float
-        Root mean square of output minus reference, N m.
-    """
+    """One way to get the torque, judged on the settled part of the record."""
 
     name: str
     torque_nm: FloatArray
-    suppression_db: Mapping[str, float | None]
-    torque_kept: float | None
-    delay_s: float | None
-    noise_nm: float
+    suppression_db: Mapping[str, float | None]  # of each block, at most 120 dB
+    torque_kept: float | None  # slope on the reference; None where that hardly varies
+    delay_s: float | None  # lag behind the reference
+    noise_nm: float  # from sample to sample: third differences over root 20
     error_rms_nm: float
 
     def to_dict(self) -> dict[str, object]:
         """Return the row as results store it, without the curve."""
-        return {
-            "name": self.name,
-            "suppression_db": dict(self.suppression_db),
-            "torque_kept": self.torque_kept,
-            "delay_s": self.delay_s,
-            "noise_nm": self.noise_nm,
-            "error_rms_nm": self.error_rms_nm,
-        }
+        names = (item.name for item in fields(self) if item.name != "torque_nm")
+        return {name: getattr(self, name) for name in names}
 
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """All contenders on one trace.
+    """All contenders on one trace."""
 
-    Parameters
-    ----------
-    reference : str
-        ``truth``: the trace's own true torque; ``smoothed``: the tuned model's smoothed torque.
-    from_s : float
-        Start of the part that was judged.
-    contenders : tuple of Contender
-        From raw to smoothed.
-    """
-
-    reference: str
+    reference: str  # truth or smoothed
     from_s: float
     contenders: tuple[Contender, ...]
 
@@ -93,6 +56,64 @@ class Comparison:
             "from_s": self.from_s,
             "rows": [row.to_dict() for row in self.contenders],
         }
+
+
+def butterworth_lowpass(
+    torque_nm: ArrayLike, *, sample_period_s: float, cutoff_hz: float, order: int
+) -> FloatArray:
+    """Low-pass the torque causally, the report's comparison for its filter.
+
+    Parameters
+    ----------
+    torque_nm : array_like, shape (n,)
+        Torque, N m. From a NaN on, no output is known: those samples stay NaN.
+    sample_period_s : float
+        Sampling period, s, > 0, taken as uniform.
+    cutoff_hz : float
+        -3 dB frequency, Hz, in (0, half the sampling frequency).
+    order : int
+        Order of the low-pass, 1 to 8.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        Low-passed torque, N m, started in the steady state of the first sample.
+
+    Raises
+    ------
+    DataError
+        If the period, cut-off or order is out of its domain.
+
+    Notes
+    -----
+    Second-order sections of the bilinear Butterworth design, run forward only, so its delay is
+    the one a control loop would see.
+
+    References
+    ----------
+    .. [1] S. Butterworth, "On the theory of filter amplifiers", Wireless Engineer 7 (1930).
+    """
+    if not 0.0 < sample_period_s < math.inf or not 0.0 < cutoff_hz < 0.5 / sample_period_s:
+        raise DataError(
+            f"cut-off {cutoff_hz!r} Hz at a sampling period of {sample_period_s!r} s; needed: "
+            "above 0 and below half the sampling frequency",
+            where="filter.butterworth_cutoff_hz",
+            fix="lower the cut-off",
+        )
+    if not 1 <= order <= 8:
+        raise DataError(
+            f"order {order!r}; needed: 1 to 8",
+            where="filter.butterworth_order",
+            fix="choose a low-pass order from 1 to 8",
+        )
+    from scipy.signal import butter, sosfilt, sosfilt_zi
+
+    torque = np.asarray(torque_nm, dtype=np.float64)
+    if torque.size == 0:
+        return torque.copy()
+    sections = butter(order, cutoff_hz, fs=1.0 / sample_period_s, output="sos")
+    filtered, _ = sosfilt(sections, torque, zi=sosfilt_zi(sections) * torque[0])
+    return np.asarray(filtered, dtype=np.float64)
 
 
 def compare_filters(

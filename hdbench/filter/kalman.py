@@ -1,27 +1,262 @@
-"""Run, batch and smooth a state-space model: the kernel's public face."""
+"""Kalman filter of order-locked torque: run, batch and smooth, compiled or in NumPy."""
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import ArrayLike
+import math
+import os
+from dataclasses import dataclass
+from functools import cache
+from types import ModuleType
+from typing import Any, Literal, get_args
 
-from hdbench.errors import DataError
-from hdbench.filter.answers import BatchResult, RunResult, SmoothResult
-from hdbench.filter.core import Form, kernel_form, kernel_name
-from hdbench.filter.layout import state_size
-from hdbench.filter.statespace import StateSpace, pack
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from hdbench.errors import DataError, UsageError
+from hdbench.filter.model import FilterModel, SlowBlock, SlowKind
 from hdbench.records import FloatArray
 
-__all__ = ["BatchResult", "RunResult", "SmoothResult", "batch", "new_state", "run", "smooth"]
+Form = Literal["c", "numpy"]
+_VARIABLE = "HDBENCH_KERNEL"
+GATE_SAMPLES = 5
+"""So many samples in a row are gated at most: a step of the torque is not refused for ever."""
+
+# places in the packed model: a header, then one row for each block
+MODEL_HEADER, BLOCK = 9, 11
+PRIOR = 9
+# places in the state: a header, then psi and its rounding [2 n], z [2 n], g [2 n], the lower
+# triangle of P, as kernel/filter.h says
+SEEN, HAS_VELOCITY, HAS_ANGLE, STARTED = 0, 1, 2, 3
+TIME, VELOCITY, VELOCITY_TIME, ACCELERATION, ANGLE, GATED_RUN = 4, 5, 6, 7, 8, 9
+INVERSE, STEP = 10, 11
+"""1/S and e/S of the last sample: what its measurement is still to do to states and covariance."""
+HEADER = 12
+USABLE = 1e12
+"""Beyond this magnitude (rad/s, rad, N m) a sample is a fault and counts as missing."""
+MISSING, GATED, UNRESOLVED = 1, 2, 4
+"""Bits of a sample's flag."""
 
 
-def new_state(model: StateSpace) -> FloatArray:
+@dataclass(frozen=True, slots=True)
+class FilteredBlock:
+    """Filtered samples; arrays of shape (n_samples,), N m unless said otherwise.
+
+    Parameters
+    ----------
+    torque_expected_nm : ndarray
+        J_load * acceleration / N by the online differentiator.
+    ripple_nm : ndarray
+        Predicted sum of the ripple blocks, from earlier samples only.
+    misalignment_nm : ndarray
+        Predicted sum of the output-order blocks, from earlier samples only.
+    torque_filtered_nm : ndarray
+        Torque minus both predictions; NaN where the torque is missing.
+    slow_nm : ndarray
+        Predicted slow torque, which the filtered torque keeps; 0 where the model has none.
+    innovation_nm : ndarray
+        Torque minus everything predicted; NaN where the sample is missing.
+    innovation_variance_nm2 : ndarray
+        Its variance by the model, (N m)^2; NaN before the filter has started.
+    flags : ndarray of uint8
+        0, or bits: 1 missing, 2 gated as an outlier, 4 an order not resolved (its variance is
+        beyond 200 innovation variances, as at standstill), 8 saturated, 16 stuck.
+    n_used : int
+        Samples that were used as measurements.
+    sum_log_variance, sum_normalised_squares : float
+        Sum of log S and of e^2 / S over these samples; with R and all Q scaled by one factor, that
+        factor's best value is ``sum_normalised_squares / n_used``.
+    """
+
+    torque_expected_nm: FloatArray
+    ripple_nm: FloatArray
+    misalignment_nm: FloatArray
+    torque_filtered_nm: FloatArray
+    slow_nm: FloatArray
+    innovation_nm: FloatArray
+    innovation_variance_nm2: FloatArray
+    flags: NDArray[np.uint8]
+    n_used: int
+    sum_log_variance: float
+    sum_normalised_squares: float
+
+    @property
+    def log_likelihood(self) -> float:
+        """Gaussian log-likelihood of the samples used, nats."""
+        sums = self.sum_log_variance + self.sum_normalised_squares
+        return -0.5 * (self.n_used * math.log(2.0 * math.pi) + sums)
+
+
+@dataclass(frozen=True, slots=True)
+class BatchResult:
+    """Filtered traces, one per column: arrays (n, n_traces), and sums (n_traces,)."""
+
+    torque_filtered_nm: FloatArray
+    innovation_nm: FloatArray | None
+    innovation_variance_nm2: FloatArray | None
+    n_used: FloatArray
+    sum_log_variance: FloatArray
+    sum_normalised_squares: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class SmoothResult:
+    """Blocks from all samples, before and after each one.
+
+    `mean` has shape (n, n_blocks, 2): an oscillator's torque A cos(psi) and -A sin(psi), N m; a
+    slow torque and its slope (0 for kinds of one state). `covariance` is (p11, p12, p22) of each
+    block, (N m)^2, or None.
+    """
+
+    mean: FloatArray
+    covariance: FloatArray | None
+    torque_expected_nm: FloatArray
+
+
+def kernel_form(name: str) -> Any:
+    """Return the module with run, batch and smooth of a form, ``c`` or ``numpy``."""
+    if name == "numpy":
+        from hdbench.filter import fallback
+
+        return fallback
+    module, reason = _compiled()
+    if name != "c" or module is None:
+        raise ValueError(f"no filter form {name!r}: {reason}")
+    return module
+
+
+@cache
+def _compiled() -> tuple[ModuleType | None, str]:
+    try:
+        from hdbench.filter import _kernel
+    except ImportError:
+        return None, "no C kernel was compiled at installation"
+    return _kernel, "the C kernel was compiled at installation"
+
+
+def _choose() -> tuple[Form, str]:
+    wanted, where = os.environ.get(_VARIABLE, ""), f"environment variable {_VARIABLE}"
+    if wanted not in ("", "c", "numpy"):
+        raise UsageError(
+            f"{_VARIABLE} is {wanted!r}; needed: c, numpy or nothing",
+            where=where,
+            fix=f"unset {_VARIABLE}",
+        )
+    if wanted == "numpy":
+        return "numpy", f"{_VARIABLE}=numpy asks for it"
+    module, reason = _compiled()
+    if module is not None:
+        return "c", reason
+    if wanted == "c":
+        raise UsageError(
+            f"{_VARIABLE}=c, but {reason}",
+            where=where,
+            fix="install again where a C compiler is on PATH, or unset the variable",
+        )
+    return "numpy", reason
+
+
+def kernel_name() -> Form:
+    """Return which form of the filter runs: ``c`` or ``numpy``.
+
+    Returns
+    -------
+    str
+        ``c`` for the compiled kernel, ``numpy`` for the form that needs no compiler. They agree to
+        1e-9 N m.
+
+    Raises
+    ------
+    UsageError
+        If the environment variable HDBENCH_KERNEL names no form, or one that is not there.
+    """
+    return _choose()[0]
+
+
+def kernel_reason() -> str:
+    """Return one line that says why `kernel_name` is what it is.
+
+    Returns
+    -------
+    str
+        The reason, without a full stop.
+
+    Raises
+    ------
+    UsageError
+        As `kernel_name`.
+    """
+    return _choose()[1]
+
+
+def pack(model: FilterModel) -> FloatArray:
+    """Return a filter model as the numbers that the kernel reads, oscillators first."""
+    gate, prior = model.gate_sigma or 0.0, model.order_prior_std_nm
+    header = (
+        len(model.blocks),
+        len(model.slow),
+        model.measurement_noise,
+        model.load_inertia_kg_m2,
+        model.gear_ratio,
+        model.differentiator_time_constant_s,
+        gate * gate,
+        GATE_SAMPLES,
+        float(prior is not None),
+    )
+    variance = 1.0 if prior is None else prior * prior
+    rows: list[tuple[float, ...]] = [header]
+    for block in model.blocks:
+        q, per = block.process_noise, block.noise_per
+        noise = (q if per == unit else 0.0 for unit in ("sample", "motor-radian", "second"))
+        omega = 2.0 * math.pi * block.frequency_hz
+        part = 1.0 if block.role == "misalignment" else 0.0
+        rows.append((0.0, part, block.order, omega, *noise, 0.0, 0.0, variance, variance))
+    slow_prior = 1.0 if model.slow_prior_std_nm is None else model.slow_prior_std_nm**2
+    rows += [_slow_row(block, slow_prior) for block in model.slow]
+    return np.array([value for row in rows for value in row], dtype=np.float64)
+
+
+def _slow_row(block: SlowBlock, prior: float) -> tuple[float, ...]:
+    kind = 1.0 + get_args(SlowKind).index(block.kind)
+    natural, rate, damped, first, second = (
+        2.0 * math.pi * block.frequency_hz,
+        0.0,
+        0.0,
+        prior,
+        prior,
+    )
+    if block.stationary:
+        rate = 1.0 / block.time_constant_s
+        # the stationary covariance of torque and slope
+        own = natural or rate
+        first, second = block.variance, block.variance * own * own
+    if block.kind == "resonance":
+        # its damped frequency; a millionth of the natural one differs from critical damping by
+        # 1e-12 of the covariance
+        damped = max(math.sqrt(max(natural * natural - rate * rate, 0.0)), 1e-6 * natural)
+    second = second if block.n_states == 2 else 0.0
+    noise = (0.0, 0.0, block.noise_per_s)
+    return (kind, 2.0, damped, natural, *noise, rate, block.variance, first, second)
+
+
+def block_rows(packed: FloatArray) -> list[list[float]]:
+    """Return kind, part, order, omega, three noises, rate, variance, two priors of each block."""
+    rows: list[list[float]] = packed[MODEL_HEADER:].reshape(-1, BLOCK).tolist()
+    return rows
+
+
+def block_count(packed: FloatArray) -> int:
+    """Return the number of blocks of a packed model."""
+    return (packed.size - MODEL_HEADER) // BLOCK
+
+
+def new_state(packed: FloatArray) -> FloatArray:
     """Return the state of a filter that has seen nothing."""
-    return np.zeros(state_size(len(model.blocks)))
+    n = block_count(packed)
+    return np.zeros(HEADER + 6 * n + n * (2 * n + 1))
 
 
 def run(
-    model: StateSpace,
+    packed: FloatArray,
     state: FloatArray,
     time_s: ArrayLike,
     velocity_rad_s: ArrayLike,
@@ -29,8 +264,8 @@ def run(
     *,
     angle_rad: ArrayLike | None = None,
     form: Form | None = None,
-) -> RunResult:
-    r"""Filter the next samples of one trace.
+) -> FilteredBlock:
+    r"""Filter the next samples of one trace; `state` is advanced.
 
     Notes
     -----
@@ -43,23 +278,24 @@ def run(
     A missing or gated sample ends after :math:`P^-`. Splitting a trace changes no bit.
     """
     samples = _samples(time_s, velocity_rad_s, torque_nm, angle_rad)
-    n = samples[0].size
+    n, needed = samples[0].size, new_state(packed).size
+    if state.dtype != np.float64 or state.shape != (needed,) or not state.flags.c_contiguous:
+        raise ValueError(f"state has shape {state.shape}; needed {needed} float64 numbers")
     sums = np.zeros(3)
-    _check_state(model, state)
     # two blocks, not seven arrays: the system hands out larger pages, and keeps them in the process
-    a, b, c, d = np.empty((4, n))
-    e, f, g = np.empty((3, n))
+    expected, ripple, misalignment, slow = np.empty((4, n))
+    filtered, innovation, variance = np.empty((3, n))
     flags = np.empty(n, dtype=np.uint8)
+    outputs = (expected, ripple, misalignment, slow, filtered, innovation, variance)
     work = kernel_form(form or kernel_name()).run
-    bad = work(pack(model), state, samples, (a, b, c, d, e, f, g), flags, sums)
-    if bad >= 0:
-        raise _bad_time(samples[0], bad)
+    _check_time(work(packed, state, samples, outputs, flags, sums), samples[0])
     used, logs, squares = sums.tolist()
-    return RunResult(a, b, c, d, e, f, g, flags, int(used), logs, squares)
+    answer = (expected, ripple, misalignment, filtered, slow, innovation, variance)
+    return FilteredBlock(*answer, flags, int(used), logs, squares)
 
 
 def batch(
-    model: StateSpace,
+    packed: FloatArray,
     time_s: ArrayLike,
     velocity_rad_s: ArrayLike,
     torque_nm: ArrayLike,
@@ -69,8 +305,7 @@ def batch(
     form: Form | None = None,
 ) -> BatchResult:
     """Filter many traces of one model at once, each with the bits that `run` gives it."""
-    time = _array(time_s, 1)
-    velocity, torque = _array(velocity_rad_s, 2), _array(torque_nm, 2)
+    time, velocity, torque = _array(time_s, 1), _array(velocity_rad_s, 2), _array(torque_nm, 2)
     angle = None if angle_rad is None else _array(angle_rad, 2)
     for array in (velocity, torque, angle):
         if array is not None and array.shape != (time.size, torque.shape[1]):
@@ -80,14 +315,13 @@ def batch(
     variance = np.empty_like(torque) if innovations else None
     sums = np.zeros((3, torque.shape[1]))
     samples, outputs = (time, velocity, torque, angle), (filtered, innovation, variance)
-    bad = kernel_form(form or kernel_name()).batch(pack(model), samples, outputs, sums)
-    if bad >= 0:
-        raise _bad_time(time, bad)
+    work = kernel_form(form or kernel_name()).batch
+    _check_time(work(packed, samples, outputs, sums), time)
     return BatchResult(filtered, innovation, variance, sums[0], sums[1], sums[2])
 
 
 def smooth(
-    model: StateSpace,
+    packed: FloatArray,
     time_s: ArrayLike,
     velocity_rad_s: ArrayLike,
     torque_nm: ArrayLike,
@@ -117,18 +351,11 @@ def smooth(
        Journal of Control 18 (1973) 65-75.
     """
     samples = _samples(time_s, velocity_rad_s, torque_nm, angle_rad)
-    n, nb = samples[0].size, len(model.blocks)
-    mean = np.empty((n, nb, 2))
-    bands = np.empty((n, nb, 3)) if covariance else None
-    expected = np.empty(n)
+    n, n_blocks = samples[0].size, block_count(packed)
+    expected, mean = np.empty(n), np.empty((n, n_blocks, 2))
+    bands = np.empty((n, n_blocks, 3)) if covariance else None
     work = kernel_form(form or kernel_name()).smooth
-    bad = work(pack(model), samples, expected, mean, bands)
-    if bad >= 0:
-        raise _bad_time(samples[0], bad)
-    back = np.argsort(model.kernel_order())
-    if not np.array_equal(back, np.arange(nb)):
-        mean = mean[:, back]
-        bands = None if bands is None else bands[:, back]
+    _check_time(work(packed, samples, expected, mean, bands), samples[0])
     return SmoothResult(mean, bands, expected)
 
 
@@ -150,15 +377,11 @@ def _samples(
     return time, velocity, torque, angle
 
 
-def _check_state(model: StateSpace, state: FloatArray) -> None:
-    needed = state_size(len(model.blocks))
-    if state.dtype != np.float64 or state.shape != (needed,) or not state.flags.c_contiguous:
-        raise ValueError(f"state has shape {state.shape}; needed {needed} float64 numbers")
-
-
-def _bad_time(time: FloatArray, bad: int) -> DataError:
-    return DataError(
-        f"time_s is {time[bad]!r} s; needed: finite and later than the sample before",
-        where=f"sample {bad} of the block",
-        fix="sort the samples by time and remove repeated ones",
-    )
+def _check_time(bad: int, time: FloatArray) -> None:
+    """Refuse a time that the kernel named; -1 is none."""
+    if bad >= 0:
+        raise DataError(
+            f"time_s is {time[bad]!r} s; needed: finite and later than the sample before",
+            where=f"sample {bad} of the block",
+            fix="sort the samples by time and remove repeated ones",
+        )

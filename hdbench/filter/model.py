@@ -1,35 +1,172 @@
-"""What the filter believes: oscillators, slow torque, noise, and where each number is from."""
+"""Filter model: oscillators, slow torque, noise, and where each number is from."""
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, field, fields
+from typing import Any, Literal, get_args
 
-from hdbench.filter.blocks import NoisePer, OscillatorBlock, Role, SlowBlock, SlowKind
-from hdbench.filter.layout import MAX_BLOCKS
-from hdbench.filter.modeljson import (
-    bad_file,
-    block_dict,
-    number,
-    read_block,
-    read_slow,
-    slow_dict,
-    typed,
-)
+from pydantic import ConfigDict, TypeAdapter, ValidationError
 
-__all__ = ["SCHEMA", "FilterModel", "NoisePer", "OscillatorBlock", "Role", "SlowBlock", "SlowKind"]
+from hdbench.errors import DataError
+
+__all__ = [
+    "SCHEMA",
+    "FilterModel",
+    "NoisePer",
+    "OscillatorBlock",
+    "Role",
+    "SlowBlock",
+    "SlowKind",
+    "first_problem",
+]
 
 SCHEMA = "hdbench/filter-model/1"
+MAX_BLOCKS = 16
+Role = Literal["ripple", "misalignment"]
+NoisePer = Literal["sample", "motor-radian", "second"]
+SlowKind = Literal[
+    "random-walk",
+    "integrated-random-walk",
+    "ornstein-uhlenbeck",
+    "matern-3/2",
+    "resonance",
+]
+_WALKS = ("random-walk", "integrated-random-walk")
 _LIMITS = ("order_prior_std_nm", "slow_prior_std_nm", "gate_sigma", "torque_limit_nm")
-_FLOATS = ("torque_gain_nm_per_v", *_LIMITS)
-_OPTIONAL = {*_FLOATS, "provenance", "slow", "stuck_samples", "tuning"}
+_STRICT = ConfigDict(extra="forbid", strict=True)
 
 
 def _positive(name: str, value: float) -> None:
     if not 0.0 < value < math.inf:
         raise ValueError(f"{name} is {value!r}; needed: a finite number above 0")
+
+
+def _one_of(name: str, value: str, choices: Any) -> None:
+    if value not in get_args(choices):
+        raise ValueError(f"{name} is {value!r}; needed: {', '.join(get_args(choices))}")
+
+
+@dataclass(frozen=True, slots=True)
+class OscillatorBlock:
+    """One oscillator: a torque component locked to motor or clock, and its quadrature.
+
+    Parameters
+    ----------
+    order : float
+        Cycles per wave-generator turn, > 0; 0 for a block locked to the clock.
+    role : {"ripple", "misalignment"}
+        Which output carries it: torque ripple, or misalignment at an output order.
+    process_noise : float
+        Q of both states, (N m)^2 per unit of `noise_per`, > 0.
+    noise_per : {"sample", "motor-radian", "second"}
+        What the process noise grows with: samples (as in the report), the turned angle of the
+        motor (tuned models: nothing grows while it stands), or time.
+    frequency_hz : float
+        Frequency of a block locked to the clock, Hz, > 0; 0 for an order.
+
+    Raises
+    ------
+    ValueError
+        If a number is out of its domain, or a role or unit is unknown.
+    """
+
+    order: float
+    role: Role
+    process_noise: float
+    noise_per: NoisePer = "sample"
+    frequency_hz: float = 0.0
+
+    __pydantic_config__ = _STRICT
+
+    def __post_init__(self) -> None:
+        if self.frequency_hz == 0.0:
+            _positive("order", self.order)
+        else:
+            _positive("frequency_hz", self.frequency_hz)
+            if self.order != 0.0:
+                raise ValueError(
+                    f"order is {self.order!r} beside frequency_hz {self.frequency_hz!r}; "
+                    "needed: one of them above 0, the other 0"
+                )
+        _positive("process_noise", self.process_noise)
+        _one_of("role", self.role, Role)
+        _one_of("noise_per", self.noise_per, NoisePer)
+
+
+@dataclass(frozen=True, slots=True)
+class SlowBlock:
+    r"""Torque that the filter estimates and keeps: a torque unknown to the expected torque.
+
+    Parameters
+    ----------
+    kind : str
+        ``random-walk``, ``integrated-random-walk``; or stationary, with bounded variance at every
+        frequency: ``ornstein-uhlenbeck``, ``matern-3/2``, ``resonance``.
+    noise_per_s : float
+        Of the walks: growth of the variance, (N m)^2 per second; of the slope's variance,
+        (N m/s)^2 per second, for the integrated one. > 0.
+    variance : float
+        Of the stationary kinds: (N m)^2, > 0.
+    time_constant_s : float
+        T of the stationary kinds, s, > 0: covariance ``variance * exp(-|tau|/T)``,
+        ``variance * (1 + |tau|/T) * exp(-|tau|/T)``; for a resonance that of its envelope.
+    frequency_hz : float
+        Undamped natural frequency f of a resonance, Hz, with ``2 pi f T >= 1``.
+
+    Raises
+    ------
+    ValueError
+        If a number is out of its domain or does not belong to the kind.
+
+    Notes
+    -----
+    A resonance is :math:`\ddot\tau + (2/T)\dot\tau + (2\pi f)^2\tau = w` with white w: at
+    :math:`2\pi f T = 1` it is Matern 3/2, at :math:`\sqrt 2` second-order Butterworth noise, and
+    for large T a sine of slowly changing amplitude and phase.
+    """
+
+    kind: SlowKind
+    noise_per_s: float = 0.0
+    variance: float = 0.0
+    time_constant_s: float = 0.0
+    frequency_hz: float = 0.0
+
+    __pydantic_config__ = _STRICT
+
+    def __post_init__(self) -> None:
+        _one_of("kind", self.kind, SlowKind)
+        for name in ("noise_per_s", "variance", "time_constant_s", "frequency_hz"):
+            value = getattr(self, name)
+            if name in self.parameters:
+                _positive(name, value)
+            elif value != 0.0:
+                raise ValueError(f"{name} is {value!r}; a {self.kind} has no such number")
+        # 1e-9: rounding of a number written and read again
+        if self.kind == "resonance" and not (
+            2.0 * math.pi * self.frequency_hz * self.time_constant_s > 1.0 - 1e-9
+        ):
+            raise ValueError("a resonance needs time_constant_s >= 1 / (2 pi frequency_hz)")
+
+    @property
+    def stationary(self) -> bool:
+        """Whether its variance is bounded."""
+        return self.kind not in _WALKS
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Names of the numbers that its kind has."""
+        if not self.stationary:
+            return ("noise_per_s",)
+        common = ("variance", "time_constant_s")
+        return (*common, "frequency_hz") if self.kind == "resonance" else common
+
+    @property
+    def n_states(self) -> int:
+        """Number of states of its kind: the torque, and its slope where it has one."""
+        return 1 if self.kind in ("random-walk", "ornstein-uhlenbeck") else 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,7 +224,7 @@ class FilterModel:
     gear_ratio: float
     differentiator_time_constant_s: float
     use_measured_angle: bool
-    provenance: Mapping[str, str]
+    provenance: Mapping[str, str] = field(default_factory=dict)
     torque_gain_nm_per_v: float | None = None
     slow: tuple[SlowBlock, ...] = ()
     order_prior_std_nm: float | None = None
@@ -96,6 +233,8 @@ class FilterModel:
     torque_limit_nm: float | None = None
     stuck_samples: int | None = None
     tuning: Mapping[str, Any] | None = None
+
+    __pydantic_config__ = _STRICT
 
     def __post_init__(self) -> None:
         n_blocks = len(self.blocks) + len(self.slow)
@@ -106,9 +245,8 @@ class FilterModel:
             if places.count((order, hz)) > 1:
                 place = f"order {order!r}" if order else f"frequency_hz {hz!r}"
                 raise ValueError(f"two blocks have {place}; they cannot be told apart")
-        _positive("measurement_noise", self.measurement_noise)
-        _positive("gear_ratio", self.gear_ratio)
-        _positive("differentiator_time_constant_s", self.differentiator_time_constant_s)
+        for name in ("measurement_noise", "gear_ratio", "differentiator_time_constant_s"):
+            _positive(name, getattr(self, name))
         if not 0.0 <= self.load_inertia_kg_m2 < math.inf:
             raise ValueError(f"load_inertia_kg_m2 is {self.load_inertia_kg_m2!r}; needed: >= 0")
         gain = self.torque_gain_nm_per_v
@@ -119,10 +257,6 @@ class FilterModel:
                 _positive(name, getattr(self, name))
         if self.stuck_samples is not None and not self.stuck_samples >= 2:
             raise ValueError(f"stuck_samples is {self.stuck_samples!r}; needed: at least 2")
-        self._check_start()
-
-    def _check_start(self) -> None:
-        """Refuse slow torque without a prior to start from."""
         if self.slow and self.order_prior_std_nm is None:
             raise ValueError("slow torque needs order_prior_std_nm: the listing's start has none")
         if self.slow_prior_std_nm is None and not all(block.stationary for block in self.slow):
@@ -140,7 +274,7 @@ class FilterModel:
         body: dict[str, object] = {
             "schema": SCHEMA,
             "name": self.name,
-            "blocks": [block_dict(block) for block in self.blocks],
+            "blocks": [_set_fields(block) for block in self.blocks],
             "measurement_noise": self.measurement_noise,
             "load_inertia_kg_m2": self.load_inertia_kg_m2,
             "gear_ratio": self.gear_ratio,
@@ -150,13 +284,9 @@ class FilterModel:
             "provenance": dict(self.provenance),
         }
         if self.slow:
-            body["slow"] = [slow_dict(block) for block in self.slow]
-        for name in (*_LIMITS, "stuck_samples"):
-            if getattr(self, name) is not None:
-                body[name] = getattr(self, name)
-        if self.tuning is not None:
-            body["tuning"] = dict(self.tuning)
-        return body
+            body["slow"] = [_set_fields(block) for block in self.slow]
+        more = {name: getattr(self, name) for name in (*_LIMITS, "stuck_samples", "tuning")}
+        return body | {name: value for name, value in more.items() if value is not None}
 
     @classmethod
     def from_dict(cls, body: Mapping[str, Any], *, source: str = "<memory>") -> FilterModel:
@@ -179,45 +309,37 @@ class FilterModel:
         DataError
             If the schema is another one, or a key is missing, unknown or out of its domain.
         """
-        _check_keys(body, {"schema", *cls.__slots__}, source)
-        blocks, slow = typed(body, "blocks", list, source), body.get("slow", [])
-        if not isinstance(slow, list):
-            raise bad_file(f"slow is {slow!r}; needed: list", f"{source}:slow")
+        if body.get("schema") != SCHEMA:
+            found = f"schema is {body.get('schema')!r}; needed: {SCHEMA}"
+            raise _bad_file(found, f"{source}:schema")
+        text = json.dumps({key: value for key, value in body.items() if key != "schema"})
         try:
-            return cls(
-                name=typed(body, "name", str, source),
-                blocks=tuple(read_block(b, f"{source}:blocks[{i}]") for i, b in enumerate(blocks)),
-                measurement_noise=number(body, "measurement_noise", source),
-                load_inertia_kg_m2=number(body, "load_inertia_kg_m2", source),
-                gear_ratio=number(body, "gear_ratio", source),
-                differentiator_time_constant_s=number(
-                    body, "differentiator_time_constant_s", source
-                ),
-                use_measured_angle=typed(body, "use_measured_angle", bool, source),
-                provenance=_provenance(body, source),
-                slow=tuple(read_slow(b, f"{source}:slow[{i}]") for i, b in enumerate(slow)),
-                stuck_samples=None
-                if body.get("stuck_samples") is None
-                else typed(body, "stuck_samples", int, source),
-                tuning=None if body.get("tuning") is None else typed(body, "tuning", dict, source),
-                **{k: None if body.get(k) is None else number(body, k, source) for k in _FLOATS},
-            )
-        except ValueError as error:
-            raise bad_file(str(error), source) from error
+            return TypeAdapter(cls).validate_json(text)
+        except ValidationError as error:
+            place, what = first_problem(error)
+            raise _bad_file(what, f"{source}:{place}" if place else source) from error
 
 
-def _check_keys(body: Mapping[str, Any], known: set[str], source: str) -> None:
-    if body.get("schema") != SCHEMA:
-        raise bad_file(f"schema is {body.get('schema')!r}; needed: {SCHEMA}", f"{source}:schema")
-    for key in sorted(set(body) - known):
-        what = f"unknown key {key!r}; known: {', '.join(sorted(known))}"
-        raise bad_file(what, f"{source}:{key}")
-    for key in sorted(known - _OPTIONAL - set(body)):
-        raise bad_file(f"key {key!r} is missing", f"{source}:{key}")
+def _set_fields(block: OscillatorBlock | SlowBlock) -> dict[str, object]:
+    """Return the numbers of a block but for those at their default."""
+    values = {item.name: getattr(block, item.name) for item in fields(block)}
+    return {f.name: values[f.name] for f in fields(block) if values[f.name] != f.default}
 
 
-def _provenance(body: Mapping[str, Any], source: str) -> dict[str, str]:
-    found = body.get("provenance", {})
-    if not isinstance(found, Mapping) or not all(isinstance(v, str) for v in found.values()):
-        raise bad_file("provenance must map names to text", f"{source}:provenance")
-    return dict(found)
+def first_problem(error: ValidationError) -> tuple[str, str]:
+    """Return the place of the first wrong key, and what was found and is needed."""
+    first = error.errors(include_url=False)[0]
+    place = "".join(f"[{p}]" if isinstance(p, int) else f".{p}" for p in first["loc"])[1:]
+    if first["type"] == "missing":
+        return place, f"key {place!r} is missing"
+    if first["type"] == "unexpected_keyword_argument":
+        known = ", ".join(sorted(item.name for item in fields(FilterModel)))
+        return place, f"unknown key {place!r}" + ("" if "." in place else f"; known: {known}")
+    if first["type"] == "value_error":
+        return place, str(first["msg"]).removeprefix("Value error, ")
+    needed = str(first["msg"]).partition(" be ")[2] or str(first["msg"])
+    return place, f"{place} is {repr(first['input'])[:60]}; needed: {needed}"
+
+
+def _bad_file(what: str, where: str) -> DataError:
+    return DataError(what, where=where, fix="correct the filter-model file or write it again")

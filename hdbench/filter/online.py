@@ -1,56 +1,81 @@
-"""The filter while samples come."""
+"""Filter while samples come: screening, filtering, and the amplitudes it holds at a moment."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hdbench.errors import DataError
-from hdbench.filter.assemble import state_space
-from hdbench.filter.core import Form, kernel_form, kernel_name
-from hdbench.filter.guard import GUARD_STATES, guard_torque
-from hdbench.filter.kalman import new_state, run
-from hdbench.filter.model import FilterModel
+from hdbench.filter.kalman import (
+    GATED,
+    HEADER,
+    INVERSE,
+    MISSING,
+    STEP,
+    UNRESOLVED,
+    FilteredBlock,
+    Form,
+    kernel_form,
+    kernel_name,
+    new_state,
+    pack,
+    run,
+)
+from hdbench.filter.model import FilterModel, OscillatorBlock
 from hdbench.records import FloatArray
 
-__all__ = ["FilteredBlock", "OnlineFilter"]
+__all__ = ["FLAG_BITS", "BlockAmplitude", "OnlineFilter", "block_amplitudes", "screen_torque"]
+
+SATURATED, STUCK = 8, 16
+"""Bits of a sample's flag, beside those of the kernel."""
+
+FLAG_BITS = {
+    "missing": MISSING,
+    "gated": GATED,
+    "unresolved": UNRESOLVED,
+    "saturated": SATURATED,
+    "stuck": STUCK,
+}
+"""Every bit of a sample's flag by its name."""
+
+SCREEN_STATES = 2
+"""Numbers that the screening keeps between calls: last torque, and how often it came in a row."""
 
 
-@dataclass(frozen=True, slots=True)
-class FilteredBlock:
-    """What the filter says about each sample, arrays of shape (n_samples,), N m.
+def screen_torque(
+    model: FilterModel, torque_nm: FloatArray, state: FloatArray
+) -> tuple[FloatArray, NDArray[np.uint8]]:
+    """Return the torque with impossible samples missing, and why.
 
-    Parameters
-    ----------
-    torque_expected_nm : ndarray
-        J_load * acceleration / N by the online differentiator.
-    ripple_nm : ndarray
-        Predicted sum of the ripple blocks, from earlier samples only.
-    misalignment_nm : ndarray
-        Predicted sum of the output-order blocks, from earlier samples only.
-    torque_filtered_nm : ndarray
-        Torque minus both predictions; NaN where the torque is missing.
-    slow_nm : ndarray
-        Predicted slow torque, which the filtered torque keeps; 0 where the model has none.
-    innovation_nm : ndarray
-        Torque minus everything predicted; NaN where the sample is missing.
-    innovation_variance_nm2 : ndarray
-        What the model claims of its variance, (N m)^2; NaN before the filter has started.
-    flags : ndarray of uint8
-        0, or bits: 1 missing, 2 gated as an outlier, 4 an order not resolved (as at standstill),
-        8 saturated, 16 stuck.
+    Notes
+    -----
+    Causal: a run of equal torques is flagged from its `stuck_samples`-th sample on, so that blocks
+    of any split give the same answer. A missing sample ends a run.
     """
+    flags = np.zeros(torque_nm.size, dtype=np.uint8)
+    if model.torque_limit_nm is not None:
+        flags[np.abs(torque_nm) >= model.torque_limit_nm] |= SATURATED | MISSING
+    if model.stuck_samples is not None and torque_nm.size:
+        flags[_run_lengths(torque_nm, state) >= model.stuck_samples] |= STUCK | MISSING
+    return (np.where(flags != 0, np.nan, torque_nm) if flags.any() else torque_nm), flags
 
-    torque_expected_nm: FloatArray
-    ripple_nm: FloatArray
-    misalignment_nm: FloatArray
-    torque_filtered_nm: FloatArray
-    slow_nm: FloatArray
-    innovation_nm: FloatArray
-    innovation_variance_nm2: FloatArray
-    flags: NDArray[np.uint8]
+
+def _run_lengths(torque_nm: FloatArray, state: FloatArray) -> FloatArray:
+    """Return how many equal torques end at each sample; advance the state."""
+    new = np.ones(torque_nm.size, dtype=bool)
+    new[1:] = torque_nm[1:] != torque_nm[:-1]
+    carried = state[1] if state[1] > 0.0 and torque_nm[0] == state[0] else 0.0
+    index = np.arange(torque_nm.size)
+    first = np.maximum.accumulate(np.where(new, index, 0))
+    length: FloatArray = (index - first + 1).astype(np.float64)
+    length = length + np.where(first == 0, carried, 0.0)
+    known = bool(np.isfinite(torque_nm[-1]))
+    state[0] = torque_nm[-1] if known else 0.0
+    state[1] = length[-1] if known else 0.0
+    return length
 
 
 class OnlineFilter:
@@ -86,16 +111,16 @@ class OnlineFilter:
     The object owns its state; one thread at a time may call it.
     """
 
-    __slots__ = ("_guard", "_kernel", "_space", "_state", "model")
+    __slots__ = ("_kernel", "_packed", "_screen", "_state", "model")
 
     def __init__(self, model: FilterModel, *, kernel: Form | None = None) -> None:
         self.model = model
         self._kernel: Form = kernel_name() if kernel is None else kernel
         kernel_form(self._kernel)
-        self._space = state_space(model)
-        self._state = new_state(self._space)
-        guarded = model.torque_limit_nm is not None or model.stuck_samples is not None
-        self._guard = np.zeros(GUARD_STATES if guarded else 0)
+        self._packed = pack(model)
+        self._state = new_state(self._packed)
+        screened = model.torque_limit_nm is not None or model.stuck_samples is not None
+        self._screen = np.zeros(SCREEN_STATES if screened else 0)
 
     @property
     def kernel(self) -> str:
@@ -134,35 +159,22 @@ class OnlineFilter:
         ValueError
             If the arrays are not one-dimensional and of one length.
         """
-        time, velocity, torque = (_vector(v) for v in (time_s, velocity_rad_s, torque_nm))
-        use_angle = self.model.use_measured_angle and angle_rad is not None
-        angle = _vector(angle_rad) if angle_rad is not None and use_angle else None
-        for name, array in (("velocity_rad_s", velocity), ("torque_nm", torque), ("angle", angle)):
-            if array is not None and array.size != time.size:
-                raise ValueError(f"{name} has {array.size} samples, time_s {time.size}")
-        guard, refused = self._guard.copy(), None
-        if guard.size:
-            torque, refused = guard_torque(self.model, torque, guard)
+        angle = angle_rad if self.model.use_measured_angle else None
+        torque = np.asarray(torque_nm, dtype=np.float64)
+        screen, refused = self._screen.copy(), None
+        if screen.size and torque.ndim == 1:
+            torque, refused = screen_torque(self.model, torque, screen)
         found = run(
-            self._space,
+            self._packed,
             self._state,
-            time,
-            velocity,
+            time_s,
+            velocity_rad_s,
             torque,
             angle_rad=angle,
             form=self._kernel,
         )
-        self._guard[:] = guard
-        return FilteredBlock(
-            found.torque_expected_nm,
-            found.ripple_nm,
-            found.misalignment_nm,
-            found.torque_filtered_nm,
-            found.slow_nm,
-            found.innovation_nm,
-            found.innovation_variance_nm2,
-            found.flags if refused is None else found.flags | refused,
-        )
+        self._screen[:] = screen
+        return found if refused is None else replace(found, flags=found.flags | refused)
 
     def state(self) -> FloatArray:
         """Return a copy of the state, to `restore` later with the same bits.
@@ -170,12 +182,12 @@ class OnlineFilter:
         Returns
         -------
         ndarray, shape (n,)
-            Finite numbers only: header (`hdbench.filter.layout`), block states and one triangle of
+            Finite numbers only: header (``kernel/filter.h``), block states and one triangle of
             their covariance P as predicted for the last sample, between them P C' of it, in N m
-            and (N m)^2; then what the guard against stuck samples keeps, where the model has one.
+            and (N m)^2; then what the screening for stuck samples keeps, where the model has one.
             Both kernel forms use this layout.
         """
-        return np.concatenate((self._state, self._guard))
+        return np.concatenate((self._state, self._screen))
 
     def restore(self, state: ArrayLike) -> None:
         """Go on from a state that `state` returned.
@@ -191,20 +203,63 @@ class OnlineFilter:
             If the length is another one or a number is not finite.
         """
         array = np.array(state, dtype=np.float64)
-        needed = self._state.size + self._guard.size
+        needed = self._state.size + self._screen.size
         if array.shape != (needed,) or not np.isfinite(array).all():
             raise DataError(
                 f"filter state has shape {array.shape} or holds NaN or infinity; needed: "
-                f"{needed} finite numbers for {len(self._space.blocks)} blocks",
+                f"{needed} finite numbers for this model",
                 where="stored filter state",
                 fix="restore a state of this very model, or start the filter anew",
             )
         self._state[:] = array[: self._state.size]
-        self._guard[:] = array[self._state.size :]
+        self._screen[:] = array[self._state.size :]
 
 
-def _vector(values: ArrayLike) -> FloatArray:
-    array = np.ascontiguousarray(values, dtype=np.float64)
-    if array.ndim != 1:
-        raise ValueError(f"found an array of shape {array.shape}; needed: one dimension")
-    return array
+@dataclass(frozen=True, slots=True)
+class BlockAmplitude:
+    """Amplitude of one oscillator."""
+
+    block: OscillatorBlock
+    amplitude_nm: float
+    std_nm: float
+
+
+def block_amplitudes(model: FilterModel, state: FloatArray) -> tuple[BlockAmplitude, ...]:
+    """Return the amplitude of every oscillator of a filter.
+
+    Notes
+    -----
+    With states a, b of a block and P their covariance: amplitude A = sqrt(a^2 + b^2), variance
+    (a^2 P_aa + 2 a b P_ab + b^2 P_bb) / A^2 to first order; (P_aa + P_bb) / 2 at A = 0. Neither
+    depends on the phase in which the states are kept.
+    """
+    size = 2 * (len(model.blocks) + len(model.slow))
+    predicted, gain, triangle = np.split(state[HEADER + size :], (size, 2 * size))
+    # the state stands before the last sample's measurement: done here
+    states = (predicted + state[STEP] * gain).tolist()
+    rows, columns = np.tril_indices(size)
+    triangle = triangle[: rows.size] - state[INVERSE] * (gain[rows] * gain[columns])
+    return tuple(
+        _amplitude(block, states[2 * at : 2 * at + 2], _corner(triangle.tolist(), 2 * at))
+        for at, block in enumerate(model.blocks)
+    )
+
+
+def _corner(triangle: list[float], first: int) -> tuple[float, float, float]:
+    """Return P_aa, P_ab, P_bb of the states `first` and `first` + 1."""
+    below = (first + 1) * (first + 2) // 2
+    return (
+        triangle[first * (first + 1) // 2 + first],
+        triangle[below + first],
+        triangle[below + first + 1],
+    )
+
+
+def _amplitude(
+    block: OscillatorBlock, states: list[float], corner: tuple[float, float, float]
+) -> BlockAmplitude:
+    a, b = states
+    aa, ab, bb = corner
+    size = math.hypot(a, b)
+    variance = (a * a * aa + 2.0 * a * b * ab + b * b * bb) / size**2 if size else (aa + bb) / 2.0
+    return BlockAmplitude(block, size, math.sqrt(max(0.0, variance)))

@@ -9,9 +9,9 @@ import numpy as np
 
 from hdbench.errors import DataError
 from hdbench.estimation import SpectrumPeak, amplitude_spectrum, find_peaks
-from hdbench.filter.channels import Channels
-from hdbench.filter.layout import USABLE
+from hdbench.filter.kalman import USABLE
 from hdbench.filter.smoothing import motor_angle
+from hdbench.filter.traces import Channels
 from hdbench.records import FloatArray
 
 __all__ = ["OrderMap", "OrderSpectrum", "order_map", "order_spectrum"]
@@ -24,48 +24,20 @@ _MAP_WINDOWS = 24
 
 @dataclass(frozen=True, slots=True)
 class OrderSpectrum:
-    """Amplitude over order of the longest stretch that turned one way without a gap.
-
-    Parameters
-    ----------
-    order : ndarray, shape (m,)
-        Cycles per motor turn.
-    amplitude_nm : ndarray, shape (m,)
-        Amplitude of a sinusoid at that order, N m (Hann window).
-    peaks : tuple of SpectrumPeak
-        Above the noise, strongest first; their frequency is at the stretch's mean speed.
-    turns : float
-        Motor turns of the stretch; the resolution is one over it.
-    from_s, to_s : float
-        The stretch.
-    speed_rad_s : tuple of float
-        Least, mean and largest speed in it.
-    """
+    """Amplitude over order of the longest stretch that turned one way without a gap."""
 
     order: FloatArray
     amplitude_nm: FloatArray
     peaks: tuple[SpectrumPeak, ...]
-    turns: float
+    turns: float  # the resolution is one over it
     from_s: float
     to_s: float
-    speed_rad_s: tuple[float, float, float]
+    speed_rad_s: tuple[float, float, float]  # least, mean, largest
 
 
 @dataclass(frozen=True, slots=True)
 class OrderMap:
-    """Order spectra along the same stretch.
-
-    Parameters
-    ----------
-    time_s, speed_rad_s : ndarray, shape (w,)
-        Mean time and speed of every window.
-    order : ndarray, shape (m,)
-        Cycles per motor turn.
-    amplitude_nm : ndarray, shape (w, m)
-        Amplitudes, N m.
-    turns : float
-        Motor turns of a window.
-    """
+    """Order spectra along the same stretch."""
 
     time_s: FloatArray
     speed_rad_s: FloatArray

@@ -5,10 +5,13 @@ from __future__ import annotations
 import difflib
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
+
+from pydantic import BeforeValidator, Field, ValidationError, model_validator
 
 from hdbench.errors import DataError
-from hdbench.filter.model import SCHEMA, FilterModel, OscillatorBlock
+from hdbench.filter.build import Stored, value_of
+from hdbench.filter.model import SCHEMA, FilterModel, OscillatorBlock, first_problem
 from hdbench.profile.schema import ProfileData
 from hdbench.records.jsonfile import read_json
 
@@ -129,25 +132,66 @@ def _unknown(name: str) -> DataError:
     )
 
 
+# cycles per motor turn, or Hz
+_Place = Annotated[float, BeforeValidator(value_of), Field(gt=0.0, lt=1e6)]
+
+
+class _Parameters(Stored):
+    order: _Place | None = None
+    frequency_hz: _Place | None = None
+
+
+class _Cause(Stored):
+    name: str
+    parameters: _Parameters = _Parameters()
+
+    @model_validator(mode="after")
+    def _has_frequency(self) -> _Cause:
+        if self.name == "mains-hum" and self.parameters.frequency_hz is None:
+            raise ValueError("key 'parameters.frequency_hz' is missing; needed: a number in Hz")
+        return self
+
+
+class _Ripple(Stored):
+    order: _Place
+
+
+class _Baseline(Stored):
+    ripple: list[_Ripple] = Field(default_factory=list)
+
+
+class _BenchModel(Stored):
+    baseline: _Baseline = _Baseline()
+    causes: list[_Cause] = Field(default_factory=list)
+
+
 def _from_bench_model(body: dict[str, Any], path: Path, profile: ProfileData) -> FilterModel:
-    base = preset("report-6", profile)
+    base, noise = preset("report-6", profile), profile.filter.ripple_process_noise
+    try:
+        stored = _BenchModel.model_validate(body)
+    except ValidationError as error:
+        place, what = first_problem(error)
+        raise DataError(
+            what,
+            where=f"{path}: key {place}",
+            fix="give the model file that `hdbench diagnose` wrote",
+        ) from error
     provenance = dict(base.provenance)
-    noise = profile.filter.ripple_process_noise
     blocks = [block for block in base.blocks if block.role == "misalignment"]
+    # orders of the model's own ripple; those of the preset where the file names none
+    own = [entry.order for entry in stored.baseline.ripple]
+    orders = own or [block.order for block in base.blocks if block.role == "ripple"]
     found = [
         (f"ripple order {order:g}", f"{path}, baseline", OscillatorBlock(order, "ripple", noise))
-        for order in _baseline_orders(body, path, base)
+        for order in orders
     ]
-    for i, cause in enumerate(_list(body, "causes", path)):
-        where = f"causes[{i}]"
-        if not isinstance(cause, dict) or not isinstance(cause.get("name"), str):
-            raise _bad(path, where, cause, "an object with a name")
-        of_cause = _cause_blocks(cause, path, where, profile)
+    for cause in stored.causes:
+        of_cause = _cause_blocks(cause, profile)
         if not of_cause:
-            provenance[f"cause {cause['name']}"] = f"{path}: not locked to one order, no block"
+            provenance[f"cause {cause.name}"] = f"{path}: not locked to one order, no block"
         for block in of_cause:
             place = f"{block.frequency_hz:g} Hz" if block.frequency_hz else f"order {block.order:g}"
-            found.append((place, f"{path}, cause {cause['name']}", block))
+            found.append((place, f"{path}, cause {cause.name}", block))
     for what, source, block in found:
         if not any(_same_place(block, other) for other in blocks):
             blocks.append(block)
@@ -174,65 +218,17 @@ def _same_place(a: OscillatorBlock, b: OscillatorBlock) -> bool:
     return abs(a.order - b.order) < 1e-3 * min(1.0, a.order, b.order)
 
 
-def _bad(path: Path, key: str, found: object, needed: str) -> DataError:
-    return DataError(
-        f"found {repr(found)[:60]}; needed: {needed}",
-        where=f"{path}: key {key}",
-        fix="give the model file that `hdbench diagnose` wrote",
-    )
-
-
-def _list(body: dict[str, Any], key: str, path: Path) -> list[Any]:
-    found = body.get(key, [])
-    if not isinstance(found, list):
-        raise _bad(path, key, found, "a list")
-    return found
-
-
-def _order(value: object, path: Path, key: str) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < 1e6:
-        raise _bad(path, key, value, "a number above 0, cycles per motor turn or Hz")
-    return float(value)
-
-
-def _baseline_orders(body: dict[str, Any], path: Path, base: FilterModel) -> list[float]:
-    """Orders of the model's own ripple; those of `base` where the file names none."""
-    baseline = body.get("baseline", {})
-    if not isinstance(baseline, dict):
-        raise _bad(path, "baseline", baseline, "an object")
-    entries = _list(baseline, "ripple", path)
-    if not entries:
-        return [block.order for block in base.blocks if block.role == "ripple"]
-    orders = []
-    for i, entry in enumerate(entries):
-        key = f"baseline.ripple[{i}]"
-        if not isinstance(entry, dict):
-            raise _bad(path, key, entry, "an object with an order")
-        orders.append(_order(entry.get("order"), path, f"{key}.order"))
-    return orders
-
-
-def _cause_blocks(
-    cause: dict[str, Any], path: Path, where: str, profile: ProfileData
-) -> list[OscillatorBlock]:
+def _cause_blocks(cause: _Cause, profile: ProfileData) -> list[OscillatorBlock]:
     """Return the blocks of a cause; none where its torque is not locked to single orders."""
-    name, ratio = cause["name"], profile.drive.gear_ratio
-    if name in _OUTPUT_ORDERS:
-        noise = profile.filter.misalignment_process_noise
-        return [OscillatorBlock(_OUTPUT_ORDERS[name] / ratio, "misalignment", noise)]
-    parameters = cause.get("parameters", {})
-    if not isinstance(parameters, dict):
-        raise _bad(path, f"{where}.parameters", parameters, "an object")
-    if name == "mains-hum":  # picked up by the sensor's wires: no torque
-        entry = parameters.get("frequency_hz")
-        hum = entry.get("value") if isinstance(entry, dict) else entry
-        hz = _order(hum, path, f"{where}.parameters.frequency_hz")
-        noise = profile.filter.ripple_process_noise
-        return [OscillatorBlock(0.0, "ripple", noise, frequency_hz=hz)]
-    entry = parameters.get("order", _MOTOR_ORDERS.get(name))
-    if entry is None:
-        return []
-    value = entry.get("value") if isinstance(entry, dict) else entry
-    order = _order(value, path, f"{where}.parameters.order")
     noise = profile.filter.ripple_process_noise
-    return [OscillatorBlock(k * order, "ripple", noise) for k in _HARMONICS.get(name, (1,))]
+    if cause.name in _OUTPUT_ORDERS:
+        order = _OUTPUT_ORDERS[cause.name] / profile.drive.gear_ratio
+        return [OscillatorBlock(order, "misalignment", profile.filter.misalignment_process_noise)]
+    hz = cause.parameters.frequency_hz
+    if cause.name == "mains-hum" and hz is not None:
+        # picked up by the sensor's wires: no torque
+        return [OscillatorBlock(0.0, "ripple", noise, frequency_hz=hz)]
+    turning = cause.parameters.order or _MOTOR_ORDERS.get(cause.name)
+    if turning is None:
+        return []
+    return [OscillatorBlock(k * turning, "ripple", noise) for k in _HARMONICS.get(cause.name, (1,))]

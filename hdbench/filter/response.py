@@ -1,18 +1,20 @@
-"""What a tuning does to the torque at a steady speed: notches, torque passed, noise, memory."""
+"""Response of a filter at a steady speed: notches, torque passed, noise, settling time."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hdbench.filter.kalman import BLOCK, MODEL_HEADER, PRIOR, new_state, pack, run
 from hdbench.filter.model import FilterModel
 from hdbench.filter.steady import SteadyFilter, steady_filter
 from hdbench.records import FloatArray
 
-__all__ = ["Notch", "Passed", "Response", "filter_response"]
+__all__ = ["Injection", "Notch", "Passed", "Response", "filter_response", "inject"]
 
 _HALF_POWER = math.sqrt(0.5)
 _PASSED_HZ = (0.0, 0.5, 1.0, 2.0, 5.0, 10.0)
@@ -22,25 +24,12 @@ _LEFT = 0.02  # share of a disturbance that is left when it counts as settled
 
 @dataclass(frozen=True, slots=True)
 class Notch:
-    """What one block takes out of the torque.
-
-    Parameters
-    ----------
-    name : str
-        ``order 2`` or ``50 Hz``.
-    frequency_hz : float
-        Its frequency at this speed, Hz.
-    depth_db : float
-        ``20 log10 |H|`` there, at least -300.
-    lower_hz, upper_hz : float or None
-        Where ``|H|`` has come back to half power on either side; None where it does not before 0,
-        half the sampling frequency or the next block.
-    """
+    """The notch of one block."""
 
     name: str
     frequency_hz: float
     depth_db: float
-    lower_hz: float | None
+    lower_hz: float | None  # half power on either side, where it is reached
     upper_hz: float | None
 
     @property
@@ -53,20 +42,10 @@ class Notch:
 
 @dataclass(frozen=True, slots=True)
 class Passed:
-    """How much of a slow torque comes through.
-
-    Parameters
-    ----------
-    frequency_hz : float
-        Frequency, Hz.
-    gain : float
-        ``|H|``: 1 keeps the torque; what is missing is replaced by the expected torque.
-    phase_rad : float
-        Phase of H, rad.
-    """
+    """How much of a slow torque comes through."""
 
     frequency_hz: float
-    gain: float
+    gain: float  # 1 keeps the torque; what is missing is replaced by the expected torque
     phase_rad: float
 
     @property
@@ -79,32 +58,14 @@ class Passed:
 
 @dataclass(frozen=True, slots=True)
 class Response:
-    """The steady response of a filter model at one speed.
-
-    Parameters
-    ----------
-    velocity_rad_s, sample_period_s : float
-        Motor velocity, rad/s, and sampling period, s.
-    notches : tuple of Notch
-        One per block, in the model's order.
-    passed : tuple of Passed
-        From 0 to 10 Hz.
-    noise_gain : float
-        Standard deviation of filtered over measured white noise.
-    settling_time_s : float or None
-        Time after which 2 % are left of what the slowest state forgets; None: never.
-    frequency_hz : ndarray, shape (n,)
-        Frequencies of the curve, Hz.
-    transfer : ndarray of complex, shape (n,)
-        H on them.
-    """
+    """The steady response of a filter model at one speed."""
 
     velocity_rad_s: float
     sample_period_s: float
     notches: tuple[Notch, ...]
     passed: tuple[Passed, ...]
-    noise_gain: float
-    settling_time_s: float | None
+    noise_gain: float  # standard deviation of filtered over measured white noise
+    settling_time_s: float | None  # until 2 % are left of what the slowest state forgets
     frequency_hz: FloatArray
     transfer: NDArray[np.complex128]
 
@@ -113,26 +74,8 @@ class Response:
         return {
             "velocity_rad_s": self.velocity_rad_s,
             "gain_at_zero": self.passed[0].gain,
-            "notches": [
-                {
-                    "name": n.name,
-                    "frequency_hz": n.frequency_hz,
-                    "depth_db": n.depth_db,
-                    "lower_hz": n.lower_hz,
-                    "upper_hz": n.upper_hz,
-                    "width_hz": n.width_hz,
-                }
-                for n in self.notches
-            ],
-            "passed": [
-                {
-                    "frequency_hz": p.frequency_hz,
-                    "gain": p.gain,
-                    "phase_rad": p.phase_rad,
-                    "delay_s": p.delay_s,
-                }
-                for p in self.passed
-            ],
+            "notches": [{**asdict(n), "width_hz": n.width_hz} for n in self.notches],
+            "passed": [{**asdict(p), "delay_s": p.delay_s} for p in self.passed],
             "noise_gain": self.noise_gain,
             "settling_time_s": self.settling_time_s,
             "curve": {
@@ -215,3 +158,47 @@ def _half_power(steady: SteadyFilter, hz: float, room: float) -> float | None:
         gain = float(abs(steady.transfer(np.array([hz + side * middle]))[0]))
         low, high = (low, middle) if gain >= _HALF_POWER else (middle, high)
     return hz + side * high
+
+
+@dataclass(frozen=True, slots=True)
+class Injection:
+    """A sinusoid sent through the running filter, beside the algebra."""
+
+    frequency_hz: float
+    measured: float
+    algebra: float
+
+
+def inject(
+    model: FilterModel,
+    velocity_rad_s: float,
+    sample_period_s: float,
+    frequency_hz: Sequence[float],
+    *,
+    samples: int = 60_000,
+) -> tuple[Injection, ...]:
+    """Send sinusoids through the running filter and measure what comes out.
+
+    Notes
+    -----
+    The recursion starts at its steady variances, so that its gain is soon the steady one; what its
+    states have not forgotten by the second half is left in the answer.
+    """
+    steady = steady_filter(model, velocity_rad_s, sample_period_s)
+    packed = pack(model)
+    # no gate, and the steady variances as the prior
+    packed[6], packed[8] = 0.0, 1.0
+    prior = np.maximum(np.diag(steady.covariance).reshape(-1, 2), 0.0)
+    packed[MODEL_HEADER:].reshape(-1, BLOCK)[:, PRIOR : PRIOR + 2] = prior
+    time = np.arange(samples) * sample_period_s
+    velocity = np.full(samples, velocity_rad_s)
+    found = []
+    for hz in frequency_hz:
+        angle = 2.0 * math.pi * hz * time
+        block = run(packed, new_state(packed), time, velocity, np.cos(angle))
+        late = slice(samples // 2, samples)
+        basis = np.stack((np.cos(angle), np.sin(angle)), axis=1)[late, : 2 if hz > 0.0 else 1]
+        fit = np.linalg.lstsq(basis, block.torque_filtered_nm[late], rcond=None)[0]
+        algebra = float(abs(steady.transfer(np.array([hz]))[0]))
+        found.append(Injection(hz, float(np.hypot.reduce(fit)), algebra))
+    return tuple(found)

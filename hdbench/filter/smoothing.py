@@ -8,11 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from hdbench.errors import DataError
-from hdbench.filter.assemble import state_space
-from hdbench.filter.channels import Channels
-from hdbench.filter.kalman import smooth
-from hdbench.filter.layout import USABLE
+from hdbench.filter.kalman import USABLE, pack, smooth
 from hdbench.filter.model import FilterModel
+from hdbench.filter.traces import Channels
 from hdbench.records import FloatArray
 
 __all__ = ["OrderWave", "SmoothedTorque", "motor_angle", "smooth_channels"]
@@ -20,24 +18,7 @@ __all__ = ["OrderWave", "SmoothedTorque", "motor_angle", "smooth_channels"]
 
 @dataclass(frozen=True, slots=True)
 class OrderWave:
-    """One oscillator over time; arrays of shape (n,), NaN before the filter has started.
-
-    Parameters
-    ----------
-    name : str
-        ``order_2``, ``order_0.01`` or ``50_hz``.
-    role : str
-        ``ripple`` or ``misalignment``.
-    order, frequency_hz : float
-        Its place: cycles per motor turn, or Hz; the other one is 0.
-    torque_nm : ndarray
-        Its torque, N m.
-    amplitude_nm, amplitude_std_nm : ndarray
-        Amplitude A and its standard deviation, N m.
-    phase_rad, phase_std_rad : ndarray
-        Phase of ``A cos(order * motor angle + phase)``, or of ``A cos(2 pi f t + phase)``, in
-        (-pi, pi], and its standard deviation, at most pi, rad.
-    """
+    """One oscillator over time; arrays of shape (n,), NaN before the filter has started."""
 
     name: str
     role: str
@@ -52,22 +33,11 @@ class OrderWave:
 
 @dataclass(frozen=True, slots=True)
 class SmoothedTorque:
-    """A trace seen from all of its samples; arrays of shape (n,), N m.
-
-    Parameters
-    ----------
-    torque_smoothed_nm : ndarray
-        Torque minus the smoothed ripple and misalignment; NaN where the torque is missing.
-    slow_nm, slow_std_nm : ndarray
-        Smoothed slow torque, all slow blocks together, and its standard deviation as if the
-        blocks were independent (their errors are anticorrelated, so this is an upper bound).
-    waves : tuple of OrderWave
-        Every oscillator, in the model's order.
-    """
+    """A trace seen from all of its samples; arrays of shape (n,), N m."""
 
     torque_smoothed_nm: FloatArray
     slow_nm: FloatArray
-    slow_std_nm: FloatArray
+    slow_std_nm: FloatArray  # as if slow blocks were independent: an upper bound
     waves: tuple[OrderWave, ...]
 
 
@@ -112,10 +82,9 @@ def smooth_channels(model: FilterModel, channels: Channels) -> SmoothedTorque:
             where=channels.source,
             fix="record the torque and velocity channels",
         )
-    space = state_space(model)
     try:
         found = smooth(
-            space,
+            pack(model),
             channels.time_s,
             channels.velocity_rad_s,
             channels.torque_nm,

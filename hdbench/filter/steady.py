@@ -6,16 +6,15 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from hdbench.errors import DataError
-from hdbench.filter.assemble import state_space
+from hdbench.filter.kalman import pack
 from hdbench.filter.model import FilterModel
-from hdbench.filter.statespace import pack
-from hdbench.filter.transitions import Blocks, transitions
+from hdbench.filter.transitions import transitions
 from hdbench.records import FloatArray
 
-__all__ = ["SteadyFilter", "geometric_sum", "steady_filter"]
+__all__ = ["SteadyFilter", "steady_filter", "transfer_at_steady_speed"]
 
 _DOUBLINGS = 60  # 2^60 samples: what has not converged then never will
 _SETTLED = 1e-13  # relative change of P in one doubling: rounding
@@ -25,29 +24,16 @@ _SETTLED = 1e-13  # relative change of P in one doubling: rounding
 class SteadyFilter:
     r"""The filter at one speed after all time, as a linear system.
 
-    Parameters
-    ----------
-    closed : ndarray, shape (n, n)
-        :math:`A = F (I - K C)`: predicted states of one sample to those of the next.
-    gain : ndarray, shape (n,)
-        :math:`B = F K`: innovation to predicted states.
-    taken : ndarray, shape (n,)
-        1 at the first state of every block that is taken off the torque, else 0.
-    covariance : ndarray, shape (n, n)
-        Of the predicted states, (N m)^2, blocks in the kernel's order.
-    sample_period_s : float
-        Sampling period, s.
-
     Notes
     -----
     With measured torque y: :math:`x(k+1) = A x(k) + B y(k)`, filtered torque
     :math:`y(k) - c\,x(k)`, c = `taken`.
     """
 
-    closed: FloatArray
-    gain: FloatArray
-    taken: FloatArray
-    covariance: FloatArray
+    closed: FloatArray  # A = F (I - K C)
+    gain: FloatArray  # B = F K
+    taken: FloatArray  # 1 at the first state of every block that is taken off the torque
+    covariance: FloatArray  # of the predicted states
     sample_period_s: float
 
     def transfer(self, frequency_hz: FloatArray) -> NDArray[np.complex128]:
@@ -60,7 +46,7 @@ class SteadyFilter:
 
     def noise_gain(self) -> float:
         """Return the standard deviation of filtered over that of white measured noise."""
-        spread = geometric_sum(self.closed, self.gain[:, None] * self.gain)
+        spread = _geometric_sum(self.closed, self.gain[:, None] * self.gain)
         return math.sqrt(1.0 + float(self.taken @ spread @ self.taken))
 
     def slowest_mode_s(self) -> float:
@@ -71,7 +57,7 @@ class SteadyFilter:
         return -self.sample_period_s / math.log(largest) if largest > 0.0 else 0.0
 
 
-def geometric_sum(a: FloatArray, q: FloatArray) -> FloatArray:
+def _geometric_sum(a: FloatArray, q: FloatArray) -> FloatArray:
     """Return the sum of A^k Q A'^k over k >= 0, by doubling."""
     total, power = q.copy(), a.copy()
     for _ in range(_DOUBLINGS):
@@ -101,27 +87,60 @@ def steady_filter(
     if not (0.0 < abs(velocity_rad_s) < math.inf and 0.0 < sample_period_s < math.inf):
         reason = f"needed a velocity other than 0, and a period above 0, found {sample_period_s!r}"
         raise _no_steady_gain(velocity_rad_s, reason)
-    space = state_space(model)
-    order = space.kernel_order()
-    turn = np.array([velocity_rad_s * sample_period_s])
-    steps = transitions(Blocks.unpack(pack(space)), turn, np.array([sample_period_s]))[0]
-    kept = _kept_states([space.blocks[i].n_states for i in order])
+    steps = transitions(pack(model), velocity_rad_s * sample_period_s, sample_period_s)
+    n_states = [2] * len(model.blocks) + [block.n_states for block in model.slow]
+    # kinds of one state have no second one
+    kept = np.array([2 * i + j for i, n in enumerate(n_states) for j in range(n)], dtype=np.intp)
     f, q = _dense(steps, kept)
-    c = np.zeros(2 * len(order))
-    c[::2] = 1.0
-    c = c[kept]
-    taken = np.repeat([float(space.blocks[i].part != "slow") for i in order], 2)[kept] * c
+    c = np.tile((1.0, 0.0), len(n_states))[kept]
+    taken = np.where(kept < 2 * len(model.blocks), c, 0.0)
     p = _steady_covariance(f, q, c, model.measurement_noise, velocity_rad_s)
     k = p @ c / (model.measurement_noise + float(c @ p @ c))
     closed = f - np.outer(f @ k, c)
-    covariance = np.zeros((2 * len(order), 2 * len(order)))
+    covariance = np.zeros((2 * len(n_states), 2 * len(n_states)))
     covariance[np.ix_(kept, kept)] = p
     return SteadyFilter(closed, f @ k, taken, covariance, sample_period_s)
 
 
-def _kept_states(n_states: list[int]) -> NDArray[np.intp]:
-    """Return the places of states that are there: kinds of one state have no second one."""
-    return np.array([2 * i + j for i, n in enumerate(n_states) for j in range(n)], dtype=np.intp)
+def transfer_at_steady_speed(
+    model: FilterModel,
+    velocity_rad_s: float,
+    sample_period_s: float,
+    frequency_hz: ArrayLike,
+) -> NDArray[np.complex128]:
+    r"""Return the steady transfer function from measured to filtered torque.
+
+    Parameters
+    ----------
+    model : FilterModel
+        Orders and noise.
+    velocity_rad_s : float
+        Constant motor velocity, rad/s, not 0.
+    sample_period_s : float
+        Sampling period, s, > 0.
+    frequency_hz : array_like
+        Frequencies, Hz.
+
+    Returns
+    -------
+    ndarray of complex, shape of `frequency_hz`
+        Filtered over measured torque, dimensionless, at expected torque 0.
+
+    Raises
+    ------
+    DataError
+        If no steady gain exists: at standstill, or where two blocks alias to one frequency.
+
+    Notes
+    -----
+    The steady P solves the Riccati equation of the recursion; with the transition F and
+    :math:`K = F P C^T / (R + C P C^T)`, and c that picks the blocks taken off the torque,
+    :math:`H(z) = 1 - c (z I - F + K C)^{-1} K`, zero at every block's own frequency.
+    """
+    steady = steady_filter(model, velocity_rad_s, sample_period_s)
+    frequency = np.asarray(frequency_hz, dtype=np.float64)
+    response = steady.transfer(frequency.ravel())
+    return np.asarray(response.reshape(frequency.shape), dtype=np.complex128)
 
 
 def _dense(steps: FloatArray, kept: NDArray[np.intp]) -> tuple[FloatArray, FloatArray]:

@@ -1,181 +1,146 @@
-"""Transition of every block over a chunk of samples: the NumPy form of the kernel's equations.
+"""Transition and process noise of every block over one sample.
 
-Each operation stands in the kernel's order, so that both forms give the same bits.
+Sines and exponentials are the kernel's series, so that a steady response has the same digits on
+every machine.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
-from hdbench.filter.layout import BLOCK, MODEL_HEADER
-from hdbench.filter.series import decay, sines, tail
+from hdbench.filter.kalman import block_rows
 from hdbench.records import FloatArray
 
-__all__ = ["Blocks", "steps_of", "transitions"]
+__all__ = ["slow_transition", "transitions"]
 
-_ORDER, _OMEGA, _Q_SAMPLE, _Q_RAD, _Q_S, _RATE, _VARIANCE, _PRIOR = 2, 3, 4, 5, 6, 7, 8, 9
-_RANDOM_WALK, _INTEGRATED, _ORNSTEIN, _MATERN, _RESONANCE = 1, 2, 3, 4, 5
+_WALK, _INTEGRATED, _ORNSTEIN, _MATERN, _RESONANCE = range(1, 6)
 _REDUCIBLE = 1e5  # rad: up to here quarter turns are taken off exactly
-_PHASE_LIMIT = 32.0  # rad: beyond, a phase loses its whole turns
+_WITHIN = 32.0  # rad: beyond, a turn loses its whole turns
 _PER_TURN = float.fromhex("0x1.45f306dc9c883p-3")
-_TURN_1, _TURN_2 = float.fromhex("0x1.921fb5440p2"), float.fromhex("0x1.0b4611a60p-32")
+_TURN = float.fromhex("0x1.921fb5440p2"), float.fromhex("0x1.0b4611a60p-32")
+_PER_QUARTER = float.fromhex("0x1.45f306dc9c883p-1")
+_QUARTER = float.fromhex("0x1.921fb5440p0"), float.fromhex("0x1.0b4611a60p-34")
+# Taylor's to r^15 and r^16, their last terms spread over the others by Chebyshev's polynomial
+_SINE = (
+    1.5917529185277703e-10,
+    -2.5051126335234744e-08,
+    2.755731608291509e-06,
+    -0.0001984126983672866,
+    0.008333333333330932,
+    -0.16666666666666666,
+)
+_COSINE = (
+    -1.1382298940514779e-11,
+    2.087614320648874e-09,
+    -2.755731726081664e-07,
+    2.4801587298749064e-05,
+    -0.0013888888888887389,
+    0.041666666666666664,
+)
 
 
-@dataclass(frozen=True, slots=True)
-class Blocks:
-    """A packed model, unpacked: header numbers and one row of numbers per block.
-
-    Parameters
-    ----------
-    n_oscillators : int
-        Blocks of this kind come first.
-    rows : list of list of float
-        Kind, part, order, omega, three process noises, rate, variance, two prior variances.
-    parts : ndarray, shape (3, n_blocks)
-        1 where the block is ripple, misalignment, slow torque.
-    """
-
-    n_oscillators: int
-    rows: list[list[float]]
-    parts: FloatArray
-
-    @classmethod
-    def unpack(cls, packed: FloatArray) -> Blocks:
-        """Read what `hdbench.filter.statespace.pack` wrote."""
-        table = packed[MODEL_HEADER:].reshape(-1, BLOCK)
-        parts = np.stack([table[:, 1] == part for part in range(3)]).astype(np.float64)
-        return cls(int(packed[0]), table.tolist(), parts)
-
-    def prior(self) -> list[float]:
-        """Return the prior variance of every state."""
-        return [value for row in self.rows for value in row[_PRIOR : _PRIOR + 2]]
+def transitions(packed: FloatArray, turn: float, dt: float) -> FloatArray:
+    """Return f11, f12, f21, f22, q11, q12, q22 of every block in the axes of its torque."""
+    rows = []
+    for row in block_rows(packed):
+        kind, _, order, omega, q_sample, q_rad, q_s, *_ = row
+        if kind > 0:
+            rows.append(slow_transition(row, dt))
+            continue
+        cosine, sine = _sines(order * turn + omega * dt)
+        noise = (q_sample + q_rad * abs(turn)) + q_s * dt
+        rows.append((cosine, sine, -sine, cosine, noise, 0.0, noise))
+    return np.array(rows)
 
 
-def steps_of(
-    blocks: Blocks, psi: list[float], turn: FloatArray, dt: FloatArray
-) -> list[list[list[float]]]:
-    """Return what every block needs at every sample."""
-    columns = []
-    axes: list[tuple[FloatArray, FloatArray]] = []
-    for i, row in enumerate(blocks.rows):
-        if i < blocks.n_oscillators:
-            half = _half(blocks, i)
-            if half is None:
-                angle = row[_OMEGA] * dt if row[_OMEGA] > 0.0 else row[_ORDER] * turn
-                cosine, sine = sines(_advance(psi, i, angle.tolist()))
-            else:
-                cosine, sine = _doubled(*axes[half])
-            axes.append((cosine, sine))
-            noise = (row[_Q_SAMPLE] + row[_Q_RAD] * np.abs(turn)) + row[_Q_S] * dt
-            columns.append(np.stack((cosine, sine, noise), axis=1).tolist())
-        else:
-            columns.append(np.stack(_slow(row, dt), axis=1).tolist())
-    return [list(sample) for sample in zip(*columns, strict=True)]
-
-
-def transitions(blocks: Blocks, turn: FloatArray, dt: FloatArray) -> FloatArray:
-    """Return transition and process noise of every block, in the axes of its torque."""
-    out = np.zeros((turn.size, len(blocks.rows), 7))
-    for i, row in enumerate(blocks.rows):
-        if i < blocks.n_oscillators:
-            cosine, sine = sines(row[_ORDER] * turn + row[_OMEGA] * dt)
-            noise = (row[_Q_SAMPLE] + row[_Q_RAD] * np.abs(turn)) + row[_Q_S] * dt
-            zero = np.zeros_like(noise)
-            out[:, i] = np.stack((cosine, sine, -sine, cosine, noise, zero, noise), axis=1)
-        else:
-            out[:, i] = np.stack(_slow(row, dt), axis=1)
-    return out
-
-
-def _half(blocks: Blocks, i: int) -> int | None:
-    """Return the oscillator before `i` that turns through half its angle."""
-    order = blocks.rows[i][_ORDER]
-    found = [m for m in range(i) if order > 0.0 and order == 2.0 * blocks.rows[m][_ORDER]]
-    return found[-1] if found else None
-
-
-def _doubled(cosine: FloatArray, sine: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return cosine and sine of twice the angle."""
-    twice = sine + sine
-    return 1.0 - twice * sine, twice * cosine
-
-
-def _advance(psi: list[float], i: int, turns: list[float]) -> FloatArray:
-    """Add up turns, less whole ones beyond a limit; return the phase at each sample."""
-    phase, out = psi[i], np.empty(len(turns))
-    for k, turn in enumerate(turns):
-        phase += _within(turn)
-        if abs(phase) > _PHASE_LIMIT:
-            phase = _less_turns(phase)
-        out[k] = phase
-    psi[i] = phase
-    return out
-
-
-def _less_turns(angle: float) -> float:
-    whole = float(np.rint(angle * _PER_TURN))
-    return (angle - whole * _TURN_1) - whole * _TURN_2
-
-
-def _within(turn: float) -> float:
-    """Return the turn of one sample within the limit; 0 where it is not finite."""
-    if abs(turn) <= _PHASE_LIMIT:
-        return turn
-    if abs(turn) <= _REDUCIBLE:
-        return _less_turns(turn)
-    return math.atan2(math.sin(turn), math.cos(turn)) if math.isfinite(turn) else 0.0
-
-
-def _slow(row: list[float], dt: FloatArray) -> tuple[FloatArray, ...]:
-    """Return f11, f12, f21, f22, q11, q12, q22 of a slow-torque block."""
-    zero, one = np.zeros_like(dt), np.ones_like(dt)
-    kind, rate, variance = int(row[0]), row[_RATE], row[_VARIANCE]
-    if kind == _RANDOM_WALK:
-        return one, zero, zero, zero, row[_Q_SAMPLE] + row[_Q_S] * dt, zero, zero
+def slow_transition(row: list[float], dt: float) -> tuple[float, ...]:
+    """Return f11, f12, f21, f22, q11, q12, q22 of a slow torque; `row` is of the packed model."""
+    kind, _, damped, omega, q_sample, _, q_s, rate, variance, *_ = row
+    if kind == _WALK:
+        return 1.0, 0.0, 0.0, 0.0, q_sample + q_s * dt, 0.0, 0.0
     if kind == _INTEGRATED:
-        q = row[_Q_S] * dt
-        return one, dt, zero, one, q * dt * dt * (1.0 / 3.0), q * dt * 0.5, q
+        q = q_s * dt
+        return 1.0, dt, 0.0, 1.0, q * dt * dt * (1.0 / 3.0), q * dt * 0.5, q
     a = rate * dt
-    missing = decay(a)
+    missing = _decay(a)
     e = 1.0 - missing
     if kind == _ORNSTEIN:
-        return e, zero, zero, zero, variance * (missing * (1.0 + e)), zero, zero
-    if kind == _RESONANCE:
-        return _resonance(row, dt, e)
+        return e, 0.0, 0.0, 0.0, variance * (missing * (1.0 + e)), 0.0, 0.0
     b = 2.0 * a
-    eb = 1.0 - decay(b)
-    third = b * b * b * (1.0 / 6.0) * tail(b)
-    with np.errstate(over="ignore", invalid="ignore"):  # values of the branch that is not taken
-        f1 = np.where(b <= 0.5, eb * third, 1.0 - eb * (1.0 + b + 0.5 * b * b))
+    lost = _decay(b)
+    left = 1.0 - lost
+    if kind == _MATERN:
+        f1 = left * (b * b * b * (1.0 / 6.0) * _tail(b))
+        if b > 0.5:
+            f1 = 1.0 - left * (1.0 + b + 0.5 * b * b)
         return (
             e * (1.0 + a),
             e * dt,
             -(rate * a * e),
             e * (1.0 - a),
             variance * f1,
-            variance * rate * (2.0 * a * a * eb),
-            variance * rate * rate * (2.0 * b * eb + f1),
+            variance * rate * (2.0 * a * a * left),
+            variance * rate * rate * (2.0 * b * left + f1),
         )
-
-
-def _resonance(row: list[float], dt: FloatArray, e: FloatArray) -> tuple[FloatArray, ...]:
-    """Return the same of a damped oscillator; `e` is its envelope, order its damped frequency."""
-    w, rate, variance, w2 = row[_ORDER], row[_RATE], row[_VARIANCE], row[_OMEGA] * row[_OMEGA]
-    missing = decay(2.0 * (rate * dt))
-    c, s = sines(np.array([_within(turn) for turn in (w * dt).tolist()]))
-    s = s / w
+    w2 = omega * omega
+    c, s = _sines(_within(damped * dt))
+    s = s / damped
     zs = rate * s
-    pull = 2.0 * zs * (1.0 - missing)
-    q1 = missing - pull * (c + zs)
+    pull = 2.0 * zs * left
+    q1 = lost - pull * (c + zs)
     return (
         e * (c + zs),
         e * s,
         -(w2 * (e * s)),
         e * (c - zs),
-        variance * np.where(q1 > 0.0, q1, 0.0),
+        variance * max(q1, 0.0),
         variance * w2 * (pull * s),
-        variance * w2 * (missing + pull * (c - zs)),
+        variance * w2 * (lost + pull * (c - zs)),
     )
+
+
+def _within(turn: float) -> float:
+    """Return the turn of one sample less its whole turns; 0 where it is not finite."""
+    if abs(turn) <= _WITHIN:
+        return turn
+    if abs(turn) <= _REDUCIBLE:
+        whole = round(turn * _PER_TURN)
+        return (turn - whole * _TURN[0]) - whole * _TURN[1]
+    return math.atan2(math.sin(turn), math.cos(turn)) if math.isfinite(turn) else 0.0
+
+
+def _sines(angle: float) -> tuple[float, float]:
+    """Return cosine and sine by polynomials on quarter turns."""
+    k = round(angle * _PER_QUARTER)
+    r = (angle - k * _QUARTER[0]) - k * _QUARTER[1]
+    z = r * r
+    s, c = _SINE[0], _COSINE[0]
+    for more_s, more_c in zip(_SINE[1:], _COSINE[1:], strict=True):
+        s, c = s * z + more_s, c * z + more_c
+    s = r + r * (z * s)
+    c = 1.0 + (z * z * c - 0.5 * z)
+    return ((c, s), (-s, c), (-c, -s), (s, -c))[k % 4]
+
+
+def _decay(a: float) -> float:
+    """Return 1 - exp(-a) for a >= 0, by its series on [0, 1/4] and doublings."""
+    small, doublings = min(a, 64.0), 0
+    while small > 0.25:
+        small, doublings = 0.5 * small, doublings + 1
+    total = 1.0
+    for k in range(14, 1, -1):
+        total = 1.0 - small * (1.0 / k) * total
+    missing = small * total
+    for _ in range(doublings):
+        missing = missing * (2.0 - missing)
+    return missing
+
+
+def _tail(b: float) -> float:
+    """Return 6 (exp(b) - 1 - b - b^2/2) / b^3 for b <= 1/2."""
+    b, total = min(b, 0.5), 1.0
+    for k in range(16, 3, -1):
+        total = 1.0 + b * (1.0 / k) * total
+    return total

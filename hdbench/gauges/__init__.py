@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from hdbench.gauges.bridge import bridge_ratio, torque_reading
-from hdbench.gauges.errortable import ErrorTable
+from hdbench.gauges.errortable import ErrorTable, Tolerance, table_as_csv, tabulate_errors
 from hdbench.gauges.layout import (
     LAYOUTS,
     GridGeometry,
@@ -18,10 +18,7 @@ from hdbench.gauges.misplacement import (
     gauged_bench,
     placement_effects,
 )
-from hdbench.gauges.offcentre import off_centre
-from hdbench.gauges.strain import PlacementErrors, StrainField, Wave, grid_strain
-from hdbench.gauges.tabulate import tabulate_errors
-from hdbench.gauges.tolerance import Tolerance
+from hdbench.gauges.strain import PlacementErrors, StrainField, Wave, grid_strain, off_centre
 
 __all__ = [
     "LAYOUTS",
@@ -41,6 +38,7 @@ __all__ = [
     "layout_named",
     "off_centre",
     "placement_effects",
+    "table_as_csv",
     "tabulate_errors",
     "torque_reading",
     "usual_places",

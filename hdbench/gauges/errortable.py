@@ -1,34 +1,108 @@
-"""What the simulation of misplaced rosettes hands out."""
+"""Error table: what rosettes do that are off, one at a time and all by chance, as data and CSV."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass
-from typing import Any
+import csv
+import io
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass, replace
+from typing import Any, Literal
 
+import numpy as np
+
+from hdbench.errors import UsageError
 from hdbench.gauges.layout import cancellation
-from hdbench.gauges.misplacement import GaugedBench
-from hdbench.gauges.quantiles import Quantile
-from hdbench.gauges.tolerance import Tolerance
+from hdbench.gauges.misplacement import (
+    Effects,
+    GaugedBench,
+    closed_form_ripple,
+    placement_effects,
+)
+from hdbench.gauges.strain import PlacementErrors, off_centre
+from hdbench.records import FloatArray
 
-__all__ = ["ErrorTable", "OneOff", "Scatter"]
+__all__ = ["ErrorTable", "Tolerance", "table_as_csv", "tabulate_errors"]
+
+_KINDS = ("radial", "circumferential", "angular")
+_OFF_CENTRE = "off-centre"
+_EFFECTS = ("gain_change", "zero_nm", "locked_zero_nm", "ripple_2_nm", "ripple_4_nm")
+_SHARES = (0.50, 0.90, 0.95, 0.99)
+# 0.975 quantile of the normal distribution
+_NORMAL_95 = 1.959963984540054
+_HEAD = ("case", "kind", "rosette", "quantity", "share_below", "value", "low", "high")
+
+
+@dataclass(frozen=True, slots=True)
+class Tolerance:
+    """How far a rosette may be from its place.
+
+    Parameters
+    ----------
+    radial_mm : float
+        Along the radius, +- mm.
+    circumferential_deg, angular_deg : float
+        Along the circumference, and turned about its own centre, +- degrees.
+    off_centre_mm : float
+        The film with all rosettes on it, from the axis in any direction, mm.
+    distribution : {"uniform", "normal"}
+        Uniform within the tolerance, or normal with the tolerance as two standard deviations.
+    """
+
+    radial_mm: float
+    circumferential_deg: float
+    angular_deg: float
+    off_centre_mm: float = 0.0
+    distribution: Literal["uniform", "normal"] = "uniform"
+
+    def __post_init__(self) -> None:
+        # beyond 20 degrees neighbouring pads touch and small-angle words lose their meaning
+        for name, value, most in (
+            ("--radial", self.radial_mm, math.inf),
+            ("--circumferential", self.circumferential_deg, 20.0),
+            ("--angular", self.angular_deg, 20.0),
+            ("--off-centre", self.off_centre_mm, math.inf),
+        ):
+            if not (0.0 <= value <= most and math.isfinite(value)):
+                unit = "mm" if most == math.inf else "degrees"
+                limit = "" if most == math.inf else f" and at most {most:g}"
+                raise UsageError(
+                    f"tolerance {value!r} {unit}; needed: at least 0{limit}",
+                    where=name,
+                    fix="give how far a rosette may be off, such as 1",
+                )
+
+    def of(self, kind: str) -> float:
+        """Return the tolerance of one kind: mm, else rad."""
+        if kind == "radial":
+            return self.radial_mm
+        return math.radians(getattr(self, f"{kind}_deg"))
+
+
+@dataclass(frozen=True, slots=True)
+class Quantile:
+    """Value below which a share of the draws lies, with a 95 % interval from their number."""
+
+    share: float
+    value: float
+    low: float
+    high: float
+
+
+def sample_quantile(values: FloatArray, share: float) -> Quantile:
+    """Return a quantile of draws and its 95 % interval."""
+    ordered = np.sort(values)
+    n = len(ordered)
+    half = _NORMAL_95 * math.sqrt(n * share * (1.0 - share))
+    low = min(max(math.floor(n * share - half) - 1, 0), n - 1)
+    high = min(math.ceil(n * share + half), n - 1)
+    value = float(np.quantile(ordered, share))
+    return Quantile(share, value, float(ordered[low]), float(ordered[high]))
 
 
 @dataclass(frozen=True, slots=True)
 class OneOff:
-    """One rosette at the edge of one tolerance, all else in place.
-
-    Parameters
-    ----------
-    rosette : int
-        Its number; 0 for all of them on a film off centre.
-    kind : str
-        ``radial``, ``circumferential``, ``angular`` or ``off-centre``.
-    effects : mapping of str to float
-        What that does; keys of `Effects`.
-    closed_form_2_nm : float or None
-        Ripple at order 2 by the closed form, for a circumferential error.
-    """
+    """One rosette at the edge of one tolerance (0: all, film off centre), all else in place."""
 
     rosette: int
     kind: str
@@ -38,15 +112,7 @@ class OneOff:
 
 @dataclass(frozen=True, slots=True)
 class Scatter:
-    """All rosettes off by chance.
-
-    Parameters
-    ----------
-    kind : str
-        Which error; ``all`` for the three together.
-    effects : mapping of str to tuple of Quantile
-        Quantiles of the size of each effect (without its sign); keys of `Effects`.
-    """
+    """Quantiles of the size of each effect with all rosettes off by chance."""
 
     kind: str
     effects: Mapping[str, tuple[Quantile, ...]]
@@ -107,3 +173,170 @@ class ErrorTable:
             "one_off": [asdict(row) for row in self.one_off],
             "scatter": [asdict(row) for row in self.scatter],
         }
+
+
+def tabulate_errors(
+    bench: GaugedBench, tolerance: Tolerance, *, draws: int = 10_000, seed: int = 0
+) -> ErrorTable:
+    """Tabulate what radial, circumferential and angular errors do.
+
+    Parameters
+    ----------
+    bench : GaugedBench
+        Flexspline, gauges, sensor.
+    tolerance : Tolerance
+        How far rosettes may be off.
+    draws : int
+        Assemblies drawn per row, 100 to 1 000 000.
+    seed : int
+        Seed of the draws.
+
+    Returns
+    -------
+    ErrorTable
+        In place, one rosette off, all off by chance.
+
+    Raises
+    ------
+    UsageError
+        If there are too few or too many draws, or a radial tolerance reaches the axis.
+    """
+    if not 100 <= draws <= 1_000_000:
+        raise UsageError(
+            f"{draws} draws; needed: 100, or a 99 % quantile cannot be told, to 1000000",
+            where="--draws",
+            fix="take 10000",
+        )
+    inner = bench.geometry.radius_mm - 0.5 * bench.geometry.spacing_mm
+    reach = tolerance.radial_mm + tolerance.off_centre_mm
+    if not reach < 0.25 * inner:
+        raise UsageError(
+            f"radial tolerance and film off centre add up to {reach:g} mm with the inner grids at "
+            f"{inner:g} mm; needed: less than a quarter of that radius",
+            where="--radial",
+            fix="give a smaller tolerance or a larger --radius",
+        )
+    count = len(bench.layout.rosettes)
+    placed = placement_effects(bench, PlacementErrors.none(1, count))
+    rng = np.random.default_rng(seed)
+    unit = {kind: _unit_draws(tolerance, rng, (draws, count)) for kind in _KINDS}
+    shifted = _shifted(bench, tolerance, rng, draws)
+    return ErrorTable(
+        bench,
+        tolerance,
+        draws,
+        seed,
+        _row(placed, 0),
+        (*_one_off(bench, tolerance), _film_off(bench, tolerance)),
+        tuple(
+            _scatter(bench, kind, _chosen(tolerance, unit, shifted, kind))
+            for kind in (*_KINDS, _OFF_CENTRE, "all")
+        ),
+    )
+
+
+def _unit_draws(
+    tolerance: Tolerance, rng: np.random.Generator, shape: tuple[int, int]
+) -> FloatArray:
+    """Return draws for a tolerance of 1."""
+    if tolerance.distribution == "normal":
+        # beyond four standard deviations nobody would leave a rosette where it is
+        return np.clip(0.5 * rng.standard_normal(shape), -2.0, 2.0)
+    return rng.uniform(-1.0, 1.0, shape)
+
+
+def _shifted(
+    bench: GaugedBench, tolerance: Tolerance, rng: np.random.Generator, draws: int
+) -> PlacementErrors:
+    """Return films off centre: uniform over a disc, or normal in both directions."""
+    if tolerance.distribution == "normal":
+        x, y = np.clip(0.5 * rng.standard_normal((2, draws)), -2.0, 2.0)
+        shift, towards = np.hypot(x, y), np.arctan2(y, x)
+    else:
+        shift, towards = np.sqrt(rng.uniform(size=draws)), rng.uniform(0.0, 2.0 * np.pi, draws)
+    return off_centre(bench.layout, bench.geometry, tolerance.off_centre_mm * shift, towards)
+
+
+def _row(effects: Effects, index: int) -> dict[str, float]:
+    return {name: float(getattr(effects, name)[index]) for name in _EFFECTS}
+
+
+def _one_off(bench: GaugedBench, tolerance: Tolerance) -> tuple[OneOff, ...]:
+    rows = []
+    count = len(bench.layout.rosettes)
+    for kind in _KINDS:
+        size = tolerance.of(kind)
+        parts = {f"{kind}_{'mm' if kind == 'radial' else 'rad'}": size * np.eye(count)}
+        effects = placement_effects(bench, replace(PlacementErrors.none(count, count), **parts))
+        for index, rosette in enumerate(bench.layout.rosettes):
+            closed = None
+            if kind == "circumferential":
+                closed = closed_form_ripple(bench, bench.field.waves[0], size)
+            rows.append(OneOff(rosette.number, kind, _row(effects, index), closed))
+    return tuple(rows)
+
+
+def _film_off(bench: GaugedBench, tolerance: Tolerance) -> OneOff:
+    """Return the worst of 24 directions in which the film may be off, by its ripple at order 2."""
+    towards: FloatArray = np.arange(24, dtype=np.float64) * (2.0 * np.pi / 24)
+    shift = np.full(24, tolerance.off_centre_mm)
+    effects = placement_effects(bench, off_centre(bench.layout, bench.geometry, shift, towards))
+    return OneOff(0, _OFF_CENTRE, _row(effects, int(np.argmax(effects.ripple_2_nm))), None)
+
+
+def _chosen(
+    tolerance: Tolerance, unit: Mapping[str, FloatArray], shifted: PlacementErrors, kind: str
+) -> PlacementErrors:
+    """Return the errors of one kind, or of all together."""
+    zero = np.zeros_like(shifted.radial_mm)
+    parts = [tolerance.of(name) * unit[name] if kind in (name, "all") else zero for name in _KINDS]
+    if kind in (_OFF_CENTRE, "all"):
+        whole = (shifted.radial_mm, shifted.circumferential_rad, shifted.angular_rad)
+        parts = [own + film for own, film in zip(parts, whole, strict=True)]
+    return PlacementErrors(*parts)
+
+
+def _scatter(bench: GaugedBench, kind: str, errors: PlacementErrors) -> Scatter:
+    effects = placement_effects(bench, errors)
+    return Scatter(
+        kind,
+        {
+            name: tuple(sample_quantile(np.abs(getattr(effects, name)), share) for share in _SHARES)
+            for name in _EFFECTS
+        },
+    )
+
+
+def table_as_csv(table: ErrorTable) -> str:
+    """Return the table as CSV, one number per row.
+
+    Parameters
+    ----------
+    table : ErrorTable
+        What `tabulate_errors` found.
+
+    Returns
+    -------
+    str
+        Columns case, kind, rosette, quantity, share_below, value, low, high; units as in `Effects`.
+    """
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(_HEAD)
+    writer.writerows(
+        tuple(repr(cell) if isinstance(cell, float) else cell for cell in row)
+        for row in _rows(table)
+    )
+    return text.getvalue()
+
+
+def _rows(table: ErrorTable) -> Iterator[tuple[object, ...]]:
+    for name, value in table.in_place.items():
+        yield "in-place", "none", "", name, "", value, "", ""
+    for one in table.one_off:
+        for name, value in one.effects.items():
+            yield "one-off", one.kind, one.rosette, name, "", value, "", ""
+    for scatter in table.scatter:
+        for name, quantiles in scatter.effects.items():
+            for q in quantiles:
+                yield "scatter", scatter.kind, "", name, q.share, q.value, q.low, q.high

@@ -1,7 +1,9 @@
-"""Declared conversions: from the numbers of a foreign channel to those of our column."""
+"""Declared conversions of foreign channels, and columns that follow from others."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from decimal import Decimal, InvalidOperation
 from fractions import Fraction
@@ -15,14 +17,16 @@ from hdbench.importing.layout import MISSING
 from hdbench.importing.mapping import WORDS, SourceColumn
 from hdbench.importing.source import Source
 from hdbench.importing.units import target_unit, unit_scale
+from hdbench.records.tables.numbers import plain_matrix
 from hdbench.records.trace import FloatArray
-
-__all__ = ["Conversion", "conversion", "decimal_cell"]
 
 _WIDTHS = {"int8": 8, "int16": 16, "int32": 32}
 # what turns with the shaft: on the joint side these are smaller by the gear ratio
 _TURNING = ("motor_angle_rad", "motor_velocity_rad_s")
 _TURN = 2.0 * np.pi
+_ORDER = 4
+# the derivative is filtered on an even grid; times that differ less from it are even enough
+_EVEN_SHARE = 0.01
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,6 +120,11 @@ class Conversion:
         return values
 
     def _cells(self, raw: NDArray[Any], row: int) -> FloatArray:
+        exact = None
+        if not self.bits and not self.as_it_is:
+            exact = _scaled(raw, Fraction(self.scale), Fraction(self.offset))
+        if exact is not None:
+            return exact
         values = np.empty(len(raw))
         for k, cell in enumerate(raw):
             number = decimal_cell(self.source, self.column.channel.name, cell, row + k)
@@ -124,13 +133,16 @@ class Conversion:
                 continue
             if self.bits:
                 number = Decimal(int(self._signed(np.array([float(number)]), row + k)[0]))
-            value = float(number * self.scale + self.offset if not self._as_it_is else number)
+            value = float(
+                number * self.scale + self.offset if self.scale != 1 or self.offset else number
+            )
             values[k] = value
         return values
 
     @property
-    def _as_it_is(self) -> bool:
-        return self.scale == 1 and self.offset == 0
+    def as_it_is(self) -> bool:
+        """Whether a number of the file is one of ours."""
+        return self.scale == 1 and self.offset == 0 and not self.bits
 
     def _signed(self, raw: NDArray[Any], row: int) -> NDArray[Any]:
         top = 1 << self.bits
@@ -156,6 +168,12 @@ class Conversion:
         scale, offset = Fraction(self.scale), Fraction(self.offset)
         if raw.dtype == object:
             name = self.column.channel.name
+            if start is None:
+                first = decimal_cell(self.source, name, raw[0], row)
+                start = None if first is None else Fraction(first) * scale + offset
+            exact = None if start is None else _scaled(raw, scale, offset - start)
+            if exact is not None and start is not None:
+                return exact, start
             cells = [decimal_cell(self.source, name, c, row + k) for k, c in enumerate(raw)]
             times = [None if c is None else Fraction(c) * scale + offset for c in cells]
             if start is None:
@@ -174,6 +192,32 @@ class Conversion:
         if abs(scale.numerator) == 1:
             return apart / float(scale.denominator * scale.numerator), start
         return apart * float(scale), start
+
+
+def _scaled(cells: NDArray[Any], scale: Fraction, offset: Fraction) -> FloatArray | None:
+    """Return decimal numbers times `scale` plus `offset`, rounded once.
+
+    None where the computation leaves the whole numbers that a float64 holds exactly.
+    """
+    # 15 digits and a point: no other number of as many digits is the same float64
+    if max(map(len, cells)) > 16:
+        return None
+    found = plain_matrix("\n".join(cells).encode(), 1)
+    if found is None or not np.isfinite(found).all():
+        return None
+    for digits in range(10):
+        whole = np.rint(found[:, 0] * 10**digits)
+        if (whole / 10**digits == found[:, 0]).all():
+            break
+    else:
+        return None
+    step = scale / 10**digits
+    denominator = math.lcm(step.denominator, offset.denominator)
+    factor, more = int(step * denominator), int(offset * denominator)
+    largest = int(np.abs(whole).max())
+    if max(largest * abs(factor) + abs(more), denominator) >= 1 << 53 or largest >= 10**15:
+        return None
+    return np.asarray((whole * factor + more) / denominator)
 
 
 def decimal_cell(source: Source, name: str, cell: str, row: int) -> Decimal | None:
@@ -248,3 +292,97 @@ def _refused(target: str, source: Source, given: str, unit: str, other: str) -> 
         where=f"{source.path}, --map",
         fix=f"{other}; or '{target}={given}*1' to take it as it is",
     )
+
+
+@dataclass(frozen=True, slots=True)
+class Derived:
+    """What is computed of other columns.
+
+    Parameters
+    ----------
+    torque_constant_nm_per_a : float or None
+        Torque per current, N m/A; None takes no torque from the current.
+    velocity_from_angle_hz : float or None
+        Cutoff of the low-pass behind the derivative of the angle, Hz; None takes none.
+    """
+
+    torque_constant_nm_per_a: float | None = None
+    velocity_from_angle_hz: float | None = None
+
+
+def derived_columns(
+    columns: Mapping[str, FloatArray], derived: Derived, where: str
+) -> tuple[dict[str, FloatArray], dict[str, list[str]]]:
+    """Return the derived columns and what was done for each."""
+    made: dict[str, FloatArray] = {}
+    done: dict[str, list[str]] = {}
+    constant = derived.torque_constant_nm_per_a
+    if constant is not None:
+        _check_derived(columns, "motor_current_a", "torque_nm", "--torque-constant")
+        made["torque_nm"] = columns["motor_current_a"] * constant
+        done["torque_nm"] = [f"motor_current_a times {constant!r} N m/A"]
+    cutoff = derived.velocity_from_angle_hz
+    if cutoff is not None:
+        _check_derived(columns, "motor_angle_rad", "motor_velocity_rad_s", "--velocity-from-angle")
+        velocity, told = zero_phase_velocity(
+            columns["time_s"], columns["motor_angle_rad"], cutoff, where
+        )
+        made["motor_velocity_rad_s"], done["motor_velocity_rad_s"] = velocity, told
+    return made, done
+
+
+def _check_derived(columns: Mapping[str, FloatArray], needed: str, made: str, option: str) -> None:
+    if needed not in columns:
+        fix = f"give --map {needed}=COLUMN"
+        raise UsageError(f"no column {needed} to take {made} from", where=option, fix=fix)
+    if made in columns:
+        fix = f"leave {option} or the --map of {made} out"
+        raise UsageError(f"{made} is mapped and derived", where=option, fix=fix)
+
+
+def zero_phase_velocity(
+    time: FloatArray, angle: FloatArray, cutoff_hz: float, where: str
+) -> tuple[FloatArray, list[str]]:
+    """Return the velocity of an angle without lag, and how it was made.
+
+    Second-order central differences over the times as they are, then a Butterworth low-pass forward
+    and backward. Uneven times are filtered on an even grid of the median step, by linear
+    interpolation there and back. A lost angle gives a lost velocity.
+    """
+    from scipy.signal import butter, sosfiltfilt
+
+    there = np.isfinite(angle)
+    at, known = time[there], angle[there]
+    # sosfiltfilt pads with three times the length of its sections on either side
+    least = 3 * (_ORDER + 1) + 1
+    if len(at) < least:
+        what = f"{len(at)} samples of the angle; needed: {least} to take a velocity from"
+        raise DataError(what, where=where, fix="record longer, or map a velocity")
+    step = float(np.median(np.diff(at)))
+    if not cutoff_hz < 0.5 / step:
+        raise DataError(
+            f"cutoff {cutoff_hz:g} Hz; needed: below half the sample rate, {0.5 / step:.6g} Hz",
+            where=f"{where}, --velocity-from-angle",
+            fix="give a lower cutoff",
+        )
+    raw = np.gradient(known, at)
+    sections = butter(_ORDER, cutoff_hz, fs=1.0 / step, output="sos")
+    even = float(np.max(np.abs(np.diff(at) / step - 1.0))) < _EVEN_SHARE
+    told = [
+        "derivative of motor_angle_rad: central differences over the times of the samples, then "
+        f"Butterworth low-pass of order {_ORDER} at {cutoff_hz:g} Hz forward and backward "
+        "(zero phase)"
+    ]
+    if even:
+        smooth = sosfiltfilt(sections, raw)
+    else:
+        count = int(np.ceil((at[-1] - at[0]) / step)) + 1
+        if count > 4 * len(at):
+            what = f"gaps of the angle are {count / len(at):.0f} times as long as its samples"
+            raise DataError(what, where=where, fix="import a part without gaps, or map a velocity")
+        grid = at[0] + step * np.arange(count)
+        smooth = np.interp(at, grid, sosfiltfilt(sections, np.interp(grid, at, raw)))
+        told.append(f"filtered on an even grid of {step:.6g} s, for the times are uneven")
+    velocity = np.full(len(time), np.nan)
+    velocity[there] = smooth
+    return velocity, told

@@ -22,18 +22,6 @@ from typing import Literal
 
 from hdbench.importing.units import known_unit
 
-__all__ = [
-    "EPOCH_1904_S",
-    "MISSING",
-    "SEARCHED_LINES",
-    "TableLayout",
-    "is_comment",
-    "is_time_name",
-    "split",
-    "table_layout",
-    "uses_decimal_comma",
-]
-
 Logger = Literal["labjack", "dataq", "auto"]
 # 1970-01-01 in seconds since 1904-01-01: 66 years, 17 of them leap years
 EPOCH_1904_S = 2_082_844_800

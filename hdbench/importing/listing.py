@@ -13,10 +13,7 @@ from numpy.typing import NDArray
 
 from hdbench.importing.layout import MISSING
 from hdbench.importing.source import Channel, Source
-from hdbench.importing.stated import own_time
 from hdbench.importing.units import unit_scale
-
-__all__ = ["ChannelFacts", "list_channels", "read_numbers"]
 
 # rows that are looked at: enough to see what a channel is, whatever the size of the file
 LOOKED_AT = 200_000
@@ -100,6 +97,7 @@ def read_numbers(
     parts: dict[str, list[NDArray[np.float64]]] = {name: [] for name in names}
     words = dict.fromkeys(names, False)
     rows = 0
+    source.rounded = frozenset(names)
     for piece in source.pieces(names):
         for name in names:
             values, found = _values(source, piece[name])
@@ -125,7 +123,7 @@ def _bits(values: NDArray[np.float64]) -> int:
 
 def _rate(source: Source, clock: str, values: dict[str, Any], time: str | None) -> float | None:
     channel = next((c for c in source.channels if c.name == time and c.clock == clock), None)
-    channel = channel or own_time(source, clock)
+    channel = channel or source.own_time(clock)
     if channel is None or len(values[channel.name]) < 2:
         return None
     scale = unit_scale(channel.unit, "s") or Decimal(1)

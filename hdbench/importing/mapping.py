@@ -12,16 +12,6 @@ from hdbench.errors import DataError, HdbenchError, UsageError
 from hdbench.importing.source import Channel, Source, find_channel, listed
 from hdbench.importing.units import known_unit
 
-__all__ = [
-    "WORDS",
-    "ColumnMap",
-    "Constant",
-    "SourceColumn",
-    "find_source",
-    "parse_constant",
-    "parse_map",
-]
-
 # what may be declared behind a channel beside its unit
 WORDS = ("int8", "int16", "int32", "wrapped", "output", "motor", "zero")
 

@@ -14,8 +14,6 @@ from hdbench.importing.recipe import Recipe
 from hdbench.importing.source import Channel
 from hdbench.importing.units import bare_name, target_unit, unit_scale
 
-__all__ = ["Proposal", "is_measured", "is_unit", "proposed_mapping", "time_candidate"]
-
 # words that name a quantity, the more telling ones first
 _WORDS = {
     "motor_angle_rad": ("position", "pos", "angle", "theta", "phi", "winkel", "qm", "q"),
@@ -255,16 +253,16 @@ def proposed_mapping(
             needs.append("N_M_PER_COUNT: the torque per count; it is not in the file")
         mapping[target] = name + ("*N_M_PER_COUNT" if counts else "") + words
         reasons[target] = ", ".join([why, *more])
-    recipe = given.with_map(mapping)
+    recipe = replace(given, map=mapping)
     if joint_side and given.side != "output":
-        recipe = recipe.with_side("output")
+        recipe = replace(recipe, side="output")
         reasons["--side output"] = "a joint is named: angles and velocities are behind the gear"
     if joint_side:
         extra += ["--profile", bench or "PROFILE.toml"]
         if bench is None:
             needs.append("PROFILE.toml: the profile of this drive, for its gear ratio")
     if joints and given.joint is None:
-        recipe = recipe.with_joint(joints[0])
+        recipe = replace(recipe, joint=joints[0])
         reasons["--joint"] = f"one of {len(joints)} joints: {', '.join(joints)}"
     if "motor_velocity_rad_s" not in best and "motor_angle_rad" in best:
         rate = given.rate_hz or best["motor_angle_rad"][0].rate_hz

@@ -23,8 +23,6 @@ from hdbench.errors import DataError
 from hdbench.importing.source import Piece, Source, told
 from hdbench.system.children import limit_memory
 
-__all__ = ["main"]
-
 # with the process that asks, and what both hold beside their data, less than 500 MB
 _MOST_BYTES = 320 << 20
 # what no reader needs: a file that asks for it is not read

@@ -11,16 +11,14 @@ from pathlib import Path
 from typing import Any
 
 from hdbench.errors import DataError
-from hdbench.importing.derive import Derived
 from hdbench.importing.mapping import ColumnMap, Constant, parse_constant, parse_map
-from hdbench.importing.plan import ImportPlan, known_columns
 from hdbench.importing.source import Asked
 from hdbench.importing.text import ForeignFormat
+from hdbench.records.loads import LOADS_COLUMNS, LOADS_OPTIONAL
 from hdbench.records.storage import write_new
-from hdbench.records.textfile import read_text
+from hdbench.records.tables import TRACE_COLUMNS, read_text
 
-__all__ = ["Recipe", "read_recipe", "write_recipe"]
-
+_COLUMNS = {"trace": TRACE_COLUMNS, "loads": (*LOADS_COLUMNS, *LOADS_OPTIONAL)}
 DELIMITERS = {"auto": None, "comma": ",", "semicolon": ";", "tab": "\t", "blank": " "}
 _CHOICES: dict[str, tuple[str, ...]] = {
     "kind": ("trace", "loads"),
@@ -42,6 +40,11 @@ _OPTIONS = {
     "keep_time": "--keep-time",
     "no_header": "--no-header",
 }
+
+
+def known_columns(kind: str) -> tuple[str, ...]:
+    """Return the column names of the contract for ``trace`` or ``loads``."""
+    return _COLUMNS[kind]
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,18 +102,6 @@ class Recipe:
         """Return another recipe with what is said here in its place."""
         return replace(other, **self.changed())
 
-    def with_map(self, mapping: Mapping[str, str]) -> Recipe:
-        """Return a copy with another mapping."""
-        return replace(self, map=dict(mapping))
-
-    def with_side(self, side: str) -> Recipe:
-        """Return a copy of another side of the gear."""
-        return replace(self, side=side)
-
-    def with_joint(self, joint: str) -> Recipe:
-        """Return a copy of one joint."""
-        return replace(self, joint=joint)
-
     def options(self) -> list[str]:
         """Return the recipe as words of a command."""
         words: list[str] = []
@@ -122,6 +113,14 @@ class Recipe:
             else:
                 words += [_OPTIONS[name], *([] if value is True else [str(value)])]
         return words
+
+    def maps(self) -> list[ColumnMap]:
+        """Return where columns come from."""
+        return [parse_map(f"{n}={text}", _COLUMNS[self.kind]) for n, text in self.map.items()]
+
+    def constants(self) -> list[Constant]:
+        """Return the columns with one value."""
+        return [parse_constant(f"{n}={text}", _COLUMNS[self.kind]) for n, text in self.set.items()]
 
     @property
     def layout(self) -> ForeignFormat:
@@ -135,24 +134,6 @@ class Recipe:
         """Topic and joint."""
         return Asked(self.topic, self.joint)
 
-    def plan(self, gear_ratio: float | None) -> ImportPlan:
-        """Return the plan of an import."""
-        known = known_columns(self.kind)
-        maps: list[ColumnMap] = [parse_map(f"{n}={text}", known) for n, text in self.map.items()]
-        fixed: list[Constant] = [parse_constant(f"{n}={t}", known) for n, t in self.set.items()]
-        return ImportPlan(
-            self.kind,
-            tuple(maps),
-            tuple(fixed),
-            layout=self.layout,
-            rate_hz=self.rate_hz,
-            keep_time=self.keep_time,
-            asked=self.asked,
-            side=self.side,
-            gear_ratio=gear_ratio,
-            derived=Derived(self.torque_constant_nm_per_a, self.velocity_from_angle_hz),
-        )
-
 
 def _bad(path: Path, key: str, what: str, fix: str) -> DataError:
     return DataError(f"key {key!r:.60} {what}", where=f"{path}: {key:.60}", fix=fix)
@@ -161,7 +142,7 @@ def _bad(path: Path, key: str, what: str, fix: str) -> DataError:
 def read_recipe(path: Path) -> Recipe:
     """Read a recipe."""
     try:
-        body = tomllib.loads(read_text(path, "recipe", keep_bom=False))
+        body = tomllib.loads(read_text(path, "recipe"))
     except (tomllib.TOMLDecodeError, RecursionError) as error:
         raise DataError(
             f"not valid TOML: {error}", where=str(path), fix="correct it, or make it again by --map"

@@ -9,7 +9,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,25 +17,12 @@ from numpy.typing import NDArray
 from hdbench.errors import DataError, HdbenchError, UsageError
 from hdbench.importing.units import bare_name
 
-__all__ = [
-    "MOST_CHANNELS",
-    "PIECE_ROWS",
-    "Asked",
-    "Channel",
-    "Piece",
-    "Source",
-    "damaged",
-    "find_channel",
-    "spelled",
-    "told",
-    "told_apart",
-]
-
 # rows that are in memory at a time: bounds the memory whatever the size of the file
 PIECE_ROWS = 1 << 16
 # a file that claims more is damaged or made to harm; a wide log of a robot has some hundreds
 MOST_CHANNELS = 20_000
 Piece = Mapping[str, NDArray[Any]]
+_T = TypeVar("_T")
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,6 +116,8 @@ class Source(ABC):
         self.channels: tuple[Channel, ...] = ()
         self.notes: tuple[str, ...] = ()
         self.decimal_comma = False
+        # channels of text whose numbers may come as float64, in place of cells as they stand
+        self.rounded: frozenset[str] = frozenset()
 
     @abstractmethod
     def pieces(self, names: Sequence[str]) -> Iterator[Piece]:
@@ -137,9 +126,18 @@ class Source(ABC):
         Numbers are arrays of float64, int64 or uint64; cells of text are arrays of str objects.
         """
 
+    def own_time(self, clock: str) -> Channel | None:
+        """Return the channel that the file names as the time of a clock."""
+        return next((c for c in self.channels if c.is_time and c.clock == clock), None)
+
     def place(self, row: int) -> str:
         """Return where a person finds a row, counted from 0."""
         return f"{self.path}: sample {row + 1}"
+
+    def hold(self, made: Sequence[tuple[Channel, _T]]) -> dict[str, _T]:
+        """Take channels, told apart; return what stands behind each, by its name."""
+        self.channels = told_apart(self.path, [channel for channel, _ in made])
+        return {c.name: behind for c, (_, behind) in zip(self.channels, made, strict=True)}
 
     def close(self) -> None:  # noqa: B027 - most readers hold nothing open
         """Give the file back."""
@@ -154,6 +152,19 @@ class Source(ABC):
                 fix=f"there are: {listed(c.name for c in self.channels)}",
             )
         self.channels = tuple(kept)
+
+
+def spans(rows: int) -> Iterator[tuple[int, int]]:
+    """Yield where each piece of so many rows begins, and how many rows it has."""
+    for start in range(0, rows, PIECE_ROWS):
+        yield start, min(PIECE_ROWS, rows - start)
+
+
+def text_cells(cells: Sequence[str]) -> NDArray[Any]:
+    """Return cells of text as a column of a piece."""
+    column = np.empty(len(cells), dtype=object)
+    column[:] = cells
+    return column
 
 
 def listed(names: Iterable[str], most: int = 12) -> str:

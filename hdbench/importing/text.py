@@ -8,9 +8,10 @@ import zlib
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO
+from typing import IO, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hdbench.errors import DataError
 from hdbench.importing.layout import (
@@ -25,17 +26,27 @@ from hdbench.importing.layout import (
     text_layout,
     uses_decimal_comma,
 )
-from hdbench.importing.source import PIECE_ROWS, Channel, Piece, Source, damaged, told_apart
+from hdbench.importing.source import (
+    PIECE_ROWS,
+    Channel,
+    Piece,
+    Source,
+    damaged,
+    text_cells,
+    told_apart,
+)
 from hdbench.importing.units import stated_unit
-from hdbench.records.textfile import data_error
-
-__all__ = ["CellTable", "CellsSource", "ForeignFormat", "open_text"]
+from hdbench.records.tables import data_error
+from hdbench.records.tables.numbers import plain_matrix
+from hdbench.records.trace import FloatArray
 
 # no line of a table is longer: a thousand columns of a hundred characters
 _LONGEST_LINE = 1 << 20
 # text of real samples shrinks 2 to 20 times; below 16 MiB a higher ratio does no harm
 _LIMIT_RATIO, _SMALL_BYTES = 300, 16 << 20
-_Rows = Callable[[], Iterator[tuple[int, list[str]]]]
+# bytes that are converted at a time
+_CHUNK_BYTES = 1 << 18
+_Rows = Callable[[int], Iterator[tuple[int, list[str]]]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,14 +81,18 @@ class CellTable:
     layout : TableLayout
         Names and width.
     rows : callable
-        Yields the line and the cells of each row of data, as often as it is called.
+        Yields the line and the cells of each row of data behind as many as it is told.
     prefix : str
         What stands before the names, such as the name of a sheet and ``/``.
+    plain : callable or None
+        Yields rows of numbers as long as there are no others: their matrix, and their lines; an
+        empty matrix where the table ends with them.
     """
 
     layout: TableLayout
     rows: _Rows
     prefix: str = ""
+    plain: Callable[[], Iterator[tuple[FloatArray, bytes]]] | None = None
 
 
 class CellsSource(Source):
@@ -100,7 +115,7 @@ class CellsSource(Source):
         probes: list[list[str]] = []
         for table in tables:
             layout = table.layout
-            first = [row for _, row in _first(table.rows())]
+            first = [row for _, row in _first(table.rows(0))]
             probes += first
             for k in range(layout.width):
                 name = layout.names[k] if layout.names else str(k + 1)
@@ -116,11 +131,24 @@ class CellsSource(Source):
         self.decimal_comma = uses_decimal_comma(probes)
 
     def pieces(self, names: Sequence[str]) -> Iterator[Piece]:
-        """Yield cells of text."""
+        """Yield cells of text, or numbers where they may be rounded."""
         clocks = {c.name: c.clock for c in self.channels}
         columns = {name: self._columns[name] for name in names}
+        table = self._tables[clocks[names[0]]]
+        done = 0
+        if table.plain is not None and not self.rounded.isdisjoint(names):
+            for values, text in table.plain():
+                if not len(values):
+                    return
+                yield {
+                    name: np.ascontiguousarray(values[:, k])
+                    if name in self.rounded
+                    else _column(text, table.layout.delimiter, k)
+                    for name, k in columns.items()
+                }
+                done += len(values)
         kept: list[list[str]] = []
-        for _, row in self._tables[clocks[names[0]]].rows():
+        for _, row in table.rows(done):
             kept.append(row)
             if len(kept) == PIECE_ROWS:
                 yield _piece(kept, columns)
@@ -130,7 +158,7 @@ class CellsSource(Source):
 
     def place(self, row: int) -> str:
         """Return the line of a row."""
-        rows = next(iter(self._tables.values())).rows()
+        rows = next(iter(self._tables.values())).rows(0)
         line = next((line for k, (line, _) in enumerate(rows) if k == row), row + 1)
         return f"{self.path}:{line}"
 
@@ -139,13 +167,13 @@ def _first(rows: Iterator[tuple[int, list[str]]]) -> list[tuple[int, list[str]]]
     return [row for row, _ in zip(rows, range(SEARCHED_LINES), strict=False)]
 
 
+def _column(text: bytes, delimiter: str, k: int) -> NDArray[Any]:
+    lines = text.decode("ascii").split("\n")
+    return text_cells([line.split(delimiter, k + 1)[k] for line in lines])
+
+
 def _piece(rows: Sequence[Sequence[str]], columns: dict[str, int]) -> Piece:
-    piece = {}
-    for name, k in columns.items():
-        cells = np.empty(len(rows), dtype=object)
-        cells[:] = [row[k] for row in rows]
-        piece[name] = cells
-    return piece
+    return {name: text_cells([row[k] for row in rows]) for name, k in columns.items()}
 
 
 def _raw_lines(path: Path) -> Iterator[bytes]:
@@ -215,15 +243,47 @@ def open_text(path: Path, layout: ForeignFormat) -> CellsSource:
         )
     begin = layout.skip + found.start
 
-    def rows() -> Iterator[tuple[int, list[str]]]:
-        return _rows(path, begin, found)
+    def rows(done: int) -> Iterator[tuple[int, list[str]]]:
+        return _rows(path, begin + done, found)
 
-    source = CellsSource(path, "text", [CellTable(found, rows)])
+    def plain() -> Iterator[tuple[FloatArray, bytes]]:
+        return _plain(path, begin, found, decimal_comma=source.decimal_comma)
+
+    source = CellsSource(path, "text", [CellTable(found, rows, plain=plain)])
     comma = ("decimal commas",) if source.decimal_comma else ()
     said = [i for i, line in enumerate(head[: found.start]) if is_comment(line)]
     told = sorted({*found.preamble, *said})
     source.notes = (*(head[i].strip() for i in told if head[i].strip()), *comma)
     return source
+
+
+def _plain(
+    path: Path, begin: int, layout: TableLayout, *, decimal_comma: bool
+) -> Iterator[tuple[FloatArray, bytes]]:
+    """Yield rows of numbers, each a line; end where there is anything else."""
+    if layout.delimiter == " ":
+        return
+    with path.open("rb") as raw:
+        packed = raw.read(2) == b"\x1f\x8b"
+        raw.seek(0)
+        file: IO[bytes] | gzip.GzipFile = gzip.GzipFile(fileobj=raw) if packed else raw
+        try:
+            for _ in range(begin):
+                file.readline(_LONGEST_LINE)
+            while chunk := file.read(_CHUNK_BYTES):
+                chunk += file.readline(_LONGEST_LINE)
+                lines = chunk.replace(b"\r\n", b"\n") if b"\r" in chunk else chunk
+                lines = lines.removesuffix(b"\n")
+                if decimal_comma and layout.delimiter != ",":
+                    lines = lines.replace(b",", b".")
+                plain = lines.replace(layout.delimiter.encode(), b",")
+                values = plain_matrix(plain, layout.width) if layout.width > 1 else None
+                if values is None or np.isinf(values).any():
+                    return
+                yield values, lines
+            yield np.empty((0, layout.width)), b""
+        except (EOFError, zlib.error, gzip.BadGzipFile):
+            return  # told by who reads row by row
 
 
 def _rows(path: Path, begin: int, layout: TableLayout) -> Iterator[tuple[int, list[str]]]:

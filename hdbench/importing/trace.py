@@ -12,12 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hdbench.errors import DataError, UsageError
-from hdbench.importing.convert import Conversion
-from hdbench.importing.derive import Derived, derived_columns
+from hdbench.importing.convert import Conversion, Derived, derived_columns
 from hdbench.importing.source import Source, listed
 from hdbench.records.trace import FloatArray, Trace
-
-__all__ = ["Joined", "Part", "joined_trace"]
 
 # a trace of more cells is read by no other command: some 1 GB of text
 MOST_CELLS = 50_000_000
@@ -110,6 +107,12 @@ def _clock(
     times: list[FloatArray] = []
     parts: dict[str, list[FloatArray]] = {c.target: [] for c in conversions}
     rows, last = 0, -np.inf
+    source.rounded = frozenset(
+        name
+        for name in names
+        if all(c.as_it_is for c in conversions if c.column.channel.name == name)
+        and (time is None or time.column.channel.name != name)
+    )
     for piece in source.pieces(list(dict.fromkeys(wanted))):
         count = len(next(iter(piece.values())))
         if not count:

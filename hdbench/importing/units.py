@@ -5,8 +5,6 @@ from __future__ import annotations
 import re
 from decimal import Decimal
 
-__all__ = ["bare_name", "known_unit", "stated_unit", "target_unit", "unit_scale"]
-
 _BRACKETS = re.compile(r"(?P<name>.*?)\s*[(\[](?P<unit>[^()\[\]]{1,16})[)\]]\s*")
 # longest first: `_rad_s` ends in `_s` too
 _SUFFIXES = (

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from hdbench.model.baseline import baseline_columns, baseline_orders
-from hdbench.model.bench import BenchModel
+from hdbench.model.bench import BenchModel, term_torque_nm, with_signal
 from hdbench.model.cause import (
     Cause,
     CauseTerm,
@@ -12,19 +12,17 @@ from hdbench.model.cause import (
     cause_named,
     cause_parameters,
     check_term,
+    describe_cause,
+    describe_causes,
     shape_bounds,
+    user_causes,
 )
+from hdbench.model.causefile import load_causes
 from hdbench.model.causes._memory import first_order
-from hdbench.model.declared import load_causes
-from hdbench.model.describe import describe_cause, describe_causes
-from hdbench.model.gauges import gauge_order_factor
 from hdbench.model.harmonics import amplitude_phase
-from hdbench.model.kinematics import integrate_velocity
 from hdbench.model.modelfile import MODEL_SCHEMA, load_model, model_dict, save_model
-from hdbench.model.motion import Motion, motion_from_trace
+from hdbench.model.motion import Motion, gauge_order_factor, integrate_velocity, motion_from_trace
 from hdbench.model.simulate import simulate_like, simulate_run, with_noise
-from hdbench.model.term import term_torque_nm, with_signal
-from hdbench.model.usercauses import user_causes
 from hdbench.model.waves import ReferenceWave, reference_voltage
 
 __all__ = [

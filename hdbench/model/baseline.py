@@ -1,4 +1,4 @@
-"""The baseline of a dynamic run: what the model holds before any cause was found."""
+"""Baseline of a dynamic run: the terms of the model before any cause is found."""
 
 from __future__ import annotations
 
@@ -7,9 +7,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from hdbench.model.gauges import gauge_order_factor
 from hdbench.model.harmonics import amplitude_phase
-from hdbench.model.motion import Motion
+from hdbench.model.motion import Motion, gauge_order_factor
 from hdbench.profile.schema import ProfileData
 from hdbench.records.trace import FloatArray
 

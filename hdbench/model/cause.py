@@ -1,21 +1,27 @@
-"""The catalogue of causes, checks of their numbers, and how results state them."""
+"""Catalogue of causes, those of installed packages and of a user's files, and their numbers."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from difflib import get_close_matches
-from types import MappingProxyType
+from functools import cache
+from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
+from types import MappingProxyType, TracebackType
+from typing import Any
 
 import numpy as np
 
-from hdbench.errors import DataError
-from hdbench.model.causes import ALL_CAUSES
+from hdbench.errors import DataError, HdbenchError
+from hdbench.model.causefile import load_causes
+from hdbench.model.causes import ALL_CAUSES, CAUSE_GROUPS
 from hdbench.model.definition import Cause, CauseTerm, Parameter, shape_bounds
 from hdbench.model.harmonics import amplitude_phase, quadratures, standard_uncertainty
-from hdbench.model.plugins import plugin_causes
 from hdbench.records.trace import FloatArray
 
 __all__ = [
+    "CAUSES_GROUP",
     "Cause",
     "CauseTerm",
     "Parameter",
@@ -24,8 +30,74 @@ __all__ = [
     "cause_named",
     "cause_parameters",
     "check_term",
+    "describe_cause",
+    "describe_causes",
+    "plugin_causes",
     "shape_bounds",
+    "user_causes",
 ]
+
+CAUSES_GROUP = "hdbench.causes"
+
+
+@cache
+def plugin_causes() -> tuple[Cause, ...]:
+    """Return the causes of all installed packages."""
+    found: dict[str, Cause] = {cause.name: cause for cause in ALL_CAUSES}
+    own: list[Cause] = []
+    for entry in sorted(entry_points(group=CAUSES_GROUP), key=lambda e: (e.name, e.value)):
+        for cause in _causes_of(entry):
+            if cause.name in found:
+                raise _error(entry, f"brings the cause {cause.name!r}, a name that is taken")
+            found[cause.name] = cause
+            own.append(cause)
+    return tuple(own)
+
+
+def _causes_of(entry: EntryPoint) -> Iterator[Cause]:
+    """Yield the causes of an entry point: a cause, a sequence of them, or a callable for those."""
+    with _Blamed(entry):
+        thing = entry.load()
+        if callable(thing) and not isinstance(thing, Cause):
+            thing = thing()
+        several = [thing] if isinstance(thing, Cause) else thing
+        causes = list(several) if isinstance(several, Sequence) else [several]
+    for cause in causes:
+        if not isinstance(cause, Cause):
+            kind = type(cause).__name__
+            raise _error(entry, f"gives {kind}; needed: hdbench.model.Cause, or a sequence of it")
+        yield cause
+
+
+def _error(entry: EntryPoint, what: str) -> DataError:
+    name = entry.dist.name if entry.dist is not None else "unknown"
+    return DataError(
+        f"distribution {name!r} {what}",
+        where=f"entry point {entry.name} = {entry.value} of group {CAUSES_GROUP}",
+        fix=f"mend or uninstall {name}",
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _Blamed:
+    """A context: whatever a package's own code raises becomes an error that names the package."""
+
+    entry: EntryPoint
+
+    def __enter__(self) -> None:
+        """Begin what the package's own code does."""
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Turn an error into one that names the package."""
+        if isinstance(error, Exception) and not isinstance(error, HdbenchError):
+            words = f"cannot give its causes: {type(error).__name__}: {error}"
+            raise _error(self.entry, words) from error
+
 
 ParameterTable = dict[str, dict[str, float | str | None]]
 
@@ -225,3 +297,112 @@ def _diagonal(matrix: FloatArray | None, index: int) -> float | None:
 
 def _entry(value: float, std: float | None, unit: str) -> dict[str, float | str | None]:
     return {"value": float(value), "std": std, "unit": unit}
+
+
+def user_causes(paths: Iterable[Path]) -> tuple[Cause, ...]:
+    """Return the causes of several causes files.
+
+    Parameters
+    ----------
+    paths : iterable of Path
+        TOML files as ``docs/causes.md`` describes them.
+
+    Returns
+    -------
+    tuple of Cause
+        In order of the files; hand them on as `BenchModel.with_extra`, or as `extra`.
+
+    Raises
+    ------
+    DataError
+        If a file is invalid, or a name stands in two files or in an installed package.
+    """
+    origin = {cause.name: "an installed package" for cause in plugin_causes()}
+    found: list[Cause] = []
+    for path in paths:
+        for cause in load_causes(path):
+            if cause.name in origin:
+                raise DataError(
+                    f"the cause {cause.name!r} stands in {origin[cause.name]} too; needed: a name "
+                    "of its own",
+                    where=str(path),
+                    fix="rename one of the two",
+                )
+            origin[cause.name] = str(path)
+            found.append(cause)
+    return tuple(found)
+
+
+# group of causes that are no names of the contract
+_OWN = "user's own"
+
+
+def describe_cause(cause: Cause) -> dict[str, Any]:
+    """Return a cause as plain data.
+
+    Parameters
+    ----------
+    cause : Cause
+        A cause.
+
+    Returns
+    -------
+    dict
+        ``name``, ``group`` of the contract, ``equation``, ``parameters`` (name, kind ``shape`` or
+        ``linear``, unit, domain as ``lower``, ``upper`` and ``bands``, description), ``additive``
+        (False for causes of noise and acquisition), ``channels`` that it needs, ``locked_to``,
+        ``parity``, ``channel`` of origin, ``look_alikes``, ``experiment`` that separates them, and
+        ``source``; JSON-able.
+    """
+    groups = (name for name, causes in CAUSE_GROUPS.items() if cause in causes)
+    return {
+        "name": cause.name,
+        "group": next(groups, _OWN),
+        "equation": cause.equation,
+        "parameters": [
+            *(_parameter(p, "shape") for p in cause.shape),
+            *(_parameter(p, "linear") for p in cause.linear),
+        ],
+        "additive": cause.additive,
+        "channels": list(cause.channels),
+        "locked_to": cause.locked_to,
+        "parity": cause.parity,
+        "channel": cause.channel,
+        "look_alikes": list(cause.look_alikes),
+        "experiment": cause.experiment,
+        "source": cause.source,
+    }
+
+
+def describe_causes(extra: Iterable[Cause] = ()) -> list[dict[str, Any]]:
+    """Return every cause as plain data.
+
+    Parameters
+    ----------
+    extra : iterable of Cause
+        Causes of the user's own.
+
+    Returns
+    -------
+    list of dict
+        As `describe_cause`: the names of the contract in its order, then those of installed
+        packages, then `extra`.
+
+    Raises
+    ------
+    DataError
+        If a name is taken twice, or an installed package cannot give its causes.
+    """
+    return [describe_cause(cause) for cause in catalogue(extra).values()]
+
+
+def _parameter(parameter: Parameter, kind: str) -> dict[str, Any]:
+    return {
+        "name": parameter.name,
+        "kind": kind,
+        "unit": parameter.unit,
+        "lower": parameter.lower,
+        "upper": parameter.upper,
+        "bands": [list(band) for band in parameter.bands],
+        "description": parameter.description,
+    }

@@ -1,4 +1,4 @@
-"""What a cause is: one named effect of the catalogue as a term of the bench model."""
+"""Cause: one named effect of the catalogue as a term of the bench model."""
 
 from __future__ import annotations
 
@@ -33,9 +33,6 @@ class Parameter:
         Parts of the domain that are allowed, where it is not one piece; empty for all of it.
     default : float or None
         What a model file that does not give it means; None where every file has to give it.
-    evident : bool
-        Whether what it explains speaks for the name of its cause; False for a part that goes with
-        the cause and is just as well another name's.
     """
 
     name: str
@@ -45,7 +42,6 @@ class Parameter:
     description: str
     bands: tuple[tuple[float, float], ...] = ()
     default: float | None = None
-    evident: bool = True
 
     def contains(self, value: float) -> bool:
         """Return whether `value` is in the domain; NaN never is.

@@ -15,17 +15,7 @@ __all__ = ["Quadratures", "amplitude_phase", "quadratures", "standard_uncertaint
 
 @dataclass(frozen=True, slots=True)
 class Quadratures:
-    """Names of a (cosine, sine) pair of linear parameters and of what it is stated as.
-
-    Parameters
-    ----------
-    cosine, sine : str
-        Names of the linear parameters, such as ``cosine_2_nm``.
-    amplitude, phase : str
-        Names of amplitude and phase, such as ``amplitude_2_nm`` and ``phase_2_rad``.
-    unit : str
-        Unit of cosine, sine and amplitude.
-    """
+    """Names of a (cosine, sine) pair of linear parameters and of what it is stated as."""
 
     cosine: str
     sine: str

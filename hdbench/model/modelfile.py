@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Mapping, Sequence
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
+
+from pydantic import BaseModel, ConfigDict, NonNegativeFloat, ValidationError
 
 from hdbench.errors import DataError
 from hdbench.model.bench import BenchModel
@@ -17,9 +20,8 @@ from hdbench.model.cause import (
     cause_parameters,
     check_term,
 )
-from hdbench.model.declared import declared_cause
+from hdbench.model.causefile import declared_cause
 from hdbench.model.harmonics import quadratures
-from hdbench.model.jsonnode import JsonNode
 from hdbench.records.jsonfile import ProfileIdentity, read_json, result_header, write_json
 
 __all__ = ["MODEL_SCHEMA", "load_model", "model_dict", "save_model"]
@@ -27,6 +29,57 @@ __all__ = ["MODEL_SCHEMA", "load_model", "model_dict", "save_model"]
 MODEL_SCHEMA = "hdbench/model/1"
 # amplitude and phase are written beside cosine and sine with 17 digits: only rounding may differ
 _AGREE = 1e-9
+
+
+class _Stored(BaseModel):
+    """Keys of a model file; further ones are left alone."""
+
+    model_config = ConfigDict(strict=True, allow_inf_nan=False)
+
+
+class _Wave(_Stored):
+    amplitude_nm: NonNegativeFloat
+    phase_rad: float
+
+
+class _Ripple(_Wave):
+    order: NonNegativeFloat
+
+
+class _Baseline(_Stored):
+    zero_nm: float
+    inertia_nm_s2: NonNegativeFloat
+    ripple: tuple[_Ripple, ...]
+    misalignment: _Wave
+    load: float = 1.0  # files written before a measured load was part of the baseline have none
+
+
+class _Number(_Stored):
+    value: float
+
+
+class _Entry(_Stored):
+    name: str
+    parameters: dict[str, _Number]
+    covariance: tuple[tuple[float, ...], ...] | None = None
+
+
+class _File(_Stored):
+    baseline: _Baseline
+    causes: tuple[_Entry, ...]
+    definitions: tuple[dict[str, Any], ...] = ()
+    provenance: dict[str, Any] = {}
+
+
+_NEEDED = {
+    "float_type": "a number",
+    "finite_number": "a finite number",
+    "greater_than_equal": "a number, at least 0",
+    "string_type": "a name",
+    "tuple_type": "a list",
+    "dict_type": "an object",
+    "model_type": "an object",
+}
 
 
 def save_model(
@@ -131,25 +184,43 @@ def load_model(path: Path, *, extra: Sequence[Cause] = ()) -> BenchModel:
         If the file is missing, no JSON or of another schema, a key is missing or of the wrong
         type, a number is not finite or out of its domain, or a cause or parameter is unknown.
     """
-    body = JsonNode(read_json(path, MODEL_SCHEMA), str(path), "")
-    baseline = body.node("baseline")
-    inertia = baseline.number("inertia_nm_s2", low=0.0)
-    # files written before a measured load was part of the baseline have no such key
-    load = baseline.number("load") if "load" in baseline.value else 1.0
-    ripple = tuple(
-        (item.number("order", low=0.0), *_amplitude(item)) for item in baseline.nodes("ripple")
-    )
+    body, file = read_json(path, MODEL_SCHEMA), str(path)
+    try:
+        stored = _File.model_validate_json(json.dumps(body))
+    except ValidationError as error:
+        raise _bad_key(error, file) from None
+    declared = [
+        declared_cause(definition, where=f"{file}: key definitions.{i}")
+        for i, definition in enumerate(stored.definitions)
+    ]
+    baseline = stored.baseline
     model = BenchModel(
-        baseline.number("zero_nm"),
-        inertia,
-        ripple,
-        _amplitude(baseline.node("misalignment")),
-        provenance=body.node("provenance").value if "provenance" in body.value else {},
-        load=load,
-    ).with_extra((*extra, *_declared(body)))
-    for item in body.nodes("causes"):
-        model = model.with_cause(_term(item, model.extra_causes))
+        baseline.zero_nm,
+        baseline.inertia_nm_s2,
+        tuple((r.order, r.amplitude_nm, r.phase_rad) for r in baseline.ripple),
+        (baseline.misalignment.amplitude_nm, baseline.misalignment.phase_rad),
+        provenance=stored.provenance,
+        load=baseline.load,
+    ).with_extra((*extra, *declared))
+    for i, entry in enumerate(stored.causes):
+        model = model.with_cause(_term(entry, f"{file}: key causes.{i}", model.extra_causes))
     return model
+
+
+def _bad_key(error: ValidationError, file: str) -> DataError:
+    """Return the error of the first key that is wrong."""
+    first = error.errors(include_url=False)[0]
+    key = ".".join(map(str, first["loc"]))
+    if first["type"] == "missing":
+        found, needed = "nothing", "this key"
+    else:
+        found = repr(first["input"])[:60]
+        needed = _NEEDED.get(first["type"], str(first["msg"]).partition("be ")[2])
+    return DataError(
+        f"found {found}; needed: {needed}",
+        where=f"{file}: key {key}",
+        fix="correct the key, or write the model again with `hdbench diagnose`",
+    )
 
 
 def _definitions(model: BenchModel) -> list[dict[str, Any]]:
@@ -159,27 +230,12 @@ def _definitions(model: BenchModel) -> list[dict[str, Any]]:
     return [dict(cause.definition) for cause in own if cause.definition is not None]
 
 
-def _declared(body: JsonNode) -> list[Cause]:
-    """Return the causes that a model file declares; files of old have none."""
-    if "definitions" not in body.value:
-        return []
-    return [
-        declared_cause(node.value, where=f"{node.file}: key {node.key.removesuffix('.')}")
-        for node in body.nodes("definitions")
-    ]
-
-
-def _amplitude(node: JsonNode) -> tuple[float, float]:
-    return node.number("amplitude_nm", low=0.0), node.number("phase_rad")
-
-
-def _term(node: JsonNode, extra: Sequence[Cause]) -> CauseTerm:
+def _term(entry: _Entry, where: str, extra: Sequence[Cause]) -> CauseTerm:
     """Return the cause with numbers that one entry of ``causes`` holds."""
-    cause = cause_named(node.get("name", str, "a name"), where=node.place("name"), extra=extra)
-    parameters = node.node("parameters")
-    values = {name: parameters.node(name).number("value") for name in parameters.value}
-    where = f"{node.file}: key {node.key}parameters"
-    values = {**_defaults(cause), **_with_pairs(cause, values, where)}
+    cause = cause_named(entry.name, where=f"{where}.name", extra=extra)
+    values = {name: number.value for name, number in entry.parameters.items()}
+    place = f"{where}.parameters"
+    values = {**_defaults(cause), **_with_pairs(cause, values, place)}
     needed = {parameter.name for parameter in (*cause.shape, *cause.linear)}
     for name in sorted(needed ^ set(values)):
         pool = sorted(set(values) if name in needed else needed)
@@ -188,16 +244,23 @@ def _term(node: JsonNode, extra: Sequence[Cause]) -> CauseTerm:
         raise DataError(
             f"parameter {name!r} of {cause.name} is {state}; nearest here: {near!r}, needed: "
             f"{', '.join(sorted(needed))}",
-            where=where,
+            where=place,
             fix=f"give {cause.name} exactly its parameters",
+        )
+    rows, sizes = entry.covariance, (len(cause.linear), len(cause.linear) + len(cause.shape))
+    if rows is not None and (len(rows) not in sizes or any(len(r) != len(rows) for r in rows)):
+        raise DataError(
+            f"found no square matrix of numbers of {' or '.join(map(str, sizes))} rows",
+            where=f"{where}.covariance",
+            fix="take the key out, or write the model again with `hdbench diagnose`",
         )
     term = CauseTerm(
         cause.name,
         {parameter.name: values[parameter.name] for parameter in cause.shape},
         tuple(values[parameter.name] for parameter in cause.linear),
-        _covariance(node, cause),
+        rows,
     )
-    check_term(term, where=where, extra=extra)
+    check_term(term, where=place, extra=extra)
     return term
 
 
@@ -225,22 +288,3 @@ def _with_pairs(cause: Cause, values: dict[str, float], where: str) -> dict[str,
                     fix=f"take out {pair.cosine} and {pair.sine}, or amplitude and phase",
                 )
     return values
-
-
-def _covariance(node: JsonNode, cause: Cause) -> tuple[tuple[float, ...], ...] | None:
-    """Return the covariance of an entry, None where it has none."""
-    if node.value.get("covariance") is None:
-        return None
-    rows = node.get("covariance", list, "a square matrix of numbers, or null")
-    sizes = (len(cause.linear), len(cause.linear) + len(cause.shape))
-    flat = [cell for row in rows if isinstance(row, list) for cell in row]
-    square = len(rows) in sizes and all(
-        isinstance(row, list) and len(row) == len(rows) for row in rows
-    )
-    if not square or not all(type(cell) in (int, float) for cell in flat):
-        raise DataError(
-            f"found no square matrix of numbers of {' or '.join(map(str, sizes))} rows",
-            where=node.place("covariance"),
-            fix="take the key out, or write the model again with `hdbench diagnose`",
-        )
-    return tuple(tuple(float(cell) for cell in row) for row in rows)

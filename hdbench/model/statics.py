@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hdbench.errors import DataError
-from hdbench.model.gauges import gauge_order_factor
-from hdbench.model.motion import Motion
+from hdbench.model.motion import Motion, gauge_order_factor
 from hdbench.profile.schema import ProfileData
 from hdbench.records import Loads
 from hdbench.records.trace import FloatArray

@@ -1,37 +1,70 @@
-"""The simulated bench: profile, plant and seed to the raw samples of a node."""
+"""Simulated bench: profile, plant and seed to the raw samples of a node."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import asdict, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hdbench.errors import UsageError
-from hdbench.model.program import ReferenceProgram
-from hdbench.plant.clamping import Fixture
+from hdbench.model.waves import ReferenceProgram
 from hdbench.plant.converter import AnalogueSamples, RawSamples, to_code, to_count
-from hdbench.plant.draw import draw_effects
-from hdbench.plant.drivetrain import encoder_error_rad
-from hdbench.plant.effects import start_effect
-from hdbench.plant.extended import with_model
-from hdbench.plant.fixture import PositionGain, shunt_volts
-from hdbench.plant.modelcauses import ModelCauses
-from hdbench.plant.plantfile import PlantSpec
-from hdbench.plant.readout import read_out
-from hdbench.plant.reference import reference_values_v
-from hdbench.plant.timeline import Timeline
-from hdbench.plant.torque import AnalogueChannels
-from hdbench.plant.truth import sensor_truth, torque_truth
+from hdbench.plant.effects import (
+    EFFECT_KINDS,
+    Effect,
+    encoder_error_rad,
+    start_effect,
+)
+from hdbench.plant.fixture import GAIN_HARMONICS, Fixture, PositionGain, shunt_volts
+from hdbench.plant.modelcauses import ModelCauses, with_model
+from hdbench.plant.plantfile import PlantSpec, draw_effects
+from hdbench.plant.timeline import AnalogueChannels, Timeline, reference_values_v
 from hdbench.profile.schema import ProfileData, ReferenceWave
 from hdbench.records.trace import FloatArray
 
 if TYPE_CHECKING:
     from hdbench.model import BenchModel
 
-__all__ = ["SimulatedBench"]
+
+def sensor_truth(gain: PositionGain, channels: AnalogueChannels) -> dict[str, object]:
+    """Return gain and gauges."""
+    positions = [2.0 * math.pi * k / GAIN_HARMONICS for k in range(GAIN_HARMONICS)]
+    return {
+        "gain_nm_per_v": gain.mean_nm_per_v,
+        "gain_spread": gain.spread,
+        "gain_at_position": [[position, gain.at(position)] for position in positions],
+        "gauges": asdict(channels.bridge),
+    }
+
+
+def torque_truth(profile: ProfileData, effects: tuple[Effect, ...]) -> dict[str, object]:
+    """Return every component of the torque channel."""
+    drive, model = profile.drive, profile.model
+    factor = 1.0 + 1.0 / drive.gear_ratio if drive.flexspline == "turning" else 1.0
+    ripple = [
+        {
+            "order": part.order * factor,
+            "amplitude_nm": part.amplitude_nm,
+            "phase_rad": part.phase_rad,
+        }
+        for part in model.ripple
+    ]
+    misalignment = {
+        "amplitude_nm": model.misalignment.amplitude_nm,
+        "phase_rad": model.misalignment.phase_rad,
+    }
+    names = {record: kind for kind, record in EFFECT_KINDS.items()}
+    return {
+        "zero_nm": model.zero_nm,
+        "load_inertia_kg_m2": drive.load_inertia_kg_m2,
+        "ripple": ripple,
+        "misalignment": misalignment,
+        "effects": [{"kind": names[type(effect)], **asdict(effect)} for effect in effects],
+    }
+
 
 # One random stream per purpose: what one of them draws does not move another.
 _EFFECTS, _GAIN, _CLAMPING, _ACQUISITION = range(4)
@@ -47,24 +80,6 @@ _BRAKING_S = 1.0
 class SimulatedBench:
     """Drive, load, sensor and converter behind a node's registers.
 
-    Parameters
-    ----------
-    profile : ProfileData
-        The bench.
-    plant : PlantSpec
-        What it has beyond its model.
-    seed : int
-        Chooses noise, effects and the gain by position; at least 0.
-    model : BenchModel, optional
-        An extended model to emulate in place of the profile's.
-
-    Raises
-    ------
-    UsageError
-        If `seed` is negative.
-
-    Notes
-    -----
     Every acquisition begins with the wave generator and the load standing at their home marks:
     motor angle, output angle and encoder count are 0 at its first sample, and phases refer to it.
     Equations, sources and assumptions stand in ``docs/plant.md``.
@@ -208,15 +223,21 @@ class SimulatedBench:
                 where="simulated bench",
                 fix="begin an acquisition first",
             )
-        read = read_out(
-            timeline,
-            n_samples,
-            profile=self._profile,
-            noise=self._noise,
-            added_v=self._added_volts,
+        profile, sensor = self._profile, self._profile.sensor
+        first = timeline.served
+        true = timeline.advance(n_samples)
+        white = self._noise.standard_normal((n_samples, 2))
+        stamps = np.arange(first, first + n_samples)
+        added = self._causes.volts(stamps, timeline.sample_period_s * stamps.astype(np.float64))
+        added = added + self._shunt_v
+        wander = encoder_error_rad(self._effects, true.angle_rad, profile.drive.gear_ratio)
+        noise_v = white[:, 0] * (sensor.noise_nm / sensor.gain_nm_per_v)
+        return replace(
+            true,
+            torque_v=true.torque_v + added + noise_v,
+            tacho_v=true.tacho_v + white[:, 1] * profile.tacho.noise_v,
+            angle_rad=true.angle_rad + wander,
         )
-        wander = encoder_error_rad(self._effects, read.angle_rad, self._profile.drive.gear_ratio)
-        return replace(read, angle_rad=read.angle_rad + wander)
 
     def set_fixture(
         self, *, locked: bool, position_rad: float, mass_kg: float, direction: int
@@ -263,10 +284,6 @@ class SimulatedBench:
         self._acquisitions += counted
         effects = tuple(start_effect(effect, self._noise) for effect in self._effects)
         self._channels = AnalogueChannels.build(self._profile, self._plant.data.motor, effects)
-
-    def _added_volts(self, stamps: NDArray[np.int64], time_s: FloatArray) -> FloatArray:
-        """Return what causes and a shunt add to the torque channel at samples, V."""
-        return self._causes.volts(stamps, time_s) + self._shunt_v
 
     def _code(self, volt: FloatArray) -> NDArray[np.int16]:
         """Return codes of a channel."""

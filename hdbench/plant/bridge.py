@@ -10,8 +10,6 @@ import numpy as np
 from hdbench.profile.schema import HarmonicParameters, Sensor
 from hdbench.records.trace import FloatArray
 
-__all__ = ["PAIR_ANGLES_RAD", "GaugeBridge", "place_gauges"]
-
 # Report, figure 2: four rosettes, 90 degrees apart.
 PAIR_ANGLES_RAD = (0.0, 0.5 * math.pi, math.pi, 1.5 * math.pi)
 
@@ -24,25 +22,6 @@ MAX_PLACEMENT_ERROR_RAD = math.radians(10.0)
 class GaugeBridge:
     r"""Rosettes on the flexspline, wired into one bridge with its amplifier.
 
-    Parameters
-    ----------
-    volt_per_strain : float
-        Amplifier gain times supply times gauge factor, V.
-    strain_per_nm : float
-        Torsional strain per torque, 1/(N m).
-    wave_strain : float
-        :math:`\Psi_0`, strain difference that the wave generator imposes at a rosette.
-    wave_harmonic : float
-        Size of its second harmonic, share of :math:`\Psi_0`.
-    wave_harmonic_phase_rad : float
-        Phase of that harmonic, rad.
-    mounting_rad : float
-        Wave-generator angle from the home mark to the first rosette, rad.
-    placement_error_rad : tuple of float
-        How far each rosette of `PAIR_ANGLES_RAD` sits off its place, rad.
-
-    Notes
-    -----
     With :math:`\beta` the wave-generator angle relative to the first rosette, a rosette at
     :math:`\varphi + \delta` has the strain difference
 
@@ -87,8 +66,6 @@ def place_gauges(
 ) -> tuple[GaugeBridge, tuple[HarmonicParameters, ...]]:
     r"""Return the bridge whose misplaced gauges leave the profile's ripple at orders 2 and 4.
 
-    Notes
-    -----
     The second axis (rosettes at 90 and 270 degrees) sits :math:`\delta` off. The sum then is
     :math:`A \sin\delta \cos(2 \beta - \delta) + A h \cos 2\delta \sin(4 \beta - 2 \delta + \chi)`,
     which is solved for :math:`\delta`, the mounting angle, h and :math:`\chi`.

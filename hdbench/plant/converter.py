@@ -1,4 +1,4 @@
-"""From continuous channels to codes: anti-alias filter, range, resolution, encoder counts."""
+"""Converter: anti-alias filter, range, resolution, encoder counts."""
 
 from __future__ import annotations
 
@@ -9,17 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hdbench.records.trace import FloatArray
-
-__all__ = [
-    "HALF_LENGTH_SAMPLES",
-    "INTEGRATION_RATE_HZ",
-    "AnalogueSamples",
-    "Decimator",
-    "RawSamples",
-    "steps_per_sample",
-    "to_code",
-    "to_count",
-]
 
 # Slowest integration of the motion; the node's converter runs at this rate or above.
 INTEGRATION_RATE_HZ = 10_000.0
@@ -39,15 +28,7 @@ CODE_SPAN = 32768
 
 @dataclass(frozen=True, slots=True)
 class AnalogueSamples:
-    """Samples as they stand before a converter, each of shape (n,).
-
-    Parameters
-    ----------
-    torque_v, tacho_v, current_v, reference_v : ndarray
-        Channels, V, noise included; the current channel has max_current_a at range_v.
-    angle_rad : ndarray
-        Wave-generator angle, rad; 0 at the start of the acquisition.
-    """
+    """Samples as they stand before a converter, each of shape (n,)."""
 
     torque_v: FloatArray
     tacho_v: FloatArray
@@ -61,16 +42,7 @@ class AnalogueSamples:
 
 @dataclass(frozen=True, slots=True)
 class RawSamples:
-    """Samples as the node's registers hold them, each of shape (n,).
-
-    Parameters
-    ----------
-    torque_code, tacho_code, current_code, reference_code : ndarray of int16
-        Channels in codes: volts are code * range_v / 32768; the current channel has
-        max_current_a at range_v.
-    encoder_count : ndarray of int64
-        Encoder, unwrapped; 0 at the start of the acquisition.
-    """
+    """Samples as the node's registers hold them, each of shape (n,)."""
 
     torque_code: NDArray[np.int16]
     tacho_code: NDArray[np.int16]
@@ -92,16 +64,6 @@ def steps_per_sample(sample_period_s: float) -> int:
 class Decimator:
     """Linear-phase anti-alias filter and decimation by a whole number.
 
-    Parameters
-    ----------
-    n_steps : int
-        Steps per sample.
-    taps : ndarray, shape (2 * HALF_LENGTH_SAMPLES, n_steps)
-        Impulse response in rows of one sample; the very first tap is zero, so that the rest is
-        symmetric about the time stamp.
-
-    Notes
-    -----
     Windowed sinc with cut-off at half the sampling rate, Kaiser window [1]_. Sampled at the
     filter's centre there is no lag between the channels and the encoder, which is latched there.
     Below 0.36 of the sampling rate flat within 0.1 %, above 0.64 at least 60 dB down.

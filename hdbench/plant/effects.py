@@ -3,51 +3,121 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from typing import Annotated
 
 import numpy as np
 
-from hdbench.plant.drivetrain import AsymmetricFriction, Cogging, TransmissionError
-from hdbench.plant.truemotion import PlantMotion
 from hdbench.records.trace import FloatArray
 
-__all__ = [
-    "EFFECT_KINDS",
-    "Effect",
-    "GainError",
-    "MotorOrder",
-    "OutputFriction",
-    "OutputOrder",
-    "Tone",
-    "ToothBump",
-    "ZeroDrift",
-    "ZeroStep",
-    "effect_torque_nm",
-    "start_effect",
-]
+# numbers of an effect with the domain in which a plant file may give them
+AtLeastZero = Annotated[float, "at least 0"]
+AboveZero = Annotated[float, "above 0"]
+Whole = Annotated[float, "whole"]
+BelowOne = Annotated[float, "at least 0, below 1"]
 
 
 @dataclass(frozen=True, slots=True)
-class OutputFriction:
+class PlantMotion:
+    """True motion of the bench at the integration steps, each array of one shape."""
+
+    time_s: FloatArray
+    motor_angle_rad: FloatArray
+    motor_velocity_rad_s: FloatArray
+    output_angle_rad: FloatArray
+    output_velocity_rad_s: FloatArray
+    transmitted_nm: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class Effect:
+    """One effect; its numbers are those of its table in a plant file."""
+
+    def torque_nm(self, motion: PlantMotion) -> FloatArray:
+        """Return the torque, N m, shape of the motion."""
+        raise NotImplementedError
+
+
+@dataclass(frozen=True, slots=True)
+class AsymmetricFriction(Effect):
+    """Friction that the output bearing has more of forward than backward.
+
+    T = coulomb_difference v^2 / (v^2 + transition^2) + viscous_difference abs(v), v the output
+    speed: both directions push the torque the same way.
+    """
+
+    coulomb_difference_nm: float
+    viscous_difference_nm_s_per_rad: float
+    transition_rad_s: AboveZero
+
+    def torque_nm(self, motion: PlantMotion) -> FloatArray:
+        """Return the torque, N m, shape of the motion."""
+        speed = np.abs(motion.output_velocity_rad_s)
+        square = speed * speed
+        dry = square / (square + self.transition_rad_s**2)
+        return self.coulomb_difference_nm * dry + self.viscous_difference_nm_s_per_rad * speed
+
+
+@dataclass(frozen=True, slots=True)
+class Cogging(Effect):
+    """Torque between the magnets and the slots of the motor.
+
+    With x = order theta_m + phase and r the decay, the sum over k of r^(k - 1) cos(k x) is
+    (cos x - r) / (1 - 2 r cos x + r^2).
+    """
+
+    order: Whole
+    amplitude_nm: AtLeastZero
+    phase_rad: float
+    decay: BelowOne
+
+    def torque_nm(self, motion: PlantMotion) -> FloatArray:
+        """Return the torque, N m, shape of the motion."""
+        cosine = np.cos(self.order * motion.motor_angle_rad + self.phase_rad)
+        shape = (cosine - self.decay) / (1.0 - 2.0 * self.decay * cosine + self.decay**2)
+        return np.asarray(self.amplitude_nm * shape)
+
+
+@dataclass(frozen=True, slots=True)
+class TransmissionError(Effect):
+    """A recorded motor angle that wanders about the true one; no torque of its own."""
+
+    order: AboveZero
+    amplitude_rad: AtLeastZero
+    phase_rad: float
+
+    def torque_nm(self, motion: PlantMotion) -> FloatArray:
+        """Return zeros: the torque is where it was, the angle beside it is not."""
+        return np.zeros_like(motion.time_s)
+
+    def angle_rad(self, output_angle_rad: FloatArray) -> FloatArray:
+        """Return the error of the recorded motor angle, rad; 0 at the home mark."""
+        at = np.cos(self.order * output_angle_rad + self.phase_rad) - np.cos(self.phase_rad)
+        return np.asarray(self.amplitude_rad * at)
+
+
+def encoder_error_rad(
+    effects: Iterable[object], motor_angle_rad: FloatArray, gear_ratio: float
+) -> FloatArray:
+    """Return by how much the encoder is off."""
+    total = np.zeros_like(motor_angle_rad)
+    for effect in effects:
+        if isinstance(effect, TransmissionError):
+            total += effect.angle_rad(motor_angle_rad / gear_ratio)
+    return total
+
+
+@dataclass(frozen=True, slots=True)
+class OutputFriction(Effect):
     """Friction of the output bearing, the only friction that the sensor carries.
 
-    Parameters
-    ----------
-    coulomb_nm : float
-        Level far above the transition, N m, at least 0.
-    viscous_nm_s_per_rad : float
-        Slope over the output speed, N m s/rad, at least 0.
-    transition_rad_s : float
-        Output speed at which the Coulomb part has half its level, rad/s, above 0.
-
-    Notes
-    -----
     T = coulomb (2/pi) atan(v / transition) + viscous v, v the output speed.
     """
 
-    coulomb_nm: float
-    viscous_nm_s_per_rad: float
-    transition_rad_s: float
+    coulomb_nm: AtLeastZero
+    viscous_nm_s_per_rad: AtLeastZero
+    transition_rad_s: AboveZero
 
     def torque_nm(self, motion: PlantMotion) -> FloatArray:
         """Return the torque, N m, shape of the motion."""
@@ -57,21 +127,11 @@ class OutputFriction:
 
 
 @dataclass(frozen=True, slots=True)
-class MotorOrder:
-    """A component that turns with the wave generator: amplitude cos(order theta_m + phase).
+class MotorOrder(Effect):
+    """A component that turns with the wave generator: amplitude cos(order theta_m + phase)."""
 
-    Parameters
-    ----------
-    order : float
-        Cycles per motor turn, above 0; need not be whole.
-    amplitude_nm : float
-        Amplitude, N m.
-    phase_rad : float
-        Phase at motor angle 0, rad.
-    """
-
-    order: float
-    amplitude_nm: float
+    order: AboveZero
+    amplitude_nm: AtLeastZero
     phase_rad: float
 
     def torque_nm(self, motion: PlantMotion) -> FloatArray:
@@ -80,21 +140,11 @@ class MotorOrder:
 
 
 @dataclass(frozen=True, slots=True)
-class OutputOrder:
-    """A component that turns with the load: amplitude cos(order theta_o + phase).
+class OutputOrder(Effect):
+    """A component that turns with the load: amplitude cos(order theta_o + phase)."""
 
-    Parameters
-    ----------
-    order : float
-        Cycles per output turn, above 0. Order 2 is angular misalignment.
-    amplitude_nm : float
-        Amplitude, N m.
-    phase_rad : float
-        Phase at output angle 0, rad.
-    """
-
-    order: float
-    amplitude_nm: float
+    order: AboveZero
+    amplitude_nm: AtLeastZero
     phase_rad: float
 
     def torque_nm(self, motion: PlantMotion) -> FloatArray:
@@ -103,22 +153,11 @@ class OutputOrder:
 
 
 @dataclass(frozen=True, slots=True)
-class Tone:
-    """A component that follows the clock: amplitude cos(2 pi f t + phase).
+class Tone(Effect):
+    """A component that follows the clock: amplitude cos(2 pi f t + phase)."""
 
-    Parameters
-    ----------
-    frequency_hz : float
-        Frequency, Hz, above 0.
-    amplitude_nm : float
-        Amplitude, N m.
-    phase_rad : float or None
-        Phase at the start of the acquisition, rad; None for a new one in every acquisition,
-        because nothing starts in step with the mains.
-    """
-
-    frequency_hz: float
-    amplitude_nm: float
+    frequency_hz: AboveZero
+    amplitude_nm: AtLeastZero
     phase_rad: float | None
 
     def torque_nm(self, motion: PlantMotion) -> FloatArray:
@@ -128,14 +167,8 @@ class Tone:
 
 
 @dataclass(frozen=True, slots=True)
-class GainError:
-    """A share of the transmitted torque that reads too much.
-
-    Parameters
-    ----------
-    fraction : float
-        Relative error, 1.
-    """
+class GainError(Effect):
+    """A share of the transmitted torque that reads too much."""
 
     fraction: float
 
@@ -145,18 +178,10 @@ class GainError:
 
 
 @dataclass(frozen=True, slots=True)
-class ZeroStep:
-    """A zero that jumps once in every acquisition.
+class ZeroStep(Effect):
+    """A zero that jumps once in every acquisition."""
 
-    Parameters
-    ----------
-    at_s : float
-        Time since the start of the acquisition, s.
-    size_nm : float
-        Height, N m.
-    """
-
-    at_s: float
+    at_s: AtLeastZero
     size_nm: float
 
     def torque_nm(self, motion: PlantMotion) -> FloatArray:
@@ -165,14 +190,8 @@ class ZeroStep:
 
 
 @dataclass(frozen=True, slots=True)
-class ZeroDrift:
-    """A zero that runs away steadily, from 0 at the start of every acquisition.
-
-    Parameters
-    ----------
-    rate_nm_per_s : float
-        Slope, N m/s.
-    """
+class ZeroDrift(Effect):
+    """A zero that runs away steadily, from 0 at the start of every acquisition."""
 
     rate_nm_per_s: float
 
@@ -182,42 +201,17 @@ class ZeroDrift:
 
 
 @dataclass(frozen=True, slots=True)
-class ToothBump:
-    """A damaged tooth: a Gaussian bump at one place of every output turn.
-
-    Parameters
-    ----------
-    center_rad : float
-        Output angle of the tooth, rad.
-    width_rad : float
-        Standard deviation of the bump on the output angle, rad, above 0.
-    height_nm : float
-        Height, N m.
-    """
+class ToothBump(Effect):
+    """A damaged tooth: a Gaussian bump at one place of every output turn."""
 
     center_rad: float
-    width_rad: float
+    width_rad: AboveZero
     height_nm: float
 
     def torque_nm(self, motion: PlantMotion) -> FloatArray:
         """Return the torque, N m, shape of the motion."""
         away = np.remainder(motion.output_angle_rad - self.center_rad + math.pi, 2.0 * math.pi)
         return self.height_nm * np.exp(-0.5 * ((away - math.pi) / self.width_rad) ** 2)
-
-
-Effect = (
-    OutputFriction
-    | MotorOrder
-    | OutputOrder
-    | Tone
-    | GainError
-    | ZeroStep
-    | ZeroDrift
-    | ToothBump
-    | AsymmetricFriction
-    | Cogging
-    | TransmissionError
-)
 
 
 # what a plant file calls each of them

@@ -1,24 +1,17 @@
-"""Locked wave generator with arm and weights, and the sensor's gain by position."""
+"""Locked wave generator with arm and weights, and the sensor's gain by position and clamping."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hdbench.profile.schema import ProfileData
+from hdbench.errors import UsageError
+from hdbench.plant.plantfile import FixtureSpec
+from hdbench.profile.schema import Arm, ProfileData
 from hdbench.records.trace import FloatArray
-
-__all__ = [
-    "FREE_SWING_S",
-    "GAIN_HARMONICS",
-    "ArmLoad",
-    "Mount",
-    "PositionGain",
-    "Settling",
-    "shunt_volts",
-]
 
 # Time constant of a weight that nobody steadies, s: a steel weight of kilograms on a hanger of
 # 0.3 m loses little to the air, so its swing outlasts any reading.
@@ -33,17 +26,6 @@ GAIN_HARMONICS = 24
 class PositionGain:
     r"""Gain of the sensor by flexspline position: a random function without a single cause.
 
-    Parameters
-    ----------
-    mean_nm_per_v : float
-        Average over the whole turn, N m/V.
-    spread : float
-        Standard deviation over positions, share of the average.
-    cosine, sine : ndarray, shape (GAIN_HARMONICS,)
-        Standard normal coefficients.
-
-    Notes
-    -----
     :math:`G(\varphi) = G_0 [1 + c \, g(\varphi)]`,
     :math:`g = H^{-1/2} \sum_{h=1}^{H} a_h \cos h \varphi + b_h \sin h \varphi`, H = 24. There is no
     h = 0 term, so the average over the turn is :math:`G_0` for every seed; at any position g is
@@ -69,45 +51,9 @@ class PositionGain:
 
 
 @dataclass(frozen=True, slots=True)
-class Settling:
-    """How a weight that was just hung comes to rest.
-
-    Parameters
-    ----------
-    bounce_hz, bounce_damping : float
-        Frequency, Hz, and damping ratio of arm and weight on the flexspline.
-    swing_rad : float
-        Angle at which the weight starts to swing, rad.
-    pendulum_m : float
-        Length of the hanger, m.
-    swing_decay_s : float
-        Time constant of the swing, s.
-    """
-
-    bounce_hz: float
-    bounce_damping: float
-    swing_rad: float
-    pendulum_m: float
-    swing_decay_s: float
-
-
-@dataclass(frozen=True, slots=True)
 class ArmLoad:
     r"""Torque of arm and weight since the weight was last changed.
 
-    Parameters
-    ----------
-    before_nm, after_nm : float
-        Torque before and after the change, N m; cw positive.
-    gravity_m_s2 : float
-        Local gravity, m/s^2.
-    settling : Settling
-        Transient.
-    release_s : float
-        Time after the change at which the weight is taken off again, s.
-
-    Notes
-    -----
     The arm bounces as a second-order system with the damping ratio z,
     :math:`T = T_1 + (T_0 - T_1) e^{-z \omega t} (\cos \omega_d t + z / \sqrt{1 - z^2}
     \sin \omega_d t)`, and the weight swings as a pendulum: its vertical force goes as
@@ -118,7 +64,7 @@ class ArmLoad:
     before_nm: float
     after_nm: float
     gravity_m_s2: float
-    settling: Settling
+    settling: FixtureSpec
     release_s: float = math.inf
 
     def torque_nm(self, age_s: FloatArray) -> FloatArray:
@@ -143,7 +89,7 @@ class ArmLoad:
     def _released_nm(self, age_s: FloatArray) -> FloatArray:
         """Return the torque of a weight that comes off again, N m."""
         hanging = replace(self, release_s=math.inf)
-        still = replace(self.settling, swing_rad=0.0)
+        still = self.settling.model_copy(update={"swing_rad": 0.0})
         at_nm = float(hanging.torque_nm(np.array([self.release_s]))[0])
         off = ArmLoad(at_nm, 0.0, self.gravity_m_s2, still)
         return np.where(
@@ -153,21 +99,7 @@ class ArmLoad:
 
 @dataclass(frozen=True, slots=True)
 class Mount:
-    """State of lock, arm and weight.
-
-    Parameters
-    ----------
-    locked : bool
-        Whether the wave generator is locked and the arm mounted.
-    position_rad : float
-        Flexspline position under the standing wave generator, rad.
-    gain_nm_per_v : float
-        Gain of the sensor in this clamping, N m/V.
-    load : ArmLoad
-        Torque of arm and weight.
-    since_s : float
-        Acquisition time at which the weight was changed, s.
-    """
+    """State of lock, arm and weight."""
 
     locked: bool
     position_rad: float
@@ -191,3 +123,77 @@ def shunt_volts(profile: ProfileData, shunt_ohm: float) -> float:
     arm_ohm = 350.0 if declared is None else declared.bridge_ohm
     signal_v = profile.sensor.excitation_v * arm_ohm / (4.0 * shunt_ohm + 2.0 * arm_ohm)
     return signal_v * profile.sensor.amplifier_gain
+
+
+class Fixture:
+    """What is mounted now."""
+
+    def __init__(
+        self,
+        arm: Arm,
+        spec: FixtureSpec,
+        gain: PositionGain,
+        stream: Callable[[int], np.random.Generator],
+    ) -> None:
+        self._arm = arm
+        self._settling = spec
+        self._gain = gain
+        self._stream = stream
+        self._clampings = 0
+        self._direction = 1
+        self._swing_rad, self._release_s = 0.0, 0.0
+        still = ArmLoad(0.0, 0.0, arm.gravity_m_s2, self._settling)
+        self.mount = Mount(False, 0.0, gain.mean_nm_per_v, still, 0.0)
+
+    def restart(self, elapsed_s: float) -> None:
+        """Count time from a new acquisition."""
+        self.mount = replace(self.mount, since_s=self.mount.since_s - elapsed_s)
+
+    def handle(self, *, swing_rad: float, release_s: float) -> None:
+        """Set how the next weight is handled."""
+        self._swing_rad, self._release_s = swing_rad, release_s
+
+    def change(
+        self, now_s: float, *, locked: bool, position_rad: float, mass_kg: float, direction: int
+    ) -> Mount:
+        """Lock or release, turn the flexspline, hang a weight."""
+        if not (math.isfinite(position_rad) and 0.0 <= mass_kg < math.inf and direction in (1, -1)):
+            raise UsageError(
+                f"position {position_rad!r} rad, mass {mass_kg!r} kg, direction {direction!r}; "
+                "needed: finite, at least 0, and +1 or -1",
+                where="simulated fixture",
+                fix="give values in their domain",
+            )
+        old = self.mount
+        same_place = (old.locked, old.position_rad) == (locked, position_rad)
+        gain = old.gain_nm_per_v
+        if not (same_place and self._direction == direction):
+            gain = self._clamp(locked, position_rad)
+        self._direction = direction
+        wanted = (
+            direction * mass_kg * self._arm.gravity_m_s2 * self._arm.length_m if locked else 0.0
+        )
+        load, since_s = old.load, old.since_s
+        if not (same_place and wanted == load.after_nm and math.isinf(load.release_s)):
+            before = old.torque_now_nm(now_s) if locked else 0.0
+            load = self._handled(before, wanted)
+            since_s = now_s
+        self._swing_rad, self._release_s = 0.0, 0.0
+        self.mount = Mount(locked, position_rad, gain, load, since_s)
+        return self.mount
+
+    def _handled(self, before_nm: float, after_nm: float) -> ArmLoad:
+        """Return a new load, handled as was asked."""
+        settling, release_s = self._settling, self._release_s or math.inf
+        if self._swing_rad:
+            free = {"swing_rad": self._swing_rad, "swing_decay_s": FREE_SWING_S}
+            settling = settling.model_copy(update=free)
+        return ArmLoad(before_nm, after_nm, self._arm.gravity_m_s2, settling, release_s)
+
+    def _clamp(self, locked: bool, position_rad: float) -> float:
+        """Return the gain of a new clamping, N m/V."""
+        if not locked:
+            return self._gain.mean_nm_per_v
+        self._clampings += 1
+        error = float(self._stream(self._clampings).standard_normal())
+        return self._gain.at(position_rad) * (1.0 + self._settling.repeatability * error)

@@ -1,43 +1,207 @@
-"""Plant files: read, checked, frozen."""
+"""Plant files: schema, every key checked, read and frozen."""
 
 from __future__ import annotations
 
 import difflib
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import reduce
 from importlib import resources
+from operator import or_
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args, get_type_hints
 
-from pydantic import ValidationError
+import numpy as np
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    PositiveFloat,
+    ValidationError,
+    create_model,
+    model_validator,
+)
 
 from hdbench.errors import ProfileError
-from hdbench.plant.plantschema import PlantFile
+from hdbench.plant.effects import EFFECT_KINDS, Effect
 from hdbench.profile.loader import read_toml
 from hdbench.profile.problems import problem
-from hdbench.profile.toml_map import Key, key_lines
+from hdbench.profile.toml_text import Key, key_lines
 
-__all__ = ["PlantSpec", "list_plants", "load_plant"]
+NonNegative = Annotated[float, Field(ge=0.0)]
+
+
+class _Table(BaseModel):
+    """A plant table: unknown keys, NaN and infinities are errors; values never change."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, strict=True)
+
+
+class Draw(_Table):
+    """A number that the seed chooses: ``{ min, max }`` uniform, ``{ any_of }``, or a plain one."""
+
+    min: float | None = None
+    max: float | None = None
+    any_of: Annotated[tuple[float, ...], Field(strict=False)] = ()
+
+    @model_validator(mode="after")
+    def _one_form(self) -> Draw:
+        by_range = self.min is not None and self.max is not None
+        if by_range == bool(self.any_of) or (self.min is None) != (self.max is None):
+            raise ValueError("needed: a number, or both min and max, or any_of with one or more")
+        if self.min is not None and self.max is not None and not self.min <= self.max:
+            raise ValueError(f"min {self.min} is above max {self.max}")
+        return self
+
+    @property
+    def values(self) -> tuple[float, ...]:
+        """Every choice, or both ends of the range."""
+        if self.min is not None and self.max is not None:
+            return (self.min, self.max)
+        return self.any_of
+
+    def draw(self, rng: np.random.Generator) -> float:
+        """Return the number that the seed chooses."""
+        if self.min is not None and self.max is not None:
+            return float(rng.uniform(self.min, self.max))
+        return self.any_of[int(rng.integers(len(self.any_of)))]
+
+
+def _plain(value: Any) -> Any:
+    """Return a plain number as the range of that one number."""
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    return {"any_of": [value]} if is_number else value
+
+
+def _at_least_zero(draw: Draw) -> Draw:
+    """Refuse a draw that can give a number below 0."""
+    for value in draw.values:
+        if not value >= 0.0:
+            raise ValueError(f"{value} is below 0.0")
+    return draw
+
+
+def _above_zero(draw: Draw) -> Draw:
+    """Refuse a draw that can give 0 or less."""
+    for value in draw.values:
+        if not value > 0.0:
+            raise ValueError(f"{value} is not above 0.0")
+    return draw
+
+
+def _whole(draw: Draw) -> Draw:
+    """Refuse a draw that can give anything but whole numbers of at least 1."""
+    for value in draw.values:
+        if draw.min != draw.max or not (value >= 1.0 and value == int(value)):
+            raise ValueError(f"{value} is not one of several whole numbers of at least 1")
+    return draw
+
+
+def _below_one(draw: Draw) -> Draw:
+    """Refuse a draw that can leave the range from 0 to below 1."""
+    for value in draw.values:
+        if not 0.0 <= value < 1.0:
+            raise ValueError(f"{value} is not in [0, 1)")
+    return draw
+
+
+AnyDraw = Annotated[Draw, BeforeValidator(_plain)]
+_DOMAINS: dict[str, Callable[[Draw], Draw]] = {
+    "at least 0": _at_least_zero,
+    "above 0": _above_zero,
+    "whole": _whole,
+    "at least 0, below 1": _below_one,
+}
+
+
+class _Effect(_Table):
+    """What all effects share."""
+
+    kind: str
+    probability: Annotated[
+        float, Field(ge=0.0, le=1.0, description="how likely the seed chooses this effect")
+    ] = 1.0
+
+    def build(self, rng: np.random.Generator) -> Any:
+        """Return the effect with its numbers drawn in the order of its keys."""
+        numbers: dict[str, Any] = {}
+        for name in type(self).model_fields:
+            value = getattr(self, name)
+            if value is None or isinstance(value, Draw):
+                numbers[name] = None if value is None else value.draw(rng)
+        effect: Any = EFFECT_KINDS[self.kind]
+        return effect(**numbers)
+
+
+def _effect_table(kind: str, effect: type[Effect]) -> type[_Effect]:
+    """Return the table of one kind of effect: a draw for each of its numbers, in its domain."""
+    keys: dict[str, Any] = {"kind": (Literal[kind], ...)}
+    for name, hint in get_type_hints(effect, include_extras=True).items():
+        draw: Any = AnyDraw
+        for domain in getattr(hint, "__metadata__", ()):
+            draw = Annotated[AnyDraw, AfterValidator(_DOMAINS[domain])]
+        # only a phase may be left out: it is then a new one in every acquisition
+        keys[name] = (draw | None, None) if type(None) in get_args(hint) else (draw, ...)
+    return create_model(f"{effect.__name__}Table", __base__=_Effect, **keys)
+
+
+if TYPE_CHECKING:
+    EffectSpec = _Effect
+else:
+    EffectSpec = Annotated[
+        reduce(or_, (_effect_table(*each) for each in EFFECT_KINDS.items())),
+        Field(discriminator="kind"),
+    ]
+
+
+class MotorSpec(_Table):
+    """Friction at the motor shaft: in the current, not in the torque channel behind the mesh."""
+
+    coulomb_nm: NonNegative = 0.02
+    viscous_nm_s_per_rad: NonNegative = 5e-5
+
+
+class FixtureSpec(_Table):
+    """Lock, arm and weights."""
+
+    repeatability: Annotated[float, Field(ge=0.0, le=0.1)] = 5e-4
+    bounce_hz: PositiveFloat = 12.0
+    bounce_damping: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.05
+    swing_rad: Annotated[float, Field(ge=0.0, le=0.5)] = 0.035
+    pendulum_m: PositiveFloat = 0.3
+    swing_decay_s: PositiveFloat = 1.0
+
+
+class PlantFile(_Table):
+    """One plant file."""
+
+    name: Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9._-]{0,63}$")]
+    description: str = ""
+    minimum_effects: Annotated[int, Field(ge=0)] = 0
+    motor: MotorSpec = MotorSpec()
+    fixture: FixtureSpec = FixtureSpec()
+    effects: Annotated[tuple[EffectSpec, ...], Field(strict=False)] = ()
+
+    @model_validator(mode="after")
+    def _enough(self) -> PlantFile:
+        possible = sum(effect.probability > 0.0 for effect in self.effects)
+        if self.minimum_effects > possible:
+            raise ValueError(
+                f"minimum_effects {self.minimum_effects} exceeds the {possible} effects that can "
+                "be chosen"
+            )
+        return self
+
 
 _PACKAGE = "hdbench_profiles"
 
 
 @dataclass(frozen=True, slots=True)
 class PlantSpec:
-    """A checked plant file.
-
-    Parameters
-    ----------
-    data : PlantFile
-        What the file says.
-    text : str
-        The file as it was read.
-    sha256 : str
-        SHA-256 of that text in UTF-8, hexadecimal.
-    source : str
-        Where it came from.
-    """
+    """A checked plant file."""
 
     data: PlantFile
     text: str
@@ -134,3 +298,24 @@ def _all_problems(source: str, found: list[ProfileError]) -> ProfileError:
         fix="correct each of them",
         problems=tuple(found),
     )
+
+
+def draw_effects(plant: PlantSpec, rng: np.random.Generator) -> tuple[Effect, ...]:
+    """Return the effects that a seed chooses, with their sizes.
+
+    One number u, uniform in [0, 1), is drawn per effect and compared with its probability. Where
+    fewer than `minimum_effects` are chosen, those with the smallest u / probability are added.
+    Every number of every effect is drawn whether the effect is chosen or not, so that one effect's
+    size does not depend on another's choice.
+    """
+    specs = plant.data.effects
+    ranks = [_rank(float(rng.random()), spec.probability) for spec in specs]
+    built = [spec.build(rng) for spec in specs]
+    wanted = max(plant.data.minimum_effects, sum(rank < 1.0 for rank in ranks))
+    chosen = sorted(sorted(range(len(specs)), key=lambda i: ranks[i])[:wanted])
+    return tuple(built[i] for i in chosen)
+
+
+def _rank(uniform: float, probability: float) -> float:
+    """Return what is below 1 exactly where an effect is chosen."""
+    return uniform / probability if probability > 0.0 else float("inf")

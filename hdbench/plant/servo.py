@@ -10,21 +10,10 @@ import numpy as np
 from hdbench.profile.schema import ProfileData, Servo
 from hdbench.records.trace import FloatArray
 
-__all__ = ["HoldMotion", "ServoLoop", "command_rad_s", "motor_current_a", "servo_loop"]
-
 
 @dataclass(frozen=True, slots=True)
 class HoldMotion:
-    """Exact motion over holds of the reference, on a grid within each hold.
-
-    Parameters
-    ----------
-    angle_rad, velocity_rad_s, acceleration_rad_s2 : ndarray, shape (n_holds, n_steps)
-        Wave generator at the steps. Where the reference jumps, the acceleration is the mean of
-        its values before and after: sampled there it would count the later one for a whole step.
-    start_angle_rad, start_velocity_rad_s : ndarray, shape (n_holds + 1,)
-        State at the start of every hold and at the end of the last.
-    """
+    """Exact motion over holds of the reference, on a grid within each hold."""
 
     angle_rad: FloatArray
     velocity_rad_s: FloatArray
@@ -37,15 +26,6 @@ class HoldMotion:
 class ServoLoop:
     r"""Velocity loop :math:`\dot v = \mathrm{clip}(k (v_c - v), \pm a_{max})`.
 
-    Parameters
-    ----------
-    rate_per_s : float
-        Loop gain k = 2 pi bandwidth, 1/s.
-    max_acceleration_rad_s2 : float
-        Acceleration at the current limit, rad/s^2.
-
-    Notes
-    -----
     Over a constant command the solution is closed: with :math:`d = |v_c - v_0|`,
     :math:`s` its sign and :math:`e = \min(d, a_{max} / k)` the speed runs along the ramp
     :math:`v_0 + s a_{max} t` until :math:`t_1 = (d - e) / a_{max}`, then along
@@ -140,8 +120,6 @@ def motor_current_a(
 ) -> FloatArray:
     """Return the motor current that the motion needs.
 
-    Notes
-    -----
     i = (J a + friction) / K_t with J = K_t i_max / a_max: the profile gives the acceleration at the
     current limit, which fixes the inertia that the motor feels, load and rotor together.
     """

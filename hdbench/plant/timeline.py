@@ -1,65 +1,181 @@
-"""One acquisition on the integration steps: motion, channels, filtered samples, interruptions."""
+"""Timeline of one acquisition: motion, channels, filtered samples, interruptions."""
 
 from __future__ import annotations
 
+import math
+from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
 
-from hdbench.plant.converter import HALF_LENGTH_SAMPLES, Decimator, steps_per_sample
+from hdbench.model.waves import ReferenceProgram, program_voltage, reference_voltage
+from hdbench.plant.bridge import GaugeBridge, place_gauges
+from hdbench.plant.converter import (
+    HALF_LENGTH_SAMPLES,
+    AnalogueSamples,
+    Decimator,
+    steps_per_sample,
+)
+from hdbench.plant.effects import (
+    AsymmetricFriction,
+    Effect,
+    OutputFriction,
+    PlantMotion,
+    effect_torque_nm,
+)
 from hdbench.plant.fixture import Mount
-from hdbench.plant.reference import ReferenceLine
-from hdbench.plant.servo import HoldMotion, command_rad_s, servo_loop
-from hdbench.plant.torque import AnalogueChannels
+from hdbench.plant.plantfile import MotorSpec
+from hdbench.plant.servo import HoldMotion, command_rad_s, motor_current_a, servo_loop
+from hdbench.profile.schema import HarmonicParameters, ProfileData, ReferenceWave
 from hdbench.records.trace import FloatArray
 
-__all__ = ["Timeline", "TrueSamples"]
+
+class ReferenceLine:
+    """One output that holds its value for a sampling period."""
+
+    def __init__(self, values_v: FloatArray) -> None:
+        self._values_v = values_v
+        self._written: deque[tuple[int, float]] = deque()
+        self._end: int | None = None
+
+    @property
+    def ended(self) -> bool:
+        """Whether the output was zeroed for good."""
+        return self._end is not None
+
+    def values(self, first: int, count: int) -> FloatArray:
+        """Return the output of `count` holds from `first` on."""
+        holds = np.arange(first, first + count)
+        volts = self._values_v[np.clip(holds, 0, len(self._values_v) - 1)]
+        volts = np.where(holds >= 0, volts, 0.0)
+        for hold, value_v in self._written:
+            volts = np.where(holds >= hold, value_v, volts)
+        if self._end is not None:
+            volts = np.where(holds < self._end, volts, 0.0)
+        return volts
+
+    def write(self, hold: int, value_v: float) -> None:
+        """Put out `value_v` from `hold` on, in place of what stood there."""
+        if self._written and self._written[-1][0] == hold:
+            self._written.pop()
+        self._written.append((hold, value_v))
+
+    def end(self, hold: int) -> None:
+        """Zero the output from `hold` on, for good."""
+        self._end = hold
+
+    def forget(self, before: int) -> None:
+        """Drop written values that ended before the hold `before`."""
+        while len(self._written) > 1 and self._written[1][0] <= before:
+            self._written.popleft()
+
+
+def reference_values_v(
+    sample_period_s: float, wave: ReferenceWave | ReferenceProgram | None, duration_s: float
+) -> FloatArray:
+    """Return the reference at every sample of an acquisition, at least one."""
+    if isinstance(wave, ReferenceProgram):
+        return program_voltage(wave, sample_period_s)
+    n_samples = max(1, round(duration_s / sample_period_s))
+    if wave is None:
+        return np.zeros(n_samples)
+    time_s = np.arange(n_samples, dtype=np.float64) * sample_period_s
+    # where rounding puts the last sample at the end, the generator still runs
+    return reference_voltage(wave, time_s, max(duration_s, n_samples * sample_period_s))
+
+
+# Motor speed over which dry friction at the motor shaft turns its sign, rad/s: far below any speed
+# that a plan asks for.
+MOTOR_FRICTION_TRANSITION_RAD_S = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class AnalogueChannels:
+    """What the node's inputs see, in volts, for a given motion."""
+
+    profile: ProfileData
+    bridge: GaugeBridge
+    mesh_ripple: tuple[HarmonicParameters, ...]
+    motor: MotorSpec
+    effects: tuple[Effect, ...]
+
+    @classmethod
+    def build(
+        cls,
+        profile: ProfileData,
+        motor: MotorSpec,
+        effects: tuple[Effect, ...],
+    ) -> AnalogueChannels:
+        """Return the channels of `profile`, gauges placed so that they leave its ripple."""
+        bridge, rest = place_gauges(profile.sensor, profile.model.ripple)
+        return cls(profile, bridge, rest, motor, effects)
+
+    def volts(self, time_s: FloatArray, motion: HoldMotion, mount: Mount) -> FloatArray:
+        """Return torque, tacho and current channel."""
+        full = self._motion(time_s, motion, mount)
+        servo, daq = self.profile.servo, self.profile.daq
+        current = motor_current_a(servo, motion.acceleration_rad_s2, self._motor_friction_nm(full))
+        return np.stack(
+            (
+                self._torque_v(full, mount),
+                motion.velocity_rad_s / self.profile.tacho.gain_rad_s_per_v,
+                current * (daq.range_v / servo.max_current_a),
+            )
+        )
+
+    def _motion(self, time_s: FloatArray, motion: HoldMotion, mount: Mount) -> PlantMotion:
+        """Return the motion with the torque that the flexspline transmits."""
+        ratio = self.profile.drive.gear_ratio
+        if mount.locked:
+            still = np.zeros_like(time_s)
+            angle = np.full_like(time_s, -mount.position_rad)
+            load = mount.load.torque_nm(time_s - mount.since_s)
+            return PlantMotion(time_s, angle, still, still, still, load)
+        output = motion.angle_rad / ratio
+        misalignment = self.profile.model.misalignment
+        transmitted = motion.acceleration_rad_s2 * (self.profile.drive.load_inertia_kg_m2 / ratio)
+        transmitted += misalignment.amplitude_nm * np.cos(output + misalignment.phase_rad)
+        return PlantMotion(
+            time_s,
+            motion.angle_rad,
+            motion.velocity_rad_s,
+            output,
+            motion.velocity_rad_s / ratio,
+            transmitted,
+        )
+
+    def _torque_v(self, full: PlantMotion, mount: Mount) -> FloatArray:
+        """Return the amplified bridge output with its zero."""
+        drive, sensor = self.profile.drive, self.profile.sensor
+        turning = drive.flexspline == "turning" and not mount.locked
+        relative = full.motor_angle_rad * (1.0 + 1.0 / drive.gear_ratio if turning else 1.0)
+        torque = full.transmitted_nm + effect_torque_nm(self.effects, full)
+        for part in self.mesh_ripple:
+            torque += part.amplitude_nm * np.cos(part.order * relative + part.phase_rad)
+        if mount.locked:
+            torque *= sensor.gain_nm_per_v / mount.gain_nm_per_v
+        zero_v = self.profile.model.zero_nm / sensor.gain_nm_per_v
+        return self.bridge.output_v(torque, relative) + zero_v
+
+    def _motor_friction_nm(self, full: PlantMotion) -> FloatArray:
+        """Return friction at the motor shaft: its own and the output bearing's, geared down."""
+        speed = full.motor_velocity_rad_s
+        dry = np.arctan(speed / MOTOR_FRICTION_TRANSITION_RAD_S) * (2.0 / math.pi)
+        friction = self.motor.coulomb_nm * dry + self.motor.viscous_nm_s_per_rad * speed
+        for effect in self.effects:
+            if isinstance(effect, OutputFriction | AsymmetricFriction):
+                friction += effect.torque_nm(full) / self.profile.drive.gear_ratio
+        return friction
+
 
 # Holds computed at once. Blocks of one size at fixed places give the same bits however the samples
 # are asked for: array functions may round differently at the end of an array.
 BLOCK_HOLDS = 64
 
 
-@dataclass(frozen=True, slots=True)
-class TrueSamples:
-    """Filtered channels and latched values, without noise.
-
-    Parameters
-    ----------
-    volts : ndarray, shape (3, n)
-        Torque, tacho and current channel, V.
-    angle_rad : ndarray, shape (n,)
-        Wave-generator angle at the time stamps, rad.
-    reference_v : ndarray, shape (n,)
-        Motor reference that is put out from the time stamp on, V.
-    """
-
-    volts: FloatArray
-    angle_rad: FloatArray
-    reference_v: FloatArray
-
-
 class Timeline:
     """Samples of one acquisition, in pieces of any size.
 
-    Parameters
-    ----------
-    channels : AnalogueChannels
-        From motion to volts.
-    sample_period_s : float
-        Sampling period, s; the reference is held for one period (the generator's clock).
-    reference_v : ndarray, shape (n,)
-        Reference for every sample, V; its last value stays until `stop`. At least one value.
-    mount : Mount
-        Lock, arm and weight at the start.
-    start : tuple of float, optional
-        Angle, rad, and speed, rad/s, at the start; the bench has had this speed before.
-    host_written : bool, optional
-        Whether `write` changes the reference while samples are taken; nothing is then computed
-        ahead.
-
-    Notes
-    -----
     Time 0 is the first sample; before it the bench stands at its home mark. The node hands out a
     sample when its filter has seen the `HALF_LENGTH_SAMPLES` periods after it; so an interruption
     after n samples takes effect that much after the last of them.
@@ -154,8 +270,8 @@ class Timeline:
         self._interrupt()
         self._mount = mount
 
-    def advance(self, n_samples: int) -> TrueSamples:
-        """Return the next samples."""
+    def advance(self, n_samples: int) -> AnalogueSamples:
+        """Return the next samples, without noise."""
         volts, angles = [np.zeros((3, 0))], [np.zeros(0)]
         first, left = self._served, n_samples
         while left > 0:
@@ -171,7 +287,8 @@ class Timeline:
             left -= take
         reference = self.references(first, n_samples)
         self._reference.forget(self._served - 1)
-        return TrueSamples(np.concatenate(volts, axis=1), np.concatenate(angles), reference)
+        torque_v, tacho_v, current_v = np.concatenate(volts, axis=1)
+        return AnalogueSamples(torque_v, tacho_v, current_v, reference, np.concatenate(angles))
 
     def _state(self, hold: int) -> tuple[float, float]:
         """Return angle and speed at the start of `hold`."""

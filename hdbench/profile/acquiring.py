@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal, Union
 
@@ -15,21 +15,23 @@ from pydantic import (
     GetCoreSchemaHandler,
     PositiveFloat,
     Tag,
+    field_validator,
     model_validator,
 )
 from pydantic_core import CoreSchema
 
 from hdbench.profile.acquiring_modbus import ModbusAcquisition
-from hdbench.profile.acquiring_node import NodeAcquisition
 from hdbench.profile.acquiring_table import (
     ROLES,
     Acquisition,
+    NodeAcquisition,
     OutputChannel,
     Role,
     SerialLine,
     TlsFiles,
 )
 from hdbench.profile.drivers import BROKEN, find, installed
+from hdbench.profile.tables import Conflict, refuse
 
 __all__ = [
     "ROLES",
@@ -71,6 +73,17 @@ class PluginAcquisition(Acquisition):
         dict[str, str | int | float | bool],
         Field(default_factory=dict, description="keys of that driver's own"),
     ]
+
+    @field_validator("driver")
+    @classmethod
+    def _loads(cls, driver: str) -> str:
+        try:
+            load_table(driver)
+        except BROKEN as error:
+            why = f"{type(error).__name__}: {error}"
+            what = f"names {driver!r}, whose table cannot be loaded ({why})"
+            refuse([Conflict((), what, "install the package of this driver again")])
+        return driver
 
 
 @functools.cache
@@ -168,6 +181,17 @@ class CompositeAcquisition(Acquisition):
             if isinstance(raw.get(name), Mapping)
         }
         return {**raw, **parts}
+
+    def conflicts(self) -> Iterator[Conflict]:
+        """Yield the keys of this table that do not go together."""
+        yield from super().conflicts()
+        for name, part in (("inputs", self.inputs), ("outputs", self.outputs)):
+            if self.address != "embedded" and part.address == "embedded":
+                yield Conflict(
+                    (name, "address"),
+                    'is missing; needed: where this device is, or address = "embedded" in [daq]',
+                    "give its address",
+                )
 
 
 def driver_table(part: Any) -> type[Acquisition] | None:

@@ -2,27 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Annotated, Literal
 
-from pydantic import Field, PositiveFloat
+from pydantic import BaseModel, Field, PositiveFloat, model_validator
 
 from hdbench.profile.acquiring_table import Acquisition, OutputChannel, Role, SerialLine, TlsFiles
-from hdbench.profile.tables import NonNegative, Table
+from hdbench.profile.tables import Conflict, NonNegative, Table, refuse
 
-__all__ = [
-    "ModbusAcquisition",
-    "ModbusChannel",
-    "ModbusEnable",
-    "ModbusFeed",
-    "ModbusIdentify",
-    "ModbusOutput",
-    "ModbusPlace",
-    "ModbusSign",
-    "ModbusStatus",
-    "ModbusWatchdog",
-    "ModbusWrite",
-]
+Key = tuple[str | int, ...]
 
+# first number of each table as Modicon's manuals count: five digits for 9999 of them, six for all
+_MODICON = {"coil": (1, 1), "discrete": (10001, 100001), "input": (30001, 300001),
+            "holding": (40001, 400001)}  # fmt: skip
+_SHORT, _ALL = 9999, 65536
+_REGISTERS = {"i16": 1, "u16": 1, "i32": 2, "u32": 2, "f32": 2, "f64": 4}
 # 465536 is the last holding register in Modicon's numbers
 _Address = Annotated[
     int, Field(ge=0, le=465536, description="first register or coil, counted as `numbering` says")
@@ -38,6 +32,17 @@ _Order = Annotated[
         "swapped in each word, least significant first"
     ),
 ]
+
+
+def number_ranges(numbering: str, table: str) -> tuple[tuple[int, int], ...]:
+    """Return first and last number of a table's registers, shorter numbers first."""
+    if numbering != "modicon":
+        first = 1 if numbering == "one" else 0
+        return ((first, first + _ALL - 1),)
+    short, long = _MODICON[table]
+    if short == long:
+        return ((short, short + _ALL - 1),)
+    return ((short, short + _SHORT - 1), (long, long + _ALL - 1))
 
 
 class ModbusPlace(Table):
@@ -61,6 +66,13 @@ class ModbusIdentify(ModbusPlace):
     ] = None
     low: Annotated[float | None, Field(description="lowest allowed value")] = None
     high: Annotated[float | None, Field(description="highest allowed value")] = None
+
+    @model_validator(mode="after")
+    def _says_something(self) -> ModbusIdentify:
+        if self.equals is None and self.low is None and self.high is None:
+            what = "does not say what it must read; needed: equals, or low and high"
+            refuse([Conflict((), what, "add equals")])
+        return self
 
 
 class ModbusStatus(ModbusPlace):
@@ -107,6 +119,26 @@ class ModbusChannel(ModbusPlace):
     sign: Annotated[
         ModbusSign | None, Field(description="bit that is 1 while the value is negative")
     ] = None
+
+    @model_validator(mode="after")
+    def _fits_its_role(self) -> ModbusChannel:
+        refuse(self._conflicts())
+        return self
+
+    def _conflicts(self) -> Iterator[Conflict]:
+        encoder = self.role == "encoder"
+        if self.wrap_bits is not None and not encoder:
+            yield Conflict(
+                ("wrap_bits",), "is for an encoder only", "take it out, or correct the role"
+            )
+        if encoder and not (self.scale == 1.0 and self.offset == 0.0 and self.type[0] in "iu"):
+            yield Conflict(
+                ("scale",),
+                "an encoder is polled in counts: a whole-number type, scale 1, offset 0",
+                "scale it by encoder.counts_per_turn instead",
+            )
+        if self.scale == 0.0:
+            yield Conflict(("scale",), "is 0; needed: another number", "give units per step")
 
 
 class ModbusWrite(ModbusPlace):
@@ -194,6 +226,34 @@ class ModbusOutput(OutputChannel, ModbusPlace):
         ModbusWatchdog | None, Field(description="[daq.output.watchdog]: none, no motion")
     ] = None
 
+    @model_validator(mode="after")
+    def _consistent(self) -> ModbusOutput:
+        refuse(self._conflicts())
+        return self
+
+    def _conflicts(self) -> Iterator[Conflict]:
+        if self.scale == 0.0:
+            yield Conflict(("scale",), "is 0; needed: V per step", "give V per step")
+        if self.enable is not None and self.enable.on == self.enable.off:
+            yield Conflict(
+                ("enable", "off"), "is the same as on", "give the value that disables the drive"
+            )
+        watchdog = self.watchdog
+        if watchdog is None:
+            return
+        if watchdog.fed_by in ("write", "key") and watchdog.feed is None:
+            yield Conflict(
+                ("watchdog", "feed"),
+                "is missing; needed: a register whose writing moves nothing",
+                "add [daq.output.watchdog.feed]",
+            )
+        if "enable" in watchdog.drops and self.enable is None:
+            yield Conflict(
+                ("watchdog", "drops"),
+                "names enable, but there is no [daq.output.enable]",
+                'name "reference" only, or describe the enable line',
+            )
+
 
 class ModbusAcquisition(Acquisition):
     """A polled Modbus device: requests per sample, times are the host's."""
@@ -263,3 +323,50 @@ class ModbusAcquisition(Acquisition):
     tls: Annotated[
         TlsFiles | None, Field(description="[daq.tls], for tls:// only: the certificates")
     ] = None
+
+    def conflicts(self) -> Iterator[Conflict]:
+        """Yield the keys of this table that do not go together."""
+        yield from super().conflicts()
+        for key, place in _places(self, ()):
+            yield from self._place_conflicts(key, place)
+        if (self.output is not None or self.init) and not self.identify:
+            yield Conflict(
+                ("output" if self.output is not None else "init",),
+                "would be written to a device that nothing identifies; needed: [[daq.identify]]",
+                "add a register whose value tells this device from others",
+            )
+
+    def _place_conflicts(self, key: Key, place: ModbusPlace) -> Iterator[Conflict]:
+        ranges = number_ranges(self.numbering, place.table)
+        if not any(low <= place.address <= high for low, high in ranges):
+            words = " or ".join(f"{low} to {high}" for low, high in ranges)
+            yield Conflict(
+                (*key, "address"),
+                f"is {place.address}; needed for numbering {self.numbering!r}, "
+                f"table {place.table!r}: {words}",
+                "count as the device's manual does, and say so in daq.numbering",
+            )
+        size = _REGISTERS[place.type]
+        if size > 1 and getattr(place, "function", None) == 6:
+            yield Conflict(
+                (*key, "function"), "is 6, which writes one register; needed: 16", "take it out"
+            )
+        if place.table in ("holding", "input") and size > self.max_read_registers:
+            yield Conflict(
+                (*key, "type"),
+                f"takes {size} registers; one request reads {self.max_read_registers} "
+                "(daq.max_read_registers)",
+                "a value must come in one request: raise the limit, or name a shorter type",
+            )
+
+
+def _places(table: BaseModel, base: Key) -> Iterator[tuple[Key, ModbusPlace]]:
+    """Yield every place in a table and the tables below it, with its key."""
+    for name, value in table:
+        several = isinstance(value, tuple)
+        for number, part in enumerate(value if several else (value,)):
+            if isinstance(part, BaseModel):
+                key = (*base, name, number) if several else (*base, name)
+                if isinstance(part, ModbusPlace):
+                    yield key, part
+                yield from _places(part, key)

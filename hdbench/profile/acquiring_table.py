@@ -1,14 +1,14 @@
-"""What the tables of all drivers have in common."""
+"""Table of any DAQ, of the bench controller node, and of what several drivers have."""
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from collections.abc import Iterator
+from typing import Annotated, Literal, Self
 
-from pydantic import Field, PositiveFloat
+from pydantic import Field, PositiveFloat, ValidationInfo, field_validator, model_validator
 
-from hdbench.profile.tables import NonNegative, Table
-
-__all__ = ["ROLES", "Acquisition", "OutputChannel", "Role", "SerialLine", "TlsFiles"]
+from hdbench.profile.drivers import closest, find
+from hdbench.profile.tables import Conflict, NonNegative, Table, refuse
 
 Role = Literal["torque", "tacho", "current", "reference", "encoder"]
 ROLES: tuple[Role, ...] = ("torque", "tacho", "current", "reference", "encoder")
@@ -43,6 +43,62 @@ class Acquisition(Table):
         Literal["none", "emulator", "hardware"],
         Field(description="what this table was tried on"),
     ] = "none"
+
+    @field_validator("driver")
+    @classmethod
+    def _installed(cls, driver: str) -> str:
+        if find("hdbench.drivers", driver) is None:
+            names, fix = closest(driver)
+            refuse([Conflict((), f"names {driver!r}; installed: {names}", fix)])
+        return driver
+
+    @field_validator("deadline_s")
+    @classmethod
+    def _in_time(cls, deadline_s: float, info: ValidationInfo) -> float:
+        watchdog_s = info.data.get("watchdog_s")
+        if watchdog_s is not None and not deadline_s < watchdog_s:
+            refuse(
+                [
+                    Conflict(
+                        (),
+                        f"found {deadline_s:g} s; needed: below daq.watchdog_s = {watchdog_s:g} s, "
+                        "or one late reply stops the motor",
+                        "shorten daq.deadline_s",
+                    )
+                ]
+            )
+        return deadline_s
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        refuse(self.conflicts())
+        return self
+
+    def conflicts(self) -> Iterator[Conflict]:
+        """Yield the keys of this table that do not go together."""
+        channels = getattr(self, "channels", ())
+        roles = [getattr(channel, "role", channel) for channel in channels]
+        twice = sorted({role for role in roles if roles.count(role) > 1})
+        if twice:
+            yield Conflict(
+                ("channels",),
+                f"has {', '.join(twice)} more than once; needed: each role once",
+                "take one of them out",
+            )
+        scheme = self.address.partition("://")[0]
+        if scheme == "tls" and getattr(self, "tls", None) is None:
+            yield Conflict(
+                ("address",),
+                "is tls://, but there is no [daq.tls]; needed: certificate, key, authority",
+                "add [daq.tls], or use tcp:// on a network of its own",
+            )
+        for name, needed in (("serial", ("rtu", "ascii")), ("tls", ("tls",))):
+            if getattr(self, name, None) is not None and scheme not in (*needed, "embedded"):
+                yield Conflict(
+                    (name,),
+                    f"is for {':// and '.join(needed)}:// only; the address is {scheme}://",
+                    "take the table out, or change the address",
+                )
 
 
 class SerialLine(Table):
@@ -93,3 +149,38 @@ class OutputChannel(Table):
     slew_v_per_s: Annotated[
         PositiveFloat, Field(description="fastest change of the reference, V/s")
     ] = 1000.0
+
+
+class NodeAcquisition(Acquisition):
+    """A bench controller node on Modbus (docs/node-protocol.md)."""
+
+    driver: Annotated[Literal["node"], Field(description="driver that speaks to the DAQ")] = "node"
+    address: Annotated[
+        str,
+        Field(
+            pattern=r"^(embedded|(tcp|tls)://(\[[0-9A-Fa-f:.]+(%\w+)?\]|[A-Za-z0-9._-]+):[0-9]{1,5}"
+            r"|rtu://(/[A-Za-z0-9._:,+@/-]+|COM[0-9]{1,3})(\?[a-z0-9_=&.-]*)?)$",
+            max_length=256,
+            description="`embedded` (simulated bench), tcp://HOST:PORT, tls://HOST:PORT or "
+            "rtu:///dev/NAME?baud=RATE",
+        ),
+    ] = "embedded"
+    resolution_bits: Annotated[int, Field(ge=8, le=16, description="ADC resolution, bit")] = 16
+    watchdog_s: Annotated[
+        PositiveFloat,
+        Field(le=2.0, description="host silence after which the node zeroes the motor, s"),
+    ] = 0.5
+    channels: Annotated[
+        tuple[Role, ...],
+        Field(
+            min_length=1,
+            description="what is sampled; fewer channels let a slow serial line follow",
+        ),
+    ] = ROLES
+    unit: Annotated[int, Field(ge=1, le=247, description="Modbus unit identifier")] = 1
+    serial: Annotated[
+        SerialLine | None, Field(description="[daq.serial], for rtu:// only: the serial line")
+    ] = None
+    tls: Annotated[
+        TlsFiles | None, Field(description="[daq.tls], for tls:// only: the certificates")
+    ] = None

@@ -5,36 +5,101 @@ from __future__ import annotations
 import math
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, PositiveFloat, PositiveInt
+from pydantic import (
+    Field,
+    PositiveFloat,
+    PositiveInt,
+    field_validator,
+    model_validator,
+)
 
 from hdbench.profile.gravity import GravityFormula, local_gravity
-from hdbench.profile.standards import (
-    Identity,
-    InstrumentStandard,
-    LengthStandard,
-    MassStandard,
-    Standards,
-    TorqueStandard,
-)
-from hdbench.profile.tables import NonNegative, Positive, Table
+from hdbench.profile.tables import Conflict, NonNegative, Positive, Table, refuse
 
-__all__ = [
-    "AcceptanceLimits",
-    "Arm",
-    "CalibrationPlan",
-    "Identity",
-    "InstrumentStandard",
-    "LengthStandard",
-    "MassStandard",
-    "ShuntCheck",
-    "Standards",
-    "StepSequence",
-    "TorqueStandard",
-]
-
+_Share = Annotated[float, Field(ge=0.0, lt=1.0)]
+_Text = Annotated[str, Field(max_length=200)]
 _Angle = Annotated[float, Field(ge=-0.5, le=0.5)]
 # plain number of a place that is not stated: refused by the rules between keys
 _NOWHERE = math.nan
+
+
+class MassStandard(Table):
+    """Weights: what their certificate states. Blank: not declared."""
+
+    certificate: Annotated[_Text, Field(description="number of the certificate")] = ""
+    accuracy_class: Annotated[
+        Literal["", "E2", "F1", "F2", "M1", "M2", "M3"],
+        Field(description="class of OIML R111; its limits serve where none are given"),
+    ] = ""
+    relative_half_width: Annotated[
+        _Share | None, Field(description="limits +- of a mass, share of the mass")
+    ] = None
+    relative_correction: Annotated[
+        float, Field(gt=-0.1, lt=0.1, description="conventional mass over nominal mass, less 1")
+    ] = 0.0
+    density_kg_m3: Annotated[
+        float, Field(ge=1000.0, le=22000.0, description="density of the weights, kg/m^3")
+    ] = 7850.0
+    mass_kind: Annotated[
+        Literal["conventional", "true"], Field(description="which mass the certificate states")
+    ] = "conventional"
+
+
+class LengthStandard(Table):
+    """How the arm's length was measured. Blank: not declared."""
+
+    certificate: Annotated[_Text, Field(description="number of the certificate")] = ""
+    half_width_m: Annotated[
+        NonNegative | None, Field(description="limits +- of the arm's length, m")
+    ] = None
+
+
+class TorqueStandard(Table):
+    """Reference sensor, where torques are given and not made of weights. Blank: not declared."""
+
+    certificate: Annotated[_Text, Field(description="number of the certificate")] = ""
+    identity: Annotated[_Text, Field(description="maker, type, serial number")] = ""
+    relative_expanded_uncertainty: Annotated[
+        _Share | None, Field(description="U (k = 2) of an applied torque, share of the torque")
+    ] = None
+
+
+class InstrumentStandard(Table):
+    """Voltmeter or DAQ that read the bridge. Blank: not declared."""
+
+    certificate: Annotated[_Text, Field(description="number of the certificate")] = ""
+    identity: Annotated[_Text, Field(description="maker, type, serial number")] = ""
+    relative_expanded_uncertainty: Annotated[
+        _Share | None, Field(description="U (k = 2) of a reading, share of the reading")
+    ] = None
+    resolution_v: Annotated[
+        Positive | None, Field(description="smallest step, V; else from daq range and bits")
+    ] = None
+
+
+class Standards(Table):
+    """What the calibration is traceable to, as the operator declares it."""
+
+    mass: MassStandard = MassStandard()
+    length: LengthStandard = LengthStandard()
+    torque: TorqueStandard = TorqueStandard()
+    instrument: InstrumentStandard = InstrumentStandard()
+
+
+class Identity(Table):
+    """Who calibrates what, and where. Blank: not declared."""
+
+    laboratory: Annotated[_Text, Field(description="who calibrates, with address")] = ""
+    place: Annotated[_Text, Field(description="where the calibration is made")] = ""
+    customer: Annotated[_Text, Field(description="for whom")] = ""
+    operator: Annotated[_Text, Field(description="who hangs the weights")] = ""
+    drive_serial: Annotated[_Text, Field(description="type and serial number of the drive")] = ""
+    flexspline_serial: Annotated[_Text, Field(description="serial number of the flexspline")] = ""
+    bridge_ohm: Annotated[Positive | None, Field(description="resistance of the bridge, ohm")] = (
+        None
+    )
+    cable: Annotated[_Text, Field(description="cable and wiring, such as 6-wire, 3 m")] = ""
+    amplifier_serial: Annotated[_Text, Field(description="type and serial of the amplifier")] = ""
 
 
 def _gravity_there(data: dict[str, Any]) -> float:
@@ -125,6 +190,21 @@ class Arm(Table):
         Literal["single", "couple"],
         Field(description="one weight on one arm, or a couple without side force"),
     ] = "single"
+
+    @model_validator(mode="after")
+    def _placed(self) -> Arm:
+        if math.isnan(self.gravity_m_s2):
+            needed = "local gravity in m/s^2, or latitude_deg and altitude_m"
+            refuse(
+                [
+                    Conflict(
+                        ("gravity_m_s2",),
+                        f"is missing; needed: {needed}",
+                        "give gravity_m_s2, or where the bench stands",
+                    )
+                ]
+            )
+        return self
 
     @property
     def gravity_source(self) -> Literal["given", "wgs84", "welmec"]:
@@ -262,3 +342,19 @@ class CalibrationPlan(Table):
     shunt: Annotated[ShuntCheck | None, Field(description="shunt check, if the bridge has one")] = (
         None
     )
+
+    @field_validator("directions", "ranges")
+    @classmethod
+    def _each_once(cls, words: tuple[str, ...]) -> tuple[str, ...]:
+        if len(set(words)) != len(words):
+            what = f"names one entry twice: {', '.join(words)}"
+            refuse([Conflict((), what, "name each once")])
+        return words
+
+    @field_validator("full_masses_kg", "low_masses_kg")
+    @classmethod
+    def _enough_for_a_line(cls, masses: tuple[float, ...]) -> tuple[float, ...]:
+        if len(set(masses)) < 3:
+            what = f"holds {len(set(masses))} different masses; needed: at least 3 for a line"
+            refuse([Conflict((), what, "use different weights")])
+        return masses

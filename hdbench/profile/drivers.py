@@ -6,8 +6,6 @@ import difflib
 from importlib.metadata import EntryPoint, entry_points
 from typing import Literal
 
-__all__ = ["BROKEN", "Group", "closest", "find", "installed"]
-
 Group = Literal["hdbench.drivers", "hdbench.tables"]
 """Entry points of drivers, and of the tables that describe their devices in a profile."""
 
@@ -16,9 +14,9 @@ BROKEN = (ImportError, AttributeError, TypeError, ValueError, SyntaxError)
 
 # where the driver of a name is, and its table
 _OWN = {
-    "node": ("hdbench.devices.node.record", "hdbench.profile.acquiring_node:NodeAcquisition"),
+    "node": ("hdbench.devices.node.opening", "hdbench.profile.acquiring_table:NodeAcquisition"),
     "modbus": (
-        "hdbench.devices.modbus.record",
+        "hdbench.devices.modbus.opening",
         "hdbench.profile.acquiring_modbus:ModbusAcquisition",
     ),
     "labjack-t": (
@@ -27,7 +25,7 @@ _OWN = {
     ),
     "dataq": ("hdbench.drivers.dataq.record", "hdbench.drivers.dataq.table:DataqAcquisition"),
     "composite": (
-        "hdbench.devices.composite.opening",
+        "hdbench.devices.composite",
         "hdbench.profile.acquiring:CompositeAcquisition",
     ),
 }

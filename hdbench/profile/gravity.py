@@ -5,8 +5,6 @@ from __future__ import annotations
 import math
 from typing import Literal
 
-__all__ = ["GravityFormula", "gravity_welmec", "gravity_wgs84", "local_gravity"]
-
 GravityFormula = Literal["wgs84", "welmec"]
 
 # WGS 84 defining and derived constants, NIMA TR8350.2 (2000), tables 3.1, 3.3 and 3.4

@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
@@ -14,11 +14,9 @@ from typing import Any
 from pydantic import ValidationError
 
 from hdbench.errors import ProfileError
-from hdbench.profile.checks import profile_problems
-from hdbench.profile.problems import problem, schema_problem
+from hdbench.profile.problems import schema_problems
 from hdbench.profile.schema import ProfileData
-from hdbench.profile.toml_map import key_lines
-from hdbench.profile.toml_text import read_toml, toml_text
+from hdbench.profile.toml_text import key_lines, read_toml, toml_text
 
 __all__ = [
     "Profile",
@@ -194,24 +192,14 @@ def parse_profile(text: str, path: str) -> Profile:
         data = ProfileData.model_validate(raw)
     except ValidationError as error:
         found = [
-            schema_problem(ProfileData, path, lines, entry)
+            one
             for entry in error.errors(include_url=False)
-            if not _said_elsewhere(entry)
+            for one in schema_problems(ProfileData, path, lines, entry)
         ]
-    found += [problem(path, lines, c.key, c.what, c.fix) for c in profile_problems(raw)]
-    if data is None or found:
+    if data is None:
         raise _all_problems(path, found)
     digest = hashlib.sha256(text.encode()).hexdigest()
     return Profile(data, text, digest, path, data.identity.drive_serial)
-
-
-def _said_elsewhere(entry: Mapping[str, Any]) -> bool:
-    """Return whether a finding of pydantic only repeats another one."""
-    if entry["type"] == "too_short":
-        # entries that are wrong themselves are not counted; each of them is named
-        return len(entry["input"]) >= int(entry["ctx"]["min_length"])
-    # raised by the rules between keys, which are applied to the whole text below
-    return bool(entry["type"] == "value_error")
 
 
 def _all_problems(path: str, found: list[ProfileError]) -> ProfileError:

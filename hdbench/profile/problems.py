@@ -12,9 +12,8 @@ from pydantic.fields import FieldInfo
 
 from hdbench.errors import ProfileError
 from hdbench.profile.acquiring import Acquisition, NodeAcquisition, driver_table
-from hdbench.profile.toml_map import Key
-
-__all__ = ["key_text", "known_keys", "problem", "schema_problem"]
+from hdbench.profile.tables import CONFLICT, Conflict
+from hdbench.profile.toml_text import Key
 
 _TYPES = {
     "float_type": "a number",
@@ -142,13 +141,30 @@ def _needed(error: Mapping[str, Any]) -> str:
     return str(error["msg"])
 
 
-def schema_problem(
+def schema_problems(
     root: type[BaseModel], path: str, lines: Mapping[Key, int], error: Mapping[str, Any]
-) -> ProfileError:
-    """Return one finding of pydantic as a problem with file, line, key, found and needed."""
+) -> list[ProfileError]:
+    """Return one finding of pydantic as problems with file, line, key, found and needed."""
     tagged: Key = tuple(error["loc"])
     # the table of a driver stands in the location, but not in the file
     key = tuple(part for part in tagged if driver_table(part) is None)
+    if error["type"] == CONFLICT:
+        found: list[Conflict] = error["ctx"]["conflicts"]
+        return [problem(path, lines, (*key, *c.key), c.what, c.fix) for c in found]
+    if error["type"] == "too_short" and len(error["input"]) >= int(error["ctx"]["min_length"]):
+        # entries that are wrong themselves are not counted; each of them is named
+        return []
+    return [_schema_problem(root, path, lines, error, tagged, key)]
+
+
+def _schema_problem(
+    root: type[BaseModel],
+    path: str,
+    lines: Mapping[Key, int],
+    error: Mapping[str, Any],
+    tagged: Key,
+    key: Key,
+) -> ProfileError:
     if error["type"] == "extra_forbidden":
         return problem(path, lines, key, "unknown", _nearest(root, tagged))
     field = _field_at(root, tagged)

@@ -2,14 +2,23 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator
 from typing import Annotated, Literal
 
-from pydantic import ConfigDict, Field, PositiveFloat, PositiveInt, model_validator
+from pydantic import (
+    ConfigDict,
+    Field,
+    PositiveFloat,
+    PositiveInt,
+    ValidationInfo,
+    field_validator,
+    model_validator,
+)
 
 from hdbench.profile.acquiring import Acquisition, AnyAcquisition
 from hdbench.profile.calibrating import Arm, CalibrationPlan, Identity, Standards
-from hdbench.profile.checks import profile_problems, wave_problems
-from hdbench.profile.tables import NonNegative, Table, refuse
+from hdbench.profile.tables import Conflict, NonNegative, Table, refuse
 
 __all__ = [
     "Acquisition",
@@ -33,6 +42,8 @@ __all__ = [
     "Tacho",
 ]
 
+# shares of a period given as decimals add up to 1 within a few roundings
+_SHARE_ROUNDING = 1e-12
 Name = Annotated[
     str,
     Field(
@@ -161,7 +172,36 @@ class ReferenceWave(Table):
 
     @model_validator(mode="after")
     def _consistent(self) -> ReferenceWave:
-        return refuse(self, list(wave_problems(self.model_dump())))
+        refuse(self._conflicts())
+        return self
+
+    def _conflicts(self) -> Iterator[Conflict]:
+        total = math.fsum((self.rise, self.duty, self.fall))
+        if self.wave == "trapezoid" and not total <= 1.0 + _SHARE_ROUNDING:
+            yield Conflict(
+                ("duty",),
+                f"rise + duty + fall of a trapezoid make {total:g}; needed: at most 1",
+                "shorten rise, duty or fall",
+            )
+        if self.wave != "constant" and not self.frequency_hz > 0.0:
+            yield Conflict(
+                ("frequency_hz",),
+                f"found {self.frequency_hz:g} Hz for a {self.wave}; needed: above 0 Hz",
+                "give the wave a frequency",
+            )
+        if self.wave == "chirp" and not self.end_frequency_hz > 0.0:
+            yield Conflict(
+                ("end_frequency_hz",),
+                f"found {self.end_frequency_hz:g} Hz for a chirp; needed: above 0 Hz",
+                "give the chirp an end frequency",
+            )
+
+    @property
+    def peak_v(self) -> float:
+        """Largest motor reference that the wave reaches, either sign, V."""
+        if self.wave == "constant":
+            return abs(self.bias_v + self.amplitude_v)
+        return abs(self.bias_v) + abs(self.amplitude_v)
 
 
 class MisalignmentPlan(Table):
@@ -241,6 +281,35 @@ class ModelParameters(Table):
     ] = None
     misalignment: MisalignmentParameters
 
+    @field_validator("ripple")
+    @classmethod
+    def _each_order_once(
+        cls, ripple: tuple[HarmonicParameters, ...]
+    ) -> tuple[HarmonicParameters, ...]:
+        orders = [part.order for part in ripple]
+        refuse(
+            Conflict(
+                (index, "order"),
+                f"order {order:g} stands twice; needed: each order once",
+                "add the two components up in one",
+            )
+            for index, order in enumerate(orders)
+            if order in orders[:index]
+        )
+        return ripple
+
+
+def _above(
+    key: tuple[str, ...], value: float, limits: Limits, name: str, unit: str
+) -> Iterator[Conflict]:
+    limit = getattr(limits, name)
+    if not value <= limit:
+        yield Conflict(
+            key,
+            f"reaches {value:g} {unit}; needed: at most limits.{name} = {limit:g} {unit}",
+            f"lower it, or raise limits.{name} if the bench allows that",
+        )
+
 
 class ProfileData(Table):
     """One bench: drive, sensor, DAQ, limits, experiments, filter, model."""
@@ -268,6 +337,38 @@ class ProfileData(Table):
     filter: FilterSettings
     model: ModelParameters
 
-    @model_validator(mode="after")
-    def _consistent(self) -> ProfileData:
-        return refuse(self, profile_problems(self.model_dump()))
+    @field_validator("misalignment")
+    @classmethod
+    def _speed(cls, plan: MisalignmentPlan, info: ValidationInfo) -> MisalignmentPlan:
+        if limits := info.data.get("limits"):
+            name = "velocity_rad_s"
+            refuse(_above((name,), plan.velocity_rad_s, limits, name, "rad/s"))
+        return plan
+
+    @field_validator("ripple")
+    @classmethod
+    def _motion(cls, plan: RipplePlan, info: ValidationInfo) -> RipplePlan:
+        if limits := info.data.get("limits"):
+            key = ("reference", "amplitude_v")
+            refuse(
+                [
+                    *_above(key, plan.reference.peak_v, limits, "reference_v", "V"),
+                    *_above(("duration_s",), plan.duration_s, limits, "duration_s", "s"),
+                ]
+            )
+        return plan
+
+    @field_validator("calibration")
+    @classmethod
+    def _loads(cls, plan: CalibrationPlan, info: ValidationInfo) -> CalibrationPlan:
+        arm, limits = info.data.get("arm"), info.data.get("limits")
+        if arm and limits:
+            arm_nm_per_kg = arm.gravity_m_s2 * arm.length_m
+            refuse(
+                conflict
+                for name in ("full_masses_kg", "low_masses_kg")
+                for conflict in _above(
+                    (name,), max(getattr(plan, name)) * arm_nm_per_kg, limits, "torque_nm", "N m"
+                )
+            )
+        return plan

@@ -1,17 +1,15 @@
-"""What every table of a profile has in common."""
+"""Common parts of the tables of a profile, and how keys that do not go together are refused."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Annotated, TypeVar
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field
+from pydantic_core import PydanticCustomError
 
-from hdbench.profile.conflict import Conflict
-
-__all__ = ["NonNegative", "Positive", "Table", "refuse"]
-
-_T = TypeVar("_T", bound=BaseModel)
+CONFLICT = "conflict"
 NonNegative = Annotated[float, Field(ge=0.0)]
 Positive = Annotated[float, Field(gt=0.0)]
 
@@ -22,8 +20,28 @@ class Table(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, strict=True)
 
 
-def refuse(table: _T, conflicts: Sequence[Conflict]) -> _T:
-    """Return the table, or refuse it where its keys do not go together."""
-    if conflicts:
-        raise ValueError("; ".join(f"{conflict.key[-1]} {conflict.what}" for conflict in conflicts))
-    return table
+@dataclass(frozen=True, slots=True)
+class Conflict:
+    """Keys that do not go together.
+
+    Parameters
+    ----------
+    key : tuple of str or int
+        The key to look at, from the table or value that is checked.
+    what : str
+        What was found and what is needed, with unit.
+    fix : str
+        One next act.
+    """
+
+    key: tuple[str | int, ...]
+    what: str
+    fix: str
+
+
+def refuse(conflicts: Iterable[Conflict]) -> None:
+    """Refuse a value where its keys do not go together; nothing without conflicts."""
+    found = list(conflicts)
+    if found:
+        told = "; ".join(f"{'.'.join(map(str, c.key))} {c.what}".strip() for c in found)
+        raise PydanticCustomError(CONFLICT, "{told}", {"told": told, "conflicts": found})

@@ -14,8 +14,6 @@ from hdbench.errors import ProfileError
 from hdbench.profile.loader import load_profile
 from hdbench.profile.schema import Name, ProfileData
 
-__all__ = ["new_profile", "profile_schema"]
-
 _START = "cim-tr-97-06"
 
 

@@ -12,18 +12,27 @@ from hdbench.records.jsonfile import (
     write_json,
 )
 from hdbench.records.loads import LoadReading, Loads
-from hdbench.records.loadsfile import is_loads_file, read_loads, write_loads
 from hdbench.records.notes import RunNote, add_note, read_notes
 from hdbench.records.provenance import input_identity
-from hdbench.records.quantity import Quantity
-from hdbench.records.recovery import recover_run, resolve_input
+from hdbench.records.quantity import Quantity, TorqueScale
+from hdbench.records.recovery import (
+    VerifyReport,
+    recover_run,
+    resolve_input,
+    verify_run,
+    verify_runs,
+)
 from hdbench.records.runfolder import RunFolder
 from hdbench.records.runindex import RunSummary, list_runs, select_runs
-from hdbench.records.scale import TorqueScale
 from hdbench.records.storage import write_atomic, write_new
+from hdbench.records.tables import (
+    is_loads_file,
+    read_loads,
+    read_trace,
+    write_loads,
+    write_trace,
+)
 from hdbench.records.trace import FloatArray, Trace
-from hdbench.records.tracefile import read_trace, write_trace
-from hdbench.records.verify import VerifyReport, verify_run, verify_runs
 
 __all__ = [
     "FloatArray",

@@ -1,4 +1,4 @@
-"""Static readings of a calibration."""
+"""Static readings of a calibration, and the columns of their file."""
 
 from __future__ import annotations
 
@@ -6,7 +6,38 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-__all__ = ["LoadReading", "Loads"]
+LOADS_COLUMNS = (
+    "experiment",
+    "position_rad",
+    "range",
+    "direction",
+    "series",
+    "torque_nm",
+    "mass_kg",
+    "reading_v",
+    "reading_std_v",
+    "n_samples",
+    "time_s",
+    "temperature_c",
+)
+"""Columns that the contract names, in the order in which they are written."""
+LOADS_OPTIONAL = (
+    "kind",
+    "repeat",
+    "mounting",
+    "loading",
+    "arm_length_m",
+    "settle_s",
+    "slope_v_s",
+    "autocorrelation",
+    "flags",
+    "n_excluded",
+    "excluded_at_s",
+    "wave_generator_rad",
+    "humidity_percent",
+    "pressure_hpa",
+)
+"""Columns that the calibration understands beside the contract's; kept as text by the reader."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,3 +109,38 @@ class Loads:
 
     def __len__(self) -> int:
         return len(self.readings)
+
+
+@dataclass(frozen=True, slots=True)
+class SequenceEntry:
+    """One thing that happened.
+
+    Parameters
+    ----------
+    kind : str
+        ``zero``, ``preload``, ``reading``, ``shunt`` or ``remounted``.
+    experiment : str
+        Loading experiment that it belongs to; empty where it belongs to none.
+    superseded : str
+        Why a reading counts no more; empty where it counts.
+    time_s, torque_nm, reading_v : float or None
+        Time since the start, s; applied torque, N m; reading, V. None where not told.
+    """
+
+    kind: str
+    experiment: str
+    superseded: str
+    time_s: float | None
+    torque_nm: float | None
+    reading_v: float | None
+
+    def to_dict(self) -> dict[str, object]:
+        """Return the entry as results store it."""
+        return {
+            "kind": self.kind,
+            "experiment": self.experiment,
+            "superseded": self.superseded,
+            "time_s": self.time_s,
+            "torque_nm": self.torque_nm,
+            "reading_v": self.reading_v,
+        }

@@ -9,11 +9,9 @@ from datetime import datetime
 from pathlib import Path
 
 from hdbench.errors import DataError, UsageError
-from hdbench.records.manifest import read_manifest, utc_text
+from hdbench.records.runfolder import read_manifest, utc_text
 from hdbench.records.storage import file_bytes, storage_error
 from hdbench.system.files import sync_folder
-
-__all__ = ["RunNote", "add_note", "read_notes"]
 
 _NAME = "notes.jsonl"
 _LIMIT_BYTES = 1 << 20

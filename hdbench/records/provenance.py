@@ -10,8 +10,6 @@ from hdbench.errors import DataError
 from hdbench.records.jsonfile import read_json, write_json
 from hdbench.records.storage import sha256_file
 
-__all__ = ["input_identity", "provenance_path", "write_provenance"]
-
 _SCHEMA = "hdbench/import-provenance/1"
 
 

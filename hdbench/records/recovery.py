@@ -1,99 +1,29 @@
-"""Give a killed run its trace or loads back from its journal."""
+"""Stored runs: the data of a killed one from its journal, and checks of what is on the disk."""
 
 from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-
-import numpy as np
+from typing import Any
 
 from hdbench.errors import DataError, nothing_stored
-from hdbench.records.attempts import reading_entries, sample_groups, standing_blocks
-from hdbench.records.course import write_course
-from hdbench.records.journal import JournalBlock, JournalContent, read_journal
-from hdbench.records.journalsummary import summarize_journal
-from hdbench.records.loads import LoadReading, Loads
-from hdbench.records.loadsfile import write_loads
-from hdbench.records.reserve import free_reserve
+from hdbench.records.journal import (
+    JournalSummary,
+    journal_loads,
+    read_journal,
+    summarize_journal,
+    survey_samples,
+    write_sequence,
+)
 from hdbench.records.runfolder import RunFolder
-from hdbench.records.streaming import survey_samples
-from hdbench.records.trace import FloatArray, Trace
-
-__all__ = [
-    "acknowledged",
-    "blocks_trace",
-    "data_file",
-    "journal_loads",
-    "journal_trace",
-    "recover_run",
-    "resolve_input",
-]
-
-
-def _length(block: JournalBlock) -> int:
-    return len(next(iter(block.columns.values()), ()))
-
-
-def acknowledged(content: JournalContent, kind: str) -> int:
-    """Return how many samples or readings a journal holds."""
-    blocks = [block for block in content.blocks if block.kind == kind]
-    return len(blocks) if kind == "reading" else sum(map(_length, blocks))
-
-
-def journal_trace(content: JournalContent, source: str) -> Trace:
-    """Put the sample blocks of a journal together."""
-    return blocks_trace(standing_blocks(sample_groups(content)), source)
-
-
-def blocks_trace(blocks: Sequence[JournalBlock], source: str) -> Trace:
-    """Put sample blocks together."""
-    if not blocks:
-        raise DataError("no samples in the journal", where=source, fix="run the experiment again")
-    if not all("time_s" in block.columns for block in blocks):
-        raise DataError("samples without time_s", where=source, fix="run the experiment again")
-    names = list(dict.fromkeys(name for block in blocks for name in block.columns))
-    columns: dict[str, FloatArray] = {}
-    for name in names:
-        parts = [block.columns.get(name, np.full(_length(block), np.nan)) for block in blocks]
-        columns[name] = np.concatenate(parts).astype(np.float64)
-    return Trace(columns, source)
-
-
-def journal_loads(content: JournalContent, source: str) -> Loads:
-    """Put the load readings of a journal together."""
-    known = {f.name for f in dataclasses.fields(LoadReading)}
-    found = reading_entries(content)
-    entries = [reading.entry for reading in found if reading.superseded is None]
-    if not entries:
-        raise DataError("no readings in the journal", where=source, fix="run it again")
-    try:
-        readings = tuple(
-            LoadReading(**{name: value for name, value in entry.items() if name in known})
-            for entry in entries
-        )
-    except TypeError as error:
-        raise DataError(
-            f"a reading lacks a field: {error}", where=source, fix="run it again"
-        ) from error
-    others = dict.fromkeys(name for entry in entries for name in entry if name not in known)
-    extra = {name: tuple(_text(entry.get(name)) for entry in entries) for name in others}
-    return Loads(readings, source, {}, extra)
-
-
-def _text(value: object) -> str:
-    if isinstance(value, bool):
-        return str(value).lower()
-    return "" if value is None else str(value)
+from hdbench.records.storage import free_reserve, sha256_file
+from hdbench.records.tables import write_loads
 
 
 def _is_calibration(folder: RunFolder) -> bool:
     return str(folder.manifest["kind"]).startswith("calib")
-
-
-def data_file(folder: RunFolder) -> tuple[Path, str]:
-    """Return the file that a run's data stand in, and the kind of journal block it comes from."""
-    return (folder.loads, "reading") if _is_calibration(folder) else (folder.trace, "samples")
 
 
 def recover_run(folder: RunFolder) -> Path:
@@ -127,7 +57,7 @@ def recover_run(folder: RunFolder) -> Path:
         content = read_journal(folder.journal)
         target = folder.loads
         write_loads(target, journal_loads(content, str(folder.journal)))
-        write_course(folder.path, content)
+        write_sequence(folder.path, content)
     else:
         target = folder.trace
         survey_samples(folder.journal).write(target)
@@ -181,3 +111,135 @@ def resolve_input(path: Path) -> Path:
             fix="name a run of an experiment",
         )
     return recover_run(folder)
+
+
+@dataclass(frozen=True, slots=True)
+class VerifyReport:
+    """What was found when a run folder was read in full.
+
+    Parameters
+    ----------
+    run_id, status : str
+        Which run; ``incomplete`` where its process is gone.
+    problems : tuple of str
+        Everything that is not as ``run.json`` says.
+    samples_in_journal, readings_in_journal : int
+        Acknowledged samples and load readings.
+    torn_bytes : int
+        Bytes of an unfinished last block; they were never acknowledged.
+    files_checked : int
+        Files whose SHA-256 was compared.
+    recoverable : bool
+        True where trace or loads are missing, or older than the journal of a killed run, and can
+        be made from it.
+    """
+
+    run_id: str
+    status: str
+    problems: tuple[str, ...]
+    samples_in_journal: int = 0
+    readings_in_journal: int = 0
+    torn_bytes: int = 0
+    files_checked: int = 0
+    recoverable: bool = False
+
+    @property
+    def ok(self) -> bool:
+        """True when there is no problem."""
+        return not self.problems
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the report as ``--json`` prints it."""
+        return {
+            "ok": self.ok,
+            **{f.name: getattr(self, f.name) for f in dataclasses.fields(self)},
+            "problems": list(self.problems),
+        }
+
+
+def _file_problems(folder: RunFolder) -> list[str]:
+    problems = []
+    for name, expected in folder.manifest["files"].items():
+        if Path(name).name != name:
+            problems.append(f"{name!r} is not the name of a file in the folder")
+        elif not (folder.path / name).is_file():
+            problems.append(f"{name} is missing")
+        elif sha256_file(folder.path / name) != expected:
+            problems.append(f"{name} was changed after the run: its SHA-256 differs")
+    return problems
+
+
+def verify_run(path: Path) -> VerifyReport:
+    """Read a run in full and compare it with what its ``run.json`` says.
+
+    Parameters
+    ----------
+    path : Path
+        The run folder.
+
+    Returns
+    -------
+    VerifyReport
+
+    Raises
+    ------
+    DataError
+        If it is not a run folder or its ``run.json`` is damaged.
+    """
+    folder = RunFolder.open(path)
+    status = folder.status()
+    problems = _file_problems(folder)
+    content = JournalSummary()
+    if folder.journal.exists():
+        try:
+            content = summarize_journal(folder.journal)
+        except DataError as error:
+            problems.append(f"journal.hdj: {error.what}")
+    if content.problem:
+        problems.append(f"journal.hdj: {content.problem}")
+    calibration = _is_calibration(folder)
+    target = folder.loads if calibration else folder.trace
+    return VerifyReport(
+        run_id=folder.run_id,
+        status=status,
+        problems=tuple(problems),
+        samples_in_journal=content.samples,
+        readings_in_journal=content.readings,
+        torn_bytes=content.torn_bytes,
+        files_checked=len(folder.manifest["files"]),
+        recoverable=status != "running"
+        and (folder.is_killed or not target.exists())
+        and (content.readings if calibration else content.samples) > 0,
+    )
+
+
+def verify_runs(paths: Sequence[Path], *, recover: bool = False) -> list[VerifyReport]:
+    """Verify several runs; a folder that is no run is a problem of its own, not the end.
+
+    Parameters
+    ----------
+    paths : sequence of Path
+        Run folders.
+    recover : bool
+        Write trace or loads of killed runs from their journals first.
+
+    Returns
+    -------
+    list of VerifyReport
+
+    Raises
+    ------
+    StorageError
+        If a file has to be recovered and cannot be written.
+    """
+    reports = []
+    for path in map(Path, paths):
+        try:
+            report = verify_run(path)
+            if recover and report.recoverable:
+                recover_run(RunFolder.open(path))
+                report = verify_run(path)
+        except DataError as error:
+            report = VerifyReport(path.name, "invalid", (f"{error.where}: {error.what}",))
+        reports.append(report)
+    return reports

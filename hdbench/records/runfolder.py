@@ -2,32 +2,140 @@
 
 from __future__ import annotations
 
+import os
+import platform
 import re
+import secrets
+import socket
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
-from datetime import datetime
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from hdbench.errors import StorageError
-from hdbench.records.jsonfile import ProfileIdentity, write_json
-from hdbench.records.manifest import (
-    STATUSES,
-    first_manifest,
-    make_folder,
-    random_token,
-    read_manifest,
-    this_process,
-    utc_now,
-    utc_text,
-)
-from hdbench.records.process import still_running
-from hdbench.records.storage import sha256_file
-
-__all__ = ["RunFolder"]
+from hdbench.errors import DataError, StorageError
+from hdbench.records.jsonfile import ProfileIdentity, read_json, result_header, write_json
+from hdbench.records.storage import sha256_file, storage_error
+from hdbench.system.files import sync_folder
+from hdbench.system.processes import process_exists, process_mark
 
 _KIND = re.compile(r"[a-z][a-z0-9-]{0,31}")
 _NAMES = ("journal.hdj", "trace.csv", "loads.csv", "result.json", "report.html")
+RUN_SCHEMA = "hdbench/run/1"
+STATUSES = ("running", "complete", "incomplete", "aborted")
+# a run appends to its journal several times a second; waiting for a weight takes minutes
+_SILENCE_S = 600.0
+
+
+def utc_now() -> datetime:
+    """Return the time of the wall clock."""
+    return datetime.now(UTC)
+
+
+def _random_token() -> str:
+    """Return six random hexadecimal digits."""
+    return secrets.token_hex(3)
+
+
+def utc_text(moment: datetime) -> str:
+    """Return a moment as ISO 8601 text in UTC with microseconds."""
+    return moment.astimezone(UTC).isoformat(timespec="microseconds").replace("+00:00", "Z")
+
+
+def _make_folder(parent: Path, kind: str, moment: datetime, token: Callable[[], str]) -> Path:
+    """Make the folder of a new run."""
+    stamp = moment.astimezone(UTC).strftime("%Y%m%dT%H%M%SZ")
+    try:
+        parent.mkdir(parents=True, exist_ok=True)
+        # two runs in one second meet with probability 6e-8; four in a row never do
+        for _ in range(4):
+            path = parent / f"{stamp}-{kind}-{token()}"
+            try:
+                path.mkdir()
+            except FileExistsError:
+                continue
+            sync_folder(parent)
+            return path
+    except OSError as error:
+        raise storage_error(error, parent) from error
+    raise StorageError("no free run id", where=str(parent), fix="start the run again")
+
+
+def _this_process() -> dict[str, Any]:
+    """Return what tells this process from every other one."""
+    pid = os.getpid()
+    return {"pid": pid, "process_mark": process_mark(pid), "host": socket.gethostname()}
+
+
+def _first_manifest(
+    path: Path, kind: str, profile: ProfileIdentity, details: Mapping[str, Any], moment: datetime
+) -> dict[str, Any]:
+    """Return the content of ``run.json`` at the start of a run (contract section 5)."""
+    import numpy as np
+
+    head = result_header("run", profile)
+    return {
+        **head,
+        "run_id": path.name,
+        "kind": kind,
+        "status": "running",
+        "started_utc": utc_text(moment),
+        "ended_utc": None,
+        "exit_reason": None,
+        "profile": {**head["profile"], "text": profile.text},
+        "drive": profile.drive,
+        "sensor": profile.sensor,
+        "calibration": None,
+        "device": None,
+        "versions": {
+            "hdbench": head["hdbench_version"],
+            "python": platform.python_version(),
+            "numpy": np.__version__,
+            "system": platform.platform(),
+        },
+        "files": {},
+        **_this_process(),
+        "details": dict(details),
+    }
+
+
+def read_manifest(path: Path) -> dict[str, Any]:
+    """Read and check the ``run.json`` of a run folder."""
+    record = path / "run.json"
+    if not record.is_file():
+        raise DataError(
+            "no run.json; needed: a run folder",
+            where=str(path),
+            fix="'hdbench runs list' names the stored runs",
+        )
+    manifest = read_json(record, RUN_SCHEMA)
+    for key, kind in (("kind", str), ("status", str), ("files", dict), ("profile", dict)):
+        if not isinstance(manifest.get(key), kind):
+            raise DataError(
+                f"key {key!r} is missing or not a {kind.__name__}",
+                where=str(record),
+                fix="restore the file from a copy",
+            )
+    if manifest["status"] not in STATUSES:
+        raise DataError(
+            f"status {manifest['status']!r:.40}; needed: {', '.join(STATUSES)}",
+            where=str(record),
+            fix="restore the file from a copy",
+        )
+    return manifest
+
+
+def _still_running(manifest: Mapping[str, Any], journal_age_s: float | None) -> bool:
+    """Return whether the process that wrote `manifest` still lives."""
+    pid = manifest.get("pid")
+    if not (isinstance(pid, int) and 0 < pid < 1 << 31):
+        return False
+    if manifest.get("host") != socket.gethostname():
+        return journal_age_s is not None and journal_age_s < _SILENCE_S
+    mark = manifest.get("process_mark")
+    if isinstance(mark, str):
+        return process_mark(pid) == mark
+    return process_exists(pid)
 
 
 class RunFolder:
@@ -63,7 +171,7 @@ class RunFolder:
         profile: ProfileIdentity,
         details: Mapping[str, Any],
         clock: Callable[[], datetime] = utc_now,
-        token: Callable[[], str] = random_token,
+        token: Callable[[], str] = _random_token,
     ) -> RunFolder:
         """Make the folder of a new run, with status ``running``.
 
@@ -94,8 +202,8 @@ class RunFolder:
         if not _KIND.fullmatch(kind):
             raise ValueError(f"kind {kind!r} must be small letters, digits and hyphens")
         moment = clock()
-        path = make_folder(Path(parent), kind, moment, token)
-        folder = cls(path, first_manifest(path, kind, profile, details, moment), clock)
+        path = _make_folder(Path(parent), kind, moment, token)
+        folder = cls(path, _first_manifest(path, kind, profile, details, moment), clock)
         try:
             folder.update()
         except StorageError:
@@ -162,7 +270,7 @@ class RunFolder:
     def status(self) -> str:
         """Return the status; a run whose process is gone is ``incomplete``, not ``running``."""
         status = str(self.manifest["status"])
-        if status == "running" and not still_running(self.manifest, self._journal_age_s()):
+        if status == "running" and not _still_running(self.manifest, self._journal_age_s()):
             return "incomplete"
         return status
 
@@ -219,7 +327,7 @@ class RunFolder:
             ended_utc=None,
             exit_reason=None,
             files={},
-            **this_process(),
+            **_this_process(),
         )
 
     def finish(

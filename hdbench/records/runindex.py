@@ -16,8 +16,6 @@ from typing import Any
 from hdbench.errors import DataError
 from hdbench.records.runfolder import RunFolder
 
-__all__ = ["INDEX_NAME", "RunSummary", "list_runs", "read_run", "select_runs"]
-
 INDEX_NAME = ".runs-index.sqlite"
 # raise it when RunSummary or how it is read changes: an index of another layout is made anew
 _LAYOUT = 1

@@ -1,4 +1,4 @@
-"""Files that are either the old one or the new one, never half of one."""
+"""Files written whole or not at all, and the room on the disk that a run needs."""
 
 from __future__ import annotations
 
@@ -6,23 +6,19 @@ import errno
 import hashlib
 import os
 import secrets
+import shutil
 from collections.abc import Iterable
+from contextlib import suppress
 from pathlib import Path
 
 from hdbench.errors import DataError, StorageError, UsageError
-from hdbench.system.files import sync_file, sync_folder
-
-__all__ = [
-    "file_bytes",
-    "publish",
-    "sha256_file",
-    "staged_path",
-    "storage_error",
-    "write_atomic",
-    "write_new",
-]
+from hdbench.system.files import allocate, sync_file, sync_folder
 
 _CHUNK = 1 << 20
+RESERVE_NAME = ".reserve"
+# run.json with the profile's text, an event of the journal and the directory's own blocks
+_RESERVE = 4 << 20
+_MIB = float(1 << 20)
 
 
 def storage_error(error: OSError, path: Path) -> StorageError:
@@ -122,8 +118,14 @@ def write_new(path: Path, content: bytes) -> None:
     write_atomic(path, content)
 
 
-def file_bytes(path: Path, *, limit: int, what: str) -> bytes:
-    """Read a regular file of at most `limit` bytes."""
+def read_failure(error: Exception, path: Path) -> DataError:
+    """Return the error of a file that cannot be read."""
+    reason = getattr(error, "strerror", None) or str(error)
+    return DataError(f"cannot read: {reason}", where=str(path), fix="check path and rights")
+
+
+def checked_size(path: Path, *, limit: int, what: str) -> int:
+    """Return the size of a regular file of at most `limit` bytes."""
     try:
         if not path.exists():
             raise DataError(f"no such {what}", where=str(path), fix="check the path")
@@ -132,18 +134,24 @@ def file_bytes(path: Path, *, limit: int, what: str) -> bytes:
                 f"not a regular file; needed: a {what}", where=str(path), fix="name the file itself"
             )
         size = path.stat().st_size
-        if size > limit:
-            raise DataError(
-                f"{size} bytes; needed: a {what} of at most {limit} bytes",
-                where=str(path),
-                fix="check that this is the right file, or split it",
-            )
-        return path.read_bytes()
     except (OSError, ValueError) as error:
-        reason = error.strerror if isinstance(error, OSError) else str(error)
+        raise read_failure(error, path) from error
+    if size > limit:
         raise DataError(
-            f"cannot read: {reason}", where=str(path), fix="check path and rights"
-        ) from error
+            f"{size} bytes; needed: a {what} of at most {limit} bytes",
+            where=str(path),
+            fix="check that this is the right file, or split it",
+        )
+    return size
+
+
+def file_bytes(path: Path, *, limit: int, what: str) -> bytes:
+    """Read a regular file of at most `limit` bytes."""
+    checked_size(path, limit=limit, what=what)
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise read_failure(error, path) from error
 
 
 def sha256_file(path: Path) -> str:
@@ -169,7 +177,41 @@ def sha256_file(path: Path) -> str:
             while chunk := file.read(_CHUNK):
                 digest.update(chunk)
     except OSError as error:
-        raise DataError(
-            f"cannot read: {error.strerror}", where=str(path), fix="check path and rights"
-        ) from error
+        raise read_failure(error, path) from error
     return digest.hexdigest()
+
+
+def check_space(folder: Path, needed: int) -> None:
+    """Refuse to begin what the disk cannot hold twice over."""
+    try:
+        free = shutil.disk_usage(folder).free
+    except OSError as error:
+        raise storage_error(error, folder) from error
+    wanted = 2 * needed + _RESERVE
+    if free < wanted:
+        raise StorageError(
+            f"{free / _MIB:.0f} MiB free; needed: {wanted / _MIB:.0f} MiB, "
+            "twice what the run takes",
+            where=str(folder),
+            fix="free space, or choose another folder with --out; nothing has moved",
+        )
+
+
+def keep_reserve(folder: Path) -> None:
+    """Keep 4 MiB back in `folder`, so that a run can be closed on a disk that fills up."""
+    path = folder / RESERVE_NAME
+    try:
+        handle = os.open(path, os.O_WRONLY | os.O_CREAT, 0o644)
+        try:
+            allocate(handle, _RESERVE)
+        finally:
+            os.close(handle)
+    except OSError as error:
+        raise storage_error(error, path) from error
+
+
+def free_reserve(folder: Path) -> None:
+    """Give the reserve back; never raises."""
+    # without it there is a little less room for closing the run
+    with suppress(OSError):
+        (folder / RESERVE_NAME).unlink(missing_ok=True)

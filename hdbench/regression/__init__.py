@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from hdbench.regression.compare import compare_folder, compare_results
+from hdbench.regression.changes import Change, compare_results
 from hdbench.regression.junit import write_junit
-from hdbench.regression.outcome import CaseReport, Change, RegressionReport
+from hdbench.regression.report import CaseReport, RegressionReport, compare_folder
 from hdbench.regression.tolerance import Tolerance
 
 __all__ = [

@@ -6,7 +6,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 from hdbench.records.storage import write_atomic
-from hdbench.regression.outcome import CaseReport, RegressionReport
+from hdbench.regression.report import CaseReport, RegressionReport
 
 __all__ = ["write_junit"]
 

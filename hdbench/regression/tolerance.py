@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-import math
 import re
-from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any
+from typing import Annotated
 
-from hdbench.errors import DataError
+from pydantic import Field
 
-__all__ = ["DEFAULTS", "Tolerance", "read_tolerances", "tolerance_for"]
+from hdbench.results import Part
+
+__all__ = ["DEFAULTS", "Tolerance", "tolerance_for"]
+
+_Size = Annotated[float, Field(strict=True, ge=0.0)]
 
 
-@dataclass(frozen=True, slots=True)
-class Tolerance:
+class Tolerance(Part, kw_only=False, closed=True):
     """How far the quantities of one path pattern may move.
 
     Parameters
@@ -35,11 +35,11 @@ class Tolerance:
     """
 
     pattern: str
-    reason: str
-    abs: float = 0.0
-    rel: float = 0.0
-    sigma: float = 0.0
-    note_only: bool = False
+    reason: Annotated[str, Field(pattern=r"\S")]
+    abs: _Size = 0.0
+    rel: _Size = 0.0
+    sigma: _Size = 0.0
+    note_only: Annotated[bool, Field(strict=True)] = False
 
     def matches(self, path: str) -> bool:
         """Return whether a path is one of the pattern's."""
@@ -106,46 +106,6 @@ DEFAULTS = (
         rel=1e-8,
     ),
 )
-
-_NUMBERS = ("abs", "rel", "sigma")
-
-
-def read_tolerances(body: Any, where: str) -> tuple[Tolerance, ...]:
-    """Read the tolerances of a case."""
-    if body is None:
-        return ()
-    if not isinstance(body, Mapping):
-        raise _bad(f"tolerances is a {type(body).__name__}; needed: an object", where)
-    return tuple(_read_one(pattern, item, where) for pattern, item in body.items())
-
-
-def _read_one(pattern: str, item: Any, where: str) -> Tolerance:
-    place = f"{where}: tolerances[{pattern!r}]"
-    if not isinstance(item, Mapping):
-        raise _bad(f"found a {type(item).__name__}; needed: an object", place)
-    unknown = set(item) - {*_NUMBERS, "note_only", "reason"}
-    if unknown:
-        raise _bad(
-            f"unknown key {min(unknown)!r}; known: abs, rel, sigma, note_only, reason", place
-        )
-    reason = item.get("reason")
-    if not (isinstance(reason, str) and reason.strip()):
-        raise _bad("reason is missing; needed: why this quantity may move as far", place)
-    sizes = {}
-    for name in _NUMBERS:
-        value = item.get(name, 0.0)
-        good = isinstance(value, int | float) and not isinstance(value, bool)
-        if not (good and 0.0 <= value < math.inf):
-            raise _bad(f"{name} is {value!r}; needed: a finite number of at least 0", place)
-        sizes[name] = float(value)
-    note_only = item.get("note_only", False)
-    if not isinstance(note_only, bool):
-        raise _bad(f"note_only is {note_only!r}; needed: true or false", place)
-    return Tolerance(pattern, reason, **sizes, note_only=note_only)
-
-
-def _bad(what: str, where: str) -> DataError:
-    return DataError(what, where=where, fix="correct the case file")
 
 
 def tolerance_for(path: str, own: tuple[Tolerance, ...]) -> Tolerance:

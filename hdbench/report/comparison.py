@@ -1,27 +1,22 @@
-"""The page of a comparison of two results: verdict, overlay, numbers, what else differs."""
+"""Page of a comparison of two results: verdict, overlay, numbers, what else differs."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from hdbench.report.comparison_figures import comparison_pictures, first_up
-from hdbench.report.elements import KeyNumber, Level, ReportFiles, Section, Table, Verdict
-from hdbench.report.numbers import DASH, plain, short, unit_words, with_std
+import numpy as np
+
+from hdbench.report.canvas import new_figure, score_chart
+from hdbench.report.numbers import DASH, first_up, plain, short, unit_words, with_std
 from hdbench.report.page import render_page
-from hdbench.report.pagefiles import (
-    NUMBER_HEAD,
-    csv_text,
-    number_cells,
-    page_files,
-    write_page,
-)
+from hdbench.report.pagefiles import ReportFiles, numbers_csv, page_files, write_page
+from hdbench.report.pagemodel import Column, KeyNumber, Picture, Section, Table, Verdict
 
-__all__ = ["comparison_section", "write_comparison"]
+__all__ = ["write_comparison"]
 
-_LEVELS: dict[str, Level] = {"within-uncertainty": "good", "moved": "look", "cannot-tell": "look"}
 _ANSWERS = {
     "within-uncertainty": "Within its uncertainty",
     "moved": "Moved",
@@ -38,43 +33,35 @@ _TITLES = {
 def write_comparison(body: Mapping[str, Any], out: Path) -> ReportFiles:
     """Write a comparison as one offline page, its numbers as CSV, and all of it as JSON."""
     files = page_files(out, option="--html", example="compare.html")
-    section = comparison_section(body)
-    table = csv_text(NUMBER_HEAD, (number_cells(n, n.quantity) for n in section.numbers))
-    return write_page(files, render_page((section,), files), table, body)
-
-
-def comparison_section(body: Mapping[str, Any]) -> Section:
-    """Compose the section of a comparison."""
-    a, b = body["a"], body["b"]
-    name = f"{a['run_id']} (A) and {b['run_id']} (B)"
-    return Section(
+    name = f"{body['a']['run_id']} (A) and {body['b']['run_id']} (B)"
+    numbers = tuple(_numbers(body["quantities"], name))
+    section = Section(
         name,
         "comparison",
         _TITLES[body["kind"]],
         Verdict(
-            _LEVELS[body["verdict"]],
+            "good" if body["verdict"] == "within-uncertainty" else "look",
             f"{_ANSWERS[body['verdict']]}. {first_up(body['sentence'])}.",
         ),
-        _doubts(body),
+        tuple(_doubts(body)),
         _summary(body),
-        _numbers(body["quantities"], name),
-        comparison_pictures(body),
-        _tables(body),
-        _provenance(body),
-        (),
+        numbers,
+        tuple(_pictures(body)),
+        tuple(_tables(body)),
+        tuple(_provenance(body)),
     )
+    table = numbers_csv((number.quantity, number) for number in numbers)
+    return write_page(files, render_page((section,), files), table, body)
 
 
-def _doubts(body: Mapping[str, Any]) -> tuple[str, ...]:
-    found = []
+def _doubts(body: Mapping[str, Any]) -> Iterator[str]:
     for side in ("a", "b"):
         one = body[side]
         words = [*one["doubts"], *one["flags"]]
         if one["status"] not in (None, "complete"):
             words.append(f"the run is {one['status']}")
         if words:
-            found.append(f"{side.upper()}: {'; '.join(words)}.")
-    return tuple(found)
+            yield f"{side.upper()}: {'; '.join(words)}."
 
 
 def _summary(body: Mapping[str, Any]) -> str:
@@ -95,97 +82,132 @@ def _summary(body: Mapping[str, Any]) -> str:
     return text
 
 
-def _numbers(rows: Sequence[Mapping[str, Any]], source: str) -> tuple[KeyNumber, ...]:
-    found = []
+def _numbers(rows: Sequence[Mapping[str, Any]], source: str) -> Iterator[KeyNumber]:
     for row in rows:
-        step = row["difference"]
-        if step is None:
-            continue
-        found.append(
-            KeyNumber(
+        step, name = row["difference"], row["name"]
+        if step is not None:
+            yield KeyNumber(
                 f"{row['label']}, B less A",
-                f"{row['name']}.difference",
+                f"{name}.difference",
                 float(step["value"]),
                 row["unit"],
-                f"{source}: {row['name']}",
+                f"{source}: {name}",
                 step["std"],
                 step["dof"],
                 row["note"],
             )
-        )
-    return tuple(found)
 
 
-def _shown(body: Any) -> str:
-    if body is None:
+def _shown(value: Any) -> str:
+    if value is None:
         return DASH
-    return with_std(body) if isinstance(body, Mapping) else short(float(body))
+    return with_std(value) if isinstance(value, Mapping) else short(float(value))
 
 
-def _tables(body: Mapping[str, Any]) -> tuple[Table, ...]:
-    rows = []
-    for q in body["quantities"]:
-        answer = {True: "moved", False: "within", None: DASH}[q["moved"]]
-        rows.append(
-            (
-                q["label"] + (f" ({unit_words(q['unit'])})" if q["unit"] else ""),
-                _shown(q["a"]),
-                _shown(q["b"]),
-                _shown(q["difference"]),
-                DASH if q["expanded"] is None else short(q["expanded"], 0.5 * q["expanded"]),
-                DASH if q["score"] is None else f"{q['score']:.2f}",
-                f"{answer}; decides" if q["decides"] else answer,
-            )
-        )
-    head = ("quantity", "A", "B", "B less A", "expanded", "score", "")
+def _score(value: float | None) -> str:
+    return DASH if value is None else f"{value:.2f}"
+
+
+def _tables(body: Mapping[str, Any]) -> Iterator[Table]:
+    def label(q: Mapping[str, Any]) -> str:
+        return f"{q['label']} ({unit_words(q['unit'])})" if q["unit"] else str(q["label"])
+
+    def answer(q: Mapping[str, Any]) -> str:
+        word = {True: "moved", False: "within", None: DASH}[q["moved"]]
+        return f"{word}; decides" if q["decides"] else word
+
+    numbers: tuple[Column, ...] = (
+        ("quantity", label),
+        ("A", "a", _shown),
+        ("B", "b", _shown),
+        ("B less A", "difference", _shown),
+        ("expanded", "expanded", lambda x: DASH if x is None else short(x, 0.5 * x)),
+        ("score", "score", _score),
+        ("", answer),
+    )
     note = "score: size of the difference over its expanded uncertainty; above 1 it has moved"
-    tables = [Table("Numbers of both", head, tuple(rows), note)]
-    if body["orders"] is not None:
-        tables.append(_vectors(body["orders"]))
+    yield Table.of("Numbers of both", numbers, body["quantities"], note)
+    orders = body["orders"]
+    if orders is not None:
+
+        def vector(side: str) -> Any:
+            return lambda row: (
+                f"{_shown(row[side]['amplitude_nm'])} at {_shown(row[side]['phase_rad'])}"
+            )
+
+        vectors: tuple[Column, ...] = (
+            ("order", lambda row: f"{row['order']:g}"),
+            ("A (N·m at rad)", vector("a")),
+            ("B (N·m at rad)", vector("b")),
+            ("length of B less A (N·m)", lambda row: _shown(row["difference"]["amplitude_nm"])),
+            ("score", "score", _score),
+        )
+        joint = orders["score"]
+        note = "" if joint is None else f"all orders together: score {joint:.2f}"
+        yield Table.of("Orders as vectors", vectors, orders["orders"], note)
     for key, title in (
         ("profile_changes", "Profile keys that differ"),
         ("environment_changes", "What else differs"),
     ):
-        tables.append(_changes(title, body[key]))
-    return tuple(tables)
-
-
-def _vectors(orders: Mapping[str, Any]) -> Table:
-    rows = []
-    for row in orders["orders"]:
-        cells = [
-            f"{_shown(row[s]['amplitude_nm'])} at {_shown(row[s]['phase_rad'])}" for s in ("a", "b")
-        ]
-        step = _shown(row["difference"]["amplitude_nm"])
-        score = DASH if row["score"] is None else f"{row['score']:.2f}"
-        rows.append((f"{row['order']:g}", *cells, step, score))
-    head = ("order", "A (N·m at rad)", "B (N·m at rad)", "length of B less A (N·m)", "score")
-    joint = orders["score"]
-    note = "" if joint is None else f"all orders together: score {joint:.2f}"
-    return Table("Orders as vectors", head, tuple(rows), note)
+        yield _changes(title, body[key])
 
 
 def _changes(title: str, changes: Sequence[Mapping[str, Any]] | None) -> Table:
-    head = ("key", "A", "B")
+    def value(side: str) -> Any:
+        return lambda row: plain(row[side]) if row["only"] in ("", side) else "absent"
+
+    columns: tuple[Column, ...] = (("key", "key"), ("A", value("a")), ("B", value("b")))
+    note = "" if changes else "nothing differs"
     if changes is None:
-        return Table(title, head, (), "not known: a result file alone does not tell")
-    rows = tuple(
-        (
-            str(change["key"]),
-            *("absent" if change["only"] not in ("", s) else plain(change[s]) for s in ("a", "b")),
-        )
-        for change in changes
-    )
-    return Table(title, head, rows, "" if rows else "nothing differs")
+        note = "not known: a result file alone does not tell"
+    return Table.of(title, columns, changes or (), note)
 
 
-def _provenance(body: Mapping[str, Any]) -> tuple[tuple[str, str], ...]:
-    rows = [("hdbench", str(body["hdbench_version"])), ("confidence", plain(body["confidence"]))]
+def _provenance(body: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    yield "hdbench", str(body["hdbench_version"])
+    yield "confidence", plain(body["confidence"])
     for side in ("a", "b"):
-        one = body[side]
-        rows += [
-            (f"{side.upper()}", str(one["path"])),
-            (f"{side.upper()} measured", plain(one["measured_utc"])),
-            (f"{side.upper()} profile", plain(one["profile"])),
-        ]
-    return tuple((name, re.sub(r"\s+", " ", text)) for name, text in rows)
+        for name, key in (("", "path"), (" measured", "measured_utc"), (" profile", "profile")):
+            yield f"{side.upper()}{name}", re.sub(r"\s+", " ", plain(body[side][key]))
+
+
+def _pictures(body: Mapping[str, Any]) -> Iterator[Picture]:
+    if body["overlay"] is not None:
+        yield _overlay(body["overlay"], dots=body["kind"] == "calibration")
+    told = [row for row in body["quantities"] if row["score"] is not None]
+    if told:
+        yield _scores(told)
+
+
+def _overlay(curves: Mapping[str, Any], *, dots: bool) -> Picture:
+    figure, (axes,) = new_figure(1, 3.0)
+    # B dashed: two curves that agree are both seen
+    for side, colour, line in (("a", "before", "-"), ("b", "filtered", "--")):
+        x, y = (np.array(curves[side][key]) for key in ("x", "y"))
+        if dots:
+            style = {"markersize": 4.0, "label": side.upper()}
+            axes.points(x, y, colour, filled=side == "b", **style)
+        else:
+            axes.curve(x, y, colour, line, label=side.upper())
+    words = [f"{curves[k]['label']} ({unit_words(curves[k]['unit'])})" for k in ("x", "y")]
+    axes.label(words[0], words[1])
+    axes.legend_above()
+    spans = [float(np.ptp(np.array(curves[s]["y"]))) for s in ("a", "b")]
+    what = f"{words[1]} over {words[0]}"
+    caption = (
+        f"{first_up(what)} of both: from its lowest to its highest value A spans "
+        f"{short(spans[0])} N·m and B {short(spans[1])} N·m."
+    )
+    alt = f"Two curves, A and B: {what}; A spans {spans[0]:.3g}, B {spans[1]:.3g} newton metres."
+    return Picture.drawn(figure, "overlay", "Both on one pair of axes", caption, alt)
+
+
+def _scores(told: Sequence[Mapping[str, Any]]) -> Picture:
+    rows = [(row["label"], float(row["score"]), bool(row["decides"])) for row in told]
+    figure = score_chart(rows, "difference over its expanded uncertainty")
+    caption = (
+        "To the right of the dashed line a number has moved by more than its expanded uncertainty. "
+        "Filled: the verdict rests on it. What stands at the left edge differs by 0.01 or less."
+    )
+    alt = "Scores: " + "; ".join(f"{name} {score:.2f}" for name, score, _ in rows)
+    return Picture.drawn(figure, "scores", "What has moved", caption, alt)

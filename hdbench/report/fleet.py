@@ -1,4 +1,4 @@
-"""The page of a fleet: key figures over drives, outliers, causes, and a way to every report."""
+"""Page of a fleet: key figures over drives, outliers, causes, and a way to every report."""
 
 from __future__ import annotations
 
@@ -20,12 +20,13 @@ from hdbench.batch import read_table
 from hdbench.errors import DataError, HdbenchError
 from hdbench.records import FloatArray, read_json
 from hdbench.records.jsonfile import result_header
-from hdbench.report.canvas import COLOURS, draw_svg, label_axes, new_figure
-from hdbench.report.elements import KeyNumber, Picture, ReportFiles, Section, Table, Verdict
-from hdbench.report.figures import KINDS, key_figures
-from hdbench.report.numbers import DASH, short, unit_words
+from hdbench.report.canvas import COLOURS, new_figure
+from hdbench.report.keyfigures import KINDS, key_figures
+from hdbench.report.numbers import DASH, MINUS, short, unit_words
 from hdbench.report.page import PageWords, render_page
-from hdbench.report.pagefiles import csv_text, is_page, page_files, write_page
+from hdbench.report.pagefiles import ReportFiles, csv_text, is_page, page_files, write_page
+from hdbench.report.pagemodel import Column, KeyNumber, Picture, Section, Table, Verdict
+from hdbench.report.source import typed_result
 
 __all__ = ["FleetRun", "fleet_runs", "outlier_limit", "write_fleet"]
 
@@ -55,20 +56,9 @@ _RULE = (
 
 @dataclass(frozen=True, slots=True)
 class FleetRun:
-    """One run of one drive.
+    """One run of one drive; `result` is empty where there is none, and `error` says why.
 
-    Parameters
-    ----------
-    drive : str
-        Identity of the drive; the name of the run where none is known.
-    path : Path
-        Run folder, or file of a result.
-    result : mapping
-        The result; empty where there is none.
-    kind, started_utc : str
-        Kind of the result, and when the run started.
-    error : str
-        Why there is no result.
+    `drive` is the name of the run where no identity of the drive is known.
     """
 
     drive: str
@@ -95,11 +85,30 @@ class _Figure:
 
     @property
     def outliers(self) -> Any:
+        """Which drives are outliers."""
         return np.abs(self.scores) > self.limit
+
+    @property
+    def title(self) -> str:
+        """Name and unit."""
+        return f"{self.label}, {unit_words(self.unit)}" if self.unit else self.label
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """Limits beyond which a drive is an outlier."""
+        room = self.limit * self.scatter
+        return self.median - room, self.median + room
 
     def far(self) -> list[int]:
         """Return the places of the outliers among the drives."""
         return [int(k) for k in np.flatnonzero(self.outliers)]
+
+    def told(self, k: int) -> str:
+        """Return the value of one drive with its standard uncertainty."""
+        value, std = self.values[k], self.stds[k]
+        if not math.isfinite(value):
+            return DASH
+        return f"{short(value, std)} ± {short(std, std)}" if std > 0.0 else short(value)
 
 
 def fleet_runs(named: Sequence[Path]) -> list[FleetRun]:
@@ -134,20 +143,19 @@ def _run(path: Path, drive: str) -> FleetRun:
             f"{path.name.partition('.')[0]}.result.json"
         )  # fmt: skip
         result = read_json(file)
+        kind = str(result.get("schema", "")).removeprefix("hdbench/").partition("/")[0]
+        typed_result(kind, result, str(file))
     except HdbenchError as error:
         return FleetRun(drive or path.name, path, {}, error=f"{error.where}: {error.what}")
     named = manifest.get("drive")
     known = drive or (named if isinstance(named, str) and named else path.name)
-    kind = str(result.get("schema", "")).removeprefix("hdbench/").partition("/")[0]
     return FleetRun(known, path, result, kind, str(manifest.get("started_utc") or ""))
 
 
 def _newest(runs: Iterable[FleetRun]) -> list[FleetRun]:
     """Return of every drive its newest run."""
-    found: dict[str, FleetRun] = {}
-    for run in sorted(runs, key=lambda run: run.started_utc):
-        found[run.drive] = run
-    return sorted(found.values(), key=lambda run: run.drive)
+    newest = {run.drive: run for run in sorted(runs, key=lambda run: run.started_utc)}
+    return [newest[drive] for drive in sorted(newest)]
 
 
 @cache
@@ -213,25 +221,17 @@ def write_fleet(runs: Sequence[FleetRun], out: Path) -> ReportFiles:
     cells: list[tuple[object, ...]] = []
     body: dict[str, Any] = {}
     lost = [run for run in runs if not run.result]
-    for kind, some in sorted(kinds.items(), key=lambda entry: _place(entry[0])):
-        newest = _newest(some)
+    # in the order of the bench's work
+    for kind in [*(kind for kind in KINDS if kind in kinds), *sorted(kinds.keys() - KINDS.keys())]:
+        newest = _newest(kinds[kind])
         figures = _figures(newest)
-        sections.append(_section(kind, newest, figures, lost if not sections else [], files))
-        cells += list(_cells(kind, newest, figures))
+        sections.append(_section(kind, newest, figures, [] if sections else lost, files))
+        cells += _cells(kind, newest, figures)
         body[kind] = _as_json(newest, figures)
     words = PageWords("Fleet", "kinds of results", _RULE)
-    header = result_header("fleet", None)
-    return write_page(
-        files,
-        render_page(sections, files, words),
-        csv_text(_CSV_HEAD, cells),
-        {**header, "false_alarm_probability": FALSE_ALARM, "kinds": body},
-    )
-
-
-def _place(kind: str) -> tuple[int, str]:
-    """Return where a kind stands on the page: in the order of the bench's work."""
-    return ([*KINDS, kind].index(kind), kind)
+    header = {**result_header("fleet", None), "false_alarm_probability": FALSE_ALARM}
+    page = render_page(sections, files, words)
+    return write_page(files, page, csv_text(_CSV_HEAD, cells), {**header, "kinds": body})
 
 
 def _section(
@@ -246,25 +246,23 @@ def _section(
     judged = f"{count} of {len(runs)} drives are outliers" if figures else "No drive is judged"
     text = f"{judged}; {len(lost)} inputs have no result." if lost else f"{judged}."
     notes = () if figures else (f"Needed: {LEAST_DRIVES} drives that have the same figure.",)
-    tables = [
-        _outlier_table(runs, figures, files),
-        _figure_table(figures),
-        _cause_table(runs),
-        _drive_table(kind, runs, figures, far, files),
-        _lost_table(lost),
-    ]
     return Section(
         f"{len(runs)} drives",
         kind,
         f"{kind.capitalize()} of {len(runs)} drives",
         Verdict("look" if count or lost else "good", text, notes),
-        (),
-        "",
-        (),
-        tuple(_picture(f, kind, k) for k, f in enumerate(figures[:_MOST_PICTURES])),
-        tuple(table for table in tables if table is not None and table.rows),
-        (),
-        (),
+        pictures=tuple(_picture(f, kind, k) for k, f in enumerate(figures[:_MOST_PICTURES])),
+        tables=Table.filled(
+            _outlier_table(runs, figures, files),
+            _figure_table(figures),
+            _cause_table(runs),
+            _drive_table(kind, runs, figures, far, files),
+            Table.of(
+                "Inputs without a result",
+                (("drive or input", lambda run: run.drive), ("why", lambda run: run.error)),
+                lost,
+            ),
+        ),
     )
 
 
@@ -277,57 +275,45 @@ def _link(run: FleetRun, files: ReportFiles) -> str:
     return link.format(quote(Path(place).as_posix()), run.drive)
 
 
-def _told(value: float, std: float) -> str:
-    if not math.isfinite(value):
-        return DASH
-    return f"{short(value, std)} ± {short(std, std)}" if std > 0.0 else short(value)
-
-
-def _named(figure: _Figure) -> str:
-    return f"{figure.label}, {unit_words(figure.unit)}" if figure.unit else figure.label
-
-
 def _outlier_table(
     runs: Sequence[FleetRun], figures: Sequence[_Figure], files: ReportFiles
 ) -> Table:
-    found = [(abs(figure.scores[k]), k, figure) for figure in figures for k in figure.far()]
-    rows = tuple(
-        (
-            _link(runs[k], files),
-            _named(figure),
-            _told(figure.values[k], figure.stds[k]),
-            f"{figure.scores[k]:+.1f}".replace("-", "\N{MINUS SIGN}"),
-            f"{figure.limit:.1f}",
-        )
-        for _, k, figure in sorted(found, key=lambda entry: -entry[0])
+    def score(row: tuple[_Figure, int]) -> str:
+        return f"{row[0].scores[row[1]]:+.1f}".replace("-", MINUS)
+
+    columns: tuple[Column, ...] = (
+        ("drive", lambda row: _link(runs[row[1]], files), lambda link: link),
+        ("figure", lambda row: row[0].title),
+        ("value ± standard uncertainty", lambda row: row[0].told(row[1])),
+        ("robust deviations", score),
+        ("limit", lambda row: f"{row[0].limit:.1f}"),
     )
-    head = ("drive", "figure", "value ± standard uncertainty", "robust deviations", "limit")
-    return Table("Outliers, farthest first", head, rows, wide=True)
+    found = [(figure, k) for figure in figures for k in figure.far()]
+    found.sort(key=lambda row: -abs(row[0].scores[row[1]]))
+    return Table.of("Outliers, farthest first", columns, found, wide=True)
 
 
 def _figure_table(figures: Sequence[_Figure]) -> Table:
-    rows = []
-    for figure in figures:
-        known = np.sort(figure.values[np.isfinite(figure.values)])
-        low, high = _median_interval(known)
+    def middle(figure: _Figure) -> str:
+        low, high = _median_interval(np.sort(figure.values[np.isfinite(figure.values)]))
+        middle, least, most = (short(v, figure.scatter) for v in (figure.median, low, high))
+        return f"{middle} ({least} to {most})"
+
+    def limits(figure: _Figure) -> str:
         room = figure.limit * figure.scatter
-        rows.append(
-            (
-                _named(figure),
-                str(known.size),
-                f"{short(figure.median, figure.scatter)} ({short(low, figure.scatter)} to "
-                f"{short(high, figure.scatter)})",
-                short(figure.scatter),
-                f"{short(figure.median - room, room)} to {short(figure.median + room, room)}"
-                if room
-                else DASH,
-                str(int(np.count_nonzero(figure.outliers))) if room else DASH,
-            )
-        )
-    head = ("figure", "drives", "median (95 % interval)", "robust scatter", "limits", "outliers")
+        return " to ".join(short(end, room) for end in figure.ends) if room else DASH
+
+    columns: tuple[Column, ...] = (
+        ("figure", lambda figure: figure.title),
+        ("drives", lambda figure: int(np.count_nonzero(np.isfinite(figure.values)))),
+        ("median (95 % interval)", middle),
+        ("robust scatter", lambda figure: figure.scatter),
+        ("limits", limits),
+        ("outliers", lambda figure: len(figure.far()) if figure.scatter else None),
+    )
     note = "Where most drives agree to the last digit the scatter is 0, and none is judged."
     alike = any(figure.scatter == 0.0 for figure in figures)
-    return Table("Key figures over drives", head, tuple(rows), note if alike else "", wide=True)
+    return Table.of("Key figures over drives", columns, figures, note if alike else "", wide=True)
 
 
 def _median_interval(ordered: FloatArray) -> tuple[float, float]:
@@ -338,19 +324,23 @@ def _median_interval(ordered: FloatArray) -> tuple[float, float]:
     )
 
 
-def _cause_table(runs: Sequence[FleetRun]) -> Table | None:
+def _cause_table(runs: Sequence[FleetRun]) -> Table:
     told = [run.result["causes"] for run in runs if isinstance(run.result.get("causes"), list)]
-    if not told:
-        return None
     counts = Counter(name for causes in told for name in {cause["name"] for cause in causes})
-    rows = []
-    for name, count in counts.most_common():
-        low = float(beta.ppf(0.025, count, len(told) - count + 1))
-        high = float(beta.ppf(0.975, count + 1, len(told) - count)) if count < len(told) else 1.0
-        share = f"{count / len(told):.1%} ({low:.1%} to {high:.1%})"
-        rows.append((name, str(count), share))
-    title = f"Causes by frequency, of {len(told)} drives"
-    return Table(title, ("cause", "drives", "share (95 % interval)"), tuple(rows))
+
+    def share(row: tuple[str, int]) -> str:
+        count, rest = row[1], len(told) - row[1]
+        low = float(beta.ppf(0.025, count, rest + 1))
+        high = float(beta.ppf(0.975, count + 1, rest)) if rest else 1.0
+        return f"{count / len(told):.1%} ({low:.1%} to {high:.1%})"
+
+    columns: tuple[Column, ...] = (
+        ("cause", lambda row: row[0]),
+        ("drives", lambda row: row[1]),
+        ("share (95 % interval)", share),
+    )
+    rows = sorted(counts.items(), key=lambda row: (-row[1], row[0]))
+    return Table.of(f"Causes by frequency, of {len(told)} drives", columns, rows)
 
 
 def _drive_table(
@@ -360,27 +350,30 @@ def _drive_table(
     far: Any,
     files: ReportFiles,
 ) -> Table:
+    def cell(figure: _Figure) -> Column:
+        return figure.title, lambda k: figure.told(k) + (" ▲" if figure.outliers[k] else "")
+
+    def verdict(k: int) -> str:
+        causes = runs[k].result.get("causes")
+        if isinstance(causes, list):
+            return ", ".join(cause["name"] for cause in causes) or "nothing found"
+        return (
+            _LEVELS[KINDS[kind].verdict(typed_result(kind, runs[k].result, "")).level]
+            if kind in KINDS
+            else DASH
+        )
+
     shown = figures[:_MOST_COLUMNS]
-    module = KINDS.get(kind)
-    rows = []
-    for k, run in enumerate(runs):
-        names = run.result.get("causes")
-        verdict = _LEVELS[module.verdict(run.result).level] if module else DASH
-        if isinstance(names, list):
-            verdict = ", ".join(cause["name"] for cause in names) or "nothing found"
-        cells = [_told(f.values[k], f.stds[k]) + (" ▲" if f.outliers[k] else "") for f in shown]
-        rows.append((_link(run, files), *cells, verdict))
+    columns: tuple[Column, ...] = (
+        ("drive", lambda k: _link(runs[k], files), lambda link: link),
+        *map(cell, shown),
+        ("causes" if kind == "diagnosis" else "verdict", verdict),
+    )
     order = sorted(range(len(runs)), key=lambda k: (not (far.size and far[k]), runs[k].drive))
-    head = ("drive", *map(_named, shown), "causes" if kind == "diagnosis" else "verdict")
     note = "▲ marks an outlier; outliers stand first. The link leads to the drive's own report."
     if len(figures) > len(shown):
         note += f" The CSV file has the other {len(figures) - len(shown)} figures."
-    return Table("Drives", head, tuple(rows[k] for k in order), note, wide=True)
-
-
-def _lost_table(lost: Sequence[FleetRun]) -> Table:
-    rows = tuple((run.drive, run.error) for run in lost)
-    return Table("Inputs without a result", ("drive or input", "why"), rows)
+    return Table.of("Drives", columns, order, note, wide=True)
 
 
 def _picture(figure: _Figure, kind: str, number: int) -> Picture:
@@ -388,17 +381,16 @@ def _picture(figure: _Figure, kind: str, number: int) -> Picture:
     drawing, (axes,) = new_figure(1, 2.2)
     axes.hist(known, bins="auto" if known.size < 200 else 40, color=COLOURS["measured"])
     axes.axvline(figure.median, color=COLOURS["expected"])
-    room = figure.limit * figure.scatter
-    for end in (figure.median - room, figure.median + room):
+    for end in figure.ends:
         axes.axvline(end, color=COLOURS["expected"], linestyle="--")
     far = figure.values[figure.outliers]
     axes.plot(far, np.zeros(far.size), "^", color=COLOURS["filtered"], clip_on=False)
-    label_axes(axes, _named(figure), "drives")
+    axes.label(figure.title, "drives")
     caption = f"{known.size} drives; line: median, dashed: limits" + (
         f", triangles: {far.size} outliers." if far.size else "."
     )
     alt = f"{figure.label}: {caption} Median {short(figure.median, figure.scatter)}."
-    return Picture(figure.label, caption, alt, draw_svg(drawing, f"fleet-{kind}-{number}", alt))
+    return Picture.drawn(drawing, f"fleet-{kind}-{number}", figure.label, caption, alt)
 
 
 def _cells(

@@ -1,22 +1,18 @@
-"""What a log can tell, in a report: its channels, what was found, and its bands as a picture."""
+"""Inspection of a log in a report: its channels, what was found, and its bands as a picture."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from hdbench.report.canvas import COLOURS, draw_svg, label_axes, legend_above, new_figure, trend
-from hdbench.report.elements import Picture, Table
+from hdbench.report.canvas import COLOURS, Panel, new_figure
 from hdbench.report.numbers import DASH, unit_words
+from hdbench.report.pagemodel import Column, Picture, Table
 
 __all__ = ["picture", "tables"]
 
-_CHANNEL_HEAD = (
-    "channel", "unit", "rate (Hz)", "bandwidth (Hz)", "step", "noise", "held (%)", "made of",
-)  # fmt: skip
-_FOUND_HEAD = ("what", "channel", "size", "so")
 # height of a bar and of what stands around all of them, inch; of the spectra
 _BAR_IN, _AROUND_IN, _SPECTRA_IN = 0.3, 0.9, 2.6
 # colours of the spectra, in turn: more curves than these would hide each other
@@ -25,30 +21,29 @@ _CURVES = ("measured", "filtered", "expected", "lowpass")
 _DECADES = 14.0
 
 
-def _shown(value: float | None, form: str = ".4g") -> str:
-    return DASH if value is None else format(value, form)
-
-
 def tables(inspection: Mapping[str, Any]) -> tuple[Table, ...]:
     """List what was found, what the motion leaves open, and every channel."""
+
+    def shown(form: str) -> Any:
+        return lambda value: DASH if value is None else format(value, form)
+
+    channels: tuple[Column, ...] = (
+        ("channel", "name"),
+        ("unit", "unit", lambda unit: unit_words(unit) or DASH),
+        ("rate (Hz)", "rate_hz", shown(".4g")),
+        ("bandwidth (Hz)", "bandwidth_hz", shown(".4g")),
+        ("step", "resolution", shown(".3g")),
+        ("noise", "noise", shown(".2g")),
+        ("held (%)", lambda one: 100.0 * one["held_share"], shown(".2g")),
+        ("made of", "derived_from", lambda name: name or DASH),
+    )
+    found: tuple[Column, ...] = (
+        ("what", "name"),
+        ("channel", lambda one: one["channel"] or DASH),
+        ("size", "detail"),
+        ("so", "consequence"),
+    )
     limits = (inspection.get("coverage") or {}).get("limits", ())
-    found = tuple(
-        (one["name"], one["channel"] or DASH, one["detail"], one["consequence"])
-        for one in (*inspection["findings"], *limits)
-    )
-    rows = tuple(
-        (
-            one["name"],
-            unit_words(one["unit"]) or DASH,
-            _shown(one["rate_hz"]),
-            _shown(one["bandwidth_hz"]),
-            _shown(one["resolution"], ".3g"),
-            _shown(one["noise"], ".2g"),
-            _shown(100.0 * one["held_share"], ".2g"),
-            one["derived_from"] or DASH,
-        )
-        for one in inspection["channels"]
-    )
     stamps = inspection["sampling"]
     note = f"{stamps['rows']} rows without a time."
     if stamps["median_s"] is not None:
@@ -56,11 +51,13 @@ def tables(inspection: Mapping[str, Any]) -> tuple[Table, ...]:
             f"{stamps['rows']} rows at {stamps['rate_hz']:.6g} Hz, steps scatter by "
             f"{100.0 * stamps['jitter_share']:.2g} %, {len(stamps['gaps'])} gaps."
         )
-    every = (
-        Table("What the log cannot tell", _FOUND_HEAD, found, wide=True, stacked=True),
-        Table("Channels of the log", _CHANNEL_HEAD, rows, note, wide=True, folded=True),
+    rows, title = (*inspection["findings"], *limits), "What the log cannot tell"
+    return Table.filled(
+        Table.of(title, found, rows, wide=True, stacked=True),
+        Table.of(
+            "Channels of the log", channels, inspection["channels"], note, wide=True, folded=True
+        ),
     )
-    return tuple(table for table in every if table.rows)
 
 
 def picture(
@@ -70,41 +67,41 @@ def picture(
     banded = [one for one in inspection["channels"] if one["bandwidth_hz"]]
     if not banded:
         return None
-    drawn = [one for one in banded if spectra and one["name"] in spectra][: len(_CURVES)]
+    spectra = spectra or {}
+    drawn = [(one["name"], spectra[one["name"]]) for one in banded if one["name"] in spectra]
     bars_in = _AROUND_IN + _BAR_IN * len(banded)
     heights = (bars_in, _SPECTRA_IN) if drawn else (bars_in,)
     figure, axes = new_figure(len(heights), sum(heights), ratios=heights)
-    bars = axes[0]
-    top = max(0.5 * one["rate_hz"] for one in banded)
-    lowest = min(0.01 * top, 0.5 * min(one["bandwidth_hz"] for one in banded))
-    for row, one in enumerate(reversed(banded)):
-        whole, held = 0.5 * one["rate_hz"], one["bandwidth_hz"]
-        bars.barh(row, whole - lowest, left=lowest, height=0.6, color=COLOURS["grid"])
-        bars.barh(row, held - lowest, left=lowest, height=0.6, color=COLOURS["measured"])
-    bars.set_xscale("log")
-    bars.set_xlim(lowest, 1.1 * top)
-    bars.set_yticks(range(len(banded)), [one["name"] for one in reversed(banded)])
-    bars.xaxis.set_major_formatter("{x:g}")
-    label_axes(bars, "frequency (Hz)", "")
-    if drawn and spectra:
-        curves = axes[1]
-        for one, colour in zip(drawn, _CURVES, strict=False):
-            seen = spectra[one["name"]]
-            share = np.maximum(seen.density / seen.density.max(), 10.0**-_DECADES)
-            trend(curves, seen.frequency_hz, np.log10(share), colour, label=one["name"])
-        curves.set_xscale("log")
-        curves.xaxis.set_major_formatter("{x:g}")
-        label_axes(curves, "frequency (Hz)", "density, decades")
-        legend_above(curves, 2)
+    _bars(axes[0], banded)
+    axes[0].label("frequency (Hz)", "")
     limited = [one["name"] for one in banded if one["bandwidth_hz"] < 0.49 * one["rate_hz"]]
-    words = f"Limited below half their rate: {', '.join(limited)}." if limited else (
-        "Every channel holds noise or signal up to half its rate."
-    )  # fmt: skip
+    words = "Every channel holds noise or signal up to half its rate."
+    if limited:
+        words = f"Limited below half their rate: {', '.join(limited)}."
     caption = (
         "Bars: up to which frequency each channel holds more than rounding, in full colour, of "
         f"what its rate allows. {words}"
     )
     if drawn:
+        for (name, seen), colour in zip(drawn, _CURVES, strict=False):
+            share = np.maximum(seen.density / seen.density.max(), 10.0**-_DECADES)
+            axes[1].curve(seen.frequency_hz, np.log10(share), colour, label=name)
+        axes[1].set_xscale("log")
+        axes[1].xaxis.set_major_formatter("{x:g}")
+        axes[1].label("frequency (Hz)", "density, decades")
+        axes[1].legend_above(2)
         caption += " Curves: density over the strongest part, lines left out."
-    svg = draw_svg(figure, f"{prefix}-bands", caption)
-    return Picture("What the channels can tell", caption, caption, svg)
+    title = "What the channels can tell"
+    return Picture.drawn(figure, f"{prefix}-bands", title, caption, caption)
+
+
+def _bars(axes: Panel, banded: Sequence[Mapping[str, Any]]) -> None:
+    top = max(0.5 * one["rate_hz"] for one in banded)
+    lowest = min(0.01 * top, 0.5 * min(one["bandwidth_hz"] for one in banded))
+    for row, one in enumerate(reversed(banded)):
+        for end, colour in ((0.5 * one["rate_hz"], "grid"), (one["bandwidth_hz"], "measured")):
+            axes.barh(row, end - lowest, left=lowest, height=0.6, color=COLOURS[colour])
+    axes.set_xscale("log")
+    axes.set_xlim(lowest, 1.1 * top)
+    axes.set_yticks(range(len(banded)), [one["name"] for one in reversed(banded)])
+    axes.xaxis.set_major_formatter("{x:g}")

@@ -1,15 +1,12 @@
-"""The misalignment section of a report."""
+"""Misalignment in a report: verdict, summary, key numbers, figures, tables."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
-
-from hdbench.report.beyond import beyond_tables, with_beyond
-from hdbench.report.elements import KeyNumber, Picture, Table, Verdict
-from hdbench.report.keynumbers import key_numbers, value_of
-from hdbench.report.numbers import plain, short, with_std
+from hdbench.report.extralines import extra_line_tables, with_extra_lines
+from hdbench.report.numbers import short, with_std
+from hdbench.report.pagemodel import KeyNumber, Picture, Table, Verdict
 from hdbench.report.source import Source
+from hdbench.results import MisalignmentResult
 
 __all__ = ["numbers", "pictures", "summary", "tables", "verdict"]
 
@@ -17,72 +14,52 @@ __all__ = ["numbers", "pictures", "summary", "tables", "verdict"]
 _WELL_ASSEMBLED_NM = 2.0
 
 
-def verdict(result: Mapping[str, Any]) -> Verdict:
+def verdict(result: MisalignmentResult) -> Verdict:
     """Say how large the misalignment is."""
-    peak = result["peak_to_peak_nm"]
+    peak = result.peak_to_peak_nm
     words = f"{with_std(peak)} N·m from peak to peak"
-    if result.get("small_amplitude"):
+    if result.small_amplitude:
         found = Verdict("good", f"No misalignment above the noise: {words}.")
-    elif float(peak["value"]) < _WELL_ASSEMBLED_NM:
+    elif peak.value < _WELL_ASSEMBLED_NM:
         found = Verdict("good", f"Misalignment {words}, below the 2 N·m of a careful assembly.")
     else:
         found = Verdict("look", f"Misalignment {words}, above the 2 N·m of a careful assembly.")
-    return with_beyond(found, result)
+    return with_extra_lines(found, result)
 
 
-def summary(result: Mapping[str, Any], _source: Source) -> str:
+def summary(result: MisalignmentResult, _source: Source) -> str:
     """Say in plain words what the run found."""
-    speed, turns = value_of(result, "motor_velocity_rad_s"), value_of(result, "output_turns")
-    before = value_of(result, "before", "peak_to_peak_nm")
-    after = value_of(result, "after", "peak_to_peak_nm")
-    motion = ""
-    if speed is not None and turns is not None:
-        motion = f"at {speed:.1f} rad/s over {turns:.2f} output turns "
-    text = (
-        f"The motor turned {motion}and the torque swung once per turn of the output by "
-        f"{with_std(result['peak_to_peak_nm'])} N·m from peak to peak. "
+    before, after = result.before.peak_to_peak_nm.value, result.after.peak_to_peak_nm.value
+    return (
+        f"The motor turned at {result.motor_velocity_rad_s:.1f} rad/s over "
+        f"{result.output_turns:.2f} output turns and the torque swung once per turn of the output "
+        f"by {with_std(result.peak_to_peak_nm)} N·m from peak to peak. After the filter "
+        f"{short(after, 0.01 * before)} N·m of the {short(before)} N·m are left "
+        f"({100.0 * after / before:.1f} %). The mean torque was "
+        f"{short(result.mean_torque_nm, 0.01)} N·m."
     )
-    if before and after is not None:
-        text += (
-            f"After the filter {short(after, 0.01 * before)} N·m of the {short(before)} N·m are "
-            f"left ({100.0 * after / before:.1f} %). "
-        )
-    mean = value_of(result, "mean_torque_nm")
-    if mean is not None:
-        text += f"The mean torque was {short(mean, 0.01)} N·m."
-    return text
 
 
-def numbers(result: Mapping[str, Any], run_id: str) -> tuple[KeyNumber, ...]:
+def numbers(result: MisalignmentResult, run_id: str) -> tuple[KeyNumber, ...]:
     """Return amplitude, phase and what the filter leaves."""
+    before, after = result.before.peak_to_peak_nm, result.after.peak_to_peak_nm
     rows = (
-        (result.get("peak_to_peak_nm"), "misalignment, peak to peak", "peak_to_peak_nm", "N m"),
-        (result.get("amplitude_nm"), "misalignment, amplitude", "amplitude_nm", "N m"),
-        (result.get("phase_rad"), "misalignment, phase", "phase_rad", "rad"),
-        (
-            result.get("before", {}).get("peak_to_peak_nm"),
-            "peak to peak before the filter",
-            "before.peak_to_peak_nm",
-            "N m",
-        ),
-        (
-            result.get("after", {}).get("peak_to_peak_nm"),
-            "peak to peak after the filter",
-            "after.peak_to_peak_nm",
-            "N m",
-        ),
-        (result.get("motor_velocity_rad_s"), "motor velocity", "motor_velocity_rad_s", "rad/s"),
-        (result.get("output_turns"), "output turns", "output_turns", ""),
-        (result.get("mean_torque_nm"), "mean torque", "mean_torque_nm", "N m"),
+        (result.peak_to_peak_nm, "misalignment, peak to peak", "peak_to_peak_nm", "N m"),
+        (result.amplitude_nm, "misalignment, amplitude", "amplitude_nm", "N m"),
+        (result.phase_rad, "misalignment, phase", "phase_rad", "rad"),
+        (before, "peak to peak before the filter", "before.peak_to_peak_nm", "N m"),
+        (after, "peak to peak after the filter", "after.peak_to_peak_nm", "N m"),
+        (result.motor_velocity_rad_s, "motor velocity", "motor_velocity_rad_s", "rad/s"),
+        (result.output_turns, "output turns", "output_turns", ""),
+        (result.mean_torque_nm, "mean torque", "mean_torque_nm", "N m"),
     )
-    return key_numbers(rows, run_id)
+    return KeyNumber.rows(rows, run_id)
 
 
 def pictures(source: Source, prefix: str, doubts: list[str]) -> tuple[Picture, ...]:
     """Draw the signature and what the filter makes of it."""
-    from hdbench.report.figures_filter import filter_picture, signature_picture
-    from hdbench.report.signals import make_signals
-    from hdbench.report.steady import steady_stretch
+    from hdbench.report.signals import make_signals, steady_stretch
+    from hdbench.report.torquefigures import filter_picture, signature_picture
 
     signals = make_signals(source, doubts)
     if signals is None:
@@ -90,33 +67,25 @@ def pictures(source: Source, prefix: str, doubts: list[str]) -> tuple[Picture, .
     drawn = [signature_picture(signals, source.result, f"{prefix}-signature")]
     if signals.own is not None and source.profile is not None:
         steady = steady_stretch(signals, source.profile.data.ripple.steady_tolerance)
-        drawn.append(
-            filter_picture(
-                signals, signals.own, None, steady, f"{prefix}-filter", figure_number="11"
-            )
-        )
+        name = f"{prefix}-filter"
+        drawn.append(filter_picture(signals, signals.own, None, steady, name, figure_number="11"))
     return tuple(picture for picture in drawn if picture is not None)
 
 
-def tables(result: Mapping[str, Any]) -> tuple[Table, ...]:
+def tables(result: MisalignmentResult) -> tuple[Table, ...]:
     """List the stretches and the ripple fitted beside."""
-    stretches = tuple(
+    stretches = Table.of(
+        "Stretches evaluated",
         (
-            f"{float(item['from_s']):.2f} to {float(item['to_s']):.2f}",
-            plain(item.get("motor_velocity_rad_s", item.get("velocity_rad_s"))),
-            plain(item.get("output_turns")),
-            plain(item.get("offset_nm")),
-        )
-        for item in result.get("stretches", ())
+            ("time (s)", lambda stretch: f"{stretch.from_s:.2f} to {stretch.to_s:.2f}"),
+            ("motor velocity (rad/s)", "motor_velocity_rad_s"),
+            ("zero (N·m)", "offset_nm"),
+        ),
+        result.stretches,
     )
-    ripple = tuple(
-        (plain(item["order"]), plain(item["amplitude_nm"])) for item in result.get("ripple", ())
+    ripple = Table.of(
+        "Ripple fitted at the same time",
+        (("motor order", "order"), ("amplitude (N·m)", "amplitude_nm")),
+        result.ripple,
     )
-    found = []
-    if stretches:
-        head = ("time (s)", "motor velocity (rad/s)", "output turns", "zero (N·m)")
-        found.append(Table("Stretches evaluated", head, stretches))
-    if ripple:
-        head2 = ("motor order", "amplitude (N·m)")
-        found.append(Table("Ripple fitted at the same time", head2, ripple))
-    return (*found, *beyond_tables(result))
+    return (*Table.filled(stretches, ripple), *extra_line_tables(result))

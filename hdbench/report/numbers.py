@@ -6,17 +6,28 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+from hdbench.records import Quantity
+
 __all__ = [
     "DASH",
     "MINUS",
+    "declared",
+    "first_up",
+    "fixed",
+    "millivolts",
     "name_words",
     "parameter_words",
+    "percent",
     "plain",
+    "ppm",
     "probability",
+    "rounded_with",
     "short",
     "stated",
+    "two_digits",
     "unit_of",
     "unit_words",
+    "value_of",
     "with_std",
 ]
 
@@ -52,6 +63,8 @@ def plain(value: object) -> str:
         return short(value)
     if value is None:
         return DASH
+    if isinstance(value, Quantity):
+        return with_std(value)
     if isinstance(value, Mapping):
         if {"value", "std"} <= value.keys():
             return with_std(value)
@@ -61,8 +74,10 @@ def plain(value: object) -> str:
     return str(value)
 
 
-def with_std(quantity: Mapping[str, Any]) -> str:
+def with_std(quantity: Quantity | Mapping[str, Any]) -> str:
     """Return ``value ± std`` without its unit."""
+    if isinstance(quantity, Quantity):
+        quantity = {"value": quantity.value, "std": quantity.std}
     value, std = float(quantity["value"]), quantity.get("std")
     if not std:
         return short(value)
@@ -80,6 +95,11 @@ def probability(value: Any) -> str:
 def unit_words(unit: str) -> str:
     """Return a unit as it is set on a page: ``N·m`` for ``N m``."""
     return unit.replace("N m", "N·m").replace("kg m^2", "kg·m²")
+
+
+def first_up(text: str) -> str:
+    """Return a text with a capital at its start and units as they are set on a page."""
+    return unit_words(text[:1].upper() + text[1:])
 
 
 def unit_of(body: Mapping[str, Any]) -> str:
@@ -105,3 +125,62 @@ def name_words(name: str) -> str:
 def parameter_words(name: str, body: Mapping[str, Any]) -> str:
     """Return a parameter as name, value and unit."""
     return f"{name_words(name)} {plain(body)} {unit_words(unit_of(body))}".strip()
+
+
+def declared(value: object) -> str:
+    """Return a value as the record shows it; what is blank is not declared."""
+    if value is None or value == "":
+        return "not declared"
+    return short(value) if isinstance(value, float) else str(value)
+
+
+def fixed(value: object, digits: int) -> str:
+    """Return a number with so many digits behind the point, a dash for none."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return DASH
+    # a zero has no sign
+    return f"{round(value, digits) + 0.0:.{digits}f}".replace("-", MINUS)
+
+
+def percent(value: object, digits: int = 3) -> str:
+    """Return a share in percent, a dash for none."""
+    return fixed(100.0 * value if isinstance(value, int | float) else None, digits)
+
+
+def ppm(value: object) -> str:
+    """Return a share in millionths, a dash for none."""
+    return fixed(1e6 * value if isinstance(value, int | float) else None, 0)
+
+
+def millivolts(value: object) -> str:
+    """Return a voltage, V, in millivolts, a dash for none."""
+    return fixed(1e3 * value if isinstance(value, int | float) else None, 2)
+
+
+def rounded_with(value: float, expanded: float) -> tuple[str, str]:
+    """Return a result and its expanded uncertainty, both to the second digit of the second."""
+    if not (math.isfinite(expanded) and expanded > 0.0):
+        return short(value), DASH
+    digits = 1 - math.floor(math.log10(expanded))
+    places = max(0, digits)
+    shown = f"{round(value, digits):.{places}f}".replace("-", MINUS)
+    return shown, f"{round(expanded, digits):.{places}f}"
+
+
+def two_digits(value: object) -> str:
+    """Return an uncertainty with two significant digits, a dash for none."""
+    if isinstance(value, bool) or not isinstance(value, int | float) or not value > 0.0:
+        return DASH
+    return rounded_with(float(value), float(value))[1]
+
+
+def value_of(result: Mapping[str, Any], *keys: str) -> float | None:
+    """Return a number deep in a result, the value of one with uncertainty, or None."""
+    found: Any = result
+    for key in keys:
+        if not isinstance(found, Mapping) or key not in found:
+            return None
+        found = found[key]
+    if isinstance(found, Mapping):
+        found = found.get("value")
+    return float(found) if isinstance(found, int | float) and not isinstance(found, bool) else None

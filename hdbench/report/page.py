@@ -13,8 +13,9 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
 from hdbench import __version__
-from hdbench.report.elements import KeyNumber, ReportFiles, Section
 from hdbench.report.numbers import DASH, short, unit_words
+from hdbench.report.pagefiles import ReportFiles
+from hdbench.report.pagemodel import KeyNumber, Section
 
 __all__ = ["PageWords", "render_page"]
 
@@ -26,9 +27,8 @@ _HEADLINES = 3
 _FOOT = (
     "Uncertainties are standard uncertainties; intervals are at 95 % with the degrees of freedom "
     "of each number. Figure numbers refer to the technical report CIM-TR-97-06, whose figures "
-    "these follow. Figures are thinned for display by keeping the smallest and the largest value "
-    "of each stretch; zoomed in, they show every sample of curves of up to 65 536, and the raw "
-    "files hold all."
+    "these follow. Zoomed in, figures show every sample of curves of up to 8 000; longer ones are "
+    "thinned by keeping the smallest and the largest value of each stretch. The raw files hold all."
 )
 
 
@@ -36,14 +36,7 @@ _FOOT = (
 class PageWords:
     """Words of a page that are not of its sections.
 
-    Parameters
-    ----------
-    title : str
-        Heading; empty for that of the sections.
-    noun : str
-        What a section is about, in the plural.
-    foot : str
-        What to know about the numbers, below them all.
+    `title` is empty for that of the sections; `noun` is what a section is about, in the plural.
     """
 
     title: str = ""

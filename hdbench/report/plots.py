@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from hdbench.errors import UsageError
 from hdbench.records import FloatArray, write_atomic
-from hdbench.report.decimate import min_max
+from hdbench.report.canvas import min_max
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

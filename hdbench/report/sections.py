@@ -1,97 +1,94 @@
-"""One section per run: verdict, words, numbers, figures, tables."""
+"""Sections of a report: one for each run."""
 
 from __future__ import annotations
 
+import os
 import re
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 from hdbench.diagnosis.inspection import inspect_trace
 from hdbench.errors import DataError
-from hdbench.report import calibration, diagnosis, inspection, misalignment, ripple
-from hdbench.report.about import filter_tables, provenance, raw_files
-from hdbench.report.elements import KeyNumber, Picture, Section, Table, Verdict
+from hdbench.report import inspection, ripple
+from hdbench.report.calibration.section import data_pictures
+from hdbench.report.keyfigures import KINDS
+from hdbench.report.numbers import plain
+from hdbench.report.pagemodel import Picture, Section, Table, Verdict
+from hdbench.report.signals import filter_model_of
 from hdbench.report.source import Source
 
 __all__ = ["make_section"]
 
-
-@dataclass(frozen=True, slots=True)
-class _Kind:
-    title: str
-    verdict: Callable[[Mapping[str, Any]], Verdict]
-    summary: Callable[[Mapping[str, Any], Source], str]
-    numbers: Callable[[Mapping[str, Any], str], tuple[KeyNumber, ...]]
-    pictures: Callable[[Source, str, list[str]], tuple[Picture, ...]]
-    tables: Callable[[Mapping[str, Any]], tuple[Table, ...]]
-
-
-@dataclass(frozen=True, slots=True)
-class _Body:
-    title: str
-    verdict: Verdict
-    summary: str
-    numbers: tuple[KeyNumber, ...]
-    pictures: tuple[Picture, ...]
-    tables: tuple[Table, ...]
-
-
-def _kind(title: str, module: Any) -> _Kind:
-    return _Kind(
-        title, module.verdict, module.summary, module.numbers, module.pictures, module.tables
-    )
-
-
-_KINDS = {
-    "calibration": _kind("Calibration record", calibration),
-    "misalignment": _kind("Misalignment", misalignment),
-    "ripple": _kind("Torque ripple", ripple),
-    "diagnosis": _kind("Diagnosis", diagnosis),
+_TITLES = {
+    "calibration": "Calibration record",
+    "misalignment": "Misalignment",
+    "ripple": "Torque ripple",
+    "diagnosis": "Diagnosis",
 }
+_MANIFEST = {
+    "kind": "experiment",
+    "drive": "drive",
+    "sensor": "sensor",
+    "status": "status",
+    "exit_reason": "ended because",
+    "started_utc": "started (UTC)",
+    "ended_utc": "ended (UTC)",
+    "hdbench_version": "hdbench",
+    "host": "computer",
+}
+# nested entries of run.json that say with what the run was made
+_NESTED = ("device", "versions", "simulation", "source")
 
 
 def make_section(source: Source, number: int, out: Path) -> Section:
     """Compose the section of one run."""
-    kind = _KINDS.get(source.kind)
+    kind = KINDS.get(source.kind)
+    title = _TITLES.get(source.kind, f"File {source.run_id}")
     doubts = list(source.doubts)
     prefix = f"r{number}-" + re.sub(r"[^A-Za-z0-9]+", "-", source.kind)
+    summary, numbers = "", ()
     if kind is None or not source.result:
-        drawn, tables = _of_data(source, prefix, doubts)
-        verdict = Verdict("look" if kind is None else "bad", _without_result(source))
-        title = kind.title if kind is not None else f"File {source.run_id}"
-        return _section(source, out, doubts, _Body(title, verdict, "", (), drawn, tables))
-    try:
-        verdict = kind.verdict(source.result)
-        words = kind.summary(source.result, source)
-        found = kind.numbers(source.result, source.run_id)
-        tables = (*kind.tables(source.result), *_notes(source.result), *filter_tables(source))
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise DataError(
-            f"the {source.kind} result lacks or misshapes an entry: {error}",
-            where=str(source.folder / "result.json"),
-            fix="evaluate the run again with --from",
-        ) from error
-    drawn = kind.pictures(source, prefix, doubts)
-    body = _Body(kind.title, verdict, words, found, drawn, tables)
-    return _section(source, out, doubts, body)
+        what = f"this {source.kind} run has no" if kind else f"{source.run_id} holds data without a"
+        verdict = Verdict("bad" if kind else "look", f"No verdict: {what} result.")
+        pictures, tables = _data(source, prefix, doubts)
+    else:
+        try:
+            verdict = kind.verdict(source.result)
+            summary = kind.summary(source.result, source)
+            numbers = kind.numbers(source.result, source.run_id)
+            tables = (*kind.tables(source.result), *_notes(source.stored), *_filter_tables(source))
+        except (KeyError, TypeError, ValueError, AttributeError) as error:
+            raise DataError(
+                f"the {source.kind} result lacks or misshapes an entry: {error}",
+                where=str(source.folder / "result.json"),
+                fix="evaluate the run again with --from",
+            ) from error
+        pictures = kind.pictures(source, prefix, doubts)
+    if doubts and verdict.level == "good":
+        verdict = Verdict("look", f"{verdict.text} The data are doubtful or incomplete.")
+    return Section(
+        source.run_id,
+        source.kind,
+        title,
+        verdict,
+        tuple(dict.fromkeys(doubts)),
+        summary,
+        numbers,
+        pictures,
+        tables,
+        tuple(_provenance(source)),
+        tuple(_raw_files(source, out)),
+    )
 
 
 def _notes(result: Mapping[str, Any]) -> tuple[Table, ...]:
-    rows = tuple(
-        (str(note.get("name")), str(note.get("detail"))) for note in result.get("notes", ())
-    )
-    return (Table("What limits the evaluation", ("what", "in words"), rows),) if rows else ()
+    columns = (("what", "name"), ("in words", "detail"))
+    return Table.filled(Table.of("What limits the evaluation", columns, result.get("notes", ())))
 
 
-def _without_result(source: Source) -> str:
-    if source.kind in _KINDS:
-        return f"No verdict: this {source.kind} run has no result."
-    return f"No verdict: {source.run_id} holds data without a result."
-
-
-def _of_data(
+def _data(
     source: Source, prefix: str, doubts: list[str]
 ) -> tuple[tuple[Picture, ...], tuple[Table, ...]]:
     """Return what can be drawn and told of data without a result."""
@@ -100,28 +97,74 @@ def _of_data(
         if source.profile is None:
             return drawn, ()
         seen = inspect_trace(source.trace, source.profile.data)
-        body = seen.to_dict()
-        bands = inspection.picture(body, prefix, seen.spectra)
-        return (*drawn, *([bands] if bands else [])), inspection.tables(body)
-    if source.loads is not None:
-        return calibration.data_pictures(source, prefix), ()
-    return (), ()
+        found = seen.to_dict()
+        bands = inspection.picture(found, prefix, seen.spectra)
+        return (*drawn, *([bands] if bands else [])), inspection.tables(found)
+    return data_pictures(source, prefix), ()
 
 
-def _section(source: Source, out: Path, doubts: list[str], body: _Body) -> Section:
-    verdict = body.verdict
-    if doubts and verdict.level == "good":
-        verdict = Verdict("look", f"{verdict.text} The data are doubtful or incomplete.")
-    return Section(
-        source.run_id,
-        source.kind,
-        body.title,
-        verdict,
-        tuple(dict.fromkeys(doubts)),
-        body.summary,
-        body.numbers,
-        body.pictures,
-        body.tables,
-        provenance(source),
-        raw_files(source, out),
+def _provenance(source: Source) -> Iterator[tuple[str, str]]:
+    """Yield what was done, when, and with what."""
+    yield "run", source.run_id
+    for key, words in _MANIFEST.items():
+        if source.manifest.get(key) not in (None, ""):
+            yield words, plain(source.manifest[key])
+    identity = source.manifest.get("profile") or source.stored.get("profile")
+    if isinstance(identity, Mapping):
+        yield "profile", plain(identity.get("name"))
+        yield "profile SHA-256", plain(identity.get("sha256"))
+    scale = source.stored.get("torque_scale") or source.detail("calibration")
+    if isinstance(scale, Mapping) and source.kind != "calibration":
+        yield "torque gain (N·m/V)", plain(scale.get("gain_nm_per_v"))
+        yield "torque gain from", plain(scale.get("source"))
+        if scale.get("sha256"):
+            yield "calibration SHA-256", plain(scale["sha256"])
+    for key in _NESTED:
+        entries = source.detail(key)
+        if isinstance(entries, Mapping):
+            for name, value in entries.items():
+                yield f"{key}: {name}", plain(value)
+
+
+def _raw_files(source: Source, out: Path) -> Iterator[tuple[str, str, str]]:
+    """Yield name, link relative to the report, and SHA-256 of the run's files."""
+    files = [source.path] if source.path.is_file() else sorted(source.folder.iterdir())
+    for file in files:
+        if file != source.path and (not file.is_file() or file.name.startswith((".", "report."))):
+            continue
+        link = os.path.relpath(file.resolve(), out.resolve().parent)
+        digest = source.manifest.get("files", {}).get(file.name, "")
+        yield file.name, quote(Path(link).as_posix()), str(digest)
+
+
+def _filter_tables(source: Source) -> tuple[Table, ...]:
+    """Return the filter used, block by block, and where each number came from."""
+    model = filter_model_of(source)
+    if model is None or source.kind == "calibration":
+        return ()
+    blocks = Table.of(
+        f"Filter used: {model.name}",
+        (
+            ("motor order", lambda block: block.order),
+            ("takes away", lambda block: block.role),
+            ("process noise Q, (N·m)² per sample", lambda block: block.process_noise),
+        ),
+        model.blocks,
+    )
+    others = (
+        ("measurement noise R, (N·m)²", plain(model.measurement_noise)),
+        ("load inertia, kg·m²", plain(model.load_inertia_kg_m2)),
+        ("gear ratio", plain(model.gear_ratio)),
+        ("differentiator time constant, s", plain(model.differentiator_time_constant_s)),
+        ("turns with", "measured angle" if model.use_measured_angle else "velocity"),
+        ("torque gain, N·m/V", plain(model.torque_gain_nm_per_v)),
+    )
+    return (
+        blocks,
+        Table("Its other numbers", ("number", "value"), others),
+        Table(
+            "Where the filter's numbers came from",
+            ("what", "origin"),
+            tuple(model.provenance.items()),
+        ),
     )

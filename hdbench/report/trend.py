@@ -1,24 +1,21 @@
-"""The page of a trend: one quantity over runs, with control charts, steps and drift."""
+"""Page of a trend: one quantity over runs, with control charts, steps and drift."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import matplotlib.dates
 import numpy as np
 
 from hdbench.records import FloatArray
-from hdbench.report.canvas import COLOURS, draw_svg, label_axes, legend_above, new_figure
-from hdbench.report.elements import KeyNumber, Picture, ReportFiles, Section, Table, Verdict
+from hdbench.report.canvas import COLOURS, Panel, new_figure
 from hdbench.report.numbers import short, unit_words
 from hdbench.report.page import PageWords, render_page
-from hdbench.report.pagefiles import page_files, write_page
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
+from hdbench.report.pagefiles import ReportFiles, page_files, write_page
+from hdbench.report.pagemodel import Column, KeyNumber, Picture, Section, Table, Verdict
 
 __all__ = ["write_trend"]
 
@@ -32,6 +29,9 @@ _CHARTS = {
 # marks with their words in the figure; the table has all
 _MOST_MARKS = 8
 _LONGEST_MARK = 24
+# a longer table is folded
+_LONG = 12
+Group = Mapping[str, Any]
 
 
 def write_trend(body: Mapping[str, Any], table: str, out: Path) -> ReportFiles:
@@ -39,7 +39,7 @@ def write_trend(body: Mapping[str, Any], table: str, out: Path) -> ReportFiles:
     files = page_files(out, option="--html", example="trend.html")
     sections = [_section(group, body, k) for k, group in enumerate(body["groups"], start=1)]
     if not sections or body["remarks"] or body["left_out"]:
-        sections.append(_about(body, empty=not sections))
+        sections.append(_left_out(body, empty=not sections))
     title = f"{body['label'][0].upper()}{body['label'][1:]} over runs"
     words = PageWords(title, "histories", _foot(body))
     return write_page(files, render_page(sections, files, words), table, body)
@@ -60,27 +60,25 @@ def _foot(body: Mapping[str, Any]) -> str:
     )
 
 
-def _title(group: Mapping[str, Any]) -> str:
+def _title(group: Group) -> str:
     return ", ".join(filter(None, (group["name"], group["series"])))
 
 
-def _section(group: Mapping[str, Any], body: Mapping[str, Any], number: int) -> Section:
+def _section(group: Group, body: Mapping[str, Any], number: int) -> Section:
     return Section(
         f"{group['by']} {_title(group)}",
         "trend",
         _title(group),
         _verdict(group),
-        _doubts(group),
+        tuple(_doubts(group)),
         _summary(group),
-        _numbers(group),
-        _pictures(group, body, number),
+        tuple(_numbers(group)),
+        (_picture(group, body, number),),
         _tables(group),
-        (),
-        (),
     )
 
 
-def _verdict(group: Mapping[str, Any]) -> Verdict:
+def _verdict(group: Group) -> Verdict:
     n = len(group["points"])
     if group["limits"] is None:
         return Verdict("look", f"No limits: {group['why_no_limits']}.")
@@ -91,20 +89,16 @@ def _verdict(group: Mapping[str, Any]) -> Verdict:
     return Verdict("look", f"Signal in {n} runs: {told}.")
 
 
-def _doubts(group: Mapping[str, Any]) -> tuple[str, ...]:
-    found = []
+def _doubts(group: Group) -> Iterator[str]:
     undated = sum(not point["time_known"] for point in group["points"])
     if undated:
-        found.append(
-            f"{undated} runs have no date of measurement: that of their evaluation stands for it."
-        )
+        yield f"{undated} runs have no date of measurement: that of their evaluation stands for it."
     unsure = sum(point["std"] is None for point in group["points"])
     if unsure:
-        found.append(f"{unsure} runs have no uncertainty of their own: it is taken as 0.")
-    return tuple(found)
+        yield f"{unsure} runs have no uncertainty of their own: it is taken as 0."
 
 
-def _summary(group: Mapping[str, Any]) -> str:
+def _summary(group: Group) -> str:
     unit = unit_words(group["unit"])
     words = []
     for change in group["change_points"]:
@@ -129,186 +123,162 @@ def _chance(probability: float) -> str:
     return f"{probability:.2g}" if probability < 0.995 else "above 0.99"
 
 
-def _numbers(group: Mapping[str, Any]) -> tuple[KeyNumber, ...]:
+def _numbers(group: Group) -> Iterator[KeyNumber]:
     unit, title = group["unit"], _title(group)
     last = group["points"][-1]
-    found = []
     limits, drift = group["limits"], group["drift_per_month"]
     if limits is not None:
         center = limits["center"]
-        found.append(
-            KeyNumber(f"mean, {title}", "center", center["value"], unit, title, center["std"])
-        )
+        yield KeyNumber(f"mean, {title}", "center", center["value"], unit, title, center["std"])
     if drift is not None:
-        found.append(
-            KeyNumber(
-                f"drift a month, {title}",
-                "drift_per_month",
-                drift["value"],
-                f"{unit}/month" if unit != "1" else "1/month",
-                title,
-                drift["std"],
-                drift["dof"],
-                "between the steps" if group["change_points"] else "",
-            )
+        yield KeyNumber(
+            f"drift a month, {title}",
+            "drift_per_month",
+            drift["value"],
+            f"{unit}/month",
+            title,
+            drift["std"],
+            drift["dof"],
+            "between the steps" if group["change_points"] else "",
         )
-    found.append(KeyNumber("last run", "last", last["value"], unit, title, last["std"] or None))
+    yield KeyNumber("last run", "last", last["value"], unit, title, last["std"] or None)
     if limits is not None:
-        found += [
-            KeyNumber("scatter of one run", "run_std", limits["run_std"], unit, title),
-            KeyNumber("beyond own uncertainty", "between", limits["between_run_std"], unit, title),
-        ]
-    return tuple(found)
+        yield KeyNumber("scatter of one run", "run_std", limits["run_std"], unit, title)
+        between = limits["between_run_std"]
+        yield KeyNumber("beyond own uncertainty", "between", between, unit, title)
 
 
-def _tables(group: Mapping[str, Any]) -> tuple[Table, ...]:
-    found = []
-    if group["signals"]:
-        signals = tuple(
-            (s["time_utc"][:10], s["run"], s["chart"], short(s["value"]), short(s["limit"]))
-            for s in group["signals"]
-        )
-        note = (
-            "Statistic and limit: stds of the run (individuals, EWMA), expected ranges (moving "
-            "range), log-odds (step)."
-        )
-        head = ("date", "run", "chart", "statistic", "limit")
-        found.append(Table("Signals", head, signals, note, wide=True, folded=len(signals) > 12))
-    if group["marks"]:
-        notes = tuple((m["time_utc"][:10], m["run"], m["text"]) for m in group["marks"])
-        found.append(Table("Noted", ("date", "run", "note"), notes, wide=True))
-    points = tuple(
-        (
-            point["time_utc"][:16].replace("T", " "),
-            point["run"],
-            short(point["value"], point["std"]),
-            "" if point["std"] is None else short(point["std"], point["std"]),
-        )
-        for point in group["points"]
+def _tables(group: Group) -> tuple[Table, ...]:
+    def day(utc: str) -> str:
+        return utc[:10]
+
+    def std(point: Mapping[str, Any]) -> str:
+        return "" if point["std"] is None else short(point["std"], point["std"])
+
+    signals: tuple[Column, ...] = (
+        ("date", "time_utc", day),
+        ("run", "run"),
+        ("chart", "chart"),
+        ("statistic", "value"),
+        ("limit", "limit"),
     )
-    columns = ("measured, UTC", "run", f"value ({unit_words(group['unit'])})", "std")
-    found.append(Table("Runs", columns, points, wide=True, folded=True))
-    return tuple(found)
+    marks: tuple[Column, ...] = (("date", "time_utc", day), ("run", "run"), ("note", "text"))
+    points: tuple[Column, ...] = (
+        ("measured, UTC", lambda point: point["time_utc"][:16].replace("T", " ")),
+        ("run", "run"),
+        (
+            f"value ({unit_words(group['unit'])})",
+            lambda point: short(point["value"], point["std"]),
+        ),
+        ("std", std),
+    )
+    note = (
+        "Statistic and limit: stds of the run (individuals, EWMA), expected ranges (moving "
+        "range), log-odds (step)."
+    )
+    many = len(group["signals"]) > _LONG
+    return Table.filled(
+        Table.of("Signals", signals, group["signals"], note, wide=True, folded=many),
+        Table.of("Noted", marks, group["marks"], wide=True),
+        Table.of("Runs", points, group["points"], wide=True, folded=True),
+    )
 
 
-def _column(points: Sequence[Mapping[str, Any]], key: str) -> FloatArray:
-    return np.array([np.nan if p.get(key) is None else p[key] for p in points], dtype=np.float64)
-
-
-def _pictures(
-    group: Mapping[str, Any], body: Mapping[str, Any], number: int
-) -> tuple[Picture, ...]:
-    points = group["points"]
-    times = np.array([_days(point["time_utc"]) for point in points])
-    unit = unit_words(group["unit"])
-    charted = group["limits"] is not None
+def _picture(group: Group, body: Mapping[str, Any], number: int) -> Picture:
+    unit, charted = unit_words(group["unit"]), group["limits"] is not None
     ratios = (2.2, 1.0, 1.3) if charted else (1.0,)
     figure, axes = new_figure(len(ratios), 6.4 if charted else 3.0, share_x=True, ratios=ratios)
-    _draw_values(axes[0], times, points, group)
-    label_axes(axes[0], None if charted else "measured", f"{body['label']}\n({unit})")
+    charts = _Charts(group)
+    charts.draw_values(axes[0])
+    axes[0].label(None, f"{body['label']}\n({unit})")
     if charted:
-        _draw_ranges(axes[1], times, points)
-        label_axes(axes[1], None, f"moving\nrange ({unit})")
-        _draw_ewma(axes[2], times, points, group)
-        label_axes(axes[2], "measured", f"EWMA\n({unit})")
+        charts.draw_line(axes[1], "moving_range", "measured", ("moving_range_upper",))
+        axes[1].set_ylim(bottom=0.0)
+        axes[1].label(None, f"moving\nrange ({unit})")
+        charts.draw_line(axes[2], "ewma", "filtered", ("ewma_lower", "ewma_upper"))
+        axes[2].axhline(group["limits"]["center"]["value"], color=COLOURS["muted"], linewidth=0.9)
+        axes[2].label(None, f"EWMA\n({unit})")
+    axes[-1].set_xlabel("measured")
     place = _DATES.AutoDateLocator(minticks=3, maxticks=6)
     axes[-1].xaxis.set_major_locator(place)
     axes[-1].xaxis.set_major_formatter(_DATES.ConciseDateFormatter(place))
-    caption = (
-        "Each run with its own standard uncertainty. Dashed: limits. Rings: signals. Dotted: "
-        "where the level steps. Thin lines: what people noted."
-        if charted
-        else "Each run with its own standard uncertainty."
-    )
+    caption = "Each run with its own standard uncertainty."
+    if charted:
+        caption += (
+            " Dashed: limits. Rings: signals. Dotted: where the level steps. Thin lines: what "
+            "people noted."
+        )
     alt = (
-        f"{body['label']} of {_title(group)} over {len(points)} runs, "
+        f"{body['label']} of {_title(group)} over {len(group['points'])} runs, "
         f"{len(group['signals'])} signals, {len(group['change_points'])} steps."
     )
-    return (Picture("Run by run", caption, alt, draw_svg(figure, f"trend-{number}", alt)),)
+    return Picture.drawn(figure, f"trend-{number}", "Run by run", caption, alt)
 
 
 def _days(utc: str) -> float:
     return float(_DATES.date2num(datetime.fromisoformat(utc)))
 
 
-def _draw_values(
-    axes: Axes,
-    times: FloatArray,
-    points: Sequence[Mapping[str, Any]],
-    group: Mapping[str, Any],
-) -> None:
-    values, stds = _column(points, "value"), np.nan_to_num(_column(points, "std"))
-    axes.errorbar(
-        times, values, stds, fmt="o", markersize=3.5, linewidth=0.0, elinewidth=0.8,
-        color=COLOURS["measured"], ecolor=COLOURS["muted"], label="run",
-    )  # fmt: skip
-    for mark in group["marks"][:_MOST_MARKS]:
-        axes.axvline(_days(mark["time_utc"]), color=COLOURS["muted"], linewidth=0.8)
-        text = mark["text"]
-        words = text if len(text) <= _LONGEST_MARK else f"{text[: _LONGEST_MARK - 1]}…"
-        axes.annotate(
-            words, (_days(mark["time_utc"]), 0.02), xycoords=("data", "axes fraction"),
-            xytext=(2, 0), textcoords="offset points", fontsize=8.0, color=COLOURS["ink"],
-            rotation=90, va="bottom",
+class _Charts:
+    """Charts of one history."""
+
+    def __init__(self, group: Group) -> None:
+        self._group, self._points = group, group["points"]
+        self._times = np.array([_days(point["time_utc"]) for point in self._points])
+
+    def _column(self, key: str) -> FloatArray:
+        cells = (point.get(key) for point in self._points)
+        return np.array([np.nan if cell is None else cell for cell in cells], dtype=np.float64)
+
+    def draw_values(self, axes: Panel) -> None:
+        """Draw the runs with their uncertainties, marks, limits, steps and signals."""
+        group, values = self._group, self._column("value")
+        axes.errorbar(
+            self._times, values, np.nan_to_num(self._column("std")), fmt="o", markersize=3.5,
+            linewidth=0.0, elinewidth=0.8, color=COLOURS["measured"], ecolor=COLOURS["muted"],
+            label="run",
         )  # fmt: skip
-    if group["limits"] is None:
-        return
-    _limits(axes, times, points, ("lower", "upper"))
-    center = group["limits"]["center"]["value"]
-    axes.axhline(center, color=COLOURS["muted"], linewidth=0.9, label="mean")
-    for change in group["change_points"]:
-        axes.axvline(_days(change["time_utc"]), color=COLOURS["expected"], linestyle=":")
-    _rings(axes, times, values, points, ("individuals", "step"))
-    legend_above(axes, columns=4)
+        for mark in group["marks"][:_MOST_MARKS]:
+            day, text = _days(mark["time_utc"]), mark["text"]
+            axes.axvline(day, color=COLOURS["muted"], linewidth=0.8)
+            words = text if len(text) <= _LONGEST_MARK else f"{text[: _LONGEST_MARK - 1]}…"
+            axes.annotate(
+                words, (day, 0.02), xycoords=("data", "axes fraction"), xytext=(2, 0),
+                textcoords="offset points", fontsize=8.0, color=COLOURS["ink"], rotation=90,
+                va="bottom",
+            )  # fmt: skip
+        if group["limits"] is not None:
+            self._draw_limits(axes, ("lower", "upper"))
+            center = group["limits"]["center"]["value"]
+            axes.axhline(center, color=COLOURS["muted"], linewidth=0.9, label="mean")
+            for change in group["change_points"]:
+                day = _days(change["time_utc"])
+                axes.axvline(day, color=COLOURS["expected"], linestyle=":")
+            self._draw_rings(axes, values, {"individuals", "step"})
+            axes.legend_above(columns=4)
+
+    def draw_line(self, axes: Panel, key: str, colour: str, limits: Sequence[str]) -> None:
+        """Draw one statistic with its limits and signals."""
+        values = self._column(key)
+        axes.curve(self._times, values, colour, "-o", markersize=2.5, linewidth=0.8)
+        self._draw_limits(axes, limits)
+        self._draw_rings(axes, values, {key.replace("_", "-")})
+
+    def _draw_limits(self, axes: Panel, keys: Sequence[str]) -> None:
+        for key, label in zip(keys, ("limits", None), strict=False):
+            style = {"linewidth": 0.9, "label": label}
+            axes.curve(self._times, self._column(key), "expected", "--", **style)
+
+    def _draw_rings(self, axes: Panel, values: FloatArray, charts: set[str]) -> None:
+        here = np.array([not charts.isdisjoint(point["signals"]) for point in self._points])
+        if np.any(here):
+            axes.plot(
+                self._times[here], values[here], "o", markersize=8, markerfacecolor="none",
+                markeredgecolor=COLOURS["before"], markeredgewidth=1.4, label="signal",
+            )  # fmt: skip
 
 
-def _draw_ranges(axes: Axes, times: FloatArray, points: Sequence[Mapping[str, Any]]) -> None:
-    ranges = _column(points, "moving_range")
-    axes.plot(times, ranges, "-o", markersize=2.5, linewidth=0.8, color=COLOURS["measured"])
-    _limits(axes, times, points, ("moving_range_upper",))
-    _rings(axes, times, ranges, points, ("moving-range",))
-    axes.set_ylim(bottom=0.0)
-
-
-def _draw_ewma(
-    axes: Axes,
-    times: FloatArray,
-    points: Sequence[Mapping[str, Any]],
-    group: Mapping[str, Any],
-) -> None:
-    ewma = _column(points, "ewma")
-    axes.plot(times, ewma, "-o", markersize=2.5, linewidth=0.8, color=COLOURS["filtered"])
-    axes.axhline(group["limits"]["center"]["value"], color=COLOURS["muted"], linewidth=0.9)
-    _limits(axes, times, points, ("ewma_lower", "ewma_upper"))
-    _rings(axes, times, ewma, points, ("ewma",))
-
-
-def _limits(
-    axes: Axes, times: FloatArray, points: Sequence[Mapping[str, Any]], keys: Sequence[str]
-) -> None:
-    for k, key in enumerate(keys):
-        axes.plot(
-            times, _column(points, key), "--", linewidth=0.9, color=COLOURS["expected"],
-            label="limits" if k == 0 else None,
-        )  # fmt: skip
-
-
-def _rings(
-    axes: Axes,
-    times: FloatArray,
-    values: FloatArray,
-    points: Sequence[Mapping[str, Any]],
-    charts: Sequence[str],
-) -> None:
-    here = np.array([any(chart in charts for chart in point["signals"]) for point in points])
-    if np.any(here):
-        axes.plot(
-            times[here], values[here], "o", markersize=8, markerfacecolor="none",
-            markeredgecolor=COLOURS["before"], markeredgewidth=1.4, label="signal",
-        )  # fmt: skip
-
-
-def _about(body: Mapping[str, Any], *, empty: bool) -> Section:
+def _left_out(body: Mapping[str, Any], *, empty: bool) -> Section:
     """Return the section on what is due, and on the runs that took no part."""
     remarks, left = body["remarks"], body["left_out"]
     text = "What is due, and which runs took no part."
@@ -316,19 +286,14 @@ def _about(body: Mapping[str, Any], *, empty: bool) -> Section:
         text = f"No run with {body['label']}."
     elif not remarks:
         text = f"{len(left)} runs took no part."
-    rows = tuple((row["run"], row["why"]) for row in left)
+    columns = (("run", "run"), ("why", "why"))
     return Section(
         "all runs",
         "trend",
         "Beside the charts",
         Verdict("look" if remarks or empty else "good", text),
-        (),
-        " ".join(remarks),
-        (),
-        (),
-        (Table("Left out", ("run", "why"), rows, wide=True, folded=len(rows) > 12),)
-        if rows
-        else (),
-        (),
-        (),
+        summary=" ".join(remarks),
+        tables=Table.filled(
+            Table.of("Left out", columns, left, wide=True, folded=len(left) > _LONG)
+        ),
     )

@@ -10,16 +10,15 @@ from typing import TYPE_CHECKING, Any
 from hdbench.errors import UsageError
 from hdbench.records.jsonfile import result_header
 from hdbench.records.storage import write_atomic
-from hdbench.report.elements import ReportFiles, Section
-from hdbench.report.ours import refuse_foreign
 from hdbench.report.pagefiles import (
-    NUMBER_HEAD,
-    csv_text,
+    ReportFiles,
     is_page,
-    number_cells,
+    numbers_csv,
     page_files,
+    refuse_foreign,
     write_page,
 )
+from hdbench.report.pagemodel import Section
 
 if TYPE_CHECKING:
     from hdbench.profile import Profile
@@ -56,13 +55,13 @@ def write_report(runs: Sequence[Path], out: Path, *, profile: Profile | None = N
 
     Notes
     -----
-    The page is self-contained: no script, no outside request, styles and figures inline, and a
-    Content-Security-Policy that allows nothing else. All text is escaped. Nothing in it depends on
-    the time of writing, so that the same runs give the same bytes.
+    The page is self-contained: one script of its own, no outside request, styles and figures
+    inline, and a Content-Security-Policy that allows nothing else. All text is escaped. Nothing in
+    it depends on the time of writing, so that the same runs give the same bytes.
     """
     if not runs:
         raise UsageError("no run named", where="report", fix="name at least one run folder or file")
-    from hdbench.report.calibrationcsv import record_csv
+    from hdbench.report.calibration.spreadsheet import record_csv
     from hdbench.report.page import render_page
     from hdbench.report.sections import make_section
     from hdbench.report.source import load_source
@@ -79,12 +78,8 @@ def write_report(runs: Sequence[Path], out: Path, *, profile: Profile | None = N
             record = files.html.with_name(name)
             refuse_foreign((record,))
             write_atomic(record, record_csv(source.result).encode("utf-8"))
-    rows = (
-        number_cells(n, f"{section.kind}.{n.quantity}")
-        for section in sections
-        for n in section.numbers
-    )
-    table = csv_text(NUMBER_HEAD, rows)
+    named = ((f"{s.kind}.{n.quantity}", n) for s in sections for n in s.numbers)
+    table = numbers_csv(named)
     return write_page(files, render_page(sections, files), table, _as_json(sections, profile))
 
 

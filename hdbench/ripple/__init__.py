@@ -2,15 +2,6 @@
 
 from __future__ import annotations
 
-from hdbench.ripple.evaluation import evaluate_ripple
-from hdbench.ripple.record import Stretch
-from hdbench.ripple.result import RippleOrder, RippleResult, SteadySpectrum, VelocityRange
+from hdbench.ripple.evaluation import Stretch, evaluate_ripple
 
-__all__ = [
-    "RippleOrder",
-    "RippleResult",
-    "SteadySpectrum",
-    "Stretch",
-    "VelocityRange",
-    "evaluate_ripple",
-]
+__all__ = ["Stretch", "evaluate_ripple"]

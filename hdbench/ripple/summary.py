@@ -1,25 +1,35 @@
-"""From the joint fit of a ripple run to its result."""
+"""Result of a ripple run, made of its joint fit: components, spectrum, noise of a filter block."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from hdbench.estimation.channel import DataFlag, data_flags
-from hdbench.estimation.harmonics import Harmonic, harmonic_at, scaled
+from hdbench.estimation.harmonics import harmonic_at
 from hdbench.estimation.regression import ordinary_fit
 from hdbench.estimation.spectrum import amplitude_spectrum, find_peaks
 from hdbench.estimation.stretches import SteadyStretch, longest_steady
-from hdbench.profile.schema import ProfileData
-from hdbench.records.scale import TorqueScale
+from hdbench.estimation.trend import Trend
+from hdbench.jointfit import JointFit, MotionRecord
+from hdbench.records.quantity import Quantity
 from hdbench.records.trace import FloatArray
-from hdbench.ripple.record import Record
-from hdbench.ripple.regression import Regression
-from hdbench.ripple.result import RippleOrder, RippleResult, SteadySpectrum, VelocityRange
+from hdbench.results import DataFlag, RippleResult
+from hdbench.results.dynamic import (
+    EvaluatedTime,
+    OutputOrder,
+    RippleBlocks,
+    RippleOrder,
+    SlowTerms,
+    SpectrumLine,
+    SteadySpectrum,
+    Suppression,
+    TorqueRms,
+    VelocityRange,
+)
 
-__all__ = ["summarise"]
+__all__ = ["Regression", "summarise"]
 
 # blocks over which the wander of the amplitudes is judged, and cycles of the lowest order in each
 _BLOCKS = 8
@@ -33,53 +43,76 @@ _SPECTRUM_TURNS = 20.0
 _STEADIER = (0.1, 0.3, 1.0)
 
 
-def summarise(
-    record: Record,
-    regression: Regression,
-    profile: ProfileData,
-    scale: TorqueScale,
-    filter_name: str,
-) -> RippleResult:
+@dataclass(frozen=True, slots=True)
+class Regression:
+    """The joint fit of a ripple run and what was decided on the way to it."""
+
+    # columns: slow terms, orders, output orders where fitted, lines
+    fit: JointFit
+    trend: Trend
+    orders: tuple[float, ...]
+    # factor by which an integrated angle was corrected; None where it was not
+    angle_scale: Quantity | None
+    # orders as measured in the angle of the record, before any correction
+    estimates: tuple[Quantity | None, ...]
+    n_slow: int
+    # 1, or 1 and 2; empty where the output travelled less than a turn
+    output_orders: tuple[float, ...]
+
+
+def summarise(regression: Regression, filtered_nm: FloatArray, filter_name: str) -> RippleResult:
     """Return the result of a ripple run from its joint fit."""
-    used, fit = record.used, regression.found.fit
-    velocity = record.motion.velocity_rad_s[used]
-    time = record.motion.time_s[used]
-    relative, dof = scale.relative_std, scale.gain_nm_per_v.dof
-    wander, origin = _wander(record, regression)
-    first = regression.n_slow + 2 * len(regression.orders)
-    output = [
-        _with_scale(harmonic_at(fit, first + 2 * i), scale)
-        for i in range(len(regression.output_orders))
-    ]
-    filtered = regression.filtered_nm[used]
+    fit, orders, trend = regression.fit, regression.orders, regression.trend
+    record, used = fit.record, fit.record.used
+    velocity, time = record.motion.velocity_rad_s[used], record.motion.time_s[used]
+    wander, origin = _wander(regression)
+    first = regression.n_slow + 2 * len(orders)
+    output = [fit.component(first + 2 * i) for i in range(len(regression.output_orders))]
+    by_order = [OutputOrder(amplitude_nm=x.amplitude, phase_rad=x.phase) for x in output]
+    filtered, ripple = filtered_nm[used], _components(regression)
+    noise, rms = fit.found.fit.noise, fit.found.fit.rms
+    noise_std = rms if noise is None else noise.innovation_std
     return RippleResult(
-        ripple=_components(regression, scale),
-        lines=tuple(line.scaled(relative, dof) for line in regression.found.lines),
+        ripple=ripple,
         motor_velocity_rad_s=VelocityRange(
-            float(velocity.mean()),
-            float(velocity.std()),
-            float(velocity.min()),
-            float(velocity.max()),
+            mean=float(velocity.mean()),
+            std=float(velocity.std()),
+            min=float(velocity.min()),
+            max=float(velocity.max()),
         ),
-        torque_rms_measured_nm=_rms(record.torque_nm[used]),
-        torque_rms_filtered_nm=_rms(filtered[np.isfinite(filtered)]),
-        spectrum=_spectrum(record, regression, profile),
-        misalignment=output[0] if output else None,
-        output_order_2=output[1] if len(output) > 1 else None,
-        trend=regression.trend,
-        noise=fit.noise,
-        residual_rms_nm=fit.rms,
-        process_noise=wander,
-        process_noise_origin=origin,
-        from_s=float(time[0]),
-        to_s=float(time[-1]),
+        torque_rms_nm=TorqueRms(
+            measured=_rms(record.torque_nm[used]), filtered=_rms(filtered[np.isfinite(filtered)])
+        ),
+        suppression_db=tuple(
+            Suppression(
+                order=x.order, suppression_db=x.suppression_db, is_bound=x.suppression_is_bound
+            )
+            for x in ripple
+        ),
+        spectrum=_spectrum(regression),
+        output_order_1=by_order[0] if by_order else None,
+        output_order_2=by_order[1] if len(by_order) > 1 else None,
+        trend=SlowTerms(
+            degree=trend.degree,
+            direction_offset=trend.direction,
+            output_sinusoid=trend.output,
+            rule="offset by direction, sinusoid of the output angle, polynomial in time; each "
+            "kept while the BIC of the residual with autoregressive noise falls",
+        ),
+        noise_std_nm=noise_std,
+        evaluated=EvaluatedTime(from_s=float(time[0]), to_s=float(time[-1])),
         angle_source=record.motion.angle_source,
         angle_scale=regression.angle_scale,
-        scale=scale,
-        filter_name=filter_name,
-        flags=data_flags(record.trace, record.torque_nm, profile),
-        notes=_notes(record, regression),
-        n_samples=fit.n_samples,
+        filter=RippleBlocks(
+            name=filter_name,
+            orders=orders,
+            measurement_noise=noise_std**2,
+            measurement_noise_origin="innovation variance of the residual, (N m)^2",
+            process_noise=wander,
+            process_noise_origin=origin,
+        ),
+        notes=_notes(regression),
+        **fit.shared_keys(),
     )
 
 
@@ -87,17 +120,12 @@ def _rms(torque_nm: FloatArray) -> float:
     return float(np.sqrt(np.mean(np.square(torque_nm))))
 
 
-def _with_scale(component: Harmonic, scale: TorqueScale) -> Harmonic:
-    amplitude = scaled(component.amplitude, scale.relative_std, scale.gain_nm_per_v.dof)
-    return replace(component, amplitude=amplitude)
-
-
-def _components(regression: Regression, scale: TorqueScale) -> tuple[RippleOrder, ...]:
+def _components(regression: Regression) -> tuple[RippleOrder, ...]:
     entries = []
     for i, order in enumerate(regression.orders):
         column = regression.n_slow + 2 * i
-        here = harmonic_at(regression.found.fit, column)
-        left = harmonic_at(regression.filtered, column).amplitude
+        here = harmonic_at(regression.fit.found.fit, column)
+        left = harmonic_at(regression.fit.filtered, column).amplitude
         bound = not left.value > _SEEN_SIGMA * left.std
         after = left.std if bound else left.value
         both = not here.small and after > 0.0
@@ -105,7 +133,9 @@ def _components(regression: Regression, scale: TorqueScale) -> tuple[RippleOrder
             RippleOrder(
                 order=order,
                 order_estimate=regression.estimates[i],
-                component=_with_scale(here, scale),
+                amplitude_nm=regression.fit.record.scaled(here.amplitude),
+                phase_rad=here.phase,
+                small_amplitude=here.small,
                 suppression_db=20.0 * math.log10(here.amplitude.value / after) if both else None,
                 suppression_is_bound=bound,
             )
@@ -113,8 +143,9 @@ def _components(regression: Regression, scale: TorqueScale) -> tuple[RippleOrder
     return tuple(entries)
 
 
-def _notes(record: Record, regression: Regression) -> tuple[DataFlag, ...]:
-    notes, n_samples = [], regression.found.fit.n_samples
+def _notes(regression: Regression) -> tuple[DataFlag, ...]:
+    record = regression.fit.record
+    notes, n_samples = [], regression.fit.found.fit.n_samples
     velocity = record.motion.velocity_rad_s[record.used]
     if record.motion.angle_source == "velocity" and velocity.min() < 0.0 < velocity.max():
         step = float(np.median(np.diff(record.motion.time_s)))
@@ -138,11 +169,38 @@ def _notes(record: Record, regression: Regression) -> tuple[DataFlag, ...]:
     return tuple(notes)
 
 
-def _spectrum(
-    record: Record, regression: Regression, profile: ProfileData
-) -> SteadySpectrum | None:
-    motion = record.motion
-    gaps = record.starts.copy()
+def _spectrum(regression: Regression) -> SteadySpectrum | None:
+    record, found = regression.fit.record, regression.fit.found
+    stretch = _steadiest(record)
+    if stretch is None:
+        return None
+    part = slice(stretch.start, stretch.stop)
+    slow = found.design[part, : regression.n_slow] @ found.fit.coefficients[: regression.n_slow]
+    spectrum = amplitude_spectrum(
+        record.torque_nm[part] - slow, float(np.median(np.diff(record.motion.time_s[part])))
+    )
+    # the names of the report: the ripple's place as a multiple of the motor velocity
+    names = {f"{order:g}x": order for order in regression.orders}
+    return SteadySpectrum(
+        from_s=stretch.from_s,
+        to_s=stretch.to_s,
+        motor_velocity_rad_s=stretch.velocity_rad_s,
+        resolution_hz=spectrum.resolution_hz,
+        peaks=tuple(
+            SpectrumLine(
+                name=peak.name,
+                frequency_hz=peak.frequency_hz,
+                angular_frequency_rad_s=peak.angular_frequency_rad_s,
+                order=peak.order,
+                amplitude_nm=peak.amplitude,
+            )
+            for peak in find_peaks(spectrum, stretch.velocity_rad_s, names)
+        ),
+    )
+
+
+def _steadiest(record: MotionRecord) -> SteadyStretch | None:
+    motion, gaps = record.motion, record.starts.copy()
     # no spectrum reaches across a gap; the first sample follows none
     gaps[0] = False
     found = None
@@ -151,49 +209,31 @@ def _spectrum(
             motion.time_s,
             motion.velocity_rad_s,
             record.used & ~gaps,
-            tolerance=share * profile.ripple.steady_tolerance,
+            tolerance=share * record.profile.ripple.steady_tolerance,
         )
         if found is not None and _motor_turns(record, found) >= _SPECTRUM_TURNS:
             break
-    if found is None:
-        return None
-    part = slice(found.start, found.stop)
-    slow = (
-        regression.found.design[part, : regression.n_slow]
-        @ regression.found.fit.coefficients[: regression.n_slow]
-    )
-    spectrum = amplitude_spectrum(
-        record.torque_nm[part] - slow, float(np.median(np.diff(motion.time_s[part])))
-    )
-    # the names of the report: the ripple's place as a multiple of the motor velocity
-    names = {f"{order:g}x": order for order in regression.orders}
-    peaks = find_peaks(spectrum, found.velocity_rad_s, names)
-    return SteadySpectrum(found, spectrum, peaks)
+    return found
 
 
-def _motor_turns(record: Record, stretch: SteadyStretch) -> float:
+def _motor_turns(record: MotionRecord, stretch: SteadyStretch) -> float:
     angle = record.motion.angle_rad
     return abs(float(angle[stretch.stop - 1] - angle[stretch.start])) / (2.0 * math.pi)
 
 
-def _wander(record: Record, regression: Regression) -> tuple[float, str]:
+def _wander(regression: Regression) -> tuple[float, str]:
     """Return the process noise per sample that the change of the amplitudes along the run shows.
 
     Blocks of L samples each give amplitudes with variance v; for a random walk with variance q
     per sample the difference of neighbouring block means has variance 2 q L / 3 + 2 v.
     """
-    used, fit = record.used, regression.found.fit
-    index = np.flatnonzero(used)
+    record, design = regression.fit.record, regression.fit.found.design
+    fit = regression.fit.found.fit
+    index = np.flatnonzero(record.used)
     first = regression.n_slow
-    columns = regression.found.design[:, first : first + 2 * len(regression.orders)]
-    rest = np.delete(
-        np.arange(regression.found.design.shape[1]), np.arange(first, first + columns.shape[1])
-    )
-    response = (
-        record.torque_nm
-        - record.expected_nm
-        - regression.found.design[:, rest] @ fit.coefficients[rest]
-    )
+    columns = design[:, first : first + 2 * len(regression.orders)]
+    rest = np.delete(np.arange(design.shape[1]), np.arange(first, first + columns.shape[1]))
+    response = record.response_nm - design[:, rest] @ fit.coefficients[rest]
     travelled = np.abs(np.diff(record.motion.angle_rad[index])).sum() / (2.0 * math.pi)
     blocks = min(_BLOCKS, int(travelled * min(regression.orders) / _CYCLES_PER_BLOCK))
     whole = math.sqrt(max(float(np.mean(np.diag(fit.covariance)[first : first + 2])), 0.0))

@@ -6,7 +6,7 @@ from hdbench.session.evaluation import Evaluation, evaluate, evaluate_stored
 from hdbench.session.experiments import make_plan, run_experiment
 from hdbench.session.options import BenchOptions, RunOutcome
 from hdbench.session.plans import Plan
-from hdbench.session.runner import Aborted
+from hdbench.session.stop import Aborted
 
 __all__ = [
     "Aborted",

@@ -8,8 +8,6 @@ from hdbench.profile import Profile
 from hdbench.records import Loads
 from hdbench.records.trace import Trace
 
-__all__ = ["channel_doubts", "channel_refusal", "sign_doubts"]
-
 # share of the largest load below which a torque of the other sign may be the zero of a reference
 # sensor: Table 1's sensors are consistent to 2 %, hand-read zeros to about as much again
 _ZERO_SHARE = 0.05
@@ -19,7 +17,7 @@ def channel_doubts(records: Trace | Loads, source: Path, profile: Profile) -> li
     """Return doubts where channels of a file are in another unit or in each other's place."""
     if isinstance(records, Loads) or source.is_dir():
         return []
-    from hdbench.diagnosis.faults import check_channels
+    from hdbench.diagnosis.faults.units import check_channels
 
     checked = check_channels(records, profile.data)
     if checked.reason:
@@ -36,7 +34,7 @@ def channel_refusal(trace: Trace, source: Path, profile: Profile) -> str:
     """Return why a file's channels cannot be what their names say, whatever ripple they hold."""
     if source.is_dir():
         return ""
-    from hdbench.diagnosis.faults import check_channels
+    from hdbench.diagnosis.faults.units import check_channels
 
     return check_channels(trace, profile.data).reason
 

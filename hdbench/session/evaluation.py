@@ -1,26 +1,24 @@
-"""One evaluation for measured and for stored data."""
+"""Evaluation of a run: its result, the filter with what it adds, and the run folder of both."""
 
 from __future__ import annotations
 
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 from hdbench.errors import DataError
+from hdbench.evaluation import EvaluatedResult
+from hdbench.evaluation import evaluate as evaluate_record
 from hdbench.filter import FilterModel, build_filter_model
 from hdbench.profile import Profile
-from hdbench.profile.scaling import rescaled, stored_scale
-from hdbench.profile.validity import measured_utc
+from hdbench.profile.scaling import measured_utc, profile_scale, rescaled, stored_scale
 from hdbench.records import Loads, TorqueScale, Trace
-from hdbench.records.jsonfile import read_json, result_header, write_json
-from hdbench.records.loadsfile import is_loads_file, read_loads
-from hdbench.records.parquetfile import PARQUET
+from hdbench.records.jsonfile import read_json, write_json
 from hdbench.records.provenance import input_identity, provenance_path
 from hdbench.records.recovery import resolve_input
 from hdbench.records.runfolder import RunFolder
-from hdbench.records.tracefile import read_trace, write_trace
+from hdbench.records.tables import PARQUET, is_loads_file, read_loads, read_trace, write_trace
 from hdbench.ripple import Stretch
 from hdbench.session.doubts import channel_doubts, sign_doubts
 from hdbench.session.filters import TUNED, choose_filter, tune_traces
@@ -34,7 +32,7 @@ class Evaluation:
 
     Parameters
     ----------
-    result : mapping
+    result : CalibrationResult, MisalignmentResult or RippleResult
         The result as result.json keeps it.
     records : Trace or Loads
         What was evaluated.
@@ -42,7 +40,7 @@ class Evaluation:
         The filter used, with what this experiment adds to it.
     """
 
-    result: Mapping[str, Any]
+    result: EvaluatedResult
     records: Trace | Loads
     filter_model: FilterModel
 
@@ -89,66 +87,24 @@ def evaluate(
     DataError
         If the data are of another kind or cannot be evaluated.
     """
-    if isinstance(records, Loads) != (kind == "calibration"):
-        found = "loads" if isinstance(records, Loads) else "a trace"
-        needed = "loads" if kind == "calibration" else "a trace"
-        raise DataError(
-            f"found {found}; {kind} needs {needed}",
-            where=records.source,
-            fix="name a file of the other kind, or use the command for this one",
-        )
-    result = {
-        **_result(kind, records, profile, scale, model, stretch),
-        "run": run,
-        "doubts": list(doubts),
-    }
-    return Evaluation(result, records, _fed(kind, model, result))
-
-
-def _result(
-    kind: str,
-    records: Trace | Loads,
-    profile: Profile,
-    scale: TorqueScale,
-    model: FilterModel,
-    stretch: Stretch | None,
-) -> dict[str, Any]:
-    header = result_header(kind, profile)
-    if isinstance(records, Loads):
-        from hdbench.calibration import evaluate_calibration
-
-        limit = profile.data.calibration.max_consistency
-        found = evaluate_calibration(
-            records, max_consistency=limit, bench=profile.data, monte_carlo_seed=0
-        )
-        return found.to_dict(header)
-    if kind == "misalignment":
-        from hdbench.misalignment import evaluate_misalignment
-
-        return evaluate_misalignment(
-            records, profile.data, scale=scale, filter_model=model
-        ).to_dict(header)
-    from hdbench.ripple import evaluate_ripple
-
-    return evaluate_ripple(
-        records, profile.data, scale=scale, filter_model=model, stretch=stretch
-    ).to_dict(header)
-
-
-def _fed(kind: str, model: FilterModel, result: dict[str, Any]) -> FilterModel:
-    return build_filter_model(
-        model,
-        ripple=result if kind == "ripple" else None,
-        misalignment=result if kind == "misalignment" else None,
-        calibration=result if kind == "calibration" else None,
+    result = evaluate_record(
+        kind,
+        records,
+        profile,
+        scale=scale,
+        model=model,
+        stretch=stretch,
+        run=run,
+        doubts=tuple(doubts),
     )
+    return Evaluation(result, records, build_filter_model(model, **{kind: result.to_json()}))
 
 
 def store_evaluation(
     folder: RunFolder, found: Evaluation, files: Sequence[Path], reason: str
 ) -> None:
     """Write result and filter model into a run folder and close the run."""
-    write_json(folder.result, found.result)
+    write_json(folder.result, found.result.to_json())
     filter_file = folder.path / "filter.json"
     write_json(filter_file, found.filter_model.to_dict())
     folder.finish("complete", reason, [*files, folder.result, filter_file])
@@ -211,15 +167,7 @@ def evaluate_stored(
     details = {"source": {**origin, "measured_utc": measured_utc(source)}}
     folder = RunFolder.create(out, kind=kind, profile=profile, details=details)
     folder.update(calibration=scale.to_dict(), filter=model.to_dict())
-    suffix = ".csv.gz" if file.suffix == ".gz" else ".csv"
-    stored = folder.path / (("loads" if isinstance(records, Loads) else "trace") + suffix)
-    if file.suffix == PARQUET:
-        write_trace(stored, read_trace(file))
-    else:
-        shutil.copyfile(file, stored)
-        if "imported" in origin:
-            shutil.copyfile(provenance_path(file), provenance_path(stored))
-    kept = [path for path in (stored, provenance_path(stored)) if path.exists()]
+    kept = _keep_input(folder, file, records, imported="imported" in origin)
     channels = channel_doubts(records, source, profile)
     try:
         found = evaluate(
@@ -242,16 +190,30 @@ def evaluate_stored(
             ) from error
         raise
     if "imported" in origin:
-        found = replace(found, result={**found.result, "imported": origin["imported"]})
+        found = replace(found, result=replace(found.result, imported=origin["imported"]))
     store_evaluation(folder, found, kept, f"evaluated from {source}")
     return folder, found
+
+
+def _keep_input(
+    folder: RunFolder, file: Path, records: Trace | Loads, *, imported: bool
+) -> list[Path]:
+    """Copy the input into a run folder, with what is known of where it comes from."""
+    suffix = ".csv.gz" if file.suffix == ".gz" else ".csv"
+    stored = folder.path / (("loads" if isinstance(records, Loads) else "trace") + suffix)
+    if file.suffix == PARQUET:
+        write_trace(stored, read_trace(file))
+        return [stored]
+    shutil.copyfile(file, stored)
+    if not imported:
+        return [stored]
+    shutil.copyfile(provenance_path(file), provenance_path(stored))
+    return [stored, provenance_path(stored)]
 
 
 def _load(
     kind: str, file: Path, source: Path, profile: Profile, calibration: Path | None
 ) -> tuple[Trace | Loads, TorqueScale]:
-    from hdbench.profile.scaling import profile_scale
-
     if is_loads_file(file):
         return read_loads(file, profile.data.arm), profile_scale(profile)
     if kind == "calibration":

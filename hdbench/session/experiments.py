@@ -1,4 +1,4 @@
-"""The three experiments: planned, run, kept, evaluated."""
+"""Experiments: planned, run, kept, evaluated."""
 
 from __future__ import annotations
 
@@ -8,26 +8,19 @@ from hdbench.diagnosis.planning.planfile import write_plan
 from hdbench.diagnosis.planning.segments import MotionPlan
 from hdbench.filter import kernel_name
 from hdbench.profile import Profile
-from hdbench.profile.scaling import profile_scale, read_calibration
-from hdbench.profile.validity import checked_age
+from hdbench.profile.scaling import checked_age, profile_scale, read_calibration
 from hdbench.records import TorqueScale
-from hdbench.records.manifest import utc_now
-from hdbench.records.reserve import keep_reserve
-from hdbench.records.runfolder import RunFolder
+from hdbench.records.runfolder import RunFolder, utc_now
+from hdbench.records.storage import keep_reserve
 from hdbench.session.calibrating.plan import Preset, calibration_plan
-from hdbench.session.calibrating.planfile import PLAN_NAME, write_points
+from hdbench.session.calibrating.points import PLAN_NAME, write_points
 from hdbench.session.filters import choose_filter
-from hdbench.session.keeping import Run, kept
-from hdbench.session.motionplans import motion_plan
-from hdbench.session.options import BenchOptions, RunOutcome
-from hdbench.session.plancheck import check_plan
+from hdbench.session.options import BenchOptions, RunOutcome, Task
+from hdbench.session.planning import check_plan, misalignment_plan, motion_plan, ripple_plan
 from hdbench.session.plans import Plan
-from hdbench.session.profileplans import misalignment_plan, ripple_plan
+from hdbench.session.run import Run, kept
 from hdbench.session.runner import Progress
 from hdbench.session.stop import listen
-from hdbench.session.task import Task
-
-__all__ = ["make_plan", "run_experiment"]
 
 
 def make_plan(

@@ -1,4 +1,4 @@
-"""Which filter model serves an experiment: named, fed by results, or the one that ran before."""
+"""Choice of the filter model for an experiment: by name, from results, or of the stored run."""
 
 from __future__ import annotations
 
@@ -20,7 +20,6 @@ from hdbench.records.trace import Trace
 if TYPE_CHECKING:
     from hdbench.filter import Channels, TuningResult, TuningSettings
 
-__all__ = ["TUNED", "choose_filter", "stored_filter", "trace_channels", "tune_traces"]
 
 # name of the filter that is tuned on the very input
 TUNED = "tuned"

@@ -1,4 +1,4 @@
-"""Looking at a bench without moving it: samples come, nothing is kept but their statistics."""
+"""Monitor: samples of a bench whose drive is off, kept as statistics only."""
 
 from __future__ import annotations
 
@@ -10,18 +10,15 @@ from typing import Any
 import numpy as np
 
 from hdbench.devices import open_bench
-from hdbench.devices.ports import AcquisitionSettings, Bench, Block, Identity, SafeState
+from hdbench.devices.bench import AcquisitionSettings, Bench, Identity, SafeState
 from hdbench.errors import UnsafeError
 from hdbench.filter import FilterModel
-from hdbench.filter.amplitudes import block_amplitudes
 from hdbench.profile import Profile
 from hdbench.records import FloatArray, TorqueScale
 from hdbench.session.recorder import TraceRecorder
+from hdbench.session.runner import next_block
 from hdbench.session.stop import StopRequested, StopSignals
-from hdbench.session.waiting import next_block
-from hdbench.session.watching import Frame, Watcher
-
-__all__ = ["ChannelStatistics", "Monitor", "Observation"]
+from hdbench.session.watching import Watcher
 
 _LONGEST_S = 86400.0
 _SHOWN = {
@@ -39,21 +36,6 @@ _SHOWN = {
 class ChannelStatistics:
     """Mean, scatter and ends of a channel, without keeping its samples.
 
-    Parameters
-    ----------
-    unit : str
-        Of the channel.
-    n : int
-        Samples so far.
-    mean : float
-        Mean, unit of the channel.
-    squares : float
-        Sum of squared deviations from the mean, that unit squared.
-    low, high : float
-        Smallest and largest value, unit of the channel.
-
-    Notes
-    -----
     Chan, Golub and LeVeque's update of mean and sum of squares by blocks (The American
     Statistician 37, 242, 1983): no loss of digits over hours of samples.
     """
@@ -95,23 +77,7 @@ class ChannelStatistics:
 
 @dataclass(frozen=True, slots=True)
 class Observation:
-    """What was seen.
-
-    Parameters
-    ----------
-    device : Identity
-        Who answered.
-    seconds : float
-        Time on the bench's clock, s.
-    samples, lost, saturated : int
-        Counts.
-    channels : mapping of str to ChannelStatistics
-        By the names of the trace's columns.
-    safe : SafeState
-        What was read back at the end.
-    stopped_by : int or None
-        Signal that ended it.
-    """
+    """What was seen."""
 
     device: Identity
     seconds: float
@@ -123,40 +89,9 @@ class Observation:
     stopped_by: int | None
 
 
-@dataclass(frozen=True, slots=True)
-class _Nowhere:
-    """A journal that keeps nothing: looking on leaves no run behind."""
-
-    def append(
-        self,
-        kind: str,
-        columns: Mapping[str, FloatArray],
-        extra: Mapping[str, Any] | None = None,
-        *,
-        sync: bool = True,
-    ) -> None:
-        """Keep nothing."""
-
-
 @dataclass(slots=True)
 class Monitor:
-    """Samples a bench with its drive disabled.
-
-    Parameters
-    ----------
-    profile : Profile
-        The bench.
-    scale : TorqueScale
-        Gain of the torque.
-    model : FilterModel
-        Filter that runs on what comes.
-    watcher : Watcher
-        Who looks on.
-    stop : StopSignals
-        Signals that end it.
-    duration_s : float or None
-        How long, s; None until a signal comes, a day at most.
-    """
+    """Samples a bench with its drive disabled."""
 
     profile: Profile
     scale: TorqueScale
@@ -201,7 +136,7 @@ class Monitor:
     def _recorder(self) -> TraceRecorder:
         data = self.profile.data
         gain = self.scale.gain_nm_per_v.value
-        return TraceRecorder(data, gain, self.model, _Nowhere(), data.daq.sample_period_s)
+        return TraceRecorder(data, gain, self.model, None, data.daq.sample_period_s)
 
     def _watch(self, bench: Bench, recorder: TraceRecorder) -> None:
         period = recorder.sample_period_s
@@ -215,21 +150,6 @@ class Monitor:
             rows = recorder.add(block)
             for name, statistics in self.channels.items():
                 statistics.add(rows[name])
-            self.watcher.frame(self._frame(recorder, rows, block))
+            total_s = math.nan if self.duration_s is None else self.duration_s
+            self.watcher.frame(recorder.frame("looking on, drive disabled", total_s, block, rows))
         bench.stop()
-
-    def _frame(
-        self, recorder: TraceRecorder, rows: Mapping[str, FloatArray], block: Block
-    ) -> Frame:
-        return Frame(
-            phase="looking on, drive disabled",
-            done_s=recorder.n_rows * recorder.sample_period_s,
-            total_s=self.duration_s if self.duration_s is not None else math.nan,
-            columns=rows,
-            rows=recorder.n_rows,
-            lost=recorder.lost,
-            saturated=recorder.saturated,
-            depth=block.depth,
-            retries=block.repeats,
-            amplitudes=block_amplitudes(recorder.model, recorder.online.state()),
-        )

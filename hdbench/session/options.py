@@ -1,20 +1,25 @@
-"""What an experiment is asked for and what it gives back."""
+"""Options of an experiment, the task made of them, and its outcome."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from hdbench.devices.mistakes import Mistake
-from hdbench.devices.ports import Operator
+from hdbench.devices.bench import Operator
+from hdbench.devices.operator import Mistake
 from hdbench.diagnosis.planning.segments import MotionPlan
+from hdbench.filter import FilterModel
+from hdbench.profile import Profile
+from hdbench.records import TorqueScale
+from hdbench.records.journal import JournalContent
 from hdbench.records.runfolder import RunFolder
 from hdbench.session.calibrating.conversation import Conversation
 from hdbench.session.calibrating.plan import Preset
 from hdbench.session.evaluation import Evaluation
-from hdbench.session.watching import Unwatched, Watcher
-
-__all__ = ["BenchOptions", "RunOutcome"]
+from hdbench.session.plans import Plan
+from hdbench.session.runner import Progress
+from hdbench.session.stop import StopSignals
+from hdbench.session.watching import Watcher
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,8 +39,8 @@ class BenchOptions:
     control : str or None
         Control channel of a simulated bench at `address`: a simulated operator sets lock and
         weights there. Its motor moves only with the answer of `operator`, like any other's.
-    realtime : bool
-        Keep real time on the embedded bench.
+    realtime : bool or None
+        Keep real time on the embedded bench; None in a resumed run does as it did before.
     calibration : Path or None
         Calibration whose gain scales the torque.
     allow_expired : bool
@@ -65,7 +70,7 @@ class BenchOptions:
     seed: int = 0
     address: str | None = None
     control: str | None = None
-    realtime: bool = False
+    realtime: bool | None = False
     calibration: Path | None = None
     allow_expired: bool = False
     misalignment: Path | None = None
@@ -76,7 +81,7 @@ class BenchOptions:
     talk: Conversation | None = None
     rehearse: bool = False
     mistakes: tuple[Mistake, ...] = ()
-    watcher: Watcher = field(default_factory=Unwatched)
+    watcher: Watcher = field(default_factory=Watcher)
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,3 +101,19 @@ class RunOutcome:
     folder: RunFolder
     evaluation: Evaluation
     doubts: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Task:
+    """One run."""
+
+    kind: str
+    profile: Profile
+    options: BenchOptions
+    plan: Plan
+    scale: TorqueScale
+    model: FilterModel
+    folder: RunFolder
+    stop: StopSignals
+    progress: Progress
+    content: JournalContent | None = None

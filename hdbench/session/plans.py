@@ -1,4 +1,4 @@
-"""Experiments as data: what will happen, in order, before anything does."""
+"""Plans: steps of an experiment as data, in order."""
 
 from __future__ import annotations
 
@@ -6,18 +6,9 @@ from dataclasses import dataclass
 
 from hdbench.diagnosis.planning.planfile import plan_to_dict
 from hdbench.diagnosis.planning.segments import LoadStep, MotionPlan
-from hdbench.model.program import ReferenceProgram
+from hdbench.model.waves import ReferenceProgram
 from hdbench.profile.schema import ReferenceWave
 from hdbench.session.calibrating.points import Point
-
-__all__ = [
-    "Acquire",
-    "Lock",
-    "Place",
-    "Plan",
-    "Put",
-    "Step",
-]
 
 # a row of twelve channels is 96 bytes in the journal and some 200 in the trace; a point of a
 # calibration has its raw samples beside it
@@ -27,13 +18,7 @@ _POINT_BYTES = 64 << 10
 
 @dataclass(frozen=True, slots=True)
 class Lock:
-    """Have the wave generator locked (or released) by the operator; drive disabled.
-
-    Parameters
-    ----------
-    locked : bool
-        True to lock, False to release.
-    """
+    """Have the wave generator locked (or released) by the operator; drive disabled."""
 
     locked: bool
 
@@ -44,15 +29,7 @@ class Lock:
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """Have the flexspline brought to a position.
-
-    Parameters
-    ----------
-    position_rad : float
-        Flexspline position, rad.
-    index, count : int
-        Number of the position, from 1, and how many there are.
-    """
+    """Have the flexspline brought to a position."""
 
     position_rad: float
     index: int
@@ -65,15 +42,7 @@ class Place:
 
 @dataclass(frozen=True, slots=True)
 class Put:
-    """Have a load put on (or taken off) that stays for what is recorded next.
-
-    Parameters
-    ----------
-    load : LoadStep
-        What the operator is told, and the torque.
-    mass_kg : float
-        Mass on the profile's arm that gives this torque, kg.
-    """
+    """Have a load put on (or taken off) that stays for what is recorded next."""
 
     load: LoadStep
     mass_kg: float
@@ -90,19 +59,7 @@ class Put:
 
 @dataclass(frozen=True, slots=True)
 class Acquire:
-    """Run the reference generator and record samples.
-
-    Parameters
-    ----------
-    wave : ReferenceWave, ReferenceProgram or None
-        Motor reference, V; None with the wave generator locked and the drive disabled.
-    sample_period_s : float
-        Sampling period, s.
-    duration_s : float
-        Length, s.
-    load : LoadStep or None
-        Load that is on meanwhile; None where the plan has no loads.
-    """
+    """Run the reference generator and record samples."""
 
     wave: ReferenceWave | ReferenceProgram | None
     sample_period_s: float

@@ -1,4 +1,4 @@
-"""Blocks of samples as they come: scaled, filtered online, journaled before acknowledgement."""
+"""Recorder: blocks of samples to rows of the trace, in the journal before they count."""
 
 from __future__ import annotations
 
@@ -6,31 +6,22 @@ import math
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from hdbench.devices.ports import Block
+from hdbench.devices.bench import Block
 from hdbench.diagnosis.planning.segments import LoadStep
 from hdbench.filter import FilterModel, OnlineFilter
+from hdbench.filter.online import block_amplitudes
 from hdbench.profile.schema import ProfileData
 from hdbench.records import FloatArray
-from hdbench.session.stuckwatch import HeldTorque
-
-__all__ = ["SampleJournal", "TraceRecorder"]
+from hdbench.records.journal import JournalSamples, JournalWriter
+from hdbench.session.limits import HeldTorque
+from hdbench.session.watching import Frame
 
 _SYNC_S = 0.05  # longest time between two syncs of the journal
-_CHANNELS = (
-    "motor_velocity_rad_s",
-    "motor_angle_rad",
-    "encoder_count",
-    "torque_nm",
-    "torque_v",
-    "tacho_v",
-    "motor_current_a",
-    "reference_v",
-)
+_COUNTS = ("lost", "saturated", "held")
 # columns that a bench without the channel does not have
 _COLUMNS_OF = {
     "encoder": ("motor_angle_rad", "encoder_count"),
@@ -39,42 +30,10 @@ _COLUMNS_OF = {
 }
 
 
-class SampleJournal(Protocol):
-    """Where blocks of samples are kept: `hdbench.records.journal.JournalWriter`, or nowhere."""
-
-    def append(
-        self,
-        kind: str,
-        columns: Mapping[str, NDArray[Any]],
-        extra: Mapping[str, Any] | None = None,
-        *,
-        sync: bool = True,
-    ) -> None:
-        """Write one block and, with `sync`, wait until the disk has it."""
-        ...
-
-
 @dataclass(slots=True)
 class TraceRecorder:
     """Turns blocks into rows of the trace.
 
-    Parameters
-    ----------
-    profile : ProfileData
-        Scales of tacho and encoder.
-    gain_nm_per_v : float
-        Torque gain, N m/V.
-    model : FilterModel
-        The filter that runs online.
-    journal : SampleJournal
-        Where rows are synced before the block is acknowledged.
-    sample_period_s : float
-        Sampling period, s.
-    clock : callable
-        Monotonic clock, s.
-
-    Notes
-    -----
     Every block is in the journal before it is acknowledged to the bench, so that a killed process
     loses none; the disk is synced every 50 ms, which is what a power cut can cost.
 
@@ -87,7 +46,7 @@ class TraceRecorder:
     profile: ProfileData
     gain_nm_per_v: float
     model: FilterModel
-    journal: SampleJournal
+    journal: JournalWriter | None
     sample_period_s: float
     clock: Callable[[], float] = time.monotonic
     synced_s: float = field(default=-math.inf, init=False)
@@ -111,8 +70,6 @@ class TraceRecorder:
     def begin(self, load: LoadStep | None, step: int | None = None) -> None:
         """Begin an acquisition; one that follows another begins the pause after it.
 
-        Notes
-        -----
         A pause is as long as this computer's clock says: effects that follow the clock do not keep
         their phase over it. The column ``stage`` counts acquisitions, so that a pause is not taken
         for lost samples.
@@ -128,46 +85,88 @@ class TraceRecorder:
         if step is not None:
             self.attempts[step] = self.attempts.get(step, 0) + 1
             noted = {"event": "acquisition", "step": step, "attempt": self.attempts[step]}
-            self.journal.append("event", {}, noted)
+            self._note(noted)
 
     def end(self, step: int | None = None) -> None:
         """Note that an acquisition is over."""
         self.ended_s = self.clock()
         if step is not None:
-            self.journal.append("event", {}, {"event": "acquired", "step": step})
+            self._note({"event": "acquired", "step": step})
+
+    def _note(self, event: Mapping[str, Any]) -> None:
+        if self.journal is not None:
+            self.journal.append("event", {}, event)
 
     def add(self, block: Block) -> dict[str, FloatArray]:
         """Scale, filter and journal one block."""
         rows = self._scale(block)
-        filtered = self.online.process(
+        rows["torque_filtered_online_nm"] = self._filter(rows)
+        counts = {
+            "lost": int(block.lost_before),
+            "saturated": int(np.count_nonzero(block.saturated)),
+            "held": self._held(rows),
+        }
+        if self.journal is not None:
+            now_s = self.clock()
+            sync = now_s - self.synced_s >= _SYNC_S
+            if sync:
+                self.synced_s = now_s
+            first = int(block.first_index - block.lost_before)
+            self.journal.append("samples", rows, {"first_index": first, **counts}, sync=sync)
+        self._count(len(rows["time_s"]), counts)
+        return rows
+
+    def _count(self, n_rows: int, counts: Mapping[str, int]) -> None:
+        self.n_rows += n_rows
+        self.stage_rows += n_rows
+        self.lost += counts["lost"]
+        self.saturated += counts["saturated"]
+        self.held += counts["held"]
+
+    def frame(
+        self, phase: str, total_s: float, block: Block, rows: Mapping[str, FloatArray]
+    ) -> Frame:
+        """Return a block and the state of the run for those who look on."""
+        return Frame(
+            phase=phase,
+            done_s=self.n_rows * self.sample_period_s,
+            total_s=total_s,
+            columns=rows,
+            rows=self.n_rows,
+            lost=self.lost,
+            saturated=self.saturated,
+            depth=block.depth,
+            retries=block.repeats,
+            amplitudes=block_amplitudes(self.model, self.online.state()),
+        )
+
+    def take_over(self, samples: JournalSamples) -> None:
+        """Take over what an earlier session of this run has recorded."""
+        for group in samples.groups:
+            if group.step is not None:
+                attempts = self.attempts.get(group.step, 0)
+                self.attempts[group.step] = max(attempts, group.attempt)
+            if group.complete and not group.superseded:
+                self._take_over(samples.only(group))
+
+    def _take_over(self, samples: JournalSamples) -> None:
+        self.stage += bool(self.n_rows)
+        self.stage_rows, last_s = 0, 0.0
+        for block in samples.blocks():
+            rows = {name: values.astype(np.float64) for name, values in block.columns.items()}
+            self._filter(rows)
+            last_s = float(rows["time_s"][-1])
+            self._count(len(rows["time_s"]), {k: int(block.extra.get(k, 0)) for k in _COUNTS})
+        self.stage_start_s = last_s - (self.stage_rows - 1) * self.sample_period_s
+
+    def _filter(self, rows: Mapping[str, FloatArray]) -> FloatArray:
+        """Run the online filter over new rows and return the torque, N m."""
+        return self.online.process(
             rows["time_s"],
             rows["motor_velocity_rad_s"],
             rows["torque_nm"],
             rows.get("motor_angle_rad"),
-        )
-        rows["torque_filtered_online_nm"] = filtered.torque_filtered_nm
-        held = self._held(rows)
-        now_s = self.clock()
-        sync = now_s - self.synced_s >= _SYNC_S
-        if sync:
-            self.synced_s = now_s
-        self.journal.append(
-            "samples",
-            rows,
-            {
-                "first_index": int(block.first_index - block.lost_before),
-                "lost": int(block.lost_before),
-                "saturated": int(np.count_nonzero(block.saturated)),
-                "held": held,
-            },
-            sync=sync,
-        )
-        self.n_rows += len(rows["time_s"])
-        self.stage_rows += len(rows["time_s"])
-        self.lost += block.lost_before
-        self.saturated += int(np.count_nonzero(block.saturated))
-        self.held += held
-        return rows
+        ).torque_filtered_nm
 
     def _held(self, rows: dict[str, FloatArray]) -> int:
         """Return how many samples of the torque did not change although the motor turned."""
@@ -178,24 +177,10 @@ class TraceRecorder:
     def _scale(self, block: Block) -> dict[str, FloatArray]:
         first = block.first_index - block.lost_before
         n = block.lost_before + len(block)
-        rows = {name: np.full(n, math.nan) for name in _CHANNELS}
-        present = slice(block.lost_before, n)
-        counts = block.encoder_count.astype(np.float64)
-        turn = 2.0 * math.pi / self.profile.encoder.counts_per_turn
-        rows["motor_velocity_rad_s"][present] = block.tacho_v * self.profile.tacho.gain_rad_s_per_v
-        rows["motor_angle_rad"][present] = counts * turn
-        rows["encoder_count"][present] = counts
-        rows["torque_nm"][present] = block.torque_v * self.gain_nm_per_v
-        rows["torque_v"][present] = block.torque_v
-        rows["tacho_v"][present] = block.tacho_v
-        rows["motor_current_a"][present] = block.motor_current_a
-        rows["reference_v"][present] = block.reference_v
+        rows = scaled(block, self.profile, self.gain_nm_per_v)
         time_s = np.arange(first, first + n, dtype=np.float64) * self.sample_period_s
         if block.time_s is not None:
-            time_s[present] = block.time_s
-        for role in block.absent:
-            for name in _COLUMNS_OF.get(role, ()):
-                del rows[name]
+            time_s[block.lost_before :] = block.time_s
         return {"time_s": self.stage_start_s + time_s, **rows, **self._under_load(rows, n)}
 
     def _under_load(self, rows: dict[str, FloatArray], n: int) -> dict[str, FloatArray]:
@@ -211,3 +196,25 @@ class TraceRecorder:
             "load_torque_nm": np.full(n, self.load.torque_nm),
             "stage": np.full(n, float(self.stage)),
         }
+
+
+def scaled(block: Block, profile: ProfileData, gain_nm_per_v: float) -> dict[str, FloatArray]:
+    """Return the channels of a block in their units; a lost sample is NaN."""
+    counts = block.encoder_count.astype(np.float64)
+    present = {
+        "motor_velocity_rad_s": block.tacho_v * profile.tacho.gain_rad_s_per_v,
+        "motor_angle_rad": counts * (2.0 * math.pi / profile.encoder.counts_per_turn),
+        "encoder_count": counts,
+        "torque_nm": block.torque_v * gain_nm_per_v,
+        "torque_v": block.torque_v,
+        "tacho_v": block.tacho_v,
+        "motor_current_a": block.motor_current_a,
+        "reference_v": block.reference_v,
+    }
+    missing = {name for role in block.absent for name in _COLUMNS_OF.get(role, ())}
+    lost = np.full(block.lost_before, math.nan)
+    return {
+        name: np.concatenate((lost, values))
+        for name, values in present.items()
+        if name not in missing
+    }

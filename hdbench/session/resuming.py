@@ -1,78 +1,59 @@
-"""Go on with a run that ended early: in the same folder, after what its journal holds."""
+"""Resumed runs: in the same folder, after what the journal holds."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from hdbench.devices.mistakes import Mistake
-from hdbench.devices.ports import Operator
 from hdbench.diagnosis.planning.planfile import read_plan
-from hdbench.errors import BusyError, UsageError
+from hdbench.errors import BusyError, DataError, UsageError
 from hdbench.filter import FilterModel
-from hdbench.profile import Profile
+from hdbench.profile import Profile, parse_profile
 from hdbench.profile.scaling import profile_scale, stored_scale
 from hdbench.records.journal import JournalContent, JournalWriter
-from hdbench.records.manifest import utc_now, utc_text
-from hdbench.records.runfolder import RunFolder
-from hdbench.session.calibrating.conversation import Conversation
+from hdbench.records.runfolder import RunFolder, utc_now, utc_text
 from hdbench.session.calibrating.plan import sequence_plan
-from hdbench.session.calibrating.planfile import PLAN_NAME, read_points
+from hdbench.session.calibrating.points import PLAN_NAME, read_points
 from hdbench.session.experiments import make_plan
 from hdbench.session.filters import choose_filter
-from hdbench.session.keeping import Run, kept
-from hdbench.session.options import BenchOptions, RunOutcome
-from hdbench.session.plancheck import check_plan
+from hdbench.session.options import BenchOptions, RunOutcome, Task
+from hdbench.session.planning import check_plan
 from hdbench.session.plans import Plan
+from hdbench.session.run import Run, kept
 from hdbench.session.runner import Progress
 from hdbench.session.stop import StopSignals, listen
-from hdbench.session.stored import stored_address, stored_profile, stored_table
-from hdbench.session.task import Task
-from hdbench.session.watching import Unwatched, Watcher
-
-__all__ = ["ResumeOptions", "resume_run"]
 
 
-@dataclass(frozen=True, slots=True)
-class ResumeOptions:
-    """How a run is to go on; everything else stands in its folder.
-
-    Parameters
-    ----------
-    address : str or None
-        Bench controller instead of the run's own.
-    control : str or None
-        Control channel of a simulated bench, as in `BenchOptions`.
-    realtime : bool or None
-        Keep real time on the embedded bench; None does as the run did.
-    operator : Operator or None
-        The person at a run with motion.
-    talk : Conversation or None
-        The person at a calibration.
-    rehearse : bool
-        Ask that person at a simulated bench too, for practice.
-    mistakes : tuple of Mistake
-        What the operator of a simulated bench gets wrong from here on.
-    watcher : Watcher
-        Who looks on while samples come.
-    """
-
-    address: str | None = None
-    control: str | None = None
-    realtime: bool | None = None
-    operator: Operator | None = None
-    talk: Conversation | None = None
-    rehearse: bool = False
-    mistakes: tuple[Mistake, ...] = ()
-    watcher: Watcher = field(default_factory=Unwatched)
+def stored_profile(folder: RunFolder) -> Profile:
+    """Return the profile that a run was made with."""
+    text = folder.manifest["profile"].get("text")
+    if not isinstance(text, str):
+        raise DataError(
+            "run.json holds no profile",
+            where=str(folder.path),
+            fix="start the experiment anew; what was recorded is kept in this run",
+        )
+    return parse_profile(text, f"{folder.path / 'run.json'}: profile")
 
 
-def resume_run(path: Path, options: ResumeOptions, progress: Progress) -> RunOutcome:
+def stored_address(folder: RunFolder) -> str | None:
+    """Return the address of the bench controller that a run was asked for."""
+    address = stored_table(folder.manifest, "bench").get("address")
+    return address if isinstance(address, str) else None
+
+
+def stored_table(manifest: Mapping[str, Any], name: str) -> Mapping[str, Any]:
+    """Return a table of the details that a run remembers."""
+    details = manifest.get("details")
+    found = details.get(name) if isinstance(details, Mapping) else None
+    return found if isinstance(found, Mapping) else {}
+
+
+def resume_run(path: Path, options: BenchOptions, progress: Progress) -> RunOutcome:
     """Go on with a run that was stopped, killed, or lost its bench.
 
-    Notes
-    -----
     A calibration goes on at the first point without a reading that counts. A run with motion keeps
     the acquisitions that came to their end; one that was broken off is acquired again from
     standstill, because speed, angle and load of the moment it broke off do not come back, and its
@@ -153,7 +134,7 @@ def _task(
     folder: RunFolder,
     profile: Profile,
     plan: Plan,
-    options: ResumeOptions,
+    options: BenchOptions,
     content: JournalContent,
     stop: StopSignals,
     progress: Progress,
@@ -167,19 +148,13 @@ def _task(
         model = choose_filter(profile, None)
     bench = stored_table(manifest, "bench")
     simulation = stored_table(manifest, "simulation")
-    realtime = bool(bench.get("realtime")) if options.realtime is None else options.realtime
-    asked = BenchOptions(
+    asked = replace(
+        options,
         out=folder.path.parent,
         plant=str(simulation.get("plant", "as-modelled")),
         seed=int(simulation.get("seed", 0)),
         address=options.address or stored_address(folder),
-        control=options.control,
-        realtime=realtime,
-        operator=options.operator,
+        realtime=bool(bench.get("realtime")) if options.realtime is None else options.realtime,
         motion=plan.motion,
-        talk=options.talk,
-        rehearse=options.rehearse,
-        mistakes=options.mistakes,
-        watcher=options.watcher,
     )
     return Task(plan.kind, profile, asked, plan, scale, model, folder, stop, progress, content)

@@ -1,26 +1,46 @@
-"""The safe runner: walks a plan, and makes the bench safe on every way out."""
+"""Safe runner: walks a plan and leaves the bench safe on every way out."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Mapping
+import time
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
 
-from hdbench.devices.ports import AcquisitionSettings, Bench, Block, Operator, SafeState
+from hdbench.devices.bench import AcquisitionSettings, Bench, Block, Operator, SafeState
 from hdbench.errors import DeviceError, UsageError
-from hdbench.filter.amplitudes import block_amplitudes
 from hdbench.profile.schema import ProfileData
-from hdbench.records import FloatArray
-from hdbench.records.journal import JournalWriter
-from hdbench.session.limitwatch import LimitWatch
+from hdbench.session.limits import LimitWatch, SpeedWatch
 from hdbench.session.plans import Acquire, Lock, Place, Plan, Put, Step
 from hdbench.session.recorder import TraceRecorder
 from hdbench.session.stop import Aborted, StopSignals
-from hdbench.session.stuckwatch import SpeedWatch
-from hdbench.session.waiting import next_block
-from hdbench.session.watching import Frame, Unwatched, Watcher
+from hdbench.session.watching import Watcher
 
-__all__ = ["Aborted", "Progress", "Runner"]
+_STALL_S = 2.0  # a bench that hands out no sample for this long has stopped sampling
+
+
+def next_block(bench: Bench, stop: StopSignals) -> Block:
+    """Return the next block with samples or losses in it."""
+    deadline = time.monotonic() + _STALL_S
+    while True:
+        stop.check()
+        block = bench.read_block()
+        if block is not None and block.watchdog_tripped:
+            raise DeviceError(
+                "the bench controller's watchdog stopped the motor",
+                where=f"sample {block.first_index}",
+                fix="check load and network of this computer, then run again",
+            )
+        if block is not None and (len(block) or block.lost_before):
+            return block
+        if time.monotonic() > deadline:
+            raise DeviceError(
+                f"no sample for {_STALL_S:g} s while the acquisition should run",
+                where="bench controller",
+                fix="check that the controller is sampling: hdbench doctor",
+            )
+        time.sleep(0.002)
+
 
 Progress = Callable[[str, float], None]
 """Called with what is going on and the share done, 0 to 1."""
@@ -28,47 +48,22 @@ Progress = Callable[[str, float], None]
 
 @dataclass(slots=True)
 class Runner:
-    """Executes one plan on one bench.
-
-    Parameters
-    ----------
-    profile : ProfileData
-        Limits and scales.
-    bench : Bench
-        The bench controller.
-    operator : Operator
-        The person beside it, or a simulated one.
-    journal : JournalWriter
-        Where every reading and block is synced before it counts.
-    stop : StopSignals
-        Signals that end the run.
-    progress : callable
-        Told what is going on.
-    recorder : TraceRecorder or None
-        Takes the samples of a dynamic run.
-    person : bool
-        True where `operator` asks a person, so that a signal interrupts the question.
-    watcher : Watcher
-        Who looks on.
-    """
+    """Executes one plan on one bench."""
 
     profile: ProfileData
     bench: Bench
     operator: Operator
-    journal: JournalWriter
     stop: StopSignals
     progress: Progress
-    recorder: TraceRecorder | None = None
+    recorder: TraceRecorder
     person: bool = False
-    watcher: Watcher = field(default_factory=Unwatched)
+    watcher: Watcher = field(default_factory=Watcher)
     total_s: float = field(default=math.nan, init=False)
     safe: SafeState | None = field(default=None, init=False)
 
     def run(self, plan: Plan, done: Collection[int] = ()) -> None:
         """Walk the plan; the bench is safe afterwards, whatever happened.
 
-        Notes
-        -----
         `safe` holds what was read back; the caller reports an unconfirmed safe state.
         """
         moves = [step for step in plan.steps if isinstance(step, Acquire)]
@@ -134,10 +129,6 @@ class Runner:
 
     def _acquire(self, step: Acquire, number: int) -> None:
         recorder = self.recorder
-        if recorder is None:
-            raise DeviceError(
-                "no recorder for a dynamic run", where=step.describe(), fix="report this as a bug"
-            )
         self.stop.check()
         self.bench.configure(AcquisitionSettings(step.sample_period_s, step.n_samples, step.wave))
         recorder.begin(step.load, number)
@@ -151,26 +142,6 @@ class Runner:
             limits.check(block, rows)
             speed.check(block, rows)
             self.progress(step.describe(), recorder.stage_rows / step.n_samples)
-            self.watcher.frame(self._frame(step, recorder, block, rows))
+            self.watcher.frame(recorder.frame(step.describe(), self.total_s, block, rows))
         self.bench.stop()
         recorder.end(number)
-
-    def _frame(
-        self,
-        step: Acquire,
-        recorder: TraceRecorder,
-        block: Block,
-        rows: Mapping[str, FloatArray],
-    ) -> Frame:
-        return Frame(
-            phase=step.describe(),
-            done_s=recorder.n_rows * recorder.sample_period_s,
-            total_s=self.total_s,
-            columns=rows,
-            rows=recorder.n_rows,
-            lost=recorder.lost,
-            saturated=recorder.saturated,
-            depth=block.depth,
-            retries=block.repeats,
-            amplitudes=block_amplitudes(recorder.model, recorder.online.state()),
-        )

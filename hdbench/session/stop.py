@@ -1,4 +1,4 @@
-"""Signals that end a run: noted when they come, obeyed between two transactions."""
+"""Stop signals: noted when they come, obeyed between two transactions."""
 
 from __future__ import annotations
 
@@ -10,8 +10,6 @@ from types import FrameType
 
 from hdbench.errors import LimitError
 
-__all__ = ["Aborted", "StopRequested", "StopSignals", "listen"]
-
 _NAMES = ("SIGINT", "SIGTERM", "SIGHUP")
 
 
@@ -22,13 +20,7 @@ class Aborted(LimitError):  # noqa: N818 - an end that was decided, not an error
 
 
 class StopRequested(Exception):  # noqa: N818 - a request, not an error
-    """A signal asked for the run to end.
-
-    Parameters
-    ----------
-    signum : int
-        The signal's number.
-    """
+    """A signal asked for the run to end."""
 
     def __init__(self, signum: int) -> None:
         super().__init__(signal.Signals(signum).name)
@@ -37,17 +29,7 @@ class StopRequested(Exception):  # noqa: N818 - a request, not an error
 
 @dataclass(slots=True)
 class StopSignals:
-    """What has been asked so far.
-
-    Parameters
-    ----------
-    first : int or None
-        The signal that came first.
-    count : int
-        How many came; the second one skips the finishing of files, none skips the motor stop.
-    raise_at_once : bool
-        True while a person is being asked: then the signal interrupts the question itself.
-    """
+    """What has been asked so far."""
 
     first: int | None = None
     count: int = 0

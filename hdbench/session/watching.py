@@ -1,40 +1,18 @@
-"""What a run tells those who look on: frames that are dropped rather than waited for."""
+"""Frames of a running experiment for a live view; they are dropped rather than waited for."""
 
 from __future__ import annotations
 
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Protocol
 
-from hdbench.filter.amplitudes import BlockAmplitude
+from hdbench.filter.online import BlockAmplitude
 from hdbench.records import FloatArray
-
-__all__ = ["Frame", "FrameQueue", "Unwatched", "Watcher"]
 
 
 @dataclass(frozen=True, slots=True)
 class Frame:
-    """The newest samples of a run and how it stands.
-
-    Parameters
-    ----------
-    phase : str
-        What is going on.
-    done_s, total_s : float
-        Time on the bench's clock that is recorded, and that the whole plan takes, s; `total_s` is
-        NaN where there is no end.
-    columns : mapping of str to ndarray, shape (n,)
-        Samples by the names of the trace's columns; NaN where a sample was lost.
-    rows, lost, saturated : int
-        So far.
-    depth : int
-        Samples waiting in the bench controller.
-    retries : int
-        Requests sent again so far.
-    amplitudes : tuple of BlockAmplitude
-        Of the online filter, after the newest sample.
-    """
+    """The newest samples of a run and how it stands."""
 
     phase: str
     done_s: float
@@ -48,40 +26,20 @@ class Frame:
     amplitudes: tuple[BlockAmplitude, ...]
 
 
-class Watcher(Protocol):
-    """Somebody who looks on. Neither call may take time or raise."""
+class Watcher:
+    """Somebody who looks on; this one does not. Neither call may take time or raise."""
 
     def frame(self, frame: Frame) -> None:
         """Take note of the newest samples."""
-        ...
 
     def asking(self, *, now: bool) -> None:
         """Leave the screen to a question (`now`), and take it back after the answer."""
-        ...
-
-
-@dataclass(frozen=True, slots=True)
-class Unwatched:
-    """Nobody looks on."""
-
-    def frame(self, frame: Frame) -> None:
-        """Do nothing."""
-
-    def asking(self, *, now: bool) -> None:
-        """Do nothing."""
 
 
 @dataclass(slots=True)
 class FrameQueue:
     """Frames between the run and a slower reader; the oldest is dropped when it is full.
 
-    Parameters
-    ----------
-    size : int
-        Frames kept, >= 1.
-
-    Notes
-    -----
     One thread puts, another takes; appending to and taking from a bounded `deque` are atomic.
     Samples are recorded before a frame is made of them: what is dropped here is a picture.
     """

@@ -26,19 +26,15 @@ class Keyboard(Protocol):
 
     def take_single(self) -> bool:
         """Let a terminal hand each key over at once, without echo; return whether it does."""
-        ...
 
     def give_back(self) -> None:
         """Set the terminal as it was. Never raises."""
-        ...
 
     def ready(self, seconds: float) -> bool:
         """Return whether `read` has something, or the end, within this time."""
-        ...
 
     def read(self) -> bytes:
         """Wait for what comes next, and return it; nothing at the end."""
-        ...
 
 
 def keyboard(descriptor: int) -> Keyboard:

@@ -1,28 +1,31 @@
-"""Serial ports without a wait, and pseudo-terminals that stand for them."""
+"""Lines: serial ports without a wait, who else has them, and pseudo-terminals."""
 
 from __future__ import annotations
 
+import errno
 import os
+import re
 import select
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import suppress
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Literal, Protocol
 
-from hdbench.errors import UsageError
+from hdbench.errors import BusyError, UsageError
 
 if TYPE_CHECKING:
     from serial import Serial
 
 __all__ = [
     "SETTING_ERRORS",
+    "Claim",
     "PortIo",
     "PseudoTerminal",
     "can_share_ports",
+    "is_port",
     "may_open",
-    "open_terminal",
+    "open_port",
     "port_io",
-    "readable",
     "share_port",
     "terminal_pair",
 ]
@@ -45,27 +48,21 @@ class PortIo(Protocol):
 
     def readable(self, wait_s: float) -> bool:
         """Return whether characters have come within this time."""
-        ...
 
     def writable(self, wait_s: float) -> bool:
         """Return whether it takes characters within this time."""
-        ...
 
     def read(self, size: int) -> bytes:
         """Return what has come, at most `size` characters."""
-        ...
 
     def write(self, data: bytes) -> int:
         """Return how many characters it took."""
-        ...
 
     def is_gone(self) -> bool:
         """Return whether a port that has just read as empty is gone."""
-        ...
 
     def close(self) -> None:
         """Close the port."""
-        ...
 
 
 def port_io(port: Serial) -> PortIo:
@@ -184,20 +181,6 @@ def terminal_pair(*, blocking: bool = False) -> tuple[int, int, str]:
     return near, far, os.ttyname(far)
 
 
-def open_terminal(path: str) -> int:
-    """Open a pseudo-terminal by its path, so that it passes every character as it is."""
-    import tty
-
-    descriptor = os.open(path, os.O_RDWR | os.O_NOCTTY)
-    tty.setraw(descriptor)
-    return descriptor
-
-
-def readable(descriptors: Sequence[int], wait_s: float) -> list[int]:
-    """Return which pseudo-terminals have characters within this time."""
-    return select.select(descriptors, (), (), wait_s)[0]
-
-
 class PseudoTerminal:
     """The device's end of an emulated serial line, in the running event loop.
 
@@ -238,3 +221,58 @@ class PseudoTerminal:
 
     def _read(self) -> None:
         self._received(os.read(self._near, _CHUNK))
+
+
+Claim = Literal["hold", "ask", "share"]
+"""Have the port alone; or refuse one that another program has, and keep nobody else away; or
+share it with whoever has it. Windows shares no port."""
+
+# longest wait for characters to leave where a port takes them all or none, s
+_WRITE_S = 1.0
+
+
+def open_port(
+    path: str,
+    where: str,
+    *,
+    baud_bd: int,
+    data_bits: int = 8,
+    parity: str = "N",
+    stop_bits: float = 1,
+    claim: Claim = "hold",
+) -> Serial:
+    """Open a port; reads and writes on it never wait."""
+    from serial import Serial, SerialException
+
+    # a pseudo-terminal has eight bits and no parity, and says so only when it is opened again
+    pseudo = os.path.realpath(path).startswith("/dev/pts/")
+    try:
+        port = Serial(
+            path,
+            baudrate=baud_bd,
+            bytesize=8 if pseudo else data_bits,
+            parity="N" if pseudo else parity,
+            stopbits=stop_bits,
+            timeout=0,
+            write_timeout=_WRITE_S,
+            exclusive=claim != "share" or not can_share_ports(),
+        )
+        if claim == "ask":
+            share_port(port)
+        return port
+    except SETTING_ERRORS as error:
+        raise ValueError(str(error)) from error
+    except SerialException as error:
+        if error.errno in (errno.EAGAIN, errno.EBUSY):
+            raise BusyError(
+                "another program has the serial port open",
+                where=where,
+                fix="wait until it has finished, or stop it",
+            ) from error
+        raise
+
+
+def is_port(name: str) -> bool:
+    """Return whether a text names a serial port: a path, with colons too, or a COM port."""
+    form = r"/[A-Za-z0-9._:,+@/-]+|COM[0-9]{1,3}"
+    return re.fullmatch(form, name) is not None and ".." not in name

@@ -1,17 +1,19 @@
-"""What can be followed over runs, and where each kind of result holds it."""
+"""Quantities that can be followed over runs, and where each kind of result holds them."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from hdbench.records import Quantity
+from hdbench.results import CalibrationResult, MisalignmentResult, RippleResult
+
 __all__ = ["QUANTITIES", "Reading", "TrendQuantity", "unit_of"]
 
-Result = Mapping[str, Any]
 # orders of two runs are one series where they agree to so many decimals
 _ORDER_DECIMALS = 3
 
@@ -35,9 +37,6 @@ class Reading:
     std: float | None
 
 
-Reader = Callable[[Result], Iterator[Reading]]
-
-
 @dataclass(frozen=True, slots=True)
 class TrendQuantity:
     """One quantity.
@@ -47,12 +46,12 @@ class TrendQuantity:
     label, unit : str
         For a person.
     readers : mapping of str to callable
-        By the kind of run, how to read it from the result.
+        By the kind of run, how to read it from the result: a type, or a diagnosis as its mapping.
     """
 
     label: str
     unit: str
-    readers: Mapping[str, Reader]
+    readers: Mapping[str, Callable[[Any], Iterable[Reading]]]
 
 
 def unit_of(quantity: TrendQuantity, series: str) -> str:
@@ -60,9 +59,8 @@ def unit_of(quantity: TrendQuantity, series: str) -> str:
     return "N m s/rad" if series.endswith("_nm_s_per_rad") else quantity.unit
 
 
-def _number(body: Any) -> tuple[float, float | None]:
-    std = body.get("std")
-    return float(body["value"]), None if std is None else float(std)
+def _told(series: str, quantity: Quantity) -> list[Reading]:
+    return [Reading(series, quantity.value, quantity.std)]
 
 
 def _mean(series: str, values: Sequence[float]) -> Iterator[Reading]:
@@ -72,41 +70,29 @@ def _mean(series: str, values: Sequence[float]) -> Iterator[Reading]:
         yield Reading(series, float(np.mean(values)), std)
 
 
-def _gain(result: Result) -> Iterator[Reading]:
-    yield Reading("", *_number(result["gain_nm_per_v"]))
+def _rms(series: str, value: float | None, n_samples: int | None) -> Iterator[Reading]:
+    """Return an rms value of n samples: its sampling std is value / sqrt(2 n)."""
+    if value is not None:
+        yield Reading(series, value, value / math.sqrt(2.0 * n_samples) if n_samples else None)
 
 
-def _consistency(result: Result) -> Iterator[Reading]:
-    if result["consistency"] is not None:
-        value, n = float(result["consistency"]), int(result["n_experiments"])
+def _consistency(result: CalibrationResult) -> Iterator[Reading]:
+    value = result.consistency
+    if value is not None:
         # sampling std of a std of n normal values
-        yield Reading("", value, value / math.sqrt(2.0 * (n - 1)))
+        yield Reading("", value, value / math.sqrt(2.0 * (result.n_experiments - 1)))
 
 
-def _hysteresis(result: Result) -> Iterator[Reading]:
-    return _mean("", [abs(float(loop["relative"])) for loop in result["hysteresis"].values()])
+def _moving_zero(result: MisalignmentResult) -> Iterator[Reading]:
+    zeros = [part.offset_nm for part in result.stretches]
+    if zeros:
+        std = math.hypot(*(zero.std for zero in zeros)) / len(zeros)
+        yield Reading("in motion", float(np.mean([zero.value for zero in zeros])), std)
 
 
-def _calibration_zero(result: Result) -> Iterator[Reading]:
-    return _mean("at rest", [float(line["intercept_nm"]) for line in result["experiments"]])
-
-
-def _moving_zero(result: Result) -> Iterator[Reading]:
-    stretches = [_number(part["offset_nm"]) for part in result["stretches"]]
-    stds = [0.0 if std is None else std for _, std in stretches]
-    if stretches:
-        mean = float(np.mean([value for value, _ in stretches]))
-        yield Reading("in motion", mean, math.hypot(*stds) / len(stds))
-
-
-def _misalignment(result: Result) -> Iterator[Reading]:
-    yield Reading("", *_number(result["amplitude_nm"]))
-
-
-def _ripple(result: Result) -> Iterator[Reading]:
-    for row in result["ripple"]:
-        order = round(float(row["order"]), _ORDER_DECIMALS)
-        yield Reading(f"order {order:g}", *_number(row["amplitude_nm"]))
+def _ripple(result: RippleResult) -> Iterator[Reading]:
+    for row in result.ripple:
+        yield from _told(f"order {round(row.order, _ORDER_DECIMALS):g}", row.amplitude_nm)
 
 
 _FRICTION = {
@@ -116,53 +102,61 @@ _FRICTION = {
 }
 
 
-def _friction(result: Result) -> Iterator[Reading]:
-    for cause in (*result["causes"], *result["minor"]):
+def _friction(diagnosis: Mapping[str, Any]) -> Iterator[Reading]:
+    for cause in (*diagnosis["causes"], *diagnosis["minor"]):
         key = _FRICTION.get(cause["name"], "")
         if key in cause["parameters"]:
-            yield Reading(key, *_number(cause["parameters"][key]))
+            body = cause["parameters"][key]
+            std = body.get("std")
+            yield Reading(key, float(body["value"]), None if std is None else float(std))
 
 
-def _rms(path: str, series: str) -> Reader:
-    """Return a reader of an rms value of n samples: its sampling std is value / sqrt(2 n)."""
-
-    def read(result: Result) -> Iterator[Reading]:
-        found: Any = result
-        for key in path.split("."):
-            found = found[key]
-        if found is not None:
-            n = result.get("n_samples")
-            yield Reading(series, float(found), float(found) / math.sqrt(2.0 * n) if n else None)
-
-    return read
+def _rest(key: str) -> Callable[[Mapping[str, Any]], Iterator[Reading]]:
+    """Return a reader of what a diagnosis leaves."""
+    return lambda diagnosis: _rms("diagnoses", diagnosis["rest"][key], diagnosis.get("n_samples"))
 
 
 QUANTITIES: Mapping[str, TrendQuantity] = {
-    "gain": TrendQuantity("torque gain", "N m/V", {"calibration": _gain}),
-    "consistency": TrendQuantity("consistency of the gain", "1", {"calibration": _consistency}),
-    "hysteresis": TrendQuantity("hysteresis over range", "1", {"calibration": _hysteresis}),
-    "zero": TrendQuantity(
-        "zero", "N m", {"calibration": _calibration_zero, "misalignment": _moving_zero}
+    "gain": TrendQuantity(
+        "torque gain", "N m/V", {"calibration": lambda r: _told("", r.gain_nm_per_v)}
     ),
-    "misalignment": TrendQuantity("misalignment amplitude", "N m", {"misalignment": _misalignment}),
+    "consistency": TrendQuantity("consistency of the gain", "1", {"calibration": _consistency}),
+    "hysteresis": TrendQuantity(
+        "hysteresis over range",
+        "1",
+        {"calibration": lambda r: _mean("", [abs(x.relative) for x in r.hysteresis.values()])},
+    ),
+    "zero": TrendQuantity(
+        "zero",
+        "N m",
+        {
+            "calibration": lambda r: _mean("at rest", [x.intercept_nm for x in r.experiments]),
+            "misalignment": _moving_zero,
+        },
+    ),
+    "misalignment": TrendQuantity(
+        "misalignment amplitude", "N m", {"misalignment": lambda r: _told("", r.amplitude_nm)}
+    ),
     "ripple": TrendQuantity("ripple amplitude", "N m", {"ripple": _ripple}),
     "friction": TrendQuantity("friction", "N m", {"diagnosis": _friction}),
     "noise": TrendQuantity(
         "noise of the torque",
         "N m",
         {
-            "ripple": _rms("noise_std_nm", "ripple runs"),
-            "misalignment": _rms("noise.innovation_std", "misalignment runs"),
-            "diagnosis": _rms("rest.noise_rms_nm", "diagnoses"),
+            "ripple": lambda r: _rms("ripple runs", r.noise_std_nm, r.n_samples),
+            "misalignment": lambda r: _rms(
+                "misalignment runs", r.noise and r.noise.innovation_std, r.n_samples
+            ),
+            "diagnosis": _rest("noise_rms_nm"),
         },
     ),
     "residual": TrendQuantity(
         "residual of the torque",
         "N m",
         {
-            "ripple": _rms("residual_rms_nm", "ripple runs"),
-            "misalignment": _rms("residual_rms_nm", "misalignment runs"),
-            "diagnosis": _rms("rest.heldout_rms_nm", "diagnoses"),
+            "ripple": lambda r: _rms("ripple runs", r.residual_rms_nm, r.n_samples),
+            "misalignment": lambda r: _rms("misalignment runs", r.residual_rms_nm, r.n_samples),
+            "diagnosis": _rest("heldout_rms_nm"),
         },
     ),
 }

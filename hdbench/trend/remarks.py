@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from datetime import UTC, datetime, timedelta
-from typing import Any
+from typing import TypeVar
 
 from hdbench.errors import DataError
-from hdbench.profile.validity import calibration_time
+from hdbench.profile.scaling import calibration_time
 from hdbench.records import RunSummary, read_json
+from hdbench.results import CalibrationResult, Part, RippleResult
 
 __all__ = ["remarks"]
+
+_T = TypeVar("_T", bound=Part)
 
 # an order has moved when it is off by so many stds and by so many cycles per turn: a block of the
 # filter follows a phase that slips by less than one cycle in a thousand turns
@@ -40,12 +43,12 @@ def remarks(
 
 def _due(run: RunSummary, name: str, now: datetime) -> list[str]:
     text, measured = calibration_time(run.path)
-    days = read_json(run.path / "result.json").get("validity_days")
+    days = _result(run, CalibrationResult).validity_days
     if text is None or days is None:
         return []
     moment = datetime.fromisoformat(text)
     moment = moment if moment.tzinfo else moment.replace(tzinfo=UTC)
-    due = moment + timedelta(days=float(days))
+    due = moment + timedelta(days=days)
     if now < due:
         return []
     age = (now - moment) / timedelta(days=1)
@@ -57,23 +60,25 @@ def _due(run: RunSummary, name: str, now: datetime) -> list[str]:
 
 
 def _moved(run: RunSummary, name: str) -> list[str]:
-    result = read_json(run.path / "result.json")
+    result = _result(run, RippleResult)
     model = read_json(run.path / "run.json").get("filter") or {}
     blocks = [float(block["order"]) for block in model.get("blocks", ())]
-    ripple = [row for row in result["ripple"] if row.get("order_estimate")]
     words = []
-    for row in ripple:
-        order, estimate = float(row["order"]), row["order_estimate"]
-        if min((abs(order - block) for block in blocks), default=_SLIP) >= _SLIP:
-            words.append(f"order {order:g} ({_amplitude(row)}) is in no block of it")
+    for row in result.ripple:
+        estimate = row.order_estimate
+        if estimate is None:
             continue
-        off = float(estimate["value"]) - order
-        if abs(off) > max(_SLIP, _STDS * float(estimate["std"])):
-            words.append(f"order {order:g} is now at {float(estimate['value']):.5g}")
-    for line in result.get("lines", ()):
-        order = float(line["order"])
-        if min((abs(order - block) for block in blocks), default=_SLIP) >= _SLIP:
-            words.append(f"order {order:.4g} ({_amplitude(line)}) is in no block of it")
+        if not _held(row.order, blocks):
+            words.append(
+                f"order {row.order:g} ({row.amplitude_nm.value:.2g} N m) is in no block of it"
+            )
+        elif abs(estimate.value - row.order) > max(_SLIP, _STDS * estimate.std):
+            words.append(f"order {row.order:g} is now at {estimate.value:.5g}")
+    words += [
+        f"order {line.order:.4g} ({line.amplitude_nm.value:.2g} N m) is in no block of it"
+        for line in result.lines
+        if not _held(line.order, blocks)
+    ]
     if not words:
         return []
     return [
@@ -82,5 +87,10 @@ def _moved(run: RunSummary, name: str) -> list[str]:
     ]
 
 
-def _amplitude(row: Mapping[str, Any]) -> str:
-    return f"{float(row['amplitude_nm']['value']):.2g} N m"
+def _held(order: float, blocks: Sequence[float]) -> bool:
+    return any(abs(order - block) < _SLIP for block in blocks)
+
+
+def _result(run: RunSummary, kind: type[_T]) -> _T:
+    file = run.path / "result.json"
+    return kind.from_json(read_json(file), str(file))

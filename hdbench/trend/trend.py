@@ -14,9 +14,10 @@ from typing import Any
 import numpy as np
 
 from hdbench.errors import DataError
-from hdbench.profile.validity import measured_utc
+from hdbench.profile.scaling import measured_utc
 from hdbench.records import Quantity, RunSummary, read_json, read_notes, result_header
-from hdbench.records.table import safe_cell
+from hdbench.records.tables import safe_cell
+from hdbench.results import RESULT_TYPES
 from hdbench.trend.charts import EWMA_WEIGHT
 from hdbench.trend.history import Change, History, study_history
 from hdbench.trend.quantities import QUANTITIES, Reading, unit_of
@@ -40,7 +41,8 @@ class _Run:
     summary: RunSummary
     moment: datetime
     dated: bool
-    result: Mapping[str, Any]
+    # typed, or the mapping of a diagnosis
+    result: Any
     manifest: Mapping[str, Any]
 
 
@@ -161,13 +163,16 @@ def _usable(
             left_out.append(_left_out(run, f"status {run.status}"))
             continue
         try:
-            result = read_json(run.path / "result.json", f"hdbench/{run.kind}/1")
+            body = read_json(run.path / "result.json", f"hdbench/{run.kind}/1")
             manifest = read_json(run.path / "run.json")
+            result: Any = body
+            if run.kind in RESULT_TYPES:
+                result = RESULT_TYPES[run.kind].from_json(body, str(run.path / "result.json"))
             moment, dated = _measured(run, manifest)
         except DataError as error:
             left_out.append(_left_out(run, error.what))
             continue
-        if any(result.get(key) for key in ("doubts", "flags", "data_flags")):
+        if any(body.get(key) for key in ("doubts", "flags", "data_flags")):
             left_out.append(_left_out(run, "its data are doubtful"))
             continue
         found = _Run(run, moment, dated, result, manifest)
@@ -182,7 +187,8 @@ def _usable(
 def _data_hash(run: _Run) -> str:
     files = run.manifest["files"]
     stored = next((files[name] for name in _DATA if name in files), None)
-    return str(stored or run.result.get("input_sha256") or run.summary.path.name)
+    own = run.result.get("input_sha256") if run.summary.kind == "diagnosis" else None
+    return str(stored or own or run.summary.path.name)
 
 
 def _measured(run: RunSummary, manifest: Mapping[str, Any]) -> tuple[datetime, bool]:

@@ -17,7 +17,7 @@ import pytest
 from hdbench.batch import BatchFolder, Input, expand_inputs, stamps_of
 from hdbench.errors import BusyError, UsageError
 from hdbench.records import Trace, write_trace
-from hdbench_cli.batch_task import run_one
+from hdbench_cli.commands.batch_task import run_one
 from hdbench_cli.main import _run as run_line
 from hdbench_cli.output import Output
 

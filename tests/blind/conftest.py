@@ -4,6 +4,6 @@ import sys
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
-for folder in (HERE, HERE.parent.parent / "tools"):
+for folder in (HERE, HERE.parent.parent / "tools" / "blind"):
     if str(folder) not in sys.path:
         sys.path.insert(0, str(folder))

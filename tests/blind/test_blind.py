@@ -4,8 +4,8 @@ The quick form of the benchmark: forty records on fixed seeds. A rate that is at
 breaks a bound here with less than 1 % (binomial law).
 """
 
-from blind_runner import answer_case
 from quick import CLEAN, DYNAMIC, LOADS
+from runner import answer_case
 from scorer.judge import judge
 from scorer.line import one_line
 from scorer.truth import open_truth

@@ -7,7 +7,7 @@ from injector.build import Case, Hidden
 from injector.cases import grid
 from injector.seal import case_text, salt_of, seal
 from scorer.judge import judge
-from scorer.levels import LEVELS, counted, interval, most_by_chance
+from scorer.levels import LEVELS, counted
 from scorer.metrics import Row, figures, mark
 from scorer.truth import open_truth
 
@@ -130,23 +130,6 @@ def test_truth_opens_only_with_its_seal():
         open_truth(changed, mark_of)
 
 
-def test_counts_that_chance_may_reach_are_those_of_the_binomial_law():
-    assert most_by_chance(600, 0.01) == 14
-    assert most_by_chance(600, 0.016) == 20
-    from scipy.stats import binom
-
-    for count, rate in ((300, 0.01), (1000, 0.01), (120, 0.02)):
-        assert most_by_chance(count, rate) == binom.isf(0.002, count, rate)
-
-
-def test_interval_of_a_share_is_wilsons():
-    from statsmodels.stats.proportion import proportion_confint
-
-    for share, count in ((0.0, 30), (0.4, 50), (1.0, 12)):
-        low, high = proportion_confint(share * count, count, method="wilson")
-        assert interval(share, count) == pytest.approx((low, high), abs=1e-6)
-
-
 def test_levels_have_a_figure_each():
     keys = figures([])
     assert [level.key for level in LEVELS if level.key not in keys] == []
@@ -203,11 +186,10 @@ def test_a_set_of_more_than_three_has_no_mark():
     assert mark(Row((truth(COULOMB), wide, judge(truth(COULOMB), wide)))) == 0.0
 
 
-def test_counts_that_chance_explains_are_those_of_the_binomial_law_at_either_end():
-    from scipy.stats import binom
-
+def test_counts_that_chance_explains_keep_the_level_at_either_end():
     by_key = {level.key: level for level in LEVELS}
-    assert counted(by_key["cover_d10"], 200) == binom.ppf(0.002, 200, 0.95)
+    # of 200 at 95 % fewer are covered in 0.2 % of campaigns
+    assert counted(by_key["cover_d10"], 200) == 180
     assert counted(by_key["false_alarms_white"], 600) == 14
     assert counted(by_key["false_alarms_coloured"], 600) == 20
     assert counted(by_key["crashes"], 2000) == 0

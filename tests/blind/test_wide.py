@@ -8,9 +8,6 @@ import os
 
 import numpy as np
 import pytest
-from blind_real import real_cases
-from blind_runner import answer_case
-from blind_wide import line_of, wide_numbers
 from injector.build import Case, Hidden
 from injector.cases import grid
 from injector.geometry import baseline
@@ -19,10 +16,13 @@ from injector.nuisances import NEUTRAL
 from injector.parts import make
 from injector.signatures import axes_of
 from injector.unseen import AXES
+from real_records import real_cases
+from runner import answer_case
 from scorer.real import judge_real
 from scorer.spans import Spanned, axes_shares, names_share
 from scorer.truth import open_truth
 from scorer.wide import judge_wide
+from wide import line_of, wide_numbers
 
 _SEED = 52000
 DATA = os.environ.get("HDBENCH_DATA")

@@ -71,7 +71,7 @@ def test_torque_arm_gives_its_published_regression(series: tuple[str, ...], key:
     assert result.gain_nm_per_v.value == pytest.approx(published["slope"], rel=1e-9)
     assert result.gain_nm_per_v.std == pytest.approx(published["std_err"], rel=1e-9)
     line = result.experiments[0]
-    assert line.intercept_nm.value == pytest.approx(published["intercept"], rel=1e-8)
+    assert line.intercept_nm == pytest.approx(published["intercept"], rel=1e-8)
 
 
 def test_mean_gain_has_the_uncertainty_of_a_mean_over_positions() -> None:
@@ -234,16 +234,18 @@ def test_steps_hold_the_hysteresis_of_each_load() -> None:
         )
         for r in loads.readings
     )
-    line = evaluate_calibration(Loads(lifted), max_consistency=0.05).experiments[0]
-    assert [step.torque_nm for step in line.steps] == [0.0, 10.0, 20.0, 30.0, 40.0]
+    result = evaluate_calibration(Loads(lifted), max_consistency=0.05)
+    line = result.experiments[0]
+    steps = [step for step in result.experiment_steps if step.experiment == line.id]
+    assert [step.torque_nm for step in steps] == [0.0, 10.0, 20.0, 30.0, 40.0]
     # 30 mV at every load; rounding of means
-    np.testing.assert_allclose([step.hysteresis_v for step in line.steps], 0.03, rtol=1e-12)
-    assert line.hysteresis_nm == pytest.approx(0.03 * line.gain_nm_per_v.value, rel=1e-9)
+    np.testing.assert_allclose([step.hysteresis_v for step in steps], 0.03, rtol=1e-12)
+    assert line.hysteresis_nm == pytest.approx(0.03 * line.gain_nm_per_v, rel=1e-9)
 
 
 def test_the_result_has_the_keys_of_the_contract_and_is_json() -> None:
     result = evaluate_calibration(loads_of(EIGHT, noise_v=0.01), max_consistency=0.05)
-    body = json.loads(json.dumps(result.to_dict({"hdbench_version": "0"}), allow_nan=False))
+    body = json.loads(json.dumps(result.to_json(), allow_nan=False))
     assert body["schema"] == "hdbench/calibration/1"
     assert set(body["gain_nm_per_v"]) == {"value", "std", "dof"}
     assert body["n_experiments"] == 8

@@ -11,17 +11,15 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from hdbench.calibration.budget import combined, expanded_uncertainty
-from hdbench.calibration.gains import (
+from hdbench.calibration.gains.differences import (
     DirectionEntry,
     consensus,
     direction_effects,
-    extreme_values,
-    gain_outliers,
-    grubbs_limit,
-    mixed_fit,
-    one_way,
     paired_difference,
 )
+from hdbench.calibration.gains.mixed import mixed_fit
+from hdbench.calibration.gains.outliers import extreme_values, gain_outliers, grubbs_limit
+from hdbench.calibration.gains.positions import any_one_position, one_way
 
 # eight gains with mean 6.60 and consistency 2.0 %, four positions, clockwise and anticlockwise
 EIGHT = [[6.43, 6.46], [6.50, 6.56], [6.63, 6.69], [6.75, 6.78]]
@@ -41,31 +39,37 @@ PLACES = [0, 0, 1, 1, 2, 2, 3, 3]
 def test_analysis_of_variance_of_the_eight_gains_is_that_printed() -> None:
     found = one_way(EIGHT)
     assert found is not None
-    assert found.between == pytest.approx(0.0398333, abs=5e-8)
-    assert found.within == pytest.approx(0.001125, abs=5e-7)
-    assert found.ratio == pytest.approx(35.41, abs=5e-3)
+    assert found.mean_square_between == pytest.approx(0.0398333, abs=5e-8)
+    assert found.mean_square_within == pytest.approx(0.001125, abs=5e-7)
+    assert found.f_ratio == pytest.approx(35.41, abs=5e-3)
     assert found.probability == pytest.approx(0.0024, abs=5e-5)
-    assert found.repeatability == pytest.approx(0.03354, abs=5e-6)
-    assert found.between_std == pytest.approx(0.13912, abs=5e-6)
-    assert found.reproducibility == pytest.approx(0.14311, abs=5e-6)
-    assert found.intraclass == pytest.approx(0.945, abs=5e-4)
-    assert found.mean_std == pytest.approx(0.070563, abs=5e-7)
+    assert found.repeatability_nm_per_v == pytest.approx(0.03354, abs=5e-6)
+    assert found.between_positions_nm_per_v == pytest.approx(0.13912, abs=5e-6)
+    assert found.reproducibility_nm_per_v == pytest.approx(0.14311, abs=5e-6)
+    assert found.intraclass_correlation == pytest.approx(0.945, abs=5e-4)
+    assert found.mean_std_nm_per_v == pytest.approx(0.070563, abs=5e-7)
     # printed in percent of 6.60: 0.508, 2.108, 2.168
-    sizes = [found.repeatability, found.between_std, found.reproducibility]
+    sizes = [
+        found.repeatability_nm_per_v,
+        found.between_positions_nm_per_v,
+        found.reproducibility_nm_per_v,
+    ]
     np.testing.assert_allclose(np.array(sizes) / 0.066, [0.508, 2.108, 2.168], atol=5e-4)
 
 
 def test_expanded_uncertainties_of_the_eight_gains_are_those_printed() -> None:
     found = one_way(EIGHT)
     assert found is not None
-    mean = expanded_uncertainty(found.mean_std, 3.0)
+    mean = expanded_uncertainty(found.mean_std_nm_per_v, 3.0)
     assert mean.expanded == pytest.approx(0.22456, abs=5e-6)
     assert 100.0 * mean.expanded / 6.6 == pytest.approx(3.402, abs=5e-4)
     naive = expanded_uncertainty(float(np.std(FLAT, ddof=1)) / math.sqrt(8.0), 7.0)
     assert naive.expanded == pytest.approx(0.11127, abs=5e-6)
     assert 100.0 * naive.expanded / 6.6 == pytest.approx(1.686, abs=5e-4)
-    std, dof = found.any_one
-    assert std == pytest.approx(math.hypot(found.mean_std, found.reproducibility), rel=1e-12)
+    std, dof = any_one_position(found)
+    assert std == pytest.approx(
+        math.hypot(found.mean_std_nm_per_v, found.reproducibility_nm_per_v), rel=1e-12
+    )
     assert 3.0 < dof < 4.0
 
 
@@ -73,10 +77,12 @@ def test_directions_of_the_eight_gains_differ_as_printed() -> None:
     entries = [(place, way[0], gain) for place, way, gain in zip(PLACES, WAYS, FLAT, strict=True)]
     found = paired_difference(entries, "cw", "ccw")
     assert found is not None
-    assert (found.mean_first, found.mean_second) == pytest.approx((6.5775, 6.6225), abs=1e-12)
-    assert abs(found.difference.value) == pytest.approx(0.045, abs=1e-12)
-    assert 100.0 * abs(found.relative) == pytest.approx(0.682, abs=5e-4)
-    assert abs(found.statistic) == pytest.approx(5.196, abs=5e-4)
+    assert (found.mean_first_nm_per_v, found.mean_second_nm_per_v) == pytest.approx(
+        (6.5775, 6.6225), abs=1e-12
+    )
+    assert abs(found.difference_nm_per_v.value) == pytest.approx(0.045, abs=1e-12)
+    assert 100.0 * abs(found.relative.value) == pytest.approx(0.682, abs=5e-4)
+    assert abs(found.t_statistic) == pytest.approx(5.196, abs=5e-4)
     assert found.probability == pytest.approx(0.0138, abs=5e-5)
     theirs = stats.ttest_rel([p[0] for p in EIGHT], [p[1] for p in EIGHT])
     assert found.probability == pytest.approx(theirs.pvalue, rel=1e-9)
@@ -87,7 +93,7 @@ def test_gains_with_their_own_uncertainties_have_the_printed_birge_ratio() -> No
     assert found is not None
     assert found.chi_square == pytest.approx(1124.7, abs=0.05)
     assert found.birge_ratio == pytest.approx(12.68, abs=5e-3)
-    assert found.between_std == pytest.approx(0.13268, abs=5e-6)
+    assert found.between_std_nm_per_v == pytest.approx(0.13268, abs=5e-6)
 
 
 def test_paule_mandel_solves_its_equation_for_unequal_uncertainties() -> None:
@@ -96,20 +102,22 @@ def test_paule_mandel_solves_its_equation_for_unequal_uncertainties() -> None:
     gains = 6.6 + rng.normal(0.0, 0.2, 9)
     found = consensus(list(gains), list(own))
     assert found is not None
-    weights = 1.0 / (own**2 + found.between_std**2)
-    assert float((weights * (gains - found.mean.value) ** 2).sum()) == pytest.approx(8.0, rel=1e-9)
+    weights = 1.0 / (own**2 + found.between_std_nm_per_v**2)
+    assert float(
+        (weights * (gains - found.weighted_mean_nm_per_v.value) ** 2).sum()
+    ) == pytest.approx(8.0, rel=1e-9)
 
 
 def test_variance_components_of_the_pharmacopeia_are_reproduced() -> None:
     found = one_way(USP)
     assert found is not None
-    assert found.between == pytest.approx(3.550, abs=5e-4)
-    assert found.within == pytest.approx(0.1018, abs=5e-5)
-    assert found.ratio == pytest.approx(34.886, abs=5e-3)
-    assert found.between_std**2 == pytest.approx(1.1494, abs=5e-5)
-    assert found.reproducibility**2 == pytest.approx(1.2512, abs=5e-5)
+    assert found.mean_square_between == pytest.approx(3.550, abs=5e-4)
+    assert found.mean_square_within == pytest.approx(0.1018, abs=5e-5)
+    assert found.f_ratio == pytest.approx(34.886, abs=5e-3)
+    assert found.between_positions_nm_per_v**2 == pytest.approx(1.1494, abs=5e-5)
+    assert found.reproducibility_nm_per_v**2 == pytest.approx(1.2512, abs=5e-5)
     theirs = stats.f_oneway(*USP)
-    assert (found.ratio, found.probability) == pytest.approx(
+    assert (found.f_ratio, found.probability) == pytest.approx(
         (theirs.statistic, theirs.pvalue), rel=1e-9
     )
 
@@ -130,19 +138,23 @@ def test_the_mixed_model_agrees_with_statsmodels(dropped, effects: bool) -> None
     theirs = MixedLM(np.array(gains), np.column_stack(columns), groups=np.array(places))
     fit = theirs.fit(reml=True)
     # theirs is found by iteration, which leaves 1e-3 in the standard deviations
-    assert found.gain.value == pytest.approx(float(fit.fe_params[0]), rel=1e-6)
-    assert found.gain.std == pytest.approx(float(fit.bse_fe[0]), rel=2e-3)
-    assert found.between_std == pytest.approx(math.sqrt(float(fit.cov_re[0, 0])), rel=2e-3)
-    assert found.repeatability == pytest.approx(math.sqrt(float(fit.scale)), rel=2e-3)
+    assert found.gain_nm_per_v.value == pytest.approx(float(fit.fe_params[0]), rel=1e-6)
+    assert found.gain_nm_per_v.std == pytest.approx(float(fit.bse_fe[0]), rel=2e-3)
+    assert found.between_positions_nm_per_v == pytest.approx(
+        math.sqrt(float(fit.cov_re[0, 0])), rel=2e-3
+    )
+    assert found.repeatability_nm_per_v == pytest.approx(math.sqrt(float(fit.scale)), rel=2e-3)
 
 
 def test_the_balanced_mixed_model_is_the_analysis_of_variance() -> None:
     found, anova = mixed_fit(FLAT, PLACES, [()] * 8), one_way(EIGHT)
     assert found is not None
     assert anova is not None
-    assert found.between_std == pytest.approx(anova.between_std, rel=1e-6)
-    assert found.gain.std == pytest.approx(anova.mean_std, rel=1e-6)
-    assert found.gain.dof == pytest.approx(3.0, rel=1e-6)
+    assert found.between_positions_nm_per_v == pytest.approx(
+        anova.between_positions_nm_per_v, rel=1e-6
+    )
+    assert found.gain_nm_per_v.std == pytest.approx(anova.mean_std_nm_per_v, rel=1e-6)
+    assert found.gain_nm_per_v.dof == pytest.approx(3.0, rel=1e-6)
 
 
 def test_a_mixed_model_without_data_for_its_effects_is_refused() -> None:
@@ -231,7 +243,7 @@ def test_a_couple_or_a_second_arm_tells_them_apart(levers: list[float]) -> None:
     assert found.group == ()
     # ten standard uncertainties of this noise are below these tolerances
     assert found.crosstalk_v_per_n.value == pytest.approx(1e-4, abs=1e-5)
-    assert found.asymmetry.value == pytest.approx(2e-3, abs=2e-4)
+    assert found.half_asymmetry.value == pytest.approx(2e-3, abs=2e-4)
     low, high = found.crosstalk_v_per_n.interval(0.999)
     assert low < 1e-4 < high
 
@@ -256,12 +268,14 @@ def test_sums_of_squares_add_up_and_scale(gains: list[list[float]], scale: float
     flat = np.concatenate([np.array(g) for g in gains])
     total = float(((flat - flat.mean()) ** 2).sum())
     p, n = len(gains), len(flat)
-    parts = found.between * (p - 1) + found.within * (n - p)
+    parts = found.mean_square_between * (p - 1) + found.mean_square_within * (n - p)
     # rounding of sums of at most fifteen squares
     assert parts == pytest.approx(total, rel=1e-9, abs=1e-12)
     scaled = one_way([[scale * x for x in g] for g in gains])
     assert scaled is not None
-    assert scaled.mean_std == pytest.approx(scale * found.mean_std, rel=1e-12, abs=1e-15)
+    assert scaled.mean_std_nm_per_v == pytest.approx(
+        scale * found.mean_std_nm_per_v, rel=1e-12, abs=1e-15
+    )
 
 
 def test_effective_degrees_of_freedom_are_satterthwaites() -> None:

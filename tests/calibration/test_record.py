@@ -17,19 +17,20 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from hdbench.calibration import evaluate_calibration
-from hdbench.calibration.acceptance import LimitTest, decide
-from hdbench.calibration.budget import BudgetRow, budget_dicts, combined, expanded_uncertainty
+from hdbench.calibration.acceptance import decide
+from hdbench.calibration.budget import combined, expanded_uncertainty, with_shares
 from hdbench.calibration.montecarlo import propagate
 from hdbench.errors import DataError
 from hdbench.profile import load_profile, new_profile, parse_profile
 from hdbench.records import LoadReading, Loads
-from hdbench.records.loadsfile import read_loads, write_loads
+from hdbench.records.tables import read_loads, write_loads
+from hdbench.results.calibration import BudgetRow, LimitTest
 
-_TOOL = Path(__file__).parents[2] / "tools" / "calibration_coverage.py"
+_TOOL = Path(__file__).parents[2] / "tools" / "coverage.py"
 
 
 def tool():
-    spec = importlib.util.spec_from_file_location("calibration_coverage", _TOOL)
+    spec = importlib.util.spec_from_file_location("coverage_tool", _TOOL)
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
@@ -40,7 +41,15 @@ def tool():
 
 
 def row(name: str, relative: float, distribution: str, dof: float | None = None) -> BudgetRow:
-    return BudgetRow(name, "", relative, "1", distribution, 1.0, 1.0, relative, dof, True)
+    return BudgetRow(
+        name=name,
+        group="",
+        half_width=relative,
+        distribution=distribution,
+        relative_std=relative,
+        dof=dof,
+        declared=True,
+    )
 
 
 # the published example: position of 3 dof beside torque, crosstalk and temperature
@@ -85,12 +94,13 @@ def test_the_monte_carlo_interval_is_that_of_the_formula() -> None:
     assert found is not None
     # ends of a t of 3 dof from a million draws scatter by 6e-4; five of them, and the 0.4 % by
     # which the effective degrees of freedom are an approximation
-    low, high = found.interval
+    low, high = found.interval_nm_per_v
     assert (low, high) == pytest.approx((6.3768, 6.8232), abs=3e-3)
-    assert found.expanded == pytest.approx(formula.expanded, rel=0.02)
+    assert found.expanded_nm_per_v == pytest.approx(formula.expanded, rel=0.02)
     # a t of 3 dof has sqrt(3) times its scale: intervals are compared, not standard deviations
-    assert found.std > 1.5 * std
-    assert found.shortest[1] - found.shortest[0] <= high - low
+    assert found.std_nm_per_v > 1.5 * std
+    shortest = found.shortest_interval_nm_per_v
+    assert shortest[1] - shortest[0] <= high - low
     again = propagate(6.6, EXAMPLE, (std, formula.expanded), seed=1)
     assert again == found
 
@@ -109,9 +119,9 @@ def test_the_combined_uncertainty_is_that_of_gtc() -> None:
 
 
 def test_shares_of_a_budget_add_up_to_one() -> None:
-    shares = [entry["share"] for entry in budget_dicts(EXAMPLE)]
+    shares = [entry.share for entry in with_shares(EXAMPLE)]
     assert math.fsum(shares) == pytest.approx(1.0, rel=1e-12)
-    assert budget_dicts([row("nothing", 0.0, "normal")])[0]["share"] == 0.0
+    assert with_shares([row("nothing", 0.0, "normal")])[0].share == 0.0
 
 
 def test_intervals_of_simulated_calibrations_cover_the_mean_of_both_directions() -> None:
@@ -138,7 +148,7 @@ def test_a_gain_holds_what_is_declared_of_the_torque_and_does_not_average_it_awa
         assert result.gain_nm_per_v.std / result.gain_nm_per_v.value >= common
     without = evaluate_calibration(masses(), max_consistency=0.1, bench=bare)
     assert without.gain_nm_per_v.std < few.gain_nm_per_v.std
-    rows = {r["name"]: r for r in few.to_dict({})["budget"]}
+    rows = {r["name"]: r for r in few.to_json()["budget"]}
     assert rows["arm length"]["relative_std"] == pytest.approx(common, rel=1e-6)
     assert rows["mass of the weights"]["declared"] is False
     assert rows["mass of the weights"]["origin"] == "not declared"
@@ -149,7 +159,7 @@ def test_a_bench_that_declares_nothing_gives_the_scatter_alone() -> None:
     bare = evaluate_calibration(loads, max_consistency=0.1, bench=bench_with(""))
     alone = evaluate_calibration(loads, max_consistency=0.1)
     assert bare.gain_nm_per_v == alone.gain_nm_per_v
-    assert bare.to_dict({})["torque"]["not_declared"]
+    assert bare.to_json()["torque"]["not_declared"]
 
 
 def test_buoyancy_lowers_the_gain_of_masses_and_not_of_given_torques() -> None:
@@ -184,7 +194,7 @@ def test_limits_of_the_profile_decide(limits: str, accepted: bool) -> None:
     bench = bench_with(f"\n[calibration.limits]\n{limits}\n")
     result = evaluate_calibration(masses(), max_consistency=0.1, bench=bench)
     assert result.accepted is accepted
-    assert result.to_dict({})["acceptance"]["decision_rule"] == "simple"
+    assert result.to_json()["acceptance"]["decision_rule"] == "simple"
 
 
 def test_the_decision_rule_is_stated_and_guarded_acceptance_is_stricter() -> None:
@@ -194,14 +204,15 @@ def test_the_decision_rule_is_stated_and_guarded_acceptance_is_stricter() -> Non
     assert simple.consistency is not None
     assert simple.consistency < 0.015 < strict.consistency_interval[1]
     assert (simple.accepted, strict.accepted) == (True, False)
-    assert "upper end" in strict.to_dict({})["acceptance"]["statement"]
+    assert "upper end" in strict.to_json()["acceptance"]["statement"]
 
 
-def test_a_value_that_cannot_be_tested_accepts_nothing_and_nan_fails() -> None:
-    held, unknown = LimitTest("a", 1.0, 2.0), LimitTest("b", None, 2.0)
-    assert decide([held, unknown], "simple").accepted is None
-    assert decide([held, LimitTest("c", math.nan, 2.0)], "simple").accepted is False
-    assert decide([LimitTest("d", 3.0, 2.0), unknown], "simple").accepted is False
+def test_a_value_that_cannot_be_tested_accepts_nothing_and_nan_is_refused() -> None:
+    held, unknown, broken = (LimitTest(name="a", value=v, limit=2.0) for v in (1.0, None, 3.0))
+    assert decide([held, unknown], "simple")[0] is None
+    assert decide([broken, unknown], "simple")[0] is False
+    with pytest.raises(ValueError, match="finite"):
+        LimitTest(name="c", value=math.nan, limit=2.0)
 
 
 def test_a_reading_off_the_common_course_is_flagged_and_kept() -> None:
@@ -209,7 +220,7 @@ def test_a_reading_off_the_common_course_is_flagged_and_kept() -> None:
     for place in (13, 51):
         rows[place] = replace(rows[place], reading_v=rows[place].reading_v + 0.02)
     result = evaluate_calibration(Loads(tuple(rows)), max_consistency=0.1)
-    found = [o for o in result.to_dict({})["outliers"] if o["kind"] == "reading"]
+    found = [o for o in result.to_json()["outliers"] if o["kind"] == "reading"]
     named = {(o["experiment"], o["series"], round(o["torque_nm"], 3)) for o in found}
     wanted = {(r.experiment, r.series, round(abs(r.torque_nm), 3)) for r in (rows[13], rows[51])}
     assert wanted <= named
@@ -222,7 +233,7 @@ def test_a_clean_calibration_seldom_flags_a_reading() -> None:
         rng = np.random.default_rng(seed)
         rows = [replace(r, reading_v=r.reading_v + 1e-3 * rng.normal()) for r in masses().readings]
         result = evaluate_calibration(Loads(tuple(rows)), max_consistency=0.1)
-        flagged += len(result.metrology.odd) > 0
+        flagged += any(o.kind == "reading" for o in result.outliers)
     # 5 % for each of the two directions: binomial(40, 0.1), false alarm 1e-3
     assert flagged <= stats.binom.ppf(0.999, 40, 0.10)
 
@@ -240,7 +251,7 @@ def test_the_low_range_is_compared_with_the_full_one_at_each_position() -> None:
         )
         for r in full
     ]
-    body = evaluate_calibration(Loads((*full, *low)), max_consistency=0.1).to_dict({})
+    body = evaluate_calibration(Loads((*full, *low)), max_consistency=0.1).to_json()
     assert body["ranges"]["n_pairs"] == 8
     # sensitivities 0.1 % apart make gains 0.1 % apart the other way
     assert body["ranges"]["relative"]["value"] == pytest.approx(-1e-3, rel=0.01)
@@ -248,14 +259,14 @@ def test_the_low_range_is_compared_with_the_full_one_at_each_position() -> None:
 
 
 def test_side_force_and_asymmetry_stay_one_group_in_the_result() -> None:
-    body = evaluate_calibration(masses(), max_consistency=0.1, bench=bench_with("")).to_dict({})
+    body = evaluate_calibration(masses(), max_consistency=0.1, bench=bench_with("")).to_json()
     assert body["direction_effects"]["group"] == ["side-force", "direction-asymmetry"]
     assert body["direction_effects"]["separated"] is False
     single = masses().readings
     couple = [replace(r, experiment=f"{r.experiment}-c") for r in single]
     words = ("single",) * len(single) + ("couple",) * len(couple)
     both = Loads((*single, *couple), extra_columns={"loading": words})
-    body = evaluate_calibration(both, max_consistency=0.1, bench=bench_with("")).to_dict({})
+    body = evaluate_calibration(both, max_consistency=0.1, bench=bench_with("")).to_json()
     assert body["direction_effects"]["separated"] is True
     # the same readings with and without side force: there is none
     assert abs(body["direction_effects"]["crosstalk_v_per_n"]["value"]) < 1e-4
@@ -263,11 +274,11 @@ def test_side_force_and_asymmetry_stay_one_group_in_the_result() -> None:
 
 def test_the_side_force_is_sized_and_cancels_in_the_mean_of_both_directions() -> None:
     bench = bench_with("")
-    body = evaluate_calibration(masses(), max_consistency=0.1, bench=bench).to_dict({})
+    body = evaluate_calibration(masses(), max_consistency=0.1, bench=bench).to_json()
     assert body["side_force"]["force_n"] == pytest.approx(8.0 * bench.arm.gravity_m_s2)
     assert body["side_force"]["cancels"] is True
     one = Loads(tuple(r for r in masses().readings if r.direction == "cw"))
-    alone = evaluate_calibration(one, max_consistency=0.1, bench=bench).to_dict({})
+    alone = evaluate_calibration(one, max_consistency=0.1, bench=bench).to_json()
     assert alone["side_force"]["cancels"] is False
     assert alone["side_force"]["half_direction_difference"] is None
     assert "side force, one direction only" in [r["name"] for r in alone["budget"]]
@@ -278,7 +289,7 @@ def test_shunt_readings_are_compared_with_those_of_the_last_calibration() -> Non
     rows = (replace(masses().readings[0], reading_v=6.003), *masses().readings)
     words = ("shunt",) + ("",) * (len(rows) - 1)
     loads = Loads(rows, extra_columns={"kind": words})
-    body = evaluate_calibration(loads, max_consistency=0.1, bench=bench_with(shunt)).to_dict({})
+    body = evaluate_calibration(loads, max_consistency=0.1, bench=bench_with(shunt)).to_json()
     assert body["shunt"]["change"] == pytest.approx(0.0005, rel=1e-9)
     assert body["shunt"]["within"] is True
     assert body["shunt"]["torque_equivalent_nm"] == pytest.approx(6.6 * 6.0, rel=0.02)
@@ -293,7 +304,7 @@ def test_the_course_beside_the_readings_is_read(tmp_path: Path) -> None:
     )
     bench = bench_with("")
     loads = read_loads(tmp_path / "loads.csv", bench.arm)
-    body = evaluate_calibration(loads, max_consistency=0.1, bench=bench).to_dict({})
+    body = evaluate_calibration(loads, max_consistency=0.1, bench=bench).to_json()
     assert body["course"]["n_preloads"] == 1
     assert body["shunt"]["reading_v"] == 6.0
     assert [entry["kind"] for entry in body["sequence"]] == ["preload", "shunt", "zero"]
@@ -327,7 +338,7 @@ def test_the_result_is_json_with_every_part_of_the_record() -> None:
     result = evaluate_calibration(
         masses(temperature_c=21.0), max_consistency=0.1, bench=bench_with(""), monte_carlo_seed=0
     )
-    body = json.loads(json.dumps(result.to_dict({}), allow_nan=False))
+    body = json.loads(json.dumps(result.to_json(), allow_nan=False))
     assert body["title"] == "Calibration record"
     for key in (
         "identity", "standards", "arm", "course", "readings", "steps", "groups", "class",
@@ -363,8 +374,8 @@ def test_the_other_direction_first_gives_the_same_gain_and_turns_the_asymmetry()
         )
         for r in loads.readings
     )
-    a = evaluate_calibration(loads, max_consistency=0.1).to_dict({})
-    b = evaluate_calibration(Loads(rows), max_consistency=0.1).to_dict({})
+    a = evaluate_calibration(loads, max_consistency=0.1).to_json()
+    b = evaluate_calibration(Loads(rows), max_consistency=0.1).to_json()
     assert b["gain_nm_per_v"]["value"] == pytest.approx(a["gain_nm_per_v"]["value"], rel=1e-12)
     assert b["class"] == a["class"]
     turned = -a["direction"]["relative"]["value"]
@@ -409,5 +420,5 @@ def test_any_loads_give_a_result_or_a_reason(rows, gain: float, same: bool) -> N
         fix = error.fix
     else:
         # no number is NaN or infinite, whatever is missing
-        fix = json.dumps(result.to_dict({}), allow_nan=False)
+        fix = json.dumps(result.to_json(), allow_nan=False)
     assert fix

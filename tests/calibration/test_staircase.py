@@ -14,12 +14,12 @@ from hypothesis import strategies as st
 
 from hdbench.calibration import evaluate_calibration
 from hdbench.calibration.staircase import StaircasePlan, find_plateaus, import_staircase
-from hdbench.calibration.staircase.glitches import find_glitches, find_stuck
+from hdbench.calibration.staircase.plateaus import find_glitches, find_stuck
 from hdbench.errors import DataError, UsageError
 from hdbench.importing.mapping import ColumnMap, Constant
 from hdbench.importing.text import ForeignFormat
 from hdbench.profile import load_profile
-from hdbench.records.loadsfile import read_loads
+from hdbench.records.tables import read_loads
 
 DATA = os.environ.get("HDBENCH_DATA")
 needs_data = pytest.mark.skipif(DATA is None, reason="HDBENCH_DATA is not set")
@@ -65,7 +65,7 @@ def test_the_load_cell_goes_through_the_whole_evaluation(tmp_path: Path) -> None
     import_staircase(cell_plan(11), cell_file(), out, arm())
     loads = read_loads(out, arm())
     bench = load_profile("cim-tr-97-06").data
-    body = evaluate_calibration(loads, max_consistency=0.05, bench=bench).to_dict({})
+    body = evaluate_calibration(loads, max_consistency=0.05, bench=bench).to_json()
     json.dumps(body, allow_nan=False)
     assert body["course"]["n_excluded_samples"] == 4
     assert len(body["course"]["excluded_at_s"]) == 4

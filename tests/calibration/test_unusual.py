@@ -11,12 +11,13 @@ import pytest
 from scipy import stats
 
 from hdbench.calibration import evaluate_calibration
-from hdbench.calibration.gains import one_way, plain_mean
+from hdbench.calibration.gains.mixed import plain_mean
+from hdbench.calibration.gains.positions import one_way
 from hdbench.errors import DataError
 from hdbench.profile import load_profile
 from hdbench.records import LoadReading, Loads
-from hdbench.records.loadsfile import read_loads
-from hdbench.report.calibration import tables, verdict
+from hdbench.records.tables import read_loads
+from hdbench.report.calibration.section import tables, verdict
 
 ARM = load_profile("cim-tr-97-06").data.arm
 STEPS = (0.0, 10.0, 20.0, 30.0, 40.0)
@@ -57,7 +58,7 @@ def test_the_plain_mean_of_equal_positions_is_the_analysis_of_variance() -> None
     anova = one_way(np.reshape(gains, (4, 2)).tolist())
     assert anova is not None
     # the same sum of squares by two routes: rounding
-    assert mean.std == pytest.approx(anova.mean_std, rel=1e-9)
+    assert mean.std == pytest.approx(anova.mean_std_nm_per_v, rel=1e-9)
     assert mean.dof == 3.0
 
 
@@ -128,12 +129,12 @@ def test_gains_that_cancel_in_pairs_have_no_relative_difference_of_direction() -
     ]
     rows += experiment("3-cw", 6.6, position=3.0)
     result = found(rows)
-    assert result.metrology.direction is None
+    assert result.direction is None
     assert result.flags
 
 
 def test_a_bridge_wired_the_other_way_has_its_sign_in_both_equations() -> None:
-    body = found(calibration(gains=(-6.5, -6.6, -6.7))).to_dict({})
+    body = found(calibration(gains=(-6.5, -6.6, -6.7)))
     (equations,) = [t for t in tables(body) if t.title == "Equation both ways"]
     assert all("V = \u2212" in row[1] and "T = \u2212" in row[2] for row in equations.rows)
 
@@ -146,7 +147,7 @@ def test_rows_that_are_written_twice_are_noted() -> None:
 
 
 def test_readings_without_any_scatter_show_no_outlier() -> None:
-    assert found(calibration(gains=(6.6, 6.6, 6.6, 6.6))).to_dict({})["outliers"] == []
+    assert found(calibration(gains=(6.6, 6.6, 6.6, 6.6))).to_json()["outliers"] == []
 
 
 def test_a_wide_loop_that_scales_with_the_gain_is_no_reason_to_flag_a_reading() -> None:
@@ -154,7 +155,9 @@ def test_a_wide_loop_that_scales_with_the_gain_is_no_reason_to_flag_a_reading() 
     for seed in range(40):
         rng = np.random.default_rng(seed)
         gains = 6.6 * (1.0 + 0.02 * rng.normal(size=4))
-        flagged += bool(found(calibration(gains, noise=rng, loop=2.0)).metrology.odd)
+        flagged += any(
+            o.kind == "reading" for o in found(calibration(gains, noise=rng, loop=2.0)).outliers
+        )
     # two groups of 5 % each; false alarm 1e-3
     assert flagged <= stats.binom.ppf(0.999, 40, 0.0975)
 
@@ -162,7 +165,7 @@ def test_a_wide_loop_that_scales_with_the_gain_is_no_reason_to_flag_a_reading() 
 def test_a_step_that_one_position_alone_has_is_without_reproducibility_there() -> None:
     rows = calibration(gains=(6.5, 6.6, 6.7))
     rows += experiment("3-cw", 6.55, position=4.5, steps=(0.0, 10.0, 20.0, 25.0, 30.0, 40.0))
-    steps = [s for s in found(rows).to_dict({})["steps"] if s["direction"] == "cw"]
+    steps = [s for s in found(rows).to_json()["steps"] if s["direction"] == "cw"]
     known = {s["torque_nm"]: s["reproducibility_v"] for s in steps}
     assert known.pop(25.0) is None
     for torque, spread in known.items():
@@ -176,10 +179,8 @@ def test_a_step_that_one_position_alone_has_is_without_reproducibility_there() -
 def test_a_series_of_another_mounting_is_no_repetition() -> None:
     rows = [r for name, gain in (("a", 6.6), ("b", 6.7)) for r in experiment(name, gain)]
     names = tuple("0" if r.experiment == "a" else "1" for r in rows)
-    (same,) = found(rows).metrology.groups
-    (other,) = found(rows, mounting=names).metrology.groups
-    assert same.found.repeatability_v is not None
-    assert other.found.repeatability_v is None
+    assert all(step.repeatability_v is not None for step in found(rows).steps)
+    assert all(step.repeatability_v is None for step in found(rows, mounting=names).steps)
 
 
 def test_a_row_with_a_mass_and_no_torque_is_a_mass(tmp_path: Path) -> None:
@@ -207,5 +208,5 @@ def test_a_torque_beyond_any_machine_is_refused_with_its_experiment() -> None:
 
 
 def test_a_record_that_is_not_accepted_names_the_limit() -> None:
-    body = found(calibration(gains=(6.0, 6.6, 7.2))).to_dict({})
+    body = found(calibration(gains=(6.0, 6.6, 7.2)))
     assert verdict(body).text.endswith("; not held: consistency.")

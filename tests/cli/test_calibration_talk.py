@@ -14,7 +14,7 @@ import pytest
 from hdbench.profile import load_profile
 from hdbench.records import resolve_input, verify_run
 from hdbench.session.calibrating.conversation import LiveReading
-from hdbench_cli.liveline import live_line
+from hdbench_cli.asking.conversation import live_line
 
 sys.path.insert(0, str(Path(__file__).parent))
 from terminal import RUN, Person

@@ -11,6 +11,7 @@ from pathlib import Path
 import click
 import pytest
 from click.testing import CliRunner
+from rich.text import Text
 
 from hdbench_cli import main as main_module
 from hdbench_cli.output import Output
@@ -184,7 +185,7 @@ def test_no_color_gives_plain_text_even_on_a_terminal(monkeypatch: pytest.Monkey
     monkeypatch.setenv("FORCE_COLOR", "1")  # rich then takes any stream for a terminal
     console = Output.console()
     with console.capture() as captured:
-        console.print("[bold red]error[/] and [dim]fix[/]")
+        console.print(Text.assemble(("error", "bold red"), " and ", ("fix", "dim")))
     assert captured.get() == "error and fix\n"
 
 

@@ -10,10 +10,10 @@ import pytest
 from rich.console import Console
 
 from hdbench.records import Trace, write_trace
-from hdbench.report.diagnosis_limits import left_out_line, rest_line
-from hdbench_cli.diagnosis_names import names_line
-from hdbench_cli.diagnosis_text import show
+from hdbench.report.diagnosis.limits import left_out_line, rest_line
+from hdbench_cli.commands.diagnosis_text import lines, names_line
 from hdbench_cli.main import main
+from hdbench_cli.output import show_lines
 
 # contract, section 5
 KEYS = {
@@ -181,7 +181,7 @@ def test_the_extended_model_continues(tmp_path, run):
 def screen(body):
     """Return the lines of a result on a terminal of 80 columns."""
     console = Console(width=80, record=True, file=io.StringIO())
-    show(console, body, Path(body["run_folder"]))
+    show_lines(console, lines(body, Path(body["run_folder"]), console))
     return console.export_text().splitlines()
 
 

@@ -10,10 +10,10 @@ import click
 import pytest
 from click.testing import CliRunner
 
-from hdbench.devices import finding
-from hdbench.devices.finding import SerialPort, latency_timer_ms, probe_port
-from hdbench_cli import devices as devices_module
-from hdbench_cli import doctor as doctor_module
+from hdbench.devices import serial_ports
+from hdbench.devices.serial_ports import SerialPort, latency_timer_ms, probe_port
+from hdbench_cli.commands import devices as devices_module
+from hdbench_cli.commands import doctor as doctor_module
 from hdbench_cli.output import Output
 
 
@@ -67,8 +67,8 @@ def port(path: str, **changes: object) -> SerialPort:
 def test_devices_lists_ports_with_their_usb_identity_and_asks_nobody(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(finding, "find_ports", lambda: (port("/dev/ttyUSB7"),))
-    monkeypatch.setattr(finding, "probe_port", lambda _port: pytest.fail("asked"))
+    monkeypatch.setattr(serial_ports, "find_ports", lambda: (port("/dev/ttyUSB7"),))
+    monkeypatch.setattr(serial_ports, "probe_port", lambda _port: pytest.fail("asked"))
     code, body = call(devices_module.command)
     assert code == 0
     (found,) = body["ports"]  # type: ignore[misc]
@@ -80,7 +80,7 @@ def test_a_slow_adapter_and_missing_rights_are_told_with_their_fix(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     slow = port("/dev/ttyUSB7", accessible=False)
-    monkeypatch.setattr(finding, "find_ports", lambda: (slow,))
+    monkeypatch.setattr(serial_ports, "find_ports", lambda: (slow,))
     done = CliRunner().invoke(devices_module.command, ["--probe"], obj=Output())
     assert "latency_timer" in done.stdout
     assert "dialout" in done.stdout

@@ -10,7 +10,7 @@ import pytest
 # the signal comes while an object is cleared away: what is raised there is dropped by Python
 SCRIPT = """
 import os, signal, sys, time, weakref
-from hdbench_cli.ending import end_by_signals
+from hdbench_cli.signals import end_by_signals
 
 # tests that run in the background are born deaf to Ctrl-C
 signal.signal(signal.SIGINT, signal.default_int_handler)

@@ -15,7 +15,7 @@ from click.testing import CliRunner, Result
 from hdbench.filter import load_filter_model
 from hdbench.profile import load_profile
 from hdbench.records import RunFolder
-from hdbench_cli.filter import command
+from hdbench_cli.commands.filter import command
 from hdbench_cli.output import Output
 
 HEADER = "time_s,torque_nm,torque_expected_nm,ripple_nm,misalignment_nm,torque_filtered_nm"

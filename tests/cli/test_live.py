@@ -15,12 +15,12 @@ from rich.console import Console
 from rich.live import Live
 
 from hdbench.filter import OscillatorBlock
-from hdbench.filter.amplitudes import BlockAmplitude
+from hdbench.filter.online import BlockAmplitude
 from hdbench.profile import load_profile
 from hdbench.session.watching import Frame, FrameQueue
-from hdbench_cli.live import LiveView, free_space
-from hdbench_cli.liveparts import CURVES, History
-from hdbench_cli.livepicture import picture
+from hdbench_cli.live.history import CURVES, History
+from hdbench_cli.live.picture import picture
+from hdbench_cli.live.view import LiveView, free_space
 
 PROFILE = load_profile("cim-tr-97-06")
 GAIN = PROFILE.data.servo.velocity_gain_rad_s_per_v

@@ -6,7 +6,7 @@ import click
 import pytest
 from click.testing import CliRunner
 
-from hdbench_cli.operator import ConsoleOperator
+from hdbench_cli.asking.operator import ConsoleOperator
 
 
 def ask(call, answer: str) -> tuple[bool, str]:

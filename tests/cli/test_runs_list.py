@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from hdbench.profile import load_profile
-from hdbench_cli.experiment import choose_profile
+from hdbench_cli.inputs import choose_profile
 from hdbench_cli.main import main
 
 LOADS = Path(__file__).parents[1] / "stored" / "calibration" / "loads.csv"

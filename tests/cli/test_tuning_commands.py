@@ -14,10 +14,10 @@ import pytest
 from click.testing import CliRunner, Result
 
 from hdbench.filter import load_filter_model, preset
-from hdbench.filter.core import kernel_form
+from hdbench.filter.kalman import kernel_form
 from hdbench.profile import load_profile
-from hdbench_cli import filter as filter_command
-from hdbench_cli import orders, response, tune
+from hdbench_cli.commands import filter as filter_command
+from hdbench_cli.commands import orders, response, tune
 from hdbench_cli.main import main
 from hdbench_cli.output import Output
 
@@ -209,7 +209,7 @@ def test_tuning_checks_where_it_writes_before_it_tunes(trace, tmp_path, capsys, 
     def tuned_anyway(*_: object) -> None:
         raise AssertionError("tuned before the target was checked")
 
-    monkeypatch.setattr("hdbench_cli.tune.tune_inputs", tuned_anyway)
+    monkeypatch.setattr("hdbench_cli.commands.tune.tune_inputs", tuned_anyway)
     (tmp_path / "result.json").write_text('{"schema": "hdbench/ripple/1"}')
     assert code(["tune", str(trace), "--out", str(tmp_path / name)]) == 2
     assert "--out" in capsys.readouterr().err

@@ -4,10 +4,16 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from hdbench.devices.capabilities import Capabilities, InputInfo, OutputInfo, WatchdogInfo
-from hdbench.devices.daq import ScanBlock, WatchdogState
-from hdbench.devices.hosted import HostSettings
-from hdbench.devices.ports import Identity, SafeState
+from hdbench.devices.bench import Identity, SafeState
+from hdbench.devices.daq import (
+    Capabilities,
+    InputInfo,
+    OutputInfo,
+    ScanBlock,
+    WatchdogInfo,
+    WatchdogState,
+)
+from hdbench.devices.host import HostSettings
 from hdbench.errors import DeviceError
 
 TACHO = 50.0

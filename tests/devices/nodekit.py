@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import socket
 import struct
 import threading
@@ -12,13 +11,14 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 import numpy as np
+from faults.lines import in_thread
 
-from hdbench.devices.emulator.serve import NodeDevice, build_core
+from hdbench.devices.emulator.node import build_core
 from hdbench.devices.emulator.server import ModbusServer
-from hdbench.devices.hosted import HostedBench, host_settings
+from hdbench.devices.host import HostedBench, host_settings
+from hdbench.devices.node.access import NodeAccess
 from hdbench.devices.node.driver import NodeDaq
-from hdbench.devices.node.spans import node_probe
-from hdbench.devices.node.wire import NodeWire
+from hdbench.devices.node.wire import node_probe
 from hdbench.devices.wire import connect, parse_address
 from hdbench.plant.converter import RawSamples
 from hdbench.profile import load_profile
@@ -115,27 +115,10 @@ def served(bench: object | None = None, *, pace: str = "fast") -> Iterator[Serve
     core = build_core(
         bench or TinyBench(), PROFILE, 0, pace=pace, record=lambda e: events.append(dict(e))
     )
-    loop = asyncio.new_event_loop()
-    server = ModbusServer(NodeDevice(core))
-    thread = threading.Thread(target=loop.run_forever, daemon=True)
-    thread.start()
-    address = asyncio.run_coroutine_threadsafe(server.open(), loop).result(5)
-    host, _, port = address.removeprefix("tcp://").rpartition(":")
-    try:
+    server = ModbusServer(core)
+    with in_thread(server.open, server.close) as (_, address):
+        host, _, port = address.removeprefix("tcp://").rpartition(":")
         yield ServedNode(core, host, int(port), events)
-    finally:
-
-        async def shut() -> None:
-            server.close()
-            # one turn of the loop closes what is open
-            await asyncio.sleep(0.01)
-
-        asyncio.run_coroutine_threadsafe(shut(), loop).result(5)
-        loop.call_soon_threadsafe(loop.stop)
-        thread.join(5)
-        for connection in list(getattr(loop, "_transports", {}).values()):
-            connection.abort()
-        loop.close()
 
 
 @contextmanager
@@ -162,10 +145,10 @@ def driver(
         bench.close()
 
 
-def node_wire(host: str, port: int, *, deadline_s: float) -> NodeWire:
+def node_wire(host: str, port: int, *, deadline_s: float) -> NodeAccess:
     """Return register access to a node on TCP."""
     link = connect(parse_address(f"tcp://{host}:{port}"), probe=node_probe)
-    return NodeWire(link, deadline_s=deadline_s)
+    return NodeAccess(link, deadline_s=deadline_s)
 
 
 Handler = Callable[[socket.socket, bytes], None]

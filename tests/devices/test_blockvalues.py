@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from hdbench.devices.node.blockcodec import DATA_AT
-from hdbench.devices.node.blockvalues import ScanDecoder, channel_bits
+from hdbench.devices.node.blocks import DATA_AT, ScanDecoder, channel_bits
 from hdbench.devices.node.registers import ENCODER_HIGH, block_scans
 
 LIMITS = {

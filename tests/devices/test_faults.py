@@ -8,16 +8,10 @@ import time
 import tty
 
 import pytest
-from linefaults.faults import (
-    FAULT_KINDS,
-    Mangler,
-    RawFraming,
-    RtuFraming,
-    TcpFraming,
-)
-from linefaults.lines import faulty_serial, faulty_tcp
+from faults.lines import faulty_serial, faulty_tcp
+from faults.mangler import FAULT_KINDS, Mangler, RawFraming, RtuFraming, TcpFraming
 
-from hdbench.devices.wire.crc import crc16
+from hdbench.devices.wire.rtu import crc16
 
 # a reply with two registers, an echo of a write, and one of function 76
 READ = struct.pack(">HHHB", 7, 0, 7, 1) + bytes((3, 4, 0, 17, 34, 51))

@@ -17,14 +17,15 @@ import pytest
 from nodekit import PROFILE, TinyBench, driver, proxy, served, until
 from serial import Serial
 
+from hdbench.devices.bench import AcquisitionSettings
 from hdbench.devices.emulator.process import running_emulator
-from hdbench.devices.guard import Guard, GuardedBench, guard_silence_s, order, order_of
+from hdbench.devices.guard import GuardedBench, GuardProcess, guard_silence_s, order_of
 from hdbench.devices.guard import launch as launching
+from hdbench.devices.guard.order import Look, as_json
 from hdbench.devices.guard.process import watching
 from hdbench.devices.guard.process.stopping import FAULTS, Wire, make_safe, note_identity, wrong
-from hdbench.devices.ports import AcquisitionSettings
 from hdbench.devices.wire import FrameError, read_registers, write_register
-from hdbench.devices.wire.crc import crc16
+from hdbench.devices.wire.rtu import crc16
 from hdbench.errors import DeviceError
 from hdbench.profile import load_profile
 from hdbench.profile.schema import ReferenceWave
@@ -32,8 +33,18 @@ from hdbench.profile.schema import ReferenceWave
 WAVE = ReferenceWave(wave="constant", amplitude_v=1.0)
 
 
+def told(order_or_target):
+    """Return it as the guard's process reads it."""
+    return json.loads(as_json(order_or_target))
+
+
 def profile_at(address):
     return PROFILE.model_copy(update={"daq": PROFILE.daq.model_copy(update={"address": address})})
+
+
+def guarding(bench, start_guard):
+    """Return the same device with a guard."""
+    return GuardedBench(bench.daq, bench._settings, start_guard)
 
 
 @contextmanager
@@ -42,7 +53,7 @@ def guarded(node, tmp_path, silence_s=0.3):
     log = tmp_path / "guard.jsonl"
     with driver(node.host, node.port, watchdog_s=2.0) as bench:
         bench.claim()
-        found = GuardedBench(bench, lambda: Guard(order_of(data), silence_s, log=log))
+        found = guarding(bench, lambda: GuardProcess(order_of(data), silence_s, log=log))
         try:
             yield found
         finally:
@@ -104,7 +115,7 @@ def test_a_bench_that_is_closed_without_the_safe_state_is_made_safe(tmp_path):
         data = profile_at(f"tcp://{node.host}:{node.port}")
         with driver(node.host, node.port, watchdog_s=2.0) as inner:
             inner.claim()
-            bench = GuardedBench(inner, lambda: Guard(order_of(data), 1.0))
+            bench = guarding(inner, lambda: GuardProcess(order_of(data), 1.0))
             turn(bench)
             bench.close()
             assert motor(node) == 0.0
@@ -135,7 +146,7 @@ def test_motion_without_a_second_connection_is_refused(tmp_path):
     with served(TinyBench()) as node, driver(node.host, node.port) as inner:
         inner.claim()
         nowhere = order_of(profile_at("tcp://127.0.0.1:1"))
-        bench = GuardedBench(inner, lambda: Guard(nowhere, 1.0))
+        bench = guarding(inner, lambda: GuardProcess(nowhere, 1.0))
         with pytest.raises(DeviceError, match="does not reach the device"):
             bench.configure(AcquisitionSettings(1e-3, 1000, WAVE))
         assert motor(node) == 0.0
@@ -170,27 +181,26 @@ def test_the_guard_takes_no_other_reply_for_its_own(kind):
     with served(TinyBench(), pace="realtime") as node:
         with proxy(node.host, node.port, mangle) as (host, port, frames):
             (target,) = order_of(profile_at(f"tcp://{host}:{port}")).targets
-            assert make_safe(target.to_dict(), alone=False) != ""
+            assert make_safe(told(target), alone=False) != ""
         assert frames
         with proxy(node.host, node.port, lambda _, reply: reply) as (host, port, _):
             (target,) = order_of(profile_at(f"tcp://{host}:{port}")).targets
-            assert make_safe(target.to_dict(), alone=False) == ""
+            assert make_safe(told(target), alone=False) == ""
 
 
 def test_a_guard_whose_words_nobody_reads_goes_on_trying():
-    program = (
-        "import sys; sys.path.append(sys.argv[1]); from process.telling import say\n"
-        "for _ in range(2000): say('w' * 200)\n"
-        "print('done', flush=True)"
+    program = launching._PROGRAM.replace(
+        "import main; main()",
+        "import say\nfor _ in range(2000): say('w' * 200)\nprint('done', flush=True)",
     )
-    folder = str(Path(launching.__file__).parent)
     with subprocess.Popen(
-        [sys.executable, "-I", "-c", program, folder],
+        [sys.executable, "-I", "-S", "-c", program],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
     ) as talking:
         try:
             assert select.select([talking.stdout], [], [], 20.0)[0], "held up by a full pipe"
+            assert talking.stdout.read(4) == b"done"
         finally:
             talking.kill()
 
@@ -207,7 +217,7 @@ def test_a_bug_in_the_guard_does_not_end_its_trying(monkeypatch):
     monkeypatch.setattr(watching, "stop_motor", fails_once)
     near, far = socket.socketpair()
     with near, far:
-        guard = watching.Guard(near, {"targets": [], "try_s": 5.0, "log": None, "emulator": None})
+        guard = watching.Watcher(near, {"targets": [], "try_s": 5.0, "log": None, "emulator": None})
         guard.fire("test")
         assert far.recv(100).startswith(b"F")
     assert len(tries) == 2
@@ -274,14 +284,16 @@ def test_on_a_serial_line_the_guard_takes_over_from_a_dead_or_frozen_session(tmp
         assert zero["event"] == "stopped", "the guard was there before the watchdog"
 
 
-def _line(path, **keys):
+def _line(path):
     return {
         "scheme": "rtu", "path": path, "host": "", "port": 0, "unit": 1, "rest_s": 0.0, "tls": None,
-        "serial": {"baud_bd": 115200, "parity": "N", "stop_bits": 1, "gap_s": None}, **keys,
+        "serial": {"baud_bd": 115200, "parity": "N", "stop_bits": 1, "gap_s": None},
     }  # fmt: skip
 
 
-READ, WRITE = (order._told(asked) for asked in (read_registers(0, 1), write_register(1, 0)))
+READ, WRITE = (
+    told(Look(asked))["request"] for asked in (read_registers(0, 1), write_register(1, 0))
+)
 
 
 def test_a_serial_line_that_is_gone_does_not_hold_the_guard_up():
@@ -305,8 +317,10 @@ def test_a_serial_line_that_another_program_has_taken_over_is_left_in_peace():
     near, far = os.openpty()
     tty.setraw(far)
     path = os.ttyname(far)
-    told = {"identity": None, "acts": [WRITE], "looks": [], "brake_s": 0.0, "finals": []}
-    target = _line(path, **told)
+    target = {
+        "place": _line(path), "identity": [], "acts": [WRITE], "looks": [], "finals": [],
+        "final_looks": [], "brake_s": 0.0,
+    }  # fmt: skip
     try:
         with Serial(path, timeout=0, exclusive=True):
             # the session is gone, and somebody has the port
@@ -326,15 +340,16 @@ def test_on_a_serial_line_the_guard_knows_who_answered_before_the_motion():
     data = load_profile("cim-tr-97-06").data
     with running_emulator(data, plant="as-modelled", seed=0, pace="realtime", wire="rtu") as found:
         (target,) = order_of(profile_at(found["address"])).targets
-        told = target.to_dict()
-        note_identity(told)
-        assert make_safe(told, alone=True) == ""
-        assert "another device" in make_safe({**told, "known": "03" + "00" * 20}, alone=True)
+        ordered = told(target)
+        note_identity(ordered)
+        assert make_safe(ordered, alone=True) == ""
+        ordered["identity"][0]["known"] = "03" + "00" * 20
+        assert "another device" in make_safe(ordered, alone=True)
 
 
 def test_the_guard_starts_with_the_standard_library_and_the_wire_alone():
     loads = launching._PROGRAM.replace(
-        "main()", "import serial, hdbench.devices.wire.rtu, hdbench.devices.wire.tls, sys; "
+        "main()", "import serial, hdbench.devices.wire.rtu, hdbench.devices.wire.tcp, sys; "
         "print(*sorted({name.partition('.')[0] for name in sys.modules}))"
     )  # fmt: skip
     done = subprocess.run(
@@ -348,15 +363,15 @@ def test_the_guard_starts_with_the_standard_library_and_the_wire_alone():
 @pytest.mark.parametrize(
     ("raw", "check", "safe"),
     [
-        (struct.pack(">f", 0.2), {"as": ">f", "low": -0.5, "high": 0.5}, True),
-        (struct.pack(">f", -0.6), {"as": ">f", "low": -0.5, "high": 0.5}, False),
-        (struct.pack(">f", float("nan")), {"as": ">f", "low": -0.5, "high": 0.5}, False),
-        (struct.pack(">H", 0b1010), {"as": ">H", "low": 0, "high": 0, "mask": 0b0101}, True),
-        (struct.pack(">H", 0b1010), {"as": ">H", "low": 0, "high": 0, "mask": 0b1000}, False),
+        (struct.pack(">f", 0.2), {"form": ">f", "low": -0.5, "high": 0.5}, True),
+        (struct.pack(">f", -0.6), {"form": ">f", "low": -0.5, "high": 0.5}, False),
+        (struct.pack(">f", float("nan")), {"form": ">f", "low": -0.5, "high": 0.5}, False),
+        (struct.pack(">H", 0b1010), {"form": ">H", "low": 0, "high": 0, "mask": 0b0101}, True),
+        (struct.pack(">H", 0b1010), {"form": ">H", "low": 0, "high": 0, "mask": 0b1000}, False),
         # 1.5 with the low word first
         (struct.pack(">f", 1.5)[2:] + struct.pack(">f", 1.5)[:2],
-         {"as": ">f", "low": 1.5, "high": 1.5, "order": [2, 3, 0, 1]}, True),
-        (b"\0\0", {"as": ">f", "low": -1.0, "high": 1.0}, False),
+         {"form": ">f", "low": 1.5, "high": 1.5, "order": [2, 3, 0, 1]}, True),
+        (b"\0\0", {"form": ">f", "low": -1.0, "high": 1.0}, False),
     ],
 )  # fmt: skip
 def test_what_is_read_back_is_judged_by_its_value(raw, check, safe):
@@ -413,6 +428,7 @@ def test_a_device_that_is_not_the_one_from_before_is_never_written_to(tmp_path):
     with served(TinyBench(), pace="realtime") as node, guarded(node, tmp_path) as bench:
         turn(bench)
         (target,) = order_of(profile_at(f"tcp://{node.host}:{node.port}")).targets
-        told = {**target.to_dict(), "known": "03" + "00" * 20}
-        assert "another device" in make_safe(told, alone=False)
+        ordered = told(target)
+        ordered["identity"][0]["known"] = "03" + "00" * 20
+        assert "another device" in make_safe(ordered, alone=False)
         assert motor(node) == pytest.approx(1.0)

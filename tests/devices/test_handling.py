@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 from plant_tools import AS_MODELLED, quiet_profile
 
-from hdbench.devices.mistakes import Mistake, Mistakes, parse_mistakes
-from hdbench.devices.operator import SimulatedOperator
+from hdbench.devices.operator import Mistake, Mistakes, SimulatedOperator, parse_mistakes
 from hdbench.errors import UsageError
 from hdbench.plant.bench import SimulatedBench
-from hdbench.plant.fixture import FREE_SWING_S, ArmLoad, Settling, shunt_volts
+from hdbench.plant.fixture import FREE_SWING_S, ArmLoad, shunt_volts
+from hdbench.plant.plantfile import FixtureSpec
 from hdbench.profile.calibrating import ShuntCheck
 
 V_PER_CODE = 10.0 / 32768.0
-STILL = Settling(12.0, 0.05, 0.0, 0.3, 1.0)
+STILL = FixtureSpec(swing_rad=0.0)
 
 
 def reading_v(bench: SimulatedBench, seconds: float = 6.0) -> np.ndarray:

@@ -10,15 +10,14 @@ from daqkit import ABLE, ROLES, SETTINGS, TACHO, Clock, FakeDaq, block
 from hypothesis import given
 from hypothesis import settings as given_settings
 from hypothesis import strategies as st
+from nodekit import until
 
 from hdbench.devices import AcquisitionSettings
-from hdbench.devices.hosted import HostedBench
-from hdbench.devices.hosted.channels import Unwrap
-from hdbench.devices.hosted.control import ControlThread
-from hdbench.devices.hosted.reference import HostReference, ReferenceLog
-from hdbench.devices.hosted.sampleclock import SampleClock
+from hdbench.devices.host import HostedBench
+from hdbench.devices.host.channels import SampleClock, Unwrap
+from hdbench.devices.host.control import ControlThread, HostReference, ReferenceLog
 from hdbench.errors import DeviceError, UsageError
-from hdbench.model.program import ProgramPart, ReferenceProgram
+from hdbench.model.waves import ProgramPart, ReferenceProgram
 from hdbench.profile.schema import ReferenceWave
 
 WAVE = ReferenceWave(wave="constant", amplitude_v=2.0)
@@ -159,7 +158,7 @@ def test_samples_are_placed_between_the_start_and_the_earliest_arrival():
         clock.seen(newest, arrived)
         taken = true + newest * period * (1 + 200e-6)
         # its own doubt, and how the earliest of 64 arrivals scatters: 28 ms / 64, a few times
-        assert abs(clock.time_s(newest) - taken) < clock.doubt_s + 0.003
+        assert abs(clock.offset_s + newest * period - taken) < clock.doubt_s + 0.003
     assert clock.doubt_s <= 0.5 * (0.006 + period)
 
 
@@ -169,7 +168,6 @@ def test_the_reference_of_a_sample_is_what_stood_there_at_its_time():
     log.add(100.020, 100.024, 2.0)
     found = log.at(np.array([100.0, 100.0109, 100.0111, 100.0219, 100.0221, 107.0]))
     np.testing.assert_array_equal(found, [0, 0, 1, 1, 2, 2])
-    assert log.worst_write_s == pytest.approx(0.004)
 
 
 def test_a_long_log_forgets_what_no_sample_asks_for():
@@ -218,13 +216,6 @@ def running(daq, *, watchdog_s=0.4, **changes):
     return control, log
 
 
-def until(condition, timeout_s=3.0):
-    end_s = time.monotonic() + timeout_s
-    while not condition():
-        assert time.monotonic() < end_s, "nothing happened"
-        time.sleep(0.005)
-
-
 def test_the_watchdog_is_fed_in_time_while_the_session_takes_samples():
     daq = FakeDaq(clock=RealClock())
     control, log = running(daq)
@@ -245,7 +236,7 @@ def test_a_session_that_hangs_stops_the_motor_and_starves_the_watchdog():
     daq = FakeDaq(clock=RealClock())
     start_s = time.monotonic()
     control, _ = running(daq)
-    until(lambda: daq.written and daq.written[-1][1] == 0.0)
+    until(lambda: daq.written and daq.written[-1][1] == 0.0, 3.0)
     took_s = time.monotonic() - start_s
     fed = len(daq.fed_s)
     time.sleep(0.15)
@@ -259,7 +250,7 @@ def test_a_session_that_hangs_stops_the_motor_and_starves_the_watchdog():
 def test_a_crossed_limit_zeroes_the_reference_within_a_turn():
     daq = FakeDaq(clock=RealClock())
     control, _ = running(daq)
-    until(lambda: daq.reference_v == 2.0)
+    until(lambda: daq.reference_v == 2.0, 3.0)
     control.crossed("motor speed 500 rad/s crossed the limit")
     until(lambda: daq.reference_v == 0.0, 0.2)
     with pytest.raises(DeviceError, match="crossed"):
@@ -271,7 +262,7 @@ def test_a_device_that_refuses_a_write_ends_the_thread_with_its_error():
     daq = FakeDaq(clock=RealClock())
     daq.refuse = "output broken"
     control, _ = running(daq)
-    until(lambda: not control._thread.is_alive())
+    until(lambda: not control._thread.is_alive(), 3.0)
     with pytest.raises(DeviceError, match="output broken"):
         control.check()
     assert daq.fed_s == []
@@ -284,7 +275,7 @@ def test_any_end_of_the_control_thread_zeroes_the_output_and_ends_the_run(call, 
     made = HostedBench(daq, SETTINGS)
     made.configure(ASKED)
     made.start()
-    until(lambda: daq.reference_v == 2.0)
+    until(lambda: daq.reference_v == 2.0, 3.0)
     works, fails = getattr(daq, call), [error]
 
     def fail_once(*given):
@@ -296,7 +287,7 @@ def test_any_end_of_the_control_thread_zeroes_the_output_and_ends_the_run(call, 
     # another value than the one that stands there is written
     made._control._last_v = 1.0
     made._control.seen()
-    until(lambda: not made._control._thread.is_alive())
+    until(lambda: not made._control._thread.is_alive(), 3.0)
     assert daq.reference_v == 0.0
     with pytest.raises(DeviceError, match=f"{type(error).__name__}.*{error.args[-1]}") as caught:
         made.read_block()
@@ -309,12 +300,12 @@ def test_any_end_of_the_control_thread_zeroes_the_output_and_ends_the_run(call, 
 
 
 def test_a_value_that_was_on_its_way_at_the_stop_is_followed_by_another_zero(monkeypatch):
-    monkeypatch.setattr("hdbench.devices.hosted.control._JOIN_S", 0.1)
+    monkeypatch.setattr("hdbench.devices.host.control._JOIN_S", 0.1)
     daq = FakeDaq(clock=RealClock())
     made = HostedBench(daq, SETTINGS)
     made.configure(ASKED)
     made.start()
-    until(lambda: daq.reference_v == 2.0)
+    until(lambda: daq.reference_v == 2.0, 3.0)
     works, held, hangs = daq.write_output, threading.Event(), threading.Event()
 
     def late(*given):
@@ -347,7 +338,7 @@ def test_a_motion_begins_with_watchdog_zero_and_enable_and_ends_the_other_way():
     made = HostedBench(daq, SETTINGS)
     made.configure(ASKED)
     made.start()
-    until(lambda: daq.reference_v == 2.0)
+    until(lambda: daq.reference_v == 2.0, 3.0)
     assert daq.written[0][1] == 0.0, "zero before the drive is enabled"
     made.stop()
     assert daq.calls == ["configure", "arm", "enable", "start", "stop", "disable", "clear"]
@@ -360,7 +351,7 @@ def test_a_limit_in_the_samples_stops_the_motor_before_the_session_asks_again():
     made = HostedBench(daq, SETTINGS)
     made.configure(ASKED)
     made.start()
-    until(lambda: daq.reference_v == 2.0)
+    until(lambda: daq.reference_v == 2.0, 3.0)
     daq.blocks = [block(0, [[0.0, 401.0 / TACHO, 0]])]
     made.read_block()
     until(lambda: daq.reference_v == 0.0, 0.2)
@@ -374,7 +365,7 @@ def test_the_reference_that_was_written_stands_beside_every_sample():
     made = HostedBench(daq, SETTINGS)
     made.configure(ASKED)
     made.start()
-    until(lambda: daq.reference_v == 2.0)
+    until(lambda: daq.reference_v == 2.0, 3.0)
     time.sleep(0.05)
     now_s = time.monotonic()
     n = int((now_s - made._start_s) / 1e-3)

@@ -6,13 +6,15 @@ import socket
 import stat
 import subprocess
 import sys
+import time
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 
 import pytest
+from nodekit import until
 
 from hdbench.devices import lock, open_bench
-from hdbench.devices.lock import exclusive, holder, release
+from hdbench.devices.lock import exclusive, release
 from hdbench.errors import BusyError, StorageError
 from hdbench.profile import load_profile
 from hdbench.system import files, processes
@@ -41,6 +43,13 @@ def _own_folder(tmp_path, monkeypatch):
     tmp_path.chmod(0o700)
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     monkeypatch.setenv("TMPDIR", str(tmp_path))
+
+
+def holder(address):
+    """Return the number of the process that has locked the file, as the file tells it."""
+    path = lock._held(address)
+    found = lock.Holder() if path is None else lock._holder_in(path)
+    return found.pid if found.pid and found.mark == (process_mark(found.pid) or "-") else None
 
 
 @contextmanager
@@ -96,6 +105,20 @@ def test_a_stop_ends_the_process_that_holds_the_bench():
     assert holder(LINE) is None
 
 
+def test_a_run_that_has_yet_to_write_who_it_is_is_ended_too():
+    slow = """
+import os, time
+write = os.write
+os.write = lambda *told: (time.sleep(0.5), write(*told))[1]
+"""
+    with process("-c", slow + RUN, LINE) as run:
+        until(lock._path(LINE).exists, 20.0)
+        # between opening and locking it
+        time.sleep(0.1)
+        release(LINE)
+        assert run.wait(5) == -signal.SIGTERM
+
+
 def test_a_process_that_died_holds_nothing_and_its_number_is_signalled_no_more():
     with process("-c", RUN, LINE) as run:
         assert run.stdout.readline() == "held\n"
@@ -112,6 +135,8 @@ def test_a_process_that_died_holds_nothing_and_its_number_is_signalled_no_more()
     [
         ("tcp://192.0.2.7", "tcp://192.0.2.7:502"),
         ("tcp://[fd00::7]:502", "tls://[fd00::7]:502"),
+        ("tcp://127.0.0.1:502", "tcp://[::1]:502"),
+        ("tcp://127.0.0.1:502", "udp://127.0.0.2:502"),
         ("rtu://{folder}/by-id/usb-1", "rtu://{folder}/ttyUSB0"),
         ("rtu://{folder}/by-id/usb-1?baud=9600", "serial://{folder}/ttyUSB0"),
     ],

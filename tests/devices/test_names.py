@@ -8,7 +8,7 @@ import pytest
 from hdbench.devices import AcquisitionSettings, open_bench, opening, stop_bench
 from hdbench.devices.emulator.process import running_emulator
 from hdbench.devices.guard import order_of
-from hdbench.devices.wire import FrameError, connect, naming, parse_address, read_registers
+from hdbench.devices.wire import FrameError, address, connect, parse_address, read_registers
 from hdbench.errors import DeviceError
 from hdbench.profile import load_profile
 from hdbench.profile.acquiring_table import TlsFiles
@@ -51,7 +51,7 @@ def named(data, found):
 def link_of(daq):
     """Return the connection that carries a driver's requests."""
     daq = getattr(daq, "_outputs", daq) if hasattr(daq, "_inputs") else daq
-    for name in ("_wire", "_control", "_access"):
+    for name in ("_node", "_control", "_access"):
         if hasattr(daq, name):
             return getattr(daq, name)._link
     raise AssertionError(f"{type(daq).__name__}: {sorted(vars(daq))}")
@@ -73,14 +73,14 @@ def test_a_run_asks_for_the_name_once_and_never_waits_for_it_again(name, monkeyp
 
         with open_bench(named(data, found)) as bench:
             bench.configure(AcquisitionSettings(4e-3, 100_000, WAVE))
-            link_of(bench.bench.daq).close()
+            link_of(bench.daq).close()
             timed(bench.start)
             taken = 0
             while taken < 200:
                 block = timed(bench.read_block)
                 taken += len(block) if block else 0
             bench.stop()
-            link_of(bench.bench.daq).close()
+            link_of(bench.daq).close()
             safe = timed(bench.safe_state)
     assert safe.confirmed, safe.detail
     assert resolver.asked == 1
@@ -109,7 +109,7 @@ def test_a_resolver_that_does_not_answer_is_told_before_anything_is_opened(monke
     resolver = Resolver(slow_s=2.0)
     resolver.asked = 1
     monkeypatch.setattr(socket, "getaddrinfo", resolver)
-    monkeypatch.setattr(naming, "_LONGEST_S", 0.3)
+    monkeypatch.setattr(address, "_LONGEST_S", 0.3)
     start_s = time.monotonic()
     with pytest.raises(DeviceError, match=r"bench-7.*0\.3 s") as caught:
         stop_bench(load_profile("cim-tr-97-06"), address="tcp://bench-7:502")
@@ -139,7 +139,7 @@ def test_of_several_numbers_the_one_that_answers_is_taken(monkeypatch):
             return [place for one in hosts for place in ask(one, port, **keys)]
 
         monkeypatch.setattr(socket, "getaddrinfo", both)
-        assert naming.numbered(f"tcp://bench-7:{port}") == f"tcp://127.0.0.1:{port}"
+        assert address.numbered(f"tcp://bench-7:{port}") == f"tcp://127.0.0.1:{port}"
 
 
 @pytest.mark.parametrize(
@@ -159,4 +159,4 @@ def test_of_several_numbers_the_one_that_answers_is_taken(monkeypatch):
 )
 def test_numbers_and_other_addresses_are_asked_for_nowhere(text, number, monkeypatch):
     monkeypatch.delattr(socket, "getaddrinfo")
-    assert naming.numbered(text) == number
+    assert address.numbered(text) == number

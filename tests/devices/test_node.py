@@ -12,7 +12,7 @@ from pymodbus.client import ModbusTcpClient
 from hdbench.devices import AcquisitionSettings, SimulatedOperator
 from hdbench.devices.daq import DaqSettings
 from hdbench.devices.emulator.machine import NodeMachine
-from hdbench.devices.emulator.serve import build_core
+from hdbench.devices.emulator.node import build_core
 from hdbench.devices.node.registers import Refusal, State, register
 from hdbench.errors import BusyError, DeviceError, UsageError
 from hdbench.profile.schema import ReferenceWave
@@ -182,7 +182,7 @@ def _ended(bench):
 def test_a_full_scale_code_is_marked_as_saturated():
     with served() as node, driver(node.host, node.port) as bench:
         limits = bench.daq.limits()
-        from hdbench.devices.node.blockcodec import (
+        from hdbench.devices.emulator.machine import (
             BlockHeader,
             encode_block,
             encode_scans,
@@ -268,7 +268,7 @@ def test_a_nan_reference_is_refused():
     from hdbench.devices.emulator.parameters import RefusedError
 
     with pytest.raises(RefusedError) as caught:
-        core.write(register("amplitude_v").address, struct.pack(">f", float("nan")), 1)
+        core.write("holding", register("amplitude_v").address, struct.pack(">f", float("nan")), 1)
     assert caught.value.exception == 3
     assert caught.value.reason == Refusal.REFERENCE_LIMIT
 
@@ -340,7 +340,7 @@ def test_a_heartbeat_that_does_not_change_does_not_feed_the_watchdog():
     for beat, state in ((1, State.RUNNING), (2, State.RUNNING), (2, State.TRIPPED)):
         clock.now_s += 1.5
         core.tick()
-        core.write(heartbeat, struct.pack(">H", beat), 1)
+        core.write("holding", heartbeat, struct.pack(">H", beat), 1)
         clock.now_s += 0.4 if state == State.RUNNING else 0.6
         core.tick()
         assert _status(core, "state") == state
@@ -445,15 +445,15 @@ def test_a_session_outlives_a_lost_connection_and_ends_with_its_host():
     token = register("session").address
     from hdbench.devices.emulator.parameters import RefusedError
 
-    core.write(token, struct.pack(">I", 7), 1)
-    core.disconnected(1)
+    core.write("holding", token, struct.pack(">I", 7), 1)
+    core.left(1)
     with pytest.raises(RefusedError):
-        core.write(token, struct.pack(">I", 8), 2)
-    core.write(token, struct.pack(">I", 7), 3)
-    core.disconnected(3)
+        core.write("holding", token, struct.pack(">I", 8), 2)
+    core.write("holding", token, struct.pack(">I", 7), 3)
+    core.left(3)
     clock.now_s += 2.1
     core.tick()
-    core.write(token, struct.pack(">I", 8), 4)
+    core.write("holding", token, struct.pack(">I", 8), 4)
 
 
 def test_a_reconnecting_driver_keeps_its_session():
@@ -466,7 +466,7 @@ def test_a_reconnecting_driver_keeps_its_session():
         bench.start()
         assert _gaps(_collect(bench, 380), 380) == 0
         assert bench.daq.status()["session_state"] == 1
-        assert bench.daq._wire.repeats == 1
+        assert bench.daq.repeats == 1
 
 
 # -- operator -------------------------------------------------------------------------------------
@@ -493,7 +493,7 @@ def test_another_device_is_recognised_before_anything_is_written():
 
 
 def test_control_characters_of_the_device_are_not_passed_on():
-    from hdbench.devices.text import clean_text
+    from hdbench.devices.daq import clean_text
 
     assert clean_text(b"T\x1b[31m7\x07\xff\r\n\x00junk") == "T[31m7"
     assert clean_text("nödë\N{RIGHT-TO-LEFT OVERRIDE}".encode()) == "nödë"
@@ -516,17 +516,17 @@ def test_a_restarted_node_is_noticed():
 
 def _configure(core, *, n_samples):
     raw = struct.pack(">fIIfHfffffH", 0.0, 1_000_000, n_samples, 1.0, 1, 0, 0, 0, 0, 0, 2000)
-    core.write(register("bias_v").address, raw, 1)
+    core.write("holding", register("bias_v").address, raw, 1)
 
 
 def _start(core, *, n_samples):
     _configure(core, n_samples=n_samples)
-    core.write(register("command").address, b"\0\1", 1)
+    core.write("holding", register("command").address, b"\0\1", 1)
 
 
 def _status(core, name):
     entry = register(name)
-    return int.from_bytes(core.read(entry.address, entry.size, 1), "big")
+    return int.from_bytes(core.read("holding", entry.address, entry.size, 1), "big")
 
 
 def _drain(core, clock, *, pause_after, pause_s):
@@ -536,8 +536,8 @@ def _drain(core, clock, *, pause_after, pause_s):
     for _ in range(200_000):
         beat = (beat + 1) % 0x10000
         core.tick()
-        core.write(register("ack").address, struct.pack(">HH", seq, beat), 1)
-        raw = core.read(0, 125, 1)
+        core.write("holding", register("ack").address, struct.pack(">HH", seq, beat), 1)
+        raw = core.read("holding", 0, 125, 1)
         _, _, got, flags, n_scans, _, first = struct.unpack_from(">HHHHHHI", raw)
         if got:
             # every scan is the one of its index, on either side of a gap
@@ -553,7 +553,7 @@ def _drain(core, clock, *, pause_after, pause_s):
                 for _ in range(int(pause_s / 0.5)):
                     clock.now_s += 0.5
                     beat = (beat + 1) % 0x10000
-                    core.write(register("heartbeat").address, struct.pack(">H", beat), 1)
+                    core.write("holding", register("heartbeat").address, struct.pack(">H", beat), 1)
                     core.tick()
         elif not flags & 2:
             return received, lost

@@ -10,23 +10,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from nodekit import PROFILE, ManualClock, TinyBench
 
-from hdbench.devices.emulator.serve import NodeDevice, build_core
-from hdbench.devices.node.blockcodec import (
-    BlockHeader,
-    block_fault,
-    decode_block,
-    encode_block,
-    encode_scans,
-    seal_block,
-)
-from hdbench.devices.node.codec import as_float32, decode_group, encode_group
+from hdbench.devices.emulator.machine import BlockHeader, encode_block, encode_scans, seal_block
+from hdbench.devices.emulator.node import build_core
+from hdbench.devices.node.blocks import block_fault
 from hdbench.devices.node.registers import (
     MAP,
     PARAMETERS,
     PROGRAM,
     Refusal,
     State,
+    as_float32,
     block_registers,
+    decode_group,
+    encode_group,
     register,
     register_at,
 )
@@ -68,7 +64,7 @@ def test_the_worked_example_of_the_page_is_what_the_node_answers():
         request, reply = bytes.fromhex(request_text), bytes.fromhex(reply_text)
         assert struct.unpack(">H", request[4:6])[0] == len(request) - 6
         assert request[:4] == reply[:4]
-        assert NodeDevice(core).answer(request[7:], 1) == reply[7:]
+        assert core.answer(request[7:], 1) == reply[7:]
     assert core.machine.starts == 1
 
 
@@ -86,7 +82,7 @@ def test_every_read_only_register_refuses_a_write_with_exception_2():
     for entry in MAP:
         if entry.access == "r":
             request = struct.pack(">BHHB", 16, entry.address, entry.size, 2 * entry.size)
-            reply = NodeDevice(core).answer(request + bytes(2 * entry.size), 1)
+            reply = core.answer(request + bytes(2 * entry.size), 1)
             assert reply == b"\x90\x02", entry.name
 
 
@@ -98,7 +94,7 @@ def test_any_bytes_as_a_request_get_an_answer_and_never_start_the_motor():
     )
     def check(function, rest):
         core = build_core(TinyBench(), PROFILE, 0, pace="fast", clock=ManualClock())
-        reply = NodeDevice(core).answer(bytes((function,)) + rest, 1)
+        reply = core.answer(bytes((function,)) + rest, 1)
         assert reply[0] in (function, function | 0x80)
         assert 2 <= len(reply) <= 253
         assert core.machine.starts == 0
@@ -133,14 +129,16 @@ def test_a_block_is_the_same_after_a_round_trip(scans, channels, echo):
     raw = seal_block(encode_block(header, encode_scans(codes, encoder)), echo)
     assert len(raw) == 250
     assert raw[:2] == struct.pack(">H", echo)
-    block = decode_block(raw)
-    assert block.header == header
+    assert block_fault(raw) == ""
+    _, *told, first_count, _ = struct.unpack_from(">HHHHHHIiI", raw)
+    assert told == [65535, 7, 2 | channels << 8, len(scans), 3, 2**32 - 1]
     wrapped = (encoder + 2**31) % 2**32 - 2**31
     high, low = wrapped >> 16, wrapped & 0xFFFF
     whole = np.column_stack((codes, high, low)).astype(np.uint16).view(np.int16)
     chosen = [bit for bit in range(6) if channels >> bit & 1]
-    np.testing.assert_array_equal(block.words, whole[:, chosen])
-    assert block.encoder == (wrapped[0] if len(scans) else 0)
+    words = np.frombuffer(raw, ">i2", count=len(scans) * len(chosen), offset=24)
+    np.testing.assert_array_equal(words.reshape(-1, len(chosen)), whole[:, chosen])
+    assert first_count == (wrapped[0] if len(scans) else 0)
 
 
 @settings(max_examples=300, deadline=None)
@@ -153,8 +151,6 @@ def test_a_block_with_one_wrong_byte_is_refused(byte, change):
     raw = bytearray(seal_block(encode_block(header, encode_scans(codes, index * 70_001)), 9))
     raw[byte] ^= change
     assert block_fault(bytes(raw))
-    with pytest.raises(ValueError, match=r"checksum|bytes of scans"):
-        decode_block(bytes(raw))
 
 
 def test_the_checksum_is_the_crc_32_of_ieee_802_3():
@@ -177,8 +173,7 @@ def _crc32(data):
 
 @pytest.mark.parametrize("raw", [b"", bytes(19), bytes(250)])
 def test_a_block_that_no_node_sent_is_refused(raw):
-    with pytest.raises(ValueError, match=r"checksum|bytes of scans"):
-        decode_block(raw)
+    assert "checksum" in block_fault(raw)
 
 
 def test_the_parameter_block_has_the_order_of_the_reports_node():

@@ -9,14 +9,20 @@ import pytest
 from nodekit import PROFILE, ManualClock, TinyBench
 
 from hdbench.devices import open_bench
+from hdbench.devices.bench import AcquisitionSettings
 from hdbench.devices.daq import DaqSettings
+from hdbench.devices.emulator.node import build_core
 from hdbench.devices.emulator.parameters import RefusedError
-from hdbench.devices.emulator.serve import build_core
-from hdbench.devices.node.codec import encode_group
-from hdbench.devices.node.registers import PARAMETERS, PROGRAM, PROGRAM_WAVE, Refusal, register
-from hdbench.devices.node.settings import parameter_values, part_values
-from hdbench.devices.ports import AcquisitionSettings
-from hdbench.model.program import ProgramPart, ReferenceProgram, program_voltage
+from hdbench.devices.node.access import parameter_values, part_values
+from hdbench.devices.node.registers import (
+    PARAMETERS,
+    PROGRAM,
+    PROGRAM_WAVE,
+    Refusal,
+    encode_group,
+    register,
+)
+from hdbench.model.waves import ProgramPart, ReferenceProgram, program_voltage
 
 PARTS = (
     ProgramPart(200, 0.0, 1.5),
@@ -67,7 +73,7 @@ def written(parts: list[dict], n_samples: int = 1150):
     """Return a core into which parts and then the parameter block were written."""
     core = build_core(ProgramBench(), PROFILE, 0, pace="fast", clock=ManualClock())
     for part in parts:
-        core.write(PROGRAM[0].address, encode_group(PROGRAM, part), 1)
+        core.write("holding", PROGRAM[0].address, encode_group(PROGRAM, part), 1)
     settings = DaqSettings(("torque", "encoder"), 0.001, n_samples, 0.5, PROGRAM_OF_FOUR)
     limits = {
         "min_period_ns": 1, "max_period_ns": 10**9, "max_samples": 10**9,
@@ -76,7 +82,7 @@ def written(parts: list[dict], n_samples: int = 1150):
     }  # fmt: skip
     values = parameter_values(settings, limits)
     assert values["wave"] == PROGRAM_WAVE
-    core.write(PARAMETERS[0].address, encode_group(PARAMETERS, values), 1)
+    core.write("holding", PARAMETERS[0].address, encode_group(PARAMETERS, values), 1)
     return core
 
 
@@ -84,9 +90,9 @@ def test_a_whole_program_is_accepted_and_reads_back() -> None:
     parts = part_values(PROGRAM_OF_FOUR)
     # a part whose answer was lost is written again
     core = written([*parts, parts[-1]])
-    raw = core.read(PROGRAM[0].address, sum(entry.size for entry in PROGRAM), 1)
+    raw = core.read("holding", PROGRAM[0].address, sum(entry.size for entry in PROGRAM), 1)
     assert raw == encode_group(PROGRAM, parts[-1])
-    core.write(register("command").address, b"\x00\x01", 1)
+    core.write("holding", register("command").address, b"\x00\x01", 1)
     (begun,) = core.machine.bench.begun
     assert begun[1] == PROGRAM_OF_FOUR
 
@@ -116,5 +122,5 @@ def test_a_program_that_is_not_whole_or_beyond_a_limit_is_refused(change, reason
 
 def test_safe_forgets_the_program() -> None:
     core = written(part_values(PROGRAM_OF_FOUR))
-    core.write(register("command").address, b"\x00\x03", 1)
-    assert core.read(PROGRAM[0].address, 14, 1) == bytes(28)
+    core.write("holding", register("command").address, b"\x00\x03", 1)
+    assert core.read("holding", PROGRAM[0].address, 14, 1) == bytes(28)

@@ -2,7 +2,7 @@
 
 import pytest
 
-from hdbench.devices.pace import check_pace, rate_limit_hz
+from hdbench.devices.feasibility import check_pace, rate_limit_hz
 from hdbench.errors import UsageError
 from hdbench.profile import load_profile
 

@@ -10,18 +10,51 @@ import pytest
 from hdbench.devices import pymodbusparts
 from hdbench.errors import UsageError
 
+# methods that are overridden or called: class, name, parameters, and what for
+INTERNALS = (
+    ("DecodePDU", "decode", "self, frame", "checks a reply before it is decoded"),
+    ("DecodePDU", "lookupPduClass", "self, data", "tells the length of an RTU frame"),
+    ("ModbusPDU", "calculateRtuFrameSize", "data", "tells the length of an RTU frame"),
+    ("FramerBase", "decode", "self, _data", "finds the end of a frame"),
+    ("FramerBase", "encode", "self, payload, _dev_id, _tid", "frames a reply"),
+    ("FramerBase", "buildFrame", "self, message", "frames a request"),
+    ("FramerBase", "handleFrame", "self, data, exp_devid, exp_tid", "skips replies to others"),
+    ("FramerRTU", "check_CRC", "data, check", "checks an RTU reply"),
+    (
+        "ModbusBaseSyncClient",
+        "__init__",
+        "self, framer, retries, comm_params, trace_packet, trace_pdu, trace_connect",
+        "makes the client whose framer is replaced",
+    ),
+    ("ModbusBaseSyncClient", "execute", "self, no_response_expected, request", "one transaction"),
+    ("ModbusBaseSyncClient", "send", "self, request, addr", "hands a frame to the line"),
+    ("ModbusBaseSyncClient", "recv", "self, size", "asks the line for what came"),
+    ("TransactionManager", "sync_get_response", "self, dev_id, tid", "hands it to the framer"),
+    ("ModbusProtocol", "close", "self, reconnect", "ends every connection of a server"),
+    ("ModbusProtocol", "datagram_received", "self, data, addr", "takes what a host sends"),
+    (
+        "ServerRequestHandler",
+        "__init__",
+        "self, owner, trace_packet, trace_pdu, trace_connect",
+        "makes the connection of one host",
+    ),
+    ("ServerRequestHandler", "callback_data", "self, data, addr", "answers one host"),
+    ("ServerRequestHandler", "callback_disconnected", "self, exc", "tells that a host is gone"),
+    ("ModbusBaseServer", "callback_new_connection", "self", "makes the connection of one host"),
+)
+
 
 @pytest.mark.parametrize(
     ("owner", "name", "parameters", "use"),
-    pymodbusparts.INTERNALS,
-    ids=[f"{owner}.{name}" for owner, name, *_ in pymodbusparts.INTERNALS],
+    INTERNALS,
+    ids=[f"{owner}.{name}" for owner, name, *_ in INTERNALS],
 )
 def test_an_internal_of_pymodbus_is_still_there(owner, name, parameters, use):
     found = getattr(getattr(pymodbusparts, owner), name, None)
     now = "gone" if found is None else ", ".join(inspect.signature(found).parameters)
     assert now == parameters, (
         f"pymodbus {pymodbus.__version__} changed {owner}.{name} ({use}): it takes ({now}); "
-        f"hdbench relies on ({parameters}). Compare its source, run tools/polled_faults.py, then "
+        f"hdbench relies on ({parameters}). Compare its source, run tools/faults/polled.py, then "
         "change hdbench/devices/pymodbusparts.py and the pin in pyproject.toml together"
     )
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from hdbench.devices.registry import drivers, open_daq
+from hdbench.devices.driver import drivers, open_daq
 from hdbench.devices.wire import parse_address
 from hdbench.drivers.dataq.port import port_path
 from hdbench.errors import UsageError
@@ -21,7 +21,7 @@ PROFILE = load_profile("cim-tr-97-06").data
 
 
 def _table(driver, **options):
-    return PluginAcquisition(driver=driver, sample_period_s=0.01, options=options)
+    return PluginAcquisition.model_construct(driver=driver, sample_period_s=0.01, options=options)
 
 
 @pytest.fixture
@@ -88,8 +88,8 @@ class AcmeTable(Acquisition):
 """,
     "host.py": """
 import acme_table
-from hdbench.devices.pace import rate_limit_hz
-from hdbench.devices.registry import drivers
+from hdbench.devices.feasibility import rate_limit_hz
+from hdbench.devices.driver import drivers
 from hdbench.errors import ProfileError
 from hdbench.profile import load_profile, parse_profile, profile_schema
 head, rest = load_profile("cim-tr-97-06").text.split("[daq]", 1)

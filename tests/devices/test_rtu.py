@@ -1,6 +1,5 @@
 """The node on a serial line: the same samples, nothing stale, and the wire's pace."""
 
-import importlib.util
 import os
 import subprocess
 import sys
@@ -11,14 +10,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from faults import replies
+from faults.paced import paced_line
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from linefaults.paced import paced_line
 from pymodbus.client import ModbusSerialClient
 
-from hdbench.devices import stop_bench
+from hdbench.devices import lock, stop_bench
 from hdbench.devices.daq import DaqSettings
-from hdbench.devices.lock import holder
 from hdbench.devices.node.opening import open_node
 from hdbench.devices.wire import (
     FrameError,
@@ -29,9 +28,7 @@ from hdbench.devices.wire import (
     registers_check,
 )
 from hdbench.devices.wire.address import SerialSettings
-from hdbench.devices.wire.crc import crc16
-from hdbench.devices.wire.rtu import RtuLink
-from hdbench.devices.wire.rtuframe import reply_size
+from hdbench.devices.wire.rtu import RtuLink, crc16, reply_size
 from hdbench.errors import BusyError, DeviceError
 from hdbench.system import wakeup
 
@@ -41,21 +38,11 @@ pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="needs pseudo-te
 SLACK_S = 0.15
 
 
-def _tool(name):
-    path = Path(__file__).parents[2] / "tools" / f"{name}.py"
-    spec = importlib.util.spec_from_file_location(f"tool_{name}", path)
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module
-    spec.loader.exec_module(module)
-    return module
-
-
-faults = _tool("reply_faults")
-
-
 def _open(address, **changes):
-    table = faults.PROFILE.daq.model_copy(update={"address": address, "deadline_s": 1.0, **changes})
-    return open_node(faults.PROFILE, table)
+    table = replies.PROFILE.daq.model_copy(
+        update={"address": address, "deadline_s": 1.0, **changes}
+    )
+    return open_node(replies.PROFILE, table)
 
 
 def _all(daq, n_samples):
@@ -76,15 +63,15 @@ def test_the_checksum_is_that_of_the_specification():
 
 @pytest.mark.parametrize("wire", ["tcp", "rtu"])
 def test_every_sample_arrives_once_on_either_wire(wire):
-    with faults.served(wire) as address:
+    with replies.served(wire) as address:
         daq = _open(address)
         daq.claim()
-        daq.configure(DaqSettings(faults.ROLES, 1e-3, 20_000, 2.0))
+        daq.configure(DaqSettings(replies.ROLES, 1e-3, 20_000, 2.0))
         daq.start()
         blocks = _all(daq, 20_000)
         daq.close()
     assert sum(map(len, blocks)) == 20_000
-    assert sum(faults.wrong_samples(block) for block in blocks) == 0
+    assert sum(replies.wrong_samples(block) for block in blocks) == 0
     assert sum(block.lost_before for block in blocks) == 0
 
 
@@ -92,22 +79,22 @@ def test_every_sample_arrives_once_on_either_wire(wire):
     "roles", [("torque",), ("encoder", "torque", "tacho"), ("tacho", "current")]
 )
 def test_channels_come_in_the_order_asked_for(roles):
-    with faults.served("rtu") as address:
+    with replies.served("rtu") as address:
         daq = _open(address)
         daq.configure(DaqSettings(roles, 1e-3, 500, 2.0))
         daq.start()
         blocks = _all(daq, 500)
         daq.close()
     values = np.concatenate([block.values for block in blocks])
-    expected = dict(zip(faults.ROLES, faults.codes_of(np.arange(500)), strict=True))
-    scale = {"encoder": 1.0, "current": faults.PROFILE.servo.max_current_a / 32768}
+    expected = dict(zip(replies.ROLES, replies.codes_of(np.arange(500)), strict=True))
+    scale = {"encoder": 1.0, "current": replies.PROFILE.servo.max_current_a / 32768}
     for column, role in enumerate(roles):
-        volts = scale.get(role, faults.PROFILE.daq.range_v / 32768)
+        volts = scale.get(role, replies.PROFILE.daq.range_v / 32768)
         np.testing.assert_array_equal(values[:, column], expected[role] * volts)
 
 
 def test_another_modbus_client_reads_the_node():
-    with faults.served("rtu") as address:
+    with replies.served("rtu") as address:
         port = address.removeprefix("rtu://")
         client = ModbusSerialClient(port, baudrate=115200, timeout=2, retries=0)
         assert client.connect()
@@ -119,7 +106,7 @@ def test_another_modbus_client_reads_the_node():
 
 
 def test_a_second_host_finds_the_line_taken():
-    with faults.served("rtu") as address:
+    with replies.served("rtu") as address:
         first, second = _open(address), _open(address)
         first.identity()
         with pytest.raises(BusyError, match="serial port"):
@@ -130,8 +117,8 @@ def test_a_second_host_finds_the_line_taken():
 
 
 def test_stop_works_without_a_run():
-    profile = faults.PROFILE
-    with faults.served("rtu") as address:
+    profile = replies.PROFILE
+    with replies.served("rtu") as address:
         safe = stop_bench(profile, address=address)
     assert safe.confirmed
 
@@ -155,7 +142,7 @@ with open_bench(load_profile("cim-tr-97-06"), address=sys.argv[1]) as bench:
 def test_stop_ends_the_run_that_has_the_line_and_then_confirms():
     """A serial line has one master: the run is asked first, the line is free then."""
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
-    with faults.served("rtu") as address:
+    with replies.served("rtu") as address:
         host = subprocess.Popen(
             [sys.executable, "-c", HOST, f"{address}?baud=921600"],
             stdout=subprocess.PIPE,
@@ -163,13 +150,13 @@ def test_stop_ends_the_run_that_has_the_line_and_then_confirms():
         )
         try:
             assert host.stdout.readline() == b"moving\n"
-            assert holder(address) == host.pid
-            assert stop_bench(faults.PROFILE, address=address).confirmed
+            assert lock._holder_in(lock._held(address)).pid == host.pid
+            assert stop_bench(replies.PROFILE, address=address).confirmed
             assert host.wait(5) != 0
         finally:
             host.kill()
             host.communicate()
-        assert holder(address) is None
+        assert lock._held(address) is None
 
 
 def test_an_unplugged_port_is_a_device_error_with_a_fix():
@@ -182,7 +169,7 @@ def test_an_unplugged_port_is_a_device_error_with_a_fix():
 @pytest.mark.parametrize("wire", ["tcp", "rtu"])
 @pytest.mark.parametrize("kind", ["wrong", "stale", "duplicate", "reordered", "mutated"])
 def test_no_wrong_sample_comes_through(wire, kind):
-    outcome = faults.campaign(wire, kind, 12)
+    outcome = replies.campaign(wire, kind, 12)
     assert outcome.faults >= 12
     assert outcome.delivered > 0
     assert (outcome.wrong, outcome.lost) == (0, 0)

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 import pytest
 from daqkit import Clock
 
-from hdbench.devices.safestate import SafeActs, Seen, reach_safe_state
+from hdbench.devices.safestate import Seen, reach_safe_state
 from hdbench.errors import DeviceError
 
 
@@ -37,10 +37,15 @@ class Device:
 
 
 def reach(device, **changes):
-    acts = SafeActs(
-        stop=device.stop, look=device.look, disable=device.disable, zero_v=0.01, **changes
+    return reach_safe_state(
+        stop=device.stop,
+        look=device.look,
+        disable=device.disable,
+        zero_v=0.01,
+        clock=device.clock,
+        sleep=device.clock.sleep,
+        **changes,
     )
-    return reach_safe_state(acts, device.clock, device.clock.sleep)
 
 
 def test_the_drive_brakes_before_it_is_disabled():

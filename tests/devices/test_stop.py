@@ -49,7 +49,7 @@ def test_a_labjack_that_another_session_drives_is_stopped(tmp_path):
         while taken < 200 and time.monotonic() < until_s:
             block = bench.read_block()
             taken += len(block) if block else 0
-        bench.bench.fall_silent()
+        bench.fall_silent()
         safe = stop_bench(there)
         bench.safe_state()
     assert taken >= 200

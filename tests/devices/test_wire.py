@@ -12,7 +12,7 @@ from nodekit import adu, node_wire, rogue
 
 from hdbench.devices.node.registers import FEED, IDENTITY, PARAMETERS, STATUS, register
 from hdbench.devices.wire import ExceptionReply, FrameError, registers_check
-from hdbench.devices.wire.crc import crc16
+from hdbench.devices.wire.rtu import crc16
 from hdbench.devices.wire.tcp import next_reply
 from hdbench.errors import DeviceError
 

@@ -10,6 +10,7 @@ import tty
 from contextlib import contextmanager
 
 import pytest
+from faults.lines import in_thread
 from pymodbus.framer import FramerType
 from pymodbus.server import ModbusSerialServer, ModbusTcpServer
 from pymodbus.simulator import DataType, SimData, SimDevice
@@ -39,23 +40,10 @@ def _device():
 
 
 @contextmanager
-def _loop():
-    loop = asyncio.new_event_loop()
-    thread = threading.Thread(target=loop.run_forever, daemon=True)
-    thread.start()
-    try:
-        yield loop
-    finally:
-        loop.call_soon_threadsafe(loop.stop)
-        thread.join(5)
-        loop.close()
-
-
-@contextmanager
 def _server(wire):
     """Serve the device; yields a link to it."""
     pump = None
-    with _loop() as loop:
+    with in_thread(lambda: asyncio.sleep(0.0), lambda: None) as (loop, _):
 
         async def start(address):
             if wire == "tcp":

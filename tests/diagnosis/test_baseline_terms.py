@@ -2,28 +2,22 @@
 
 import numpy as np
 import pytest
+from swinging_shaft import NOISE_NM, RIPPLE, swing, trace_of
 
 from hdbench.diagnosis import diagnose_trace
 from hdbench.diagnosis.discovery.baseline import parse_baseline
 from hdbench.errors import UsageError
 from hdbench.profile import load_profile
-from hdbench.records import Trace
 
 PROFILE = load_profile("cim-tr-97-06")
 
 
-def record(seconds=16.0):
-    rng = np.random.default_rng(4)
-    n = round(seconds * 1000)
-    time = np.arange(n) * 1e-3
-    speed = 110.0 + 30.0 * np.sin(2.0 * np.pi * time / 5.0)
-    angle = 110.0 * time + 150.0 / (2.0 * np.pi) * (1.0 - np.cos(2.0 * np.pi * time / 5.0))
-    torque = 1.725e-4 * 30.0 * 2.0 * np.pi / 5.0 * np.cos(2.0 * np.pi * time / 5.0)
-    torque += 0.4 * np.cos(2.0 * angle) + 0.2 * np.cos(4.0 * angle)
-    torque += 0.3 * np.cos(6.0 * angle) + 0.9 * np.cos(angle / 100.0)
-    torque += 0.05 * rng.standard_normal(n)
-    columns = {"time_s": time, "motor_velocity_rad_s": speed, "motor_angle_rad": angle}
-    return Trace({**columns, "torque_nm": torque})
+def record():
+    time = np.arange(16_000) * 1e-3
+    lines = (*RIPPLE, (6.0, 0.3, 0.0), (0.01, 0.9, 0.0))
+    speed, angle, torque = swing(time, 110.0, 30.0, 5.0, lines)
+    torque += NOISE_NM * np.random.default_rng(4).standard_normal(len(time))
+    return trace_of(time, speed, angle, torque)
 
 
 def names(*terms):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from swinging_shaft import NOISE_NM, swing, trace_of
 
 from hdbench.diagnosis import diagnose_trace
 from hdbench.profile import load_profile
@@ -12,20 +13,15 @@ from hdbench.records import Trace
 PROFILE = load_profile("cim-tr-97-06")
 # not the profile's 0.4 and 0.2 N m
 ORDERS_NM = {2.0: 0.46, 4.0: 0.17}
-NOISE_NM = 0.05
 
 
-def swinging(mean: float, swing: float, seed: int = 0) -> Trace:
-    """Return 20 s of free motion, 5 s a swing: angle in closed form, ripple by cosines."""
+def swinging(mean: float, size: float) -> Trace:
+    """Return 20 s of free motion, 5 s a swing."""
     time = np.arange(20_000) * 1e-3
-    rate = 2.0 * np.pi / 5.0
-    speed = mean + swing * np.sin(rate * time)
-    angle = mean * time + swing / rate * (1.0 - np.cos(rate * time))
-    torque = 1.725e-4 * swing * rate * np.cos(rate * time)
-    torque += sum(size * np.cos(order * angle + order) for order, size in ORDERS_NM.items())
-    torque += NOISE_NM * np.random.default_rng(seed).standard_normal(time.size)
-    names = ("time_s", "motor_velocity_rad_s", "motor_angle_rad", "torque_nm")
-    return Trace(dict(zip(names, (time, speed, angle, torque), strict=True)))
+    lines = tuple((order, amplitude, order) for order, amplitude in ORDERS_NM.items())
+    speed, angle, torque = swing(time, mean, size, 5.0, lines)
+    noise = NOISE_NM * np.random.default_rng(0).standard_normal(time.size)
+    return trace_of(time, speed, angle, torque + noise)
 
 
 @pytest.fixture(scope="module")

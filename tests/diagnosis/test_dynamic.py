@@ -188,13 +188,6 @@ def test_clipped_samples_are_flagged():
     assert flags(diagnose_trace(trace, PROFILE))["saturation"] == clipped
 
 
-def test_a_dead_channel_is_bad_data():
-    trace = with_torque(bench_trace(), lambda x: x.fill(0.25))
-    result = diagnose_trace(trace, PROFILE)
-    assert result.verdict == "data-bad"
-    assert result.reason
-
-
 def test_missing_torque_is_an_error_that_says_what_is_needed():
     trace = bench_trace(n=100)
     bare = Trace({k: v for k, v in trace.columns.items() if k != "torque_nm"})
@@ -251,8 +244,3 @@ def test_loads_get_their_baselines_residual_and_an_honest_verdict():
     assert result.verdict == "nothing-found"
     # five free readings: chi^2 with 5 dof within (0.2, 20) of 5 with 99.8 %, held-out is larger
     assert 0.004 < result.simulated["heldout_rms_nm"] < 0.08
-
-
-def test_loads_that_fix_no_gain_are_bad_data():
-    few = Loads(readings().readings[:2])
-    assert diagnose_loads(few, PROFILE).verdict == "data-bad"

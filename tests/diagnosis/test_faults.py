@@ -8,61 +8,24 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from swinging_shaft import COUNT, slipped, swing
+from swinging_shaft import read_by_encoder as bench
 
-from hdbench.diagnosis.faults import (
-    check_channels,
-    coarse_steps,
-    faults_of_residual,
-    inspect_channels,
-)
+from hdbench.diagnosis.faults.converter import coarse_steps
+from hdbench.diagnosis.faults.inspection import inspect_channels
+from hdbench.diagnosis.faults.residual import faults_of_residual
+from hdbench.diagnosis.faults.units import check_channels
 from hdbench.model import BenchModel, CauseTerm, baseline_columns, motion_from_trace
 from hdbench.profile import load_profile
 from hdbench.records import Trace
 
 PROFILE = load_profile("cim-tr-97-06")
 MODEL = BenchModel.from_profile(PROFILE.data)
-COUNT = 2.0 * np.pi / 4000
 DATA = os.environ.get("HDBENCH_DATA")
-
-
-def course(time):
-    """Speed, angle and acceleration of 90 + 40 sin rad/s, in closed form."""
-    rate = 2.0 * np.pi / 9.0
-    speed = 90.0 + 40.0 * np.sin(rate * time)
-    angle = 90.0 * time + 40.0 / rate * (1.0 - np.cos(rate * time))
-    return speed, angle, 40.0 * rate * np.cos(rate * time)
-
-
-def bench(n=10_000, seed=0, lost=(), tacho=0.0, rough=0.0):
-    """Columns of a record; `lost`: (first sample, how many) that no stamp tells of."""
-    rng = np.random.default_rng(seed)
-    total = n + sum(count for _, count in lost)
-    time = np.arange(total) * 1e-3
-    speed, angle, drive = course(time)
-    torque = 0.4 * np.cos(2 * angle + 0.6) + 0.2 * np.cos(4 * angle - 1.1)
-    torque += 0.5 * np.cos(angle / 100 + 0.3) + 1.725e-4 * drive
-    torque += 0.05 * np.sqrt(1.0 + (rough * speed) ** 2) * rng.standard_normal(total)
-    read = speed * (1.0 + tacho * np.cos(22 * angle + 0.5)) + 0.056 * rng.standard_normal(total)
-    kept = np.ones(total, dtype=bool)
-    for first, count in lost:
-        kept[first : first + count] = False
-    return {
-        "time_s": np.arange(n) * 1e-3,
-        "torque_nm": torque[kept],
-        "motor_velocity_rad_s": read[kept],
-        "encoder_count": np.floor(angle[kept] / COUNT),
-    }
 
 
 def inspected(columns, profile=PROFILE, model=MODEL):
     return inspect_channels(Trace(columns), profile.data, model, alpha=0.01)
-
-
-def slipped(columns, *slips):
-    moved = columns["encoder_count"].copy()
-    for first, counts in slips:
-        moved[first:] += counts
-    return {**columns, "encoder_count": moved}
 
 
 def value(fault, name):
@@ -121,7 +84,7 @@ def test_what_a_tacho_shows_or_gets_wrong_throughout_is_no_fault(fault):
     speed = columns["motor_velocity_rad_s"]
     if fault == "ripple of the shaft":
         time = np.arange(10_000) * 1e-3
-        _, angle, _ = course(time)
+        _, angle, _ = swing(time)
         uneven = angle + 0.01 / 4.0 * np.sin(4.0 * angle)
         noise = 0.05 * np.random.default_rng(1).standard_normal(len(time))
         changed = {
@@ -184,7 +147,7 @@ def test_a_delayed_velocity_of_the_drive_makes_no_slip_where_the_speed_changes(d
 @pytest.mark.parametrize("late", [(4000,), (2000, 5000, 8000)])
 def test_a_velocity_formed_over_a_late_stamp_is_no_slip(late):
     time = np.arange(12_000) * 5e-3
-    _, angle, _ = course(time)
+    _, angle, _ = swing(time)
     stamps = time.copy()
     stamps[list(late)] += 2e-3
     velocity = np.gradient(angle, time)

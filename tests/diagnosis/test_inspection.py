@@ -7,8 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hdbench.diagnosis.inspection import Inspection, inspect_log, inspect_trace, read_log
+from hdbench.diagnosis.inspection import inspect_log, inspect_trace, read_log
+from hdbench.diagnosis.inspection.result import Inspection
 from hdbench.errors import DataError
+from hdbench.model import BenchModel, simulate_run
 from hdbench.profile import load_profile
 from hdbench.records import Trace
 
@@ -74,6 +76,17 @@ def test_a_low_passed_torque_is_found_with_its_band(hertz):
     assert ("low-passed", "torque_nm") in {(f.name, f.channel) for f in result.findings}
     band = {one.name: one for one in result.channels}["torque_nm"].bandwidth_hz
     assert hertz < band < 12 * hertz
+
+
+@pytest.mark.parametrize("noise_nm", [0.0, 0.05])
+def test_a_simulated_torque_is_computed_where_it_has_no_noise(noise_nm):
+    model, wave = BenchModel.from_profile(PROFILE), PROFILE.ripple.reference
+    trace = simulate_run(
+        PROFILE, model, duration_s=8.0, wave=wave, noise_nm=noise_nm, rng=np.random.default_rng(0)
+    )
+    names = {one.channel: one.name for one in inspect_trace(trace, PROFILE).findings}
+    assert names["torque_true_nm"] == "computed"
+    assert names.get("torque_nm") == ("computed" if noise_nm == 0.0 else None)
 
 
 def test_a_velocity_made_of_the_angle_is_derived():

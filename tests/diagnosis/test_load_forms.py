@@ -141,12 +141,6 @@ def test_a_loop_that_widens_after_each_reversal_is_not_told_from_a_creep_at_an_e
     assert {"hysteresis", "creep"} <= {cause.name, *cause.group, *cause.rivals}
 
 
-@pytest.mark.parametrize("seed", range(1, 4))
-def test_clean_readings_have_no_cause(seed):
-    found = diagnose_loads(loads(seed=seed), PROFILE)
-    assert found.verdict == "nothing-found"
-
-
 def far_bending(tilt_rad, bend_rad):
     """An arm that hangs by a tilt and bends by so much under the largest load."""
 

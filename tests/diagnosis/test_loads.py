@@ -12,8 +12,8 @@ import pytest
 from hdbench.diagnosis import DiagnosisOptions, diagnose_run
 from hdbench.diagnosis.static import diagnose_loads
 from hdbench.errors import DataError
-from hdbench.importing.mapping import ColumnMap, Constant
-from hdbench.importing.plan import ImportPlan, import_files
+from hdbench.importing.importer import import_files
+from hdbench.importing.recipe import Recipe
 from hdbench.profile import load_profile
 from hdbench.records import Loads, read_loads, write_loads
 
@@ -203,25 +203,21 @@ def test_a_trace_in_the_place_of_readings_is_refused():
         diagnose_loads(Loads(loads.readings * 40), PROFILE)
 
 
-@pytest.mark.parametrize("count", [1, 4])
-def test_too_few_readings_are_bad_data(count):
+@pytest.mark.parametrize(
+    ("kept", "change", "verdict", "says"),
+    [
+        (1, {}, "data-bad", "readings do not fix one gain"),
+        (4, {}, "data-bad", "readings do not fix one gain"),
+        (5, {}, "cannot-tell", "3 degrees of freedom"),
+        (40, {"reading_v": 0.25}, "data-bad", "0 readings do not fix"),
+    ],
+)
+def test_what_readings_cannot_tell_is_said(kept, change, verdict, says):
     _, loads = hidden("creep", 0.0, 7)
-    result = diagnose_loads(Loads(loads.readings[:count]), PROFILE)
-    assert result.verdict == "data-bad"
-    assert "readings do not fix one gain" in result.reason
-
-
-def test_a_handful_of_readings_cannot_tell():
-    _, loads = hidden("creep", 0.0, 7)
-    result = diagnose_loads(Loads(loads.readings[:5]), PROFILE)
-    assert result.verdict == "cannot-tell"
-    assert "3 degrees of freedom" in result.reason
-
-
-def test_a_dead_channel_is_bad_data():
-    _, loads = hidden("creep", 0.0, 8)
-    dead = Loads(tuple(replace(r, reading_v=0.25) for r in loads.readings))
-    assert diagnose_loads(dead, PROFILE).verdict == "data-bad"
+    readings = tuple(replace(reading, **change) for reading in loads.readings[:kept])
+    result = diagnose_loads(Loads(readings), PROFILE)
+    assert result.verdict == verdict
+    assert says in result.reason
 
 
 @pytest.mark.parametrize("bad", [{"alpha": 0.0}, {"alpha": float("nan")}, {"materiality": 1.0}])
@@ -237,15 +233,11 @@ def test_hysteresis_of_real_load_cells_is_named(instrument, tmp_path):
     folder = Path(DATA) / "unh_torque_arm_cal"
     column = "mean_torque" if instrument == "torque_arm" else "mean_force_newtons"
     files = [folder / f"{instrument}_{series}.csv" for series in ("ascending", "descending")]
-    maps = (ColumnMap("torque_nm", column), ColumnMap("reading_v", "mean_volts_per_volt"))
+    maps = {"torque_nm": column, "reading_v": "mean_volts_per_volt"}
     same = {"experiment": "arm", "position_rad": "0", "range": "full", "direction": "cw"}
-    constants = (
-        *(Constant(name, value) for name, value in same.items()),
-        Constant("series", "up", 1),
-        Constant("series", "down", 2),
-    )
+    constants = {**same, "1:series": "up", "2:series": "down"}
     out = tmp_path / "loads.csv"
-    import_files(ImportPlan("loads", maps, constants), files, out)
+    import_files(Recipe("loads", maps, constants), files, out)
     result = diagnose_loads(read_loads(out, None), PROFILE)
     names = {cause.name for cause in result.causes}
     assert "hysteresis" in names

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from hdbench.diagnosis import diagnose_run
-from hdbench.diagnosis.answer.maps import code_map, residual_maps
 from hdbench.diagnosis.answer.result import Pictures
+from hdbench.diagnosis.answer.tables import code_map, residual_maps
 from hdbench.profile import load_profile
 from hdbench.records import Trace, write_trace
 
@@ -33,12 +33,12 @@ def test_the_mean_residual_over_speed_is_the_curve_that_was_put_in():
     rng = np.random.default_rng(1)
     speed = sweep(n)
     noise = 0.05 * rng.standard_normal(n)
-    maps = {m.domain: m for m in residual_maps(pictures(2e-3 * speed + noise, noise, speed, n))}
+    maps = residual_maps(pictures(2e-3 * speed + noise, noise, speed, n))
     found = maps["velocity"]
-    away = (found.before_nm - 2e-3 * found.axis) / found.before_std_nm
+    away = (found["before_nm"] - 2e-3 * found["motor_velocity_rad_s"]) / found["before_std_nm"]
     # 48 means of a normal law: the largest of 48 lies above 4 with a probability of 3e-3
     assert np.abs(away).max() < 4.0
-    assert found.samples.sum() == n
+    assert found["samples"].sum() == n
     assert "torque" not in maps  # the load is zero throughout
 
 
@@ -47,10 +47,10 @@ def test_noise_that_grows_with_speed_shows_in_the_variance_map():
     rng = np.random.default_rng(2)
     speed = sweep(n)
     noise = (0.01 + 1e-3 * np.abs(speed)) * rng.standard_normal(n)
-    found = {m.domain: m for m in residual_maps(pictures(noise, noise, speed, n))}["variance"]
-    expected = 0.01 + 1e-3 * found.axis
+    found = residual_maps(pictures(noise, noise, speed, n))["variance"]
+    expected = 0.01 + 1e-3 * found["absolute_velocity_rad_s"]
     # bins of 1000 samples know their rms to 2.2 %; the bin's own width adds to the first ones
-    assert np.abs(found.after_nm[3:] / expected[3:] - 1.0).max() < 0.1
+    assert np.abs(found["after_nm"][3:] / expected[3:] - 1.0).max() < 0.1
 
 
 def test_masked_and_lost_samples_enter_no_map():
@@ -60,9 +60,9 @@ def test_masked_and_lost_samples_enter_no_map():
     before[:100] = np.nan
     made = pictures(before, before, speed, n)
     made.masked[100:200] = True
-    for found in residual_maps(made):
-        assert found.samples.sum() <= n - 200
-        np.testing.assert_allclose(found.before_nm, 1.0)
+    for found in residual_maps(made).values():
+        assert found["samples"].sum() <= n - 200
+        np.testing.assert_allclose(found["before_nm"], 1.0)
 
 
 def test_a_stuck_bit_empties_half_of_the_codes():

@@ -7,7 +7,7 @@ import json
 import numpy as np
 import pytest
 
-from hdbench.diagnosis.part import part_of
+from hdbench.diagnosis.run import part_of
 from hdbench.errors import DataError
 from hdbench.records import Trace
 from hdbench_cli import main as main_module

@@ -7,12 +7,17 @@ import math
 import numpy as np
 import pytest
 
-from hdbench.diagnosis.planning import LoadStep, MotionPlan, Segment
 from hdbench.diagnosis.planning.blocks import blocks, full_protocol
 from hdbench.diagnosis.planning.confusability import compare
 from hdbench.diagnosis.planning.frame import Noise, make_frame
-from hdbench.diagnosis.planning.motion import planned_motion, planned_trace
 from hdbench.diagnosis.planning.proposal import effects_named
+from hdbench.diagnosis.planning.segments import (
+    LoadStep,
+    MotionPlan,
+    Segment,
+    planned_motion,
+    planned_trace,
+)
 from hdbench.model import Motion, catalogue, motion_from_trace
 from hdbench.plant.servo import command_rad_s, servo_loop
 from hdbench.profile import load_profile

@@ -8,16 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from hdbench.diagnosis.planning import (
-    LoadStep,
-    MotionPlan,
-    Segment,
-    check_motion_plan,
-    read_plan,
-    write_plan,
-)
+from hdbench.diagnosis.planning import check_motion_plan, read_plan, write_plan
 from hdbench.diagnosis.planning.blocks import full_protocol
 from hdbench.diagnosis.planning.planfile import plan_text
+from hdbench.diagnosis.planning.segments import LoadStep, MotionPlan, Segment
 from hdbench.errors import DataError
 from hdbench.profile import load_profile
 

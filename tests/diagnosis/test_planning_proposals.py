@@ -4,17 +4,11 @@ from __future__ import annotations
 
 import pytest
 
-from hdbench.diagnosis.planning import (
-    LoadStep,
-    MotionPlan,
-    Segment,
-    check_motion_plan,
-    plan_for_result,
-)
+from hdbench.diagnosis.planning import check_motion_plan, plan_for_result
 from hdbench.diagnosis.planning.blocks import full_protocol
 from hdbench.diagnosis.planning.confusability import compare
-from hdbench.diagnosis.planning.motion import planned_motion
 from hdbench.diagnosis.planning.proposal import effects_named, propose, settled_by
+from hdbench.diagnosis.planning.segments import LoadStep, MotionPlan, Segment, planned_motion
 from hdbench.model import Motion, catalogue
 from hdbench.profile import load_profile
 

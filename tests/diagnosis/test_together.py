@@ -4,37 +4,27 @@ import json
 
 import numpy as np
 import pytest
+from swinging_shaft import NOISE_NM, swing, trace_of
 
-from hdbench.diagnosis import diagnose_runs_together, diagnose_together, diagnose_trace
+from hdbench.diagnosis import diagnose_runs_together, diagnose_trace
+from hdbench.diagnosis.together import diagnose_together
 from hdbench.errors import DataError, UsageError
 from hdbench.model import load_model, simulate_like
 from hdbench.profile import load_profile
-from hdbench.records import Trace, write_trace
+from hdbench.records import write_trace
 
 PROFILE = load_profile("cim-tr-97-06")
 NAMES = ("A", "B", "C")
-NOISE_NM = 0.05
 
 
 def run(seed, ripple=0.0, coulomb=0.0, n=5000, rate_hz=1000.0, zero=0.0):
     """Return a run of the bench: its own speeds, zero and rate, one angle, order 6 and friction."""
-    rng = np.random.default_rng(seed)
     time = np.arange(n) / rate_hz
-    slow = 2.0 * np.pi / (4.0 + 0.3 * seed)
-    mean, swing = 60.0, 80.0 + 5.0 * seed
-    speed = mean + swing * np.sin(slow * time)
-    angle = mean * time + swing / slow * (1.0 - np.cos(slow * time))
-    torque = 0.4 * np.cos(2.0 * angle + 0.6) + 0.2 * np.cos(4.0 * angle - 1.1) + zero
-    torque += 0.9 * np.cos(angle / 100.0 + 0.3) + 1.725e-4 * swing * slow * np.cos(slow * time)
-    torque += ripple * np.cos(6.0 * angle + 0.3) + coulomb * np.tanh(speed / 0.5)
-    torque += NOISE_NM * rng.standard_normal(n)
-    columns = {
-        "time_s": time,
-        "motor_velocity_rad_s": speed,
-        "motor_angle_rad": angle,
-        "torque_nm": torque,
-    }
-    return Trace(columns)
+    lines = ((2.0, 0.4, 0.6), (4.0, 0.2, -1.1), (0.01, 0.9, 0.3), (6.0, ripple, 0.3))
+    speed, angle, torque = swing(time, 60.0, 80.0 + 5.0 * seed, 4.0 + 0.3 * seed, lines)
+    torque += zero + coulomb * np.tanh(speed / 0.5)
+    torque += NOISE_NM * np.random.default_rng(seed).standard_normal(n)
+    return trace_of(time, speed, angle, torque)
 
 
 def told(result):

@@ -14,7 +14,7 @@ from hdbench.estimation import (
     stretch_starts,
     strongest_line,
 )
-from hdbench.estimation.lines import line_frequencies
+from hdbench.estimation.harmonics import line_frequencies
 from hdbench.estimation.stretches import longest_steady, steady_runs
 from hdbench.estimation.trend import SlowMotion, choose_trend
 

@@ -1,4 +1,4 @@
-"""What the filter's tests share: the bench, both kernel forms, a motion with everything in it."""
+"""Fixtures of the filter's tests: the bench, and both kernel forms."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from hdbench.filter.core import kernel_form
+from hdbench.filter.kalman import kernel_form
 from hdbench.profile.schema import ProfileData
 
 sys.path.insert(0, str(Path(__file__).parent))  # filter_oracle

@@ -1,54 +1,69 @@
-"""State-space models and samples for the kernel's tests."""
+"""Filter models and samples for the kernel's tests, and the kernel called with a model."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from hdbench.filter.statespace import StateBlock, StateSpace
+from hdbench.filter import FilterModel, OscillatorBlock, SlowBlock, kalman
 
 KINDS = ("random-walk", "integrated-random-walk", "ornstein-uhlenbeck", "matern-3/2", "resonance")
+SLOW = {
+    "random-walk": {"noise_per_s": 0.3},
+    "integrated-random-walk": {"noise_per_s": 5.0},
+    "ornstein-uhlenbeck": {"variance": 2.0, "time_constant_s": 0.05},
+    "matern-3/2": {"variance": 2.0, "time_constant_s": 0.05},
+    "resonance": {"variance": 2.0, "time_constant_s": 0.1, "frequency_hz": 3.0},
+}
+
+
+def new_state(model):
+    return kalman.new_state(kalman.pack(model))
+
+
+def run(model, state, *samples, **options):
+    return kalman.run(kalman.pack(model), state, *samples, **options)
+
+
+def batch(model, *samples, **options):
+    return kalman.batch(kalman.pack(model), *samples, **options)
+
+
+def smooth(model, *samples, **options):
+    return kalman.smooth(kalman.pack(model), *samples, **options)
+
+
+def filter_model(blocks, r, *, inertia=0.0, angle=False, **more):
+    return FilterModel("own", tuple(blocks), r, inertia, 100.0, 0.005, angle, **more)
 
 
 def listing(orders=((2.0, 1000.0), (4.0, 1000.0), (0.01, 0.05)), r=1.0):
-    blocks = tuple(
-        StateBlock(
-            "oscillator", "ripple" if o >= 1 else "misalignment", order=o, noise_per_sample=q
-        )
-        for o, q in orders
-    )
-    return StateSpace(blocks, r, 1.725e-2, 100.0, 0.005, start="listing")
+    blocks = [OscillatorBlock(o, "ripple" if o >= 1 else "misalignment", q) for o, q in orders]
+    return filter_model(blocks, r, inertia=1.725e-2)
 
 
 def slow_block(kind):
-    numbers = {
-        "random-walk": {"noise_per_s": 0.3},
-        "integrated-random-walk": {"noise_per_s": 5.0},
-        "ornstein-uhlenbeck": {"variance": 2.0, "time_constant_s": 0.05},
-        "matern-3/2": {"variance": 2.0, "time_constant_s": 0.05},
-        "resonance": {"variance": 2.0, "time_constant_s": 0.1, "frequency_hz": 3.0},
-    }[kind]
-    return StateBlock(kind, "slow", prior_variance=2.0, prior_variance_2=50.0, **numbers)
+    return SlowBlock(kind, **SLOW[kind])
 
 
-def order_block(order, q=1e-4, prior=1.0, part="ripple"):
-    return StateBlock(
-        "oscillator",
-        part,
-        order=order,
-        noise_per_rad=q,
-        prior_variance=prior,
-        prior_variance_2=prior,
-    )
+def order_block(order, q=1e-4, part="ripple"):
+    return OscillatorBlock(order, part, q, "motor-radian")
 
 
-def tuned(kind="matern-3/2", *, gate=None, r=2.5e-3):
+THREE_ORDERS = (
+    order_block(2.0, 1e-9),
+    order_block(4.0, 1e-9),
+    order_block(0.01, 1e-9, "misalignment"),
+)
+
+
+def tuned(kind="matern-3/2", *, gate=None, r=2.5e-3, inertia=1.725e-2):
     blocks = (
         order_block(2.0),
-        StateBlock("oscillator", "ripple", frequency_hz=50.0, noise_per_s=1e-3),
-        order_block(0.01, 1e-3, 9.0, "misalignment"),
-        slow_block(kind),
+        OscillatorBlock(0.0, "ripple", 1e-3, "second", 50.0),
+        order_block(0.01, 1e-3, "misalignment"),
     )
-    return StateSpace(blocks, r, 1.725e-2, 100.0, 0.005, gate_sigma=gate)
+    prior = {"order_prior_std_nm": 0.5, "slow_prior_std_nm": 3.0, "gate_sigma": gate}
+    return filter_model(blocks, r, inertia=inertia, slow=(slow_block(kind),), **prior)
 
 
 def samples(n=1500, seed=1, missing=True):

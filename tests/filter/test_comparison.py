@@ -1,4 +1,4 @@
-"""Filters side by side: what each takes, keeps and costs."""
+"""Filters side by side: what each takes, keeps and costs; the low-pass beside them."""
 
 from __future__ import annotations
 
@@ -6,25 +6,23 @@ import math
 
 import numpy as np
 import pytest
+from kernel_models import THREE_ORDERS, filter_model
+from numpy.testing import assert_allclose
 from tuning_traces import channels, turning
 
 from hdbench.errors import DataError
-from hdbench.filter import FilterModel, OscillatorBlock, SlowBlock, preset
+from hdbench.filter import (
+    SlowBlock,
+    butterworth_lowpass,
+    preset,
+    transfer_at_steady_speed,
+)
 from hdbench.filter.comparison import compare_filters
 
-TUNED = FilterModel(
-    "tuned",
-    (
-        OscillatorBlock(2.0, "ripple", 1e-9, "motor-radian"),
-        OscillatorBlock(4.0, "ripple", 1e-9, "motor-radian"),
-        OscillatorBlock(0.01, "misalignment", 1e-9, "motor-radian"),
-    ),
+TUNED = filter_model(
+    THREE_ORDERS,
     0.0025,
-    0.0,
-    100.0,
-    0.005,
-    True,
-    {},
+    angle=True,
     slow=(
         SlowBlock("random-walk", noise_per_s=1e-3),
         SlowBlock("resonance", variance=2.0, time_constant_s=0.3, frequency_hz=1.5),
@@ -97,3 +95,37 @@ def test_a_record_too_short_to_judge_is_refused(bench):
     silent = channels(t, v, np.full_like(y, np.nan), angle)
     with pytest.raises(DataError, match="no sample"):
         compare_filters(silent, {}, TUNED, truth_nm=None, lowpass=(20.0, 2))
+
+
+def test_the_transfer_keeps_the_shape_of_the_frequencies(bench):
+    model = preset("report-a1", bench)
+    assert transfer_at_steady_speed(model, 50.0, 1e-3, 3.0).shape == ()
+    assert transfer_at_steady_speed(model, 50.0, 1e-3, [[1.0, 2.0]]).shape == (1, 2)
+
+
+def test_the_lowpass_has_three_decibels_at_its_cut_off():
+    t = np.arange(20_000) * 1e-3
+    for order in (1, 2, 5):
+        y = np.sin(2.0 * math.pi * 20.0 * t)
+        low = butterworth_lowpass(y, sample_period_s=1e-3, cutoff_hz=20.0, order=order)
+        # a bilinear Butterworth has exactly -3.01 dB at the prewarped cut-off
+        assert np.sqrt(2.0 * np.mean(low[10_000:] ** 2)) == pytest.approx(math.sqrt(0.5), rel=1e-4)
+
+
+def test_the_lowpass_keeps_a_constant_from_its_first_sample_on_and_is_causal():
+    y = np.full(300, 3.0)
+    y[200:] = 5.0
+    low = butterworth_lowpass(y, sample_period_s=1e-3, cutoff_hz=20.0, order=2)
+    # steady-state start: rounding of a few products
+    assert_allclose(low[:200], 3.0, rtol=1e-12)
+    assert low[200] > 3.0
+    assert butterworth_lowpass([], sample_period_s=1e-3, cutoff_hz=20.0, order=2).size == 0
+
+
+@pytest.mark.parametrize(
+    ("period", "cutoff", "order"),
+    [(1e-3, 500.0, 2), (1e-3, math.nan, 2), (0.0, 20.0, 2), (1e-3, 20.0, 0), (1e-3, 20.0, 9)],
+)
+def test_a_lowpass_out_of_its_domain_is_refused(period, cutoff, order):
+    with pytest.raises(DataError):
+        butterworth_lowpass([0.0], sample_period_s=period, cutoff_hz=cutoff, order=order)

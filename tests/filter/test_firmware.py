@@ -13,16 +13,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from kernel_models import KINDS
+from kernel_models import KINDS, new_state, run, slow_block
 
 from hdbench.errors import DataError, StorageError
-from hdbench.filter import preset
-from hdbench.filter.assemble import state_space
-from hdbench.filter.blocks import OscillatorBlock, SlowBlock
+from hdbench.filter import OscillatorBlock, SlowBlock, preset
 from hdbench.filter.firmware import export_firmware
-from hdbench.filter.kalman import new_state, run
 from hdbench.filter.model import FilterModel
-from hdbench_cli.export import command
+from hdbench_cli.commands.export import command
 from hdbench_cli.output import Output
 
 PERIOD = 1e-3
@@ -33,13 +30,6 @@ needs_target = pytest.mark.skipif(
     shutil.which("arm-none-eabi-gcc") is None or shutil.which("qemu-system-arm") is None,
     reason="arm-none-eabi-gcc or qemu-system-arm is not here; `make firmware-check` says more",
 )
-SLOW = {
-    "random-walk": {"noise_per_s": 0.3},
-    "integrated-random-walk": {"noise_per_s": 5.0},
-    "ornstein-uhlenbeck": {"variance": 2.0, "time_constant_s": 0.05},
-    "matern-3/2": {"variance": 2.0, "time_constant_s": 0.05},
-    "resonance": {"variance": 2.0, "time_constant_s": 0.1, "frequency_hz": 3.0},
-}
 # as one command of the compiler sees it: a program that filters a file of float32 pairs
 DRIVER = """
 #include <stdio.h>
@@ -72,7 +62,7 @@ def tuned(bench, kind="matern-3/2"):
         preset("report-6", bench),
         name="tuned",
         blocks=blocks,
-        slow=(SlowBlock(kind, **SLOW[kind]),),
+        slow=(slow_block(kind),),
         measurement_noise=2.5e-3,
         order_prior_std_nm=1.0,
         slow_prior_std_nm=2.0,
@@ -155,9 +145,8 @@ def test_float_stays_within_a_millinewtonmetre_of_double_for_ten_minutes(bench, 
         [folder / "driver"], input=pairs.tobytes(), capture_output=True, check=True
     ).stdout
     single = np.frombuffer(answer, dtype=np.float32)
-    space = state_space(model)
     exact = pairs.astype(np.float64)
-    wanted = run(space, new_state(space), t, exact[:, 0], exact[:, 1]).torque_filtered_nm
+    wanted = run(model, new_state(model), t, exact[:, 0], exact[:, 1]).torque_filtered_nm
     # what is asked for, N m
     assert np.abs(single - wanted).max() < 1e-3
 

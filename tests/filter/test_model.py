@@ -200,6 +200,7 @@ def test_a_model_that_the_diagnosis_saved_becomes_a_filter(bench, tmp_path):
         {"causes": [{"name": "ripple-harmonic", "parameters": []}]},
         {"causes": [{"name": "ripple-harmonic", "parameters": {"order": {"value": "7"}}}]},
         {"causes": [{"name": "ripple-harmonic", "parameters": {"order": {"value": -7}}}]},
+        {"causes": [{"name": "mains-hum", "parameters": {}}]},
         {"baseline": []},
         {"baseline": {"ripple": [2.0]}},
         {"causes": [{"name": "x", "parameters": {"order": 10 + i}} for i in range(20)]},

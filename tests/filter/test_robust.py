@@ -1,4 +1,4 @@
-"""Online behaviour of tuned models: standstill, reversal, gaps, faults of the sensor."""
+"""Online behaviour of tuned models: standstill, reversal, gaps, faults, amplitudes."""
 
 from __future__ import annotations
 
@@ -9,11 +9,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from kernel_models import filter_model, order_block
 from numpy.testing import assert_array_equal
 from tuning_traces import tuned_like, turning
 
 from hdbench.errors import DataError
 from hdbench.filter import FilterModel, OnlineFilter, OscillatorBlock, SlowBlock, preset
+from hdbench.filter.online import block_amplitudes
 
 GUARDED = replace(tuned_like(), torque_limit_nm=20.0, stuck_samples=5)
 FIELDS = (
@@ -159,17 +161,8 @@ def test_the_state_of_a_model_without_guard_is_refused_by_one_with():
 
 
 def test_a_block_locked_to_the_clock_takes_its_tone():
-    model = FilterModel(
-        "hum",
-        (OscillatorBlock(0.0, "ripple", 1e-6, "second", 50.0),),
-        0.0025,
-        0.0,
-        1.0,
-        0.005,
-        True,
-        {},
-        order_prior_std_nm=4.0,
-    )
+    tone = OscillatorBlock(0.0, "ripple", 1e-6, "second", 50.0)
+    model = filter_model((tone,), 0.0025, order_prior_std_nm=4.0)
     t, v, angle, _ = turning(4.0)
     y = 0.5 * np.cos(2 * np.pi * 50.0 * t + 0.3) + np.random.default_rng(0).normal(0, 0.05, t.size)
     left = OnlineFilter(model).process(t, v, y, angle).torque_filtered_nm[2000:]
@@ -233,3 +226,48 @@ def test_a_bad_key_of_a_tuned_model_file_names_the_place(change, place):
         FilterModel.from_dict({**GUARDED.to_dict(), **change}, source="bad.json")
     assert place in str(caught.value)
     assert FilterModel.from_dict(GUARDED.to_dict()) == GUARDED
+
+
+RATE_HZ = 1000.0
+MODEL = filter_model(
+    (order_block(2.0, 1e-7), order_block(4.0, 1e-7)),
+    0.05**2,
+    angle=True,
+    slow=(SlowBlock("random-walk", noise_per_s=1e-3),),
+    order_prior_std_nm=2.0,
+    slow_prior_std_nm=1.0,
+)
+
+
+def filtered(seed: int) -> tuple[OnlineFilter, float, float]:
+    rng = np.random.default_rng(seed)
+    time = np.arange(8000) / RATE_HZ
+    velocity = 100.0 + 30.0 * np.sin(0.7 * time)
+    angle = np.cumsum(velocity) / RATE_HZ
+    second, fourth = rng.uniform(0.5, 1.5), rng.uniform(0.2, 0.6)
+    torque = (
+        second * np.cos(2 * angle + 1.0)
+        + fourth * np.cos(4 * angle - 2.0)
+        + 0.05 * rng.standard_normal(len(time))
+    )
+    online = OnlineFilter(MODEL)
+    online.process(time, velocity, torque, angle)
+    return online, second, fourth
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_amplitudes_are_those_of_the_signal_within_their_own_uncertainty(seed: int) -> None:
+    online, second, fourth = filtered(seed)
+    found = block_amplitudes(MODEL, online.state())
+    assert [a.block.order for a in found] == [2.0, 4.0]
+    for amplitude, truth in zip(found, (second, fourth), strict=True):
+        # 5 sigma: a chance of 6e-7 each that a right filter fails here
+        assert abs(amplitude.amplitude_nm - truth) < 5.0 * amplitude.std_nm
+        # 8000 samples of 0.05 N m fix an amplitude to 0.05 sqrt(2 / 8000) if nothing changed;
+        # the walk of the states leaves less than a fifth of the noise
+        assert 0.05 * np.sqrt(2 / 8000) < amplitude.std_nm < 0.01
+
+
+def test_a_filter_that_has_seen_nothing_has_no_amplitude() -> None:
+    for amplitude in block_amplitudes(MODEL, OnlineFilter(MODEL).state()):
+        assert amplitude.amplitude_nm == 0.0

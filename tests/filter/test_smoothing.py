@@ -6,27 +6,19 @@ import math
 
 import numpy as np
 import pytest
+from kernel_models import THREE_ORDERS, filter_model, order_block
 from numpy.testing import assert_allclose
 from tuning_traces import channels, turning
 
 from hdbench.errors import DataError
-from hdbench.filter import FilterModel, OscillatorBlock, SlowBlock
+from hdbench.filter import SlowBlock
 from hdbench.filter.orders import order_map, order_spectrum
 from hdbench.filter.smoothing import motor_angle, smooth_channels
 
-MODEL = FilterModel(
-    "own",
-    (
-        OscillatorBlock(2.0, "ripple", 1e-9, "motor-radian"),
-        OscillatorBlock(4.0, "ripple", 1e-9, "motor-radian"),
-        OscillatorBlock(0.01, "misalignment", 1e-9, "motor-radian"),
-    ),
+MODEL = filter_model(
+    THREE_ORDERS,
     0.0025,
-    0.0,
-    100.0,
-    0.005,
-    True,
-    {},
+    angle=True,
     slow=(SlowBlock("ornstein-uhlenbeck", variance=0.25, time_constant_s=0.1),),
     order_prior_std_nm=4.0,
 )
@@ -53,17 +45,7 @@ def test_a_growing_amplitude_is_followed_through_the_whole_trace():
     rng = np.random.default_rng(0)
     growth = np.linspace(0.2, 1.8, t.size)
     y = growth * np.cos(2 * angle + 1.0) + rng.normal(0, 0.05, t.size)
-    one = FilterModel(
-        "one",
-        (OscillatorBlock(2.0, "ripple", 1e-4, "motor-radian"),),
-        0.0025,
-        0.0,
-        100.0,
-        0.005,
-        True,
-        {},
-        order_prior_std_nm=4.0,
-    )
+    one = filter_model((order_block(2.0, 1e-4),), 0.0025, angle=True, order_prior_std_nm=4.0)
     wave = smooth_channels(one, channels(t, v, y, angle)).waves[0]
     inside = slice(200, -200)
     # bands of 4 standard deviations; a ramp is what this process noise expects

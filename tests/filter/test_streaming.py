@@ -1,7 +1,8 @@
-"""Blocks of any split, restarts, gaps and lost samples."""
+"""Blocks of any split, restarts, gaps and lost samples; stored traces and their channels."""
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import replace
 from itertools import pairwise
 
@@ -10,22 +11,23 @@ import pytest
 from filter_oracle import literal, motion
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from kernel_models import filter_model
 from numpy.testing import assert_allclose, assert_array_equal
 
 from hdbench.errors import DataError
-from hdbench.filter import FilteredBlock, FilterModel, OnlineFilter, OscillatorBlock, preset
-from hdbench.filter.core import kernel_form
-
-MODEL = FilterModel(
-    "own",
-    (OscillatorBlock(2.0, "ripple", 0.1), OscillatorBlock(0.01, "misalignment", 1e-3)),
-    0.5,
-    1.725e-2,
-    100.0,
-    0.005,
-    True,
-    {},
+from hdbench.filter import (
+    FilteredBlock,
+    OnlineFilter,
+    OscillatorBlock,
+    filter_trace,
+    filtered_columns,
+    preset,
 )
+from hdbench.filter.kalman import kernel_form
+from hdbench.records import Trace
+
+BLOCKS = (OscillatorBlock(2.0, "ripple", 0.1), OscillatorBlock(0.01, "misalignment", 1e-3))
+MODEL = filter_model(BLOCKS, 0.5, inertia=1.725e-2, angle=True)
 
 
 def forms():
@@ -76,14 +78,6 @@ def test_blocks_of_any_split_give_the_same_bits_as_one_call(cuts, form, orders):
     assert_array_equal(np.concatenate(parts, axis=1), whole)
 
 
-def test_sample_by_sample_gives_the_same_bits_as_one_call(kernel):
-    data = damaged(200)
-    whole = columns(OnlineFilter(MODEL, kernel=kernel).process(*data))
-    online = OnlineFilter(MODEL, kernel=kernel)
-    parts = [columns(online.process(*(c[k : k + 1] for c in data))) for k in range(200)]
-    assert_array_equal(np.concatenate(parts, axis=1), whole)
-
-
 @pytest.mark.parametrize("cut", [0, 1, 137, 250])
 def test_a_restored_state_goes_on_with_the_same_bits(kernel, cut):
     data = damaged()
@@ -96,21 +90,6 @@ def test_a_restored_state_goes_on_with_the_same_bits(kernel, cut):
     second.restore([float(repr(number)) for number in kept.tolist()])
     rest = columns(second.process(*(c[cut:] for c in data)))
     assert_array_equal(rest, whole[:, cut:])
-
-
-def test_a_state_of_one_form_goes_on_in_the_other():
-    if "c" not in forms():
-        pytest.skip("the C kernel was not compiled here")
-    data = damaged()
-    whole = columns(OnlineFilter(MODEL, kernel="c").process(*data))
-    for one, other in (("c", "numpy"), ("numpy", "c")):
-        first, second = OnlineFilter(MODEL, kernel=one), OnlineFilter(MODEL, kernel=other)
-        first.process(*(c[:200] for c in data))
-        second.restore(first.state())
-        # rounding of two orders of summation over a few hundred samples
-        assert_allclose(
-            columns(second.process(*(c[200:] for c in data))), whole[:, 200:], rtol=0, atol=1e-11
-        )
 
 
 @pytest.mark.parametrize(
@@ -226,5 +205,78 @@ def test_time_that_does_not_increase_is_refused_and_changes_nothing(kernel, bad)
 def test_channels_of_different_length_are_refused(kernel):
     with pytest.raises(ValueError, match="torque_nm has 2 samples"):
         OnlineFilter(MODEL, kernel=kernel).process([0.0], [0.0], [0.0, 1.0])
-    with pytest.raises(ValueError, match="one dimension"):
+    with pytest.raises(ValueError, match="needed: 1 dimension"):
         OnlineFilter(MODEL, kernel=kernel).process([[0.0]], [0.0], [0.0])
+
+
+GAIN = 56.2565
+
+
+def trace(**columns):
+    t, v, y, _ = motion(300)
+    return Trace({"time_s": t, "torque_nm": y, "motor_velocity_rad_s": v, **columns}, "here.csv")
+
+
+def test_the_tacho_serves_where_there_is_no_velocity(bench):
+    model = preset("report-6", bench)
+    stored = trace()
+    columns = dict(stored.columns)
+    columns["tacho_v"] = columns.pop("motor_velocity_rad_s") / GAIN
+    found = filter_trace(Trace(columns), model, velocity_gain_rad_s_per_v=GAIN)
+    wanted = filter_trace(stored, model, velocity_gain_rad_s_per_v=GAIN)
+    # one division and one product of rounding in the velocity
+    assert_allclose(found.torque_filtered_nm, wanted.torque_filtered_nm, rtol=0.0, atol=1e-9)
+
+
+def test_angle_or_encoder_serves_where_the_model_asks_for_it(bench):
+    model = dataclasses.replace(preset("report-6", bench), use_measured_angle=True)
+    count = np.round(np.linspace(0.0, 9000.0, 300))
+    angle = count * (2.0 * np.pi / 4000)
+    by_angle = filter_trace(trace(motor_angle_rad=angle), model, velocity_gain_rad_s_per_v=GAIN)
+    by_count = filter_trace(
+        trace(encoder_count=count),
+        model,
+        velocity_gain_rad_s_per_v=GAIN,
+        encoder_counts_per_turn=4000,
+    )
+    by_velocity = filter_trace(trace(), model, velocity_gain_rad_s_per_v=GAIN)
+    assert_array_equal(by_angle.torque_filtered_nm, by_count.torque_filtered_nm)
+    assert np.abs(by_angle.torque_filtered_nm - by_velocity.torque_filtered_nm).max() > 1e-3
+
+
+@pytest.mark.parametrize("name", ["torque_nm", "motor_velocity_rad_s"])
+def test_a_missing_channel_is_named(bench, name):
+    columns = dict(trace().columns)
+    del columns[name]
+    with pytest.raises(DataError, match=name) as caught:
+        filter_trace(
+            Trace(columns, "here.csv"), preset("report-6", bench), velocity_gain_rad_s_per_v=GAIN
+        )
+    assert "here.csv" in caught.value.where
+
+
+def test_a_time_that_steps_back_names_file_and_sample(bench):
+    stored = trace()
+    stored.time_s[100] = stored.time_s[99]
+    with pytest.raises(DataError) as caught:
+        filter_trace(stored, preset("report-6", bench), velocity_gain_rad_s_per_v=GAIN)
+    assert "here.csv" in caught.value.where
+    assert "sample 100" in caught.value.where
+
+
+def test_the_written_columns_are_the_contracts_and_add_up(bench):
+    stored = trace()
+    block = filter_trace(stored, preset("report-6", bench), velocity_gain_rad_s_per_v=GAIN)
+    written = filtered_columns(stored, block)
+    assert list(written.columns) == [
+        "time_s",
+        "torque_nm",
+        "torque_expected_nm",
+        "ripple_nm",
+        "misalignment_nm",
+        "torque_filtered_nm",
+    ]
+    assert_array_equal(
+        written["torque_nm"] - (written["ripple_nm"] + written["misalignment_nm"]),
+        written["torque_filtered_nm"],
+    )

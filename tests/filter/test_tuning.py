@@ -8,18 +8,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from kernel_models import filter_model, order_block
 from numpy.testing import assert_allclose
 from tuning_traces import campaign, channels, dense_log_likelihood, needs_compiled_kernel, turning
 
 from hdbench.errors import DataError
 from hdbench.filter import (
-    FilterModel,
     OnlineFilter,
-    OscillatorBlock,
     SlowBlock,
     load_filter_model,
     preset,
-    state_space,
     transfer_at_steady_speed,
     tune,
 )
@@ -27,14 +25,14 @@ from hdbench.filter.response import filter_response
 from hdbench.filter.tuning import TuningSettings, check_innovations, settings_of
 from hdbench.filter.tuning.checks import ljung_box, nis_band
 from hdbench.filter.tuning.data import describe_motion
-from hdbench.filter.tuning.likelihood import score
-from hdbench.filter.tuning.limits import refusal
-from hdbench.filter.tuning.memory import (
+from hdbench.filter.tuning.limits import (
     forget_beyond_the_data,
     leave_the_torque,
+    refusal,
     slow_density,
     with_moving_offset,
 )
+from hdbench.filter.tuning.problem import score
 from hdbench.filter.tuning.result import Estimate
 from hdbench.filter.tuning.search import curvature
 
@@ -42,11 +40,9 @@ SETTINGS = TuningSettings(4.0, 40.0)
 
 
 def relative_model(slow):
-    blocks = (
-        OscillatorBlock(2.0, "ripple", 1e-6, "motor-radian"),
-        OscillatorBlock(0.01, "misalignment", 1e-5, "motor-radian"),
-    )
-    return FilterModel("own", blocks, 1.0, 0.0, 100.0, 0.005, True, {}, None, slow, 20.0, 50.0)
+    blocks = (order_block(2.0, 1e-6), order_block(0.01, 1e-5, "misalignment"))
+    prior = {"order_prior_std_nm": 20.0, "slow_prior_std_nm": 50.0}
+    return filter_model(blocks, 1.0, angle=True, slow=slow, **prior)
 
 
 SLOW = [
@@ -104,6 +100,10 @@ def test_two_traces_count_as_independent_records():
     assert both.noise_nm2 == pytest.approx(total / both.samples, rel=1e-12)
 
 
+def six_states(bench):
+    return replace(preset("report-6", bench), load_inertia_kg_m2=0.0, use_measured_angle=True)
+
+
 def _parts(made):
     t, v, angle, y = made
     return t, v, y, angle
@@ -113,7 +113,7 @@ def _parts(made):
 def tuned(bench):
     """Return one tuning with its trace: first-order torque beside ripple and misalignment."""
     needs_compiled_kernel()
-    base = replace(preset("report-6", bench), load_inertia_kg_m2=0.0, use_measured_angle=True)
+    base = six_states(bench)
     record = channels(*_parts(turning(10.0, seed=5)))
     return base, record, tune(base, [record], settings_of(bench), origins={"trace": "sha256 0"})
 
@@ -168,29 +168,20 @@ def _args(record):
     return record.time_s, record.velocity_rad_s, record.torque_nm, record.angle_rad
 
 
+def beginning(record, n):
+    return channels(*(column[:n] for column in _args(record)))
+
+
 def test_tuning_twice_gives_the_same_model(tuned, bench):
     base, record, _ = tuned
-    short = replace(
-        record,
-        time_s=record.time_s[:3000],
-        velocity_rad_s=record.velocity_rad_s[:3000],
-        torque_nm=record.torque_nm[:3000],
-        angle_rad=record.angle_rad[:3000],
-    )
+    short = beginning(record, 3000)
     settings = replace(SETTINGS, slow="ornstein-uhlenbeck")
     assert tune(base, [short], settings).model == tune(base, [short], settings).model
 
 
 def test_torque_in_other_units_scales_every_noise(tuned):
     base, record, _ = tuned
-    part = slice(0, 4000)
-    cut = replace(
-        record,
-        time_s=record.time_s[part],
-        velocity_rad_s=record.velocity_rad_s[part],
-        torque_nm=record.torque_nm[part],
-        angle_rad=record.angle_rad[part],
-    )
+    cut = beginning(record, 4000)
     settings = TuningSettings(4.0, 40.0, slow="ornstein-uhlenbeck")
     one = tune(base, [cut], settings)
     ten = tune(
@@ -222,13 +213,7 @@ def test_a_tuned_filter_keeps_the_torque_and_takes_the_ripple(bench):
 def test_a_walk_by_name_is_warned_of_and_a_stationary_kind_is_what_auto_takes(tuned):
     base, record, found = tuned
     assert {c.slow for c in found.candidates} == {"none", "ornstein-uhlenbeck", "resonance"}
-    part = replace(
-        record,
-        time_s=record.time_s[:3000],
-        velocity_rad_s=record.velocity_rad_s[:3000],
-        torque_nm=record.torque_nm[:3000],
-        angle_rad=record.angle_rad[:3000],
-    )
+    part = beginning(record, 3000)
     walk = tune(base, [part], TuningSettings(4.0, 40.0, slow="integrated-random-walk"))
     assert any("unbounded variance" in note for note in walk.notes)
     assert walk.model.slow[0].kind == "integrated-random-walk"
@@ -236,7 +221,7 @@ def test_a_walk_by_name_is_warned_of_and_a_stationary_kind_is_what_auto_takes(tu
 
 def test_few_output_turns_and_constant_speed_are_told(bench):
     needs_compiled_kernel()
-    base = replace(preset("report-6", bench), load_inertia_kg_m2=0.0, use_measured_angle=True)
+    base = six_states(bench)
     record = channels(*_parts(turning(4.0, seed=1, low=60.0, high=60.0)))
     notes = tune(base, [record], TuningSettings(4.0, 40.0, slow="ornstein-uhlenbeck")).notes
     assert any("output turns" in note and "order 0.01" in note for note in notes)
@@ -245,7 +230,7 @@ def test_few_output_turns_and_constant_speed_are_told(bench):
 
 def test_an_order_that_the_model_lacks_is_noticed_in_the_innovations(bench):
     needs_compiled_kernel()
-    base = replace(preset("report-6", bench), load_inertia_kg_m2=0.0, use_measured_angle=True)
+    base = six_states(bench)
     t, v, angle, y = turning(5.0, seed=1)
     record = channels(t, v, y + 0.5 * np.cos(6 * angle), angle)
     notes = tune(base, [record], TuningSettings(4.0, 40.0, slow="random-walk")).notes
@@ -265,7 +250,7 @@ def test_a_resonance_at_an_order_of_a_constant_speed_is_refused():
 
 def test_spikes_are_left_out_and_a_step_is_not(bench):
     needs_compiled_kernel()
-    base = replace(preset("report-6", bench), load_inertia_kg_m2=0.0, use_measured_angle=True)
+    base = six_states(bench)
     t, v, angle, y = turning(4.5, seed=4)
     y[2500:] += 3.0
     clean = channels(t, v, y, angle)
@@ -354,14 +339,6 @@ def test_the_density_of_a_slow_torque_integrates_to_its_variance(block):
     assert total == pytest.approx(block.variance, rel=5e-3)
 
 
-def test_the_kernel_gets_every_block_in_its_own_kind():
-    space = state_space(relative_model((SLOW[3][0],)))
-    assert [b.kind for b in space.blocks] == ["oscillator", "oscillator", "resonance"]
-    assert space.blocks[2].prior_variance_2 == pytest.approx(200.0 * (4 * math.pi) ** 2)
-    assert space.blocks[0].prior_variance == 400.0
-    assert space.start == "prior"
-
-
 def test_an_order_without_a_peak_forgets_within_the_traces_and_leaves_the_torque_alone():
     motion = describe_motion([channels(*_parts(turning(20.0)))])
     found = [
@@ -369,10 +346,7 @@ def test_an_order_without_a_peak_forgets_within_the_traces_and_leaves_the_torque
         Estimate("order 2 process_noise", "(N m)^2/rad", 1e-20, None),
         Estimate("order 0.01 process_noise", "(N m)^2/rad", 1e-4, 0.3),
     ]
-    blocks = (
-        OscillatorBlock(2.0, "ripple", 1e-20, "motor-radian"),
-        OscillatorBlock(0.01, "misalignment", 1e-4, "motor-radian"),
-    )
+    blocks = (order_block(2.0, 1e-20), order_block(0.01, 1e-4, "misalignment"))
     model = replace(relative_model(()), blocks=blocks, measurement_noise=0.0025)
     raised, estimates = forget_beyond_the_data(model, found, motion)
     assert estimates[1].held
@@ -389,10 +363,7 @@ def test_an_order_without_a_peak_forgets_within_the_traces_and_leaves_the_torque
 def test_misalignment_is_not_given_the_torque_that_the_slow_block_does_not_fit(noise, lowered):
     motion = describe_motion([channels(*_parts(turning(40.0)))])
     slow = SlowBlock("resonance", variance=3.0, time_constant_s=0.1, frequency_hz=2.9)
-    blocks = (
-        OscillatorBlock(2.0, "ripple", 1e-6, "motor-radian"),
-        OscillatorBlock(0.01, "misalignment", noise, "motor-radian"),
-    )
+    blocks = (order_block(2.0, 1e-6), order_block(0.01, noise, "misalignment"))
     model = replace(relative_model((slow,)), blocks=blocks, measurement_noise=0.0032)
     names = ("measurement_noise", "order 2", "order 0.01")
     found = [Estimate(name, "", 1.0, None) for name in names]

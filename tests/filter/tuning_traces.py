@@ -9,9 +9,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from kernel_models import filter_model, order_block
 
-from hdbench.filter import Channels, FilterModel, OscillatorBlock, SlowBlock
-from hdbench.filter.core import kernel_form
+from hdbench.filter import Channels, SlowBlock
+from hdbench.filter.kalman import kernel_form
 
 
 def needs_compiled_kernel():
@@ -100,19 +101,11 @@ def dense_log_likelihood(t, turn, y, oscillators, slow, r):
 
 def tuned_like(q_output=1e-7):
     """Return a model as a tuning makes them."""
-    return FilterModel(
-        "own",
-        (
-            OscillatorBlock(2.0, "ripple", 1e-7, "motor-radian"),
-            OscillatorBlock(4.0, "ripple", 1e-7, "motor-radian"),
-            OscillatorBlock(0.01, "misalignment", q_output, "motor-radian"),
-        ),
+    output = order_block(0.01, q_output, "misalignment")
+    return filter_model(
+        (order_block(2.0, 1e-7), order_block(4.0, 1e-7), output),
         0.0025,
-        0.0,
-        100.0,
-        0.005,
-        True,
-        {},
+        angle=True,
         slow=(
             SlowBlock("random-walk", noise_per_s=1e-3),
             SlowBlock("resonance", variance=4.0, time_constant_s=0.11, frequency_hz=2.0),

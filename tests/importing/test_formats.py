@@ -17,10 +17,9 @@ import numpy as np
 import pytest
 
 from hdbench.errors import DataError, HdbenchError, UsageError
-from hdbench.importing.isolated import end_reader, open_isolated
-from hdbench.importing.plan import import_files
+from hdbench.importing.importer import import_files
 from hdbench.importing.recipe import Recipe, read_recipe, write_recipe
-from hdbench.importing.registry import open_source
+from hdbench.importing.registry import end_reader, open_isolated, open_source
 from hdbench.records import input_identity, read_trace
 from hdbench_cli.main import main
 
@@ -49,7 +48,7 @@ def recipe(form: str, **more: object) -> Recipe:
 @pytest.mark.parametrize("form", forms())
 def test_every_format_gives_the_same_trace(form: str, tmp_path: Path) -> None:
     file, out = write_sample(form, tmp_path), tmp_path / "out.csv"
-    report = import_files(recipe(form).plan(None), [file], out)
+    report = import_files(recipe(form), [file], out)
     trace, kept = read_trace(out), signals()
     assert report.rows == 200
     # times of a bag are whole ns; text has twelve digits
@@ -70,7 +69,7 @@ def test_a_file_that_was_cut_is_refused_and_nothing_is_left(form: str, tmp_path:
         file.write_bytes(raw[:cut])
         refused: HdbenchError | None = None
         try:
-            import_files(recipe(form).plan(None), [file], out)
+            import_files(recipe(form), [file], out)
         except HdbenchError as error:
             refused = error
         if refused is None:
@@ -113,7 +112,7 @@ def test_channels_that_cannot_be_used_are_refused_in_every_format(
         pytest.skip("an object without records is a record itself")
     file = write_sample(form, tmp_path, kept)
     with pytest.raises(DataError, match=word) as caught:
-        import_files(recipe(form).plan(None), [file], tmp_path / "out.csv")
+        import_files(recipe(form), [file], tmp_path / "out.csv")
     assert caught.value.exit_code == 4
     assert "\n" not in str(caught.value.what)
     assert list(tmp_path.iterdir()) == [file]
@@ -189,7 +188,7 @@ def test_ten_gigabytes_of_nothing_and_a_wrong_beginning(ending: str, tmp_path: P
     wrong.write_bytes(b"RIFF\0\0\0\0 of another kind")
     for path in (sparse, wrong):
         with pytest.raises(DataError, match="begins with"):
-            import_files(recipe("npz").plan(None), [path], tmp_path / "out.csv")
+            import_files(recipe("npz"), [path], tmp_path / "out.csv")
 
 
 @pytest.mark.parametrize(
@@ -209,7 +208,7 @@ def test_channels_that_cannot_be_used_are_refused(text: str, word: str, tmp_path
     name = "tor\x07que" if "\x07" in text else "torque"
     asked = Recipe(map={"time_s": "time", "torque_nm": name, "motor_velocity_rad_s": "speed"})
     with pytest.raises(DataError, match=word) as caught:
-        import_files(asked.plan(None), [file], tmp_path / "out.csv")
+        import_files(asked, [file], tmp_path / "out.csv")
     assert caught.value.exit_code == 4
     assert list(tmp_path.iterdir()) == [file]
 
@@ -225,13 +224,13 @@ def test_a_pickle_in_a_numpy_file_is_never_opened(tmp_path: Path) -> None:
     file = tmp_path / "log.npz"
     np.savez(file, time=np.arange(3.0), torque=np.array([object()] * 3))
     with pytest.raises(DataError, match="never unpickled"):
-        import_files(recipe("npz").plan(None), [file], tmp_path / "out.csv")
+        import_files(recipe("npz"), [file], tmp_path / "out.csv")
 
 
 def made(tmp_path: Path, columns: dict[str, Sequence[float]], asked: Recipe, ratio: float = 50.0):
     file, out = tmp_path / "log.npz", tmp_path / "out.csv"
     np.savez(file, **{name: np.asarray(values) for name, values in columns.items()})
-    report = import_files(asked.plan(ratio), [file], out)
+    report = import_files(asked, [file], out, gear_ratio=ratio)
     return read_trace(out, require=("torque",)), report
 
 
@@ -285,7 +284,7 @@ def test_channels_of_two_clocks_are_put_on_one(tmp_path: Path) -> None:
         book["a/time"], book["a/torque"] = fast, np.cos(fast)
         book["b/time"], book["b/speed"] = slow, 5.0 + slow
     asked = Recipe(map={"torque_nm": "torque", "motor_velocity_rad_s": "speed"})
-    report = import_files(asked.plan(None), [file], tmp_path / "out.csv")
+    report = import_files(asked, [file], tmp_path / "out.csv")
     trace = read_trace(tmp_path / "out.csv")
     # a line is interpolated without error; the overlap is 0.1 to 0.89 s
     assert len(trace) == 791
@@ -295,7 +294,7 @@ def test_channels_of_two_clocks_are_put_on_one(tmp_path: Path) -> None:
 
 def test_provenance_is_bound_to_the_content(tmp_path: Path) -> None:
     file, out = write_sample("npz", tmp_path), tmp_path / "out.csv"
-    import_files(recipe("npz").plan(None), [file], out)
+    import_files(recipe("npz"), [file], out)
     imported = input_identity(out)["imported"]
     assert imported["sources"][0]["form"] == "NumPy file"
     assert imported["columns"]["torque_nm"] == ["channel 'torque'"]
@@ -366,7 +365,7 @@ def test_the_joint_side_needs_a_gear_ratio(
     np.savez(tmp_path / "log.npz", **columns)
     asked = Recipe(map={"time_s": "t", "motor_angle_rad": "q", "torque_nm": "T"}, side="output")
     with pytest.raises(UsageError, match="gear ratio"):
-        import_files(asked.plan(None), [tmp_path / "log.npz"], tmp_path / "out.csv")
+        import_files(asked, [tmp_path / "log.npz"], tmp_path / "out.csv")
     # that of the built-in bench is none of this drive
     words = ["--side", "output", "--map", "time_s=t", "--map", "motor_angle_rad=q"]
     code, body = listing(
@@ -403,7 +402,7 @@ _COGGING = {
 def test_originals_give_the_numbers_of_the_prepared_traces(
     raw: str, prepared: str, asked: Recipe, tmp_path: Path
 ) -> None:
-    import_files(asked.plan(100.0), [REAL / "raw" / raw], tmp_path / "out.csv")
+    import_files(asked, [REAL / "raw" / raw], tmp_path / "out.csv", gear_ratio=100.0)
     trace, known = read_trace(tmp_path / "out.csv"), read_trace(REAL / f"{prepared}.csv.gz")
     for name, values in known.columns.items():
         # the prepared ones are rounded to eight digits
@@ -415,9 +414,7 @@ def test_a_log_without_time_asks_for_the_rate_and_takes_it(tmp_path: Path) -> No
     file, out = REAL / "raw" / "kuka_med.csv", tmp_path / "out.csv"
     asked = Recipe(map={"torque_nm": "tau_0", "motor_angle_rad": "q_0"})
     with pytest.raises(DataError) as caught:
-        import_files(asked.plan(None), [file], out)
+        import_files(asked, [file], out)
     assert "--rate" in caught.value.fix
     timed = Recipe(map=asked.map, rate_hz=100.0, velocity_from_angle_hz=10.0)
-    assert (
-        import_files(timed.plan(None), [file], out).rows == len(file.read_text().splitlines()) - 1
-    )
+    assert import_files(timed, [file], out).rows == len(file.read_text().splitlines()) - 1

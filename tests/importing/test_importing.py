@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 from hdbench.errors import DataError, UsageError
-from hdbench.importing.mapping import ColumnMap, Constant, parse_constant, parse_map
-from hdbench.importing.plan import ImportPlan, import_files, known_columns
-from hdbench.importing.text import ForeignFormat
+from hdbench.importing import text as text_module
+from hdbench.importing.importer import import_files
+from hdbench.importing.mapping import parse_constant, parse_map
+from hdbench.importing.recipe import Recipe, known_columns
 from hdbench.records import read_loads, read_trace
 
 DATA = os.environ.get("HDBENCH_DATA")
@@ -24,13 +25,8 @@ def bring(tmp_path, texts, maps, *, kind="trace", constants=(), **options):
         path = tmp_path / f"in{number}.txt"
         path.write_bytes(text if isinstance(text, bytes) else text.encode("utf-8"))
         files.append(path)
-    known = known_columns(kind)
-    plan = ImportPlan(
-        kind,
-        tuple(parse_map(text, known) for text in maps),
-        tuple(parse_constant(text, known) for text in constants),
-        **options,
-    )
+    mapped, fixed = (dict(t.split("=", 1) for t in texts) for texts in (maps, constants))
+    plan = Recipe(kind, mapped, fixed, **options)
     out = tmp_path / "out.csv"
     report = import_files(plan, files, out)
     return (
@@ -61,8 +57,8 @@ def test_separators_decimal_commas_and_byte_order_marks_do_not_change_a_number(t
 
 def test_columns_go_by_number_where_there_is_no_header_and_lines_are_skipped(tmp_path):
     text = "made by a logger\nsecond line\n1000,7,9\n1010,8,9\n"
-    layout = ForeignFormat(header=False, skip=2)
-    trace, _ = bring(tmp_path, [text], ("time_s=1*0.001", "torque_v=2"), layout=layout)
+    maps = ("time_s=1*0.001", "torque_v=2")
+    trace, _ = bring(tmp_path, [text], maps, no_header=True, skip=2)
     assert trace.time_s.tolist() == [0.0, 0.01]
     assert trace["torque_v"].tolist() == [7.0, 8.0]
 
@@ -85,6 +81,44 @@ def test_differences_of_large_times_keep_the_digits_of_the_file(tmp_path):
     kept, report = bring(tmp_path, [text], ("time_s=t", "torque_nm=T"), keep_time=True)
     assert kept.time_s.tolist() == [float(cell) for cell in cells]
     assert report.time_origin_s is None
+
+
+@pytest.mark.parametrize("mark", [",", ";", "\t"])
+def test_rows_of_plain_numbers_are_read_to_the_same_bits_as_row_by_row(tmp_path, monkeypatch, mark):
+    monkeypatch.setattr(text_module, "_CHUNK_BYTES", 500)
+    rng = np.random.default_rng(3)
+    rows = [
+        [
+            f"{1763720000 + 0.0005 * k:.4f}",
+            repr(float(v)),
+            f"{v:.3f}",
+            "" if k % 50 == 7 else f"{v}",
+        ]
+        for k, v in enumerate(rng.normal(size=300) * 1e3)
+    ]
+    maps = ("time_s=1", "torque_nm=2", "motor_velocity_rad_s=3*0.001+2", "motor_angle_rad=4@deg")
+    found = []
+    # quotes, a comment or a blank line in the middle: from there on it goes row by row
+    for odd, quote in ((0, ""), (0, '"'), (150, ""), (299, "")):
+        lines = [mark.join(f"{quote}{cell}{quote}" for cell in row) for row in rows]
+        lines[odd] = f"# a comment\n\n{lines[odd]}" if odd else lines[odd]
+        text = "\n".join([mark.join(("t", "T", "v", "p")), *lines])
+        if mark == ";":
+            text = text.replace(".", ",")
+        trace, _ = bring(tmp_path, [text], maps)
+        found.append([trace[name].tobytes() for name in trace.columns])
+    assert found.count(found[0]) == len(found)
+
+
+@pytest.mark.parametrize(
+    "more",
+    ["", ', "w": "a},{b"', ', "parts": [{"k": 1}, {"k": 2}]', ', "i": {"k": 1}', ', "x": NaN'],
+)
+def test_records_of_json_are_read_alike_whatever_else_is_in_them(tmp_path, more):
+    records = [f'{{"t": {0.001 * k!r}, "T": {k}.25{more}}}' for k in range(500)]
+    trace, _ = bring(tmp_path, [f"[{', '.join(records)}]"], ("time_s=t", "torque_nm=T"))
+    assert trace.time_s.tolist() == [0.001 * k for k in range(500)]
+    assert trace["torque_nm"].tolist() == [k + 0.25 for k in range(500)]
 
 
 def test_a_sample_rate_stands_for_a_time_column(tmp_path):
@@ -192,26 +226,22 @@ def test_a_failed_import_leaves_the_old_file_and_nothing_else(tmp_path):
     source = tmp_path / "in.csv"
     source.write_text("t,x\n0,1\n")
     with pytest.raises(DataError, match="torque"):
-        import_files(ImportPlan("trace", (ColumnMap("time_s", "t"),)), [source], out)
+        import_files(Recipe(map={"time_s": "t"}), [source], out)
     assert out.read_text() == "old"
     assert sorted(p.name for p in tmp_path.iterdir()) == ["in.csv", "out.csv"]
     with pytest.raises(UsageError, match="inputs"):
-        import_files(ImportPlan("trace", (ColumnMap("time_s", "t"),)), [source], source)
+        import_files(Recipe(map={"time_s": "t"}), [source], source)
 
 
 @needs_data
 def test_the_torque_arm_of_unh_gives_the_published_lines(tmp_path):
     folder = Path(DATA) / "unh_torque_arm_cal"
     files = [folder / f"torque_arm_{series}.csv" for series in ("ascending", "descending")]
-    maps = (ColumnMap("torque_nm", "mean_torque"), ColumnMap("reading_v", "mean_volts_per_volt"))
+    maps = {"torque_nm": "mean_torque", "reading_v": "mean_volts_per_volt"}
     same = {"experiment": "arm", "position_rad": "0", "range": "full", "direction": "cw"}
-    constants = (
-        *(Constant(name, value) for name, value in same.items()),
-        Constant("series", "up", 1),
-        Constant("series", "down", 2),
-    )
+    constants = {**same, "1:series": "up", "2:series": "down"}
     out = tmp_path / "loads.csv"
-    import_files(ImportPlan("loads", maps, constants), files, out)
+    import_files(Recipe("loads", maps, constants), files, out)
     readings = read_loads(out, None).readings
 
     def slope(*series):
@@ -227,13 +257,13 @@ def test_the_torque_arm_of_unh_gives_the_published_lines(tmp_path):
 @needs_data
 def test_the_sweep_of_lara8_comes_in_with_every_digit(tmp_path):
     source = Path(DATA) / "lara8_dual_encoder" / "validate_joint3_sweep.csv"
-    maps = (
-        ColumnMap("time_s", "Timestamp"),
-        ColumnMap("torque_nm", "joint_torque_current_3"),
-        ColumnMap("motor_velocity_rad_s", "joint_velocity_3*101"),
-    )
+    maps = {
+        "time_s": "Timestamp",
+        "torque_nm": "joint_torque_current_3",
+        "motor_velocity_rad_s": "joint_velocity_3*101",
+    }
     out = tmp_path / "trace.csv.gz"
-    report = import_files(ImportPlan("trace", maps), [source], out)
+    report = import_files(Recipe(map=maps), [source], out)
     trace = read_trace(out)
     with source.open(newline="") as file:
         rows = list(csv.DictReader(file))

@@ -10,10 +10,9 @@ from pathlib import Path
 import pytest
 
 from hdbench.errors import DataError, UsageError
+from hdbench.importing.importer import ImportReport, import_files
 from hdbench.importing.layout import EPOCH_1904_S, Logger, is_time_name, text_layout
-from hdbench.importing.mapping import ColumnMap
-from hdbench.importing.plan import ImportPlan, ImportReport, import_files
-from hdbench.importing.text import ForeignFormat
+from hdbench.importing.recipe import Recipe
 from hdbench.importing.units import bare_name, stated_unit, target_unit, unit_scale
 from hdbench.records import read_trace
 
@@ -35,10 +34,9 @@ WINDAQ = (
 def brought(tmp_path: Path, text: str, logger: Logger, *maps: tuple[str, str]) -> ImportReport:
     source = tmp_path / "log.dat"
     source.write_bytes(text.encode())
-    plan = ImportPlan(
-        "trace", tuple(ColumnMap(*m) for m in maps), layout=ForeignFormat(logger=logger)
+    return import_files(
+        Recipe(map=dict(maps), from_logger=logger), [source], tmp_path / "trace.csv"
     )
-    return import_files(plan, [source], tmp_path / "trace.csv")
 
 
 BOTH = (("torque_v", "v0"), ("tacho_v", "v1"))
@@ -111,12 +109,12 @@ def test_a_stated_unit_of_another_quantity_is_refused_with_its_column(tmp_path: 
 def test_without_a_logger_a_stated_unit_is_not_taken_for_ours(tmp_path: Path) -> None:
     source = tmp_path / "log.csv"
     source.write_text("t,speed (rpm),torque_nm\n0,300,1\n1,300,2\n")
-    maps = (ColumnMap("time_s", "t"), ColumnMap("motor_velocity_rad_s", "speed (rpm)"))
+    maps = {"time_s": "t", "motor_velocity_rad_s": "speed (rpm)"}
     with pytest.raises(UsageError) as caught:
-        import_files(ImportPlan("trace", maps), [source], tmp_path / "out.csv")
+        import_files(Recipe(map=maps), [source], tmp_path / "out.csv")
     told = caught.value.fix.partition("*")[2].partition(";")[0]
-    scaled = (maps[0], ColumnMap("motor_velocity_rad_s", f"speed (rpm)*{told}"))
-    report = import_files(ImportPlan("trace", scaled), [source], tmp_path / "out.csv")
+    scaled = {**maps, "motor_velocity_rad_s": f"speed (rpm)*{told}"}
+    report = import_files(Recipe(map=scaled), [source], tmp_path / "out.csv")
     assert read_trace(report.out)["motor_velocity_rad_s"][0] == pytest.approx(10 * math.pi)
 
 

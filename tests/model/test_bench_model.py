@@ -10,7 +10,6 @@ import pytest
 from hdbench.errors import DataError
 from hdbench.model import (
     BenchModel,
-    Cause,
     CauseTerm,
     Motion,
     baseline_columns,
@@ -226,8 +225,7 @@ def test_a_cause_that_needs_a_channel_is_not_simulated_without_it(make_motion: M
 
 def test_columns_of_another_shape_are_refused(make_motion: Make) -> None:
     base = catalogue()["zero-drift"]
-    parts = {f: getattr(base, f) for f in base.__slots__}
-    own = Cause(**{**parts, "name": "own", "columns": lambda motion, shape: np.ones(len(motion))})
+    own = replace(base, name="own", columns=lambda motion, shape: np.ones(len(motion)))
     with pytest.raises(DataError, match=r"shape \(400,\); needed: \(400, 1\)"):
         term_torque_nm(CauseTerm("own", {}, (1.0,)), make_motion(), extra=(own,))
 

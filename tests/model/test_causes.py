@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -215,8 +216,7 @@ def test_users_add_causes_but_cannot_replace_one() -> None:
         return np.ones((len(motion), 1))
 
     base = catalogue()["zero-drift"]
-    parts = {f: getattr(base, f) for f in base.__slots__}
-    own = Cause(**{**parts, "name": "my-effect", "columns": columns})
+    own = replace(base, name="my-effect", columns=columns)
     assert catalogue([own])["my-effect"] is own
     assert "my-effect" not in catalogue()
     with pytest.raises(DataError, match="two causes have the name"):

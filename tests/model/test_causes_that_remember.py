@@ -1,15 +1,19 @@
+"""Causes that remember, on whole records and on those of next to nothing."""
+
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
+from itertools import product
 from typing import Any
 
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from hdbench.model import Motion, catalogue
-from hdbench.model.causes import _memory, _twins, stiffness
+from hdbench.model import Cause, Motion, catalogue, shape_bounds
+from hdbench.model.causes import _memory, dynamics
 
 Make = Callable[..., Motion]
 Array = np.ndarray
@@ -23,16 +27,15 @@ def column(name: str, motion: Motion, **shape: float) -> Array:
 def without(motion: Motion, lost: Array) -> Motion:
     """Return the motion with lost samples: no speed, no angle, not valid."""
     gone = {"velocity_rad_s", "angle_rad", "acceleration_rad_s2", "output_angle_rad"}
-    parts = {f: getattr(motion, f) for f in motion.__slots__}
-    changed = {f: np.where(lost, np.nan, parts[f]) for f in gone}
-    return Motion(**{**parts, **changed, "valid": ~lost})
+    changed = {f: np.where(lost, np.nan, getattr(motion, f)) for f in gone}
+    return replace(motion, **changed, valid=~lost)
 
 
 def kept(motion: Motion, keep: Array) -> Motion:
     """Return the samples `keep` alone."""
-    parts = {f: getattr(motion, f) for f in motion.__slots__}
-    cut = {f: v[keep] for f, v in parts.items() if isinstance(v, np.ndarray)}
-    return Motion(**{**parts, **cut})
+    columns = {f: getattr(motion, f) for f in motion.__slots__}
+    cut = {f: v[keep] for f, v in columns.items() if isinstance(v, np.ndarray)}
+    return replace(motion, **cut)
 
 
 def test_presliding_is_dahls_equation(swinging: Motion) -> None:
@@ -79,8 +82,7 @@ def slipping(torque: Array, largest: float, starts: Array) -> Array:
 def test_hysteresis_is_elements_that_slip(largest: float, swinging: Motion) -> None:
     starts = np.zeros(3000, dtype=bool)
     starts[[0, 1300]] = True
-    parts = {f: getattr(swinging, f) for f in swinging.__slots__}
-    motion = Motion(**{**parts, "starts": starts})
+    motion = replace(swinging, starts=starts)
     want = slipping(motion.applied_nm, largest, starts)
     got = column("hysteresis", motion, yield_nm=largest)
     # sums of eight numbers, each a difference of torques up to 11 N m, over 4 yields of 0.3 N m
@@ -145,8 +147,7 @@ def test_a_resonance_passes_ripple_as_its_equation_of_motion(
     gauge: float, damping: float, make_motion: Make
 ) -> None:
     motion = sweep(make_motion, 400.0)
-    parts = {f: getattr(motion, f) for f in motion.__slots__}
-    motion = Motion(**{**parts, "gauge_factor": gauge})
+    motion = replace(motion, gauge_factor=gauge)
     natural, rate = 2.0 * math.pi * 80.0, math.pi / 2.0
 
     def angle(t: float) -> float:
@@ -301,8 +302,7 @@ def test_lost_samples_are_as_if_they_had_never_been(name: str, swinging: Motion)
 def test_nothing_is_carried_over_a_start(name: str, swinging: Motion) -> None:
     starts = np.zeros(3000, dtype=bool)
     starts[1234] = True
-    parts = {f: getattr(swinging, f) for f in swinging.__slots__}
-    got = column(name, Motion(**{**parts, "starts": starts}), **REMEMBER[name])
+    got = column(name, replace(swinging, starts=starts), **REMEMBER[name])
     first = column(name, kept(swinging, np.arange(3000) < 1234), **REMEMBER[name])
     second = column(name, kept(swinging, np.arange(3000) >= 1234), **REMEMBER[name])
     want = np.vstack([first, second])
@@ -316,63 +316,69 @@ def drawn(seed: int, n: int = 20_001) -> tuple[np.random.Generator, Array]:
     return np.random.default_rng(seed), starts
 
 
-def both_forms(name: str, *given: object) -> tuple[Array, Array]:
-    """Return what the compiled form of a recursion gives, and the one in Python."""
-    pytest.importorskip("hdbench.model.causes._recursions")
-    return getattr(_memory, name)(*given), getattr(_twins, name)(*given)
-
-
-@pytest.mark.parametrize("lost", [1e-4, 0.3])
-def test_a_compiled_first_order_recursion_is_that_of_python(lost: float) -> None:
+def test_a_first_order_recursion_is_that_of_a_loop() -> None:
     rng, starts = drawn(7)
-    decay = np.where(starts, 0.0, 1.0 - lost * rng.random(len(starts)))
-    fast, plain = both_forms("first_order", decay, rng.standard_normal(len(starts)))
-    assert np.abs(fast - plain).max() < 1e-12 * np.abs(plain).max()
+    decay = np.where(starts, 0.0, 1.0 - 0.3 * rng.random(len(starts)))
+    drive = rng.standard_normal(len(starts))
+    want, value = [], 0.0
+    for kept_part, added in zip(decay.tolist(), drive.tolist(), strict=True):
+        value = kept_part * value + added
+        want.append(value)
+    # the same products and sums in the same order
+    np.testing.assert_array_equal(_memory.first_order(decay, drive), want)
+    turned = decay * np.exp(0.1j)
+    value_there, complex_want = 0j, []
+    for kept_there, added in zip(turned.tolist(), drive.tolist(), strict=True):
+        value_there = kept_there * value_there + added
+        complex_want.append(value_there)
+    got = _memory.first_order(turned, drive + 0j)
+    np.testing.assert_allclose(got, complex_want, rtol=0, atol=1e-12 * np.abs(got).max())
 
 
-def test_a_compiled_second_order_filter_is_that_of_scipy() -> None:
+@pytest.mark.parametrize("n", [0, 1, 2])
+def test_a_recursion_over_few_samples_is_their_drive(n: int) -> None:
+    drive = np.arange(1.0, 1.0 + n)
+    np.testing.assert_array_equal(_memory.first_order(np.zeros(n), drive), drive)
+
+
+def test_a_second_order_filter_starts_at_rest_at_every_start() -> None:
     rng, starts = drawn(8)
     above, below = np.array([0.05, 0.11, 0.04]), np.array([-1.7, 0.9])
-    fast, plain = both_forms(
-        "second_order", above, below, starts, 3.0 + rng.standard_normal(len(starts))
-    )
-    assert np.abs(fast - plain).max() < 1e-11 * np.abs(plain).max()
+    values = 3.0 + rng.standard_normal(len(starts))
+    got = _memory.second_order(above, below, starts, values)
+    gain = above.sum() / (1.0 + below.sum())
+    np.testing.assert_allclose(got[starts], gain * values[starts], rtol=1e-12)
+    inside = np.arange(5000, 5003)
+    want = np.convolve(values, above)[inside] - below[0] * got[inside - 1]
+    # three products of numbers of some ten
+    np.testing.assert_allclose(got[inside], want - below[1] * got[inside - 2], rtol=0, atol=1e-12)
 
 
-@pytest.mark.parametrize("even", [True, False])
-def test_a_compiled_resonance_is_that_of_python(even: bool) -> None:
+def test_a_resonance_of_even_steps_is_that_of_uneven_ones() -> None:
     rng, starts = drawn(9)
-    step = 1e-3 * (np.ones(1) if even else 1.0 + 0.2 * rng.random(len(starts)))
     pole = 2.0 * np.pi * 30.0 * complex(-0.02, 1.0)
     phase = np.cumsum(0.2 + 0.01 * rng.standard_normal(len(starts)))
-    rate = np.diff(phase, prepend=phase[:1]) / step
-    given = (np.exp(1j * phase), rate, np.exp(pole * step), starts, pole)
-    fast, plain = both_forms("resonance", *given)
-    assert np.abs(fast - plain).max() < 1e-11 * np.abs(plain).max()
+    rate = np.diff(phase, prepend=phase[:1]) / 1e-3
+    one = np.exp(pole * np.full(1, 1e-3))
+    many = np.repeat(one, len(starts))
+    even, uneven = (
+        _memory.resonance(np.exp(1j * phase), rate, decay, starts, pole) for decay in (one, many)
+    )
+    assert np.abs(even - uneven).max() < 1e-11 * np.abs(even).max()
 
 
-def test_compiled_plays_are_those_of_python() -> None:
+def test_plays_are_clamps_in_a_row() -> None:
     rng, starts = drawn(10)
     torque, radius = np.cumsum(rng.standard_normal(len(starts))), np.array([0.3, 2.0, 40.0])
-    fast, plain = both_forms("plays", torque, radius, starts)
+    places, want = [0.0] * 3, []
+    for x, start in zip(torque.tolist(), starts.tolist(), strict=True):
+        places = [
+            x if start else min(max(p, x - r), x + r)
+            for p, r in zip(places, radius.tolist(), strict=True)
+        ]
+        want.append(sum(places))
     # clamps round nothing; sums of three numbers of the size of the torque
-    assert np.abs(fast - plain).max() < 1e-14 * np.abs(plain).max()
-
-
-def test_compiled_recursions_refuse_what_does_not_fit() -> None:
-    native = pytest.importorskip("hdbench.model.causes._recursions")
-    three, four = np.zeros(3), np.zeros(4)
-    marks = np.zeros(3, dtype=np.uint8)
-    with pytest.raises(ValueError, match="out: found 4 values, needed 3"):
-        native.first_order(three, three.copy(), four)
-    with pytest.raises(ValueError, match="share memory"):
-        native.first_order(three, four[:3], three)
-    with pytest.raises(ValueError, match="float64"):
-        native.plays(three.astype(np.float32), three, marks, np.zeros(3), np.zeros(3))
-    with pytest.raises(TypeError, match="found 2 arguments, needed 5"):
-        native.second_order(three, three)
-    with pytest.raises(ValueError, match="wave: found 3 values, needed 6"):
-        native.resonance(three, three, four[:2], marks, four[2:], np.zeros(6))
+    np.testing.assert_allclose(_memory.plays(torque, radius, starts), want, rtol=1e-14)
 
 
 def test_an_even_low_pass_gives_what_one_of_uneven_steps_gives(
@@ -382,8 +388,120 @@ def test_an_even_low_pass_gives_what_one_of_uneven_steps_gives(
     starts = np.zeros(len(time), dtype=bool)
     starts[[0, 200, 9000]] = True
     torque = 3.0 + np.cumsum(np.random.default_rng(8).standard_normal(len(time)))
-    even = stiffness.low_pass(time, starts, 2.0 * np.pi * 150.0)(torque)
-    monkeypatch.setattr(stiffness, "even_step", lambda *_: None)
-    plain = stiffness.low_pass(time, starts, 2.0 * np.pi * 150.0)(torque)
+    even = dynamics.low_pass(time, starts, 2.0 * np.pi * 150.0)(torque)
+    monkeypatch.setattr(dynamics, "even_step", lambda *_: None)
+    plain = dynamics.low_pass(time, starts, 2.0 * np.pi * 150.0)(torque)
     assert np.abs(even - plain).max() < 1e-9 * np.abs(plain).max()
     np.testing.assert_allclose(even[starts], torque[starts], rtol=1e-9)
+
+
+def corners(cause: Cause, motion: Motion) -> list[dict[str, float]]:
+    ends = [[x for band in bands for x in band] for bands in shape_bounds(cause, motion).values()]
+    names = [p.name for p in cause.shape]
+    return [dict(zip(names, point, strict=True)) for point in product(*ends)]
+
+
+@pytest.mark.parametrize("name", catalogue())
+def test_columns_are_finite_wherever_a_search_may_go(name: str, swinging: Motion) -> None:
+    cause = catalogue()[name]
+    for shape in corners(cause, swinging):
+        assert np.isfinite(cause.columns(swinging, shape)).all()
+
+
+def readings(make: Make) -> Motion:
+    """Return 8 experiments of 11 readings: locked at 4 angles, loaded both ways, up and down."""
+    steps = np.array([0, 8, 16, 24, 32, 40, 32, 24, 16, 8, 0.0])
+    sign = np.tile([1.0, -1.0], 4)
+    position = np.repeat(np.arange(4) * math.pi / 2, 22)
+    starts = np.zeros(88, dtype=bool)
+    starts[::11] = True
+    return make(
+        88,
+        time_s=30.0 * np.arange(88),
+        velocity_rad_s=np.zeros(88),
+        acceleration_rad_s2=np.zeros(88),
+        angle_rad=100.0 * position,
+        output_angle_rad=position,
+        load_torque_nm=np.concatenate([s * steps for s in sign]),
+        starts=starts,
+        motor_current_a=None,
+        temperature_c=None,
+    )
+
+
+STATIC = {
+    "position-dependent-gain", "gain-error", "cubic-nonlinearity", "hysteresis", "backlash",
+    "saturation", "arm-sag", "side-force", "direction-asymmetry", "zero-step", "zero-drift",
+    "warm-up", "creep",
+}  # fmt: skip
+
+
+def test_readings_under_locked_load_show_every_static_cause(make_motion: Make) -> None:
+    motion = readings(make_motion)
+    shown = {n for n, c in catalogue().items() if c.applicable(motion) is None}
+    assert shown >= STATIC
+    assert not shown & {"coulomb-friction", "viscous-friction", "presliding", "time-skew"}
+    for name in shown:
+        cause = catalogue()[name]
+        for shape in corners(cause, motion):
+            assert np.isfinite(cause.columns(motion, shape)).all()
+
+
+def test_the_gain_of_a_loop_in_readings_is_the_baselines(make_motion: Make) -> None:
+    motion = readings(make_motion)
+    got = column("hysteresis", replace(motion, angle_source="position_rad"), yield_nm=20.0)
+    assert got[:, 0].any()
+    assert not got[:, 1].any()
+
+
+def test_a_locked_arm_sags_by_the_square_of_its_load(make_motion: Make) -> None:
+    motion = readings(make_motion)
+    load = motion.load_torque_nm
+    assert load is not None
+    got = column("arm-sag", motion)
+    # F L cos(p + F L / k) with the small angle p below level, of its own for each direction
+    k, p_cw, p_ccw = 1.2e4, 0.03, -0.01
+    p = np.where(load > 0, p_cw, p_ccw)
+    lost = load * np.cos(p + np.abs(load) / k) - load * np.cos(p)
+    fit, *_ = np.linalg.lstsq(got, lost, rcond=None)
+    # what is left is the cube: 40^3 / (2 k^2)
+    assert np.abs(lost - got @ fit).max() < 1.01 * 40.0**3 / (2 * k * k)
+    assert np.abs(lost).max() > 10 * 40.0**3 / (2 * k * k)
+
+
+def test_side_force_and_direction_asymmetry_span_the_same_space(make_motion: Make) -> None:
+    motion = readings(make_motion)
+    side, both = column("side-force", motion), column("direction-asymmetry", motion)
+    np.testing.assert_allclose(10.0 * side, both, rtol=1e-15)
+
+
+SPARSE: list[dict[str, Any]] = [
+    {},
+    {"load_torque_nm": None},
+    {"load_torque_nm": "lost"},
+    {"motor_current_a": "lost", "temperature_c": None},
+    {"starts": "all"},
+    {"velocity_rad_s": "none", "inertia_nm_s2": 0.0},
+]
+
+
+@pytest.mark.parametrize("valid", ["1", "0", "11", "0000000", "1000100", "1111111"])
+@pytest.mark.parametrize("change", SPARSE, ids=str)
+def test_a_record_of_next_to_nothing_is_no_error(
+    change: dict[str, Any], valid: str, make_motion: Make
+) -> None:
+    n = len(valid)
+    arrays = {"lost": np.full(n, np.nan), "none": np.zeros(n), "all": np.ones(n, dtype=bool)}
+    filled = {k: arrays[v] if isinstance(v, str) else v for k, v in change.items()}
+    seen = np.array([c == "1" for c in valid])
+    motion = without(make_motion(n, **filled), ~seen)
+    for name, cause in catalogue().items():
+        reason = cause.applicable(motion)
+        assert reason is None or reason
+        for bands in shape_bounds(cause, motion).values():
+            assert all(low < high for low, high in bands)
+        shape = {p.name: (p.bands or ((p.lower, p.upper),))[0][0] for p in cause.shape}
+        columns = cause.columns(motion, shape)
+        assert columns.shape == (n, len(cause.linear))
+        if not filled.keys() & {"load_torque_nm", *cause.channels}:
+            assert np.isfinite(columns[seen]).all(), name

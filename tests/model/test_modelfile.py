@@ -140,8 +140,8 @@ def parameters_of(body: dict[str, Any]) -> dict[str, Any]:
 
 BROKEN: list[tuple[Callable[[dict[str, Any]], object], str, str]] = [
     (lambda b: b.update(schema="hdbench/ripple/1"), "hdbench/model/1", ""),
-    (lambda b: b.pop("baseline"), "found nothing; needed: an object", "key baseline"),
-    (lambda b: b.pop("causes"), "found nothing; needed: a list", "key causes"),
+    (lambda b: b.pop("baseline"), "found nothing; needed: this key", "key baseline"),
+    (lambda b: b.pop("causes"), "found nothing; needed: this key", "key causes"),
     (
         lambda b: b["baseline"].update(zero_nm="0"),
         "found '0'; needed: a number",
@@ -162,8 +162,12 @@ BROKEN: list[tuple[Callable[[dict[str, Any]], object], str, str]] = [
     (lambda b: parameters_of(b)["frequency_hz"].update(value=55), "59.5 to 60.5 Hz", ""),
     (lambda b: parameters_of(b)["cosine_nm"].update(value=0.7), "one of the two", ""),
     (lambda b: b["causes"][0].update(covariance=[[1.0, 2.0]]), "no square matrix", "covariance"),
-    (lambda b: b["causes"][0].update(covariance=[[None] * 3] * 3), "no square", "covariance"),
-    (lambda b: b["causes"][0].update(covariance="x"), "a square matrix", "covariance"),
+    (
+        lambda b: b["causes"][0].update(covariance=[[None] * 3] * 3),
+        "needed: a number",
+        "covariance",
+    ),
+    (lambda b: b["causes"][0].update(covariance="x"), "needed: a list", "covariance"),
 ]
 
 

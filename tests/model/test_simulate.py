@@ -20,8 +20,8 @@ from hdbench.model import (
     with_noise,
 )
 from hdbench.profile import Profile, ProfileData
+from hdbench.records.tables import read_trace, write_trace
 from hdbench.records.trace import Trace
-from hdbench.records.tracefile import read_trace, write_trace
 
 
 def run_of(bench: ProfileData, wave: ReferenceWave, duration: float, noise: float = 0.0) -> Trace:
@@ -115,8 +115,8 @@ def test_measured_columns_are_kept_and_the_measured_torque_is_not(bench: Profile
 
 
 def invoke(*words: str) -> Result:
+    from hdbench_cli.commands.simulate import command
     from hdbench_cli.output import Output
-    from hdbench_cli.simulate import command
 
     return CliRunner().invoke(command, list(words), obj=Output(json=True))
 

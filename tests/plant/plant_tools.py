@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from hdbench.plant.plantfile import PlantSpec, load_plant
-from hdbench.plant.plantschema import PlantFile
+from hdbench.plant.plantfile import PlantFile, PlantSpec, load_plant
 from hdbench.profile import ProfileData, load_profile
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Callable
 from itertools import pairwise
 
 import numpy as np
@@ -68,6 +69,18 @@ def _ramp_angle(time_s: np.ndarray, speed: float) -> np.ndarray:
     return speed * time_s - speed * ramp + 0.5 * 2500.0 * ramp**2 - tail / k
 
 
+def _torque_error(bench: SimulatedBench, expected: Callable[[np.ndarray], np.ndarray]) -> float:
+    """Return the largest error of the torque at 60 rad/s against a function of the angle, N m."""
+    samples = _run(bench, _constant(60.0 / 56.2565), 2000)
+    time = np.arange(2000) * 1e-3
+    error = samples.torque_code * NM_PER_CODE - expected(_ramp_angle(time, 60.0))
+    return float(np.abs(error[time > 0.5]).max())
+
+
+# half a code of rounding, and the filter's ripple of 0.03 % on 0.6 N m of ripple
+TORQUE_ERROR_NM = 0.5 * NM_PER_CODE + 2e-4
+
+
 @pytest.mark.parametrize("flexspline", ["standing", "turning"])
 @pytest.mark.parametrize("speed", [20.0, 60.0, 156.0])
 def test_quiet_torque_is_the_model_within_one_code(flexspline: str, speed: float) -> None:
@@ -78,8 +91,7 @@ def test_quiet_torque_is_the_model_within_one_code(flexspline: str, speed: float
     steady = time > 0.5
     expected = _steady_torque(data, _ramp_angle(time, speed), factor)
     error = samples.torque_code * NM_PER_CODE - expected
-    # half a code of rounding, and the filter's ripple of 0.03 % on 0.6 N m of ripple
-    assert np.abs(error[steady]).max() <= 0.5 * NM_PER_CODE + 2e-4
+    assert np.abs(error[steady]).max() <= TORQUE_ERROR_NM
 
 
 def test_quiet_torque_follows_the_acceleration() -> None:
@@ -272,32 +284,39 @@ def test_as_modelled_has_no_effect_and_worn_shows_its_own() -> None:
     still = quiet_profile(model={"ripple": (), "zero_nm": 0.0})
     effect = {"kind": "motor-order", "order": 3.0, "amplitude_nm": 0.2, "phase_rad": 0.5}
     spec = plant(effects=[effect])
-    samples = _run(SimulatedBench(still, spec, 5), _constant(60.0 / 56.2565), 3000)
-    time = np.arange(3000) * 1e-3
-    angle = _ramp_angle(time, 60.0)
-    expected = _steady_torque(still, angle) + 0.2 * np.cos(3 * angle + 0.5)
-    error = (samples.torque_code * NM_PER_CODE - expected)[time > 0.5]
-    # as above: half a code and the filter's ripple
-    assert np.abs(error).max() <= 0.5 * NM_PER_CODE + 2e-4
+    error_nm = _torque_error(
+        SimulatedBench(still, spec, 5),
+        lambda angle: _steady_torque(still, angle) + 0.2 * np.cos(3 * angle + 0.5),
+    )
+    assert error_nm <= TORQUE_ERROR_NM
 
 
-def test_output_friction_is_in_torque_and_current() -> None:
+@pytest.mark.parametrize(
+    ("kind", "suffix", "volt", "level_nm"),
+    [
+        ("output-friction", "", 2.0, 4.0 * 2 / math.pi * math.atan(2.0 * 56.2565 / 100 / 1e-3)),
+        # both directions push the torque the same way; 1e-6 of the level is missing at 1.1 rad/s
+        ("asymmetric-friction", "_difference", -2.0, 4.0),
+    ],
+)
+def test_friction_of_the_output_is_in_torque_and_current(
+    kind: str, suffix: str, volt: float, level_nm: float
+) -> None:
     effect = {
-        "kind": "output-friction",
-        "coulomb_nm": 4.0,
-        "viscous_nm_s_per_rad": 0.0,
+        "kind": kind,
+        f"coulomb{suffix}_nm": 4.0,
+        f"viscous{suffix}_nm_s_per_rad": 0.0,
         "transition_rad_s": 1e-3,
     }
     runs = [
-        _run(SimulatedBench(QUIET, plant(effects=effects), 5), _constant(2.0), 1500)
+        _run(SimulatedBench(QUIET, plant(effects=effects), 5), _constant(volt), 1500)
         for effects in ([effect], [])
     ]
-    level = 4.0 * 2 / math.pi * math.atan(2.0 * 56.2565 / 100 / 1e-3)
     torque = (runs[0].torque_code - runs[1].torque_code.astype(float))[1000:] * NM_PER_CODE
     # both are rounded to a code
-    np.testing.assert_allclose(torque, level, rtol=0, atol=1.01 * NM_PER_CODE)
+    np.testing.assert_allclose(torque, level_nm, rtol=0, atol=1.01 * NM_PER_CODE)
     current = (runs[0].current_code - runs[1].current_code.astype(float))[1000:] * V_PER_CODE
-    np.testing.assert_allclose(current, level / 100 / 0.05, rtol=0, atol=1.01 * V_PER_CODE)
+    np.testing.assert_allclose(current, level_nm / 100 / 0.05, rtol=0, atol=1.01 * V_PER_CODE)
 
 
 def test_a_wandering_encoder_leaves_torque_and_tacho_where_they_are() -> None:
@@ -317,24 +336,6 @@ def test_a_wandering_encoder_leaves_torque_and_tacho_where_they_are() -> None:
     np.testing.assert_allclose(error, want, rtol=0, atol=1.01 * per_count)
 
 
-def test_friction_by_direction_is_in_torque_and_current() -> None:
-    effect = {
-        "kind": "asymmetric-friction",
-        "coulomb_difference_nm": 4.0,
-        "viscous_difference_nm_s_per_rad": 0.0,
-        "transition_rad_s": 1e-3,
-    }
-    runs = [
-        _run(SimulatedBench(QUIET, plant(effects=effects), 5), _constant(-2.0), 1500)
-        for effects in ([effect], [])
-    ]
-    torque = (runs[0].torque_code - runs[1].torque_code.astype(float))[1000:] * NM_PER_CODE
-    # 1e-6 of the level at 1.1 rad/s; both are rounded to a code
-    np.testing.assert_allclose(torque, 4.0, rtol=0, atol=1.01 * NM_PER_CODE)
-    current = (runs[0].current_code - runs[1].current_code.astype(float))[1000:] * V_PER_CODE
-    np.testing.assert_allclose(current, 4.0 / 100 / 0.05, rtol=0, atol=1.01 * V_PER_CODE)
-
-
 def test_truth_is_json_and_states_what_the_profile_says() -> None:
     data = quiet_profile(drive={"flexspline": "turning"})
     bench = SimulatedBench(data, WORN, 5)
@@ -351,11 +352,8 @@ def test_truth_is_json_and_states_what_the_profile_says() -> None:
 def test_orders_that_gauges_cannot_leave_are_simulated_too() -> None:
     part = HarmonicParameters(order=3.5, amplitude_nm=0.3, phase_rad=0.2)
     data = quiet_profile(model={"ripple": (part,)})
-    samples = _run(SimulatedBench(data, AS_MODELLED, 1), _constant(60.0 / 56.2565), 2000)
-    time = np.arange(2000) * 1e-3
-    expected = _steady_torque(data, _ramp_angle(time, 60.0))
-    error = (samples.torque_code * NM_PER_CODE - expected)[time > 0.5]
-    assert np.abs(error).max() <= 0.5 * NM_PER_CODE + 2e-4
+    bench = SimulatedBench(data, AS_MODELLED, 1)
+    assert _torque_error(bench, lambda angle: _steady_torque(data, angle)) <= TORQUE_ERROR_NM
 
 
 def test_an_extended_model_is_emulated_with_its_causes() -> None:
@@ -365,12 +363,10 @@ def test_an_extended_model_is_emulated_with_its_causes() -> None:
     term = CauseTerm("ripple-harmonic", {"order": 6.0}, (0.3, 0.0))
     model = base.with_cause(term)
     bench = SimulatedBench(QUIET, AS_MODELLED, 1, model=model)
-    samples = _run(bench, _constant(60.0 / 56.2565), 2000)
-    time = np.arange(2000) * 1e-3
-    angle = _ramp_angle(time, 60.0)
-    expected = _steady_torque(QUIET, angle) + 0.3 * np.cos(6 * angle)
-    error = (samples.torque_code * NM_PER_CODE - expected)[time > 0.5]
-    assert np.abs(error).max() <= 0.5 * NM_PER_CODE + 2e-4
+    error_nm = _torque_error(
+        bench, lambda angle: _steady_torque(QUIET, angle) + 0.3 * np.cos(6 * angle)
+    )
+    assert error_nm <= TORQUE_ERROR_NM
     assert bench.truth()["causes"] == ["ripple-harmonic"]
     bench.halt()
     assert len(bench.advance(100)) == 100

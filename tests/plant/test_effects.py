@@ -9,25 +9,23 @@ import numpy as np
 import pytest
 from plant_tools import WORN, plant
 
-from hdbench.plant.draw import draw_effects
-from hdbench.plant.drivetrain import (
+from hdbench.plant.effects import (
     AsymmetricFriction,
     Cogging,
-    TransmissionError,
-    encoder_error_rad,
-)
-from hdbench.plant.effects import (
     GainError,
     MotorOrder,
     OutputFriction,
     OutputOrder,
+    PlantMotion,
     Tone,
     ToothBump,
+    TransmissionError,
     ZeroDrift,
     ZeroStep,
+    encoder_error_rad,
     start_effect,
 )
-from hdbench.plant.truemotion import PlantMotion
+from hdbench.plant.plantfile import draw_effects
 
 TIME = np.linspace(-0.5, 9.5, 10_001)
 SPEED = 60.0 * np.sin(TIME)

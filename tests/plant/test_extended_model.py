@@ -9,15 +9,16 @@ from plant_tools import AS_MODELLED, quiet_profile
 from hdbench.model import BenchModel, CauseTerm, catalogue
 from hdbench.plant.bench import SimulatedBench
 from hdbench.plant.converter import HALF_LENGTH_SAMPLES
-from hdbench.plant.extended import cause_volts
-from hdbench.plant.fixture import ArmLoad, Mount, Settling
-from hdbench.plant.torque import AnalogueChannels
+from hdbench.plant.fixture import ArmLoad, Mount
+from hdbench.plant.modelcauses import cause_volts
+from hdbench.plant.plantfile import FixtureSpec
+from hdbench.plant.timeline import AnalogueChannels
 from hdbench.profile.schema import ReferenceWave
 
 QUIET = quiet_profile()
 NM_PER_V = QUIET.sensor.gain_nm_per_v
 CHANNELS = AnalogueChannels.build(QUIET, AS_MODELLED.data.motor, ())
-FREE = Mount(False, 0.0, NM_PER_V, ArmLoad(0.0, 0.0, 9.81, Settling(12.0, 0.1, 0.0, 0.3, 5.0)), 0.0)
+FREE = Mount(False, 0.0, NM_PER_V, ArmLoad(0.0, 0.0, 9.81, FixtureSpec()), 0.0)
 # 2 s of a sine of speed: 45 rad/s at 3 Hz
 REFERENCE_V = 0.8 * np.sin(2.0 * np.pi * 3.0 * np.arange(2000) * 1e-3)
 

@@ -7,8 +7,7 @@ from pathlib import Path
 import pytest
 
 from hdbench.errors import ProfileError
-from hdbench.plant.draw import draw_effects
-from hdbench.plant.plantfile import list_plants, load_plant
+from hdbench.plant.plantfile import draw_effects, list_plants, load_plant
 
 GOOD = """name = "mine"
 

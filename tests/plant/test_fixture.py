@@ -11,9 +11,10 @@ from scipy.stats import chi2
 
 from hdbench.errors import UsageError
 from hdbench.plant.bench import SimulatedBench
-from hdbench.plant.fixture import ArmLoad, PositionGain, Settling
+from hdbench.plant.fixture import ArmLoad, PositionGain
+from hdbench.plant.plantfile import FixtureSpec
 
-SETTLING = Settling(12.0, 0.05, 0.035, 0.3, 1.0)
+SETTLING = FixtureSpec()
 V_PER_CODE = 10.0 / 32768.0
 
 
@@ -107,7 +108,7 @@ def test_a_weight_settles_within_seconds_and_starts_where_the_old_one_was() -> N
 
 
 def test_bounce_has_its_frequency_and_decay() -> None:
-    still = Settling(12.0, 0.05, 0.0, 0.3, 1.0)
+    still = FixtureSpec(swing_rad=0.0)
     age = np.linspace(0.0, 1.0, 100_001)
     away = ArmLoad(0.0, 1.0, 9.8065, still).torque_nm(age) - 1.0
     tops = np.flatnonzero((away[1:-1] > away[:-2]) & (away[1:-1] > away[2:])) + 1

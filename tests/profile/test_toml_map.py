@@ -6,7 +6,7 @@ import pytest
 
 from hdbench.errors import ProfileError
 from hdbench.profile.loader import parse_profile
-from hdbench.profile.toml_map import key_lines
+from hdbench.profile.toml_text import key_lines
 
 TEXT = (
     '''# comment with [table] and key = 1

@@ -11,8 +11,13 @@ import pytest
 
 from hdbench.errors import DataError
 from hdbench.profile import load_profile
-from hdbench.profile.scaling import read_calibration, stored_scale
-from hdbench.profile.validity import calibration_time, checked_age, measured_utc
+from hdbench.profile.scaling import (
+    calibration_time,
+    checked_age,
+    measured_utc,
+    read_calibration,
+    stored_scale,
+)
 from hdbench.records import Quantity, TorqueScale
 
 NOW = datetime(2026, 6, 1, 12, tzinfo=UTC)

@@ -10,8 +10,7 @@ import pytest
 
 from hdbench.errors import DataError, UsageError
 from hdbench.profile import load_profile
-from hdbench.records.exporting import FORMATS, export_records, gather
-from hdbench.records.exporting.content import unit_of_column
+from hdbench.records.exporting import FORMATS, export_records, gather, unit_of_column
 
 ARM = load_profile("cim-tr-97-06").data.arm
 
@@ -137,7 +136,7 @@ def test_the_command_offers_every_form_and_names_what_it_wrote(
 ) -> None:
     from click.testing import CliRunner
 
-    from hdbench_cli import export
+    from hdbench_cli.commands import export
     from hdbench_cli.output import Output
 
     assert set(export._FORMATS) == set(FORMATS)
@@ -158,7 +157,7 @@ def test_the_command_offers_every_form_and_names_what_it_wrote(
 def test_a_call_that_asks_for_nothing_is_told_what_to_ask(words: list[str]) -> None:
     from click.testing import CliRunner
 
-    from hdbench_cli import export
+    from hdbench_cli.commands import export
     from hdbench_cli.output import Output
 
     done = CliRunner().invoke(export.command, words, obj=Output())

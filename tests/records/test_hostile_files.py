@@ -6,8 +6,7 @@ from hypothesis import strategies as st
 from hdbench.errors import HdbenchError
 from hdbench.profile import load_profile, parse_profile
 from hdbench.records import read_trace
-from hdbench.records.journal import JournalWriter, read_journal
-from hdbench.records.streaming import survey_samples
+from hdbench.records.journal import JournalWriter, read_journal, survey_samples
 
 TEXT = load_profile("cim-tr-97-06").text
 TRACE = "time_s,torque_nm,tacho_v\n0.0,1.0,2.0\n0.001,1.5,2.5\n0.002,,nan\n"

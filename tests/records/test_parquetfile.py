@@ -11,8 +11,8 @@ import pytest
 from hdbench.errors import DataError
 from hdbench.records import read_trace, sha256_file, write_trace
 from hdbench.records.exporting import export_records, gather
-from hdbench.records.parquetfile import parquet_names
-from hdbench.records.table import read_header
+from hdbench.records.tables.csvtext import read_header
+from hdbench.records.tables.parquetfile import parquet_names
 from hdbench.records.trace import Trace
 from hdbench_cli import main as main_module
 from hdbench_cli.output import Output

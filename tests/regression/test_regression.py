@@ -10,10 +10,10 @@ from click.testing import CliRunner
 
 from hdbench.errors import DataError, HdbenchError, LimitError
 from hdbench.profile import load_profile
-from hdbench.records.tracefile import read_trace, write_trace
+from hdbench.records.tables import read_trace, write_trace
 from hdbench.regression import Tolerance, compare_folder, compare_results
+from hdbench_cli.commands.regress import command
 from hdbench_cli.output import Output
-from hdbench_cli.regress import command
 
 STORED = Path(__file__).parents[1] / "stored"
 

@@ -8,16 +8,13 @@ from types import ModuleType
 
 import numpy as np
 
-from hdbench.calibration import evaluate_calibration
+from hdbench.evaluation import evaluate
 from hdbench.filter import OnlineFilter, preset
-from hdbench.misalignment import evaluate_misalignment
 from hdbench.profile import Profile
 from hdbench.records import Quantity, TorqueScale, Trace
 from hdbench.records.jsonfile import result_header, write_json
-from hdbench.records.loadsfile import read_loads
 from hdbench.records.runfolder import RunFolder
-from hdbench.records.tracefile import read_trace, write_trace
-from hdbench.ripple import evaluate_ripple
+from hdbench.records.tables import read_loads, read_trace, write_trace
 
 STORED = Path(__file__).parents[1] / "stored"
 SCALE = TorqueScale(Quantity(6.6, 0.03, 3.0), "calibration 20260101T000000Z-calibration-abc123")
@@ -59,9 +56,7 @@ def dynamic_run(parent: Path, kind: str, profile: Profile, trace: Trace) -> Path
     run = new_run(parent, kind, profile)
     write_trace(run.trace, online(trace, profile))
     model = preset("report-6", profile.data)
-    evaluate = {"misalignment": evaluate_misalignment, "ripple": evaluate_ripple}[kind]
-    result = evaluate(trace, profile.data, scale=SCALE, filter_model=model)
-    write_json(run.result, result.to_dict(result_header(kind, profile)))
+    write_json(run.result, evaluate(kind, trace, profile, scale=SCALE, model=model).to_json())
     run.finish("complete", "done", [run.trace, run.result])
     return run.path
 
@@ -70,8 +65,13 @@ def calibration_run(parent: Path, profile: Profile, text: str) -> Path:
     run = new_run(parent, "calibration", profile)
     run.loads.write_text(text)
     loads = read_loads(run.loads, profile.data.arm)
-    result = evaluate_calibration(loads, max_consistency=0.05)
-    write_json(run.result, result.to_dict(result_header("calibration", profile)))
+    model = preset("report-6", profile.data)
+    write_json(
+        run.result,
+        evaluate(
+            "calibration", loads, profile, scale=SCALE, model=model, max_consistency=0.05
+        ).to_json(),
+    )
     run.finish("complete", "done", [run.loads, run.result])
     return run.path
 

@@ -17,8 +17,8 @@ from hdbench.profile import load_profile, parse_profile
 from hdbench.records import LoadReading, Loads
 from hdbench.records.jsonfile import result_header, write_json
 from hdbench.report import write_report
-from hdbench.report.calibration import pictures
-from hdbench.report.calibrationwords import rounded_with
+from hdbench.report.calibration.section import pictures
+from hdbench.report.numbers import rounded_with
 from hdbench.report.source import Source
 
 DECLARED = """
@@ -60,7 +60,8 @@ def record(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, str]:
     result = evaluate_calibration(
         readings(), max_consistency=0.05, bench=profile.data, monte_carlo_seed=0
     )
-    write_json(folder / "result.json", result.to_dict(result_header("calibration", profile)))
+    header = result_header("calibration", profile)
+    write_json(folder / "result.json", {**result.to_json(), **header})
     files = write_report([folder / "result.json"], folder / "page.html", profile=profile)
     return files.html.read_text(encoding="utf-8"), (folder / "page-record.csv").read_text()
 
@@ -155,8 +156,8 @@ def test_preloads_and_shunt_readings_are_not_drawn_as_readings() -> None:
     kinds = (*["reading"] * len(loads), "shunt")
     more = Loads((*loads.readings, shunt), extra_columns={"kind": kinds})
     bench = load_profile("cim-tr-97-06").data
-    result = evaluate_calibration(more, max_consistency=0.05, bench=bench).to_dict({})
+    result = evaluate_calibration(more, max_consistency=0.05, bench=bench)
     path = Path("loads.csv")
-    source = Source(path, "calibration", "r", {}, result, None, more, None, ())
+    source = Source(path, "calibration", "r", None, result=result, loads=more)
     (drawn,) = (p for p in pictures(source, "x", []) if "after figure" in p.title)
     assert drawn.caption.startswith(f"{len(loads)} readings of 6 ")

@@ -26,8 +26,10 @@ def misalignment(amplitude: float, std: float = 0.001) -> dict:
     size = {"value": amplitude, "std": std, "dof": 50.0}
     peak = {"value": 2.0 * amplitude, "std": 2.0 * std, "dof": 50.0}
     return {
-        "amplitude_nm": size, "peak_to_peak_nm": peak, "phase_rad": size, "before": {},
-        "after": {"peak_to_peak_nm": peak}, "output_turns": 2.0,
+        "amplitude_nm": size, "peak_to_peak_nm": peak, "phase_rad": size,
+        "before": {"peak_to_peak_nm": peak}, "after": {"peak_to_peak_nm": peak},
+        "output_turns": 2.0, "mean_torque_nm": 0.1, "motor_velocity_rad_s": 60.0,
+        "filter": {"order": 0.01},
     }  # fmt: skip
 
 
@@ -57,7 +59,7 @@ def test_an_outlier_is_named_and_leads_to_its_report(tmp_path: Path):
     assert "../runs/r%207/report.html" in page
     assert "HD-07 &lt;b&gt;" in page
     assert "<b>" not in page.split("Drives")[-1]
-    assert len(files.csv.read_text().splitlines()) == 1 + 3 * 40
+    assert len(files.csv.read_text().splitlines()) == 1 + 5 * 40
 
 
 def test_an_uncertain_drive_is_not_called_an_outlier(tmp_path: Path):

@@ -9,7 +9,7 @@ import pytest
 from hdbench.errors import UsageError
 from hdbench.profile import load_profile
 from hdbench.report import write_report
-from hdbench.report.ours import refuse_foreign
+from hdbench.report.pagefiles import refuse_foreign
 
 TRACE = Path(__file__).parents[1] / "stored" / "ripple" / "trace.csv.gz"
 

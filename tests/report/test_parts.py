@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hdbench.report.decimate import min_max
-from hdbench.report.elements import KeyNumber
+from hdbench.report.canvas import min_max
 from hdbench.report.numbers import short
+from hdbench.report.pagemodel import KeyNumber
 
 
 @given(st.integers(0, 2**31), st.integers(1, 400), st.integers(1, 60))
@@ -42,13 +42,6 @@ def test_lost_samples_break_the_line() -> None:
     broken = few_x[np.isnan(few_y)]
     assert broken.min() >= 500
     assert broken.max() <= 520
-
-
-def test_thinning_refuses_no_bins_and_unequal_lengths() -> None:
-    with pytest.raises(ValueError, match="bins"):
-        min_max(np.zeros(3), np.zeros(3), 0)
-    with pytest.raises(ValueError, match="shapes"):
-        min_max(np.zeros(3), np.zeros(4))
 
 
 @pytest.mark.parametrize(

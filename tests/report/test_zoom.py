@@ -1,83 +1,55 @@
-"""Figures keep every sample for the reader who zooms, and a browser shows it."""
+"""Figures tell the page's script their scales, and a browser zooms them."""
 
 from __future__ import annotations
 
-import base64
 import json
 import re
 import sys
 from html import unescape
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
-from hdbench.report.canvas import draw_svg, label_axes, new_figure, trend
+from hdbench.report.canvas import draw_svg, new_figure
 
 sys.path.insert(0, str(Path(__file__).parent))
 from browser import browser, browser_program
 
-RATE_HZ = 1000.0
 
-
-def figure(n: int = 5000, *, gap: bool = False) -> str:
-    time = np.arange(n) / RATE_HZ
-    torque = np.sin(2.0 * np.pi * 50.0 * time)
-    if gap:
-        torque[100:200] = np.nan
-    drawn, axes = new_figure(2, 4.0, share_x=True)
-    trend(axes[0], time, torque, "measured", label="torque")
-    trend(axes[1], time, 100.0 + time, "filtered")
-    axes[0].axhline(0.0)
-    label_axes(axes[0], None, "torque (N·m)")
-    label_axes(axes[1], "time (s)", "velocity (rad/s)")
-    return draw_svg(drawn, "f1", "a sine and a ramp over five seconds, for this test alone")
-
-
-def described(svg: str) -> dict[str, Any]:
-    found = re.search(r'<metadata class="curves">(.*?)</metadata>', svg, re.DOTALL)
-    assert found is not None
-    return dict(json.loads(unescape(found[1])))
-
-
-def test_every_sample_of_a_long_curve_goes_along() -> None:
-    axes = described(figure())["axes"]
-    line = axes[0]["lines"][0]
-    assert line["xs"] == pytest.approx({"start": 0.0, "step": 1e-3, "n": 5000})
-    values = np.frombuffer(base64.b64decode(line["ys"]["data"]), "<f4")
-    expected = np.sin(2.0 * np.pi * 50.0 * np.arange(5000) / RATE_HZ)
-    # float32 holds 24 bits
-    np.testing.assert_allclose(values, expected, atol=1e-7)
-    assert not line["thinned"]
-
-
-def test_what_is_drawn_still_is_thin() -> None:
-    paths = re.findall(r' d="([^"]*)"', figure(60_000))
-    # 600 stretches with two or three points each
-    assert max(len(re.findall(r"[ML]", path)) for path in paths) <= 1800
-
-
-def test_axes_that_share_their_abscissa_are_one_group_and_bear_its_name() -> None:
-    axes = described(figure())["axes"]
-    assert [one["group"] for one in axes] == [0, 0]
-    assert [one["xlabel"] for one in axes] == ["time (s)", "time (s)"]
-    assert axes[0]["moved"], "the zero line moves along"
-
-
-def test_a_curve_too_long_for_the_page_keeps_its_peaks_and_says_so() -> None:
-    time = np.arange(300_000) / RATE_HZ
+def test_axes_tell_frame_scale_and_labels_and_curves_are_thin() -> None:
+    time = np.arange(300_000) * 1e-3
     torque = np.zeros(300_000)
     torque[123_456] = 7.0
-    drawn, axes = new_figure(1, 3.0)
-    trend(axes[0], time, torque, "measured")
-    line = described(draw_svg(drawn, "f2", "zero with one peak of seven, for this test"))["axes"][
-        0
-    ]["lines"][0]
-    values = np.frombuffer(base64.b64decode(line["ys"]["data"]), "<f4")
-    assert line["thinned"]
-    assert len(values) <= 65_536
-    assert values.max() == 7.0
+    figure, (top, bottom) = new_figure(2, 4.0, share_x=True)
+    top.curve(time, torque, "measured", label="torque")
+    bottom.curve(time, 100.0 + time, "filtered")
+    bottom.set_yscale("log")
+    bottom.set_ylim(100.0, 1000.0)
+    top.axhline(0.0)
+    top.label(None, "torque (N·m)")
+    bottom.label("time (s)", "velocity (rad/s)")
+    svg = draw_svg(figure, "f1", "a peak and a ramp over five minutes, for this test alone")
+    found = re.search(r'<metadata class="axes">(.*?)</metadata>', svg, re.DOTALL)
+    assert found is not None
+    specs = json.loads(unescape(found[1]))
+    assert [spec["group"] for spec in specs] == [0, 0]
+    assert [spec["xlabel"] for spec in specs] == ["time (s)", "time (s)"]
+    # the zero line over the whole width is no curve
+    assert [spec["labels"] for spec in specs] == [["torque"], [""]]
+    assert [spec["logy"] for spec in specs] == [False, True]
+    assert specs[1]["y"] == pytest.approx([2.0, 3.0])
+    curve = re.search(r'id="f1-curve-0-0">\s*<path d="([^"]*)"', svg)
+    assert curve is not None
+    points = [[float(v) for v in pair.split()] for pair in re.split("[ML]", curve[1]) if pair]
+    # two points for each of 4000 stretches; the peak is the top: y counts downwards
+    assert len(points) <= 8000
+    left, high, width, height = specs[0]["box"]
+    x, y = min(points, key=lambda point: point[1])
+    share = (specs[0]["x"][1] - specs[0]["x"][0]) / width
+    assert specs[0]["x"][0] + share * (x - left) == pytest.approx(123.456, abs=share * 1e-3)
+    scale = (specs[0]["y"][1] - specs[0]["y"][0]) / height
+    assert specs[0]["y"][1] - scale * (y - high) == pytest.approx(7.0, abs=scale * 1e-3)
 
 
 # -- in a browser ---------------------------------------------------------------------------------
@@ -97,7 +69,7 @@ def report(runs: dict[str, Path], tmp_path_factory: pytest.TempPathFactory) -> P
 BOX = """(() => { const s = document.querySelector('#run-3 figure svg');
 s.scrollIntoView({block: 'center', behavior: 'instant'});
 const r = s.getBoundingClientRect(); return [r.x, r.y, r.width, r.height]; })()"""
-SHOWN = "document.querySelector('#run-3 figure .zoomed path') !== null"
+SHOWN = "document.querySelector('#run-3 figure .marks text') !== null"
 READING = "document.querySelector('#run-3 figure output').textContent"
 
 

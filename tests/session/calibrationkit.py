@@ -10,9 +10,8 @@ from fakes import FakeBench
 from hdbench.profile import load_profile
 from hdbench.records.journal import JournalWriter, read_journal
 from hdbench.session.calibrating.conversation import Answer, Question, Reply, Unattended
-from hdbench.session.calibrating.mounting import Mounting
 from hdbench.session.calibrating.plan import calibration_points
-from hdbench.session.calibrating.state import CalibrationLog, CalibrationState
+from hdbench.session.calibrating.state import CalibrationLog, CalibrationState, Mounting
 from hdbench.session.calibrating.walk import CalibrationWalk
 from hdbench.session.stop import StopSignals
 
@@ -28,7 +27,7 @@ LEVER = PROFILE.arm.gravity_m_s2 * PROFILE.arm.length_m
 GAIN = PROFILE.sensor.gain_nm_per_v
 
 
-class BenchHands:
+class FakeHands:
     """Hangs weights on the fake bench; `wrong` maps a point to the mass hung at first."""
 
     def __init__(self, bench: FakeBench, wrong: dict[int, float] | None = None) -> None:
@@ -101,7 +100,7 @@ def make_walk(
     *,
     talk=None,
     bench: FakeBench | None = None,
-    hands: BenchHands | None = None,
+    hands: FakeHands | None = None,
     stop: StopSignals | None = None,
     profile=PROFILE,
     points=None,
@@ -117,7 +116,7 @@ def make_walk(
     else:
         journal = JournalWriter(path)
         log = CalibrationLog(journal, state)
-    hands = hands or BenchHands(bench)
+    hands = hands or FakeHands(bench)
     return CalibrationWalk(
         profile,
         bench,

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from hdbench.devices.ports import AcquisitionSettings, Block, Identity, SafeState
+from hdbench.devices.bench import AcquisitionSettings, Block, Identity, SafeState
 from hdbench.errors import DeviceError
 
 

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
+from dataclasses import asdict
 
 import pytest
 
 from hdbench.errors import DataError
 from hdbench.profile import load_profile
 from hdbench.session.calibrating.plan import calibration_plan, calibration_points
-from hdbench.session.calibrating.planfile import read_points, write_points
-from hdbench.session.calibrating.points import point_from_dict
+from hdbench.session.calibrating.points import point_from_dict, read_points, write_points
 
 PROFILE = load_profile("cim-tr-97-06").data
 
@@ -107,7 +107,7 @@ def test_a_damaged_sequence_is_refused_and_named(tmp_path, damage: str) -> None:
 
 @pytest.mark.parametrize("key", ["number", "mass_kg", "experiment"])
 def test_a_point_that_lacks_a_key_is_refused(key: str) -> None:
-    body = calibration_points(PROFILE)[2].to_dict()
+    body = asdict(calibration_points(PROFILE)[2])
     for value in (None, True, []):
         with pytest.raises(DataError, match=key):
             point_from_dict({**body, key: value}, "here")

@@ -7,14 +7,12 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from calibrationkit import GAIN, LEVER, PROFILE, BenchHands, Scripted, blocks, make_walk, walked
+from calibrationkit import GAIN, LEVER, PROFILE, FakeHands, Scripted, blocks, make_walk, walked
 from fakes import FakeBench
 
 from hdbench.errors import BusyError, DeviceError, Stopped
 from hdbench.profile.calibrating import ShuntCheck
-from hdbench.records.course import write_course
-from hdbench.records.journal import read_journal
-from hdbench.records.recovery import journal_loads
+from hdbench.records.journal import journal_loads, read_journal, write_sequence
 from hdbench.session.calibrating.conversation import Answer, Reply, Unattended
 from hdbench.session.calibrating.plan import calibration_points
 from hdbench.session.stop import Aborted, StopRequested, StopSignals
@@ -48,21 +46,21 @@ def test_a_person_is_asked_for_each_change_once_and_every_load_is_read(tmp_path:
 def test_a_wrong_weight_is_asked_about_and_the_rejected_reading_is_kept(tmp_path: Path) -> None:
     talk = Scripted()
     bench = FakeBench()
-    walk = make_walk(tmp_path, talk=talk, bench=bench, hands=BenchHands(bench, {4: 0.5}))
+    walk = make_walk(tmp_path, talk=talk, bench=bench, hands=FakeHands(bench, {4: 0.5}))
     walk.run()
     (question,) = talk.asked("gross-error")
     assert "expected +4.90 N m, read +2.45 N m: did you hang 0.5 kg?" in question
     assert [r.mass_kg for r in loads(tmp_path).readings] == MASSES
     rejected = [body for _, body in blocks(tmp_path) if body.get("event") == "rejected"]
     assert [body["reading_v"] for body in rejected] == [pytest.approx(0.5 * LEVER / GAIN, abs=1e-4)]
-    rows = write_course(tmp_path, read_journal(tmp_path / "journal.hdj")).read_text()
+    rows = write_sequence(tmp_path, read_journal(tmp_path / "journal.hdj")).read_text()
     assert rows.count("rejected,confirmed-gross-error") == 1
 
 
 def test_a_wrong_weight_kept_on_purpose_is_marked(tmp_path: Path) -> None:
     bench = FakeBench()
     talk = Scripted([("did you hang", Answer.ACCEPT)])
-    walk = make_walk(tmp_path, talk=talk, bench=bench, hands=BenchHands(bench, {4: 0.5}))
+    walk = make_walk(tmp_path, talk=talk, bench=bench, hands=FakeHands(bench, {4: 0.5}))
     walk.run()
     flags = loads(tmp_path).extra_columns["flags"]
     assert flags == ("", "", "confirmed-gross-error", "", "")
@@ -78,7 +76,7 @@ def test_repeat_reads_the_hanging_weight_again_and_back_asks_for_the_one_before(
     # 0.5 kg was read three times, hung twice; all three stand in the journal
     kept = [body for kind, body in blocks(tmp_path) if kind == "reading" and body["point"] == 3]
     assert len(kept) == 3
-    course = write_course(tmp_path, read_journal(tmp_path / "journal.hdj")).read_text()
+    course = write_sequence(tmp_path, read_journal(tmp_path / "journal.hdj")).read_text()
     superseded = [row.split(",")[13] for row in course.splitlines()[1:]]
     assert (superseded.count("repeat"), superseded.count("back")) == (1, 1)
     assert sum("Hang 0.5 kg" in t for t in talk.asked("hang")) == 3  # up, again after back, down
@@ -152,7 +150,7 @@ def test_a_reading_that_never_settles_is_asked_about(tmp_path: Path) -> None:
 
 def test_nothing_is_hung_while_the_bridge_at_rest_is_off(tmp_path: Path) -> None:
     bench = FakeBench()
-    hands = BenchHands(bench, {1: 1.0})
+    hands = FakeHands(bench, {1: 1.0})
     talk = Scripted([("the bridge rests at", Answer.QUIT)])
     with pytest.raises(Stopped) as stopped:
         walked(tmp_path, talk=talk, bench=bench, hands=hands)
@@ -174,7 +172,7 @@ def test_the_shunt_is_read_once_and_taken_off_before_the_first_weight(tmp_path: 
     shunt = ShuntCheck(resistor_ohm=87150.0, expected_v=1.2, tolerance=0.01)
     plan = PROFILE.calibration.model_copy(update={"shunt": shunt})
     bench = FakeBench()
-    hands = BenchHands(bench)
+    hands = FakeHands(bench)
     talk = Scripted([("the shunt changes the reading", Answer.ACCEPT)])
     profile = PROFILE.model_copy(update={"calibration": plan})
     walked(tmp_path, talk=talk, bench=bench, hands=hands, profile=profile)
@@ -187,7 +185,7 @@ def test_the_shunt_is_read_once_and_taken_off_before_the_first_weight(tmp_path: 
 def test_without_a_person_the_right_weight_is_hung_again_three_times_at_most(
     tmp_path: Path,
 ) -> None:
-    class Stubborn(BenchHands):
+    class Stubborn(FakeHands):
         def put(self, mass_kg, *, direction, number, attempt) -> None:
             super().put(
                 0.5 if number == 4 else mass_kg,
@@ -299,7 +297,7 @@ def test_on_resume_the_hands_get_every_change_of_the_simulated_bench(tmp_path: P
     with pytest.raises(Stopped):
         walked(tmp_path, talk=talk)
     bench = FakeBench()
-    hands = BenchHands(bench)
+    hands = FakeHands(bench)
     again = Scripted()
     walked(tmp_path, talk=again, bench=bench, hands=hands)
     assert hands.restored[-1]["level_v"] == pytest.approx(0.5 * LEVER / GAIN)

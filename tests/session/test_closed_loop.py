@@ -11,7 +11,7 @@ from hdbench.filter import FilterModel, filter_trace
 from hdbench.profile import Profile, load_profile, parse_profile
 from hdbench.records import Quantity, verify_run
 from hdbench.records.jsonfile import read_json
-from hdbench.records.tracefile import read_trace
+from hdbench.records.tables import read_trace
 from hdbench.session import BenchOptions, RunOutcome, evaluate_stored, run_experiment
 
 SEEDS = 5
@@ -75,7 +75,7 @@ def test_a_complete_run_verifies_and_loses_nothing(runs: dict[str, RunOutcome], 
 def test_the_calibration_scales_the_dynamic_runs_and_the_run_says_so(
     runs: dict[str, RunOutcome],
 ) -> None:
-    gain = runs["calibration"].evaluation.result["gain_nm_per_v"]["value"]
+    gain = runs["calibration"].evaluation.result.to_json()["gain_nm_per_v"]["value"]
     for kind in ("misalignment", "ripple"):
         used = runs[kind].folder.manifest["calibration"]
         assert used["gain_nm_per_v"]["value"] == gain
@@ -102,10 +102,10 @@ def test_evaluating_the_stored_run_again_gives_the_same_numbers(
     )
     key = {"calibration": "gain_nm_per_v", "misalignment": "amplitude_nm", "ripple": "ripple"}[kind]
     if kind == "calibration" or kind == "misalignment":
-        assert found.result[key] == runs[kind].evaluation.result[key]
+        assert found.result.to_json()[key] == runs[kind].evaluation.result.to_json()[key]
     else:
-        ours = [line["amplitude_nm"] for line in found.result["ripple"]]
-        theirs = [line["amplitude_nm"] for line in runs[kind].evaluation.result["ripple"]]
+        ours = [line["amplitude_nm"] for line in found.result.to_json()["ripple"]]
+        theirs = [line["amplitude_nm"] for line in runs[kind].evaluation.result.to_json()["ripple"]]
         assert ours == theirs
     assert read_json(folder.result, None)["run"] == folder.run_id
     ran = runs[kind].folder.manifest["filter"]
@@ -140,16 +140,16 @@ def test_95_percent_intervals_cover_the_simulated_truth(tmp_path: Path, bench: P
         options = BenchOptions(out=tmp_path, seed=seed, calibration=calibration.folder.path)
         misalignment = run_experiment("misalignment", bench, options, quiet)
         ripple = run_experiment("ripple", bench, options, quiet)
-        lines = ripple.evaluation.result["ripple"]
+        lines = ripple.evaluation.result.to_json()["ripple"]
         for name, found, true in (
             (
                 "gain",
-                calibration.evaluation.result["gain_nm_per_v"],
+                calibration.evaluation.result.to_json()["gain_nm_per_v"],
                 bench.data.sensor.gain_nm_per_v,
             ),
             (
                 "misalignment",
-                misalignment.evaluation.result["amplitude_nm"],
+                misalignment.evaluation.result.to_json()["amplitude_nm"],
                 truth.misalignment.amplitude_nm,
             ),
             ("ripple 2", lines[0]["amplitude_nm"], truth.ripple[0].amplitude_nm),

@@ -11,7 +11,7 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "tools"))
 
-import fault_kit
+from faults import kit
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="terminals of Linux")
 
@@ -20,10 +20,10 @@ def test_a_closed_terminal_ends_a_run_as_a_hangup_and_not_as_a_fault_of_the_disk
     """What a closed terminal refuses to take is no error of the run."""
     import pty
 
-    profile = fault_kit.short_profile(tmp_path)
+    profile = kit.short_profile(tmp_path)
     out = tmp_path / "runs"
     words = ["run-ripple", "--profile", str(profile), "--no-report", "--yes", "--out", str(out)]
-    with fault_kit.served(tmp_path, profile) as bench:
+    with kit.served(tmp_path, profile) as bench:
         pid, terminal = pty.fork()
         if not pid:
             command = [sys.executable, "-m", "hdbench_cli", *words, "--address", bench.address]

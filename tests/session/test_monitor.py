@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from linefaults.faults import Mangler, TcpFraming
+from faults.mangler import Mangler, TcpFraming
 
-from hdbench.devices.emulator.serve import NodeDevice, build_core
+from hdbench.devices.emulator.node import build_core
 from hdbench.devices.emulator.server import ModbusServer
 from hdbench.filter import preset
 from hdbench.plant.bench import SimulatedBench
@@ -20,11 +20,11 @@ from hdbench.profile import load_profile
 from hdbench.profile.scaling import profile_scale
 from hdbench.session.monitor import ChannelStatistics, Monitor
 from hdbench.session.stop import StopSignals
-from hdbench.session.watching import Frame, Unwatched
+from hdbench.session.watching import Frame, Watcher
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "tools"))
 
-from spoilt_line import behind, in_thread
+from faults.lines import behind, in_thread
 
 PROFILE = load_profile("cim-tr-97-06")
 
@@ -98,7 +98,7 @@ def test_the_drive_stays_disabled_and_no_run_is_left(
 
 
 def test_a_signal_ends_it_with_the_bench_safe() -> None:
-    looking = monitor(Unwatched())
+    looking = monitor(Watcher())
 
     class Stopper(Seen):
         def frame(self, frame: Frame) -> None:
@@ -119,8 +119,8 @@ def test_what_looks_on_is_told_how_often_the_driver_asked_again() -> None:
         core = build_core(
             SimulatedBench(profile, load_plant("as-modelled"), 0), profile, 0, pace="fast"
         )
-        server = ModbusServer(NodeDevice(core))
-        node = stack.enter_context(in_thread(server, server.open()))
+        server = ModbusServer(core)
+        node = stack.enter_context(in_thread(server.open, server.close))[1]
         address = stack.enter_context(behind(node, spoiler))
         seen = Seen()
 

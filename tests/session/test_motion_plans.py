@@ -8,22 +8,20 @@ import numpy as np
 import pytest
 from fakes import FakeBench, FakeOperator
 
-from hdbench.diagnosis.planning import LoadStep, MotionPlan, Segment
 from hdbench.diagnosis.planning.blocks import full_protocol
+from hdbench.diagnosis.planning.segments import LoadStep, MotionPlan, Segment
 from hdbench.errors import UsageError
 from hdbench.filter import preset
-from hdbench.model.program import ReferenceProgram, program_voltage
+from hdbench.model.waves import ReferenceProgram, program_voltage
 from hdbench.profile import load_profile
-from hdbench.records.journal import JournalWriter
-from hdbench.records.streaming import survey_samples
-from hdbench.records.tracefile import read_trace
+from hdbench.records.journal import JournalWriter, survey_samples
+from hdbench.records.tables import read_trace
 from hdbench.session import BenchOptions, run_experiment
-from hdbench.session.motionplans import motion_plan
-from hdbench.session.plancheck import check_plan
+from hdbench.session.planning import check_plan, motion_plan
 from hdbench.session.plans import Acquire, Lock, Place, Put
 from hdbench.session.recorder import TraceRecorder
-from hdbench.session.runner import Aborted, Runner
-from hdbench.session.stop import StopSignals
+from hdbench.session.runner import Runner
+from hdbench.session.stop import Aborted, StopSignals
 
 WHOLE = load_profile("cim-tr-97-06")
 PROFILE = WHOLE.data
@@ -81,7 +79,7 @@ def runner_of(tmp_path: Path, bench: FakeBench, operator: FakeOperator) -> Runne
     journal = JournalWriter(tmp_path / "journal.hdj")
     recorder = TraceRecorder(PROFILE, 6.6, preset("report-6", PROFILE), journal, 0.001)
     progress = lambda _what, _share: None  # noqa: E731 - a progress that says nothing
-    return Runner(PROFILE, bench, operator, journal, StopSignals(), progress, recorder)
+    return Runner(PROFILE, bench, operator, StopSignals(), progress, recorder)
 
 
 def test_the_trace_of_a_plan_with_loads_says_what_hung_when(tmp_path: Path) -> None:

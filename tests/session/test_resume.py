@@ -4,20 +4,24 @@ from __future__ import annotations
 
 import os
 import signal
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from calibrationkit import Scripted
 
-from hdbench.diagnosis.planning import LoadStep, MotionPlan, Segment
+from hdbench.diagnosis.planning.segments import LoadStep, MotionPlan, Segment
 from hdbench.errors import BusyError, DataError, HdbenchError, Stopped, UsageError
 from hdbench.filter import FilterModel, filter_trace
 from hdbench.profile import Profile, load_profile, parse_profile
 from hdbench.records import RunFolder, read_loads, read_trace, verify_run
 from hdbench.session import BenchOptions, run_experiment
 from hdbench.session.calibrating.conversation import Answer
-from hdbench.session.resuming import ResumeOptions, resume_run
+from hdbench.session.resuming import resume_run
+
+# the run itself says how it was asked for
+AS_BEFORE = BenchOptions(out=Path(), realtime=None)
 
 
 def quiet(_what: str, _share: float) -> None:
@@ -70,9 +74,9 @@ def test_a_calibration_goes_on_with_the_same_bench_and_the_same_clampings(
     assert verify_run(path).ok
     # a bench that does not answer costs the run nothing
     with pytest.raises(HdbenchError):
-        resume_run(path, ResumeOptions(address="tcp://127.0.0.1:9"), quiet)
+        resume_run(path, replace(AS_BEFORE, address="tcp://127.0.0.1:9"), quiet)
     assert RunFolder.open(path).status() == "incomplete"
-    resumed = resume_run(path, ResumeOptions(), quiet)
+    resumed = resume_run(path, AS_BEFORE, quiet)
     assert resumed.folder.path == path
     assert len(resumed.folder.manifest["sessions"]) == 2
     assert RunFolder.open(path).status() == "complete"
@@ -83,7 +87,7 @@ def test_a_calibration_goes_on_with_the_same_bench_and_the_same_clampings(
     # decays to 1e-3 of 20 N m within the second before the average: 0.2 mV of it
     for a, b in zip(once.readings, twice.readings, strict=True):
         assert a.reading_v == pytest.approx(b.reading_v, abs=2e-4)
-    gains = [line["gain_nm_per_v"] for line in resumed.evaluation.result["experiments"]]
+    gains = [line["gain_nm_per_v"] for line in resumed.evaluation.result.to_json()["experiments"]]
     assert np.ptp(gains) > 0.05  # the clampings of this plant do differ
 
 
@@ -102,7 +106,7 @@ def test_motion_that_was_broken_off_is_taken_again_and_its_samples_are_kept(
     (path,) = tmp_path.iterdir()
     first = verify_run(path).samples_in_journal
     assert 0 < first < 4000
-    outcome = resume_run(path, ResumeOptions(), quiet)
+    outcome = resume_run(path, AS_BEFORE, quiet)
     trace = read_trace(outcome.folder.trace)
     assert len(trace) == 4000
     broken_off = read_trace(path / "trace-broken-off-1.csv")
@@ -131,7 +135,7 @@ def test_what_cannot_be_resumed_is_refused_and_left_as_it_is(
     path = finished(tmp_path, bench, status)
     before = (path / "run.json").read_bytes()
     with pytest.raises(kind):
-        resume_run(path, ResumeOptions(), quiet)
+        resume_run(path, AS_BEFORE, quiet)
     assert (path / "run.json").read_bytes() == before
 
 
@@ -141,7 +145,7 @@ def test_a_run_does_not_go_on_on_another_bench(bench: Profile, tmp_path: Path) -
     folder.update(device=other)
     folder.finish("incomplete", "for a test", [])
     with pytest.raises(UsageError, match="the run began on hdbench emulated node sim-77"):
-        resume_run(folder.path, ResumeOptions(), quiet)
+        resume_run(folder.path, AS_BEFORE, quiet)
     assert RunFolder.open(folder.path).status() == "incomplete"
 
 
@@ -171,7 +175,7 @@ def test_of_a_plan_with_loads_only_the_acquisition_that_was_broken_off_is_taken_
     (path,) = tmp_path.iterdir()
     first = read_trace(path / "trace.csv")
     assert 1000 < len(first) < 2000
-    resume_run(path, ResumeOptions(), quiet)
+    resume_run(path, AS_BEFORE, quiet)
     trace = read_trace(path / "trace.csv")
     assert [int(np.sum(trace["stage"] == stage)) for stage in (0, 1)] == [1000, 1000]
     np.testing.assert_array_equal(trace["torque_v"][:1000], first["torque_v"][:1000])

@@ -13,12 +13,11 @@ from hdbench.errors import DeviceError
 from hdbench.filter import preset
 from hdbench.profile import load_profile
 from hdbench.profile.schema import ReferenceWave
-from hdbench.records.journal import JournalWriter, read_journal
-from hdbench.records.streaming import survey_samples
+from hdbench.records.journal import JournalWriter, read_journal, survey_samples
 from hdbench.session.plans import Acquire, Lock, Plan
 from hdbench.session.recorder import TraceRecorder
-from hdbench.session.runner import Aborted, Runner
-from hdbench.session.stop import StopRequested, StopSignals
+from hdbench.session.runner import Runner
+from hdbench.session.stop import Aborted, StopRequested, StopSignals
 
 PROFILE = load_profile("cim-tr-97-06").data
 WAVE = ReferenceWave(wave="constant", bias_v=1.0)
@@ -32,7 +31,6 @@ def runner(tmp_path: Path, bench: FakeBench, **changes) -> Runner:
         PROFILE,
         bench,
         changes.pop("operator", FakeOperator(bench)),
-        journal,
         changes.pop("stop", StopSignals()),
         lambda _what, _share: None,
         recorder,
@@ -95,7 +93,7 @@ def test_what_was_journaled_before_a_failure_can_be_read_back(tmp_path: Path) ->
     run = runner(tmp_path, bench)
     with pytest.raises(DeviceError):
         run.run(MOTION)
-    run.journal.close()
+    run.recorder.journal.close()
     content = read_journal(tmp_path / "journal.hdj")
     samples = [block for block in content.blocks if block.kind == "samples"]
     assert len(samples) == 6

@@ -7,9 +7,13 @@ import math
 import numpy as np
 import pytest
 
-from hdbench.session.calibrating.rule import SettleRule
-from hdbench.session.calibrating.settle import average_now, judge
-from hdbench.session.calibrating.swing import find_swing, whole_period_mean
+from hdbench.session.calibrating.settling import (
+    SettleRule,
+    average_now,
+    find_swing,
+    judge,
+    whole_period_mean,
+)
 
 BAND_V = 0.003
 NOISE_V = 0.0076

@@ -105,7 +105,7 @@ def test_a_simulated_operator_calibrates_every_emulator_by_its_channel(name, tmp
             tmp_path, control=str(found["control"]), talk=Unattended(lambda _: None)
         )
         result = run_experiment("calibration", quick(name, found), options, quiet)
-    gain = result.evaluation.result["gain_nm_per_v"]["value"]
+    gain = result.evaluation.result.to_json()["gain_nm_per_v"]["value"]
     # the plant as modelled has the profile's gain, each clamping its own by some per mille
     assert gain == pytest.approx(load_profile(name).data.sensor.gain_nm_per_v, rel=0.03)
 
@@ -138,56 +138,59 @@ def test_nobody_reaches_into_a_node_that_samples():
             bench.simulation.set_fixture(locked=True, position_rad=0.0, mass_kg=1.0, direction=1)
 
 
-@pytest.mark.parametrize(
-    "order",
-    [
-        {"locked": True, "position_rad": float("nan"), "mass_kg": 1.0, "direction": 1},
-        {"locked": True, "position_rad": 0.0, "mass_kg": -1.0, "direction": 1},
-        {"locked": True, "position_rad": 0.0, "mass_kg": 1.0, "direction": 2},
-        {"locked": 7, "position_rad": 0.0, "mass_kg": 1.0, "direction": 1},
-    ],
-)
-def test_the_channel_refuses_what_no_hand_can_do(order):
+NO_HAND = [
+    {"position_rad": float("nan")},
+    {"mass_kg": -1.0},
+    {"direction": 2},
+    {"locked": 7},
+]
+NO_ORDER = [b"\n", b"{\n", b"[1]\n", b'{"fixture": {}}\n', b'{"x": 1}\n', b"[" * 60000 + b"\n"]
+NO_CHANNEL = [b"", b"hello\r\n", b"[1]\n", b"1" * 5000 + b"\n"]
+
+
+def test_the_channel_refuses_what_no_hand_can_do():
+    right = {"locked": True, "position_rad": 0.0, "mass_kg": 1.0, "direction": 1}
     with open_bench(load_profile("cim-tr-97-06")) as bench:
-        with pytest.raises(DeviceError, match="out of its domain"):
-            bench.simulation.set_fixture(**order)
-        bench.simulation.set_fixture(locked=True, position_rad=0.0, mass_kg=1.0, direction=1)
+        for wrong in NO_HAND:
+            with pytest.raises(DeviceError, match="out of its domain"):
+                bench.simulation.set_fixture(**{**right, **wrong})
+            bench.simulation.set_fixture(**right)
 
 
-@pytest.mark.parametrize(
-    "line", [b"\n", b"{\n", b"[1]\n", b'{"fixture": {}}\n', b'{"x": 1}\n', b"[" * 60000 + b"\n"]
-)
-def test_the_channel_survives_what_is_no_order(line):
+def test_the_channel_survives_what_is_no_order():
     data = load_profile("cim-tr-97-06").data
     with running_emulator(data, plant="as-modelled", seed=0, pace="fast") as found:
         host, _, port = str(found["control"]).removeprefix("tcp://").rpartition(":")
         assert host == "127.0.0.1"
-        with socket.create_connection((host, int(port)), timeout=5.0) as link:
-            link.sendall(line)
-            assert json.loads(link.makefile().readline())["refused"]
+        for line in NO_ORDER:
+            with socket.create_connection((host, int(port)), timeout=5.0) as link:
+                link.sendall(line)
+                assert json.loads(link.makefile().readline())["refused"]
         with open_bench(data, address=str(found["address"]), control=str(found["control"])):
             pass
 
 
-@pytest.mark.parametrize("reply", [b"", b"hello\r\n", b"[1]\n", b"1" * 5000 + b"\n"])
-def test_what_is_no_control_channel_is_told(reply):
+def test_what_is_no_control_channel_is_told():
     data = load_profile("cim-tr-97-06").data
+
+    def answer(server: socket.socket, reply: bytes) -> None:
+        link, _ = server.accept()
+        with link:
+            link.recv(100)
+            link.sendall(reply)
+
     with (
         running_emulator(data, plant="as-modelled", seed=0, pace="fast") as found,
         socket.create_server(("127.0.0.1", 0)) as server,
     ):
-
-        def answer() -> None:
-            link, _ = server.accept()
-            with link:
-                link.recv(100)
-                link.sendall(reply)
-
-        threading.Thread(target=answer, daemon=True).start()
         control = f"tcp://127.0.0.1:{server.getsockname()[1]}"
-        with (
-            pytest.raises(DeviceError, match="control channel") as caught,
-            open_bench(data, address=str(found["address"]), control=control),
-        ):
-            pass
-    assert "--control" in caught.value.fix
+        for reply in NO_CHANNEL:
+            thread = threading.Thread(target=answer, args=(server, reply), daemon=True)
+            thread.start()
+            with (
+                pytest.raises(DeviceError, match="control channel") as caught,
+                open_bench(data, address=str(found["address"]), control=control),
+            ):
+                pass
+            assert "--control" in caught.value.fix
+            thread.join(5.0)

@@ -12,10 +12,38 @@ import pytest
 from hdbench.errors import DataError
 from hdbench.records import add_note, list_runs
 from hdbench.trend import QUANTITIES, trend_of_runs
+from hdbench_cli.commands.trend import QUANTITY_NAMES
 from hdbench_cli.main import main
-from hdbench_cli.trend import QUANTITY_NAMES
 
 START = datetime(2025, 1, 1, tzinfo=UTC)
+
+
+NUMBER = {"value": 0.9, "std": 0.1, "dof": None}
+# keys of the contract that these tests do not look at
+NEEDED = {
+    "calibration": {"consistency": None, "n_experiments": 9, "accepted": True, "experiments": []},
+    "misalignment": {
+        **dict.fromkeys(("amplitude_nm", "peak_to_peak_nm", "phase_rad"), NUMBER),
+        **{key: {"peak_to_peak_nm": NUMBER} for key in ("before", "after")},
+        **dict.fromkeys(("output_turns", "mean_torque_nm", "motor_velocity_rad_s"), 1.0),
+        "filter": {"order": 0.01},
+    },
+    "ripple": {
+        "motor_velocity_rad_s": {"mean": 1.0, "std": 0.0, "min": 1.0, "max": 1.0},
+        "torque_rms_nm": {"measured": 1.0, "filtered": 1.0},
+        "filter": {},
+    },
+}
+LOOP = {
+    **dict.fromkeys(("largest_nm", "at_torque_nm", "largest_torque_nm"), 1.0),
+    **dict.fromkeys(("area_v_nm", "area_relative"), 1.0),
+    **dict.fromkeys(("zero_return_nm", "zero_return_relative", "constant_nm", "lens_nm")),
+}
+LINE = {
+    **{"id": "a", "position_rad": 0.0, "direction": "cw", "range": "full"},
+    **{"gain_nm_per_v": 6.6, "residual_rms_nm": 0.0, "n": 9},
+}
+STRETCH = {"from_s": 0.0, "to_s": 1.0, "motor_velocity_rad_s": 60.0, "offset_nm": NUMBER}
 
 
 def utc(day):
@@ -40,7 +68,8 @@ def add(parent, day, kind="calibration", drive="A", result=None, data=None, **ma
     }
     (folder / "run.json").write_text(json.dumps(body))
     if result is not None:
-        text = {"schema": f"hdbench/{kind}/1", "doubts": [], "flags": [], **result}
+        text = {"schema": f"hdbench/{kind}/1", "doubts": [], "flags": [], **NEEDED.get(kind, {})}
+        text |= result
         (folder / "result.json").write_text(json.dumps(text))
     return folder
 
@@ -132,8 +161,10 @@ def test_a_calibration_that_became_due_is_said_in_one_sentence(year):
 
 def ripple(order, estimate, lines=()):
     body = {"value": 0.4, "std": 0.01, "dof": 7}
-    row = {"order": order, "amplitude_nm": body, "order_estimate": {"value": estimate, "std": 1e-5}}
-    return {"ripple": [row], "lines": [{"order": x, "amplitude_nm": body} for x in lines]}
+    size = {"amplitude_nm": body, "phase_rad": body}
+    row = {"order": order, "order_estimate": {"value": estimate, "std": 1e-5}, **size}
+    found = [{"order": x, "false_alarm_probability": 1e-6, **size} for x in lines]
+    return {"ripple": [row], "lines": found}
 
 
 @pytest.mark.parametrize(
@@ -156,19 +187,16 @@ def test_a_filter_whose_orders_moved_is_said_in_one_sentence(
 
 
 def test_every_quantity_is_read_from_a_result_of_its_kind(tmp_path):
-    quantity = {"value": 0.9, "std": 0.1, "dof": None}
-    loop = {"relative": -0.002}
     calibration = {
-        "gain_nm_per_v": quantity,
+        "gain_nm_per_v": NUMBER,
         "consistency": 0.02,
         "n_experiments": 9,
-        "hysteresis": {"a": loop, "b": {"relative": 0.004}},
-        "experiments": [{"intercept_nm": 0.1}, {"intercept_nm": 0.3}],
+        "hysteresis": {"a": {**LOOP, "relative": -0.002}, "b": {**LOOP, "relative": 0.004}},
+        "experiments": [{**LINE, "intercept_nm": 0.1}, {**LINE, "intercept_nm": 0.3}],
     }
     misalignment = {
-        "amplitude_nm": quantity,
-        "stretches": [{"offset_nm": quantity}, {"offset_nm": quantity}],
-        "noise": {"innovation_std": 0.05},
+        "stretches": [STRETCH, STRETCH],
+        "noise": {"order": 1, "coefficients": [], "innovation_std": 0.05, "n_samples": 200},
         "residual_rms_nm": 0.06,
         "n_samples": 200,
     }

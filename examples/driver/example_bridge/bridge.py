@@ -14,11 +14,8 @@ import time
 import numpy as np
 import serial
 
-from hdbench.devices.capabilities import Capabilities, InputInfo
-from hdbench.devices.daq import ScanBlock
-from hdbench.devices.inputsonly import InputsOnly
-from hdbench.devices.ports import Identity
-from hdbench.devices.text import clean_text
+from hdbench.devices.bench import Identity
+from hdbench.devices.daq import Capabilities, InputInfo, InputsOnly, ScanBlock, clean_text
 from hdbench.errors import DeviceError
 
 from .table import BridgeTable

@@ -1,16 +1,17 @@
-"""Restricted maximum likelihood for gains that are not the same number everywhere."""
+"""Mean of gains with the position as random effect: restricted likelihood, and plain mean."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from hdbench.records.quantity import Quantity
 from hdbench.records.trace import FloatArray
+from hdbench.results.calibration import MixedModel
 
-__all__ = ["MixedFit", "fixed_columns", "mixed_fit"]
+__all__ = ["mixed_fit", "plain_mean"]
 
 # the ratio of variances is sought as share of the sum, up to this: beyond it the position is all
 _MAX_SHARE = 1.0 - 1e-9
@@ -20,41 +21,10 @@ _GRID, _ZOOMS = 41, 7
 _ROUNDING = 1e-15
 
 
-@dataclass(frozen=True, slots=True)
-class MixedFit:
-    """Gains with fixed effects of direction and range and a random effect of the position.
-
-    Parameters
-    ----------
-    gain : Quantity
-        Gain averaged over directions and ranges with equal weight, N m/V.
-    between_std, repeatability : float
-        Standard deviations between and within positions, N m/V.
-    """
-
-    gain: Quantity
-    between_std: float
-    repeatability: float
-
-
 def mixed_fit(
     gains: Sequence[float], positions: Sequence[int], fixed: Sequence[Sequence[str]]
-) -> MixedFit | None:
+) -> MixedModel | None:
     """Fit the mixed model.
-
-    Parameters
-    ----------
-    gains : sequence of float
-        One per experiment, N m/V.
-    positions : sequence of int
-        Number of the position of each experiment.
-    fixed : sequence of sequence of str
-        Levels of the fixed effects of each experiment, such as direction and range.
-
-    Returns
-    -------
-    MixedFit or None
-        None where there are too few experiments for the effects, or fewer than two positions.
 
     Notes
     -----
@@ -68,13 +38,15 @@ def mixed_fit(
     .. [2] F. G. Giesbrecht, J. C. Burns, Biometrics 41 (1985) 477, doi:10.2307/2530872.
     """
     y = np.asarray(gains, dtype=float)
-    design, places = fixed_columns(fixed), np.equal.outer(positions, positions).astype(float)
+    design, places = _fixed_columns(fixed), np.equal.outer(positions, positions).astype(float)
     free = len(y) - int(np.linalg.matrix_rank(design))
     if len(set(positions)) < 2 or free < 2 or np.linalg.matrix_rank(design) < design.shape[1]:
         return None
     if not float(np.ptp(y)) > 0.0:
         exact = Quantity(float(y[0]), 0.0, float(free))
-        return MixedFit(exact, 0.0, 0.0)
+        return MixedModel(
+            gain_nm_per_v=exact, between_positions_nm_per_v=0.0, repeatability_nm_per_v=0.0
+        )
     share = _best_share(y, design, places)
     scale = float(_restricted(np.array([share]), y, design, places)[0][0])
     # gains that the effects explain to the last digit leave rounding, not zero
@@ -86,14 +58,14 @@ def mixed_fit(
     bread = np.linalg.inv(design.T @ inverse @ design)
     weights = inverse @ design @ bread[:, 0]
     found = float(weights @ y)
-    return MixedFit(
-        _quantity(found, weights, (total, places, information)),
-        float(np.sqrt(variances[0])),
-        float(np.sqrt(variances[1])),
+    return MixedModel(
+        gain_nm_per_v=_quantity(found, weights, (total, places, information)),
+        between_positions_nm_per_v=float(np.sqrt(variances[0])),
+        repeatability_nm_per_v=float(np.sqrt(variances[1])),
     )
 
 
-def fixed_columns(fixed: Sequence[Sequence[str]]) -> FloatArray:
+def _fixed_columns(fixed: Sequence[Sequence[str]]) -> FloatArray:
     """Return the mean and, per effect, level less last level: the mean is that of all levels."""
     columns = [np.ones(len(fixed))]
     for effect in zip(*fixed, strict=True):
@@ -151,3 +123,66 @@ def _quantity(
     spread = float(slope @ np.linalg.pinv(information) @ slope)
     dof = max(1.0, 2.0 * variance**2 / spread) if spread > 0.0 else 1.0
     return Quantity(value, float(np.sqrt(variance)), dof)
+
+
+def plain_mean(
+    gains: Sequence[float], positions: Sequence[int], fixed: Sequence[Sequence[str]]
+) -> Quantity:
+    """Return the plain mean of gains with a random effect of the position.
+
+    Notes
+    -----
+    With P the share of the experiments at each position, mean squares B of the positions after
+    the fixed effects and W within positions, and ``E B = s_e^2 + q s_pos^2`` (Henderson's third
+    method): ``u^2 = sum P^2 s_pos^2 + s_e^2 / N = B / N + (sum P^2 / q - 1 / N) (B - W)``, the
+    second part where B is the larger one. Degrees of freedom by Satterthwaite. Where each
+    position holds the same experiments this is ``B / N`` with one degree less than positions.
+    What the fixed effects leave in the mean (see `mixed_fit`) is added as it stands.
+
+    References
+    ----------
+    .. [1] S. R. Searle, G. Casella, C. E. McCulloch, Variance Components, Wiley 1992, section 5.4.
+    .. [2] F. E. Satterthwaite, Biometrics Bull. 2 (1946) 110, doi:10.2307/3002019.
+    """
+    y = np.asarray(gains, dtype=float)
+    places = np.equal.outer(positions, np.unique(positions)).astype(float)
+    share = float(((places.sum(axis=0) / len(y)) ** 2).sum())
+    design = _fixed_columns(fixed)
+    smooth, whole = _projector(design), _projector(np.column_stack([design, places]))
+    n_between = round(float(np.trace(whole - smooth)))
+    n_within = len(y) - round(float(np.trace(whole)))
+    if n_between < 1:
+        # directions or ranges cannot be told from positions: the scatter of the position means
+        means = places.T @ y / places.sum(axis=0)
+        std = float(means.std(ddof=1)) * math.sqrt(share)
+        return Quantity(float(y.mean()), std, float(len(means) - 1))
+    between = float(y @ (whole - smooth) @ y) / n_between
+    within = float(y @ y - y @ whole @ y) / n_within if n_within else 0.0
+    # a mean square cannot be negative; rounding of equal gains can make one
+    between, within = max(0.0, between), max(0.0, within)
+    own = float(np.trace(places.T @ (np.eye(len(y)) - smooth) @ places)) / n_between
+    variance, dof = _variance_of_mean(
+        (between, n_between), (within, n_within), share / own, 1.0 / len(y)
+    )
+    fit = mixed_fit(gains, positions, fixed)
+    off = 0.0 if fit is None else float(y.mean()) - fit.gain_nm_per_v.value
+    return Quantity(float(y.mean()), math.hypot(math.sqrt(variance), off), dof)
+
+
+def _projector(columns: FloatArray) -> FloatArray:
+    return np.asarray(columns @ np.linalg.pinv(columns))
+
+
+def _variance_of_mean(
+    between: tuple[float, int], within: tuple[float, int], first: float, even: float
+) -> tuple[float, float]:
+    """Return variance of the mean and its degrees of freedom."""
+    (b, n_b), (w, n_w) = between, within
+    if not n_w:
+        return first * b, float(n_b)
+    if not b > w:
+        return even * b, float(n_b)
+    second = even - first
+    variance = first * b + second * w
+    dof = variance**2 / ((first * b) ** 2 / n_b + (second * w) ** 2 / n_w)
+    return variance, max(1.0, dof)

@@ -31,17 +31,6 @@ class Outlier:
 def grubbs_limit(n: int, level: float = 0.05) -> float:
     """Return the largest distance from the mean over s that chance allows in n normal values.
 
-    Parameters
-    ----------
-    n : int
-        Number of values, at least 3.
-    level : float
-        Chance that n sound values show one beyond it; two-sided, in (0, 1).
-
-    Returns
-    -------
-    float
-
     Notes
     -----
     ``(n - 1)/sqrt(n) sqrt(t^2 / (n - 2 + t^2))`` with t the quantile at ``1 - level / (2 n)``
@@ -61,20 +50,6 @@ def extreme_values(
     values: Sequence[float], most: int | None = None, level: float = 0.05
 ) -> tuple[Outlier, ...]:
     """Find values that stand off the others, several that hide each other among them.
-
-    Parameters
-    ----------
-    values : sequence of float
-        The values.
-    most : int or None
-        Most values sought; a third of them where None, at most ten.
-    level : float
-        Chance that sound values show one.
-
-    Returns
-    -------
-    tuple of Outlier
-        The furthest first; empty for fewer than three values or none that differ.
 
     Notes
     -----
@@ -130,17 +105,6 @@ class GainOutlier:
 
 def gain_outliers(gains: Sequence[float], positions: Sequence[int]) -> tuple[GainOutlier, ...]:
     """Find gains that stand off the others.
-
-    Parameters
-    ----------
-    gains : sequence of float
-        One per experiment, N m/V.
-    positions : sequence of int
-        Number of the position of each.
-
-    Returns
-    -------
-    tuple of GainOutlier
 
     Notes
     -----

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
-__all__ = ["CLASSES", "Classification", "Criterion", "class_limit", "classify"]
+from hdbench.results.calibration import Classification, Criterion, LoadGroup
+
+__all__ = ["CLASSES", "class_limit", "classify", "overall_class"]
 
 CLASSES = (0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0)
 # limit of each criterion in a class c, share of the deflection: c/2 %, c %, c/4 %, c/2 %, 1.25 c %;
@@ -26,84 +27,8 @@ _RESOLUTION_STEPS = 200.0
 _ROUNDING = 1e-12
 
 
-@dataclass(frozen=True, slots=True)
-class Criterion:
-    """One criterion and the class that it allows.
-
-    Parameters
-    ----------
-    name : str
-        ``repeatability``, ``reproducibility``, ``zero``, ``fit``, ``reversibility``, ``torque``
-        or ``resolution``.
-    value : float
-        Largest relative value over all steps; for ``resolution`` the smallest step over it.
-    allowed : float or None
-        Class; None: outside the worst.
-    limit : float
-        Limit of that class, or of the worst.
-    """
-
-    name: str
-    value: float
-    allowed: float | None
-    limit: float
-
-    def to_dict(self) -> dict[str, object]:
-        """Return the criterion as results store it."""
-        return {
-            "name": self.name,
-            "value": self.value,
-            "class": self.allowed,
-            "limit": self.limit,
-        }
-
-
-@dataclass(frozen=True, slots=True)
-class Classification:
-    """The class that all criteria allow.
-
-    Parameters
-    ----------
-    value : float or None
-        Class; None where a criterion is outside the worst, or reproducibility is not known.
-    reason : str
-        What sets it, or why there is none.
-    criteria : tuple of Criterion
-        All that could be tested.
-    missing : tuple of str
-        Criteria for which there are no data.
-    """
-
-    value: float | None
-    reason: str
-    criteria: tuple[Criterion, ...]
-    missing: tuple[str, ...]
-
-    def to_dict(self) -> dict[str, object]:
-        """Return the classification as results store it."""
-        return {
-            "class": self.value,
-            "reason": self.reason,
-            "criteria": [c.to_dict() for c in self.criteria],
-            "missing": list(self.missing),
-        }
-
-
 def class_limit(name: str, grade: float) -> float:
     """Return the limit of a criterion in a class.
-
-    Parameters
-    ----------
-    name : str
-        Criterion.
-    grade : float
-        Class, one of `CLASSES`.
-
-    Returns
-    -------
-    float
-        Share of the deflection (of that at the largest torque for ``zero``); for ``resolution``
-        the least number of resolution steps in the smallest torque.
 
     References
     ----------
@@ -119,8 +44,9 @@ def _criterion(name: str, value: float) -> Criterion:
         limit = class_limit(name, grade)
         held = value >= limit if name == "resolution" else value <= limit * (1.0 + _ROUNDING)
         if held:
-            return Criterion(name, value, grade, limit)
-    return Criterion(name, value, None, class_limit(name, CLASSES[-1]))
+            return Criterion(name=name, value=value, allowed=grade, limit=limit)
+    limit = class_limit(name, CLASSES[-1])
+    return Criterion(name=name, value=value, allowed=None, limit=limit)
 
 
 def classify(values: dict[str, float | None], needed: Sequence[str]) -> Classification:
@@ -129,14 +55,35 @@ def classify(values: dict[str, float | None], needed: Sequence[str]) -> Classifi
     criteria = tuple(_criterion(name, value) for name, value in known.items())
     missing = tuple(name for name in values if name not in known)
     absent = [name for name in needed if name not in known]
+    outside = [c.name for c in criteria if c.allowed is None]
+    value = None
     if absent:
         reason = f"no data for {', '.join(absent)}"
-        return Classification(None, reason, criteria, missing)
-    outside = [c.name for c in criteria if c.allowed is None]
-    if outside:
+    elif outside:
         reason = f"{', '.join(outside)} outside class {CLASSES[-1]:g}"
-        return Classification(None, reason, criteria, missing)
-    worst = max(c.allowed or 0.0 for c in criteria)
-    setting = ", ".join(c.name for c in criteria if c.allowed == worst)
-    without = f"; no data for {', '.join(missing)}" if missing else ""
-    return Classification(worst, f"set by {setting}{without}", criteria, missing)
+    else:
+        value = max(c.allowed or 0.0 for c in criteria)
+        setting = ", ".join(c.name for c in criteria if c.allowed == value)
+        without = f"; no data for {', '.join(missing)}" if missing else ""
+        reason = f"set by {setting}{without}"
+    return Classification(value=value, reason=reason, criteria=criteria, missing=missing)
+
+
+def overall_class(groups: Sequence[LoadGroup]) -> Classification:
+    """Return the worst class of the directions of the widest range."""
+    if not groups:
+        return Classification(value=None, reason="nothing was loaded")
+    chosen = [group_class(group) for group in groups if group.range == groups[0].range]
+    for one in chosen:
+        if one.value is None:
+            return one
+    return max(chosen, key=lambda one: one.value or 0.0)
+
+
+def group_class(group: LoadGroup) -> Classification:
+    """Return the class of one group: with reversibility where it was unloaded, too."""
+    unloaded = group.linear_up_down_v_per_nm is not None
+    found = group.class_increasing_decreasing if unloaded else group.class_increasing
+    if found is None:
+        raise ValueError(f"the group {group.direction}, {group.range} range has no class")
+    return found

@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from hdbench.calibration.lines import POSITION_RAD
+from hdbench.calibration.lines import position_number
 from hdbench.calibration.readings import TakenReading
-from hdbench.calibration.stepwise.grid import load_grid
 from hdbench.records.trace import FloatArray
 
 __all__ = ["LoadSeries", "StepGroup", "step_groups"]
 
 # torques below this share of a group's largest are its zero: a hand-read reference shows as much
 _ZERO_SHARE = 0.005
+# share of the smallest distance between two loads within which torques are one step: a reference
+# sensor that is read at each load differs from series to series, but not by a third of a step
+_SAME_STEP = 0.3
+# and never more than this share of the largest, where there is a single load
+_SAME_LOAD = 0.05
 
 _Key = tuple[str, str, str, float | None]
 
@@ -81,11 +86,6 @@ class StepGroup:
     torque_nm: FloatArray
     series: tuple[LoadSeries, ...]
 
-    @property
-    def n_positions(self) -> int:
-        """Number of flexspline positions."""
-        return len({s.position for s in self.series})
-
     def first_series(self) -> tuple[LoadSeries, ...]:
         """Return one series of each position: the first, which no other went before."""
         chosen: dict[int, LoadSeries] = {}
@@ -93,31 +93,9 @@ class StepGroup:
             chosen.setdefault(series.position, series)
         return tuple(chosen.values())
 
-    def describe(self) -> dict[str, object]:
-        """Return what tells this group from others, as results store it."""
-        return {
-            "direction": self.direction,
-            "range": self.range,
-            "loading": self.loading,
-            "arm_length_m": self.arm_length_m,
-        }
-
 
 def step_groups(readings: Sequence[TakenReading], loading: str) -> tuple[StepGroup, ...]:
-    """Order the readings by direction, range, way of loading and arm.
-
-    Parameters
-    ----------
-    readings : sequence of TakenReading
-        Readings, with applied torques.
-    loading : str
-        ``single`` or ``couple``, where a reading does not say.
-
-    Returns
-    -------
-    tuple of StepGroup
-        Full ranges first; groups without a single load are left out.
-    """
+    """Order the readings by direction, range, way of loading and arm."""
     groups: dict[_Key, list[TakenReading]] = {}
     for taken in readings:
         reading, detail = taken.reading, taken.detail
@@ -135,12 +113,12 @@ def _group(key: _Key, members: list[TakenReading]) -> StepGroup | None:
     experiments: dict[str, list[TakenReading]] = {}
     for taken in members:
         experiments.setdefault(taken.reading.experiment, []).append(taken)
-    grid = load_grid(experiments.values(), _ZERO_SHARE * largest)
+    grid = _load_grid(experiments.values(), _ZERO_SHARE * largest)
     places: list[float] = []
     counts: dict[tuple[int, int | None], int] = {}
     series = []
     for name, own in experiments.items():
-        position = _place(own[0].reading.position_rad, places)
+        position = position_number(own[0].reading.position_rad, places)
         mounting = own[0].detail.mounting
         counted = counts.get((position, mounting), 0)
         counts[position, mounting] = counted + 1
@@ -151,13 +129,31 @@ def _group(key: _Key, members: list[TakenReading]) -> StepGroup | None:
     return StepGroup(*key, np.array(grid), tuple(series))
 
 
-def _place(position_rad: float, places: list[float]) -> int:
-    """Return the number of a position; a full turn is the same position."""
-    for number, known in enumerate(places):
-        if abs(math.remainder(position_rad - known, 2.0 * math.pi)) < POSITION_RAD:
-            return number
-    places.append(position_rad)
-    return len(places) - 1
+def _load_grid(experiments: Iterable[list[TakenReading]], zero_nm: float) -> list[float]:
+    """Return the steps: torques of all series, those of one load made one."""
+    torques: list[float] = []
+    smallest = math.inf
+    for own in experiments:
+        for branch in ("up", "down"):
+            loads = sorted(
+                {
+                    abs(t.reading.torque_nm)
+                    for t in own
+                    if t.reading.series == branch and abs(t.reading.torque_nm) > zero_nm
+                }
+            )
+            torques += loads
+            # rounding makes two of one torque: a distance of that size is none
+            gaps = [b - a for a, b in itertools.pairwise(loads) if b - a > 1e-6 * b]
+            smallest = min([smallest, *gaps])
+    reach, torques_end = _SAME_STEP * smallest, max(torques)
+    steps: list[list[float]] = []
+    for torque in sorted(torques):
+        if steps and torque - steps[-1][-1] <= min(reach, _SAME_LOAD * torques_end):
+            steps[-1].append(torque)
+        else:
+            steps.append([torque])
+    return [s[0] if s[0] == s[-1] else math.fsum(s) / len(s) for s in steps]
 
 
 def _series(

@@ -3,64 +3,19 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
 from hdbench.calibration.budget import combined, expanded_uncertainty
 from hdbench.calibration.stepwise.quantities import StepQuantities
 from hdbench.records.trace import FloatArray
+from hdbench.results.calibration import StepUncertainty
 
-__all__ = ["GUIDE_FACTOR", "CaseUncertainty", "case_one", "case_two"]
+__all__ = ["case_one", "case_two"]
 
 # the guide's fixed coverage factor
-GUIDE_FACTOR = 2.0
+_GUIDE_FACTOR = 2.0
 _RECTANGULAR, _TRIANGULAR, _RESOLUTION = math.sqrt(12.0), math.sqrt(24.0), math.sqrt(6.0)
-
-
-@dataclass(frozen=True, slots=True)
-class CaseUncertainty:
-    """Relative uncertainty of one step in one case.
-
-    Parameters
-    ----------
-    parts : dict of str to float
-        Relative standard uncertainty by source; sources without data are left out.
-    relative_std : float
-        Root sum of squares.
-    dof : float or None
-        Effective degrees of freedom; None where no part has any.
-    guide : float
-        Relative expanded uncertainty with k = 2.
-    factor, expanded : float
-        k of 95 % from the degrees of freedom; relative expanded uncertainty with it.
-    added : float
-        Known deviation of the fit that is added to both, share.
-    """
-
-    parts: dict[str, float]
-    relative_std: float
-    dof: float | None
-    guide: float
-    factor: float
-    expanded: float
-    added: float
-
-    def to_dict(self, torque_nm: float) -> dict[str, object]:
-        """Return the uncertainty as results store it."""
-        return {
-            "parts": self.parts,
-            "relative_std": self.relative_std,
-            "dof": self.dof,
-            "expanded_relative_k2": self.guide,
-            "expanded_relative_k2_with_deviation": self.guide + self.added,
-            "coverage_factor": self.factor,
-            "expanded_relative": self.expanded,
-            "expanded_relative_with_deviation": self.expanded + self.added,
-            "deviation_added": self.added,
-            "expanded_nm_k2": (self.guide + self.added) * torque_nm,
-            "expanded_nm": (self.expanded + self.added) * torque_nm,
-        }
 
 
 def case_one(
@@ -68,7 +23,7 @@ def case_one(
     torque_nm: FloatArray,
     relative_torque: FloatArray,
     resolution_v: float | None,
-) -> list[CaseUncertainty | None]:
+) -> list[StepUncertainty | None]:
     """Return the uncertainty for increasing torque and a cubic through zero.
 
     Notes
@@ -77,7 +32,7 @@ def case_one(
     full spans; b with n - 1 degrees of freedom.
     """
     fitted = _cubic_deviation(found, torque_nm)
-    out: list[CaseUncertainty | None] = []
+    out: list[StepUncertainty | None] = []
     for k, y in enumerate(found.mean_v):
         if not _usable(float(y)):
             out.append(None)
@@ -85,7 +40,7 @@ def case_one(
         parts = _common(found, k, float(y), float(relative_torque[k]), resolution_v)
         if fitted is not None:
             parts["fit"] = abs(float(fitted[k])) / _TRIANGULAR
-        out.append(_case(parts, int(found.n_at[k]), 0.0))
+        out.append(_case(parts, int(found.n_at[k]), 0.0, float(torque_nm[k])))
     return out
 
 
@@ -94,7 +49,7 @@ def case_two(
     torque_nm: FloatArray,
     relative_torque: FloatArray,
     resolution_v: float | None,
-) -> list[CaseUncertainty | None] | None:
+) -> list[StepUncertainty | None] | None:
     """Return the uncertainty for increasing and decreasing torque and a line through zero.
 
     Notes
@@ -105,7 +60,7 @@ def case_two(
     both, slope = found.mean_both_v, found.linear_both
     if both is None or slope is None:
         return None
-    out: list[CaseUncertainty | None] = []
+    out: list[StepUncertainty | None] = []
     for k, y in enumerate(both):
         if not _usable(float(y)):
             out.append(None)
@@ -114,7 +69,7 @@ def case_two(
         if found.reversibility_v is not None:
             parts["reversibility"] = abs(float(found.reversibility_v[k] / y)) / _RECTANGULAR
         added = abs(float(y) - slope * float(torque_nm[k])) / abs(float(y))
-        out.append(_case(parts, int(found.n_at[k]), added))
+        out.append(_case(parts, int(found.n_at[k]), added, float(torque_nm[k])))
     return out
 
 
@@ -146,12 +101,24 @@ def _common(
     return parts
 
 
-def _case(sizes: dict[str, float], n_positions: int, added: float) -> CaseUncertainty:
+def _case(
+    sizes: dict[str, float], n_positions: int, added: float, torque_nm: float
+) -> StepUncertainty:
     # a source without data at this step has no part in it
     parts = {name: size for name, size in sizes.items() if math.isfinite(size)}
     free = {"reproducibility": float(n_positions - 1)}
     std, dof = combined([(size, free.get(name)) for name, size in parts.items()])
-    own = expanded_uncertainty(std, dof)
-    return CaseUncertainty(
-        parts, std, own.dof, GUIDE_FACTOR * std, own.coverage_factor, own.expanded, added
+    own, guide = expanded_uncertainty(std, dof), _GUIDE_FACTOR * std
+    return StepUncertainty(
+        parts=parts,
+        relative_std=std,
+        dof=own.dof,
+        expanded_relative_k2=guide,
+        expanded_relative_k2_with_deviation=guide + added,
+        coverage_factor=own.coverage_factor,
+        expanded_relative=own.expanded,
+        expanded_relative_with_deviation=own.expanded + added,
+        deviation_added=added,
+        expanded_nm_k2=(guide + added) * torque_nm,
+        expanded_nm=(own.expanded + added) * torque_nm,
     )

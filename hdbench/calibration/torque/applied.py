@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from hdbench.calibration.budget import BudgetRow, budget_dicts
+from hdbench.calibration.budget import relative_std, with_shares
 from hdbench.calibration.readings import TakenReading
 from hdbench.calibration.torque.lever import (
     STANDARD_GRAVITY,
     AppliedTorque,
     Conditions,
-    Correction,
     applied_torque,
 )
 from hdbench.calibration.torque.sources import given_sources, torque_sources
 from hdbench.profile.schema import ProfileData
+from hdbench.results.calibration import AppliedTorqueAccount, BudgetRow, Correction
 
 __all__ = ["TorqueAccount", "apply_torque"]
 
@@ -56,49 +55,44 @@ class TorqueAccount:
     relative_at: tuple[tuple[float, float], ...]
     n_stated: int = 0
 
-    @property
-    def relative_std(self) -> float:
-        """Relative standard uncertainty at the largest load; 0 where nothing is declared."""
-        return math.sqrt(math.fsum(row.relative_std**2 for row in self.rows))
-
     def relative_std_at(self, torque_nm: float) -> float:
         """Return the relative standard uncertainty at the load nearest to a torque."""
         if not self.relative_at:
-            return self.relative_std
+            return relative_std(self.rows)
         size = abs(torque_nm)
         return min(self.relative_at, key=lambda entry: abs(entry[0] - size))[1]
 
-    def _corrections(self, largest: AppliedTorque) -> list[dict[str, object]]:
+    def record(self) -> AppliedTorqueAccount:
+        """Return the account as results hold it."""
+        largest = self.largest
+        return AppliedTorqueAccount(
+            source=self.source,
+            gravity_m_s2=self.gravity_m_s2,
+            gravity_source=self.gravity_source,
+            gravity_over_standard=self.gravity_m_s2 / STANDARD_GRAVITY - 1.0,
+            largest_nm=None if largest is None else largest.torque_nm,
+            largest_nominal_nm=None if largest is None else largest.nominal_nm,
+            tilt_rad=None if largest is None else largest.tilt_rad,
+            corrections=() if largest is None else self._corrections(largest),
+            relative_std=relative_std(self.rows),
+            budget=with_shares(self.rows),
+            not_declared=tuple(row.name for row in self.rows if not row.declared),
+        )
+
+    def _corrections(self, largest: AppliedTorque) -> tuple[Correction, ...]:
         """Return every correction with what it adds to the uncertainty of the applied torque."""
         gravity = Correction(
-            "local gravity",
-            self.gravity_m_s2 / STANDARD_GRAVITY - 1.0,
-            True,
-            f"{self.gravity_m_s2:.6f} m/s^2 ({self.gravity_source}) over {STANDARD_GRAVITY:g}",
+            name="local gravity",
+            relative=self.gravity_m_s2 / STANDARD_GRAVITY - 1.0,
+            made=True,
+            detail=f"{self.gravity_m_s2:.6f} m/s^2 ({self.gravity_source}) "
+            f"over {STANDARD_GRAVITY:g}",
         )
-        rows = budget_dicts(self.rows)
-        shares = {str(row["name"]): row["share"] for row in rows if row["declared"]}
-        return [
-            {**c.to_dict(), "uncertainty_share": shares.get(_SOURCE.get(c.name, c.name))}
+        shares = {row.name: row.share for row in with_shares(self.rows) if row.declared}
+        return tuple(
+            replace(c, uncertainty_share=shares.get(_SOURCE.get(c.name, c.name)))
             for c in (gravity, *largest.corrections)
-        ]
-
-    def to_dict(self) -> dict[str, object]:
-        """Return the account as results store it."""
-        largest = self.largest
-        return {
-            "source": self.source,
-            "gravity_m_s2": self.gravity_m_s2,
-            "gravity_source": self.gravity_source,
-            "gravity_over_standard": self.gravity_m_s2 / STANDARD_GRAVITY - 1.0,
-            "largest_nm": None if largest is None else largest.torque_nm,
-            "largest_nominal_nm": None if largest is None else largest.nominal_nm,
-            "tilt_rad": None if largest is None else largest.tilt_rad,
-            "corrections": [] if largest is None else self._corrections(largest),
-            "relative_std": self.relative_std,
-            "budget": budget_dicts(self.rows),
-            "not_declared": [row.name for row in self.rows if not row.declared],
-        }
+        )
 
 
 def apply_torque(
@@ -148,7 +142,7 @@ def _account(made: list[AppliedTorque], n_readings: int, bench: ProfileData) -> 
         return TorqueAccount("given", None, rows, arm.gravity_m_s2, arm.gravity_source, ())
     largest = max(made, key=lambda applied: applied.torque_nm)
     relative = {
-        applied.torque_nm: _relative(torque_sources(applied, arm, bench.standards))
+        applied.torque_nm: relative_std(torque_sources(applied, arm, bench.standards))
         for applied in made
         if applied.torque_nm > 0.0
     }
@@ -160,7 +154,3 @@ def _account(made: list[AppliedTorque], n_readings: int, bench: ProfileData) -> 
         arm.gravity_source,
         tuple(sorted(relative.items())),
     )
-
-
-def _relative(rows: tuple[BudgetRow, ...]) -> float:
-    return math.sqrt(math.fsum(row.relative_std**2 for row in rows))

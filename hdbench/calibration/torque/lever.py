@@ -1,15 +1,26 @@
-"""Torque of weights on an arm: force, length, tilt, hanging point."""
+"""Torque of weights on an arm: air, force, length, tilt, hanging point."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
 
-from hdbench.calibration.torque.air import air_density, buoyancy_factors
 from hdbench.profile.calibrating import Arm, MassStandard
+from hdbench.results.calibration import Correction
 
-__all__ = ["AppliedTorque", "Conditions", "Correction", "applied_torque"]
+__all__ = [
+    "CONVENTIONAL_AIR_KG_M3",
+    "CONVENTIONAL_MASS_KG_M3",
+    "AppliedTorque",
+    "Conditions",
+    "air_density",
+    "applied_torque",
+    "buoyancy_factors",
+]
 
+# conventional mass: balance in air of 1.2 kg/m^3 with weights of 8000 kg/m^3 (OIML D 28, R 111-1)
+CONVENTIONAL_AIR_KG_M3 = 1.2
+CONVENTIONAL_MASS_KG_M3 = 8000.0
 STANDARD_GRAVITY = 9.80665
 # the tilt settles by a factor T / (K L) < 1e-2 in every turn of the loop: 1e-15 after eight
 _TURNS = 20
@@ -33,35 +44,43 @@ class Conditions:
     arm_length_m: float | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class Correction:
-    """One correction of the applied torque.
+def air_density(pressure_hpa: float, humidity_percent: float, temperature_c: float) -> float:
+    """Return the density of moist air.
 
-    Parameters
+    Notes
+    -----
+    ``rho = (0.34848 p - 0.009 h exp(0.061 t)) / (273.15 + t)``.
+
+    References
     ----------
-    name : str
-        What is corrected.
-    relative : float
-        Its size, share of the torque; 0 where none was made.
-    made : bool
-        False where what it needs is not declared.
-    detail : str
-        With what values.
+    .. [1] OIML R 111-1 (2004), annex E, equation E.3-1.
     """
+    if not (
+        600.0 <= pressure_hpa <= 1100.0
+        and 0.0 <= humidity_percent <= 100.0
+        and 0.0 <= temperature_c <= 50.0
+    ):
+        raise ValueError(
+            f"air of {pressure_hpa:g} hPa, {humidity_percent:g} %, {temperature_c:g} deg C; "
+            "needed: 600 to 1100 hPa, 0 to 100 %, 0 to 50 deg C"
+        )
+    vapour = 0.009 * humidity_percent * math.exp(0.061 * temperature_c)
+    return (0.34848 * pressure_hpa - vapour) / (273.15 + temperature_c)
 
-    name: str
-    relative: float
-    made: bool
-    detail: str
 
-    def to_dict(self) -> dict[str, object]:
-        """Return the correction as results store it."""
-        return {
-            "name": self.name,
-            "relative": self.relative,
-            "made": self.made,
-            "detail": self.detail,
-        }
+def buoyancy_factors(
+    air_kg_m3: float, weight_kg_m3: float, *, conventional: bool
+) -> tuple[float, float]:
+    """Return what turns a stated mass into the mass that presses down in air.
+
+    Notes
+    -----
+    ``to_true = (1 - rho0/rhoc) / (1 - rho0/rho_m)`` with rho0 = 1.2 kg/m^3, rhoc = 8000 kg/m^3;
+    ``in_air = 1 - rho_a / rho_m``.
+    """
+    stated = 1.0 - CONVENTIONAL_AIR_KG_M3 / CONVENTIONAL_MASS_KG_M3
+    own = 1.0 - CONVENTIONAL_AIR_KG_M3 / weight_kg_m3
+    return (stated / own if conventional else 1.0), 1.0 - air_kg_m3 / weight_kg_m3
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,26 +113,6 @@ def applied_torque(
     mass_kg: float, arm: Arm, mass: MassStandard, conditions: Conditions | None = None
 ) -> AppliedTorque:
     """Return the torque of a mass on the arm.
-
-    Parameters
-    ----------
-    mass_kg : float
-        Mass hung on the arm, as stated, kg, at least 0.
-    arm : Arm
-        The arm and where it stands.
-    mass : MassStandard
-        What is known of the weights.
-    conditions : Conditions or None
-        Temperature and air at the reading.
-
-    Returns
-    -------
-    AppliedTorque
-
-    Raises
-    ------
-    ValueError
-        If the mass is negative or not finite.
 
     Notes
     -----
@@ -158,12 +157,12 @@ def _force(
     density = f"weights of {mass.density_kg_m3:g} kg/m^3"
     air_words = "air density not declared" if air is None else f"air of {air:.4f} kg/m^3, {density}"
     corrections = (
-        Correction("pan and hook", tare, True, f"{arm.tare_kg:g} kg"),
-        Correction(
+        _correction("pan and hook", tare, True, f"{arm.tare_kg:g} kg"),
+        _correction(
             "certified mass", mass.relative_correction, True, "certified over nominal mass, less 1"
         ),
-        Correction("conventional mass", to_true - 1.0, air is not None, density),
-        Correction("air buoyancy", in_air - 1.0, air is not None, air_words),
+        _correction("conventional mass", to_true - 1.0, air is not None, density),
+        _correction("air buoyancy", in_air - 1.0, air is not None, air_words),
     )
     factor = (1.0 + mass.relative_correction) * to_true * in_air
     return loaded * arm.gravity_m_s2 * factor, corrections
@@ -180,10 +179,10 @@ def _length(length: float, arm: Arm, around: Conditions) -> tuple[float, Correct
     expansion, temperature = arm.thermal_expansion_per_k, around.temperature_c
     if expansion is None or temperature is None:
         missing = "expansion" if expansion is None else "temperature"
-        return length, Correction("arm temperature", 0.0, False, f"{missing} not declared")
+        return length, _correction("arm temperature", 0.0, False, f"{missing} not declared")
     relative = expansion * (temperature - arm.reference_temperature_c)
     detail = f"{temperature:.2f} deg C, length stated at {arm.reference_temperature_c:g} deg C"
-    return length * (1.0 + relative), Correction("arm temperature", relative, True, detail)
+    return length * (1.0 + relative), _correction("arm temperature", relative, True, detail)
 
 
 def _tilt(flat_nm: float, length: float, arm: Arm) -> float:
@@ -205,11 +204,15 @@ def _geometry(tilt: float, offset: float, length: float, arm: Arm) -> tuple[Corr
     hung = "offset not declared" if below is None else f"{1e3 * below:g} mm below the axis line"
     level = math.cos(tilt)
     return (
-        Correction("arm tilt", level - 1.0, known, words),
-        Correction(
+        _correction("arm tilt", level - 1.0, known, words),
+        _correction(
             "hang-point offset",
             0.0 - offset * math.sin(tilt) / (length * level),
             known and below is not None,
             f"{hung}, {words}",
         ),
     )
+
+
+def _correction(name: str, relative: float, made: bool, detail: str) -> Correction:
+    return Correction(name=name, relative=relative, made=made, detail=detail)

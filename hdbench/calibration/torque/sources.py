@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from typing import Literal
 
-from hdbench.calibration.budget import BudgetRow
 from hdbench.calibration.torque.lever import AppliedTorque
 from hdbench.profile.calibrating import Arm, MassStandard, Standards, TorqueStandard
+from hdbench.results.calibration import BudgetRow
 
-__all__ = ["given_sources", "mass_limits", "torque_sources"]
+__all__ = ["certified_row", "given_sources", "torque_sources"]
 
 # largest permissible errors from 100 g up, share of the mass: OIML R 111-1 (2004), table 1
 _CLASSES = {"E2": 1.6e-6, "F1": 5e-6, "F2": 1.6e-5, "M1": 5e-5, "M2": 1.6e-4, "M3": 5e-4}
@@ -18,19 +18,8 @@ _GRAVITY_ANOMALY = 50e-6
 _Distribution = Literal["rectangular", "in full"]
 
 
-def mass_limits(mass: MassStandard) -> float | None:
-    """Return the limits of the weights, share of the mass; None where nothing is declared.
-
-    Parameters
-    ----------
-    mass : MassStandard
-        What is known of the weights.
-
-    Returns
-    -------
-    float or None
-        Stated limits, else those of the class.
-    """
+def _mass_limits(mass: MassStandard) -> float | None:
+    """Return the limits of the weights, stated or of their class, share of the mass."""
     if mass.relative_half_width is not None:
         return mass.relative_half_width
     return _CLASSES.get(mass.accuracy_class)
@@ -38,21 +27,6 @@ def mass_limits(mass: MassStandard) -> float | None:
 
 def torque_sources(applied: AppliedTorque, arm: Arm, standards: Standards) -> tuple[BudgetRow, ...]:
     """Return the standard uncertainties of one applied torque, relative to it.
-
-    Parameters
-    ----------
-    applied : AppliedTorque
-        The torque, with the tilt under it.
-    arm : Arm
-        The arm.
-    standards : Standards
-        Certificates and limits.
-
-    Returns
-    -------
-    tuple of BudgetRow
-        One per source, those not declared among them with no size. All of them are common to
-        every reading: they scale the gain as a whole and do not average out.
 
     Notes
     -----
@@ -63,7 +37,7 @@ def torque_sources(applied: AppliedTorque, arm: Arm, standards: Standards) -> tu
     tilt, length, offset = applied.tilt_rad, applied.length_m, applied.offset_m
     lever = length * math.cos(tilt) - offset * math.sin(tilt)
     by_tilt = (length * math.sin(tilt) + offset * math.cos(tilt)) / lever
-    density, limits = standards.mass.density_kg_m3, mass_limits(standards.mass)
+    density, limits = standards.mass.density_kg_m3, _mass_limits(standards.mass)
     air = None if arm.air_density_kg_m3 is None else arm.air_density_half_width_kg_m3
     expansion = arm.thermal_expansion_per_k
     cant = None if arm.cant_half_width_rad is None else 1.0 - math.cos(arm.cant_half_width_rad)
@@ -102,20 +76,20 @@ def torque_sources(applied: AppliedTorque, arm: Arm, standards: Standards) -> tu
 def given_sources(standard: TorqueStandard) -> tuple[BudgetRow, ...]:
     """Return the uncertainty of torques that a reference sensor measured."""
     expanded = standard.relative_expanded_uncertainty
-    return (
-        BudgetRow(
-            name="reference torque",
-            group="applied torque",
-            half_width=expanded,
-            unit="1",
-            distribution="normal",
-            divisor=2.0,
-            sensitivity=1.0,
-            relative_std=0.0 if expanded is None else expanded / 2.0,
-            dof=None,
-            declared=expanded is not None,
-            origin=standard.certificate,
-        ),
+    return (certified_row("reference torque", "applied torque", expanded, standard.certificate),)
+
+
+def certified_row(name: str, group: str, expanded: float | None, origin: str) -> BudgetRow:
+    """Return the row of a certificate that states a relative expanded uncertainty, k = 2."""
+    return BudgetRow(
+        name=name,
+        group=group,
+        half_width=expanded,
+        distribution="normal",
+        divisor=2.0,
+        relative_std=0.0 if expanded is None else expanded / 2.0,
+        declared=expanded is not None,
+        origin=origin,
     )
 
 
@@ -150,7 +124,6 @@ def _row(
         divisor=divisor,
         sensitivity=sensitivity,
         relative_std=0.0 if half_width is None else half_width / divisor * sensitivity,
-        dof=None,
         declared=half_width is not None,
         origin=origin,
     )

@@ -1,23 +1,155 @@
-"""The node's acquisition: sampling, motion, watchdog and clock, without any wire."""
+"""Acquisition of the emulated node: sampling, motion, watchdog, sample buffer and block window."""
 
 from __future__ import annotations
 
+import struct
+import zlib
+from collections import deque
 from collections.abc import Callable, Mapping
-from typing import Literal, Protocol
+from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
-from hdbench.devices.emulator.fifo import ScanFifo
-from hdbench.devices.emulator.parameters import reference_wave
-from hdbench.devices.emulator.ratings import FIFO_SCANS
-from hdbench.devices.node.blockcodec import encode_scans
-from hdbench.devices.node.codec import Value
-from hdbench.devices.node.registers import ALL_CHANNELS, Flag, State, block_scans
-from hdbench.model.program import ReferenceProgram
-from hdbench.plant.converter import RawSamples
-from hdbench.profile.schema import ReferenceWave
+from hdbench.devices.emulator.parameters import FIFO_SCANS, reference_wave
+from hdbench.devices.node.blocks import CRC_AT, DATA_AT, HEADER
+from hdbench.devices.node.registers import (
+    ALL_CHANNELS,
+    BLOCK_DATA_REGISTERS,
+    Flag,
+    State,
+    Value,
+    block_scans,
+)
+from hdbench.model.waves import ReferenceProgram
+from hdbench.plant.bench import SimulatedBench
 
-__all__ = ["NodeMachine", "Pace", "PlantBench", "Record"]
+__all__ = [
+    "BlockHeader",
+    "BlockWindow",
+    "NodeMachine",
+    "Pace",
+    "Record",
+    "ScanFifo",
+    "encode_block",
+    "encode_scans",
+    "seal_block",
+]
+
+# four codes and a 32-bit encoder: what the node keeps of a scan
+SCAN_BYTES = 12
+_WINDOW_BYTES = DATA_AT + 2 * BLOCK_DATA_REGISTERS
+
+
+@dataclass(frozen=True, slots=True)
+class BlockHeader:
+    """What stands before the scans of a block.
+
+    Parameters
+    ----------
+    run, seq, flags, depth, first_index : int
+        Fields of the register map; flags without the channels.
+    channels : int
+        Bits of the words in a scan.
+    """
+
+    run: int
+    seq: int
+    flags: int
+    depth: int
+    first_index: int
+    channels: int
+
+
+def encode_scans(codes: NDArray[np.int16], encoder: NDArray[np.int64]) -> bytes:
+    """Return whole scans as the node's buffer keeps them."""
+    scans = np.empty((len(codes), SCAN_BYTES // 2), dtype=">u2")
+    scans[:, :4] = codes.astype(np.int16).view(np.uint16)
+    wrapped = (encoder & 0xFFFFFFFF).astype(np.uint32)
+    scans[:, 4] = wrapped >> 16
+    scans[:, 5] = wrapped & 0xFFFF
+    return scans.tobytes()
+
+
+def encode_block(header: BlockHeader, scans: bytes) -> bytes:
+    """Return the block window without its echo: header, checksum still 0, chosen channels."""
+    whole = np.frombuffer(scans, dtype=">u2").reshape(-1, SCAN_BYTES // 2)
+    columns = [word for word in range(SCAN_BYTES // 2) if header.channels >> word & 1]
+    encoder = struct.unpack_from(">i", scans, 8)[0] if scans else 0
+    head = HEADER.pack(
+        0,
+        header.run,
+        header.seq,
+        header.flags | header.channels << 8,
+        len(whole),
+        header.depth,
+        header.first_index,
+        encoder,
+        0,
+    )
+    return (head + whole[:, columns].tobytes()).ljust(_WINDOW_BYTES, b"\0")
+
+
+def seal_block(window: bytes, echo: int) -> bytes:
+    """Return the window of `encode_block` with echo and checksum."""
+    body = struct.pack(">H", echo) + window[2:CRC_AT]
+    data = window[DATA_AT : DATA_AT + 2 * body[6].bit_count() * int.from_bytes(body[8:10], "big")]
+    return body + struct.pack(">I", zlib.crc32(data, zlib.crc32(body))) + window[DATA_AT:]
+
+
+class ScanFifo:
+    """Scans waiting to be read, in runs of adjacent indices.
+
+    Parameters
+    ----------
+    capacity : int
+        Scans that fit.
+    """
+
+    def __init__(self, capacity: int) -> None:
+        self._capacity = capacity
+        self._runs: deque[tuple[int, bytearray]] = deque()
+        self.depth = 0
+        self.taken = 0
+        self.lost = 0
+        self.next_out = 0
+
+    def clear(self) -> None:
+        """Forget everything and count from zero."""
+        self._runs.clear()
+        self.depth = self.taken = self.lost = self.next_out = 0
+
+    def append(self, scans: bytes) -> None:
+        """Add new scans; those that do not fit are counted in `lost`."""
+        count = len(scans) // SCAN_BYTES
+        kept = min(count, self._capacity - self.depth)
+        if kept:
+            last = self._runs[-1] if self._runs else None
+            if last is None or last[0] + len(last[1]) // SCAN_BYTES != self.taken:
+                last = (self.taken, bytearray())
+                self._runs.append(last)
+            last[1].extend(scans[: kept * SCAN_BYTES])
+        self.depth += kept
+        self.lost += count - kept
+        self.taken += count
+
+    def take(self, count: int) -> tuple[int, bytes]:
+        """Remove up to `count` adjacent scans."""
+        if not self._runs:
+            self.next_out = self.taken
+            return self.taken, b""
+        first, data = self._runs.popleft()
+        with memoryview(data) as waiting:
+            scans = bytes(waiting[: count * SCAN_BYTES])
+        del data[: count * SCAN_BYTES]
+        taken = len(scans) // SCAN_BYTES
+        if data:
+            self._runs.appendleft((first + taken, data))
+        self.depth -= taken
+        self.next_out = first + taken
+        return first, scans
+
 
 Pace = Literal["realtime", "fast"]
 Record = Callable[[Mapping[str, object]], None]
@@ -33,59 +165,12 @@ _OVERFLOW, _RUNNING = int(Flag.OVERFLOW), int(Flag.RUNNING)
 _TRIPPED, _ENABLED = int(Flag.WATCHDOG_TRIPPED), int(Flag.DRIVE_ENABLED)
 
 
-class PlantBench(Protocol):
-    """What the node needs of the simulated bench."""
-
-    @property
-    def reference_v(self) -> float:
-        """Motor reference that is put out now, V."""
-        ...
-
-    @property
-    def enabled(self) -> bool:
-        """Whether the drive is on: from the begin of a driven acquisition to standstill."""
-        ...
-
-    @property
-    def velocity_rad_s(self) -> float:
-        """True motor speed, rad/s."""
-        ...
-
-    def begin(
-        self,
-        *,
-        sample_period_s: float,
-        wave: ReferenceWave | ReferenceProgram | None,
-        duration_s: float,
-    ) -> None:
-        """Begin a new acquisition; without a wave the drive is disabled."""
-        ...
-
-    def halt(self) -> None:
-        """Set the reference to zero; the drive decelerates and stays at zero."""
-        ...
-
-    def advance(self, n_samples: int) -> RawSamples:
-        """Return the next samples."""
-        ...
-
-    def set_fixture(
-        self, *, locked: bool, position_rad: float, mass_kg: float, direction: int
-    ) -> None:
-        """Set lock, flexspline position and weight."""
-        ...
-
-    def set_handling(self, *, swing_rad: float, release_s: float, shunt_ohm: float) -> None:
-        """Set how the next weight is handled, and the shunt resistor."""
-        ...
-
-
 class NodeMachine:
     """One node with its bench.
 
     Parameters
     ----------
-    bench : PlantBench
+    bench : SimulatedBench
         The simulated bench.
     pace : {"realtime", "fast"}
         Samples by the wall clock, or as fast as the host reads them.
@@ -96,7 +181,7 @@ class NodeMachine:
     """
 
     def __init__(
-        self, bench: PlantBench, *, pace: Pace, clock: Callable[[], float], record: Record
+        self, bench: SimulatedBench, *, pace: Pace, clock: Callable[[], float], record: Record
     ) -> None:
         self.bench = bench
         self.state = State.IDLE
@@ -247,3 +332,61 @@ class NodeMachine:
                 "watchdog_trips": self.trips,
             }
         )
+
+
+class BlockWindow:
+    """Forms blocks from the sample buffer of `machine`.
+
+    Parameters
+    ----------
+    machine : NodeMachine
+        The node's acquisition.
+    """
+
+    def __init__(self, machine: NodeMachine) -> None:
+        self._machine = machine
+        self._block: bytes | None = None
+        self._seq = 0
+        self.scans = 0
+
+    def clear(self) -> None:
+        """Forget the block and number the next one 1."""
+        self._block = None
+        self._seq = 0
+        self.scans = 0
+
+    def acknowledge(self, seq: int) -> None:
+        """Let go of the block if `seq` is its number; any other number changes nothing."""
+        if self._block is not None and seq == self._seq:
+            self._block = None
+            self.scans = 0
+
+    def image(self, echo: int) -> bytes:
+        """Return the block that waits for its acknowledgement, or form the next one."""
+        if self._block is None:
+            self._block = self._next()
+        if self._block is not None:
+            return seal_block(self._block, echo)
+        return seal_block(encode_block(self._header(0, 0, self._machine.fifo.next_out), b""), echo)
+
+    def _header(self, seq: int, depth: int, first_index: int) -> BlockHeader:
+        machine = self._machine
+        return BlockHeader(
+            machine.starts, seq, machine.flags(), depth, first_index, machine.channels
+        )
+
+    def _next(self) -> bytes | None:
+        machine = self._machine
+        if machine.fifo.depth < machine.block_scans:
+            machine.produce_ahead()
+        ended = machine.state != State.RUNNING
+        lost_at_the_end = ended and machine.fifo.next_out < machine.fifo.taken
+        if not (machine.block_is_due() and (machine.fifo.depth or lost_at_the_end)):
+            return None
+        first_index, scans = machine.fifo.take(machine.block_scans)
+        self._seq = self._seq % 0xFFFF + 1
+        self.scans = machine.fifo.next_out - first_index
+        # losses that no later scan will show count as one more to come
+        untold = ended and machine.fifo.next_out < machine.fifo.taken
+        depth = max(machine.fifo.depth, int(untold))
+        return encode_block(self._header(self._seq, min(depth, 0xFFFF), first_index), scans)

@@ -1,30 +1,95 @@
-"""Serve emulated devices around one simulated bench: in a session, or as a command."""
+"""Service of emulated devices around one simulated bench, in a session or as a command."""
 
 from __future__ import annotations
 
 import asyncio
+import json
+import os
+import signal
+import threading
 import time
 from collections.abc import Callable, Mapping
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Protocol
+from typing import IO, Protocol
 
-from hdbench.devices.driver import Driver
+from hdbench.devices.driver import Driver, driver_of
 from hdbench.devices.emulator.channel import Channel
 from hdbench.devices.emulator.instrument import DeviceClock, SimulatedInstrument
-from hdbench.devices.emulator.lifetime import ending, open_record, until_motor_stands
 from hdbench.devices.emulator.machine import Pace
-from hdbench.devices.emulator.server import Wire
-from hdbench.devices.registry import driver_of
-from hdbench.errors import DeviceError, UsageError
+from hdbench.devices.emulator.server import Device, ModbusServer, Wire
+from hdbench.errors import DeviceError, StorageError, UsageError
 from hdbench.plant.bench import SimulatedBench
 from hdbench.plant.plantfile import load_plant
 from hdbench.profile.acquiring import Acquisition, CompositeAcquisition
 from hdbench.profile.schema import ProfileData
 
-__all__ = ["EmulatedDevice", "Emulation", "EmulatorSettings", "emulate", "emulated_speed"]
+__all__ = [
+    "EmulatedDevice",
+    "Emulation",
+    "EmulatorSettings",
+    "ModbusWire",
+    "emulate",
+    "emulated_speed",
+    "ending",
+    "open_record",
+    "until_motor_stands",
+]
+
+_POLL_S = 0.01
+
+
+def open_record(path: Path | None, stack: ExitStack) -> Callable[[Mapping[str, object]], None]:
+    """Return what writes one JSON line per event."""
+    if path is None:
+        return lambda _: None
+    try:
+        file: IO[str] = stack.enter_context(path.open("w", encoding="utf-8", buffering=1))
+    except OSError as error:
+        raise StorageError(
+            f"cannot be written ({error.strerror})", where=str(path), fix="choose another file"
+        ) from error
+
+    def record(event: Mapping[str, object]) -> None:
+        file.write(json.dumps(event, allow_nan=False) + "\n")
+
+    return record
+
+
+def ending(lifeline: int | None) -> asyncio.Event:
+    """Return what is set by SIGTERM, by Ctrl-C where there is no lifeline, or by its end."""
+    loop = asyncio.get_running_loop()
+    ended = asyncio.Event()
+
+    def end(*_: object) -> None:
+        # perhaps the loop has ended meanwhile
+        with suppress(RuntimeError):
+            loop.call_soon_threadsafe(ended.set)
+
+    signal.signal(signal.SIGTERM, end)
+    if lifeline is None:
+        signal.signal(signal.SIGINT, end)
+    else:
+        threading.Thread(target=_until_end, args=(lifeline, end), daemon=True).start()
+    return ended
+
+
+def _until_end(descriptor: int, end: Callable[[], None]) -> None:
+    """Wait for the end of a file in a thread: no loop can wait for a pipe on every system."""
+    with suppress(OSError):
+        while os.read(descriptor, 1):
+            pass
+    end()
+
+
+async def until_motor_stands(moving: Callable[[], bool], longest_s: float) -> None:
+    """Give the watchdog its time: an orphaned device still has to stop its motor."""
+    until_s = time.monotonic() + longest_s
+    while moving() and time.monotonic() < until_s:
+        await asyncio.sleep(_POLL_S)
+
 
 # that a host-written reference and two wires keep up with
 _FAST_COMPOSITE = 4.0
@@ -72,7 +137,50 @@ class EmulatedDevice(Protocol):
 
     def close(self) -> None:
         """Close its wire."""
-        ...
+
+
+class ModbusWire:
+    """The wire of a device of registers; implements `EmulatedDevice`.
+
+    Parameters
+    ----------
+    device : Device
+        The device.
+    queries : mapping, optional
+        Wires that it speaks, each with what follows its address; left out, it speaks all.
+    on_line : bool
+        Whether it is on a serial line where nothing else is asked for.
+    """
+
+    def __init__(
+        self,
+        device: Device,
+        queries: Mapping[Wire, str] | None = None,
+        *,
+        on_line: bool = False,
+    ) -> None:
+        self._device = device
+        self._queries = queries
+        self._on_line = on_line
+        self._server: ModbusServer | None = None
+
+    async def open(self, settings: EmulatorSettings) -> Mapping[str, object]:
+        """Open the wire and return ``address``."""
+        wire = "rtu" if self._on_line and settings.wire == "tcp" else settings.wire
+        if self._queries is not None and wire not in self._queries:
+            raise UsageError(
+                f"a node speaks no {wire}",
+                where="--wire",
+                fix="choose tcp or rtu, or a profile with a polled Modbus device",
+            )
+        self._server = ModbusServer(self._device, wire)
+        address = await self._server.open(settings.host, settings.port)
+        return {"address": address + (self._queries or {}).get(wire, "")}
+
+    def close(self) -> None:
+        """Close the wire."""
+        if self._server is not None:
+            self._server.close()
 
 
 class Emulation:

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from hdbench.devices.guard.bench import GuardedBench
-from hdbench.devices.guard.launch import Guard, guard_silence_s
-from hdbench.devices.guard.order import GuardOrder
-from hdbench.devices.guard.orders import order_of
+from hdbench.devices.guard.launch import GuardProcess, guard_silence_s
+from hdbench.devices.guard.order import GuardOrder, order_of
 
-__all__ = ["Guard", "GuardOrder", "GuardedBench", "guard_silence_s", "order_of"]
+__all__ = ["GuardOrder", "GuardProcess", "GuardedBench", "guard_silence_s", "order_of"]

@@ -4,56 +4,51 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from hdbench.devices.capabilities import Capabilities
-from hdbench.devices.guard.launch import Guard
-from hdbench.devices.hosted import Alignment, HostedBench
-from hdbench.devices.ports import AcquisitionSettings, Block, Identity, SafeState
+from hdbench.devices.bench import AcquisitionSettings, Block, SafeState
+from hdbench.devices.daq import Daq
+from hdbench.devices.guard.launch import GuardProcess
+from hdbench.devices.host import HostedBench, HostSettings
 from hdbench.devices.simulation import Simulation
 from hdbench.errors import DeviceError
 
 __all__ = ["GuardedBench"]
 
 
-class GuardedBench:
-    """Implements `hdbench.devices.ports.Bench`; the guard lives from motion to safe state.
+class GuardedBench(HostedBench):
+    """A `HostedBench` with a guard that lives from the first motion to the safe state.
 
     Parameters
     ----------
-    bench : HostedBench
-        The bench; owned from now on.
+    daq : Daq
+        The device, or a composite; owned by the bench from now on.
+    settings : HostSettings
+        What the profile says.
     start_guard : callable
         Starts a guard, once, when the first motion is configured.
     simulation : Simulation, optional
         Control channel of a simulated bench; whatever the device says, without it it is a real one.
+    speed : float, optional
+        Device seconds per second; other than 1 for an accelerated emulator only.
     """
 
     def __init__(
         self,
-        bench: HostedBench,
-        start_guard: Callable[[], Guard],
+        daq: Daq,
+        settings: HostSettings,
+        start_guard: Callable[[], GuardProcess],
         simulation: Simulation | None = None,
+        *,
+        speed: float = 1.0,
     ) -> None:
-        self.bench = bench
+        super().__init__(daq, settings, speed=speed)
         self.simulation = simulation
-        self.guard: Guard | None = None
+        self.guard: GuardProcess | None = None
         self.start_guard = start_guard
         self._moves = False
 
-    def identity(self) -> Identity:
-        """Return who answers."""
-        return self.bench.identity()
-
-    def capabilities(self) -> Capabilities:
-        """Return what the device can do."""
-        return self.bench.capabilities()
-
-    def alignment(self) -> Alignment | None:
-        """Return how well written references are placed beside the samples."""
-        return self.bench.alignment()
-
     def configure(self, settings: AcquisitionSettings) -> None:
         """Configure the bench; before the first motion the guard is started."""
-        self.bench.configure(settings)
+        super().configure(settings)
         self._moves = settings.reference is not None
         if self._moves and self.guard is None:
             self.guard = self.start_guard()
@@ -63,13 +58,13 @@ class GuardedBench:
         guard = self.guard if self._moves else None
         if guard is not None:
             guard.watch("patiently")
-        self.bench.start()
+        super().start()
         if guard is not None:
             guard.watch("closely")
 
     def read_block(self) -> Block | None:
         """Return the next block; every call that comes back is a sign of life."""
-        block = self.bench.read_block()
+        block = super().read_block()
         if self.guard is not None:
             self.guard.beat()
         return block
@@ -78,7 +73,7 @@ class GuardedBench:
         """Stop normally."""
         if self.guard is not None and self._moves:
             self.guard.watch("patiently")
-        self.bench.stop()
+        super().stop()
         if self.guard is not None and self._moves:
             self.guard.watch("end-only")
 
@@ -90,7 +85,7 @@ class GuardedBench:
             except DeviceError:
                 # what it has to say was said, or will be, elsewhere; the motor comes first
                 self._moves = False
-        safe = self.bench.safe_state()
+        safe = super().safe_state()
         if safe.confirmed and self.guard is not None:
             self.guard.end()
             self.guard = None
@@ -98,7 +93,7 @@ class GuardedBench:
 
     def close(self) -> None:
         """Close the connection; a guard that is still there stops the motor. Never raises."""
-        self.bench.close()
+        super().close()
         if self.guard is not None:
             self.guard.abandon()
             self.guard = None

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import secrets
 import select
 import socket
@@ -15,11 +14,11 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Literal
 
-from hdbench.devices.guard.order import GuardOrder
+from hdbench.devices.guard.order import GuardOrder, as_json
 from hdbench.errors import DeviceError
 from hdbench.system.processes import DETACHED
 
-__all__ = ["Guard", "guard_silence_s"]
+__all__ = ["GuardProcess", "guard_silence_s"]
 
 # behind the standard library: the guard itself, this package, and pyserial
 _PATHS = [str(Path(__file__).parents[at]) for at in (0, 3)]
@@ -59,7 +58,7 @@ def guard_silence_s(watchdog_s: float, deadline_s: float) -> float:
     return max(1.2 * deadline_s, min(0.9 * watchdog_s, _SILENCE_S))
 
 
-class Guard:
+class GuardProcess:
     """A process that stops the motor when this one dies or freezes.
 
     Parameters
@@ -112,8 +111,9 @@ class Guard:
         self._watch: Watch = "end-only"
         self._said_s = self._heard_s = clock()
         self._words = b""
-        told = {**order.to_dict(silence_s, log), "emulator": emulator}
-        self._hand_over(json.dumps(told).encode() + b"\n")
+        told = str(log.absolute()) if log else None
+        line = as_json(order, silence_s=silence_s, log=told, emulator=emulator)
+        self._hand_over(line.encode() + b"\n")
 
     @property
     def pid(self) -> int:

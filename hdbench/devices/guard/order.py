@@ -1,17 +1,20 @@
-"""What the guard sends to stop a motor, and what must be read back: plain data."""
+"""Order of the guard: what it sends to stop a motor and what must be read back, as plain data."""
 
 from __future__ import annotations
 
-import struct
+import json
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from hdbench.devices.driver import driver_of
 from hdbench.devices.wire import Address, Request
+from hdbench.profile.acquiring import CompositeAcquisition
 from hdbench.profile.acquiring_table import TlsFiles
+from hdbench.profile.schema import ProfileData
+from hdbench.system.children import child_command
 
-__all__ = ["Check", "GuardOrder", "Look", "Target", "target_at"]
-
+__all__ = ["Check", "GuardOrder", "Look", "Target", "as_json", "order_of", "target_at"]
 
 # how long the guard goes on trying after the session's end, s
 _TRY_S = 60.0
@@ -45,16 +48,6 @@ class Check:
     mask: int = 0
     order: tuple[int, ...] = ()
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return it as the guard reads it."""
-        try:
-            struct.calcsize(self.form)
-        except struct.error as error:
-            raise ValueError(f"form {self.form!r}: {error}") from error
-        body = asdict(self)
-        body["as"] = body.pop("form")
-        return body
-
 
 @dataclass(frozen=True, slots=True)
 class Look:
@@ -65,15 +58,11 @@ class Look:
     request : Request
         Function code and data, and the form of its reply.
     checks : tuple of Check
-        What its reply must hold.
+        What its reply must hold; without any, in an identity: what it held before the motion.
     """
 
     request: Request
-    checks: tuple[Check, ...]
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return it as the guard reads it."""
-        return {**_told(self.request), "checks": [check.to_dict() for check in self.checks]}
+    checks: tuple[Check, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,8 +77,8 @@ class Target:
         Requests that stop the motor; each may be sent again and again.
     looks : tuple of Look
         Reads that prove it.
-    identity : Request or None
-        Read that tells the device from another one; None where it has none.
+    identity : tuple of Look
+        Reads that tell the device from another one.
     finals : tuple of Request
         Requests that disable the drive once the motor stands, or has had 1 s to brake.
     final_looks : tuple of Look
@@ -101,22 +90,10 @@ class Target:
     place: dict[str, Any]
     acts: tuple[Request, ...]
     looks: tuple[Look, ...]
-    identity: Request | None
+    identity: tuple[Look, ...]
     finals: tuple[Request, ...] = ()
     final_looks: tuple[Look, ...] = ()
     brake_s: float = 0.0
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return it as the guard reads it."""
-        return {
-            **self.place,
-            "acts": [_told(act) for act in self.acts],
-            "looks": [look.to_dict() for look in self.looks],
-            "finals": [_told(act) for act in self.finals],
-            "final_looks": [look.to_dict() for look in self.final_looks],
-            "identity": None if self.identity is None else _told(self.identity),
-            "brake_s": self.brake_s,
-        }
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,41 +108,26 @@ class GuardOrder:
         Command that makes the bench safe through its driver, in place of `targets`.
     stdin : str
         What that command reads.
+    try_s : float
+        How long it goes on trying after the session's end, s.
     """
 
     targets: tuple[Target, ...] = ()
     command: tuple[str, ...] = ()
     stdin: str = ""
+    try_s: float = _TRY_S
 
-    def to_dict(self, silence_s: float, log: Path | None) -> dict[str, Any]:
-        """Return it as the guard reads it.
 
-        Parameters
-        ----------
-        silence_s : float
-            Longest time between two signs of life while the motor may turn, s.
-        log : Path or None
-            File that what the guard did is added to.
-
-        Returns
-        -------
-        dict
-        """
-        return {
-            "targets": [target.to_dict() for target in self.targets],
-            "command": list(self.command),
-            "stdin": self.stdin,
-            "silence_s": silence_s,
-            "try_s": _TRY_S,
-            "log": str(log.absolute()) if log else None,
-        }
+def as_json(order: GuardOrder | Target, **more: object) -> str:
+    """Return an order as the guard reads it, bytes as hexadecimal digits."""
+    return json.dumps({**asdict(order), **more}, default=bytes.hex)
 
 
 def target_at(
     address: Address, unit: int, tls: TlsFiles | None = None, *, rest_s: float = 0.0
 ) -> dict[str, Any]:
-    """Return where a device is, as the guard reads it."""
-    place = {**asdict(address), "unit": unit, "rest_s": rest_s, "tls": None}
+    """Return where a device is."""
+    place: dict[str, Any] = {**asdict(address), "unit": unit, "rest_s": rest_s, "tls": None}
     if address.scheme == "tls" and tls is not None:
         place["tls"] = {
             "certificate": str(Path(tls.certificate).absolute()),
@@ -176,6 +138,24 @@ def target_at(
     return place
 
 
-def _told(request: Request) -> dict[str, Any]:
-    pdu, form = request
-    return {**asdict(form), "head": form.head.hex(), "pdu": pdu.hex()}
+def order_of(profile: ProfileData) -> GuardOrder:
+    """Return what the guard of a bench is to do.
+
+    Parameters
+    ----------
+    profile : ProfileData
+        The bench, its addresses as they are in use.
+
+    Returns
+    -------
+    GuardOrder
+        The bytes themselves where the driver gives them; else a command that stops the bench
+        through its driver, which takes as long as the libraries need to load.
+    """
+    table = profile.daq
+    driving = table.outputs if isinstance(table, CompositeAcquisition) else table
+    target = driver_of(driving.driver).stop_target(profile, driving)
+    if target is None:
+        command = child_command("hdbench.devices.guard")
+        return GuardOrder(command=command, stdin=profile.model_dump_json(exclude_none=True))
+    return GuardOrder(targets=(target,))

@@ -3,29 +3,17 @@
 from __future__ import annotations
 
 import math
-import threading
 import time
 from collections.abc import Callable, Sequence
 from typing import NoReturn
 
-from hdbench.devices.modbus.layout import Block, Place, plan_blocks, values_of
-from hdbench.devices.modbus.values import encode
-from hdbench.devices.wire import (
-    ExceptionReply,
-    FrameError,
-    Link,
-    Probe,
-    ReplyCheck,
-    write_bit,
-    write_register,
-    write_registers,
-)
+from hdbench.devices.modbus.layout import Block, Place, plan_blocks, values_of, write_request
+from hdbench.devices.transactor import TWICE, Build, Transactor
+from hdbench.devices.wire import ExceptionReply, FrameError, Link, Probe, ReplyCheck, Request
 from hdbench.errors import DeviceError, HdbenchError, ProfileError
 
 __all__ = ["QUIET_S", "TRY", "Access"]
 
-# a lost reply to a read is asked for once more, each try within half of the deadline
-_ATTEMPTS = 2
 # exceptions that mean the profile is wrong, and those that mean "later"
 _WRONG_PROFILE = (1, 2, 3)
 _LATER = (5, 6)
@@ -42,7 +30,7 @@ _DOUBT_S = 2.0
 QUIET_S = 0.05
 
 
-class Access:
+class Access(Transactor):
     """Reads and writes values; every call keeps its deadline, from any thread.
 
     Parameters
@@ -79,16 +67,12 @@ class Access:
         clock: Callable[[], float] = time.monotonic,
         sleep: Callable[[float], None] = time.sleep,
     ) -> None:
+        super().__init__(link, deadline_s=deadline_s, clock=clock)
         self.where = f"Modbus {link.where}"
-        self.repeats = 0
-        self._link = link
-        self._deadline_s = deadline_s
         self._min_gap_s = min_gap_s
         self._max_registers = max_registers
         self._bridge = bridge
-        self._clock = clock
         self._sleep = sleep
-        self._lock = threading.Lock()
         self._rested_s = 0.0
         self._probe = probe
         self._probes = 0
@@ -102,14 +86,22 @@ class Access:
     def read(self, places: Sequence[Place]) -> list[float | int]:
         """Return the values of places, read in as few requests as may be."""
         replies = {
-            block: self.transact(*block.request(), block.name, attempts=_ATTEMPTS)[2:]
+            block: self._transact(block.request(), block.name, TWICE)[2:]
             for block in self.blocks(places)
         }
         return values_of(places, replies)
 
     def write(self, place: Place, value: float, function: int | None = None) -> None:
         """Write one value, sent exactly once."""
-        self.transact(*self._write_request(place, value, function), place.name, attempts=1)
+        try:
+            request = write_request(place, value, function)
+        except ValueError as error:
+            raise ProfileError(
+                str(error),
+                where=f"{self.where}, {place.name}",
+                fix="correct type or scale of this register in the profile",
+            ) from error
+        self._transact(request, place.name, 1)
 
     def pause(self) -> None:
         """Give a device that is still working a moment."""
@@ -119,61 +111,50 @@ class Access:
         """Close the connection; never raises."""
         self._link.close()
 
-    def transact(self, pdu: bytes, check: ReplyCheck, name: str, *, attempts: int) -> bytes:
-        """Send one request, again where nothing valid came, and return the PDU of its reply."""
-        start_s = self._clock()
-        if not self._lock.acquire(timeout=self._deadline_s):
-            raise self._fault(name, "another transaction did not end")
-        try:
-            fault = FrameError("no time left")
-            for attempt in range(1, attempts + 1):
-                until_s = self._until(start_s, attempt, attempts)
-                if not self._clock() < until_s:
-                    break
-                try:
-                    reply = self._patiently(pdu, check, name, until_s)
-                    if attempts > 1:
-                        self._make_sure(name, until_s)
-                except FrameError as found:
-                    self.repeats += attempt < attempts
-                    self._note_fault(until_s)
-                    fault = found
-                else:
-                    return reply
-            times = f", {attempts} times" if attempts > 1 else ""
-            raise self._fault(name, f"{fault}{times}") from fault
-        finally:
-            self._lock.release()
+    def _transact(self, request: Request, name: str, attempts: int) -> bytes:
+        """Send one request, a read again where nothing valid came, and return its reply."""
+        return self.transact(
+            lambda: request,
+            attempts,
+            refused=lambda reply, _: self._refused(reply, name),
+            fault=lambda what: self._fault(name, what),
+        )
 
-    def _until(self, start_s: float, attempt: int, attempts: int) -> float:
-        """Return the end of one try; before a read, late replies to earlier ones are waited for."""
+    def _ask(self, build: Build, until_s: float, *, is_read: bool) -> bytes:
+        reply = self._patiently(*build(), until_s)
+        if is_read:
+            self._make_sure(until_s)
+        return reply
+
+    def _end_of_try(self, start_s: float, attempt: int, attempts: int) -> float:
+        """Return until when a try may last; a read waits for late replies to others first."""
         ends_s = start_s + self._deadline_s
         if self._numbered or attempts == 1:
-            return start_s + self._deadline_s * attempt / attempts
+            return super()._end_of_try(start_s, attempt, attempts)
         wait_s = min(self._late_until_s, ends_s) - self._clock()
         if wait_s > 0.0:
             self._sleep(wait_s)
         return ends_s if attempt == attempts else self._clock() + TRY * self._deadline_s
 
-    def _note_fault(self, until_s: float) -> None:
+    def _failed(self, until_s: float) -> None:
         now_s = self._clock()
         self._doubtful_until_s = now_s + _DOUBT_S
         if not now_s < until_s:
             # no reply at all: it may be late
             self._late_until_s = now_s + _LATE * self._deadline_s
 
-    def _make_sure(self, name: str, until_s: float) -> None:
+    def _make_sure(self, until_s: float) -> None:
         """Let a probe follow a read, where a late reply may still be on its way."""
         if self._probe is None or not self._clock() < self._doubtful_until_s:
             return
         self._probes += 1
         try:
-            self._patiently(*self._probe(self._probes), name, until_s)
-        except HdbenchError as refused:
+            self._patiently(*self._probe(self._probes), until_s)
+        except ExceptionReply as refused:
             # a device that does not let the probe's registers be read cannot prove it
-            raise FrameError(f"the check of the reply was refused: {refused.what}") from refused
+            raise FrameError(f"the check of the reply was refused: {refused}") from refused
 
-    def _patiently(self, pdu: bytes, check: ReplyCheck, name: str, until_s: float) -> bytes:
+    def _patiently(self, pdu: bytes, check: ReplyCheck, until_s: float) -> bytes:
         """Send the request; a device that says it is busy is asked again until the deadline."""
         while True:
             rest_s = self._rested_s + self._min_gap_s - self._clock()
@@ -185,7 +166,7 @@ class Access:
                 return self._link.transact(pdu, check, until_s)
             except ExceptionReply as reply:
                 if reply.code not in _LATER:
-                    self._refused(reply, name)
+                    raise
                 # a write that the device has taken is not sent again: it is read back
                 taken = reply.code == _TAKEN and pdu[0] in _WRITES
                 if taken or not self._clock() + _BUSY_S < until_s:
@@ -193,23 +174,6 @@ class Access:
             finally:
                 self._rested_s = self._clock()
             self._sleep(_BUSY_S)
-
-    def _write_request(
-        self, place: Place, value: float, function: int | None
-    ) -> tuple[bytes, ReplyCheck]:
-        if place.is_bit:
-            return write_bit(place.start, on=bool(value))
-        try:
-            raw = encode(value, place.kind, place.order)
-        except ValueError as error:
-            raise ProfileError(
-                str(error),
-                where=f"{self.where}, {place.name}",
-                fix="correct type or scale of this register in the profile",
-            ) from error
-        if function == 6 or (function is None and place.size == 1):
-            return write_register(place.start, int.from_bytes(raw, "big"))
-        return write_registers(place.start, raw)
 
     def _refused(self, reply: ExceptionReply, name: str) -> NoReturn:
         kind: type[HdbenchError] = ProfileError if reply.code in _WRONG_PROFILE else DeviceError
@@ -224,7 +188,7 @@ class Access:
 
     def _fault(self, name: str, what: str) -> DeviceError:
         return DeviceError(
-            f"{what} (deadline {self._deadline_s:g} s)",
+            what,
             where=f"{self.where}, {name}",
             fix="check power, wiring, unit and bit rate of the device, then run `hdbench doctor`",
         )

@@ -1,27 +1,146 @@
-"""Any polled Modbus device as `hdbench.devices.daq.Daq`."""
+"""Driver of a polled Modbus device, described by its registers in the profile."""
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Mapping
 
-from hdbench.devices.capabilities import Capabilities, Role
-from hdbench.devices.daq import DaqSettings, ScanBlock, WatchdogState
-from hdbench.devices.modbus.abilities import describe_abilities
+from hdbench.devices.bench import Identity, SafeState
+from hdbench.devices.daq import (
+    Capabilities,
+    DaqSettings,
+    OutputInfo,
+    Role,
+    ScanBlock,
+    WatchdogInfo,
+    WatchdogState,
+)
 from hdbench.devices.modbus.access import Access
 from hdbench.devices.modbus.identity import check_identity
-from hdbench.devices.modbus.inputs import Inputs
-from hdbench.devices.modbus.outputs import Outputs, output_step_v
-from hdbench.devices.modbus.polling import Polling
-from hdbench.devices.modbus.safe import switch_off, zero
-from hdbench.devices.modbus.setup import set_up
-from hdbench.devices.modbus.watchdog import Watchdog
-from hdbench.devices.ports import Identity, SafeState
-from hdbench.devices.safestate import SafeActs, Seen, reach_safe_state
+from hdbench.devices.modbus.inputs import Inputs, Polling, input_info
+from hdbench.devices.modbus.layout import Block, encode, place_of, plan_blocks
+from hdbench.devices.modbus.outputs import Outputs, Watchdog, output_range_v, output_step_v
+from hdbench.devices.safestate import Seen, reach_safe_state
+from hdbench.devices.wire.address import parse_address, serial_settings
 from hdbench.errors import DeviceError, UsageError
-from hdbench.profile.acquiring_modbus import ModbusAcquisition, ModbusOutput
+from hdbench.profile.acquiring_modbus import ModbusAcquisition, ModbusWrite
 
-__all__ = ["ModbusDaq"]
+__all__ = ["ModbusDaq", "describe_abilities", "exchange_s", "max_rates_hz", "reads_of", "set_up"]
+
+# a request to read: function, address, count; a reply: function, byte count, data
+_REQUEST, _REPLY_HEAD = 5, 2
+# around both on a serial line: unit and checksum
+_ENVELOPE = 3
+# a slower poll than once in ten minutes is no acquisition
+_MIN_RATE_HZ = 1.0 / 600.0
+
+
+def describe_abilities(table: ModbusAcquisition, *, simulated: bool) -> Capabilities:
+    """Return the abilities."""
+    output = table.output
+    watchdog = None if output is None else output.watchdog
+    write_s = 2.0 * exchange_s(table, 2)
+    return Capabilities(
+        inputs=tuple(input_info(table, channel) for channel in table.channels),
+        max_rates_hz=max_rates_hz(table),
+        min_rate_hz=_MIN_RATE_HZ,
+        outputs=()
+        if output is None
+        else (OutputInfo("reference", *output_range_v(output), output_step_v(output), write_s),),
+        generator=False,
+        enable=output is not None and output.enable is not None,
+        buffered=False,
+        buffer_scans=0,
+        watchdog=None
+        if watchdog is None
+        else WatchdogInfo(
+            watchdog.min_s,
+            watchdog.max_s,
+            watchdog.unit_s,
+            watchdog.fed_by,
+            watchdog.drops,
+            watchdog.latches,
+        ),
+        simulated=simulated,
+    )
+
+
+def max_rates_hz(table: ModbusAcquisition) -> tuple[float, ...]:
+    """Return the highest rate with the first 1, 2, ... channels, Hz.
+
+    Notes
+    -----
+    One reading takes the time of its requests on the wire, the device's own time ``reply_s`` for
+    each, and ``min_gap_s`` between them. What the motor reference takes of the line - a write and
+    a read-back every ``update_s`` - is left out of it. A device that renews its values
+    ``refresh_hz`` times per second is not polled more often: it would say the same twice.
+    """
+    output = table.output
+    taken = 0.0 if output is None else 2.0 * exchange_s(table, 2) / output.update_s
+    rates = []
+    for count in range(1, len(table.channels) + 1):
+        reading_s = sum(exchange_s(table, block.reply_bytes) for block in reads_of(table, count))
+        rate = max(0.0, 1.0 - taken) / reading_s if reading_s > 0.0 else math.inf
+        rates.append(min(rate, table.refresh_hz or math.inf))
+    return tuple(rates)
+
+
+def exchange_s(table: ModbusAcquisition, data_bytes: int) -> float:
+    """Return the time of one request and its reply, s."""
+    sent, received = _REQUEST + _ENVELOPE, _REPLY_HEAD + data_bytes + _ENVELOPE
+    line, wire_s = None if table.serial is None else serial_settings(table.serial), 0.0
+    if table.address != "embedded":
+        address = parse_address(table.address, line, default_port=502)
+        line = address.serial if address.is_line else None
+        if address.scheme == "ascii":
+            # two characters for a byte, a shorter checksum, and what frames them
+            sent, received = 2 * sent + 1, 2 * received + 1
+    if line is not None:
+        wire_s = line.exchange_s(sent, received)
+    return wire_s + table.reply_s + table.min_gap_s
+
+
+def reads_of(table: ModbusAcquisition, count: int | None = None) -> tuple[Block, ...]:
+    """Return the requests of one reading."""
+    channels = table.channels[:count]
+    places = [place_of(table, channel) for channel in channels]
+    places += [place_of(table, w) for c in channels for w in (c.status, c.sign) if w is not None]
+    return plan_blocks(places, most=table.max_read_registers, bridge=table.bridge_registers)
+
+
+def set_up(access: Access, table: ModbusAcquisition) -> int:
+    """Bring the device to the settings of ``[[daq.init]]``."""
+    written = 0
+    for write in table.init:
+        place = place_of(table, write)
+        if write.read_back and _same(write, access.read([place])[0]):
+            continue
+        access.write(place, write.value, write.function)
+        written += 1
+        if not write.read_back:
+            continue
+        found = access.read([place])[0]
+        if not _same(write, found):
+            raise DeviceError(
+                f"reads back as {found:.9g}; written: {write.value:.9g}",
+                where=f"{access.where}, {place.name}",
+                fix="compare daq.init with the device's manual; a command register has "
+                "read_back = false",
+            )
+    return written
+
+
+def _same(write: ModbusWrite, found: float | int) -> bool:
+    """Return whether a value is the one to be written, as its registers hold it."""
+    if write.table == "coil":
+        return bool(found) == bool(write.value)
+    try:
+        wanted = encode(write.value, write.type, "ABCD")
+        return encode(found, write.type, "ABCD") == wanted
+    except ValueError:
+        return False
+
 
 # while readings are taken, the watchdog's state is looked at this often, s
 _LOOK_S = 0.1
@@ -54,8 +173,6 @@ class ModbusDaq:
         self._sleep = sleep
         output = table.output
         self._outputs = None if output is None else Outputs(access, table, output)
-        spec = None if output is None else output.watchdog
-        self._watchdog = None if spec is None else Watchdog(access, table, spec)
         self._identity: Identity | None = None
         self._polling: Polling | None = None
         self._tripped = False
@@ -169,43 +286,39 @@ class ModbusDaq:
         Another device at this address is never written to: the safe state is not confirmed then.
         """
         self._polling = None
-        output = self._table.output
-        if self._outputs is None or output is None:
+        outputs, output = self._outputs, self._table.output
+        if outputs is None or output is None:
             return SafeState(True, None, None, "the device drives nothing")
-        outputs = self._outputs
-        zero_v = _zero_v(output)
 
         def stop() -> None:
             self.identity()
-            zero(outputs, self._watchdog, zero_v)
+            outputs.zero()
 
         def disable() -> bool:
             self.identity()
-            return not switch_off(outputs, self._watchdog)
+            return outputs.switch_off()
 
-        acts = SafeActs(
+        return reach_safe_state(
             stop=stop,
             look=lambda: Seen(outputs.read_back()),
             disable=disable,
-            zero_v=zero_v,
+            zero_v=outputs.zero_v,
             brake_s=output.brake_s,
+            clock=self._clock,
+            sleep=self._sleep,
         )
-        return reach_safe_state(acts, self._clock, self._sleep)
 
     def close(self) -> None:
         """Close the connection; never raises."""
         self._access.close()
 
     def _make_safe(self) -> None:
-        outputs, output = self._outputs, self._table.output
-        if outputs is None or output is None:
-            return
-        zero(outputs, self._watchdog, _zero_v(output))
-        if switch_off(outputs, self._watchdog):
-            raise self._error(
-                "the enable line reads back as on after it was switched off",
-                "use the emergency stop, then check daq.output.enable",
-            )
+        if self._outputs is not None:
+            self._outputs.make_safe()
+
+    @property
+    def _watchdog(self) -> Watchdog | None:
+        return None if self._outputs is None else self._outputs.watchdog
 
     def _driving(self) -> Outputs:
         if self._outputs is None:
@@ -221,8 +334,3 @@ class ModbusDaq:
 
     def _error(self, what: str, fix: str) -> DeviceError:
         return DeviceError(what, where=self._access.where, fix=fix)
-
-
-def _zero_v(output: ModbusOutput) -> float:
-    """Return what still counts as zero, V: one step; of a float, less than moves any motor."""
-    return max(output_step_v(output), 1e-6)

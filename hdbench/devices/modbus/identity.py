@@ -1,17 +1,68 @@
-"""Who answers: the values by which the profile knows the device, checked before any write."""
+"""Identity of a polled device: checked before any write, and proven again after a fault."""
 
 from __future__ import annotations
 
-from hdbench.devices.modbus.access import Access
-from hdbench.devices.modbus.layout import place_of
-from hdbench.devices.modbus.rules import fits, needed
-from hdbench.devices.modbus.values import Order, encode
-from hdbench.devices.modbus.window import is_emulator
-from hdbench.devices.ports import Identity
-from hdbench.errors import DeviceError
-from hdbench.profile.acquiring_modbus import ModbusAcquisition, ModbusIdentify
+from collections.abc import Iterator
 
-__all__ = ["check_identity"]
+from hdbench.devices.bench import Identity
+from hdbench.devices.modbus.access import Access
+from hdbench.devices.modbus.layout import (
+    Block,
+    Order,
+    Place,
+    decode,
+    encode,
+    fits,
+    needed,
+    place_of,
+    plan_blocks,
+)
+from hdbench.devices.wire import FrameError, Probe, ReplyCheck
+from hdbench.errors import DeviceError, ProfileError
+from hdbench.profile.acquiring_modbus import ModbusAcquisition, ModbusIdentify, ModbusPlace
+
+__all__ = ["SIGNATURE", "check_identity", "is_emulator", "make_probe", "signature_address"]
+
+# "HBEM": what stands in registers of the emulator that the profile leaves free, far from the others
+SIGNATURE = 0x4842_454D
+_HIGHEST, _STEP, _AWAY = 0xFF01, 0x100, 32
+
+
+def signature_address(table: ModbusAcquisition) -> int:
+    """Return where the emulator's signature stands: the highest place that nothing else takes."""
+    taken = [place_of(table, place) for place in _listed(table)]
+    start = _HIGHEST
+    while any(start - 2 * _AWAY < place.start < start + _AWAY for place in taken):
+        start -= _STEP
+    return start
+
+
+def is_emulator(access: Access, table: ModbusAcquisition) -> bool:
+    """Return whether hdbench's own emulator answers; a real device has nothing there."""
+    place = Place("holding", signature_address(table), "u32", "ABCD", "signature")
+    try:
+        return access.read([place])[0] == SIGNATURE
+    except (ProfileError, DeviceError):
+        # refused, or a device that keeps silent about registers that it does not have
+        return False
+
+
+def _listed(table: ModbusAcquisition) -> Iterator[ModbusPlace]:
+    """Yield every place that the profile lists."""
+    yield from table.identify
+    yield from table.init
+    for channel in table.channels:
+        yield channel
+        yield from (word for word in (channel.status, channel.sign) if word is not None)
+    output = table.output
+    watchdog = None if output is None else output.watchdog
+    optional: list[ModbusPlace | None] = []
+    if output is not None:
+        optional += [output, output.read_back, output.enable]
+    if watchdog is not None:
+        optional += [watchdog.time, watchdog.tripped, watchdog.feed, *watchdog.clear]
+    yield from (place for place in optional if place is not None)
+
 
 _ORDERS: dict[Order, str] = {
     "CDAB": "words swapped",
@@ -52,3 +103,71 @@ def _hint(rule: ModbusIdentify, found: float | int) -> str:
         except ValueError:
             return ""
     return ""
+
+
+def make_probe(table: ModbusAcquisition) -> Probe | None:
+    """Return the probe of a device; None where the profile gives nothing to tell replies apart.
+
+    Notes
+    -----
+    Best is a read of a length that no other read has: part of a block of registers that is polled
+    anyhow. Where every block is too short for that, a register of `identify` is read whose value
+    is known; a late reply would have to carry that very value.
+    """
+    lengths = _odd_lengths(table)
+    known = [rule for rule in table.identify if rule.equals is not None and _is_register(rule)]
+    if not lengths and not known:
+        return None
+
+    def probe(number: int) -> tuple[bytes, ReplyCheck]:
+        if lengths:
+            return lengths[number % len(lengths)].request()
+        return _known(table, known[number % len(known)])
+
+    return probe
+
+
+def _odd_lengths(table: ModbusAcquisition) -> list[Block]:
+    """Return reads of registers that exist, each of a length that no regular read has."""
+    polled = [place_of(table, channel) for channel in table.channels]
+    single = [place_of(table, rule) for rule in table.identify]
+    blocks = plan_blocks(
+        [*polled, *single], most=table.max_read_registers, bridge=table.bridge_registers
+    )
+    # any value may be read alone, and every run of channels as one block: these lengths are usual
+    usual = {place.size for place in (*polled, *single)} | {block.size for block in blocks}
+    usual |= {
+        block.size
+        for count in range(1, len(polled) + 1)
+        for block in plan_blocks(
+            polled[:count], most=table.max_read_registers, bridge=table.bridge_registers
+        )
+    }
+    largest = max(
+        (block for block in blocks if block.space in ("holding", "input")),
+        key=lambda block: block.size,
+        default=None,
+    )
+    if largest is None:
+        return []
+    return [
+        Block(largest.space, largest.start, size, largest.name)
+        for size in range(1, largest.size)
+        if size not in usual
+    ]
+
+
+def _is_register(rule: ModbusIdentify) -> bool:
+    return rule.table in ("holding", "input")
+
+
+def _known(table: ModbusAcquisition, rule: ModbusIdentify) -> tuple[bytes, ReplyCheck]:
+    place = place_of(table, rule)
+    request, size_check = Block(place.space, place.start, place.size, place.name).request()
+
+    def check(pdu: bytes) -> None:
+        size_check(pdu)
+        if not fits(rule, decode(pdu[2:], place.kind, place.order)):
+            raise FrameError("a reply to an earlier request")
+
+    return request, check

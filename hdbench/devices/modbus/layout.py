@@ -1,17 +1,129 @@
-"""Where values stand on the wire, and which requests read them."""
+"""Layout of a polled device: values in registers, their places, and the requests that read them."""
 
 from __future__ import annotations
 
+import math
+import struct
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from hdbench.devices.modbus.values import Order, Type, decode, size_of
-from hdbench.devices.wire import Request, read_bits, read_registers
-from hdbench.profile.acquiring_modbus import ModbusAcquisition, ModbusPlace
-from hdbench.profile.modbus_checks import number_ranges
+from hdbench.devices.wire import (
+    Request,
+    read_bits,
+    read_registers,
+    write_bit,
+    write_register,
+    write_registers,
+)
+from hdbench.profile.acquiring_modbus import (
+    ModbusAcquisition,
+    ModbusIdentify,
+    ModbusPlace,
+    number_ranges,
+)
 
-__all__ = ["Block", "Place", "place_of", "plan_blocks", "values_of"]
+__all__ = [
+    "Block",
+    "Order",
+    "Place",
+    "Type",
+    "bounds",
+    "decode",
+    "encode",
+    "fits",
+    "form_of",
+    "needed",
+    "place_of",
+    "plan_blocks",
+    "range_of",
+    "size_of",
+    "values_of",
+    "write_request",
+]
+
+Type = Literal["i16", "u16", "i32", "u32", "f32", "f64"]
+Order = Literal["ABCD", "CDAB", "BADC", "DCBA"]
+
+_FORMATS: dict[str, str] = {
+    "i16": ">h", "u16": ">H", "i32": ">i", "u32": ">I", "f32": ">f", "f64": ">d",
+}  # fmt: skip
+
+
+def size_of(kind: Type) -> int:
+    """Return how many registers a value of a type takes."""
+    return struct.calcsize(_FORMATS[kind]) // 2
+
+
+def range_of(kind: Type) -> tuple[float, float]:
+    """Return the ends of a type; those of a float are infinite."""
+    bits = 16 * size_of(kind)
+    if kind.startswith("i"):
+        return -(2.0 ** (bits - 1)), 2.0 ** (bits - 1) - 1.0
+    return (0.0, 2.0**bits - 1.0) if kind.startswith("u") else (-math.inf, math.inf)
+
+
+def decode(raw: bytes, kind: Type, order: Order) -> float | int:
+    """Return the value of registers."""
+    value: float | int = struct.unpack(_FORMATS[kind], _ordered(raw, order))[0]
+    return value
+
+
+def encode(value: float, kind: Type, order: Order) -> bytes:
+    """Return the registers of a value; whole-number types take the nearest."""
+    low, high = range_of(kind)
+    # written so that NaN fails
+    if not (math.isfinite(value) and low - 0.5 <= value <= high + 0.5):
+        raise ValueError(f"{value!r} does not fit {kind}: {low:g} to {high:g}")
+    number = value if kind.startswith("f") else min(max(round(value), int(low)), int(high))
+    try:
+        return _ordered(struct.pack(_FORMATS[kind], number), order)
+    except OverflowError as error:
+        raise ValueError(f"{value!r} does not fit {kind}") from error
+
+
+def _ordered(raw: bytes, order: Order) -> bytes:
+    """Return the bytes in another order; the same again gives them back."""
+    words = [raw[at : at + 2] for at in range(0, len(raw), 2)]
+    if order in ("CDAB", "DCBA"):
+        words.reverse()
+    if order in ("BADC", "DCBA"):
+        words = [word[::-1] for word in words]
+    return b"".join(words)
+
+
+# 32-bit floats carry a decimal number to 6e-8 of itself
+_ROUNDING = 1e-6
+
+
+def bounds(rule: ModbusIdentify) -> tuple[float, float]:
+    """Return between which values a rule is kept."""
+    low = -math.inf if rule.low is None else rule.low
+    high = math.inf if rule.high is None else rule.high
+    if rule.equals is not None:
+        rounding = _ROUNDING * abs(rule.equals)
+        low, high = max(low, rule.equals - rounding), min(high, rule.equals + rounding)
+    return low, high
+
+
+def fits(rule: ModbusIdentify, found: float | int) -> bool:
+    """Return whether a value keeps a rule."""
+    if not math.isfinite(found):
+        return False
+    low, high = bounds(rule)
+    return low <= (int(found) & rule.mask if rule.mask is not None else found) <= high
+
+
+def needed(rule: ModbusIdentify) -> str:
+    """Return a rule in words."""
+    words = [] if rule.equals is None else [f"{rule.equals:.9g}"]
+    if rule.low is not None or rule.high is not None:
+        low = "anything" if rule.low is None else f"{rule.low:.9g}"
+        high = "anything" if rule.high is None else f"{rule.high:.9g}"
+        words.append(f"{low} to {high}")
+    masked = "" if rule.mask is None else f" in the bits 0x{rule.mask:X}"
+    return " and ".join(words) + masked
+
 
 Space = Literal["holding", "input", "coil", "discrete"]
 _REGISTER_READS = {"holding": 3, "input": 4}
@@ -96,6 +208,21 @@ def place_of(table: ModbusAcquisition, place: ModbusPlace) -> Place:
     first = next((low for low, high in ranges if low <= place.address <= high), ranges[0][0])
     name = f"{place.table} {place.address}"
     return Place(place.table, place.address - first, place.type, place.order, name)
+
+
+def write_request(place: Place, value: float, function: int | None = None) -> Request:
+    """Return a write of one value; raises `ValueError` where its type does not hold it."""
+    if place.is_bit:
+        return write_bit(place.start, on=bool(value))
+    raw = encode(value, place.kind, place.order)
+    if function == 6 or (function is None and place.size == 1):
+        return write_register(place.start, int.from_bytes(raw, "big"))
+    return write_registers(place.start, raw)
+
+
+def form_of(place: Place) -> tuple[str, tuple[int, ...]]:
+    """Return form and order of the bytes of a value as the guard reads them."""
+    return _FORMATS[place.kind], tuple(_ordered(bytes(range(2 * place.size)), place.order))
 
 
 def plan_blocks(places: Sequence[Place], *, most: int, bridge: int) -> tuple[Block, ...]:

@@ -1,15 +1,20 @@
-"""The motor reference and the drive's enable line, every write read back."""
+"""Outputs of a polled device: motor reference, enable line and watchdog, every write read back."""
 
 from __future__ import annotations
 
+from hdbench.devices.daq import WatchdogState
 from hdbench.devices.modbus.access import Access
-from hdbench.devices.modbus.layout import Place, place_of
-from hdbench.devices.modbus.values import range_of
+from hdbench.devices.modbus.layout import Place, fits, place_of, range_of
 from hdbench.devices.wire import FrameError
 from hdbench.errors import DeviceError, UsageError
-from hdbench.profile.acquiring_modbus import ModbusAcquisition, ModbusOutput
+from hdbench.profile.acquiring_modbus import (
+    ModbusAcquisition,
+    ModbusFeed,
+    ModbusOutput,
+    ModbusWatchdog,
+)
 
-__all__ = ["Outputs", "output_range_v", "output_step_v"]
+__all__ = ["Outputs", "Watchdog", "output_range_v", "output_step_v"]
 
 # looks at a write whose answer did not come, or said that the device is still working on it
 _LOOKS = 5
@@ -26,6 +31,96 @@ def output_step_v(output: ModbusOutput) -> float:
     return 0.0 if output.type.startswith("f") else abs(output.scale)
 
 
+class Watchdog:
+    """Sets, feeds and reads it.
+
+    Parameters
+    ----------
+    access : Access
+        The device.
+    table : ModbusAcquisition
+        ``[daq]``.
+    spec : ModbusWatchdog
+        ``[daq.output.watchdog]``.
+    """
+
+    def __init__(self, access: Access, table: ModbusAcquisition, spec: ModbusWatchdog) -> None:
+        self._access = access
+        self._spec = spec
+        self._time = place_of(table, spec.time)
+        self._tripped = place_of(table, spec.tripped)
+        self._clear = [(place_of(table, write), write) for write in spec.clear]
+        self._feed: tuple[Place, ModbusFeed] | None = (
+            None if spec.feed is None else (place_of(table, spec.feed), spec.feed)
+        )
+        self._beats = 0
+        self._armed = False
+
+    def arm(self, time_s: float) -> float:
+        """Set its time where it differs, clear a trip, feed it, and return its time, s."""
+        wanted = round(time_s / self._spec.unit_s)
+        if self._access.read([self._time])[0] != wanted:
+            self._access.write(self._time, wanted)
+        found = self._access.read([self._time])[0]
+        if not 0 < found <= wanted:
+            raise DeviceError(
+                f"the watchdog's time reads back as {found * self._spec.unit_s:g} s; written: "
+                f"{wanted * self._spec.unit_s:g} s",
+                where=f"{self._access.where}, {self._time.name}",
+                fix="without this watchdog nothing may move: compare daq.output.watchdog with the "
+                "device's manual",
+            )
+        self.clear()
+        self.feed()
+        self._armed = True
+        if self.rests():
+            raise DeviceError(
+                "the watchdog reads as tripped after it was cleared and fed",
+                where=f"{self._access.where}, {self._tripped.name}",
+                fix="compare daq.output.watchdog.clear and .feed with the device's manual",
+            )
+        return float(found * self._spec.unit_s)
+
+    def feed(self) -> None:
+        """Feed it once."""
+        self._beats += 1
+        if self._feed is None:
+            self._access.read([self._tripped])
+            return
+        place, feed = self._feed
+        value = {
+            "key": feed.value,
+            "toggle": feed.value if self._beats % 2 else 0,
+            "increment": self._beats % 65536,
+        }[feed.kind]
+        self._access.write(place, value)
+
+    def rests(self) -> bool:
+        """Return whether it reads as tripped, armed by this host or not.
+
+        A coupler's watchdog begins to run with the first write and trips while a standing bench is
+        measured: it then holds outputs that are zero anyhow.
+        """
+        return fits(self._spec.tripped, self._access.read([self._tripped])[0])
+
+    def state(self) -> WatchdogState:
+        """Return its state as read from the device; a trip counts once this host has armed it."""
+        time, tripped = self._access.read([self._time, self._tripped])
+        return WatchdogState(
+            armed=self._armed and time > 0,
+            tripped=self._armed and fits(self._spec.tripped, tripped),
+            time_s=float(time * self._spec.unit_s),
+        )
+
+    def clear(self) -> None:
+        """Disarm, and clear a trip, if there is one, by the writes of the profile."""
+        self._armed = False
+        if not self.rests():
+            return
+        for place, write in self._clear:
+            self._access.write(place, write.value, write.function)
+
+
 class Outputs:
     """Writes the outputs that the profile lists, and nothing else.
 
@@ -37,6 +132,11 @@ class Outputs:
         ``[daq]``.
     output : ModbusOutput
         ``[daq.output]``.
+
+    Attributes
+    ----------
+    watchdog : Watchdog or None
+        The watchdog that lives in the device.
     """
 
     def __init__(self, access: Access, table: ModbusAcquisition, output: ModbusOutput) -> None:
@@ -47,6 +147,33 @@ class Outputs:
             self._place if output.read_back is None else place_of(table, output.read_back)
         )
         self._enable = None if output.enable is None else place_of(table, output.enable)
+        spec = output.watchdog
+        self.watchdog = None if spec is None else Watchdog(access, table, spec)
+        # what still counts as zero, V: one step; of a float, less than moves any motor
+        self.zero_v = max(output_step_v(output), 1e-6)
+
+    def make_safe(self) -> None:
+        """Bring the reference to zero and switch the enable line off."""
+        self.zero()
+        if not self.switch_off():
+            raise DeviceError(
+                "the enable line reads back as on after it was switched off",
+                where=self._access.where,
+                fix="use the emergency stop, then check daq.output.enable",
+            )
+
+    def zero(self) -> None:
+        """Bring the reference to zero, past a watchdog that rests."""
+        if self.watchdog is not None and self.watchdog.rests():
+            if abs(self.read_back()) <= self.zero_v:
+                return
+            self.watchdog.clear()
+        self.write(0.0)
+
+    def switch_off(self) -> bool:
+        """Switch the enable line off and return whether it reads as off."""
+        rests = self.watchdog is not None and self.watchdog.rests()
+        return (rests and not self.enabled()) or not self.enable(on=False)
 
     def write(self, value: float) -> float:
         """Write the reference once and return what is read back, V."""

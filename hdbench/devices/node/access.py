@@ -1,55 +1,110 @@
-"""A node's registers with their meaning: who it is, what it allows, what reads back."""
+"""Node access: identity, limits, and parameters that are read back."""
 
 from __future__ import annotations
 
 import math
 import struct
+from collections.abc import Mapping
 
-from hdbench.devices.node.codec import Value, decode_group, encode_group
+from hdbench.devices.bench import Identity
+from hdbench.devices.daq import DaqSettings
+from hdbench.devices.node.blocks import channel_bits
 from hdbench.devices.node.registers import (
     IDENTITY,
     LIMITS,
     PROGRAM,
+    PROGRAM_WAVE,
     PROTOCOL_VERSION,
     STATUS,
+    WAVES,
     WORD_ORDER_TEST,
     Capability,
     Command,
     Register,
+    Value,
+    as_float32,
+    decode_group,
+    encode_group,
     register,
 )
-from hdbench.devices.node.settings import part_values
 from hdbench.devices.node.wire import NodeWire
-from hdbench.devices.ports import Identity
 from hdbench.devices.wire import FrameError
 from hdbench.errors import DeviceError
-from hdbench.model.program import ReferenceProgram
+from hdbench.model.waves import ReferenceProgram
+from hdbench.profile.schema import ReferenceWave
 
-__all__ = ["NodeAccess"]
+__all__ = ["NodeAccess", "parameter_values", "part_values"]
+
+
+def parameter_values(settings: DaqSettings, limits: Mapping[str, Value]) -> dict[str, Value]:
+    """Return the values of the parameter block, by register name."""
+    program = settings.reference if isinstance(settings.reference, ReferenceProgram) else None
+    wave = settings.reference if isinstance(settings.reference, ReferenceWave) else None
+    values: dict[str, Value] = {
+        "bias_v": as_float32(wave.bias_v if wave else 0.0),
+        "sample_period_ns": round(1e9 * settings.sample_period_s),
+        "n_samples": settings.n_samples,
+        "amplitude_v": as_float32(wave.amplitude_v if wave else 0.0),
+        "wave": WAVES.index(wave.wave) if wave else PROGRAM_WAVE if program else 0,
+        "frequency_hz": as_float32(wave.frequency_hz if wave else 0.0),
+        "duty": as_float32(wave.duty if wave else 0.0),
+        "rise": as_float32(wave.rise if wave else 0.0),
+        "fall": as_float32(wave.fall if wave else 0.0),
+        "end_frequency_hz": as_float32(wave.end_frequency_hz if wave else 0.0),
+        "watchdog_ms": round(1e3 * settings.watchdog_s),
+        "channels": channel_bits(settings.roles, settings.sample_period_s, limits),
+    }
+    _check(values, "sample_period_ns", limits["min_period_ns"], limits["max_period_ns"])
+    _check(values, "n_samples", 1, limits["max_samples"])
+    _check(values, "watchdog_ms", limits["watchdog_min_ms"], limits["watchdog_max_ms"])
+    return values
+
+
+def part_values(program: ReferenceProgram) -> list[dict[str, Value]]:
+    """Return the values of the program block, one for each part, by register name."""
+    return [
+        {
+            "program_part": number,
+            "program_parts": len(program.parts),
+            "part_samples": part.n_samples,
+            "part_start_v": as_float32(part.start_v),
+            "part_end_v": as_float32(part.end_v),
+            "part_amplitude_v": as_float32(part.amplitude_v),
+            "part_frequency_hz": as_float32(part.frequency_hz),
+            "part_end_frequency_hz": as_float32(part.end_frequency_hz),
+        }
+        for number, part in enumerate(program.parts)
+    ]
+
+
+def _check(values: Mapping[str, Value], name: str, low: Value, high: Value) -> None:
+    if not float(low) <= float(values[name]) <= float(high):
+        raise DeviceError(
+            f"{name} {values[name]} is outside the node's {low} to {high}",
+            where=f"register {name} (0x{register(name).address:04X})",
+            fix="change the plan, or [daq] of the profile",
+        )
+
+
 # codes fill 16 bits from the left
 _FEWEST_BITS, _MOST_BITS = 8, 16
 _ABOVE_ZERO = ("range_v", "current_range_a", "limit_velocity_rad_s")
 
 
-class NodeAccess:
+class NodeAccess(NodeWire):
     """Everything of a node but its acquisition.
 
-    Parameters
-    ----------
-    wire : NodeWire
-        Register access; owned from now on.
+    Parameters are those of `NodeWire`.
     """
 
-    def __init__(self, wire: NodeWire) -> None:
-        self.wire = wire
-        self._identity: Identity | None = None
-        self._has_program = False
-        self._limits: dict[str, Value] = {}
+    _identity: Identity | None = None
+    _limits: dict[str, Value] | None = None
+    _has_program = False
 
     def identity(self) -> Identity:
         """Return who answers; asked once, before anything is written."""
         if self._identity is None:
-            values = decode_group(IDENTITY, self.wire.read(IDENTITY))
+            values = decode_group(IDENTITY, self.read(IDENTITY))
             if values["word_order"] != WORD_ORDER_TEST:
                 raise self.error(
                     f"word order test reads 0x{values['word_order']:08X}; "
@@ -75,8 +130,8 @@ class NodeAccess:
 
     def limits(self) -> dict[str, Value]:
         """Return the node's own limits and scales, by register name."""
-        if not self._limits:
-            found = decode_group(LIMITS, self.wire.read(LIMITS))
+        if self._limits is None:
+            found = decode_group(LIMITS, self.read(LIMITS))
             self._check_limits(found)
             self._limits = found
         return self._limits
@@ -101,11 +156,11 @@ class NodeAccess:
 
     def status(self) -> dict[str, Value]:
         """Return the status block of this moment, by register name."""
-        return decode_group(STATUS, self.wire.read_status())
+        return decode_group(STATUS, self.read_status())
 
     def command(self, command: Command) -> None:
         """Write a command, once."""
-        self.wire.write_once((register("command"),), struct.pack(">H", command))
+        self.write_once((register("command"),), struct.pack(">H", command))
 
     def make_safe(self) -> None:
         """Order the safe state of a device that is known to be a node."""
@@ -126,11 +181,11 @@ class NodeAccess:
     def write_and_read_back(self, group: tuple[Register, ...], wanted: dict[str, Value]) -> None:
         """Write `wanted` once; what counts is what then stands in the node."""
         try:
-            self.wire.write_once(group, encode_group(group, wanted))
+            self.write_once(group, encode_group(group, wanted))
         except DeviceError as error:
             if not isinstance(error.__cause__, FrameError):
                 raise
-        found = decode_group(group, self.wire.read(group))
+        found = decode_group(group, self.read(group))
         for name, value in wanted.items():
             if found[name] != value:
                 raise self.error(
@@ -143,5 +198,5 @@ class NodeAccess:
         """Return an error that names a register."""
         entry = register(name)
         return DeviceError(
-            what, where=f"{self.wire.where}, register {name} (0x{entry.address:04X})", fix=fix
+            what, where=f"{self.where}, register {name} (0x{entry.address:04X})", fix=fix
         )

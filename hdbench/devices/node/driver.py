@@ -1,4 +1,4 @@
-"""A bench controller node as a `Daq` with a reference generator of its own."""
+"""Driver of a bench controller node, a `Daq` with a reference generator of its own."""
 
 from __future__ import annotations
 
@@ -8,28 +8,98 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from hdbench.devices.capabilities import Capabilities, Role
-from hdbench.devices.daq import DaqSettings, ScanBlock, WatchdogState
-from hdbench.devices.node.abilities import capabilities_of
-from hdbench.devices.node.access import NodeAccess
+from hdbench.devices.bench import Identity, SafeState
+from hdbench.devices.daq import (
+    ROLE_UNITS,
+    Capabilities,
+    DaqSettings,
+    InputInfo,
+    Role,
+    ScanBlock,
+    WatchdogInfo,
+    WatchdogState,
+)
+from hdbench.devices.node.access import NodeAccess, parameter_values
 from hdbench.devices.node.blocks import BlockReader
-from hdbench.devices.node.codec import Value, decode_group
 from hdbench.devices.node.registers import (
+    CHANNELS,
     PARAMETERS,
     Command,
     Flag,
     State,
+    Value,
+    block_registers,
     block_scans,
+    decode_group,
 )
-from hdbench.devices.node.settings import parameter_values
-from hdbench.devices.node.wire import NodeWire
-from hdbench.devices.ports import Identity, SafeState
-from hdbench.devices.safestate import SafeActs, Seen, reach_safe_state
+from hdbench.devices.safestate import Seen, reach_safe_state
 from hdbench.devices.wire import FrameError
+from hdbench.devices.wire.address import Address
 from hdbench.errors import DeviceError
-from hdbench.model.program import ReferenceProgram
+from hdbench.model.waves import ReferenceProgram
 
-__all__ = ["NodeDaq"]
+__all__ = [
+    "REPLY_CHARACTERS",
+    "REQUEST_CHARACTERS",
+    "NodeDaq",
+    "capabilities_of",
+    "exchange_rate_hz",
+]
+
+# characters around the registers of an FC23 exchange on a serial line: request with two registers
+# written; unit, function, byte count and checksum of the reply
+REQUEST_CHARACTERS = 17
+REPLY_CHARACTERS = 5
+# share of the wire's limit that is sustained (measured: docs/devices.md)
+_SUSTAINED = 0.9
+# a device on Ethernet answers within a millisecond or two; two on the safe side
+_NETWORK_EXCHANGE_S = 0.002
+
+
+def exchange_rate_hz(address: Address, n_channels: int) -> float:
+    """Return the sustained rate of block exchanges, Hz."""
+    if address.scheme != "rtu":
+        return 1.0 / _NETWORK_EXCHANGE_S
+    received = REPLY_CHARACTERS + 2 * block_registers(n_channels)
+    return _SUSTAINED / address.serial.exchange_s(REQUEST_CHARACTERS, received)
+
+
+def capabilities_of(
+    limits: Mapping[str, Value], exchanges_hz: Callable[[int], float], *, simulated: bool
+) -> Capabilities:
+    """Return the capabilities of a node."""
+    fastest_hz = 1e9 / float(limits["min_period_ns"])
+    rates = tuple(
+        min(fastest_hz, exchanges_hz(n) * block_scans(n)) for n in range(1, len(CHANNELS) + 1)
+    )
+    return Capabilities(
+        inputs=tuple(_input(role, limits) for role in CHANNELS),
+        max_rates_hz=rates,
+        min_rate_hz=1e9 / float(limits["max_period_ns"]),
+        outputs=(),
+        generator=True,
+        enable=True,
+        buffered=True,
+        buffer_scans=int(limits["fifo_scans"]),
+        watchdog=WatchdogInfo(
+            min_s=1e-3 * float(limits["watchdog_min_ms"]),
+            max_s=1e-3 * float(limits["watchdog_max_ms"]),
+            step_s=1e-3,
+            fed_by="heartbeat",
+            drops=("reference", "enable"),
+            latches=True,
+        ),
+        simulated=simulated,
+    )
+
+
+def _input(role: Role, limits: Mapping[str, Value]) -> InputInfo:
+    if role == "encoder":
+        return InputInfo(role, -(2.0**31), 2.0**31 - 1.0, bits=32, wrap=2**32)
+    key = "current_range_a" if ROLE_UNITS[role] == "A" else "range_v"
+    bits = int(limits["converter_bits"])
+    top = 1.0 - 2.0 ** (1 - bits)
+    return InputInfo(role, -float(limits[key]), top * float(limits[key]), bits=bits)
 
 
 class NodeDaq:
@@ -37,8 +107,8 @@ class NodeDaq:
 
     Parameters
     ----------
-    wire : NodeWire
-        Register access; owned by the driver from now on.
+    node : NodeAccess
+        The node; owned by the driver from now on.
     exchanges_hz : callable
         Highest rate of block exchanges with n channels that the wire sustains, Hz.
     tacho_rad_s_per_v : float
@@ -49,15 +119,14 @@ class NodeDaq:
 
     def __init__(
         self,
-        wire: NodeWire,
+        node: NodeAccess,
         *,
         exchanges_hz: Callable[[int], float],
         tacho_rad_s_per_v: float,
         clock: Callable[[], float] = time.monotonic,
         sleep: Callable[[float], None] = time.sleep,
     ) -> None:
-        self._node = NodeAccess(wire)
-        self._wire = wire
+        self._node = node
         self._exchanges_hz = exchanges_hz
         self._tacho_rad_s_per_v = tacho_rad_s_per_v
         self._clock = clock
@@ -69,7 +138,7 @@ class NodeDaq:
     @property
     def repeats(self) -> int:
         """Requests that were sent again so far."""
-        return self._wire.repeats
+        return self._node.repeats
 
     def identity(self) -> Identity:
         """Return who answers; asked once, before anything is written."""
@@ -87,7 +156,7 @@ class NodeDaq:
     def claim(self) -> None:
         """Become the one host that may write."""
         self.identity()
-        self._wire.take_session(secrets.randbelow(0xFFFFFFFF) + 1)
+        self._node.take_session(secrets.randbelow(0xFFFFFFFF) + 1)
 
     def configure(self, settings: DaqSettings) -> float:
         """Write the parameter block with the watchdog time, read it back, return the period, s."""
@@ -115,7 +184,7 @@ class NodeDaq:
         if after["starts"] == before["starts"]:
             raise self._node.error("the node did not start", "command", "configure it again")
         self._reader = BlockReader(
-            self.limits(), self._settings, run=int(after["starts"]), where=self._wire.where
+            self.limits(), self._settings, run=int(after["starts"]), where=self._node.where
         )
         self._next_poll_s = 0.0
 
@@ -134,7 +203,7 @@ class NodeDaq:
         if wait_s > 0.0:
             self._sleep(wait_s)
         asked_s = self._clock()
-        raw = self._wire.exchange(reader.ack, reader.count)
+        raw = self._node.exchange(reader.window, reader.ack)
         block = reader.take(raw, (asked_s, self._clock()))
         if reader.ended_early:
             raise self._node.error(
@@ -180,7 +249,7 @@ class NodeDaq:
 
     def arm_watchdog(self, time_s: float) -> float:
         """Return the watchdog's time, s; `configure` sets it and a start arms it."""
-        values = decode_group(PARAMETERS, self._wire.read(PARAMETERS))
+        values = decode_group(PARAMETERS, self._node.read(PARAMETERS))
         found_s = 1e-3 * float(values["watchdog_ms"])
         if not found_s <= time_s:
             raise self._node.error(
@@ -192,12 +261,12 @@ class NodeDaq:
 
     def feed_watchdog(self) -> None:
         """Feed it once; `read_block` does so by itself."""
-        self._wire.feed()
+        self._node.feed()
 
     def watchdog(self) -> WatchdogState:
         """Return the watchdog's state."""
         state = self.status()["state"]
-        values = decode_group(PARAMETERS, self._wire.read(PARAMETERS))
+        values = decode_group(PARAMETERS, self._node.read(PARAMETERS))
         armed_s = 1e-3 * float(values["watchdog_ms"])
         return WatchdogState(state == State.RUNNING, state == State.TRIPPED, armed_s)
 
@@ -228,15 +297,20 @@ class NodeDaq:
         Safe is: not running, reference zero, drive disabled and the motor slower than 0.5 rad/s in
         two readings. The motor gets 2.5 s to decelerate.
         """
-        acts = SafeActs(stop=self._node.make_safe, look=self._seen, zero_v=0.0)
-        safe = reach_safe_state(acts, self._clock, self._sleep)
+        safe = reach_safe_state(
+            stop=self._node.make_safe,
+            look=self._seen,
+            zero_v=0.0,
+            clock=self._clock,
+            sleep=self._sleep,
+        )
         self._reader = None
         self._settings = None
         return safe
 
     def close(self) -> None:
         """Give the session back and close the connection; never raises."""
-        self._wire.close()
+        self._node.close()
 
     def _seen(self) -> Seen:
         status = self.status()

@@ -1,22 +1,32 @@
-"""Open the node that a profile names."""
+"""Opening of a node: its link, its rate, its stop target, its probe."""
 
 from __future__ import annotations
 
 from functools import partial
 
-from hdbench.devices.node.abilities import exchange_rate_hz
-from hdbench.devices.node.codec import decode_group
-from hdbench.devices.node.driver import NodeDaq
-from hdbench.devices.node.registers import IDENTITY, WORD_ORDER_TEST, block_scans
-from hdbench.devices.node.spans import node_probe
-from hdbench.devices.node.wire import NodeWire
-from hdbench.devices.wire import Address, connect, parse_address
+from hdbench.devices.driver import Driver, later
+from hdbench.devices.guard.order import Check, Look, Target, target_at
+from hdbench.devices.node.access import NodeAccess
+from hdbench.devices.node.driver import NodeDaq, exchange_rate_hz
+from hdbench.devices.node.registers import (
+    IDENTITY,
+    STATUS,
+    WORD_ORDER_TEST,
+    Command,
+    Flag,
+    block_scans,
+    decode_group,
+    register,
+)
+from hdbench.devices.node.wire import NodeWire, node_probe, span
+from hdbench.devices.safestate import STANDSTILL_RAD_S
+from hdbench.devices.wire import Address, connect, parse_address, read_registers, write_register
 from hdbench.devices.wire.address import SerialSettings, serial_settings
 from hdbench.errors import BusyError, HdbenchError, UsageError
 from hdbench.profile.acquiring import NodeAcquisition
 from hdbench.profile.schema import ProfileData
 
-__all__ = ["node_address", "node_rate_hz", "open_node", "probe"]
+__all__ = ["DRIVER", "node_address", "node_rate_hz", "open_node", "probe", "stop_target"]
 
 # rates at which a port is asked for a node, fastest first
 _RATES_BD = (921600, 115200)
@@ -28,7 +38,7 @@ def open_node(profile: ProfileData, table: NodeAcquisition) -> NodeDaq:
     address = node_address(table)
     link = connect(address, unit=table.unit, probe=node_probe, tls=table.tls)
     return NodeDaq(
-        NodeWire(link, deadline_s=table.deadline_s),
+        NodeAccess(link, deadline_s=table.deadline_s),
         exchanges_hz=partial(exchange_rate_hz, address),
         tacho_rad_s_per_v=profile.tacho.gain_rad_s_per_v,
     )
@@ -76,3 +86,36 @@ def probe(path: str) -> str:
     if last is not None:
         raise last
     return ""
+
+
+def stop_target(_profile: ProfileData, table: NodeAcquisition) -> Target:
+    """Return how a node stops the motor."""
+    first = STATUS[0].address
+
+    def at(name: str) -> int:
+        return 2 + 2 * (register(name).address - first)
+
+    count = sum(entry.size for entry in STATUS)
+    active = Flag.RUNNING | Flag.DRIVE_ENABLED
+    checks = (
+        Check("motor reference, V", at("reference_v"), ">f", 0.0, 0.0),
+        Check(
+            "motor speed, rad/s", at("velocity_rad_s"), ">f", -STANDSTILL_RAD_S, STANDSTILL_RAD_S
+        ),
+        Check("running or enabled, flags", at("status_flags"), ">H", 0, 0, mask=int(active)),
+    )
+    return Target(
+        target_at(node_address(table), table.unit, table.tls),
+        acts=(write_register(register("command").address, Command.SAFE),),
+        looks=(Look(read_registers(first, count), checks),),
+        identity=(Look(read_registers(*span(IDENTITY))),),
+    )
+
+
+DRIVER = Driver(
+    open=open_node,
+    rate_hz=node_rate_hz,
+    stop_target=stop_target,
+    emulate=later("hdbench.devices.emulator.node:emulate_node"),
+    probe=probe,
+)

@@ -1,12 +1,16 @@
-"""The register map of a bench controller node; `docs/node-protocol.md` shows the same table."""
+"""Register map of a bench controller node (`docs/node-protocol.md`), with the codec of values."""
 
 from __future__ import annotations
 
+import struct
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from enum import IntEnum, IntFlag
 from typing import Literal
 
-from hdbench.devices.capabilities import Role
-from hdbench.devices.node.states import Capability, Command, Flag, Refusal, State
+import numpy as np
+
+from hdbench.devices.daq import Role, clean_text
 
 __all__ = [
     "ALL_CHANNELS",
@@ -38,11 +42,67 @@ __all__ = [
     "Refusal",
     "Register",
     "State",
+    "Value",
+    "as_float32",
     "block_registers",
     "block_scans",
+    "decode_group",
+    "encode_group",
     "register",
     "register_at",
 ]
+
+
+class State(IntEnum):
+    """What the node is doing."""
+
+    IDLE = 0
+    RUNNING = 1
+    FINISHED = 2
+    STOPPED = 3
+    TRIPPED = 4
+
+
+class Command(IntEnum):
+    """What can be written to `command`."""
+
+    START = 1
+    STOP = 2
+    SAFE = 3
+
+
+class Flag(IntFlag):
+    """Bits of `block_flags` and `status_flags`."""
+
+    OVERFLOW = 1
+    RUNNING = 2
+    WATCHDOG_TRIPPED = 4
+    DRIVE_ENABLED = 8
+
+
+class Capability(IntFlag):
+    """Bits of `capabilities`."""
+
+    SIMULATED = 1
+    PROGRAM = 4
+
+
+class Refusal(IntEnum):
+    """Why the last refused request of this connection was refused."""
+
+    NONE = 0
+    ADDRESS = 1
+    REFERENCE_LIMIT = 2
+    VELOCITY_LIMIT = 3
+    SAMPLE_PERIOD = 4
+    SAMPLE_COUNT = 5
+    WAVE = 6
+    WATCHDOG_TIME = 7
+    RUNNING = 8
+    SESSION_HELD = 9
+    TRIPPED = 10
+    VALUE = 11
+
 
 Kind = Literal["u16", "i16", "u32", "i32", "f32", "text", "scans"]
 
@@ -249,3 +309,41 @@ def register(name: str) -> Register:
 def register_at(address: int) -> Register | None:
     """Return the entry that covers `address`."""
     return _BY_ADDRESS.get(address)
+
+
+Value = int | float | str
+_FORMATS = {"u16": ">H", "i16": ">h", "u32": ">I", "i32": ">i", "f32": ">f"}
+
+
+def as_float32(value: float) -> float:
+    """Return `value` as the nearest 32-bit float, the form in which the node keeps it."""
+    return float(np.float32(value))
+
+
+def _encode(entry: Register, value: Value) -> bytes:
+    if entry.kind == "text":
+        return str(value).encode()[:16].ljust(16, b"\0")
+    return struct.pack(_FORMATS[entry.kind], value)
+
+
+def _decode(entry: Register, raw: bytes) -> Value:
+    if entry.kind == "text":
+        return clean_text(raw)
+    value: int | float = struct.unpack(_FORMATS[entry.kind], raw)[0]
+    return value
+
+
+def encode_group(group: Sequence[Register], values: Mapping[str, Value]) -> bytes:
+    """Return the bytes of `group`, one value for each of its names."""
+    return b"".join(_encode(entry, values[entry.name]) for entry in group)
+
+
+def decode_group(group: Sequence[Register], raw: bytes) -> dict[str, Value]:
+    """Return the values of `group` from the bytes of its registers."""
+    start = group[0].address
+    return {
+        entry.name: _decode(
+            entry, raw[2 * (entry.address - start) : 2 * (entry.address - start + entry.size)]
+        )
+        for entry in group
+    }

@@ -15,6 +15,7 @@ from typing import NoReturn
 from hdbench.devices.node.blocks import BlockExchange
 from hdbench.devices.node.registers import (
     BLOCK,
+    IDENTITY,
     NONCE,
     STATUS,
     Refusal,
@@ -22,8 +23,7 @@ from hdbench.devices.node.registers import (
     register,
     register_at,
 )
-from hdbench.devices.node.spans import span, writable
-from hdbench.devices.transactor import TWICE, Transactor
+from hdbench.devices.transactor import TWICE, Build, Transactor
 from hdbench.devices.wire import (
     ExceptionReply,
     FrameError,
@@ -38,10 +38,33 @@ from hdbench.devices.wire import (
 )
 from hdbench.errors import BusyError, DeviceError, HdbenchError
 
-__all__ = ["NodeWire"]
+__all__ = ["NodeWire", "node_probe", "span", "writable"]
+
+# lengths that no other read of a node has, in registers
+_PROBE_COUNTS = (3, 5, 7, 9, 11, 13, 17, 19)
 
 
-class NodeWire:
+def node_probe(number: int) -> tuple[bytes, ReplyCheck]:
+    """Return the n-th who-are-you read of a node, a `hdbench.devices.wire.Probe`."""
+    count = _PROBE_COUNTS[number % len(_PROBE_COUNTS)]
+    return read_registers(IDENTITY[0].address, count)
+
+
+def span(group: Sequence[Register]) -> tuple[int, int]:
+    """Return address and number of adjacent registers."""
+    return group[0].address, sum(entry.size for entry in group)
+
+
+def writable(group: Sequence[Register], values: bytes) -> tuple[int, int]:
+    """Return address and number of a write; only registers that the map calls writable pass."""
+    closed = [entry.name for entry in group if entry.access != "rw"]
+    address, count = span(group)
+    if closed or len(values) != 2 * count:
+        raise ValueError(f"{len(values)} bytes for {count} registers; not writable: {closed}")
+    return address, count
+
+
+class NodeWire(Transactor):
     """Register access to one node.
 
     Parameters
@@ -62,20 +85,12 @@ class NodeWire:
     def __init__(
         self, link: Link, *, deadline_s: float, clock: Callable[[], float] = time.monotonic
     ) -> None:
+        super().__init__(link, deadline_s=deadline_s, clock=clock)
         self.where = f"node {link.where}"
-        self._link = link
-        self._transactor = Transactor(link, deadline_s=deadline_s, clock=clock)
         self._session = 0
         self._heartbeat = 0
         self._nonce = 0
-        self._window: BlockExchange | None = None
-        self._window_count = 0
         link.opened = self._present_session
-
-    @property
-    def repeats(self) -> int:
-        """Requests that were sent again so far."""
-        return self._transactor.repeats
 
     def read(self, group: Sequence[Register]) -> bytes:
         """Return the bytes of adjacent registers."""
@@ -100,12 +115,8 @@ class NodeWire:
 
         return self._repeat(build, STATUS[0])
 
-    def exchange(self, ack: int, count: int) -> bytes:
+    def exchange(self, window: BlockExchange, ack: int) -> bytes:
         """Acknowledge a block, feed the watchdog and read the window, in one transaction."""
-        window = self._window
-        if window is None or self._window_count != count:
-            self._window = window = BlockExchange(count)
-            self._window_count = count
 
         def build() -> tuple[bytes, ReplyCheck]:
             self._heartbeat = self._heartbeat % 0xFFFF + 1
@@ -158,13 +169,11 @@ class NodeWire:
             self._link.close()
             raise
 
-    def _repeat(self, build: Callable[[], tuple[bytes, ReplyCheck]], first: Register) -> bytes:
+    def _repeat(self, build: Build, first: Register) -> bytes:
         return self._transact(build, first, TWICE)[2:]
 
-    def _transact(
-        self, build: Callable[[], tuple[bytes, ReplyCheck]], first: Register, attempts: int
-    ) -> bytes:
-        return self._transactor.transact(
+    def _transact(self, build: Build, first: Register, attempts: int) -> bytes:
+        return self.transact(
             build,
             attempts,
             refused=lambda reply, until_s: self._refused(reply, first, until_s),

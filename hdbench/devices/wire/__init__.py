@@ -2,25 +2,22 @@
 
 from __future__ import annotations
 
-from hdbench.devices.wire.address import Address, parse_address
-from hdbench.devices.wire.checks import (
+from hdbench.devices.wire.address import Address, dial, numbered, parse_address
+from hdbench.devices.wire.link import Link, Probe, connect
+from hdbench.devices.wire.pdu import (
     EXCEPTIONS,
     ExceptionReply,
     FrameError,
     ReplyCheck,
     ReplyForm,
+    Request,
     StaleReply,
     bits_check,
     echo_check,
-    registers_check,
-)
-from hdbench.devices.wire.link import Link, Probe, connect
-from hdbench.devices.wire.naming import dial, numbered
-from hdbench.devices.wire.requests import (
-    Request,
     exchange_registers,
     read_bits,
     read_registers,
+    registers_check,
     write_bit,
     write_register,
     write_registers,

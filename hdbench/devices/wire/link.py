@@ -7,11 +7,11 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Protocol
 
 from hdbench.devices.wire.address import Address
-from hdbench.devices.wire.checks import ReplyCheck
+from hdbench.devices.wire.pdu import ReplyCheck
 
 if TYPE_CHECKING:
-    from hdbench.devices.serialport import Claim
-    from hdbench.devices.wire.tls import Certificates
+    from hdbench.devices.wire.tcp import Certificates
+    from hdbench.system.lines import Claim
 
 __all__ = ["Link", "Probe", "connect"]
 
@@ -63,11 +63,9 @@ class Link(Protocol):
         ExceptionReply
             If the device refused.
         """
-        ...
 
     def close(self) -> None:
         """Close the connection; never raises. The next transaction opens it again."""
-        ...
 
 
 def connect(
@@ -94,7 +92,7 @@ def connect(
     tls : Certificates, optional
         Certificates for ``tls://``.
     claim : {"hold", "ask", "share"}, optional
-        As `hdbench.devices.serialport.open_port` takes it.
+        As `hdbench.system.lines.open_port` takes it.
     clock : callable, optional
         Monotonic clock, s.
 
@@ -118,7 +116,7 @@ def connect(
     from hdbench.devices.wire.tcp import TcpLink
 
     if address.scheme == "tls":
-        from hdbench.devices.wire.tls import client_security
+        from hdbench.devices.wire.tcp import client_security
 
         return TcpLink(address, unit, clock, client_security(address, tls))
     return TcpLink(address, unit, clock)

@@ -3,18 +3,84 @@
 from __future__ import annotations
 
 import contextlib
+import struct
 import time
+from array import array
 from collections.abc import Callable
 
-from hdbench.devices.serialport import Claim, open_port
 from hdbench.devices.wire.address import Address
-from hdbench.devices.wire.checks import ExceptionReply, FrameError, ReplyCheck, StaleReply
-from hdbench.devices.wire.crc import CRC_START, crc16, crc_over
-from hdbench.devices.wire.rtuframe import reply_size
-from hdbench.system.lines import PortIo, port_io
+from hdbench.devices.wire.pdu import ExceptionReply, FrameError, ReplyCheck, StaleReply
+from hdbench.system.lines import Claim, PortIo, open_port, port_io
 from hdbench.system.wakeup import FAST_BD, hold_wakeup, release_wakeup
 
-__all__ = ["RtuLink"]
+__all__ = ["CRC_START", "RtuLink", "crc16", "crc_over", "reply_size"]
+
+
+def _table(bits: int) -> array[int]:
+    """Return the remainders of all numbers of 8 or 16 bits.
+
+    The polynomial is 0xA001, which is 0x8005 with its bits reversed. The remainder of a sum (modulo
+    2) is the sum of the remainders, so each power of two doubles the table.
+    """
+    table = array("H", [0])
+    for bit in range(bits):
+        value = 1 << bit
+        for _ in range(bits):
+            value = value >> 1 ^ (0xA001 if value & 1 else 0)
+        table.extend([value ^ other for other in table])
+    return table
+
+
+_BYTES = _table(8)
+# a step for two characters halves the time of a frame
+_PAIRS = _table(16)
+
+
+CRC_START = 0xFFFF
+"""The remainder before the first character."""
+
+
+def crc_over(data: bytes, value: int = CRC_START) -> int:
+    """Return the remainder after more characters; after a whole frame with its checksum it is 0.
+
+    Notes
+    -----
+    "MODBUS over Serial Line Specification and Implementation Guide V1.02", section 6.2.2:
+    polynomial 0xA001, start value 0xFFFF.
+    """
+    pairs = _PAIRS
+    for pair in struct.unpack_from(f"<{len(data) // 2}H", data):
+        value = pairs[value ^ pair]
+    if len(data) % 2:
+        value = value >> 8 ^ _BYTES[(value ^ data[-1]) & 0xFF]
+    return value
+
+
+def crc16(data: bytes) -> bytes:
+    """Return the CRC-16 of a frame as it stands on the wire, low byte first."""
+    return crc_over(data).to_bytes(2, "little")
+
+
+# frame lengths: replies with a byte count of their own, and those of a fixed length
+_COUNTED = frozenset((1, 2, 3, 4, 23))
+_ECHOED = frozenset((5, 6, 15, 16))
+_ECHO_SIZE = 8
+_EXCEPTION_SIZE = 5
+
+
+def reply_size(data: bytes) -> int | None:
+    """Return the length of the frame that begins with `data`; None while it cannot be told."""
+    if len(data) < 2:
+        return None
+    function = data[1]
+    if function & 0x80:
+        return _EXCEPTION_SIZE
+    if function in _ECHOED:
+        return _ECHO_SIZE
+    if function not in _COUNTED:
+        raise FrameError(f"function code {function} was never asked for")
+    return None if len(data) < 3 else 5 + data[2]
+
 
 # a line without a character for this long carries no frame of anybody
 _QUIET_S = 0.05
@@ -36,7 +102,7 @@ class RtuLink:
     clock : callable
         Monotonic clock, s.
     claim : {"hold", "ask", "share"}
-        As `hdbench.devices.serialport.open_port` takes it.
+        As `hdbench.system.lines.open_port` takes it.
 
     Notes
     -----

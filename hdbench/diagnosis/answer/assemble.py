@@ -9,12 +9,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hdbench.diagnosis.answer.records import Gain, LeftOutSamples
 from hdbench.diagnosis.answer.result import (
     Diagnosis,
+    Gain,
+    LeftOutSamples,
     NamedCause,
     Pictures,
     Rest,
+    by_share,
     verdict_of,
 )
 from hdbench.diagnosis.answer.testable import testable
@@ -23,68 +25,35 @@ from hdbench.diagnosis.discovery.record import SAMPLED
 from hdbench.diagnosis.discovery.rest import noise_rms_nm, residual_nm
 from hdbench.diagnosis.discovery.search import Search
 from hdbench.diagnosis.discovery.told import Told, minimum_detectable, spectra, tell
-from hdbench.diagnosis.faults import Fault, Inspected, ResidualFaults, coarse_steps
+from hdbench.diagnosis.faults.converter import CHANCE, step_of
+from hdbench.diagnosis.faults.fault import Fault, Inspected
+from hdbench.diagnosis.faults.residual import ResidualFaults
+from hdbench.diagnosis.inspection.channel import held_share
 from hdbench.model import BenchModel, Cause, CauseTerm
 from hdbench.profile import Profile
 from hdbench.records.trace import FloatArray
 
-__all__ = ["Findings", "assemble", "data_bad"]
-
-# share of a motor effect that a zero does not imitate, below which it is told as not seen
-_LIKE_ZERO = 0.25
+__all__ = ["Findings", "assemble"]
 
 
 @dataclass(frozen=True, slots=True)
 class Findings:
-    """Everything from which an answer is put together.
+    """Everything from which an answer is put together."""
 
-    Parameters
-    ----------
-    search : Search
-        Search that has ended.
-    given : BenchModel
-        Model that was held against the record.
-    profile : Profile
-        Bench.
-    inspected : Inspected
-        Channels after inspection.
-    late : ResidualFaults
-        Faults that the residual shows.
-    undone : mapping of str to float
-        What the baseline leaves with each repaired fault put back, N m.
-    materiality : float
-        Smallest share of the residual variance of a cause that counts, in [0, 1).
-    alpha : float
-        Probability of any finding without an effect.
-    causes : mapping of str to Cause
-        Catalogue.
-    """
-
-    search: Search
-    given: BenchModel
+    search: Search  # that has ended
+    given: BenchModel  # model that was held against the record
     profile: Profile
-    inspected: Inspected
-    late: ResidualFaults
-    undone: Mapping[str, float]
-    materiality: float
-    alpha: float
-    causes: Mapping[str, Cause]
+    inspected: Inspected  # channels after inspection
+    late: ResidualFaults  # faults that the residual shows
+    undone: Mapping[str, float]  # what the baseline leaves with each repaired fault put back, N m
+    materiality: float  # smallest share of the residual variance of a cause that counts
+    causes: Mapping[str, Cause]  # catalogue
 
     @property
     def noise_variance(self) -> FloatArray | None:
         """Variance of the noise at each sample over its mean; None where it does not change."""
         law, motion = self.late.law, self.search.fit.record.motion
         return None if law is None else law.variance(motion.velocity_rad_s)
-
-
-def data_bad(
-    model: BenchModel, inspected: Inspected, settings: Mapping[str, object], reason: str
-) -> Diagnosis:
-    """Return the answer for a record of which nothing can be said."""
-    nothing = {"terms": list(model.terms()), "heldout_rms_nm": None}
-    return Diagnosis(
-        "data-bad", (), (), (), (), inspected.flags, (), nothing, nothing, model, settings, reason
-    )
 
 
 def assemble(
@@ -100,20 +69,20 @@ def assemble(
     fit = told.fit
     faults = (*findings.inspected.faults, *findings.late.faults)
     named = [*_of_faults(findings, faults, told), *told.causes]
-    limit = findings.materiality
-    causes = tuple(c for c in named if c.share_of_variance >= limit)
-    places = tuple(u for u in told.places if u.share_of_variance >= limit)
+    causes, minor = by_share(named, findings.materiality)
+    places, small = by_share(told.places, findings.materiality)
     extended = _extended(findings, told, faults)
     motion = fit.record.motion
     noise = noise_rms_nm(fit)
-    rest = Rest(told.after.rms_nm, noise, places)
     given = findings.given
+    torque = fit.record.torque_nm[fit.record.valid]
+    step = step_of(torque)
     return Diagnosis(
         verdict_of(causes, places),
         causes,
-        tuple(c for c in named if c not in causes),
+        minor,
         places,
-        tuple(u for u in told.places if u not in places),
+        small,
         tuple(
             sorted(
                 (*findings.inspected.flags, *(f.flag() for f in findings.late.faults)),
@@ -132,15 +101,15 @@ def assemble(
         "",
         _pictures(findings, fit, extended, baseline_left),
         left_out=_left_out(findings),
-        rest=rest,
+        rest=Rest(told.after.rms_nm, noise, places),
         testable=testable(
             findings.causes.values(),
             motion,
             torque_bandwidth_hz=_bandwidth(fit),
             rate_hz=1.0 / fit.record.period_s,
-            torque_step_nm=_step(fit),
+            torque_step_nm=step,
             torque_noise_nm=noise,
-            held_share=_held_share(fit),
+            held_share=held_share(torque, step, CHANCE),
             derived=findings.inspected.derived,
         ),
     )
@@ -210,8 +179,8 @@ def _extended(findings: Findings, told: Told, faults: tuple[Fault, ...]) -> Benc
     if any(np.isfinite(fit.record.prior_nm)):
         # the correction is to the given misalignment
         amplitude, phase = findings.given.misalignment
-        for name, given in (("cosine", np.cos(phase)), ("sine", -np.sin(phase))):
-            values[names.index(f"misalignment:{name}")] += amplitude * float(given)
+        for name, part in (("cosine", np.cos(phase)), ("sine", -np.sin(phase))):
+            values[names.index(f"misalignment:{name}")] += amplitude * float(part)
     kept = {cause.name for cause in told.causes}
     held = [t for t in findings.given.causes if not findings.causes[t.name].additive]
     terms = [t for t in told.terms if t.name in kept or _was_given(findings, t)]
@@ -288,7 +257,8 @@ def _like_zero(fit: Fit, named: list[NamedCause]) -> list[dict[str, Any]]:
     ):
         square = float(np.mean(column**2))
         own = float(column.var()) / square if square > 0.0 else 0.0
-        if own < _LIKE_ZERO and name not in names:
+        # of which a zero imitates three quarters is told as not seen
+        if own < 0.25 and name not in names:
             told.append({"cause": name, "own_share": own})
     return told
 
@@ -312,16 +282,6 @@ def _bandwidth(fit: Fit) -> float:
     return float("inf") if whole else float(fit.bands.frequency_hz[-1])
 
 
-def _step(fit: Fit) -> float:
-    steps = coarse_steps(fit.record.torque_nm[fit.record.valid])
-    return 0.0 if steps is None else float(steps.step)
-
-
-def _held_share(fit: Fit) -> float:
-    torque = fit.record.torque_nm[fit.record.valid]
-    return float(np.mean(np.diff(torque) == 0.0)) if len(torque) > 1 else 0.0
-
-
 def _left_out(findings: Findings) -> tuple[LeftOutSamples, ...]:
     record = findings.search.fit.record
     n = len(record)
@@ -339,6 +299,7 @@ def _pictures(
     findings: Findings, fit: Fit, extended: BenchModel, before: np.ndarray[Any, Any]
 ) -> Pictures:
     record, motion = fit.record, fit.record.motion
+    torque, channel = extended.torque_nm(motion), fit.bands.low_pass
 
     def unused(values: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
         return np.where(record.valid, values, np.nan)
@@ -348,7 +309,7 @@ def _pictures(
         motion.velocity_rad_s,
         record.torque_nm,
         findings.given.torque_nm(motion),
-        extended.torque_nm(motion),
+        torque if channel is None else channel.applied(torque),
         unused(before),
         unused(residual_nm(fit)),
         ~record.valid,

@@ -17,11 +17,6 @@ from hdbench.records.trace import FloatArray, Trace
 
 __all__ = ["FilterGain", "filter_gain", "further_blocks"]
 
-# blocks whose orders differ by less than this on a record are one line to the filter
-_SAME_ORDER = 1e-3
-# start of the record that the filter needs to settle, as a share of it and in seconds at most
-_SETTLING_SHARE = 0.2
-_SETTLING_S = 5.0
 # causes at a whole multiple of the wave generator's or the output's turn that have no order in
 # their parameters
 _MOTOR_ORDERS = {"wave-generator-eccentricity": 1.0, "motor-unbalance": 1.0}
@@ -32,28 +27,15 @@ _RIPPLE_NAMES = ("ripple-harmonic", "bearing-defect", "cogging")
 
 @dataclass(frozen=True, slots=True)
 class FilterGain:
-    """Filtered torque without and with the new blocks.
+    """Filtered torque without and with the new blocks."""
 
-    Parameters
-    ----------
-    model : FilterModel
-        The filter with the new blocks.
-    blocks : tuple of OscillatorBlock
-        The new ones.
-    rms_nm : tuple of float
-        Root mean square of filtered torque less what should be left of it, before and after, N m:
-        the extended model without the lines that blocks take.
-    amplitudes_nm : tuple of (float, float)
-        Amplitude at each new block's order in the filtered torque, before and after, N m.
-    from_s : float
-        Time from which both were taken, s: the filter had settled.
-    """
-
-    model: FilterModel
-    blocks: tuple[OscillatorBlock, ...]
+    model: FilterModel  # with the new blocks
+    blocks: tuple[OscillatorBlock, ...]  # the new ones
+    # RMS of filtered torque less the extended model without the lines that blocks take
     rms_nm: tuple[float, float]
+    # at each new block's order in the filtered torque, before and after
     amplitudes_nm: tuple[tuple[float, float], ...]
-    from_s: float
+    from_s: float  # the filter had settled
 
     def to_dict(self) -> dict[str, Any]:
         """Return it for the result."""
@@ -78,7 +60,8 @@ def further_blocks(causes: Sequence[NamedCause], base: FilterModel) -> tuple[Osc
     for cause in causes:
         order, role = _place(cause, base.gear_ratio)
         taken = [block.order for block in (*base.blocks, *found)]
-        if order is None or any(abs(order - other) <= _SAME_ORDER * order for other in taken):
+        # orders that differ by less are one line to the filter
+        if order is None or any(abs(order - other) <= 1e-3 * order for other in taken):
             continue
         like = next((b for b in base.blocks if b.role == role), base.blocks[0])
         found.append(replace(like, order=order, role=role))
@@ -110,7 +93,8 @@ def filter_gain(
         return None
     target = _target(motion, found)
     time = trace.time_s
-    start = float(time[0]) + min(_SETTLING_S, _SETTLING_SHARE * float(time[-1] - time[0]))
+    # the filter settles within a fifth of the record, and within 5 s
+    start = float(time[0]) + min(5.0, 0.2 * float(time[-1] - time[0]))
     pictures = found.pictures
     used = (time >= start) & np.isfinite(left[0] + left[1] + target) & ~pictures.masked
     used &= np.isfinite(pictures.motor_angle_rad)

@@ -1,92 +1,157 @@
-"""What a diagnosis says, as records and as the object that the contract describes."""
+"""Result of a diagnosis: its records, and the object that the contract describes."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass, field, fields, is_dataclass
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hdbench.diagnosis.answer.records import (
-    DataFlag,
-    Gain,
-    LeftOut,
-    LeftOutSamples,
-    RecordPart,
-    Testable,
-    Voice,
-)
 from hdbench.model import BenchModel
 from hdbench.records.trace import FloatArray
 
 __all__ = [
+    "DataFlag",
     "Diagnosis",
+    "Gain",
+    "LeftOutSamples",
     "NamedCause",
     "Pictures",
+    "RecordPart",
     "Rest",
     "Spectrum",
+    "Testable",
     "Unexplained",
+    "Voice",
+    "by_share",
+    "data_bad",
     "verdict_of",
 ]
+
+Parameters = Mapping[str, Mapping[str, float | str | None]]
+"""Name to ``{"value", "std", "unit"}``."""
+
+
+def as_json(value: Any) -> Any:
+    """Return a record as JSON holds it, its fields in their order."""
+    if hasattr(value, "to_dict"):
+        return value.to_dict()
+    if is_dataclass(value):
+        return {one.name: as_json(getattr(value, one.name)) for one in fields(value)}
+    if isinstance(value, Mapping):
+        return {key: as_json(one) for key, one in value.items()}
+    return [as_json(one) for one in value] if isinstance(value, list | tuple) else value
+
+
+@dataclass(frozen=True, slots=True)
+class Gain:
+    """Held-out residual without and with a cause."""
+
+    heldout_rms_before_nm: float
+    heldout_rms_after_nm: float
+    explained_fraction: float  # one less the ratio of the mean squares
+    interval: tuple[float, float]  # 95 % interval of it by a paired block bootstrap
+
+
+@dataclass(frozen=True, slots=True)
+class Voice:
+    """What one of several records says of a cause."""
+
+    record: str
+    evidence_nats: float  # by how much its likelihood falls without the cause
+    gain: Gain
+    parameters: Mapping[str, Mapping[str, Any]]  # as this record alone has them; may be empty
+    disagrees: bool  # whether they are not those of the other records
+
+
+@dataclass(frozen=True, slots=True)
+class RecordPart:
+    """The part of one record in a diagnosis of several; sizes are None where it took no part."""
+
+    record: str
+    left_out: str  # why it took no part; empty where it did
+    samples: int  # that were used
+    rate_hz: float
+    simulated_rms_nm: float | None = None  # held-out residual with its baseline alone
+    extended_rms_nm: float | None = None  # and with all causes
+    noise_rms_nm: float | None = None
+    disagrees: tuple[str, ...] = ()  # causes about which it says something else than the others
+    settings: Mapping[str, Any] = field(default_factory=dict)  # as of a diagnosis of it alone
+
+    def to_dict(self) -> dict[str, object]:
+        """Return it as a JSON object."""
+        return {
+            "record": self.record,
+            "left_out": self.left_out or None,
+            "samples": self.samples,
+            "rate_hz": self.rate_hz,
+            "simulated": {"heldout_rms_nm": self.simulated_rms_nm},
+            "extended": {"heldout_rms_nm": self.extended_rms_nm},
+            "noise_rms_nm": self.noise_rms_nm,
+            "disagrees": list(self.disagrees),
+            "settings": dict(self.settings),
+        }
+
+
+@dataclass(frozen=True, slots=True)
+class DataFlag:
+    """A stretch of doubtful samples."""
+
+    name: str
+    from_s: float
+    to_s: float
+    samples: int
+    detail: str = ""  # one sentence for a person, with numbers and units
+    record: str = ""  # of several records the one that has them
+
+    def to_dict(self) -> dict[str, object]:
+        """Return the flag as the contract writes it: without empty words."""
+        told = {one.name: getattr(self, one.name) for one in fields(self)}
+        return {key: value for key, value in told.items() if value != ""}
+
+
+@dataclass(frozen=True, slots=True)
+class LeftOutSamples:
+    """Samples that took no part in a diagnosis, for one reason."""
+
+    reason: str
+    samples: int
+    share: float  # of all samples of the record
+
+
+@dataclass(frozen=True, slots=True)
+class Testable:
+    """Whether a record can show one cause of the catalogue, and why not, or what of it not."""
+
+    name: str
+    testable: bool
+    because: str = ""
 
 
 @dataclass(frozen=True, slots=True)
 class NamedCause:
-    """One named cause (contract section 5).
-
-    Parameters
-    ----------
-    name : str
-        Name of the catalogue.
-    group : tuple of str
-        Names whose effect spans the same space on this record, `name` first.
-    rivals : tuple of str
-        Other names within 3 nats.
-    parameters : mapping
-        Name to ``{"value", "std", "unit"}``.
-    evidence_nats : float
-        Log likelihood gained less half a log of the samples for each parameter.
-    false_alarm_probability : float
-        Probability of such a finding anywhere on this record without any effect.
-    gain : Gain
-        Held-out residual without and with the cause.
-    separating_experiment : str or None
-        What would tell the names of group and rivals apart; None where there is one name.
-    share_of_variance : float
-        Part of the baseline's residual variance that it explains.
-    domain : str
-        Domain in which it is plainest.
-    left_out : tuple of LeftOut
-        What it gains in speeds, directions and loads from which it was not fitted.
-    probability : float or None
-        Of `group` among all names, in (0, 1]; None where no others were held against it.
-    voices : tuple of Voice
-        What each of several records says of it; empty for one alone.
-    apart_chance : float or None
-        Probability that records which share it differ so far; None where they may differ.
-    """
+    """One named cause (contract section 5)."""
 
     name: str
-    group: tuple[str, ...]
-    rivals: tuple[str, ...]
-    parameters: Mapping[str, Mapping[str, float | str | None]]
+    group: tuple[str, ...]  # names whose effect spans the same space on this record, `name` first
+    rivals: tuple[str, ...]  # other names within 3 nats
+    parameters: Parameters
     evidence_nats: float
-    false_alarm_probability: float
+    false_alarm_probability: float  # of such a finding anywhere on a record without an effect
     gain: Gain
-    separating_experiment: str | None
-    share_of_variance: float
-    domain: str
-    left_out: tuple[LeftOut, ...] = ()
-    probability: float | None = None
-    voices: tuple[Voice, ...] = ()
-    apart_chance: float | None = None
+    separating_experiment: str | None  # None where there is one name
+    share_of_variance: float  # part of the baseline's residual variance that it explains
+    domain: str  # where it is plainest
+    probability: float | None = None  # of `group` among all names; None without others
+    voices: tuple[Voice, ...] = ()  # of several records
+    apart_chance: float | None = None  # that records which share it differ so far
 
     def to_dict(self) -> dict[str, Any]:
         """Return the cause as the contract writes it."""
         together = {
-            "records": [one.to_dict() for one in self.voices],
+            "records": as_json(self.voices),
             "disagreement": {
                 "records": [one.record for one in self.voices if one.disagrees],
                 "false_alarm_probability": self.apart_chance,
@@ -96,54 +161,32 @@ class NamedCause:
             "name": self.name,
             "group": list(self.group),
             "rivals": list(self.rivals),
-            "parameters": {name: dict(entry) for name, entry in self.parameters.items()},
+            "parameters": as_json(self.parameters),
             "evidence_nats": self.evidence_nats,
             "probability": self.probability,
             "false_alarm_probability": self.false_alarm_probability,
-            "gain": self.gain.to_dict(),
+            "gain": as_json(self.gain),
             "separating_experiment": self.separating_experiment,
             "share_of_variance": self.share_of_variance,
             "domain": self.domain,
-            "held_out_conditions": [one.to_dict() for one in self.left_out],
+            "held_out_conditions": [],
             **(together if self.voices else {}),
         }
 
 
 @dataclass(frozen=True, slots=True)
 class Unexplained:
-    """A part of the residual with a place and no name (contract section 5).
-
-    Parameters
-    ----------
-    domain : str
-        Domain of the contract.
-    location : float
-        Centre.
-    extent : tuple of float
-        Ends; for a line its 95 % interval.
-    unit : str
-        Unit of the place.
-    size_nm : float
-        Size, N m.
-    share_of_variance : float
-        Part of the baseline's residual variance.
-    false_alarm_probability : float
-        As for a cause.
-    second_domain : str or None
-        The other axis where it depends on two.
-    record : str
-        Of several records the one that has it; empty for one alone, and for all.
-    """
+    """A part of the residual with a place and no name (contract section 5)."""
 
     domain: str
     location: float
-    extent: tuple[float, float]
-    unit: str
+    extent: tuple[float, float]  # for a line its 95 % interval
+    unit: str  # of the place
     size_nm: float
     share_of_variance: float
     false_alarm_probability: float
-    second_domain: str | None = None
-    record: str = ""
+    second_domain: str | None = None  # the other axis where it depends on two
+    record: str = ""  # of several records the one that has it; empty for all
 
     def to_dict(self) -> dict[str, Any]:
         """Return it as the contract writes it."""
@@ -160,91 +203,46 @@ class Unexplained:
         }
 
 
+_Found = TypeVar("_Found", NamedCause, Unexplained)
+
+
 @dataclass(frozen=True, slots=True)
 class Rest:
-    """What the extended model leaves above the noise (contract section 5).
+    """What the extended model leaves above the noise (contract section 5)."""
 
-    Parameters
-    ----------
-    heldout_rms_nm : float
-        What the extended model leaves on blocks it was not fitted to, N m.
-    noise_rms_nm : float
-        What the noise alone would leave, N m.
-    told : tuple of Unexplained
-        Entries of `unexplained` that account for the difference; empty where it is not located.
-    """
-
-    heldout_rms_nm: float
+    heldout_rms_nm: float  # on blocks to which it was not fitted
     noise_rms_nm: float
-    told: tuple[Unexplained, ...] = ()
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return it as the contract writes it."""
-        return {
-            "heldout_rms_nm": self.heldout_rms_nm,
-            "noise_rms_nm": self.noise_rms_nm,
-            "told": [place.to_dict() for place in self.told],
-        }
+    told: tuple[Unexplained, ...] = ()  # what accounts for the difference, where it is located
 
 
 @dataclass(frozen=True, slots=True)
 class Spectrum:
-    """Amplitudes of lines along one axis, without and with the causes.
+    """Amplitudes of lines along one axis, without and with the causes; arrays of shape (m,)."""
 
-    Parameters
-    ----------
-    domain : str
-        ``motor-order``, ``output-order`` or ``frequency``.
-    unit : str
-        Unit of the axis.
-    axis : ndarray, shape (m,)
-        Order or frequency.
-    before_nm, after_nm : ndarray, shape (m,)
-        Largest amplitude in the cell of each point, N m.
-    """
-
-    domain: str
+    domain: str  # ``motor-order``, ``output-order`` or ``frequency``
     unit: str
     axis: FloatArray
-    before_nm: FloatArray
+    before_nm: FloatArray  # largest amplitude in the cell of each point
     after_nm: FloatArray
 
 
 @dataclass(frozen=True, slots=True)
 class Pictures:
-    """Everything that a picture of the diagnosis needs; arrays of shape (n_samples,).
-
-    Parameters
-    ----------
-    time_s, velocity_rad_s : ndarray
-        Time, s, and motor velocity, rad/s.
-    measured_nm, simulated_nm, extended_nm : ndarray
-        Measured torque, the model as it was handed in, and the extended model, N m; NaN where
-        lost.
-    residual_before_nm, residual_after_nm : ndarray
-        Measured less fitted baseline, and less baseline and causes, N m; NaN where not used.
-    masked : ndarray of bool
-        Samples that no fit used.
-    spectra : tuple of Spectrum
-        Lines before and after.
-    acceleration_rad_s2, motor_angle_rad, output_angle_rad, applied_nm : ndarray
-        Motor acceleration, angles of wave generator and output, and the known torque through the
-        flexspline, N m.
-    """
+    """Everything that a picture of the diagnosis needs; arrays of shape (n_samples,)."""
 
     time_s: FloatArray
     velocity_rad_s: FloatArray
-    measured_nm: FloatArray
-    simulated_nm: FloatArray
-    extended_nm: FloatArray
-    residual_before_nm: FloatArray
-    residual_after_nm: FloatArray
-    masked: NDArray[np.bool_]
+    measured_nm: FloatArray  # NaN where lost
+    simulated_nm: FloatArray  # by the model as it was handed in
+    extended_nm: FloatArray  # as the torque channel passes it
+    residual_before_nm: FloatArray  # measured less fitted baseline; NaN where not used
+    residual_after_nm: FloatArray  # less baseline and causes
+    masked: NDArray[np.bool_]  # samples that no fit used
     spectra: tuple[Spectrum, ...]
     acceleration_rad_s2: FloatArray
     motor_angle_rad: FloatArray
     output_angle_rad: FloatArray
-    applied_nm: FloatArray
+    applied_nm: FloatArray  # the known torque through the flexspline
 
 
 @dataclass(frozen=True, slots=True)
@@ -320,18 +318,14 @@ class Diagnosis:
         dict
             JSON-able, without NaN or infinities.
         """
+        listed = ("causes", "minor", "unexplained", "minor_unexplained", "data_flags", "left_out")
         return {
             **header,
             "verdict": self.verdict,
             "reason": self.reason,
-            "causes": [cause.to_dict() for cause in self.causes],
-            "minor": [cause.to_dict() for cause in self.minor],
-            "unexplained": [place.to_dict() for place in self.unexplained],
-            "minor_unexplained": [place.to_dict() for place in self.minor_unexplained],
-            "data_flags": [flag.to_dict() for flag in self.data_flags],
-            "left_out": [one.to_dict() for one in self.left_out],
-            "rest": None if self.rest is None else self.rest.to_dict(),
-            "testable": [one.to_dict() for one in self.testable],
+            **{key: as_json(getattr(self, key)) for key in listed},
+            "rest": as_json(self.rest),
+            "testable": as_json(self.testable),
             "minimum_detectable": [
                 {"name": name, "amplitude_nm": amplitude}
                 for name, amplitude in self.minimum_detectable
@@ -340,8 +334,30 @@ class Diagnosis:
             "extended": dict(self.extended),
             "model_file": model_file,
             "settings": dict(self.settings),
-            "records": [one.to_dict() for one in self.records],
+            "records": as_json(self.records),
         }
+
+
+def data_bad(
+    model: BenchModel,
+    terms: Sequence[str],
+    flags: tuple[DataFlag, ...],
+    settings: Mapping[str, Any],
+    reason: str,
+    left_out: tuple[LeftOutSamples, ...] = (),
+) -> Diagnosis:
+    """Return the answer for a record of which nothing can be said."""
+    nothing = {"terms": list(terms), "heldout_rms_nm": None}
+    return Diagnosis(
+        "data-bad", (), (), (), (), flags, (), nothing, nothing, model, settings, reason,
+        left_out=left_out,
+    )  # fmt: skip
+
+
+def by_share(found: Sequence[_Found], least: float) -> tuple[tuple[_Found, ...], ...]:
+    """Return what explains a share of the variance or more, and what explains less."""
+    kept = tuple(one for one in found if one.share_of_variance >= least)
+    return kept, tuple(one for one in found if one not in kept)
 
 
 def verdict_of(causes: Sequence[NamedCause], places: Sequence[Unexplained]) -> str:

@@ -8,34 +8,17 @@ from typing import Any
 
 import numpy as np
 
-from hdbench.diagnosis.answer.records import Testable
+from hdbench.diagnosis.answer.result import Testable
 from hdbench.model import Cause, Motion, shape_bounds
 from hdbench.records.trace import FloatArray
 
 __all__ = ["testable"]
 
-# points at which columns are formed (1 ms a cause), in this many stretches of the motion, fewer
-# where these are long
+# points at which columns are formed (1 ms a cause), in 32 stretches of the motion, fewer where they
+# are long
 _POINTS = 16_384
-_STRETCHES = 32
-_FEWEST = 8
-# a stretch holds this many periods of the torque's bandwidth, to part what is below from above, and
-# has at most this many samples; without a limit of the torque it only has to change
-_PERIODS = 8.0
-_LONGEST = 4096
-_PLAIN = 256
-# points are finer than the samples by this much at most, and at random times: a line above half the
-# sampling rate is spread, not taken for its alias
-_FINER = 16
-# a torque with power up to here, of half its sampling rate, has no low-pass that hides anything:
-# filters against aliases end there
-_WHOLE = 0.8
 # with less than a tenth of its power inside the bandwidth, an effect must be three times as large
 _INSIDE = 0.1
-# an effect that changes by less than 1 % of its size is a zero
-_CHANGES = 1e-4
-# noise that is less than a fifth of a step of the readings moves one reading in eighty
-_DITHER = 0.2
 # middle, low and high of the shapes that this record can tell apart, as shares of their domain; not
 # its very ends, where a step is one sample
 _SHAPES = (0.5, 0.1, 0.9)
@@ -57,7 +40,8 @@ class _Torque:
     @property
     def whole(self) -> bool:
         """True where nothing is hidden by a low-pass."""
-        return not self.bandwidth_hz < _WHOLE * 0.5 * self.rate_hz
+        # filters against aliases end at 0.8 of half the sampling rate
+        return not self.bandwidth_hz < 0.4 * self.rate_hz
 
     def hides(self, from_hz: float) -> str:
         """Say that what stands above a frequency is not seen."""
@@ -115,11 +99,15 @@ def _torque(
 def _stretches(motion: Motion, torque: _Torque) -> tuple[Motion, int]:
     """Return stretches of the motion, one after the other, and the points of each."""
     count = len(motion)
-    length = _PLAIN if torque.whole else int(_PERIODS * torque.rate_hz / torque.bandwidth_hz) + 2
-    length = min(length, _LONGEST, count)
-    most = _POINTS // (length * _STRETCHES)
-    finer = 1 if torque.whole else min(max(most, 1), _FINER)
-    parts = min(max(_FEWEST, _POINTS // (length * finer)), count // length)
+    # a stretch holds eight periods of the torque's bandwidth, to part what is below from above;
+    # where nothing limits the torque it only has to change
+    length = 256 if torque.whole else int(8.0 * torque.rate_hz / torque.bandwidth_hz) + 2
+    length = min(length, 4096, count)
+    most = _POINTS // (length * 32)
+    # points are up to 16 times finer than the samples, and at random times: a line above half the
+    # sampling rate is spread, not taken for its alias
+    finer = 1 if torque.whole else min(max(most, 1), 16)
+    parts = min(max(8, _POINTS // (length * finer)), count // length)
     begins = np.linspace(0, count - length, parts).round()
     inside = np.arange(float(length))
     if not torque.whole:
@@ -185,7 +173,8 @@ def _look(columns: FloatArray, part: Motion, points: int, torque: _Torque) -> _L
     columns = np.where(weight > 0.0, columns, 0.0)
     total = np.sum(columns**2, axis=0)
     left = (columns - columns.sum(axis=0) / max(weight.sum(), 1.0)) * weight
-    changes = np.sum(left**2, axis=0) > _CHANGES * total
+    # an effect that changes by less than 1 % of its size is a zero
+    changes = np.sum(left**2, axis=0) > 1e-4 * total
     if not changes.any():
         return _Look(False, 0.0, 0.0)
     if torque.whole:
@@ -225,7 +214,8 @@ def _other(cause: Cause, part: Motion, points: int, torque: _Torque, second: boo
     share = torque.bandwidth_hz / (0.5 * torque.rate_hz)
     if cause.name in _WHITE and not stepped and not torque.whole and share < _INSIDE:
         return Testable(cause.name, False, torque.hides(0.05 * torque.rate_hz))
-    if cause.locked_to == "velocity" and torque.noise_nm < _DITHER * torque.step_nm:
+    # noise that is less than a fifth of a step of the readings moves one reading in eighty
+    if cause.locked_to == "velocity" and torque.noise_nm < 0.2 * torque.step_nm:
         return Testable(
             cause.name,
             False,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -54,15 +55,42 @@ class LowPass:
         once = np.asarray(sosfreqz(self.sections(), np.pi * place)[1])
         return once if self.causal else np.abs(once) ** 2 + 0j
 
+    def applied(self, values: FloatArray) -> FloatArray:
+        """Return what the filter makes of `values`; one with a delay begins at rest; NaN stays."""
+        from scipy.signal import sosfilt
+
+        known, held = _bridged(values)
+        if self.causal:
+            made = held[0] + sosfilt(self.sections(), held - held[0])
+        else:
+            made = self._shaped(held, lambda gain: gain)
+        return np.where(known, made, np.nan)
+
     def undone(self, values: FloatArray) -> FloatArray:
         """Return what the filter made `values` of, as far as its noise allows; NaN stays."""
-        known = np.isfinite(values)
-        held = np.interp(np.arange(len(values)), np.flatnonzero(known), values[known])
+
+        def back(gain: NDArray[np.complex128]) -> NDArray[np.complex128]:
+            power = np.abs(gain) ** 2 + _UNDONE
+            return np.asarray(np.conj(gain) * ((1.0 + _UNDONE) / power), dtype=np.complex128)
+
+        known, held = _bridged(values)
+        return np.where(known, self._shaped(held, back), np.nan)
+
+    def _shaped(
+        self,
+        held: FloatArray,
+        shape: Callable[[NDArray[np.complex128]], NDArray[np.complex128]],
+    ) -> FloatArray:
         # mirrored, so that both ends meet
         lines = np.fft.rfft(np.concatenate([held, held[::-1]]))
-        gain = self.gain(np.arange(len(lines)) / (len(lines) - 1.0))
-        lines *= np.conj(gain) * (1.0 + _UNDONE) / (np.abs(gain) ** 2 + _UNDONE)
-        return np.where(known, np.fft.irfft(lines, 2 * len(held))[: len(held)], np.nan)
+        lines *= shape(self.gain(np.arange(len(lines)) / (len(lines) - 1.0)))
+        return np.fft.irfft(lines, 2 * len(held))[: len(held)]
+
+
+def _bridged(values: FloatArray) -> tuple[NDArray[np.bool_], FloatArray]:
+    """Return which values are known, and all of them with lost ones on straight lines."""
+    known = np.isfinite(values)
+    return known, np.interp(np.arange(len(values)), np.flatnonzero(known), values[known])
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hdbench.diagnosis.answer.records import Gain
+from hdbench.diagnosis.answer.result import Gain
 from hdbench.diagnosis.discovery.fit import Fit
 from hdbench.diagnosis.discovery.record import Record
 from hdbench.diagnosis.discovery.stack import coefficients_of, glances

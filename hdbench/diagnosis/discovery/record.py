@@ -183,7 +183,7 @@ def _passed(
         steps = np.abs(np.diff(held))
         step = float(np.min(steps[np.isfinite(steps) & (steps > 0.0)], initial=np.inf))
         found = spectrum_of(held, 1.0 / period_s, step)
-        limits.append(None if found is None else found.limit_hz)
+        limits.append(None if found is None or found.computed else found.limit_hz)
     if limits[0] is None or limits[1] is not None:
         return 1.0
     return float(limits[0] * period_s)

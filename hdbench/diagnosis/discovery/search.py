@@ -455,7 +455,7 @@ class Search:
         """Let an error of the recorded angle act in full: its torque is no line in a large one."""
         fit = self.fit
         for _ in range(_STRAIGHTENED):
-            found = [p for p in fit.causes() if fit.parts[p].name == TRANSMISSION_ERROR.name]
+            found = [p for p in fit.causes() if fit.parts[p].name == TRANSMISSION_ERROR]
             if not found:
                 return
             motion = replace(fit.record.motion, ripple_slope_nm_per_rad=slope_nm_per_rad(fit))
@@ -631,7 +631,7 @@ def slope_nm_per_rad(fit: Fit) -> FloatArray:
     # its columns are the error where the torque falls by 1 N m/rad
     falling = replace(record.motion, ripple_slope_nm_per_rad=-np.ones(len(record)))
     for index, part in enumerate(fit.parts):
-        if part.term is not None and part.name == TRANSMISSION_ERROR.name:
+        if part.term is not None and part.name == TRANSMISSION_ERROR:
             errors = term_columns(part.term, replace(record, motion=falling))
             error += errors @ fit.linear(index)
     for index, part in enumerate(fit.parts):

@@ -8,8 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hdbench.diagnosis.answer.records import Voice
-from hdbench.diagnosis.answer.result import NamedCause, Unexplained
+from hdbench.diagnosis.answer.result import NamedCause, Unexplained, Voice
 from hdbench.diagnosis.discovery.chance import chi2_tail
 from hdbench.diagnosis.discovery.dictionary import Dictionary
 from hdbench.diagnosis.discovery.fit import Fit

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hdbench.diagnosis.answer.records import Gain
-from hdbench.diagnosis.answer.result import NamedCause, Spectrum, Unexplained
+from hdbench.diagnosis.answer.result import Gain, NamedCause, Spectrum, Unexplained
 from hdbench.diagnosis.discovery.chance import chi2_level, chi2_tail
 from hdbench.diagnosis.discovery.fit import Fit, scaled_rows
 from hdbench.diagnosis.discovery.heldout import Prediction, gain_between, hold_out

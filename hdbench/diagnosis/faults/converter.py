@@ -8,30 +8,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hdbench.diagnosis.faults.fault import Fault, entry, fault_over
-from hdbench.diagnosis.faults.scatter import CERTAIN_NATS, mask_runs
+from hdbench.diagnosis.faults.scatter import CERTAIN_NATS, mask_runs, tail_nats
 from hdbench.profile.schema import ProfileData
 from hdbench.records.trace import FloatArray, Trace
 
-__all__ = ["Steps", "clipping", "coarse_steps", "quantisation", "stuck_samples"]
+__all__ = [
+    "CHANCE", "STUCK", "Steps", "clipping", "coarse_steps", "piled_up", "quantisation", "step_of",
+    "stuck_samples",
+]  # fmt: skip
 
-# a limit holds this many times the samples of each of the three values before it
-_CLIP_RATIO = 5
-# a signal that does not change sits on few values, and its outermost one is no limit
-_CLIP_VALUES = 8
 # this many equal samples in a row do not come from a channel with noise
-_STUCK = 20
-# where more neighbours than this are equal outside of long runs, the steps are coarse: a run is
-# then one level that lasts, unless the channel leaves it by more than one level
-_COARSE_RATE = 0.25
-# probability of such a run anywhere on the record
-_STUCK_CHANCE = 1e-6
-# levels that a grid needs to be seen, samples per level, and levels that are looked at
-_LEVELS = 4
-_PER_LEVEL = 3.0
-_MOST_LEVELS = 4096
-# mean resultant of the levels on their grid: levels rounded to a step ten times finer still give
-# 0.98
-_ON_GRID = 0.9
+STUCK = 20
+# chance of any statistical finding in a channel of a log without a fault
+CHANCE = 1e-5
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,18 +57,16 @@ def clipping(
     if "torque_v" in trace:
         step = 2.0 * profile.daq.range_v / 2**profile.daq.resolution_bits
         clipped |= np.abs(trace["torque_v"]) >= profile.daq.range_v - 1.5 * step
-    values, counts = np.unique(torque_nm[np.isfinite(torque_nm)], return_counts=True)
-    if len(values) >= _CLIP_VALUES:
-        for end, beside in ((0, counts[1:4]), (-1, counts[-4:-1])):
-            if counts[end] >= _CLIP_RATIO * int(beside.max()):
-                clipped |= torque_nm == values[end]
+    for level, _ in piled_up(torque_nm):
+        clipped |= torque_nm == level
     if not clipped.any():
         return clipped, ()
+    values, counts = np.unique(torque_nm[np.isfinite(torque_nm)], return_counts=True)
     limits = np.unique(torque_nm[clipped])
     beside = counts[~np.isin(values, limits)]
     expected = float(max(1, *beside[:3], *beside[-3:]))
     seen = float(clipped.sum())
-    nats = min(max(0.0, seen * float(np.log(seen / expected)) - seen + expected), CERTAIN_NATS)
+    nats = min(tail_nats(seen, expected), CERTAIN_NATS)
     parameters = {
         "limit_nm": entry(float(np.abs(limits).max()), None, "N m"),
         "samples": entry(seen, 0.0, "1"),
@@ -90,6 +77,25 @@ def clipping(
     )
 
 
+def piled_up(values: FloatArray, chance: float = CHANCE) -> list[tuple[float, int]]:
+    """Return the ends at which a channel piles up, and how many samples are there.
+
+    A limit holds five times the samples of each of the three values before it, where a sine has 2.4
+    times as many, and more than chance makes of them. A channel that does not change sits on few
+    values, and its outermost one is no limit.
+    """
+    levels, counts = np.unique(values[np.isfinite(values)], return_counts=True)
+    if len(levels) < 8:
+        return []
+    ends = ((0, counts[1:4]), (-1, counts[-4:-1]))
+    return [
+        (float(levels[end]), int(counts[end]))
+        for end, beside in ends
+        if counts[end] >= 5 * beside.max()
+        and tail_nats(counts[end], beside.max()) > -np.log(0.5 * chance)
+    ]
+
+
 def stuck_samples(torque_nm: FloatArray) -> NDArray[np.bool_]:
     """Return samples in runs of twenty equal values that noise cannot make.
 
@@ -97,10 +103,10 @@ def stuck_samples(torque_nm: FloatArray) -> NDArray[np.bool_]:
     whose steps are coarse against its noise.
     """
     same = np.zeros(len(torque_nm), dtype=bool)
-    if len(torque_nm) < _STUCK:
+    if len(torque_nm) < STUCK:
         return same
     moves = np.diff(torque_nm)
-    long = [(a, b) for a, b in mask_runs(moves == 0.0) if b - a + 2 >= _STUCK]
+    long = [(a, b) for a, b in mask_runs(moves == 0.0) if b - a + 2 >= STUCK]
     outside = np.isfinite(moves)
     for first, last in long:
         outside[first : last + 1] = False
@@ -110,57 +116,63 @@ def stuck_samples(torque_nm: FloatArray) -> NDArray[np.bool_]:
         return same
     # one more of each kind: no rate is ever known to be zero
     rate = (len(known) - len(jumps) + 1.0) / (len(known) + 2.0)
-    step = float(np.median(jumps)) if rate > _COARSE_RATE else 0.0
+    # where more than a quarter of the neighbours are equal the steps are coarse: a run is then one
+    # level that lasts, unless the channel leaves it by more than one level
+    step = float(np.median(jumps)) if rate > 0.25 else 0.0
     for first, last in long:
         ends = [abs(moves[k]) for k in (first - 1, last + 1) if 0 <= k < len(moves)]
-        unlikely = (last - first + 1) * np.log(rate) + np.log(len(moves)) < np.log(_STUCK_CHANCE)
+        unlikely = (last - first + 1) * np.log(rate) + np.log(len(moves)) < np.log(CHANCE)
         if unlikely and max(ends, default=0.0) > 1.5 * step:
             same[first : last + 2] = True
     return same
 
 
 def coarse_steps(values: FloatArray) -> Steps | None:
-    """Return the grid on which a channel's values lie.
+    """Return the grid on which a channel's values lie; None where there is none, or too few values.
 
-    Parameters
-    ----------
-    values : ndarray, shape (n,)
-        Torque in N m, or volts; NaN where lost.
-
-    Returns
-    -------
-    Steps or None
-        In the unit of `values`; None where they lie on no grid, or are too few to tell.
-
-    Notes
-    -----
     Levels are numbered from the middle outwards, and the step is their least squares' slope. A last
     stage that rounds to a finer grid does not hide it.
     """
     present = values[np.isfinite(values)]
     levels = np.unique(present)
-    if len(levels) < _LEVELS or len(present) < _PER_LEVEL * len(levels):
+    # a grid is seen on four levels with three samples each
+    if len(levels) < 4 or len(present) < 3 * len(levels):
         return None
     span = float(levels[-1] - levels[0])
     # the resolution of 8-byte numbers makes one level of two
     levels = levels[np.concatenate([[True], np.diff(levels) > 1e-9 * span])]
-    if len(levels) < _LEVELS:
+    if len(levels) < 4:
         return None
     step = float(np.median(np.diff(levels)))
     order = np.argsort(np.abs(levels - np.median(present)))
     # from the nearest levels outwards, so that no level is taken for its neighbour
-    for reach in (8, 64, 512, _MOST_LEVELS):
+    for reach in (8, 64, 512, 4096):
         centre = levels[order][:reach] - levels[order][0]
         numbers = np.round(centre / step)
         step = float(numbers @ centre / max(float(numbers @ numbers), 1.0))
         if not step > 0.0:
             return None
     off = centre / step - numbers
-    if float(np.mean(np.cos(2.0 * np.pi * off))) < _ON_GRID:
+    # mean resultant of the levels on their grid: levels rounded to a step ten times finer have 0.98
+    if float(np.mean(np.cos(2.0 * np.pi * off))) < 0.9:
         return None
     # a rounded level is off by up to half a unit of the grid below; at least double rounding
     std = step * max(float(np.std(off)), 1e-12) / float(np.linalg.norm(numbers))
     return Steps(step, std, len(levels))
+
+
+def step_of(values: FloatArray) -> float:
+    """Return the step of a channel's values; 0 where they lie on no grid that can be seen.
+
+    The levels of a fast channel are too many to be met twice; those of its changes are not.
+    """
+    known = values[np.isfinite(values)]
+    for _ in range(3):
+        steps = coarse_steps(known)
+        if steps is not None:
+            return float(steps.step)
+        known = np.diff(known)
+    return 0.0
 
 
 def quantisation(

@@ -8,60 +8,31 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from hdbench.diagnosis.answer.records import DataFlag
+from hdbench.diagnosis.answer.result import DataFlag
 from hdbench.diagnosis.faults.scatter import mask_runs
 from hdbench.records.trace import FloatArray, Trace
 
 __all__ = ["Fault", "Inspected", "entry", "fault_over", "flag_runs", "flag_samples"]
-
-# more stretches than this are told as one flag over all of them
-_MANY = 20
 
 _Entry = dict[str, float | str | None]
 
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """A fault of the acquisition.
-
-    Parameters
-    ----------
-    name : str
-        Name of the catalogue.
-    parameters : dict
-        For each name ``value``, ``std`` (None where not known) and ``unit``.
-    samples : int
-        Samples that it touches.
-    from_s, to_s : float
-        Time of the first and of the last of them, s.
-    evidence_nats : float
-        Gain of the log likelihood less its price.
-    false_alarm_probability : float
-        Probability of such evidence on a record without the fault, in [0, 1].
-    shape : dict of str to float
-        Shape parameters of the catalogue, for the model file.
-    group : tuple of str
-        Other names that these data cannot tell from it.
-    undone : Trace or None
-        Trace with every fault taken out but this one; None where nothing was taken out.
-    masked : ndarray of bool, shape (n,), or None
-        Samples that are left out for it.
-    domain : str
-        Axis on which it is plainest.
-    """
+    """A fault of the acquisition, by its name of the catalogue."""
 
     name: str
     parameters: Mapping[str, _Entry]
-    samples: int
+    samples: int  # that it touches
     from_s: float
     to_s: float
-    evidence_nats: float
+    evidence_nats: float  # gain of the log likelihood less its price
     false_alarm_probability: float
-    shape: Mapping[str, float] = field(default_factory=dict)
-    group: tuple[str, ...] = ()
-    undone: Trace | None = None
-    masked: NDArray[np.bool_] | None = None
-    domain: str = "time"
+    shape: Mapping[str, float] = field(default_factory=dict)  # for the model file
+    group: tuple[str, ...] = ()  # other names that these data cannot tell from it
+    undone: Trace | None = None  # the trace with every fault taken out but this one
+    masked: NDArray[np.bool_] | None = None  # samples that are left out for it
+    domain: str = "time"  # axis on which it is plainest
 
     def flag(self) -> DataFlag:
         """Return its samples as a flag."""
@@ -70,34 +41,18 @@ class Fault:
 
 @dataclass(frozen=True, slots=True)
 class Inspected:
-    """A trace after its channels were inspected.
+    """A trace after its channels were inspected, named faults of angle, tacho and clock taken out.
 
-    Parameters
-    ----------
-    trace : Trace
-        Channels as the rest of the diagnosis sees them: what can be trusted, named faults of
-        angle, tacho and clock taken out.
-    masked : ndarray of bool, shape (n,)
-        Samples that take no part.
-    left_out : tuple of (str, int)
-        Why samples take no part, and how many.
-    flags : tuple of DataFlag
-        Doubtful samples, those of the faults among them.
-    faults : tuple of Fault
-        Named faults.
-    reason : str
-        Why nothing can be said, with the margin; empty where something can.
-    derived : tuple of (str, str)
-        Channels that were made of another one, and of which.
+    `reason` says why nothing can be said, with the margin; it is empty where something can.
     """
 
     trace: Trace
-    masked: NDArray[np.bool_]
-    left_out: tuple[tuple[str, int], ...] = ()
-    flags: tuple[DataFlag, ...] = ()
+    masked: NDArray[np.bool_]  # samples that take no part
+    left_out: tuple[tuple[str, int], ...] = ()  # why samples take no part, and how many
+    flags: tuple[DataFlag, ...] = ()  # doubtful samples, those of the faults among them
     faults: tuple[Fault, ...] = ()
     reason: str = ""
-    derived: tuple[tuple[str, str], ...] = ()
+    derived: tuple[tuple[str, str], ...] = ()  # channels made of another one, and of which
 
 
 def entry(value: float, std: float | None, unit: str) -> _Entry:
@@ -136,6 +91,7 @@ def flag_samples(
 def flag_runs(name: str, time_s: FloatArray, mask: NDArray[np.bool_]) -> tuple[DataFlag, ...]:
     """Return one flag for each run of marked samples, one over all where there are many."""
     runs = mask_runs(mask)
-    if len(runs) > _MANY:
+    # many stretches are told as one flag over all of them
+    if len(runs) > 20:
         return flag_samples(name, time_s, mask)
     return tuple(DataFlag(name, float(time_s[a]), float(time_s[b]), b - a + 1) for a, b in runs)

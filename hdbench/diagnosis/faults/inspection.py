@@ -7,11 +7,10 @@ from dataclasses import replace
 import numpy as np
 from scipy.ndimage import median_filter
 
-from hdbench.diagnosis.answer.records import DataFlag
+from hdbench.diagnosis.answer.result import DataFlag
 from hdbench.diagnosis.faults.converter import clipping, stuck_samples
 from hdbench.diagnosis.faults.fault import Fault, Inspected, flag_runs, flag_samples
 from hdbench.diagnosis.faults.jumps import find_jumps
-from hdbench.diagnosis.faults.repair import without_faults
 from hdbench.diagnosis.faults.scatter import find_outliers, smallest_step
 from hdbench.diagnosis.faults.shaft import (
     ANGLES,
@@ -21,6 +20,7 @@ from hdbench.diagnosis.faults.shaft import (
     has_own_noise,
     shaft_of,
     velocity_of,
+    without_faults,
 )
 from hdbench.diagnosis.faults.stamps import lost_samples, repeated_rows
 from hdbench.diagnosis.faults.tacho import find_tacho_ripple
@@ -34,10 +34,6 @@ __all__ = ["inspect_channels"]
 
 # samples below which a record shows nothing
 _FEWEST = 5
-# an isolated wrong sample leaves a course that is so many times as even beside it
-_EVEN = 5.0
-# and is out by this many of the channel's smallest steps: rounding makes one or two
-_STEPS = 4.0
 
 
 def inspect_channels(
@@ -45,25 +41,8 @@ def inspect_channels(
 ) -> Inspected:
     """Inspect every channel of a trace before anything is fitted.
 
-    Parameters
-    ----------
-    trace : Trace
-        Channels.
-    profile : ProfileData
-        Bench.
-    model : BenchModel
-        Model at hand; faults that it holds are taken out and not found again.
-    alpha : float
-        False-alarm rate of the record, in (0, 1): a fault that is less sure is not named.
-
-    Returns
-    -------
-    Inspected
-
-    Raises
-    ------
-    DataError
-        If the trace has no torque.
+    Faults that the model holds are taken out and not found again; one that is less sure than the
+    false-alarm rate `alpha` is not named. `DataError` if the trace has no torque.
     """
     if len(trace) < _FEWEST:
         reason = f"{len(trace)} samples; needed: at least {_FEWEST}"
@@ -156,7 +135,8 @@ def _without_glitches(trace: Trace, profile: ProfileData) -> tuple[Trace, tuple[
     velocity, angle = velocity_of(trace, profile), angle_of(trace, profile)
     courses = []
     if velocity is not None:
-        rounding = _STEPS * smallest_step(velocity)
+        # rounding makes one or two of the channel's smallest steps
+        rounding = 4.0 * smallest_step(velocity)
         courses.append((VELOCITIES, velocity, velocity, rounding, "velocity"))
     if angle is not None:
         # a wrong angle is out for one move and back for the next; a slip stays out
@@ -165,7 +145,8 @@ def _without_glitches(trace: Trace, profile: ProfileData) -> tuple[Trace, tuple[
         usual = float(np.quantile(np.abs(moves), 0.99))
         courses.append((ANGLES, angle, course, usual, "motor angle"))
     for names, channel, course, least, what in courses:
-        wrong = find_outliers(course, np.isfinite(channel), course, least=least, even=_EVEN)
+        # an isolated wrong sample leaves a course that is five times as even beside it
+        wrong = find_outliers(course, np.isfinite(channel), course, least=least, even=5.0)
         # a reading that was held has not left its course
         wrong &= np.diff(channel, prepend=np.nan) != 0.0
         lost = {name: np.where(wrong, np.nan, trace[name]) for name in names if name in trace}

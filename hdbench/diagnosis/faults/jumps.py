@@ -10,7 +10,7 @@ from scipy.ndimage import binary_dilation, maximum_filter1d, minimum_filter1d
 
 from hdbench.diagnosis.evidence import RIVAL_NATS
 from hdbench.diagnosis.faults.fault import Fault, entry, fault_over
-from hdbench.diagnosis.faults.scatter import ACCEPT_NATS, least_sigmas, paid_nats
+from hdbench.diagnosis.faults.scatter import ACCEPT_NATS, AROUND, least_sigmas, paid_nats
 from hdbench.diagnosis.faults.shaft import Shaft, disagreement
 from hdbench.records.trace import FloatArray
 
@@ -19,32 +19,11 @@ __all__ = ["find_jumps"]
 # samples on each side: there the averaged counting of a 4000-count encoder meets the walk that the
 # tacho's noise of 0.06 rad/s makes at 1 kHz
 _SIDE = 14
-# samples over which the scatter of the steps is taken
-_PART = 400
-# share of them that no jump touches, and where it ends among normal values
-_USUAL, _USUAL_SIGMA = 0.85, 1.44
-# a counted angle is off by less than one count; 0.8 of one more is what bends within a period
-_COUNTS = 1.8
-# smallest jump, rad: it turns ripple of order 2 by a thousandth of its amplitude
-_SMALLEST_RAD = 5e-4
-# three intervals hold this part of a jump at least
-_SUDDEN = 0.5
 # jumps that are judged at most, the largest first
 _MOST = 8
-# times the nats that tell names apart a torque has to be able to say: its own scatter is then small
-# beside what it says
-_ABLE = 6.0
-# a jump this many standard deviations from a whole number of samples is none of lost samples
-_WHOLE_SIGMA = 4.0
-# how well a large number of lost samples has to be known
-_KNOWN = 0.1
-# samples that a loss may have
-_LONGEST = 5000
 # whole motor turns on each side of a jump: enough for the scatter of the ripple's phase, few enough
 # for a bench that changes slowly; and the fewest that have a scatter
 _TURNS, _FEWEST = 40, 3
-# samples of a turn for each order below which its ripple cannot be read
-_SAMPLES = 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,8 +70,9 @@ def _judged(
 ) -> Jump:
     """Return the jump with the name that the evidence gives it, if any."""
     nats, able = _torque_nats(jump, shaft, torque_nm, orders)
-    # of two sensors the torque has to agree where it is able to
-    agrees = RIVAL_NATS if able > _ABLE * RIVAL_NATS else -RIVAL_NATS
+    # of two sensors the torque has to agree where it is able to: where it could say six times what
+    # tells names apart, its own scatter is small beside that
+    agrees = RIVAL_NATS if able > 6.0 * RIVAL_NATS else -RIVAL_NATS
     needed = agrees if independent else ACCEPT_NATS
     samples, std, near = _lost_samples(jump, shaft)
     jump = replace(jump, samples=samples, samples_std=std)
@@ -150,7 +130,8 @@ def _torque_nats(
     found, speeds, variances, after = [], [], [], []
     for number in range(-_TURNS, _TURNS):
         rows = np.flatnonzero(block == number)
-        if len(rows) < _SAMPLES * max(2, len(orders)):
+        # ripple is read from four samples of a turn for each order
+        if len(rows) < 4 * max(2, len(orders)):
             continue
         waves = np.exp(1j * angle[rows, None] * orders)
         line = np.linspace(-1.0, 1.0, len(rows))
@@ -192,7 +173,8 @@ def _lost_samples(jump: Jump, shaft: Shaft) -> tuple[int, float, bool]:
         np.polyfit(at, shaft.velocity_rad_s[rows], 1).tolist()
         for rows in (jump.first - 1 - at, jump.first + at)
     )
-    number = np.arange(1, _LONGEST + 1)
+    # samples that a loss may have
+    number = np.arange(1, 5000 + 1)
     bends = -shaft.period_s * (gone + gained) * number**2 / 12.0
     turned = 0.5 * shaft.period_s * (before + after) * number + bends
     away = np.abs(jump.angle_rad - turned)
@@ -200,9 +182,9 @@ def _lost_samples(jump: Jump, shaft: Shaft) -> tuple[int, float, bool]:
     one, bend = abs(float(turned[best])) / (best + 1), 0.5 * abs(float(bends[best]))
     if not turned[best] * jump.angle_rad > 0.0:
         return 0, 0.0, False
-    near = away[best] < _WHOLE_SIGMA * jump.std_rad + 0.5 * shaft.count_rad + bend
+    near = away[best] < 4.0 * jump.std_rad + 0.5 * shaft.count_rad + bend
     std = min((bend + float(away[best])) / one, best + 1.0)
-    return best + 1, std, bool(near and std < max(1.0, _KNOWN * best))
+    return best + 1, std, bool(near and std < max(1.0, 0.1 * best))
 
 
 def _found(shaft: Shaft) -> list[Jump]:
@@ -214,7 +196,9 @@ def _found(shaft: Shaft) -> list[Jump]:
         return []
     left = np.where(good, disagreement(shaft), 0.0)
     scatter = _scatter(shaft, _steps(left), good)
-    least = max(_COUNTS * shaft.count_rad, _SMALLEST_RAD)
+    # a counted angle is off by less than one count; 0.8 of one more is what bends within a period.
+    # 5e-4 rad turn ripple of order 2 by a thousandth of its amplitude
+    least = max(1.8 * shaft.count_rad, 5e-4)
     floor = np.maximum(least_sigmas(len(good)) * scatter, least)
     sizes = np.zeros(len(good))
     while int(np.count_nonzero(sizes)) < _MOST:
@@ -252,8 +236,9 @@ def _scatter(shaft: Shaft, steps: FloatArray, good: NDArray[np.bool_]) -> FloatA
     at = np.flatnonzero(good)
     for ranked in (at, at[np.argsort(change[at])]):
         least = 0.0
-        for part in np.array_split(ranked, max(1, len(at) // _PART)):
-            size = float(np.quantile(np.abs(steps[part]), _USUAL)) / _USUAL_SIGMA
+        for part in np.array_split(ranked, max(1, len(at) // AROUND)):
+            # no jump touches 0.85 of them, which normal values hold within 1.44 deviations
+            size = float(np.quantile(np.abs(steps[part]), 0.85)) / 1.44
             # the busiest are few: nothing is quieter than what is less busy
             least = size if ranked is at else max(least, size)
             out[part] = np.maximum(out[part], least)
@@ -271,6 +256,6 @@ def _peaks(left: FloatArray, floor: FloatArray, good: NDArray[np.bool_]) -> list
             continue
         at = int(part[np.argmax(np.abs(steps[part]) + np.abs(left[part]))])
         # a ramp, such as a filter's, spreads over many intervals
-        if around[at] * steps[at] > 0.0 and abs(around[at]) > _SUDDEN * abs(steps[at]):
+        if around[at] * steps[at] > 0.0 and abs(around[at]) > 0.5 * abs(steps[at]):
             peaks.append((at, float(steps[at])))
     return peaks

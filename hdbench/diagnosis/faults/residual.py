@@ -24,19 +24,11 @@ from hdbench.records.trace import FloatArray
 
 __all__ = ["ResidualFaults", "faults_of_residual"]
 
-# law of the catalogue: noise at this speed, rad/s
-_REFERENCE_RAD_S = 100.0
-# cells of equal counts in which squares are summed: the law bends slowly
-_CELLS = 64
-# blocks in time: noise that changes with time alone must not be taken for a law of the speed
-_BLOCKS = 24
-# Fisher scoring converges within ten rounds
-_ROUNDS = 20
-_LEAST_SAMPLES = 500
-# samples before that predict, and samples over which they are weighed alike
-_ORDER, _BLOCK = 8, 512
-# times the median size that the bulk of normal noise ends at: 2.5 standard deviations
-_BULK = 3.7
+# cells of equal counts over the speed, and blocks in time: noise that changes with time alone must
+# not be taken for a law of the speed
+_CELLS, _BLOCKS = 64, 24
+# samples before that predict
+_ORDER = 8
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,17 +46,7 @@ class SpeedNoise:
 
 @dataclass(frozen=True, slots=True)
 class ResidualFaults:
-    """Faults of a residual.
-
-    Parameters
-    ----------
-    faults : tuple of Fault
-        Faults with a name.
-    spikes : ndarray of bool, shape (n,)
-        Spikes.
-    law : SpeedNoise or None
-        How the noise grows with speed, where it does.
-    """
+    """Faults of a residual, its spikes, and how the noise grows with speed where it does."""
 
     faults: tuple[Fault, ...]
     spikes: NDArray[np.bool_]
@@ -84,29 +66,9 @@ def faults_of_residual(
 ) -> ResidualFaults:
     """Return the faults of the acquisition that a residual shows.
 
-    Parameters
-    ----------
-    residual_nm : ndarray, shape (n,)
-        Measured less modelled torque, N m.
-    whitened_residual : ndarray, shape (n,), or None
-        The same with white noise, in any unit; None before the noise is known: then only spikes
-        and coarse steps are looked for.
-    motion : Motion
-        Motion of the record.
-    valid : ndarray of bool, shape (n,)
-        Samples that count.
-    torque_nm : ndarray, shape (n,)
-        Torque as read, N m.
-    profile : ProfileData
-        Converter of the bench.
-    alpha : float
-        False-alarm rate of the law of the noise, in (0, 1).
-    volts : bool
-        Whether the torque is the converter's own reading times the gain (``torque_v``).
-
-    Returns
-    -------
-    ResidualFaults
+    `whitened_residual` is None before the noise is known: then only spikes and coarse steps are
+    looked for. `alpha` is the false-alarm rate of the law of the noise; `volts` says whether the
+    torque is the converter's own reading times the gain.
     """
     spikes = find_outliers(residual_nm, valid, torque_nm, whitened_residual)
     faults = [_spiky(spikes, residual_nm, valid, motion.time_s)] if spikes.any() else []
@@ -157,7 +119,7 @@ def _innovations(white: FloatArray, good: NDArray[np.bool_]) -> tuple[FloatArray
     windows = np.lib.stride_tricks.sliding_window_view(np.where(good, white, 0.0), _ORDER + 1)
     rows = np.flatnonzero(good[_ORDER:])
     left = np.zeros(len(good))
-    for block in np.array_split(rows, max(1, len(rows) // _BLOCK)):
+    for block in np.array_split(rows, max(1, len(rows) // 512)):
         before, now = windows[block, :-1], windows[block, -1]
         left[block + _ORDER] = now - before @ least_squares(before, now)
     return left, rows + _ORDER
@@ -177,18 +139,20 @@ def _speed_noise(
     """
     left, rows = _innovations(whitened, used & np.isfinite(motion.velocity_rad_s))
     speed = motion.velocity_rad_s**2
-    if len(rows) < _LEAST_SAMPLES or not float(np.ptp(speed[rows])) > 0.0:
+    if len(rows) < 500 or not float(np.ptp(speed[rows])) > 0.0:
         return None, ()
-    # the bulk decides: held samples and other outliers are none of the noise
+    # the bulk decides: held samples and other outliers are none of the noise; it ends at 3.7 times
+    # the median size, 2.5 standard deviations of normal noise
     cells = np.array_split(rows[np.argsort(speed[rows], kind="stable")], _CELLS)
     sizes = np.abs(left)
-    cells = [cell[sizes[cell] <= _BULK * float(np.median(sizes[cell]))] for cell in cells]
+    cells = [cell[sizes[cell] <= 3.7 * float(np.median(sizes[cell]))] for cell in cells]
     bulk = np.sort(np.concatenate(cells))
     squares = left**2 / float(np.mean(left[bulk] ** 2))
     count, means, pace = np.array([(len(c), squares[c].mean(), speed[c].mean()) for c in cells]).T
     design = np.column_stack([np.ones(_CELLS), pace / pace.max()])
     values = np.array([0.5, 0.5])
-    for _ in range(_ROUNDS):
+    # Fisher scoring converges within ten rounds
+    for _ in range(20):
         weighted = design * (0.5 * count / (design @ values) ** 2)[:, None]
         fisher = weighted.T @ design
         # a variance stays positive: a thousandth of the mean is none
@@ -204,7 +168,8 @@ def _speed_noise(
         return None, ()
     law = SpeedNoise(float(values[0]), float(values[1] / pace.max()))
     power = float(np.mean(residual_nm[used] ** 2))
-    size = float(np.sqrt(law.slope * power)) * _REFERENCE_RAD_S
+    # the law of the catalogue states the noise at 100 rad/s
+    size = 100.0 * float(np.sqrt(law.slope * power))
     std = 0.5 * size * float(np.sqrt(np.linalg.inv(fisher)[1, 1])) / float(values[1])
     parameters = {
         "noise_nm": entry(size, std, "N m"),

@@ -9,27 +9,17 @@ from scipy.ndimage import maximum_filter1d, median_filter, uniform_filter1d
 from hdbench.records.trace import FloatArray
 
 __all__ = [
-    "ACCEPT_NATS", "CERTAIN_NATS", "fast_part", "find_outliers", "least_sigmas", "least_squares",
-    "mask_runs", "paid_nats", "robust_std", "smallest_step",
+    "ACCEPT_NATS", "AROUND", "CERTAIN_NATS", "bridged", "fast_part", "find_outliers",
+    "least_sigmas", "least_squares", "mask_runs", "paid_nats", "robust_std", "smallest_step",
+    "tail_nats",
 ]  # fmt: skip
 
 # evidence that a fault needs: as for causes, a Bayes factor of 3000
 ACCEPT_NATS = 8.0
 # what the record shows without any statistic: a finite number that nothing reaches
 CERTAIN_NATS = 700.0
-# an outlier lasts this many samples at most, against the median of this many
-_LONG, _WINDOW = 2, 5
-# a loud stretch is judged by itself: samples over which the scatter is taken
-_AROUND = 400
-# part of its size by which an outlier stands out of the samples on both sides
-_COMES_BACK = 0.5
-# outliers are rare: what this share of the samples reaches is the distribution's own, and where
-# such a share of normal values begins, standard deviations
-_RARE, _TAIL = 0.01, 2.58
-# a column of a regression below this share of the largest is empty
-_EMPTY = 1e-9
-# decimals of a channel's values: far below any converter, far above 8-byte numbers
-_DECIMALS = 9
+# a loud stretch is judged by itself: samples over which a scatter is taken
+AROUND = 400
 
 
 def paid_nats(gain_nats: float, parameters: int, samples: int) -> float:
@@ -42,11 +32,27 @@ def least_sigmas(samples: int) -> float:
     return float(np.sqrt(2.0 * (ACCEPT_NATS - paid_nats(0.0, 3, samples))))
 
 
+def tail_nats(seen: float, expected: float) -> float:
+    """Return the log of one over a bound of the chance to see so many where Poisson says fewer."""
+    if seen <= expected or not seen:
+        return 0.0
+    return float(seen * np.log(seen / max(expected, 1e-12)) - seen + expected)
+
+
+def bridged(values: FloatArray) -> FloatArray:
+    """Return values with a straight line over what is lost; zeros where nothing is there."""
+    known = np.isfinite(values)
+    if known.all() or not known.any():
+        return np.nan_to_num(values)
+    at = np.arange(len(values))
+    return np.interp(at, at[known], values[known])
+
+
 def least_squares(design: FloatArray, wanted: FloatArray) -> FloatArray:
     """Return the least squares' coefficients by the normal equations; 0 for empty columns."""
     size = np.sqrt(np.mean(design**2, axis=0))
     # a column that is nothing but rounding here is empty, whatever it is elsewhere
-    size = np.where(size > _EMPTY * size.max(initial=0.0), size, np.inf)
+    size = np.where(size > 1e-9 * size.max(initial=0.0), size, np.inf)
     part = design / size
     gram = part.T @ part
     gram[np.diag_indices_from(gram)] *= 1.0 + 1e-10
@@ -67,7 +73,8 @@ def robust_std(values: FloatArray) -> float:
 
 def smallest_step(values: FloatArray) -> float:
     """Return the smallest difference between two values of a channel; 0 where there is none."""
-    levels = np.unique(np.round(values[np.isfinite(values)], _DECIMALS))
+    # decimals far below any converter, far above the rounding of 8-byte numbers
+    levels = np.unique(np.round(values[np.isfinite(values)], 9))
     return float(np.diff(levels).min()) if len(levels) > 1 else 0.0
 
 
@@ -93,10 +100,11 @@ def find_outliers(
     times as even as that.
     """
     found = np.zeros(len(valid), dtype=bool)
-    if int(valid.sum()) < _AROUND:
+    if int(valid.sum()) < AROUND:
         return found
     known, readings = np.where(valid, values, 0.0), np.where(valid, readings, 0.0)
-    off = known - median_filter(known, size=_WINDOW, mode="nearest")
+    # an outlier lasts two samples at most: the median of five does not hold it
+    off = known - median_filter(known, size=5, mode="nearest")
     sigmas = least_sigmas(len(valid))
     far = valid & (np.abs(off) > np.maximum(sigmas * _local_std(off, valid), least))
     if white is not None and far.any():
@@ -108,18 +116,21 @@ def find_outliers(
         )
         low, high = float(readings[mine].min()), float(readings[mine].max())
         outside = max(low - float(beside.max()), float(beside.min()) - high)
-        needed = max(_COMES_BACK * float(np.abs(off[mine]).min()), even * float(np.ptp(beside)))
-        found[mine] = last - first < _LONG and outside > needed
+        # it stands out of the samples on both sides by half of its size
+        needed = max(0.5 * float(np.abs(off[mine]).min()), even * float(np.ptp(beside)))
+        found[mine] = last - first < 2 and outside > needed
     return found
 
 
 def _local_std(values: FloatArray, used: NDArray[np.bool_]) -> FloatArray:
     """Return the robust scatter around each sample, at least what the tail of all says."""
     at = np.flatnonzero(used)
-    parts = np.array_split(at, max(1, len(at) // _AROUND))
+    parts = np.array_split(at, max(1, len(at) // AROUND))
     centres = np.array([float(part.mean()) for part in parts])
     # a loud stretch between two quiet ones must not be judged by them: the larger neighbour counts
     wide = maximum_filter1d([robust_std(values[part]) for part in parts], 3)
     local = np.interp(np.arange(len(values)), centres, wide)
-    tail = float(np.quantile(np.abs(values[at]), 1.0 - _RARE)) / _TAIL
+    # outliers are rare: what one sample in a hundred reaches is the distribution's own; of normal
+    # values they lie beyond 2.58 standard deviations
+    tail = float(np.quantile(np.abs(values[at]), 0.99)) / 2.58
     return np.asarray(np.maximum(local, max(tail, 1e-300)))

@@ -2,42 +2,29 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation, uniform_filter1d
 
-from hdbench.diagnosis.faults.scatter import least_squares, robust_std, smallest_step
+from hdbench.diagnosis.faults.scatter import bridged, least_squares, robust_std, smallest_step
 from hdbench.diagnosis.faults.stamps import gap_steps
 from hdbench.profile.schema import ProfileData
 from hdbench.records.trace import FloatArray, Trace
 
 __all__ = [
-    "ANGLES", "VELOCITIES", "Shaft", "angle_of", "derivation", "disagreement",
-    "has_own_noise", "scaled", "shaft_of", "velocity_of",
+    "ANGLES", "FAST", "VELOCITIES", "Shaft", "angle_of", "derivation", "disagreement",
+    "has_own_noise", "scaled", "shaft_of", "velocity_of", "without_faults",
 ]  # fmt: skip
 
 ANGLES = ("motor_angle_rad", "encoder_count")
 VELOCITIES = ("motor_velocity_rad_s", "tacho_v")
-# samples of a stretch that decides, and samples over which a filter of it may reach
-_STRETCH, _LAGS = 16384, 60
 # samples of the running mean that takes the motion out: what is left is the channels' own
-_FAST = 5
-# share of the fast part of one channel that the other explains where it was made of it; of
-# channels with noise of their own it is next to 0
-_MADE_OF = 0.5
-# an integrated angle holds nothing but the velocity
-_INTEGRATED = 0.99
-# noise of its own that a velocity has to show, over that of its rounding
-_OWN = 2.0
-# even steps have to fit this much better than the stamps
-_BETTER = 0.8
-# rounds in which what stands out of the noise is left out of the fit, and its limit
-_ROUNDS = 3
+FAST = 5
+# what stands out of the noise by this much is left out of a fit
 _TRIM = 5.0
-# share of the increments that no jump touches
-_USUAL = 0.95
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,7 +83,8 @@ def shaft_of(trace: Trace, profile: ProfileData) -> Shaft | None:
     good[gap_steps(trace.time_s)] = False
     even = np.where(good, float(np.median(steps)), steps)
     off = [float(np.sum(np.abs(moves - pace * one)[good])) for one in (steps, even)]
-    steps = even if off[1] < _BETTER * off[0] else steps
+    # even steps have to fit much better than the stamps
+    steps = even if off[1] < 0.8 * off[0] else steps
     angle_name, velocity_name = (
         next(name for name in some if name in trace) for some in (ANGLES, VELOCITIES)
     )
@@ -112,13 +100,29 @@ def scaled(trace: Trace, names: tuple[str, ...], factor: FloatArray | float) -> 
     return trace.with_columns(**columns)
 
 
-def _filled(values: FloatArray) -> FloatArray:
-    """Return values with a straight line over what is lost."""
-    known = np.isfinite(values)
-    if known.all() or not known.any():
-        return np.nan_to_num(values)
-    at = np.arange(len(values))
-    return np.interp(at, at[known], values[known])
+def without_faults(
+    trace: Trace, profile: ProfileData, faults: Iterable[tuple[str, Mapping[str, float]]]
+) -> Trace:
+    """Return the trace without faults, each a name of the catalogue and its shape."""
+    timed = []
+    angle = angle_of(trace, profile)
+    for name, shape in faults:
+        if name == "tacho-ripple" and angle is not None:
+            turned = shape["order"] * np.nan_to_num(angle)
+            ripple = shape["cosine"] * np.cos(turned) + shape["sine"] * np.sin(turned)
+            trace = scaled(trace, VELOCITIES, 1.0 / (1.0 + ripple))
+        elif name in ("encoder-slip", "missed-samples"):
+            timed.append((shape["step_time_s"], shape))
+    # the last ones first: a loss moves the stamps of all samples after it
+    for place, shape in sorted(timed, key=lambda one: -one[0]):
+        later = trace.time_s > place
+        columns = {"time_s": trace.time_s + later * shape.get("missed_s", 0.0)}
+        counts = profile.encoder.counts_per_turn / (2.0 * np.pi)
+        for name, scale in zip(ANGLES, (1.0, counts), strict=True):
+            if name in trace and "slip_rad" in shape:
+                columns[name] = trace[name] - later * (shape["slip_rad"] * scale)
+        trace = trace.with_columns(**columns)
+    return trace
 
 
 def disagreement(shaft: Shaft) -> FloatArray:
@@ -128,11 +132,12 @@ def disagreement(shaft: Shaft) -> FloatArray:
     """
     good, wanted, steps = shaft.good, shaft.moves_rad, shaft.steps_s
     left = np.zeros(len(good))
-    velocity = _filled(shaft.velocity_rad_s)
-    design = np.column_stack([_filled(shaft.pace_rad_s) * steps, np.diff(velocity), steps])
+    velocity = bridged(shaft.velocity_rad_s)
+    design = np.column_stack([bridged(shaft.pace_rad_s) * steps, np.diff(velocity), steps])
     off = np.abs(wanted - shaft.pace_rad_s * steps)
-    used = good & (off <= _TRIM * float(np.quantile(off[good], _USUAL)))
-    for _ in range(_ROUNDS):
+    # no jump touches 19 of 20 increments
+    used = good & (off <= _TRIM * float(np.quantile(off[good], 0.95)))
+    for _ in range(3):
         solution = least_squares(design[used], wanted[used])
         left[good] = wanted[good] - design[good] @ solution
         limit = max(_TRIM * robust_std(left[good]), 2.0 * shaft.count_rad)
@@ -146,15 +151,15 @@ def _explained(wanted: FloatArray, source: FloatArray, good: NDArray[np.bool_], 
     The filter takes from `lags` samples before each and one after it; the busiest stretch decides.
     """
     spans = np.concatenate([[0.0], np.cumsum(np.abs(source))])
-    size = min(_STRETCH, len(source))
+    size = min(16384, len(source))
     if size < 8 * (lags + 2):
         return 0.0
     first = int(np.argmax(spans[size:] - spans[:-size]))
     part = slice(first, first + size)
-    fast = [one - uniform_filter1d(one, _FAST) for one in (wanted[part], source[part])]
+    fast = [one - uniform_filter1d(one, FAST) for one in (wanted[part], source[part])]
     columns = np.lib.stride_tricks.sliding_window_view(fast[1], lags + 2)
     response = fast[0][lags:-1]
-    whole = ~binary_dilation(~good[part], iterations=_FAST)[lags:-1]
+    whole = ~binary_dilation(~good[part], iterations=FAST)[lags:-1]
     # a few samples that stand out decide nothing
     kept = whole & (np.abs(response) <= _TRIM * max(robust_std(response), 1e-300))
     response, columns = response[kept], columns[kept]
@@ -170,10 +175,10 @@ def has_own_noise(shaft: Shaft) -> bool:
 
     Where it does not, nobody can see whether it is a sensor of its own.
     """
-    velocity = _filled(shaft.velocity_rad_s)
-    fast = robust_std(velocity - uniform_filter1d(velocity, _FAST))
+    velocity = bridged(shaft.velocity_rad_s)
+    fast = robust_std(velocity - uniform_filter1d(velocity, FAST))
     rounding = smallest_step(shaft.velocity_rad_s) / float(np.sqrt(12.0))
-    return fast > _OWN * rounding
+    return fast > 2.0 * rounding
 
 
 def derivation(shaft: Shaft) -> tuple[str, str] | None:
@@ -182,11 +187,13 @@ def derivation(shaft: Shaft) -> tuple[str, str] | None:
     What is fast in a channel is its own noise and rounding. Where the other channel explains it,
     both come from one sensor: an integrated velocity, or a differentiated and filtered angle.
     """
-    steps, good, velocity = shaft.steps_s, shaft.good, _filled(shaft.velocity_rad_s)
-    moves = _filled(np.where(good, shaft.moves_rad, np.nan))
+    # an integrated angle holds nothing but the velocity; a filter of the angle reaches over 60
+    # samples. Of channels with noise of their own the other explains next to nothing
+    steps, good, velocity = shaft.steps_s, shaft.good, bridged(shaft.velocity_rad_s)
+    moves = bridged(np.where(good, shaft.moves_rad, np.nan))
     angle, tacho = shaft.names
-    if _explained(moves, velocity[1:] * steps, good, 1) > _INTEGRATED:
+    if _explained(moves, velocity[1:] * steps, good, 1) > 0.99:
         return angle, tacho
-    if _explained(velocity[1:], moves / steps, good, _LAGS) > _MADE_OF:
+    if _explained(velocity[1:], moves / steps, good, 60) > 0.5:
         return tacho, angle
     return None

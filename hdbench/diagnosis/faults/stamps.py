@@ -10,53 +10,57 @@ from hdbench.diagnosis.faults.fault import Fault, entry
 from hdbench.diagnosis.faults.scatter import CERTAIN_NATS, mask_runs
 from hdbench.records.trace import FloatArray, Trace
 
-__all__ = ["gap_steps", "lost_samples", "repeated_rows"]
+__all__ = ["gap_steps", "gaps_of", "lost_samples", "repeated_rows"]
 
 # a step longer than this many median periods is a gap: one lost sample makes 2
 _GAP = 1.5
-# and this many times as long as 19 of 20 stamps are off a whole number of periods: a log with
-# stamps of a host has steps of three periods and more without a loss
-_JITTER = 12.0
-# samples on each side whose earliest tells what is missing, and how much has to be, periods
-_AROUND = 7
-_MISSING = 0.5
+# samples on each side whose earliest tells what is missing
+_BESIDE = 7
 # channels that tell what the bench measured at a moment
 _TOLD = ("torque_nm", "torque_v", "motor_velocity_rad_s", "tacho_v")
 _MEASURED = (*_TOLD, "load_torque_nm", "motor_current_a")
-# slower than this part of the usual pace the shaft may start or stop within the row
-_PACE = 0.2
 
 
 def gap_steps(time_s: FloatArray) -> NDArray[np.intp]:
     """Return the indices k where samples are missing between k and k + 1."""
     steps = np.diff(time_s)
-    span = 2 * _AROUND + 1
+    span = 2 * _BESIDE + 1
     if len(steps) < span:
         return np.flatnonzero(steps > _GAP * np.median(steps)) if len(steps) else np.array([], int)
     part = steps / float(np.median(steps))
     jitter = float(np.quantile(np.abs(part - np.round(part)), 0.95))
-    long = np.flatnonzero(part > max(_GAP, 1.0 + _JITTER * jitter))
+    # a log with stamps of a host has steps of three periods and more without a loss
+    long = np.flatnonzero(part > max(_GAP, 1.0 + 12.0 * jitter))
     # late stamps are made up for: the earliest ones on each side keep their places
     usual = float(np.median(time_s[span:] - time_s[:-span])) / span
     late = time_s / usual - np.arange(len(time_s))
-    after = minimum_filter1d(late, _AROUND, origin=-(_AROUND // 2), mode="nearest")[1:]
-    before = minimum_filter1d(late, _AROUND, origin=_AROUND // 2, mode="nearest")[:-1]
-    return np.asarray(long[(after - before)[long] > _MISSING])
+    after = minimum_filter1d(late, _BESIDE, origin=-(_BESIDE // 2), mode="nearest")[1:]
+    before = minimum_filter1d(late, _BESIDE, origin=_BESIDE // 2, mode="nearest")[:-1]
+    return np.asarray(long[(after - before)[long] > 0.5])
 
 
-def lost_samples(trace: Trace) -> tuple[Fault, ...]:
-    """Return samples without a value and gaps of the stamps as one fault, if there are any.
+def gaps_of(
+    time_s: FloatArray, stage: FloatArray | None, at: NDArray[np.intp]
+) -> list[tuple[float, float, int]]:
+    """Return the stamps on both sides of each gap after `at`, and how many samples are missing.
 
     A pause between two stages of a plan is no gap: no sample was due there.
     """
+    steps = np.diff(time_s)
+    period = float(np.median(steps[steps > 0.0]))
+    return [
+        (float(time_s[k]), float(time_s[k + 1]), max(1, round(float(steps[k]) / period) - 1))
+        for k in at.tolist()
+        if stage is None or stage[k] == stage[k + 1]
+    ]
+
+
+def lost_samples(trace: Trace) -> tuple[Fault, ...]:
+    """Return samples without a value and gaps of the stamps as one fault, if there are any."""
     time = trace.time_s
     runs = mask_runs(~trace.valid(*(name for name in _TOLD if name in trace)))
     places = [(float(time[a]), float(time[b]), b - a + 1) for a, b in runs]
-    stage = trace.columns.get("stage", np.zeros(len(time)))
-    for at in gap_steps(time).tolist():
-        if stage[at] == stage[at + 1]:
-            lost = round(float((time[at + 1] - time[at]) / np.median(np.diff(time)))) - 1
-            places.append((float(time[at]), float(time[at + 1]), max(1, lost)))
+    places += gaps_of(time, trace.columns.get("stage"), gap_steps(time))
     if not places:
         return ()
     first, last, counts = zip(*places, strict=True)
@@ -82,7 +86,8 @@ def repeated_rows(trace: Trace, angle: FloatArray | None) -> NDArray[np.bool_]:
     turning = np.abs(moves[np.isfinite(moves) & (moves != 0.0)])
     if not same.any() or not len(turning):
         return repeated
-    least = _PACE * float(np.median(turning))
+    # slower than a fifth of the usual pace the shaft may start or stop within the row
+    least = 0.2 * float(np.median(turning))
     for first, last in mask_runs(same):
         low, high = max(0, first - 1), min(len(angle) - 1, last + 2)
         # what the rows before and after have turned by, shared out over the steps between them

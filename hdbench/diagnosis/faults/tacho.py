@@ -13,7 +13,7 @@ from hdbench.diagnosis.faults.scatter import (
     least_squares,
 )
 from hdbench.diagnosis.faults.shaft import Shaft
-from hdbench.model.kinematics import ACCELERATION_WINDOW_S
+from hdbench.model.motion import ACCELERATION_WINDOW_S
 from hdbench.records.trace import FloatArray
 
 __all__ = ["find_tacho_ripple"]
@@ -21,18 +21,12 @@ __all__ = ["find_tacho_ripple"]
 # commutators have some tens of segments and ripple at twice their number; a gear before the tacho
 # or an eccentric rotor makes low orders
 _ORDERS = 128
-# turns of the motor below which neighbouring orders cannot be told apart
-_TURNS = 10.0
 # turns over which the angle is folded: places between whole orders show what chance makes
 _FOLD = 4
 # cells of the fold: eight for each turn of the highest order
 _CELLS = 8 * _ORDERS * _FOLD
 # whole orders on each side whose places in between are the background
 _NEAR = 3
-# the angle shows this part of the line at most, else the shaft itself turns unevenly
-_SHAFT = 0.33
-# relative ripple below which it is not worth a name: a tenth of what commutators have
-_LEAST = 1e-3
 # lines of one tacho at most
 _LINES = 4
 
@@ -45,7 +39,8 @@ def find_tacho_ripple(shaft: Shaft) -> tuple[Fault, ...]:
     """
     folded = _Folded(shaft)
     faults: list[Fault] = []
-    while folded.turns > _TURNS and len(faults) < _LINES:
+    # in ten turns of the motor neighbouring orders are told apart
+    while folded.turns > 10.0 and len(faults) < _LINES:
         fault = folded.strongest()
         if fault is None:
             break
@@ -118,8 +113,10 @@ class _Folded:
             # an angle too noisy, or too rarely read, to show the line cannot deny it
             part = float(np.sum(angle**2) / max(np.sum(tacho**2), 1e-300))
             denied = part * powers[at] / unsure[at] - np.log(_ORDERS) > ACCEPT_NATS
-            small = np.linalg.norm(seen) < _SHAFT * np.linalg.norm(size)
-            if np.linalg.norm(size) > _LEAST and denied and small:
+            # what the angle shows too is the shaft itself, turning unevenly; a tenth of what
+            # commutators have is worth no name
+            small = np.linalg.norm(seen) < 0.33 * np.linalg.norm(size)
+            if np.linalg.norm(size) > 1e-3 and denied and small:
                 return self.fault(at + 1.0, size, float(chance[at] / powers[at]), float(nats[at]))
         return None
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from hdbench.diagnosis.answer.records import DataFlag
+from hdbench.diagnosis.answer.result import DataFlag
 from hdbench.diagnosis.faults.fault import Inspected
 from hdbench.diagnosis.faults.scatter import fast_part
 from hdbench.diagnosis.faults.shaft import (
@@ -16,46 +16,24 @@ from hdbench.diagnosis.faults.shaft import (
     velocity_of,
 )
 from hdbench.model import baseline_orders, integrate_velocity
-from hdbench.model.kinematics import velocity_slope
-from hdbench.model.motion import torque_from_trace
+from hdbench.model.motion import torque_from_trace, velocity_slope
 from hdbench.profile.schema import ProfileData
 from hdbench.records.trace import FloatArray, Trace
 
 __all__ = ["check_channels", "expected_nm"]
 
-# beyond this many times the bench's limit a channel is in another unit
-_BEYOND = 3.0
-# a converter does not read beyond its range by more than its own gain error
-_RANGE = 1.05
 # motor turns between two samples beyond which no order of the motor is in the record: a time in ms
 # makes them a thousand times what they were
 _MOST_TURNS = 2.0
-# share of the samples that a limit is held against, so that spikes do not count
-_MOST = 0.99
-# encoder and tacho that differ by more than this are not in the same unit; gains of tachos are
-# good to a percent
-_SCALE = 0.05
-# a named factor is met within this part
-_NAMED = 0.03
-# a factor nearer to 1 than this, and none of the named, is a gain that is off, not a unit
-_GAIN = 0.3
-# blocks over which increments are summed before they are compared: noise and counting average out
-_BLOCK_S = 0.1
-# a block moves with more than this part of what the fastest do, and two agree to within this part
-_PART = 0.1
 # correlation of the increments below which they cannot be of one shaft; two channels of one shaft
 # with a tenth of noise have .99
 _SAME = 0.5
-# the motor has to turn this far for its channels to be compared, rad
-_TURNED = 6.0
 # of the expected torque's coefficient: +1 and -1 are then ten standard deviations apart
 _SIGN_STD = 0.2
 # share of the torque's fast variance that ripple explains on the right angle, and on a wrong one
 _RIGHT, _WRONG = 0.3, 0.03
 # samples of the running mean that takes slow torque out: some periods of ripple at walking pace
 _SLOW = 301
-# rad/s: what turns slower makes no ripple that is fast against the running mean
-_TURNING = 10.0
 
 # factor of angle over velocity, what it says of the angle, what it says of the velocity
 _UNITS = (
@@ -75,19 +53,9 @@ _UNITS = (
 def check_channels(trace: Trace, profile: ProfileData) -> Inspected:
     """Return what the channels can be used for, by their units and by each other.
 
-    Parameters
-    ----------
-    trace : Trace
-        Channels.
-    profile : ProfileData
-        Limits, converter and gains of the bench.
-
-    Returns
-    -------
-    Inspected
-        Where angle and velocity differ by a factor, the one that the torque agrees with is kept.
-        `reason` is set where the torque does not tell which of them is wrong, a channel is beyond
-        anything that the bench can reach, or torque and velocity are swapped.
+    Where angle and velocity differ by a factor, the one that the torque agrees with is kept.
+    `reason` is set where the torque does not tell which of them is wrong, a channel is beyond
+    anything that the bench can reach, or torque and velocity are swapped.
     """
     reason = _swapped(trace, profile) or _too_coarse(trace, profile)
     if reason:
@@ -118,17 +86,19 @@ def _velocity_times(trace: Trace, factor: float, why: str) -> Inspected:
 def _usual(values: FloatArray) -> float:
     """Return the size that one present value in a hundred exceeds; 0 of none."""
     known = np.abs(values[np.isfinite(values)])
-    return float(np.quantile(known, _MOST)) if len(known) else 0.0
+    return float(np.quantile(known, 0.99)) if len(known) else 0.0
 
 
 def _too_large(trace: Trace, profile: ProfileData) -> str:
     """Return which channel is beyond anything that the bench can reach, or nothing."""
-    limits, volts = profile.limits, profile.daq.range_v * _RANGE
+    # beyond three times the bench's limit a channel is in another unit; a converter does not read
+    # beyond its range by more than its own gain error
+    limits, volts = profile.limits, 1.05 * profile.daq.range_v
     for name, end, unit, guess in (
-        ("torque_nm", limits.torque_nm * _BEYOND, "N m", "mN m, N mm or mV"),
+        ("torque_nm", 3.0 * limits.torque_nm, "N m", "mN m, N mm or mV"),
         ("torque_v", volts, "V", "mV"),
         ("tacho_v", volts, "V", "mV"),
-        ("motor_velocity_rad_s", limits.velocity_rad_s * _BEYOND, "rad/s", "rpm or deg/s"),
+        ("motor_velocity_rad_s", 3.0 * limits.velocity_rad_s, "rad/s", "rpm or deg/s"),
     ):
         reached = _usual(trace[name]) if name in trace else 0.0
         if reached > end:
@@ -193,7 +163,8 @@ def _swapped(trace: Trace, profile: ProfileData) -> str:
     if "tacho_v" in trace and "torque_v" in trace:
         fast = trace["torque_v"] * profile.tacho.gain_rad_s_per_v
         slow = trace["tacho_v"] * profile.sensor.gain_nm_per_v
-    if not float(np.median(np.abs(np.nan_to_num(fast)))) > _TURNING:
+    # what turns slower than 10 rad/s makes no ripple that is fast against the running mean
+    if not float(np.median(np.abs(np.nan_to_num(fast)))) > 10.0:
         return ""
     crossed = _share_over(fast, slow, trace, profile)
     straight = _share_over(velocity, torque, trace, profile)
@@ -221,23 +192,26 @@ def _compared(trace: Trace, profile: ProfileData, shaft: Shaft) -> Inspected:
     """Return what angle and velocity say of each other."""
     turning = (shaft.moves_rad, shaft.pace_rad_s * shaft.steps_s)
     parts = [np.where(shaft.good, part, 0.0) for part in turning]
-    if max(float(np.abs(part).sum()) for part in parts) < _TURNED:
+    # about one motor turn is needed to compare its channels, over blocks of 0.1 s: noise and
+    # counting average out
+    if max(float(np.abs(part).sum()) for part in parts) < 6.0:
         return _told(trace)
-    block = np.floor((shaft.time_s[:-1] - shaft.time_s[0]) / _BLOCK_S).astype(np.int64)
+    block = np.floor((shaft.time_s[:-1] - shaft.time_s[0]) / 0.1).astype(np.int64)
     encoder, tacho = (np.bincount(block, part) for part in parts)
     # one slip of some turns must not count for the scale of all: the median of large blocks
-    moving = np.abs(tacho) > max(_PART * _usual(np.asarray(tacho, dtype=float)), 1e-300)
+    moving = np.abs(tacho) > max(0.1 * _usual(np.asarray(tacho, dtype=float)), 1e-300)
     ratio = float(np.median(encoder[moving] / tacho[moving])) if moving.any() else 1.0
     sizes = float(np.linalg.norm(encoder) * np.linalg.norm(tacho))
     alike = abs(float(encoder @ tacho)) / sizes if sizes > 0.0 else 0.0
-    close = np.abs(encoder - ratio * tacho) <= _PART * np.abs(ratio * tacho)
+    close = np.abs(encoder - ratio * tacho) <= 0.1 * np.abs(ratio * tacho)
     if max(alike, float(np.mean(close[moving]))) < _SAME:
         reason = (
             "angle and velocity are not of the same shaft: their increments have a correlation of "
             f"{alike:.2f}; needed: {_SAME:g}"
         )
         return _told(trace, "wrong-channel", reason, refuse=True)
-    return _unlike(trace, profile, shaft, ratio) if abs(ratio - 1.0) > _SCALE else _told(trace)
+    # gains of tachos are good to a percent
+    return _unlike(trace, profile, shaft, ratio) if abs(ratio - 1.0) > 0.05 else _told(trace)
 
 
 def _unlike(trace: Trace, profile: ProfileData, shaft: Shaft, ratio: float) -> Inspected:
@@ -247,7 +221,7 @@ def _unlike(trace: Trace, profile: ProfileData, shaft: Shaft, ratio: float) -> I
     velocity that has the right sign.
     """
     unit, of_angle, of_velocity = min(_UNITS, key=lambda unit: abs(ratio / unit[0] - 1.0))
-    known = abs(ratio / unit - 1.0) < _NAMED
+    known = abs(ratio / unit - 1.0) < 0.03
     text = f"{shaft.names[0]} turns {ratio:.4g} times as far as the integrated velocity"
     torque, velocity = torque_from_trace(trace, profile), shaft.velocity_rad_s
     if known and unit == -1.0:
@@ -274,7 +248,8 @@ def _unlike(trace: Trace, profile: ProfileData, shaft: Shaft, ratio: float) -> I
         says = f"{of_velocity}, and is multiplied by {ratio:.4g}" if known else "is scaled to it"
         why = f"{text}; the torque agrees with the angle: the velocity {says}"
         return _velocity_times(trace, ratio, why)
-    if not known and abs(ratio - 1.0) < _GAIN:
+    # nearer to 1, and none of the named: a gain that is off, not a unit
+    if not known and abs(ratio - 1.0) < 0.3:
         why = f"{text}: an encoder counts, a tacho has a gain; the velocity is scaled to the angle"
         return _velocity_times(trace, ratio, why)
     guess = f"{shaft.names[0]} {of_angle}, or the velocity {of_velocity}; " if known else ""

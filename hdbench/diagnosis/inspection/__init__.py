@@ -3,15 +3,6 @@
 from __future__ import annotations
 
 from hdbench.diagnosis.inspection.inspect import inspect_log, inspect_trace
-from hdbench.diagnosis.inspection.log import Log, read_log
-from hdbench.diagnosis.inspection.result import ChannelFacts, Finding, Inspection
+from hdbench.diagnosis.inspection.log import read_log
 
-__all__ = [
-    "ChannelFacts",
-    "Finding",
-    "Inspection",
-    "Log",
-    "inspect_log",
-    "inspect_trace",
-    "read_log",
-]
+__all__ = ["inspect_log", "inspect_trace", "read_log"]

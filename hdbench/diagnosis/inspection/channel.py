@@ -1,53 +1,22 @@
-"""One channel by itself: its steps, held samples, limits and stuck values."""
+"""A channel by itself and beside another: spectrum, held samples, common noise and delay."""
 
 from __future__ import annotations
 
 import numpy as np
+from scipy.ndimage import uniform_filter1d
+from scipy.signal import coherence, csd
 
-from hdbench.diagnosis.faults.converter import coarse_steps
-from hdbench.diagnosis.faults.scatter import mask_runs
+from hdbench.diagnosis.faults.converter import STUCK
+from hdbench.diagnosis.faults.scatter import AROUND, bridged, mask_runs, tail_nats
+from hdbench.diagnosis.faults.shaft import FAST
 from hdbench.records.trace import FloatArray
 
-__all__ = ["held_share", "piled_up", "step_of", "tail_nats"]
+__all__ = ["delay_of", "held_share", "same_noise", "same_to_the_end"]
 
-# equal neighbours longer than this are a channel at rest, not samples held
-_LONGEST = 20
-# changes below this part of the largest are rounding of 8-byte numbers
-_EQUAL = 1e-9
-# a channel moves where its usual change is this many steps: one in thirty is then equal by chance
-_MOVES = 8.0
-# what is held leaves and comes back by this many steps at least
-_LEAVES = 4.0
-# samples over which the usual change is taken
-_AROUND = 400
-# 1 / (sqrt(2 pi) 1.4826): density of normal changes at zero over their median size
-_DENSITY = 0.269
-# values next to the outermost one that say how often it was to be expected, and how many times
-# more it has to be there: a sine piles up 2.4 times
-_BESIDE, _PILED = 3, 5
-# a channel that does not change sits on few values, and its outermost one is no limit
-_FEWEST = 8
-
-
-def step_of(values: FloatArray) -> float:
-    """Return the step of a channel's values; 0 where they lie on no grid that can be seen.
-
-    The levels of a fast channel are too many to be met twice; those of its changes are not.
-    """
-    known = values[np.isfinite(values)]
-    for _ in range(3):
-        steps = coarse_steps(known)
-        if steps is not None:
-            return float(steps.step)
-        known = np.diff(known)
-    return 0.0
-
-
-def tail_nats(seen: float, expected: float) -> float:
-    """Return the log of one over a bound of the chance to see so many where Poisson says fewer."""
-    if seen <= expected or not seen:
-        return 0.0
-    return float(seen * np.log(seen / max(expected, 1e-12)) - seen + expected)
+# side lobes 220 dB down: a strong slow part must not hide an empty floor behind them
+_WINDOW = ("kaiser", 30)
+# samples of the longest segment of an average, and samples that two channels need
+_LONGEST, _FEWEST = 2048, 64
 
 
 def held_share(values: FloatArray, step: float, alpha: float, *, smooth: bool = False) -> float:
@@ -55,46 +24,108 @@ def held_share(values: FloatArray, step: float, alpha: float, *, smooth: bool = 
 
     Notes
     -----
-    A normal change of median size m is 0 on a grid q with probability 0.27 q / m. Counted are
+    A normal change of median size m is 0 on a grid q with probability 0.269 q / m. Counted are
     equal neighbours in stretches with m above 8 q, in short runs that begin and end with a change
     of 4 q, against that number by the Poisson law.
     """
     moves = np.diff(values)
     same = moves == 0.0
-    if len(moves) < _AROUND or not same.any() or same.all():
+    if len(moves) < AROUND or not same.any() or same.all():
         return 0.0
     sizes = np.abs(moves)
     # rounding twice hides a grid: the smallest change that is there is no less than it
-    least = float(np.nanmin(sizes[sizes > _EQUAL * float(np.nanmax(sizes))]))
+    least = float(np.nanmin(sizes[sizes > 1e-9 * float(np.nanmax(sizes))]))
     step = max(step, least)
     usual = np.zeros(len(moves))
-    for part in np.array_split(np.arange(len(moves)), max(1, len(moves) // _AROUND)):
+    for part in np.array_split(np.arange(len(moves)), max(1, len(moves) // AROUND)):
         changed = sizes[part][sizes[part] > 0.0]
         # a few changes in a stretch are steps, not motion
         usual[part] = float(np.median(changed)) if len(changed) > len(part) // 10 else 0.0
-    busy = usual > _MOVES * step
+    busy = usual > 8.0 * step
     seen = 0
     for first, last in mask_runs(same & busy):
-        if first < 2 or last > len(moves) - 3 or last - first >= _LONGEST:
+        if first < 2 or last > len(moves) - 3 or last - first >= STUCK:
             continue
         before, after = float(sizes[first - 1]), float(sizes[last + 1])
         made_up = (last - first + 1.5) * min(before, float(sizes[last + 2]))
-        if min(before, after) > _LEAVES * step and (not smooth or after > made_up):
+        if min(before, after) > 4.0 * step and (not smooth or after > made_up):
             seen += last - first + 1
-    expected = float(np.sum(_DENSITY * step / usual[busy])) if busy.any() else 0.0
+    expected = float(np.sum(0.269 * step / usual[busy])) if busy.any() else 0.0
     if tail_nats(seen, expected + 1.0) < -np.log(alpha):
         return 0.0
     return seen / len(values)
 
 
-def piled_up(values: FloatArray, alpha: float) -> tuple[float, int] | None:
-    """Return the value at which a channel piles up and the number of samples there, or None."""
-    levels, counts = np.unique(values[np.isfinite(values)], return_counts=True)
-    if len(levels) < _FEWEST:
+def same_noise(one: FloatArray, other: FloatArray) -> bool:
+    """Return whether two channels are one, times a factor: they share their noise too."""
+    good = np.isfinite(one) & np.isfinite(other)
+    if int(good.sum()) < _FEWEST:
+        return False
+    parts = [v[good] - uniform_filter1d(v[good], FAST) for v in (one, other)]
+    sizes = [float(part @ part) for part in parts]
+    if not min(sizes) > 0.0:
+        return False
+    return bool(1.0 - float(parts[0] @ parts[1]) ** 2 / (sizes[0] * sizes[1]) < 1e-3)
+
+
+def _side_by_side(one: FloatArray, other: FloatArray) -> tuple[FloatArray, FloatArray, int] | None:
+    """Return two channels that change, without what one of them lacks, and the segment to average.
+
+    None where they are too short for twelve segments.
+    """
+    good = np.isfinite(one + other)
+    ranges = [float(np.ptp(v[good])) if good.any() else 0.0 for v in (one, other)]
+    if int(good.sum()) < 12 * _FEWEST or not min(ranges) > 0.0:
         return None
-    found = []
-    for end, beside in ((0, counts[1 : 1 + _BESIDE]), (-1, counts[-1 - _BESIDE : -1])):
-        most, seen = int(beside.max()), int(counts[end])
-        if seen >= _PILED * most and tail_nats(seen, most) > -np.log(0.5 * alpha):
-            found.append((float(levels[end]), seen))
-    return max(found, key=lambda one: one[1]) if found else None
+    a, b = (bridged(np.where(good, v, np.nan)) for v in (one, other))
+    return a, b, min(_LONGEST, len(one) // 12)
+
+
+def same_to_the_end(
+    one: FloatArray, other: FloatArray, rate_hz: float, limit_hz: float | None
+) -> bool:
+    """Return whether two channels agree up to the end of their band, where motion has none.
+
+    Notes
+    -----
+    Two sensors share the motion and no noise. Of K segments their coherence exceeds 1/2 by chance
+    with probability ``2^(1 - K)`` at each frequency; here the median of many has to.
+    """
+    both = _side_by_side(one, other)
+    if both is None:
+        return False
+    a, b, size = both
+    frequency, shared = coherence(a, b, rate_hz, _WINDOW, nperseg=size)
+    place = frequency / (limit_hz or 0.5 * rate_hz)
+    end = shared[(place > 0.5) & (place < 0.9)]
+    return bool(len(end) and float(np.median(end)) > 0.5)
+
+
+def delay_of(late: FloatArray, early: FloatArray, period_s: float) -> tuple[float, float] | None:
+    """Return by how much one channel is later than another, and its standard deviation, s.
+
+    Notes
+    -----
+    Slope of the phase of their cross spectrum, each frequency by its weight
+    ``2 K g^2 / (1 - g^2)``, K segments and coherence g^2 (Bendat and Piersol, Random Data, 9.2).
+    Noise of either channel does not turn the phase.
+    """
+    both = _side_by_side(early, late)
+    if both is None:
+        return None
+    a, b, size = both
+    frequency, cross = csd(a, b, 1.0 / period_s, nperseg=size)
+    _, shared = coherence(a, b, 1.0 / period_s, nperseg=size)
+    used = (shared > 0.5) & (frequency > 0.0) & (frequency < 0.25 / period_s)
+    if not used.any():
+        return None
+    segments = 2.0 * len(a) / size - 1.0
+    turn = 2.0 * np.pi * frequency[used]
+    weight = 2.0 * segments * shared[used] / np.maximum(1.0 - shared[used], 1e-9)
+    phase = -np.unwrap(np.angle(cross[used]))
+    information = float(np.sum(weight * turn**2))
+    delay = float(np.sum(weight * turn * phase)) / information
+    left = phase - delay * turn
+    # phases that lie on no line are not known better than they scatter
+    scatter = float(np.sum(weight * left**2)) / max(int(used.sum()) - 1, 1)
+    return delay, float(np.sqrt(max(scatter, 1.0) / information))

@@ -7,16 +7,26 @@ from dataclasses import replace
 
 import numpy as np
 
-from hdbench.diagnosis.faults.converter import stuck_samples
+from hdbench.diagnosis.faults.converter import piled_up, step_of, stuck_samples
 from hdbench.diagnosis.faults.scatter import mask_runs
-from hdbench.diagnosis.faults.shaft import Shaft, derivation, shaft_of
-from hdbench.diagnosis.faults.stamps import gap_steps
-from hdbench.estimation.bandwidth import Spectrum, spectrum_of
-from hdbench.diagnosis.inspection.channel import held_share, piled_up, step_of
-from hdbench.diagnosis.inspection.coverage import coverage_of
+from hdbench.diagnosis.faults.shaft import ANGLES, VELOCITIES, Shaft, derivation, shaft_of
+from hdbench.diagnosis.faults.stamps import gap_steps, gaps_of
+from hdbench.diagnosis.inspection.channel import (
+    delay_of,
+    held_share,
+    same_noise,
+    same_to_the_end,
+)
 from hdbench.diagnosis.inspection.log import Log
-from hdbench.diagnosis.inspection.relations import delay_of, same_noise, same_to_the_end
-from hdbench.diagnosis.inspection.result import ChannelFacts, Finding, Gap, Inspection, Sampling
+from hdbench.diagnosis.inspection.result import (
+    ChannelFacts,
+    Coverage,
+    Finding,
+    Gap,
+    Inspection,
+    Sampling,
+)
+from hdbench.estimation.bandwidth import Spectrum, spectrum_of
 from hdbench.profile.schema import ProfileData
 from hdbench.records.trace import FloatArray, Trace
 
@@ -26,14 +36,38 @@ FALSE_ALARM = 1e-4
 """Chance of any finding of a statistical kind on a log without a fault; shared by its tests."""
 
 _TORQUES = ("torque_nm", "torque_v")
-# stamps that are off by this part of a period turn a wave at half the Nyquist frequency by a
-# twentieth of its size: pi / 2 times the error of one stamp, 1 / sqrt(2) of that of a step
-_JITTER = 0.05 / (np.pi / 2.0 / np.sqrt(2.0))
-# standard deviations of a delay that chance does not reach, and how long one has to be, samples
-_SIGMAS, _LATE = 5.0, 1.0
-# steps that are not smoothed by noise of 0.3 of them, and make a hundredth of what changes
-_DITHER, _COARSE = 0.3, 0.01
-_FEWEST = 5
+# a stamp that is off by one period turns a wave at half the Nyquist frequency by so many times its
+# size: pi / 2 of the error of one stamp, 1 / sqrt(2) of that of a step
+_TURNED = np.pi / 2.0 / np.sqrt(2.0)
+
+_CONSEQUENCES = {
+    "no-time": "no speed, rate, frequency or delay can be told: give the sample rate",
+    "repeated-stamps": "the order of these samples is not known: no trace can be made of them as "
+    "they are",
+    "uneven-stamps": "waves near {hertz:.3g} Hz are off by {percent:.2g} % of their size; of "
+    "faster ones only those locked to a measured angle can be told",
+    "gaps": "what happened there is not known; an angle that is integrated from the velocity "
+    "loses its phase",
+    "missing-values": "these samples take no part",
+    "held-samples": "it was sampled at a lower rate than it was stored: fewer samples count, and "
+    "what is fast stands at the wrong time",
+    "coarse-steps": "what is smaller than a step is lost; sizes near a step are wrong",
+    "low-passed": "it was filtered before it was stored: ripple, tones and noise above that cannot "
+    "be told, and near it they are too small",
+    "computed": "it was computed, not measured: nothing of noise, steps or a filter can be told",
+    "unsigned": "signed numbers were stored without their sign: import them with @int{bits}",
+    "no-scale": "how many N m one of them is, is not in the file: no torque, and no inertia, can "
+    "be told in size",
+    "saturation": "what went beyond is not known: these samples must not be fitted",
+    "stuck-value": "the drive was off or the channel was held: these samples say nothing",
+    "derived": "the two are one measurement: neither can show a fault of the other",
+    "delay": "accelerations and torques are held against another moment: what changes faster "
+    "than {hertz:.2g} Hz is off by a third or more",
+    "at-rest": "nothing that turns can be told",
+    "one-speed": "orders and tones of the clock cannot be told apart, nor friction by its speed",
+    "no-reversal": "dry friction cannot be told from a zero, nor one direction from the other",
+    "short-travel": "orders below one per travel cannot be told",
+}
 
 
 def inspect_trace(trace: Trace, profile: ProfileData) -> Inspection:
@@ -81,23 +115,25 @@ def inspect_log(log: Log, profile: ProfileData) -> Inspection:
     facts = {one.name: one for one, _, _ in looks}
     for name, of in _derived(log, shaft, spectra):
         facts[name] = replace(facts[name], derived_from=of)
-    if shaft is not None:
-        delay = delay_of(shaft.velocity_rad_s, _pace(shaft), shaft.period_s)
+    delay = None if shaft is None else delay_of(shaft.velocity_rad_s, _pace(shaft), shaft.period_s)
+    if shaft is not None and delay is not None:
         angle, name = (log.roles[role] for role in shaft.names)
-        if delay is not None:
-            facts[name] = replace(
-                facts[name], delay_s=delay[0], delay_std_s=delay[1], delay_to=angle
-            )
+        facts[name] = replace(facts[name], delay_s=delay[0], delay_std_s=delay[1], delay_to=angle)
     own = [finding for _, _, found in looks for finding in found]
     findings = (*_of_stamps(sampling), *own, *_of_pairs(facts.values(), sampling))
     return Inspection(
-        log.source, sampling, tuple(facts.values()), findings, coverage_of(log), log.notes, spectra
+        log.source, sampling, tuple(facts.values()), findings, _coverage(log), log.notes, spectra
     )
 
 
+def _finding(name: str, channel: str | None, detail: str, **sizes: float) -> Finding:
+    return Finding(name, channel, detail, _CONSEQUENCES[name].format(**sizes))
+
+
+# --- stamps
 def _shaft(log: Log, profile: ProfileData) -> Shaft | None:
     """Return angle and velocity side by side; None where one of them or the time is missing."""
-    if log.time_s is None or len(log) < _FEWEST or not (np.diff(log.time_s) > 0.0).all():
+    if log.time_s is None or len(log) < 5 or not (np.diff(log.time_s) > 0.0).all():
         return None
     roles = {role: log.channels[name] for role, name in log.roles.items()}
     shaft = shaft_of(Trace({"time_s": log.time_s, **roles}, log.source), profile)
@@ -113,16 +149,9 @@ def _sampling(log: Log, shaft: Shaft | None) -> Sampling:
     if not len(forward):
         return Sampling(len(log), repeated=int((steps == 0.0).sum()))
     median = float(np.median(forward))
-    stage = np.zeros(len(time)) if log.stage is None else log.stage
     even = bool((steps > 0.0).all())
     at = gap_steps(time) if even else np.flatnonzero(steps > 3.0 * median)
-    gaps = tuple(
-        Gap(float(time[k]), float(time[k + 1]), max(1, round(float(steps[k]) / median) - 1))
-        for k in at.tolist()
-        if stage[k] == stage[k + 1]
-    )
     usual = np.delete(steps, at)
-    beneath = None if shaft is None else bool(np.ptp(shaft.steps_s[shaft.good]) == 0.0)
     return Sampling(
         len(time),
         float(time[-1] - time[0]),
@@ -131,46 +160,35 @@ def _sampling(log: Log, shaft: Shaft | None) -> Sampling:
         float(np.sqrt(np.mean((usual / median - 1.0) ** 2))),
         int((steps == 0.0).sum()),
         int((steps < 0.0).sum()),
-        beneath,
-        gaps,
+        None if shaft is None else bool(np.ptp(shaft.steps_s[shaft.good]) == 0.0),
+        tuple(Gap(*gap) for gap in gaps_of(time, log.stage, at)),
     )
 
 
 def _of_stamps(sampling: Sampling) -> Iterator[Finding]:
     if sampling.median_s is None:
-        yield Finding(
-            "no-time", None, f"{sampling.rows} rows without a time",
-            "no speed, rate, frequency or delay can be told: give the sample rate",
-        )  # fmt: skip
+        yield _finding("no-time", None, f"{sampling.rows} rows without a time")
         return
     if sampling.repeated or sampling.backward:
-        yield Finding(
-            "repeated-stamps", None,
-            f"{sampling.repeated} stamps repeat the one before, {sampling.backward} go back",
-            "the order of these samples is not known: no trace can be made of them as they are",
-        )  # fmt: skip
+        detail = f"{sampling.repeated} stamps repeat the one before, {sampling.backward} go back"
+        yield _finding("repeated-stamps", None, detail)
     jitter = sampling.jitter_share or 0.0
-    if jitter > _JITTER:
-        where = "" if sampling.even_beneath is None else (
-            "; angle and velocity fit even samples better: only the stamps are uneven"
-            if sampling.even_beneath
-            else "; angle and velocity fit the stamps: the samples are uneven"
-        )  # fmt: skip
-        half = 0.25 / sampling.median_s
-        yield Finding(
-            "uneven-stamps", None, f"steps scatter by {100.0 * jitter:.3g} % of a period{where}",
-            f"waves near {half:.3g} Hz are off by {100.0 * np.pi / 2 / np.sqrt(2) * jitter:.2g} % "
-            "of their size; of faster ones only those locked to a measured angle can be told",
-        )  # fmt: skip
+    # a wave at half the Nyquist frequency is off by a twentieth of its size
+    if jitter > 0.05 / _TURNED:
+        where = {
+            None: "",
+            True: "; angle and velocity fit even samples better: only the stamps are uneven",
+            False: "; angle and velocity fit the stamps: the samples are uneven",
+        }[sampling.even_beneath]
+        detail = f"steps scatter by {100.0 * jitter:.3g} % of a period{where}"
+        sizes = {"hertz": 0.25 / sampling.median_s, "percent": 100.0 * _TURNED * jitter}
+        yield _finding("uneven-stamps", None, detail, **sizes)
     if sampling.gaps:
         lost = sum(gap.samples for gap in sampling.gaps)
-        yield Finding(
-            "gaps", None, f"{len(sampling.gaps)} gaps, some {lost} samples",
-            "what happened there is not known; an angle that is integrated from the velocity "
-            "loses its phase",
-        )  # fmt: skip
+        yield _finding("gaps", None, f"{len(sampling.gaps)} gaps, some {lost} samples")
 
 
+# --- one channel
 def _look(
     log: Log, name: str, rate_hz: float | None, alpha: float
 ) -> tuple[ChannelFacts, Spectrum | None, list[Finding]]:
@@ -181,25 +199,17 @@ def _look(
     held = 0.0 if kind == "given" else held_share(values, step, alpha, smooth=kind == "angle")
     # without a time the spectrum still tells the noise
     seen = None if kind == "angle" else spectrum_of(values, rate_hz or 1.0, step)
-    noisy = seen is not None and _own_noise(seen, step) > _DITHER * step
+    # steps that are not smoothed by noise of 0.3 of them, beside that of the rounding itself
+    noisy = seen is not None and seen.noise**2 - step**2 / 12.0 > (0.3 * step) ** 2
     limit = None if seen is None or rate_hz is None else seen.limit_hz
     share = float(missing.mean()) if len(values) else 1.0
     found = []
     if share:
-        found.append(
-            Finding(
-                "missing-values", name, f"{int(missing.sum())} of {len(values)} samples",
-                "these samples take no part",
-            )
-        )  # fmt: skip
+        detail = f"{int(missing.sum())} of {len(values)} samples"
+        found.append(_finding("missing-values", name, detail))
     if held:
-        found.append(
-            Finding(
-                "held-samples", name, f"{100.0 * held:.3g} % repeat the one before in motion",
-                "it was sampled at a lower rate than it was stored: fewer samples count, and what "
-                "is fast stands at the wrong time",
-            )
-        )  # fmt: skip
+        detail = f"{100.0 * held:.3g} % repeat the one before in motion"
+        found.append(_finding("held-samples", name, detail))
     if kind == "effort":
         found += _of_counts(log, name, step)
         # a current without noise rests on a level, and a drive holds it at its limit on purpose
@@ -209,22 +219,14 @@ def _look(
         kind in ("velocity", "effort")
         and seen is not None
         and not noisy
-        and step / np.sqrt(12.0) > _COARSE * _size(values, kind)
+        and step / np.sqrt(12.0) > 0.01 * _size(values, kind)
     ):
-        found.append(
-            Finding(
-                "coarse-steps", name, f"steps of {step:.3g} {unit}".rstrip() + " show no noise",
-                "what is smaller than a step is lost; sizes near a step are wrong",
-            )
-        )  # fmt: skip
-    elif kind == "effort" and limit is not None:
-        found.append(
-            Finding(
-                "low-passed", name, f"no noise and no signal above {limit:.3g} Hz",
-                "it was filtered before it was stored, or computed: ripple, tones and noise above "
-                "that cannot be told, and near it they are too small",
-            )
-        )  # fmt: skip
+        detail = f"steps of {step:.3g} {unit}".rstrip() + " show no noise"
+        found.append(_finding("coarse-steps", name, detail))
+    elif kind == "effort" and seen is not None and limit is not None:
+        below = ", and no noise below" if seen.computed else ""
+        detail = f"no noise and no signal above {limit:.3g} Hz{below}"
+        found.append(_finding("computed" if seen.computed else "low-passed", name, detail))
     rate = None if rate_hz is None else rate_hz * (1.0 - held)
     band = None
     if seen is not None and rate is not None:
@@ -232,11 +234,6 @@ def _look(
     noise = None if seen is None else seen.noise
     facts = ChannelFacts(name, unit, rate, band, step or None, noise, share, held)
     return facts, seen if rate_hz is not None else None, found
-
-
-def _own_noise(seen: Spectrum, step: float) -> float:
-    """Return the noise of a channel without that of its rounding."""
-    return float(np.sqrt(max(seen.noise**2 - step**2 / 12.0, 0.0)))
 
 
 def _size(values: FloatArray, kind: str) -> float:
@@ -248,28 +245,19 @@ def _of_counts(log: Log, name: str, step: float) -> Iterator[Finding]:
     """Return what is missing beside raw counts."""
     bits = log.signed.get(name)
     if bits:
-        yield Finding(
-            "unsigned", name, f"whole numbers at both ends of {bits} bits",
-            f"signed numbers were stored without their sign: import them with @int{bits}",
-        )  # fmt: skip
+        yield _finding("unsigned", name, f"whole numbers at both ends of {bits} bits", bits=bits)
     if not log.units.get(name) and step == 1.0:
-        yield Finding(
-            "no-scale", name, "whole numbers without a unit",
-            "how many N m one of them is, is not in the file: no torque, and no inertia, can be "
-            "told in size",
-        )  # fmt: skip
+        yield _finding("no-scale", name, "whole numbers without a unit")
 
 
 def _of_converter(log: Log, name: str, alpha: float) -> Iterator[Finding]:
     """Return where a torque ended or stood still."""
     values, unit = log.channels[name], log.units.get(name, "")
     piled = piled_up(values, alpha)
-    if piled is not None:
-        limit, count = piled
-        yield Finding(
-            "saturation", name, f"{count} samples at {limit:.4g} {unit}".rstrip() + ", its end",
-            "what went beyond is not known: these samples must not be fitted",
-        )  # fmt: skip
+    if piled:
+        limit, count = max(piled, key=lambda one: one[1])
+        detail = f"{count} samples at {limit:.4g} {unit}".rstrip() + ", its end"
+        yield _finding("saturation", name, detail)
     stuck = stuck_samples(values)
     if stuck.any():
         runs = mask_runs(stuck)
@@ -277,13 +265,11 @@ def _of_converter(log: Log, name: str, alpha: float) -> Iterator[Finding]:
         place = f"rows {first} to {last}"
         if log.time_s is not None:
             place = f"{log.time_s[first]:.4g} to {log.time_s[last]:.4g} s"
-        yield Finding(
-            "stuck-value", name,
-            f"{int(stuck.sum())} samples in {len(runs)} runs of equal values, {place}",
-            "the drive was off or the channel was held: these samples say nothing",
-        )  # fmt: skip
+        detail = f"{int(stuck.sum())} samples in {len(runs)} runs of equal values, {place}"
+        yield _finding("stuck-value", name, detail)
 
 
+# --- two channels
 def _derived(
     log: Log, shaft: Shaft | None, spectra: Mapping[str, Spectrum]
 ) -> Iterator[tuple[str, str]]:
@@ -299,12 +285,9 @@ def _derived(
             yield log.roles[pair[0]], log.roles[pair[1]]
     torque = next((log.roles[n] for n in _TORQUES if n in log.roles), None)
     current = log.roles.get("motor_current_a")
-    if (
-        torque
-        and current
-        and torque != current
-        and same_noise(log.channels[torque], log.channels[current])
-    ):
+    if not torque or not current or torque == current:
+        return
+    if same_noise(log.channels[torque], log.channels[current]):
         yield torque, current
 
 
@@ -317,18 +300,62 @@ def _pace(shaft: Shaft) -> FloatArray:
 def _of_pairs(facts: Iterable[ChannelFacts], sampling: Sampling) -> Iterator[Finding]:
     for one in facts:
         if one.derived_from is not None:
-            yield Finding(
-                "derived", one.name, f"computed from {one.derived_from}",
-                "the two are one measurement: neither can show a fault of the other",
-            )  # fmt: skip
+            yield _finding("derived", one.name, f"computed from {one.derived_from}")
         if one.delay_s is None or one.delay_std_s is None or sampling.median_s is None:
             continue
-        if abs(one.delay_s) - _SIGMAS * one.delay_std_s > _LATE * sampling.median_s:
+        # chance does not reach five standard deviations
+        if abs(one.delay_s) - 5.0 * one.delay_std_s > sampling.median_s:
             late = "later" if one.delay_s > 0.0 else "earlier"
-            yield Finding(
-                "delay", one.name,
-                f"{1e3 * abs(one.delay_s):.3g} +- {1e3 * one.delay_std_s:.2g} ms {late} than "
-                f"{one.delay_to}",
-                "accelerations and torques are held against another moment: what changes faster "
-                f"than {0.05 / abs(one.delay_s):.2g} Hz is off by a third or more",
-            )  # fmt: skip
+            size = f"{1e3 * abs(one.delay_s):.3g} +- {1e3 * one.delay_std_s:.2g} ms"
+            detail = f"{size} {late} than {one.delay_to}"
+            yield _finding("delay", one.name, detail, hertz=0.05 / abs(one.delay_s))
+
+
+# --- motion
+def _coverage(log: Log) -> Coverage | None:
+    """Return the motion that a log covers."""
+    unit, velocity = _velocity(log)
+    velocity = velocity[np.isfinite(velocity)]
+    if not len(velocity):
+        return None
+    low, high = (float(v) for v in np.quantile(velocity, (0.01, 0.99)))
+    # slower than a twentieth of the greatest speed is rest
+    moving = velocity[np.abs(velocity) > 0.05 * max(abs(low), abs(high))]
+    reversals = int(np.count_nonzero(np.diff(np.sign(moving)))) if len(moving) else 0
+    angle = log.role("motor_angle_rad")
+    turns = None
+    if angle is not None and log.units.get(log.roles["motor_angle_rad"]) == "rad":
+        turns = float(np.nanmax(angle) - np.nanmin(angle)) / (2.0 * np.pi)
+    rest = 1.0 - len(moving) / len(velocity)
+    limits = tuple(_limits(np.abs(moving), reversals, turns, unit))
+    return Coverage(unit, (low, high), rest, reversals, turns, limits)
+
+
+def _velocity(log: Log) -> tuple[str, FloatArray]:
+    """Return the velocity, or the rate of the angle, with its unit; no values where none is."""
+    role = next((n for n in (*VELOCITIES, *ANGLES) if n in log.roles), "")
+    name = log.roles.get(role, "")
+    unit = log.units.get(name, "")
+    if role in VELOCITIES:
+        return unit, log.channels[name]
+    if not role or log.time_s is None or len(log) < 2:
+        return "", np.zeros(0)
+    steps = np.diff(log.time_s)
+    rate = np.diff(log.channels[name])[steps > 0.0] / steps[steps > 0.0]
+    return f"{unit}/s" if unit else "", rate
+
+
+def _limits(
+    speeds: FloatArray, reversals: int, turns: float | None, unit: str
+) -> Iterator[Finding]:
+    if not len(speeds) or not float(speeds.max()) > 0.0:
+        yield _finding("at-rest", None, "the shaft does not move")
+        return
+    mean, spread = float(speeds.mean()), float(speeds.std())
+    if spread < 0.1 * mean:
+        detail = f"{mean:.4g} {unit} throughout".replace("  ", " ")
+        yield _finding("one-speed", None, detail)
+    if not reversals:
+        yield _finding("no-reversal", None, "one direction only")
+    if turns is not None and turns < 1.0:
+        yield _finding("short-travel", None, f"{turns:.3g} motor turns")

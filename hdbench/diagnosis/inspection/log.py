@@ -17,8 +17,8 @@ from hdbench.importing.registry import open_source
 from hdbench.importing.source import Channel
 from hdbench.importing.units import target_unit, unit_scale
 from hdbench.records import Trace, read_trace
+from hdbench.records.tables import TRACE_COLUMNS
 from hdbench.records.trace import FloatArray
-from hdbench.records.tracefile import TRACE_COLUMNS
 
 __all__ = ["KINDS", "MOST_VALUES", "Log", "read_log"]
 
@@ -40,36 +40,17 @@ _TRACES = (".csv", ".gz", ".parquet")
 
 @dataclass(frozen=True, slots=True)
 class Log:
-    """Channels of one clock.
+    """Channels of one clock."""
 
-    Parameters
-    ----------
-    channels : mapping of str to ndarray, shape (n,)
-        Samples by the name that the file gives them; NaN where there is none.
-    units : mapping of str to str
-        Unit of each; empty text where none is stated.
-    time_s : ndarray, shape (n,), or None
-        Stamps, s, as they are; None where the file has none.
-    roles : mapping of str to str
-        Channel that plays the part of a column of a trace, by the column's name.
-    source : str
-        Where it came from.
-    stage : ndarray or None
-        Stage of a plan at each row: between two of them no sample was due.
-    signed : mapping of str to int
-        Channels that held signed numbers without their sign, and their bits; here with it.
-    notes : tuple of str
-        What is not looked at.
-    """
-
-    channels: Mapping[str, FloatArray]
-    units: Mapping[str, str]
-    time_s: FloatArray | None
-    roles: Mapping[str, str]
-    source: str
-    stage: FloatArray | None = None
+    channels: Mapping[str, FloatArray]  # by the name that the file gives them; NaN where lost
+    units: Mapping[str, str]  # empty where none is stated
+    time_s: FloatArray | None  # stamps as they are; None where the file has none
+    roles: Mapping[str, str]  # channel that plays the part of a column of a trace
+    source: str  # where it came from
+    stage: FloatArray | None = None  # of a plan at each row: between two no sample was due
+    # channels that held signed numbers without their sign, and their bits; here with it
     signed: Mapping[str, int] = field(default_factory=dict)
-    notes: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()  # what is not looked at
 
     def __len__(self) -> int:
         return len(next(iter(self.channels.values()), ()))

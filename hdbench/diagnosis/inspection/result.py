@@ -1,4 +1,4 @@
-"""What an inspection says: facts of each channel, and findings with their consequence."""
+"""Result of an inspection: facts of each channel, and findings with their consequence."""
 
 from __future__ import annotations
 
@@ -11,66 +11,30 @@ __all__ = ["ChannelFacts", "Coverage", "Finding", "Gap", "Inspection", "Sampling
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """Something about a log that limits what it can tell.
-
-    Parameters
-    ----------
-    name : str
-        What it is.
-    channel : str or None
-        Of which channel; None for the whole log.
-    detail : str
-        Its size, in words.
-    consequence : str
-        What follows, one line.
-    """
+    """Something about a log that limits what it can tell."""
 
     name: str
-    channel: str | None
-    detail: str
-    consequence: str
+    channel: str | None  # None for the whole log
+    detail: str  # its size, in words
+    consequence: str  # what follows, one line
 
 
 @dataclass(frozen=True, slots=True)
 class ChannelFacts:
-    """One channel; None where it cannot be told.
-
-    Parameters
-    ----------
-    name, unit : str
-        Name and unit; empty text where no unit is stated.
-    rate_hz : float or None
-        New values per second.
-    bandwidth_hz : float or None
-        Frequency up to which it holds more than its rounding, Hz: half the rate where nothing
-        limits it. None for an angle, which is an integral, and where there is no time.
-    resolution : float or None
-        Step of its values, in its unit; None where they lie on no grid that can be seen.
-    noise : float or None
-        Scatter of one sample by the floor of its spectrum, in its unit.
-    missing_share, held_share : float
-        Share of samples without a value, and of those that repeat the one before although the
-        channel moves, in [0, 1].
-    derived_from : str or None
-        Channel of which it was computed.
-    delay_s : float or None
-        How much later than `delay_to` it is, s, its standard deviation and that channel.
-    delay_std_s : float or None
-        Standard deviation of it, s.
-    delay_to : str or None
-        The channel it is held against.
-    """
+    """One channel; None where it cannot be told."""
 
     name: str
-    unit: str
-    rate_hz: float | None
+    unit: str  # empty where none is stated
+    rate_hz: float | None  # new values per second
+    # up to where it holds more than its rounding: half the rate where nothing limits it; None for
+    # an angle, which is an integral, and where there is no time
     bandwidth_hz: float | None
-    resolution: float | None
-    noise: float | None
-    missing_share: float
-    held_share: float
-    derived_from: str | None = None
-    delay_s: float | None = None
+    resolution: float | None  # step of its values, in its unit
+    noise: float | None  # scatter of one sample by the floor of its spectrum, in its unit
+    missing_share: float  # samples without a value
+    held_share: float  # samples that repeat the one before although the channel moves
+    derived_from: str | None = None  # channel of which it was computed
+    delay_s: float | None = None  # how much later than `delay_to` it is
     delay_std_s: float | None = None
     delay_to: str | None = None
 
@@ -86,65 +50,29 @@ class Gap:
 
 @dataclass(frozen=True, slots=True)
 class Sampling:
-    """Stamps of a log; None where it has none.
-
-    Parameters
-    ----------
-    rows : int
-        Samples.
-    span_s : float or None
-        From the first stamp to the last, s.
-    median_s : float or None
-        Median step, s.
-    rate_hz : float or None
-        Samples per second outside of gaps.
-    jitter_share : float or None
-        Root mean square deviation of the steps outside of gaps from their median, relative to it.
-    repeated, backward : int
-        Stamps equal to the one before, and stamps before the one before.
-    even_beneath : bool or None
-        Whether angle and velocity say that the samples were even although their stamps are not.
-    gaps : tuple of Gap
-        Missing samples.
-    """
+    """Stamps of a log; None where it has none."""
 
     rows: int
     span_s: float | None = None
-    median_s: float | None = None
-    rate_hz: float | None = None
-    jitter_share: float | None = None
-    repeated: int = 0
-    backward: int = 0
-    even_beneath: bool | None = None
+    median_s: float | None = None  # step
+    rate_hz: float | None = None  # samples per second outside of gaps
+    jitter_share: float | None = None  # RMS deviation of the steps from their median, relative
+    repeated: int = 0  # stamps equal to the one before
+    backward: int = 0  # stamps before the one before
+    even_beneath: bool | None = None  # whether the samples were even although the stamps are not
     gaps: tuple[Gap, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
 class Coverage:
-    """Motion that a log covers; speeds in the unit of its velocity.
+    """Motion that a log covers; speeds in the unit of its velocity."""
 
-    Parameters
-    ----------
-    unit : str
-        Unit of the speeds; empty where none is stated.
-    velocity : tuple of float
-        Least and greatest velocity that one sample in a hundred passes.
-    rest_share : float
-        Share of samples at less than a twentieth of the greatest speed.
-    reversals : int
-        Changes of direction between speeds of more than that.
-    turns : float or None
-        Motor turns from the least to the greatest angle.
-    limits : tuple of Finding
-        What this motion cannot tell.
-    """
-
-    unit: str
-    velocity: tuple[float, float]
-    rest_share: float
-    reversals: int
-    turns: float | None
-    limits: tuple[Finding, ...]
+    unit: str  # empty where none is stated
+    velocity: tuple[float, float]  # least and greatest that one sample in a hundred passes
+    rest_share: float  # samples at less than a twentieth of the greatest speed
+    reversals: int  # changes of direction between speeds of more than that
+    turns: float | None  # motor turns from the least to the greatest angle
+    limits: tuple[Finding, ...]  # what this motion cannot tell
 
 
 def _as_json(items: list[tuple[str, Any]]) -> dict[str, Any]:
@@ -153,41 +81,18 @@ def _as_json(items: list[tuple[str, Any]]) -> dict[str, Any]:
 
 @dataclass(frozen=True, slots=True)
 class Inspection:
-    """What a log can tell.
-
-    Parameters
-    ----------
-    source : str
-        The log.
-    sampling : Sampling
-        Its stamps.
-    channels : tuple of ChannelFacts
-        Its channels.
-    findings : tuple of Finding
-        What limits it.
-    coverage : Coverage or None
-        Its motion; None where it has none.
-    notes : tuple of str
-        What was not looked at.
-    spectra : mapping
-        For pictures: frequency, Hz, and density, unit^2/Hz, of each channel that has one.
-    """
+    """Sampling, channels, findings and motion of a log: all that limits what it can tell."""
 
     source: str
     sampling: Sampling
     channels: tuple[ChannelFacts, ...]
     findings: tuple[Finding, ...]
-    coverage: Coverage | None
-    notes: tuple[str, ...] = ()
+    coverage: Coverage | None  # None where it has no motion
+    notes: tuple[str, ...] = ()  # what was not looked at
+    # for pictures: frequency, Hz, and density, unit^2/Hz, of each channel that has one
     spectra: Mapping[str, Any] = field(default_factory=dict, compare=False)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return it as JSON holds it.
-
-        Returns
-        -------
-        dict
-            ``sampling``, ``channels``, ``coverage``, ``findings`` and ``notes``.
-        """
+        """Return sampling, channels, coverage, findings and notes as JSON holds them."""
         told = asdict(self, dict_factory=_as_json)
         return {key: told[key] for key in ("sampling", "channels", "coverage", "findings", "notes")}

@@ -9,12 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from hdbench.diagnosis.answer.records import DataFlag, Testable
 from hdbench.diagnosis.answer.result import (
+    DataFlag,
     Diagnosis,
     NamedCause,
     Rest,
+    Testable,
     Unexplained,
+    by_share,
     verdict_of,
 )
 from hdbench.diagnosis.loads.fit import LoadFit, fit_loads
@@ -30,10 +32,6 @@ from hdbench.records.trace import FloatArray
 
 __all__ = ["LoadAnswer"]
 
-# an effect that has to be this many of its standard deviations large is seen without a test
-_BLIND_SIGMAS = 20.0
-# held-out residual above the noise that chance makes: 1.25 is 3 standard deviations of 144 readings
-_ABOVE_NOISE = 1.25
 _BASELINE = ("gain", "zero of each experiment")
 
 
@@ -72,20 +70,21 @@ class LoadAnswer:
         found += [self.uneven] if self.uneven is not None else []
         if self.scatter is not None and not self.scatter.within_profile:
             found.append(self._scattered(self.scatter))
-        unexplained = tuple(u for u in found if u.share_of_variance >= line)
+        unexplained, small = by_share(found, line)
         folds, before, after = held_out(self.baseline, self.fit)
         model = self._extended()
         apart = [self._outlier_entry(one.places[0]) for one in outliers]
         times = [float(table.motion.time_s[int(entry["reading"]) - 1]) for entry in apart]
         noise = self.places.noise_nm
-        told = unexplained if after is not None and after > _ABOVE_NOISE * noise else ()
+        # chance makes 1.25 of 144 readings at 3 standard deviations
+        told = unexplained if after is not None and after > 1.25 * noise else ()
         verdict, reason = self._verdict(causes, unexplained, alpha)
         return Diagnosis(
             verdict,
             causes,
             tuple(c for c in named if c not in causes),
             unexplained,
-            tuple(u for u in found if u not in unexplained),
+            small,
             (*self.flags, *(DataFlag("outlier", time, time, 1) for time in times)),
             self._minimum_detectable(alpha),
             {
@@ -109,7 +108,8 @@ class LoadAnswer:
         """Return the verdict and its sentence: too few readings cannot tell."""
         verdict, scatter = verdict_of(causes, unexplained), self.scatter
         needed = [self._sigmas(look, alpha) for look in self.looks if look.form.name in NAMES]
-        if verdict == "nothing-found" and not min(needed, default=np.inf) <= _BLIND_SIGMAS:
+        # an effect of 20 of its standard deviations is seen without a test
+        if verdict == "nothing-found" and not min(needed, default=np.inf) <= 20.0:
             return "cannot-tell", (
                 f"{int(self.table.used.sum())} readings leave {self.fit.dof} degrees of freedom "
                 "beside gain and zeros: too few to tell an effect from noise"

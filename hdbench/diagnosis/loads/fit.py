@@ -20,22 +20,13 @@ __all__ = ["LoadFit", "Space", "design", "fit_loads"]
 # a mechanism (a loop, a creep, a limit) is good to a few percent; a polynomial, which is its own
 # definition, to the curve of second order that an arm or a weight adds
 FORM_ERROR, PLAIN_ERROR = 0.04, 0.003
-# part of an effect that may stand at other values of its shape: plays, limits, yields and time
-# constants are spread in real parts
-SPREAD = 0.2
-# polynomials of the load in a form error: as many as a calibration has levels, and more
-_CURVES = 6
 # readings carry rounding at this share of the largest one
 _ROUNDING = 1e-12
 # relative change of a shape parameter, or of its domain, by which a slope is formed
 _STEP = 1e-4
-# refinement ends after this many steps: grids start it within a fifth of where it ends
-_CALLS = 30
 # a limit acts on the signal before it, which the fit gives: they settle in this many rounds, or
 # when nothing moves by more than this share of the largest torque
 _ROUNDS, _SETTLED = 4, 1e-6
-# what is left of a column below this share of its size is what the fit has already
-_VISIBLE = 1e-5
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +48,8 @@ class Space:
         if not np.isfinite(raw).all():
             return np.zeros((self.dof, 0))
         u, s, _ = np.linalg.svd(self.basis.T @ scaled(raw)[0], full_matrices=False)
-        return np.asarray(u[:, s > _VISIBLE])
+        # what is left of a column below this share of its size is what the fit has already
+        return np.asarray(u[:, s > 1e-5])
 
     def share(self, directions: FloatArray) -> float:
         """Return which share of the residual's sum of squares lies along directions."""
@@ -251,7 +243,8 @@ def _form_error(term: Term, linear: FloatArray, table: LoadTable, base: FloatArr
     # Chebyshev polynomials are finer at both ends, where loops begin and plays end
     sign = np.sign(table.torque_nm)
     angle = np.arccos(1.0 - 2.0 * np.abs(table.torque_nm) / table.top_nm)
-    waves = [sign * np.cos(k * angle) for k in range(1, _CURVES + 1)]
+    # polynomials of the load in a form error: as many as a calibration has levels, and more
+    waves = [sign * np.cos(k * angle) for k in range(1, 6 + 1)]
     branch = np.where(table.falling, 1.0, -1.0)
     time = table.motion.time_s - table.motion.time_s[0]
     time = time / max(float(time[-1]), 1e-300)
@@ -263,7 +256,9 @@ def _form_error(term: Term, linear: FloatArray, table: LoadTable, base: FloatArr
     for moved in term.neighbours():
         other = seen(moved.columns(table) @ linear - effect)
         length = float(np.linalg.norm(other))
-        parts.append(SPREAD * other * min(1.0, size / max(length, 1e-300)))
+        # part of an effect that may stand at other values of its shape: plays, limits, yields and
+        # time constants are spread in real parts
+        parts.append(0.2 * other * min(1.0, size / max(length, 1e-300)))
     if term.form.cause.whole_signal:
         alone = term.columns(table.with_signal(table.torque_nm)) @ linear
         parts.append((alone - effect)[:, None])
@@ -330,6 +325,7 @@ def _refined(terms: tuple[Term, ...], base: FloatArray, table: LoadTable) -> tup
 
     at = [share_of(terms[i].shape[name], low, high) for i, name, low, high in free]
     start, steps = np.clip(at, 0.0, 1.0), [_STEP] * len(free)
-    found = least_squares(residual, start, bounds=(0.0, 1.0), diff_step=steps, max_nfev=_CALLS)
+    # refinement ends after this many steps: grids start it within a fifth of where it ends
+    found = least_squares(residual, start, bounds=(0.0, 1.0), diff_step=steps, max_nfev=30)
     before = residual(start)
     return moved(found.x) if 2.0 * found.cost < float(before @ before) else terms

@@ -25,25 +25,8 @@ NAMES = (
 )  # fmt: skip
 # shape parameters that have values but no slope
 _DISCRETE = ("step_time_s", "place")
-# readings at a few levels do not give a sharpness of their own: the limiter is tanh itself, has a
-# knee, is within 2 % of a hard stop, or is one; tanh far above the torque bends as a cube: at 1 nat
-# less the cube is the name
-_SHARPNESS = (
-    ("", 1.0, 1.0),
-    ("with a knee", 2.0, 0.0),
-    ("with a sharp knee", 6.0, 0.0),
-    ("with a hard stop", 64.0, 0.0),
-)
 # points of a grid over one shape parameter, and over each of more: neighbours are alike
 _POINTS, _POINTS_OF_TWO = 24, 10
-# bounds further apart than this ratio are stepped in equal ratios
-_WIDE = 5.0
-# other values of a shape beside a fitted one, as its ratios
-_RATIOS = (0.35, 0.6, 1.6, 3.0)
-# an arm that bends so far that it loses lever arm is one in twenty that sag
-_RARE_NATS = 3.0
-# time is looked at in stretches of this many readings
-_STRETCH = 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,7 +77,8 @@ class Form:
             return list(0.5 * (time[1:] + time[:-1]))
         values: list[float] = []
         for low, high in self.bounds(parameter, table):
-            wide = low > 0.0 and high > _WIDE * low
+            # bounds further apart than this ratio are stepped in equal ratios
+            wide = low > 0.0 and high > 5.0 * low
             values += list((np.geomspace if wide else np.linspace)(low, high, points))
         return values
 
@@ -138,11 +122,12 @@ class Term:
     def neighbours(self) -> list[Term]:
         """Return the term at other values of each smooth shape parameter, held ones too."""
         held = {**self.shape, **self.form.fixed}
+        # other values of a shape beside a fitted one, as its ratios
         return [
             Term(self.form, {**self.shape, p.name: held[p.name] * ratio})
             for p in self.form.cause.shape
             if p.name not in _DISCRETE
-            for ratio in _RATIOS
+            for ratio in (0.35, 0.6, 1.6, 3.0)
             if p.contains(held[p.name] * ratio)
         ]
 
@@ -188,9 +173,17 @@ def _forms(cause: Cause, known: Mapping[str, Cause]) -> tuple[Form, ...]:
         )
         return loop, after, *sided
     if cause.name == "saturation":
+        # readings at a few levels do not give a sharpness of their own: the limiter is tanh itself,
+        # has a knee, is within 2 % of a hard stop, or is one; tanh far above the torque bends as a
+        # cube: at 1 nat less the cube is the name
         return tuple(
             replace(own, label=label, fixed={"sharpness": power}, prior_nats=nats)
-            for label, power, nats in _SHARPNESS
+            for label, power, nats in (
+                ("", 1.0, 1.0),
+                ("with a knee", 2.0, 0.0),
+                ("with a sharp knee", 6.0, 0.0),
+                ("with a hard stop", 64.0, 0.0),
+            )
         )
     if cause.name == "position-dependent-gain":
         return _part(cause, slice(2)), _part(cause, slice(2, 4)), own
@@ -200,7 +193,8 @@ def _forms(cause: Cause, known: Mapping[str, Cause]) -> tuple[Form, ...]:
         def bent(motion: Motion, shape: Mapping[str, float]) -> FloatArray:
             return np.hstack((level.columns(motion, shape), cube.columns(motion, {})))
 
-        return level, own, replace(level, columns=bent, beside=(cube,), prior_nats=_RARE_NATS)
+        # an arm that bends so far that it loses lever arm is one in twenty that sag
+        return level, own, replace(level, columns=bent, beside=(cube,), prior_nats=3.0)
     return (own,)
 
 
@@ -283,11 +277,12 @@ def places(table: LoadTable) -> tuple[Form, ...]:
         columns = (one_hot(numbers).T * values).T
         return {i: columns[:, [i]] for i in range(columns.shape[1])}
 
+    # time is looked at in stretches of this many readings
     return (
         _place("level", each(level)),
         _place("branch", each(2 * level + table.falling)),
         _place("curve", {0: torque[:, None] ** np.arange(2, 6) / table.top_nm ** np.arange(1, 5)}),
         _place("gain", each(table.experiment, torque)),
         _place("drift", each(table.experiment, table.motion.time_s)),
-        _place("stretch", each(np.arange(len(table)) // _STRETCH)),
+        _place("stretch", each(np.arange(len(table)) // 4)),
     )

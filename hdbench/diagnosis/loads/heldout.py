@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from hdbench.diagnosis.answer.records import Gain
+from hdbench.diagnosis.answer.result import Gain
 from hdbench.diagnosis.discovery.heldout import Prediction, gain_between
 from hdbench.diagnosis.evidence import RANK, scaled
 from hdbench.diagnosis.loads.fit import LoadFit, design
@@ -14,13 +14,6 @@ from hdbench.diagnosis.loads.table import IntArray, LoadTable, levels, one_hot
 from hdbench.records.trace import FloatArray
 
 __all__ = ["gain_of", "held_out", "rms"]
-
-# fewer units than this cannot carry a bootstrap: readings are drawn instead
-_LEAST_UNITS = 5
-# a fold with more of an effect's sum of squares than this is not predicted by the others
-_MOST_IN_ONE = 0.5
-# a reading that is alone in fixing a coefficient says nothing about the prediction
-_ALONE = 3e-5
 
 
 def _fold_kinds(table: LoadTable) -> list[tuple[str, IntArray]]:
@@ -49,11 +42,13 @@ def gain_of(fit: LoadFit, places: Sequence[int], rng: np.random.Generator) -> Ga
     seen = fit.refit(fit.others(places)).space().seen(effect) ** 2
     for _, folds in _fold_kinds(table):
         parts = np.bincount(folds[used], weights=seen)
-        if parts.max() > _MOST_IN_ONE * parts.sum():
+        # a fold with more of an effect's sum of squares than this is not predicted by the others
+        if parts.max() > 0.5 * parts.sum():
             continue
         before, after = _predicted_nm(fit, folds, places), _predicted_nm(fit, folds)
         if before is not None and after is not None:
-            many = len(np.unique(table.experiment[used])) >= _LEAST_UNITS
+            # fewer units than this cannot carry a bootstrap: readings are drawn instead
+            many = len(np.unique(table.experiment[used])) >= 5
             units = one_hot(table.experiment[used] if many else np.arange(len(before))).T
             old, new = (Prediction(units @ x**2, units.sum(axis=1), 0.0) for x in (before, after))
             return gain_between(old, new, rng)
@@ -84,7 +79,8 @@ def _predicted_nm(fit: LoadFit, folds: IntArray, places: Sequence[int] = ()) -> 
         asked = columns[test]
         asked[:, of_zeros] = 0.0
         unknown = np.linalg.norm(asked - asked @ v.T @ v, axis=1)
-        if float(unknown.max(initial=0.0)) > _ALONE:
+        # a reading that is alone in fixing a coefficient says nothing about the prediction
+        if float(unknown.max(initial=0.0)) > 3e-5:
             return None
         left[test] = response[test] - columns[test] @ (v.T @ (u.T @ response[~test] / s))
         for column in np.flatnonzero(~zeros[~test].any(axis=0)):

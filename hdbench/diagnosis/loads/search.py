@@ -23,17 +23,6 @@ __all__ = ["Accepted", "Look", "Search", "uneven_scatter"]
 
 # draws of the null: more where few degrees of freedom make them cheap and tails count
 _LEAST_DRAWS, _MOST_DRAWS, _WORK = 2000, 10_000, 160_000
-# the number of independent trials is counted where this many draws lie beyond
-_BEYOND = 40
-# candidates refined in a round, strongest first
-_CANDIDATES = 8
-# a swap must win by more than rounding
-_SWAP_NATS = 0.1
-# a further name beside others must be worth this, a Bayes factor of 20 000: form errors are known
-# by their order alone
-_FURTHER_NATS = 10.0
-# neighbours on a grid whose spaces differ by less than this (sine squared) are one
-_SAME_CELL = 1e-3
 
 # a member of a form, and what a fit leaves of its columns
 Cell = tuple[Term, FloatArray]
@@ -81,7 +70,9 @@ class Search:
             looks = self.looks(fit)
             alarm = min((look.false_alarm for look in looks), default=1.0)
             ranked = self._ranked(fit, looks) if alarm < self.alpha else []
-            needed = _FURTHER_NATS if len(fit.terms) > self.held else 0.0
+            # a further name beside others must be worth this, a Bayes factor of 20 000: form errors
+            # are known by their order alone
+            needed = 10.0 if len(fit.terms) > self.held else 0.0
             if not ranked or ranked[0].nats <= fit.nats + needed:
                 return fit, chances, looks
             fit = ranked[0]
@@ -100,7 +91,8 @@ class Search:
                 directions = space.directions(columns)
                 if not 0 < directions.shape[1] < space.dof:
                     continue
-                if not cells or form.whole or sine_squared(cells[-1][1], directions) >= _SAME_CELL:
+                # neighbours on a grid whose spaces differ by less than this (sine squared) are one
+                if not cells or form.whole or sine_squared(cells[-1][1], directions) >= 1e-3:
                     cells.append((term, directions))
             if cells:
                 made.append((form, cells))
@@ -166,7 +158,8 @@ class Search:
     def _ranked(self, fit: LoadFit, looks: Sequence[Look]) -> list[LoadFit]:
         """Return the strongest looks fitted with all that was accepted, best evidence first."""
         space = fit.space()
-        worth = sorted(looks, key=lambda look: look.p_value)[:_CANDIDATES]
+        # candidates refined in a round, strongest first
+        worth = sorted(looks, key=lambda look: look.p_value)[:8]
         tried = (self.trial(look.form, look.cells, fit, space) for look in worth)
         # among equals the name with fewer free shapes
         return sorted(
@@ -180,7 +173,8 @@ class Search:
         while place < len(fit.terms) > self.held + 1:
             less, others = self._instead(fit, (place,))
             best = max((less, *others.values()), key=lambda one: one.nats)
-            better = best.nats > fit.nats + _SWAP_NATS
+            # a swap must win by more than rounding
+            better = best.nats > fit.nats + 0.1
             fit, place = (best, self.held) if better else (fit, place + 1)
         return fit
 
@@ -249,7 +243,8 @@ def _lowest_p(shares: FloatArray, ranks: FloatArray, dof: int) -> tuple[FloatArr
 
 def _trials(p_values: FloatArray) -> float:
     """Return how many independent trials a smallest p-value of these draws amounts to."""
-    beyond = _BEYOND / len(p_values)
+    # the number of independent trials is counted where this many draws lie beyond
+    beyond = 40 / len(p_values)
     level = float(np.quantile(p_values, beyond))
     return max(1.0, -float(np.log1p(-beyond)) / max(level, float(np.finfo(float).tiny)))
 

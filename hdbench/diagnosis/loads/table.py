@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hdbench.diagnosis.answer.records import DataFlag, LeftOutSamples
+from hdbench.diagnosis.answer.result import DataFlag, LeftOutSamples
 from hdbench.model.motion import Motion
 from hdbench.model.statics import experiment_numbers, motion_from_loads, reading_times
 from hdbench.profile.schema import ProfileData
@@ -26,13 +26,6 @@ __all__ = [
     "one_hot",
 ]
 
-# positions closer than this are one: a sixth of a tooth of 200, above what an encoder at the
-# output or a mark made by hand repeats
-_POSITION_RAD = 5e-3
-# torques of one load level differ by less than this share of the largest
-_LEVEL_SHARE = 1e-3
-# this many equal readings in a row under different loads do not come from a live channel
-_STUCK = 3
 # flags of readings that take no part, and the reason that is told
 _REASONS = {
     "missed-samples": "the reading is lost",
@@ -93,7 +86,8 @@ def load_table(loads: Loads, profile: ProfileData) -> tuple[LoadTable, tuple[Dat
     # equal to their neighbours although the load changed
     same = (np.diff(volts) == 0.0) & (np.diff(torque) != 0.0)
     run = np.cumsum(np.concatenate(([True], ~same)))
-    stuck = np.bincount(run)[run] >= _STUCK
+    # this many equal readings in a row under different loads do not come from a live channel
+    stuck = np.bincount(run)[run] >= 3
     flags = []
     for name, where in zip(_REASONS, (lost, ends, stuck), strict=True):
         used &= ~where
@@ -122,7 +116,9 @@ def _places(position_rad: FloatArray) -> IntArray:
     numbers = []
     for position in position_rad.tolist():
         apart = np.abs(np.remainder(position - np.array(known) + np.pi, 2.0 * np.pi) - np.pi)
-        near = np.flatnonzero(apart < _POSITION_RAD)
+        # positions closer than this are one: a sixth of a tooth of 200, above what an encoder at
+        # the output or a mark made by hand repeats
+        near = np.flatnonzero(apart < 5e-3)
         numbers.append(int(near[0]) if len(near) else len(known))
         if not len(near):
             known.append(position)
@@ -139,7 +135,8 @@ def levels(table: LoadTable) -> IntArray:
     torque = table.torque_nm
     order = np.argsort(torque, kind="stable")
     numbers = np.zeros(len(torque), dtype=np.int64)
-    far = np.diff(torque[order]) > _LEVEL_SHARE * table.top_nm
+    # torques of one load level differ by less than this share of the largest
+    far = np.diff(torque[order]) > 1e-3 * table.top_nm
     numbers[order] = np.concatenate(([0], np.cumsum(far)))
     return numbers
 

@@ -13,13 +13,10 @@ __all__ = ["blocks", "full_blocks", "full_protocol", "joined"]
 
 Steps = tuple[Segment | LoadStep, ...]
 
-# ramps stay this far below the servo's acceleration: a servo at its limit does not follow; speeds
-# stay this far below the limit, which is for what goes wrong
-_RAMP_SHARE, _SPEED_SHARE = 0.25, 0.95
+# ramps stay this far below the servo's acceleration: a servo at its limit does not follow
+_RAMP_SHARE = 0.25
 # length of a rest; a long run between two of them shows the course of what is slow
 _REST_S = 8.0
-# speeds of the staircase, in equal ratios from the slowest
-_STEPS, _SLOWEST_RAD_S = 9, 2.0
 # a sine of speed that inertia feels, and whose acceleration the servo still follows
 _FAST_HZ = 2.0
 # output angles of locked loads: four equal steps would hide the second order
@@ -53,7 +50,8 @@ def blocks(profile: ProfileData, *, long_s: float = 150.0) -> tuple[MotionPlan, 
     The purpose of each says what it tells apart. A long run below 40 s is left out.
     """
     by_volts = profile.limits.reference_v * profile.servo.velocity_gain_rad_s_per_v
-    top = _rounded(_SPEED_SHARE * min(profile.limits.velocity_rad_s, by_volts))
+    # speeds stay below the limit, which is for what goes wrong
+    top = _rounded(0.95 * min(profile.limits.velocity_rad_s, by_volts))
     middle, turning = 0.4 * top, _rounded(0.75 * top)
     # three turns of the output
     turns_s = math.ceil(6.0 * math.pi * profile.drive.gear_ratio / turning)
@@ -152,8 +150,8 @@ def _ramp(profile: ProfileData, before: float, after: float) -> Segment:
 
 
 def _staircase(top: float) -> list[float]:
-    ratio = (top / _SLOWEST_RAD_S) ** (1.0 / (_STEPS - 1))
-    return [_rounded(_SLOWEST_RAD_S * ratio**k) for k in range(_STEPS)]
+    """Return nine speeds in equal ratios from 2 rad/s."""
+    return [_rounded(2.0 * (top / 2.0) ** (k / 8.0)) for k in range(9)]
 
 
 def _both_ways(profile: ProfileData, speeds: list[float], steady_s: float, note: str) -> Steps:

@@ -37,17 +37,9 @@ CONFUSABLE = 0.25
 _CONTAINED = 1e-6
 # directions with less than this share of a column's energy are rounding
 _ROUNDING = 1e-10
-# a pair that the grid leaves above this is told apart whatever the shape in between; 0.15 is more
-# than refinement has gained anywhere on the built-in protocols
-_SURELY_APART = 0.6
 # times that a step of the grid is halved, by the samples that a cause needs: few, more, all; and
 # that a resolution cell of a line is: 1/8000 of it leaves less than a millionth of three lines
 _HALVINGS, _LINE_HALVINGS = (5, 4, 2), 12
-# numbers that are multiplied at once: 16 MB, and more would not be faster
-_AT_ONCE = 2_000_000
-# probability of any finding on a record without effects, and of finding one, as in the diagnosis;
-# independent trials along each shape that is no place on an axis
-_ALPHA, _POWER, _TRIALS = 0.01, 0.9, 10.0
 # why an effect is not seen that the baseline holds already
 HELD = "the baseline imitates it"
 
@@ -263,7 +255,8 @@ class Grams:
         held = {tuple(shape.values()) for shape in family.shapes}
         new = {tuple(shape.values()): shape for shape in shapes}
         fresh = [shape for key, shape in new.items() if key not in held]
-        step = max(1, _AT_ONCE // max(1, len(family.cause.linear) * self.rows.shape[1]))
+        # two million numbers at once, 16 MB: more would not be faster
+        step = max(1, 2_000_000 // max(1, len(family.cause.linear) * self.rows.shape[1]))
         for first in range(0, len(fresh), step):
             part = fresh[first : first + step]
             rows = np.stack([self.frame.white(family.cause, shape) for shape in part])
@@ -299,13 +292,15 @@ def _shapes(effect: Effect, frame: Frame) -> list[Shape]:
 
 def _needed(cause: Cause, frame: Frame, names: int) -> float:
     """Return how many standard deviations an effect needs to be found among so many names."""
-    trials = names * _TRIALS ** len(cause.shape)
+    # ten independent trials along each shape that is no place on an axis
+    trials = names * 10.0 ** len(cause.shape)
     key = line_key(cause)
     if key is not None:
         width = sum(high - low for low, high in frame.bounds(cause)[key])
         trials = names * max(1.0, 2.0 * line_length(frame, key) * width)
-    level = chi2_level(_ALPHA / trials, max(1, len(cause.linear)))
-    return float(np.sqrt(level) + ndtri(_POWER))
+    # 1 % for any finding on a record without effects, 90 % to find one, as in the diagnosis
+    level = chi2_level(0.01 / trials, max(1, len(cause.linear)))
+    return float(np.sqrt(level) + ndtri(0.9))
 
 
 def compare(
@@ -369,7 +364,9 @@ def _least(beside: Beside, name: str, columns: Sequence[int]) -> FloatArray:
     left = beside.shares(family)[:, columns]
     for halvings in range(1, 1 + (_LINE_HALVINGS if line_key(family.cause) else _HALVINGS[home])):
         best, at, tried = left.min(axis=0), left.argmin(axis=0), len(family.shapes)
-        unsure = others & (best > _CONTAINED) & (best <= _SURELY_APART)
+        # what the grid leaves above 0.6 is told apart whatever the shape in between; 0.15 is more
+        # than refinement has gained anywhere on the built-in protocols
+        unsure = others & (best > _CONTAINED) & (best <= 0.6)
         around = [
             {**family.shapes[nearest], key: value}
             for nearest in at[unsure]

@@ -22,17 +22,6 @@ Bounds = tuple[tuple[float, float], ...]
 # rows that stand for a motion in white noise: on the built-in profile's 172 s protocol the largest
 # change of any sin^2 against all samples is 0.02 (tests/diagnosis/test_planning.py)
 ROWS = 8_000
-# half of the rows evenly over the record, a quarter where the motor accelerates, a quarter where it
-# is slow: there friction, hysteresis and inertia differ from everything else
-_EVENLY, _ACCELERATING, _SLOW, _SLOW_RAD_S = 0.5, 0.25, 0.25, 20.0
-# a cause that remembers is computed on the rows, every so many samples between them, and wherever
-# the load jumps by this share of its range or a stretch begins ...
-_COURSE, _JUMP = 8, 0.01
-# ... where that agrees with more samples to this share of its size: sin^2 changes by twice as much
-_AGREES = 3e-3
-# noise is white where no power is further from the mean than this share of it, as that of white
-# noise does in the narrow bands of a short record
-_FLAT = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +56,8 @@ class Noise:
     @property
     def is_white(self) -> bool:
         """Whether all frequencies have about the same power."""
-        return float(np.abs(self.power_nm2 / self.std_nm**2 - 1.0).max()) <= _FLAT
+        # in the narrow bands of a short record white noise is off by up to half
+        return float(np.abs(self.power_nm2 / self.std_nm**2 - 1.0).max()) <= 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,7 +134,8 @@ class Frame:
             home = 2 if "delay_s" in shape else 0
             while home < 2:
                 here, more = (self.drawn(cause, shape, at) for at in (home, home + 1))
-                if np.linalg.norm(here - more) <= _AGREES * np.linalg.norm(more):
+                # sin^2 changes by twice as much
+                if np.linalg.norm(here - more) <= 3e-3 * np.linalg.norm(more):
                     break
                 home += 1
             self.homes[cause.name] = home
@@ -208,27 +199,35 @@ def _baseline(motion: Motion, profile: ProfileData) -> FloatArray:
 
 
 def _chance(motion: Motion, n_rows: int) -> FloatArray:
-    """Return the probability with which each sample is drawn."""
+    """Return the probability with which each sample is drawn.
+
+    Half of the rows evenly over the record, a quarter where the motor accelerates, a quarter where
+    it is slow: there friction, hysteresis and inertia differ from everything else.
+    """
     valid = motion.valid.astype(np.float64)
     count = float(valid.sum())
     if count <= n_rows:
         return valid
     accelerating = np.where(motion.valid, np.abs(motion.acceleration_rad_s2), 0.0)
-    slow = motion.valid & (np.abs(motion.velocity_rad_s) < _SLOW_RAD_S)
-    chance = _EVENLY * valid / count
-    for share, where in ((_ACCELERATING, accelerating), (_SLOW, slow.astype(np.float64))):
+    slow = motion.valid & (np.abs(motion.velocity_rad_s) < 20.0)
+    chance = 0.5 * valid / count
+    for where in (accelerating, slow.astype(np.float64)):
         total = float(where.sum())
-        chance = chance + share * (where / total if total > 0.0 else valid / count)
+        chance = chance + 0.25 * (where / total if total > 0.0 else valid / count)
     return np.minimum(1.0, n_rows * chance)
 
 
 def _course(motion: Motion, rows: NDArray[np.intp]) -> NDArray[np.intp]:
-    """Return the samples on which a cause that remembers is computed."""
+    """Return the samples on which a cause that remembers is computed.
+
+    The rows, every eighth sample between them, and wherever the load jumps by a hundredth of its
+    range or a stretch begins.
+    """
     needed = np.zeros(len(motion), dtype=bool)
-    needed[::_COURSE] = True
+    needed[::8] = True
     needed[rows] = True
     load, step = motion.applied_nm, np.diff(motion.time_s)
-    jumps = np.abs(np.diff(load)) > _JUMP * float(np.ptp(load[np.isfinite(load)]))
+    jumps = np.abs(np.diff(load)) > 0.01 * float(np.ptp(load[np.isfinite(load)]))
     # a sample that comes after 1.5 periods and more follows a pause
     breaks = np.flatnonzero(jumps | (step > 1.5 * float(np.median(step))))
     needed[breaks] = True

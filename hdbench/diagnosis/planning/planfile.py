@@ -12,7 +12,7 @@ from hdbench.diagnosis.planning.segments import LoadStep, MotionPlan, Segment
 from hdbench.errors import DataError
 from hdbench.profile.loader import read_toml
 from hdbench.profile.problems import key_text
-from hdbench.profile.toml_map import Key, key_lines
+from hdbench.profile.toml_text import Key, key_lines
 from hdbench.records.jsonfile import dumps, read_json
 from hdbench.records.storage import file_bytes, write_atomic
 
@@ -42,17 +42,7 @@ _HELP = "docs/plan.md lists kinds, keys and units"
 
 
 def plan_to_dict(plan: MotionPlan) -> dict[str, Any]:
-    """Return a plan as its file holds it, JSON-able.
-
-    Parameters
-    ----------
-    plan : MotionPlan
-        Plan.
-
-    Returns
-    -------
-    dict
-    """
+    """Return a plan as its file holds it."""
     entries: list[dict[str, Any]] = []
     for step in plan.steps:
         kind = step.kind if isinstance(step, Segment) else "load"

@@ -10,7 +10,7 @@ import numpy as np
 
 from hdbench.diagnosis.planning.segments import LoadStep, MotionPlan, Segment, plan_stages
 from hdbench.errors import UsageError
-from hdbench.model.program import MAX_PARTS
+from hdbench.model.waves import MAX_PARTS
 from hdbench.profile.schema import ProfileData
 
 __all__ = ["check_motion_plan"]

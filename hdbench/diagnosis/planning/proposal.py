@@ -20,8 +20,7 @@ from hdbench.diagnosis.planning.confusability import (
     unfit,
 )
 from hdbench.diagnosis.planning.frame import Noise, make_frame
-from hdbench.diagnosis.planning.motion import planned_motion
-from hdbench.diagnosis.planning.segments import MotionPlan, plan_stages, program_of
+from hdbench.diagnosis.planning.segments import MotionPlan, plan_stages, planned_motion, program_of
 from hdbench.diagnosis.planning.signatures import Effect, fitted_shape, nominal_shape
 from hdbench.model import Cause, Motion, catalogue, cause_named
 from hdbench.profile.schema import ProfileData
@@ -45,12 +44,6 @@ _Credit = Mapping[str, list[Names]]
 
 # the full protocol of the built-in profile without loads takes 172 s
 DEFAULT_DURATION_S = 180.0
-# a name is wrong with 1 % where evidence of 10.8 nats is expected, d sin(gamma) = 4.65; four times
-# that leaves room for an effect of half the size that is reckoned with, twice the level of what
-# counts as confusable for what the shapes of names lack
-_ENOUGH_NATS, _ENOUGH_SHARE = 4.0 * 10.8, 2.0 * CONFUSABLE
-# size of an effect of which nothing is known, in standard deviations over all blocks together
-_UNKNOWN_SIGMAS = 20.0
 # a block, or a longer protocol, that raises the score of a pair by less than this does not pay
 _LEAST_GAIN = 0.02
 
@@ -76,24 +69,12 @@ class Pair:
 
 @dataclass(frozen=True, slots=True)
 class Proposal:
-    """A run, and what it is good for.
+    """The run that tells names apart."""
 
-    Parameters
-    ----------
-    plan : MotionPlan or None
-        The run; None where no run of this bench tells any of the pairs apart.
-    pairs : tuple of Pair
-        Pairs in question.
-    words : tuple of str
-        Why, one sentence for each block.
-    after : Confusability or None
-        How alike the effects are on the run.
-    """
-
-    plan: MotionPlan | None
-    pairs: tuple[Pair, ...]
-    words: tuple[str, ...] = ()
-    after: Confusability | None = None
+    plan: MotionPlan | None  # None where no run of this bench tells any of the pairs apart
+    pairs: tuple[Pair, ...]  # in question
+    words: tuple[str, ...] = ()  # why, one sentence for each block
+    after: Confusability | None = None  # how alike the effects are on the run
 
 
 @dataclass(frozen=True, slots=True)
@@ -223,15 +204,18 @@ class _Weights:
             sigma = 0.0 if entry.reason == HELD else 1.0
             if not entry.reason and entry.std_nm:
                 known = effect.amplitude_nm
-                size = _UNKNOWN_SIGMAS if known is None else known / entry.std_nm
+                # an effect of which nothing is known is taken to be 20 deviations over all blocks
+                size = 20.0 if known is None else known / entry.std_nm
                 sigma = size**2 / beside.energy(target)
             self.sigmas[effect.name] = max(sigma, self.sigmas.get(effect.name, 0.0))
 
     def score(self, chosen: Sequence[int]) -> FloatArray:
         """Return how well blocks tell each pair apart, 0 to 2: by evidence and by share.
 
-        A pair counts up to its expected evidence, half the squared size times its share, of 43 nats
-        (a wrong name in 1 of 100 for an effect of half the size) and up to a share of 0.5.
+        A pair counts up to its expected evidence, half the squared size times its share, of 43.2
+        nats: a name is wrong with 1 % at 10.8 nats (d sin(gamma) = 4.65), and four times that leave
+        room for an effect of half the size. And up to twice the share that is told apart, for what
+        the shapes of names lack.
         """
         scores: dict[Names, float] = {}
         # what the baseline holds is compared beside the zero alone
@@ -250,8 +234,8 @@ class _Weights:
                     energy, column = seen[first]
                     share = float(least[column])
                     nats = 0.5 * energy * self.sigmas[first] * share
-                    by_evidence = min(1.0, nats / _ENOUGH_NATS)
-                    scores[first, second] = by_evidence + min(1.0, share / _ENOUGH_SHARE)
+                    by_share = min(1.0, share / (2.0 * CONFUSABLE))
+                    scores[first, second] = min(1.0, nats / 43.2) + by_share
         return np.array([scores.get(pair, 0.0) for pair in self.pairs])
 
 

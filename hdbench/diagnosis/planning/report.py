@@ -12,7 +12,6 @@ import numpy as np
 from hdbench.diagnosis.planning.blocks import blocks, full_blocks, full_protocol
 from hdbench.diagnosis.planning.confusability import CONFUSABLE, Confusability, Told, compare
 from hdbench.diagnosis.planning.frame import Noise
-from hdbench.diagnosis.planning.motion import planned_motion
 from hdbench.diagnosis.planning.planfile import plan_to_dict
 from hdbench.diagnosis.planning.proposal import (
     DEFAULT_DURATION_S,
@@ -24,7 +23,7 @@ from hdbench.diagnosis.planning.proposal import (
     propose,
     settled_by,
 )
-from hdbench.diagnosis.planning.segments import MotionPlan
+from hdbench.diagnosis.planning.segments import MotionPlan, planned_motion
 from hdbench.diagnosis.planning.signatures import Effect
 from hdbench.errors import DataError, UsageError
 from hdbench.model import BenchModel, Motion, catalogue, motion_from_trace, simulate_run

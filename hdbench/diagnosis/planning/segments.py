@@ -1,41 +1,39 @@
-"""A motion plan as data: segments of motor speed, and what the operator does between them."""
+"""A motion plan: segments of motor speed, steps of the operator, and the motion it will give."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
 
-from hdbench.model.program import ProgramPart, ReferenceProgram
-from hdbench.profile.schema import ProfileData
+import numpy as np
 
-__all__ = ["LoadStep", "MotionPlan", "Segment", "Stage", "plan_stages", "program_of"]
+from hdbench.errors import UsageError
+from hdbench.model import Motion, motion_from_trace
+from hdbench.model.waves import ProgramPart, ReferenceProgram, program_voltage
+from hdbench.profile.schema import ProfileData
+from hdbench.records.trace import FloatArray, Trace
+
+__all__ = [
+    "LoadStep", "MotionPlan", "Segment", "Stage", "plan_stages", "planned_motion",
+    "planned_trace", "program_of",
+]  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
 class Segment:
     """One stretch of motor speed.
 
-    Parameters
-    ----------
-    kind : str
-        ``hold`` (speed kept), ``ramp`` (linear from the speed before to `speed_rad_s`), ``sine``
-        (a sine about the speed before), ``sweep`` (linear to `speed_rad_s` and back), ``rest``.
-    duration_s : float
-        Length, s, above 0.
-    speed_rad_s : float
-        Motor speed, rad/s: kept by a hold, reached by a ramp, turned round at by a sweep, amplitude
-        of a sine; 0 for a rest.
-    frequency_hz : float
-        Frequency of a sine, Hz; its cycles in `duration_s` have to be whole. 0 for all others.
-    note : str
-        What it is for.
+    Its kind is ``hold`` (speed kept), ``ramp`` (linear from the speed before to `speed_rad_s`),
+    ``sine`` (a sine about the speed before), ``sweep`` (linear to `speed_rad_s` and back) or
+    ``rest``.
     """
 
     kind: str
-    duration_s: float
+    duration_s: float  # above 0
+    # kept by a hold, reached by a ramp, turned round at by a sweep, amplitude of a sine
     speed_rad_s: float = 0.0
-    frequency_hz: float = 0.0
-    note: str = ""
+    frequency_hz: float = 0.0  # of a sine, whose cycles in `duration_s` have to be whole
+    note: str = ""  # what it is for
 
     def end_speed_rad_s(self, before_rad_s: float) -> float:
         """Return the speed at its end, rad/s, for the speed before it."""
@@ -44,24 +42,12 @@ class Segment:
 
 @dataclass(frozen=True, slots=True)
 class LoadStep:
-    """What the operator does while the motor stands; it holds until the next load step.
-
-    Parameters
-    ----------
-    text : str
-        What to do, in words.
-    torque_nm : float
-        Torque on the output from then on, N m; 0 takes all load off.
-    locked : bool
-        Whether the wave generator is locked; then only rests may follow.
-    position_rad : float
-        Position of the flexspline while locked, rad.
-    """
+    """What the operator does while the motor stands; it holds until the next load step."""
 
     text: str
-    torque_nm: float
-    locked: bool = False
-    position_rad: float = 0.0
+    torque_nm: float  # on the output from then on; 0 takes all load off
+    locked: bool = False  # whether the wave generator is locked; then only rests may follow
+    position_rad: float = 0.0  # of the flexspline while locked
 
     def describe(self) -> str:
         """Return the step in words."""
@@ -70,21 +56,11 @@ class LoadStep:
 
 @dataclass(frozen=True, slots=True)
 class MotionPlan:
-    """A run, or a block of one: segments in order, from rest to rest.
-
-    Parameters
-    ----------
-    name : str
-        Its name.
-    steps : tuple of Segment or LoadStep
-        What happens, in order; the motor stands at the start and at the end.
-    purpose : str
-        Why it is done, in words.
-    """
+    """A run, or a block of one: segments in order, from rest to rest."""
 
     name: str
     steps: tuple[Segment | LoadStep, ...]
-    purpose: str = ""
+    purpose: str = ""  # why it is done, in words
 
     @property
     def segments(self) -> tuple[Segment, ...]:
@@ -151,3 +127,87 @@ def program_of(stage: Stage, profile: ProfileData) -> ReferenceProgram:
                 parts.append(ProgramPart(n, start, start))
         speed = segment.end_speed_rad_s(speed)
     return ReferenceProgram(tuple(parts))
+
+
+def planned_trace(plan: MotionPlan, profile: ProfileData) -> Trace:
+    r"""Return the record of a plan within the limits that a bench without noise would measure.
+
+    The velocity follows the reference through :math:`\dot\omega = \mathrm{clip}(2 \pi f_b
+    (k u - \omega), \pm\alpha_{max})`, solved in closed form over every sampling period but for
+    the one in which the limit is left. While the wave generator is locked the output stands at the
+    step's position and the motor angle at N times that, as for readings of a calibration. The
+    current is that of a motor without friction.
+    """
+    period = profile.daq.sample_period_s
+    count = plan.duration_s / period
+    # more do not fit a gigabyte with everything that is computed from them
+    most = 2_000_000
+    if not 5.0 <= count <= most:
+        raise UsageError(
+            f"{count:.6g} samples in the plan; needed: 5 to {most}",
+            where="the plan",
+            fix="change its duration",
+        )
+    start_s, angle = 0.0, 0.0
+    pieces: list[dict[str, FloatArray]] = []
+    for stage in plan_stages(plan):
+        piece = _stage_columns(stage, profile, start_s, angle)
+        pieces.append(piece)
+        # a person takes a minute to hang a weight and step back; only slow effects notice it
+        start_s = float(piece["time_s"][-1]) + period + 60.0
+        if not (stage.load is not None and stage.load.locked):
+            angle = float(piece["motor_angle_rad"][-1])
+    columns = {name: np.concatenate([piece[name] for piece in pieces]) for name in pieces[0]}
+    return Trace(columns, f"plan {plan.name}")
+
+
+def planned_motion(plan: MotionPlan, profile: ProfileData) -> Motion:
+    """Return the motion of a plan, formed as for a measured record."""
+    return motion_from_trace(planned_trace(plan, profile), profile)
+
+
+def _stage_columns(
+    stage: Stage, profile: ProfileData, start_s: float, angle_rad: float
+) -> dict[str, FloatArray]:
+    """Return the columns of one acquisition that starts at a time and a motor angle."""
+    period, ratio, servo = profile.daq.sample_period_s, profile.drive.gear_ratio, profile.servo
+    volts = program_voltage(program_of(stage, profile), period)
+    velocity, travelled = _servo(profile, volts)
+    angle, torque, held = angle_rad + travelled, 0.0, 0.0
+    if stage.load is not None:
+        torque = stage.load.torque_nm
+        if stage.load.locked:
+            angle = np.full(len(volts), ratio * stage.load.position_rad)
+        else:
+            held = torque / (ratio * servo.torque_constant_nm_per_a)
+    per_acceleration = servo.max_current_a / servo.max_acceleration_rad_s2
+    return {
+        "time_s": start_s + period * np.arange(len(volts), dtype=np.float64),
+        "reference_v": volts,
+        "motor_velocity_rad_s": velocity,
+        "motor_angle_rad": angle,
+        "output_angle_rad": angle / ratio,
+        "load_torque_nm": np.full(len(volts), torque),
+        "motor_current_a": per_acceleration * np.gradient(velocity, period) + held,
+    }
+
+
+def _servo(profile: ProfileData, volts: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return velocity, rad/s, and angle travelled, rad, at every sample."""
+    period, servo = profile.daq.sample_period_s, profile.servo
+    rate, most = 2.0 * math.pi * servo.bandwidth_hz, servo.max_acceleration_rad_s2
+    reached = -math.expm1(-rate * period)
+    velocity, angle = list[float](), list[float]()
+    now, turned = 0.0, 0.0
+    for wanted in (servo.velocity_gain_rad_s_per_v * volts).tolist():
+        velocity.append(now)
+        angle.append(turned)
+        away = wanted - now
+        if abs(away) * rate <= most:
+            turned += wanted * period - away * reached / rate
+            now += reached * away
+        else:
+            step = math.copysign(min(most * period, abs(away)), away)
+            turned += (now + 0.5 * step) * period
+            now += step
+    return np.array(velocity), np.array(angle)

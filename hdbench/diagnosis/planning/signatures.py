@@ -41,18 +41,11 @@ _NOMINAL = {
     ("warm-up", "time_constant_s"): 60.0,
     ("stribeck-friction", "stribeck_rad_s"): 15.0,
 }
-# a step in time nearer to the ends than this share is moved where it can be seen, off the middle,
-# where a symmetric run turns round
-_STEP_SHARE, _STEP_AT = 0.1, 0.45
 # points of a grid along each shape, for one, two and more shapes together, and the same for causes
 # that need more samples than the rows; places in between are tried afterwards
 _POINTS = ((25, 7, 3), (13, 5, 3), (9, 3, 3))
 # points of a line's spectrum per resolution cell: between two of them it keeps 81 % of its power
 _PER_CELL = 2.0
-# what holds less than this share of an effect is told apart anyway
-_LEAST_SHARE = 0.02
-# places of lines that are tried for each effect on a motion; one on each of several blocks
-_PEAKS = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,8 +107,9 @@ def fitted_shape(shape: Shape, bounds: Mapping[str, Bounds], time_s: FloatArray)
     fitted = {name: _clipped(shape[name], bands) for name, bands in bounds.items()}
     if "step_time_s" in fitted:
         before = float(np.mean(time_s < fitted["step_time_s"]))
-        if not _STEP_SHARE <= before <= 1.0 - _STEP_SHARE:
-            fitted["step_time_s"] = float(time_s[int(_STEP_AT * (len(time_s) - 1))])
+        if not 0.1 <= before <= 0.9:
+            # where it can be seen, off the middle, where a symmetric run turns round
+            fitted["step_time_s"] = float(time_s[int(0.45 * (len(time_s) - 1))])
     return fitted
 
 
@@ -175,7 +169,8 @@ def line_shapes(
     if frame.noise.is_white:
         base = np.linalg.qr(frame.base.T)[0].astype(np.float64)
     stretches = dict.fromkeys([(0, len(frame.rows)), *pairwise(frame.ends.tolist())])
-    most = _PEAKS if len(stretches) == 1 else 1
+    # places of lines that are tried for each effect on a motion; one on each of several blocks
+    most = 3 if len(stretches) == 1 else 1
     shapes: dict[str, list[Shape]] = {name: [] for name in lines}
     mixed = np.random.default_rng(0)
     for effect in effects:
@@ -240,7 +235,8 @@ def _line_places(
     places = []
     for _ in range(most):
         at = int(np.argmax(rest))
-        if not rest[at] > _LEAST_SHARE:
+        # what holds less of an effect is told apart anyway
+        if not rest[at] > 0.02:
             break
         places.append(_clipped(float(index[at]) / length, bands))
         # places nearer than two cells are sidelobes of one

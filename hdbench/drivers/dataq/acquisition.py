@@ -1,4 +1,4 @@
-"""One acquisition: the stream to blocks, until all samples are there."""
+"""Acquisition of an instrument: its stream to blocks, until all samples are there."""
 
 from __future__ import annotations
 
@@ -9,31 +9,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hdbench.devices.daq import ScanBlock
-from hdbench.drivers.dataq.encoder import SignedCounter
+from hdbench.devices.streamed import WAIT_S, StreamedAcquisition
 from hdbench.drivers.dataq.port import Port
-from hdbench.drivers.dataq.scanlist import ScanPlan
-from hdbench.drivers.dataq.scans import ScanAssembler, StreamFault
+from hdbench.drivers.dataq.scans import ScanAssembler, ScanPlan, SignedCounter, StreamFault
 
-__all__ = ["Acquisition", "LagWatch"]
-
-# longest wait of one call, s, and silence after which something is wrong
-_WAIT_S = 0.02
-_SILENCE_S = 0.5
 # reads whose earliest arrival counts as "now"; clocks of host and device differ by less than this
 _WINDOW = 64
 _CLOCKS = 2e-4
 
 
 class LagWatch:
-    """Finds whole scans that are missing: those that came fall behind the host's clock.
-
-    Parameters
-    ----------
-    period_s : float
-        Sampling period, s.
-    limit_s : float
-        Lag that means a loss, s.
-    """
+    """Finds whole scans that are missing: those that came fall behind the host's clock."""
 
     def __init__(self, period_s: float, limit_s: float) -> None:
         self._period_s = period_s
@@ -54,24 +40,8 @@ class LagWatch:
         return round(behind_s / self._period_s) if behind_s > allowed_s else 0
 
 
-class Acquisition:
-    """Delivers exactly the samples asked for.
-
-    Parameters
-    ----------
-    plan : ScanPlan
-        Scan list and mark.
-    period_s : float
-        Actual sampling period, s.
-    packet_s : float
-        Time in which one packet fills, s.
-    n_samples : int
-        Scans to deliver.
-    clock : callable
-        Monotonic clock, s.
-    encoder : tuple of int, optional
-        Counts per edge of the counter, and the channel that is the tacho.
-    """
+class Acquisition(StreamedAcquisition):
+    """One acquisition of the instrument."""
 
     def __init__(
         self,
@@ -83,50 +53,24 @@ class Acquisition:
         *,
         encoder: tuple[int, int] | None = None,
     ) -> None:
-        self.delivered = 0
+        super().__init__(n_samples, packet_s, clock)
         self._counter = None if encoder is None else SignedCounter(encoder[0])
         self._tacho = 0 if encoder is None else encoder[1]
-        self.started = False
-        self.stopped = False
+        self.period_s = period_s
         self._plan = plan
-        self._packet_s = packet_s
-        self._n_samples = n_samples
-        self._clock = clock
         self._scans = ScanAssembler(plan)
         # packets have 2**n bytes, scans an odd number of words: the fewest lost packets that are
         # whole scans are as many as the odd part of that number
         odd = len(plan.words)
         while odd % 2 == 0:
             odd //= 2
-        self._lag = LagWatch(period_s, max(_WAIT_S, (odd - 0.5) * packet_s))
-        self._heard_s = 0.0
+        self._lag = LagWatch(period_s, max(WAIT_S, (odd - 0.5) * packet_s))
         self._left = b""
-
-    @property
-    def complete(self) -> bool:
-        """Whether every sample was delivered."""
-        return self.delivered >= self._n_samples
-
-    @property
-    def sampling(self) -> bool:
-        """Whether the instrument may still be scanning."""
-        return self.started and not self.stopped
-
-    @property
-    def silent(self) -> bool:
-        """Whether nothing has come for longer than packets take."""
-        quiet_s = self._clock() - self._heard_s
-        return self.sampling and quiet_s > _SILENCE_S + 3.0 * self._packet_s
 
     @property
     def overflowed(self) -> bool:
         """Whether the instrument stopped because its buffer ran over."""
         return self._scans.overflowed
-
-    def begin(self) -> None:
-        """Note that the instrument was started."""
-        self.started = True
-        self._heard_s = self._clock()
 
     def stop(self, left: bytes) -> None:
         """Note that it was stopped, and what had come by then."""
@@ -140,10 +84,10 @@ class Acquisition:
         if self.stopped:
             left, self._left = self._left, b""
             return self._block(self._scans.take(left), self._clock())
-        chunks = port.receive(self._clock() + _WAIT_S)
+        chunks = port.receive(self._clock() + WAIT_S)
         if not chunks:
             return None
-        self._heard_s = self._clock()
+        self._hear()
         scans = self._scans.take(b"".join(data for data, _ in chunks))
         read_s = chunks[-1][1]
         if len(scans) and (missing := self._lag.missing(self._scans.delivered, read_s)):
@@ -156,15 +100,4 @@ class Acquisition:
         if self._counter is not None and self._plan.counter is not None:
             column = self._plan.counter
             values[:, column] = self._counter(values[:, column], values[:, self._tacho])
-        first = self.delivered
-        self.delivered += len(words)
-        return ScanBlock(
-            first_index=first,
-            lost_before=0,
-            values=values,
-            saturated=saturated,
-            running=not (self.complete or self.stopped),
-            watchdog_tripped=False,
-            depth=0,
-            read_s=(read_s, read_s),
-        )
+        return self._delivered(values, saturated, (read_s, read_s))

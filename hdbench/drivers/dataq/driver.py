@@ -8,23 +8,124 @@ from typing import NoReturn
 
 import numpy as np
 
-from hdbench.devices.capabilities import Capabilities, Role
-from hdbench.devices.daq import DaqSettings, ScanBlock
-from hdbench.devices.inputsonly import InputsOnly
-from hdbench.devices.ports import Identity, SafeState
-from hdbench.drivers.dataq.abilities import describe_abilities
+from hdbench.devices.bench import Identity, SafeState
+from hdbench.devices.daq import (
+    Capabilities,
+    DaqSettings,
+    InputInfo,
+    InputsOnly,
+    Role,
+    ScanBlock,
+    clean_text,
+)
 from hdbench.drivers.dataq.acquisition import Acquisition
-from hdbench.drivers.dataq.commands import Commands
-from hdbench.drivers.dataq.identity import check_identity
-from hdbench.drivers.dataq.models import MODELS
-from hdbench.drivers.dataq.rates import RateSetting, packet_code
-from hdbench.drivers.dataq.scanlist import ScanPlan, plan_scan
-from hdbench.drivers.dataq.scans import StreamFault
-from hdbench.drivers.dataq.setup import set_up
-from hdbench.drivers.dataq.table import DataqAcquisition
+from hdbench.drivers.dataq.models import (
+    BUFFER_SAMPLES,
+    MODELS,
+    choose_rate,
+    highest_rate_hz,
+    lowest_rate_hz,
+    packet_code,
+)
+from hdbench.drivers.dataq.port import Commands, Port, port_path
+from hdbench.drivers.dataq.scans import WRAP, ScanPlan, StreamFault, plan_scan
+from hdbench.drivers.dataq.table import DataqAcquisition, DataqChannel
 from hdbench.errors import DeviceError, HdbenchError
+from hdbench.profile.schema import ProfileData
 
-__all__ = ["DataqDaq"]
+# the name that hdbench's own emulator has
+EMULATOR_NAME = "hdbench-emulator"
+_VENDOR, _MODEL, _FIRMWARE, _NAME, _SERIAL = 0, 1, 2, 5, 6
+_DIGITS = 8
+
+
+def check_identity(commands: Commands, table: DataqAcquisition) -> Identity:
+    """Return who answers, if it is the instrument that the profile means.
+
+    The line has no checksum: every answer is asked for until two in a row agree.
+    """
+    vendor, model = _agreed(commands, _VENDOR), _agreed(commands, _MODEL)
+    serial = _agreed(commands, _SERIAL)[:_DIGITS]
+    wanted = MODELS[table.model].number
+    if vendor != "DATAQ" or model.removeprefix("DI-").upper() != wanted:
+        raise DeviceError(
+            f"{vendor[:20]!r} {model[:20]!r} answers; needed: DATAQ {wanted}",
+            where=commands.where,
+            fix="correct daq.model or daq.address in the profile",
+        )
+    if table.serial_number is not None and serial.upper() != table.serial_number:
+        raise DeviceError(
+            f"serial number {serial!r} answers; needed: {table.serial_number}",
+            where=commands.where,
+            fix="correct daq.serial_number or daq.address in the profile",
+        )
+    return Identity(
+        vendor="DATAQ",
+        model=table.model,
+        serial=serial,
+        firmware=_version(_agreed(commands, _FIRMWARE)),
+        simulated=_agreed(commands, _NAME) == EMULATOR_NAME,
+    )
+
+
+def _agreed(commands: Commands, item: int) -> str:
+    """Return an item that two answers in a row agree about."""
+    answers = [commands.ask(f"info {item}")]
+    while len(answers) < 4:
+        answers.append(commands.ask(f"info {item}"))
+        if answers[-1] == answers[-2]:
+            return answers[-1]
+    raise DeviceError(
+        f"'info {item}' is answered differently every time: {answers[-1][:20]!r}",
+        where=commands.where,
+        fix="exchange the cable",
+    )
+
+
+def _version(text: str) -> str:
+    """Return hexadecimal 65 as 1.01."""
+    try:
+        return f"{int(text, 16) / 100.0:.2f}"
+    except ValueError:
+        return text
+
+
+def describe_abilities(table: DataqAcquisition, *, simulated: bool) -> Capabilities:
+    """Return the abilities."""
+    model = MODELS[table.model]
+    roles = tuple(channel.role for channel in table.channels)
+    entries = len(plan_scan(table, roles).words)
+    return Capabilities(
+        inputs=tuple(_input(channel, model.bits) for channel in table.channels),
+        max_rates_hz=max_rates_hz(table),
+        min_rate_hz=lowest_rate_hz(model, entries),
+        outputs=(),
+        generator=False,
+        enable=False,
+        buffered=True,
+        buffer_scans=BUFFER_SAMPLES // entries,
+        watchdog=None,
+        simulated=simulated,
+    )
+
+
+def _input(channel: DataqChannel, bits: int) -> InputInfo:
+    if channel.input == "counter":
+        return InputInfo(channel.role, 0.0, WRAP - 1.0, 32, WRAP)
+    end = channel.range_v * abs(channel.scale)
+    return InputInfo(channel.role, -end, end, bits)
+
+
+def max_rates_hz(table: DataqAcquisition) -> tuple[float, ...]:
+    """Return the highest rate with the first 1, 2, ... channels, Hz, the mark included."""
+    roles = tuple(channel.role for channel in table.channels)
+    return tuple(
+        highest_rate_hz(
+            MODELS[table.model], len(plan_scan(table, roles[:count]).words), table.average
+        )
+        for count in range(1, len(roles) + 1)
+    )
+
 
 # one reading outside of an acquisition: a short stream at this period, and the time it may take
 _LOOK_PERIOD_S = 0.002
@@ -35,17 +136,6 @@ _LOOK_S = 0.5
 class DataqDaq(InputsOnly):
     """Driver of one instrument; implements `hdbench.devices.daq.Daq`.
 
-    Parameters
-    ----------
-    commands : Commands
-        The instrument; owned by the driver from now on.
-    table : DataqAcquisition
-        ``[daq]`` of the profile, or one part of a composite.
-    clock : callable, optional
-        Monotonic clock, s.
-
-    Notes
-    -----
     No model has an analog output, so this driver drives nothing: it is the inputs of a composite,
     or measures a bench that stands.
     """
@@ -80,18 +170,11 @@ class DataqDaq(InputsOnly):
         self.identity()
         self._acquisition = None
         plan = plan_scan(self._table, settings.roles)
-        rate = self._set_up(plan, settings.sample_period_s, self._table.average)
-        code = packet_code(len(plan.words), rate.period_s)
-        packet_s = (16 << code) / plan.scan_bytes * rate.period_s
-        self._acquisition = Acquisition(
-            plan,
-            rate.period_s,
-            packet_s,
-            settings.n_samples,
-            self._clock,
-            encoder=self._encoder(settings.roles),
+        encoder = self._encoder(settings.roles)
+        self._acquisition = self._set_up(
+            plan, settings.sample_period_s, self._table.average, settings.n_samples, encoder
         )
-        return rate.period_s
+        return self._acquisition.period_s
 
     def start(self) -> None:
         """Start scanning; sent once, and never echoed: the first packet is the proof."""
@@ -132,11 +215,9 @@ class DataqDaq(InputsOnly):
         # a counter says nothing without the counts before
         roles = tuple(c.role for c in self._table.channels if c.role != "encoder")
         plan = plan_scan(self._table, roles)
-        rate = self._set_up(plan, self._look_period_s(len(plan.words)), 1)
-        packet_s = 16.0 / plan.scan_bytes * rate.period_s
-        # configured anew before the next acquisition
+        # the instrument is configured anew before the next acquisition
         self._acquisition = None
-        look = Acquisition(plan, rate.period_s, packet_s, _LOOK_SCANS, self._clock)
+        look = self._set_up(plan, self._look_period_s(len(plan.words)), 1, _LOOK_SCANS)
         self._quiet = False
         self._commands.start()
         look.begin()
@@ -158,10 +239,30 @@ class DataqDaq(InputsOnly):
         """Close the port; never raises."""
         self._commands.close()
 
-    def _set_up(self, plan: ScanPlan, period_s: float, average: int) -> RateSetting:
-        """Send every setting, the instrument being quiet."""
+    def _set_up(
+        self,
+        plan: ScanPlan,
+        period_s: float,
+        average: int,
+        n_samples: int,
+        encoder: tuple[int, int] | None = None,
+    ) -> Acquisition:
+        """Send every setting to the quiet instrument; each is echoed as it was sent."""
         self._be_quiet()
-        return set_up(self._commands, MODELS[self._table.model], plan, period_s, average)
+        model, entries = MODELS[self._table.model], len(plan.words)
+        rate = choose_rate(model, entries, period_s, average)
+        code = packet_code(entries, rate.period_s)
+        lines = [f"ps {code}", "encode 0"]
+        lines += [f"slist {position} {word}" for position, word in enumerate(plan.words)]
+        lines.append(f"srate {rate.srate}")
+        if model.dec_max > 1:
+            lines += [f"dec {rate.dec}", f"filter * {int(average > 1)}"]
+        if model.deca_max > 1:
+            lines.append(f"deca {rate.deca}")
+        for line in lines:
+            self._commands.set(line)
+        packet_s = (16 << code) / plan.scan_bytes * rate.period_s
+        return Acquisition(plan, rate.period_s, packet_s, n_samples, self._clock, encoder=encoder)
 
     def _encoder(self, roles: tuple[Role, ...]) -> tuple[int, int] | None:
         """Return counts per edge and the tacho's channel, where an encoder is sampled."""
@@ -220,3 +321,35 @@ class DataqDaq(InputsOnly):
 
 
 _STEP = "run again; if it comes back, exchange the cable and leave the digital inputs open"
+
+
+_PROBE_S = 0.3
+
+
+def open_dataq(profile: ProfileData, table: DataqAcquisition) -> DataqDaq:
+    """Open the instrument; the port is not opened yet."""
+    return DataqDaq(Commands(Port(port_path(table.address)), deadline_s=table.deadline_s), table)
+
+
+def dataq_rate_hz(table: DataqAcquisition) -> float:
+    """Return the highest rate of the profile's channels, Hz, embedded or not."""
+    return max_rates_hz(table)[-1]
+
+
+def verify(table: DataqAcquisition) -> None:
+    """Refuse what the model does not have."""
+    plan_scan(table, tuple(channel.role for channel in table.channels))
+
+
+def probe(path: str) -> str:
+    """Ask ``info 1``: a DATAQ echoes the words and adds its model."""
+    from serial import Serial
+
+    with Serial(path, 115200, timeout=0.05, exclusive=True) as line:
+        line.reset_input_buffer()
+        line.write(b"info 1\r")
+        until_s, reply = time.monotonic() + _PROBE_S, b""
+        while time.monotonic() < until_s and len(reply) < 64:
+            reply += line.read(64)
+    said = clean_text(reply.replace(b"\r", b" "))
+    return f"DATAQ: {said.removeprefix('info 1').strip()}" if said.startswith("info 1 ") else ""

@@ -1,4 +1,4 @@
-"""The serial port: a thread takes what comes, so that the device's small buffer never fills."""
+"""Serial port with a reading thread, and the instrument's commands with their echoes."""
 
 from __future__ import annotations
 
@@ -9,14 +9,11 @@ from collections import deque
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from hdbench.devices.serialport import is_port, open_port
 from hdbench.errors import DeviceError, UsageError
-from hdbench.system.lines import PortIo, port_io
+from hdbench.system.lines import PortIo, is_port, open_port, port_io
 
 if TYPE_CHECKING:
     from serial import Serial
-
-__all__ = ["Chunk", "Port", "port_path"]
 
 Chunk = tuple[bytes, float]
 """Bytes and the host's clock when they came, s."""
@@ -42,15 +39,7 @@ def port_path(address: str) -> str:
 
 
 class Port:
-    """Bytes to and from one serial port; opened when needed.
-
-    Parameters
-    ----------
-    path : str
-        The port.
-    clock : callable, optional
-        Monotonic clock, s.
-    """
+    """Bytes to and from one serial port; opened when needed."""
 
     def __init__(self, path: str, *, clock: Callable[[], float] = time.monotonic) -> None:
         self.where = f"serial://{path}"
@@ -137,3 +126,96 @@ class Port:
 
     def _error(self, what: str) -> DeviceError:
         return DeviceError(what, where=f"DATAQ {self.where}", fix=_FIX)
+
+
+_END = b"\r"
+# an echo that was lost is asked for once more, each try within half of the deadline
+_ATTEMPTS = 2
+# after `stop` the line must have been quiet for this long, s
+_QUIET_S = 0.03
+
+
+class Commands:
+    """Sends commands and checks what comes back.
+
+    The instrument repeats every command, then a space and the value where there is one, then CR;
+    only `start` is not repeated. A line that does not begin with the command is dropped: it belongs
+    to an earlier one. All settings may be sent twice without harm.
+    """
+
+    def __init__(
+        self, port: Port, *, deadline_s: float, clock: Callable[[], float] = time.monotonic
+    ) -> None:
+        self.where = f"DATAQ {port.where}"
+        self.port = port
+        self.dropped = 0
+        self._deadline_s = deadline_s
+        self._clock = clock
+
+    def ask(self, command: str) -> str:
+        """Send a command and return the value behind its echo; empty where there is none."""
+        start_s = self._clock()
+        for attempt in range(1, _ATTEMPTS + 1):
+            until_s = start_s + self._deadline_s * attempt / _ATTEMPTS
+            # what is still on its way belongs to an earlier command
+            self.port.receive(0.0)
+            self.port.send(command.encode() + _END, until_s)
+            found = self._answer(command.encode(), until_s)
+            if found is not None:
+                return found
+        raise self._error(f"{command!r} was not echoed", "check the instrument's cable and model")
+
+    def set(self, command: str) -> None:
+        """Send a setting; its echo must be the command and nothing else."""
+        value = self.ask(command)
+        if value:
+            raise self._error(
+                f"{command!r} was answered with {value[:40]!r}",
+                "the instrument does not take this setting: compare it with its protocol",
+            )
+
+    def start(self) -> None:
+        """Start scanning; sent once, never echoed."""
+        self.port.receive(0.0)
+        self.port.send(b"start 0" + _END, self._clock() + self._deadline_s)
+
+    def stop(self) -> bytes:
+        """Stop scanning and return the data that came before the echo."""
+        until_s = self._clock() + self._deadline_s
+        data = b""
+        for attempt in range(1, _ATTEMPTS + 1):
+            self.port.send(b"stop" + _END, until_s)
+            half_s = until_s - self._deadline_s * (_ATTEMPTS - attempt) / _ATTEMPTS
+            while self._clock() < half_s:
+                quiet_s = min(half_s, self._clock() + _QUIET_S)
+                chunks = self.port.receive(quiet_s)
+                data += b"".join(chunk for chunk, _ in chunks)
+                ended = data.rstrip(b"\n\0")
+                if not chunks and ended.endswith(b"stop" + _END):
+                    return ended.removesuffix(b"stop" + _END)
+        raise self._error(
+            "the instrument goes on after it was told to stop", "unplug it and plug it in again"
+        )
+
+    def close(self) -> None:
+        """Close the port; never raises."""
+        self.port.close()
+
+    def _answer(self, command: bytes, until_s: float) -> str | None:
+        """Return the value behind the echo of a command; None if it did not come in time."""
+        data = b""
+        while self._clock() < until_s:
+            data += b"".join(chunk for chunk, _ in self.port.receive(until_s))
+            *lines, data = data.split(_END)
+            for line in lines:
+                text = line.strip(b"\n\0 ")
+                if text == command:
+                    return ""
+                if text.startswith(command + b" "):
+                    value = text.removeprefix(command + b" ").decode("ascii", errors="replace")
+                    return "".join(c for c in value if c.isprintable()).strip()
+                self.dropped += 1
+        return None
+
+    def _error(self, what: str, fix: str) -> DeviceError:
+        return DeviceError(f"{what} (deadline {self._deadline_s:g} s)", where=self.where, fix=fix)

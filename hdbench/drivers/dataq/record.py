@@ -1,18 +1,16 @@
-"""The driver of DATAQ instruments."""
+"""Driver of DATAQ instruments, as the registry knows it."""
 
 from __future__ import annotations
 
 from hdbench.devices.driver import Driver, later
 
-__all__ = ["DRIVER"]
-
 DRIVER = Driver(
-    open=later("hdbench.drivers.dataq.opening:open_dataq"),
-    verify=later("hdbench.drivers.dataq.opening:verify"),
-    rate_hz=later("hdbench.drivers.dataq.opening:dataq_rate_hz"),
+    open=later("hdbench.drivers.dataq.driver:open_dataq"),
+    verify=later("hdbench.drivers.dataq.driver:verify"),
+    rate_hz=later("hdbench.drivers.dataq.driver:dataq_rate_hz"),
     # no DATAQ instrument has an analog output
     drives=lambda _: False,
-    emulate=later("hdbench.drivers.dataq.emulator.serve:emulate_dataq"),
+    emulate=later("hdbench.drivers.dataq.emulator:emulate_dataq"),
     emulated_speed=10.0,
-    probe=later("hdbench.drivers.dataq.opening:probe"),
+    probe=later("hdbench.drivers.dataq.driver:probe"),
 )

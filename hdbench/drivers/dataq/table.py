@@ -9,8 +9,6 @@ from pydantic import Field, PositiveFloat
 from hdbench.profile.acquiring_table import Acquisition, Role
 from hdbench.profile.tables import Table
 
-__all__ = ["DataqAcquisition", "DataqChannel"]
-
 
 class DataqChannel(Table):
     """One entry of the scan list."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 import time
 from collections.abc import Callable, Sequence
 from typing import NoReturn
@@ -12,28 +13,51 @@ from hdbench.devices.wire import (
     FrameError,
     Link,
     ReplyCheck,
+    ReplyForm,
+    Request,
     read_registers,
     write_registers,
 )
-from hdbench.drivers.labjack.errornames import error_name
-from hdbench.drivers.labjack.feedback import Write, feedback_request
-from hdbench.drivers.labjack.registers import LAST_ERROR, Register
+from hdbench.drivers.labjack.registers import LAST_ERROR, Register, error_name
 from hdbench.errors import DeviceError
 
-__all__ = ["Control", "Refused"]
+FUNCTION = 76
+_READ, _WRITE = 0, 1
+# a request or reply of the usual size: 253 bytes of function code and data
+_MAX_PDU = 253
+
+Write = tuple[Register, float]
+
+
+def feedback_request(writes: Sequence[Write], reads: Sequence[Register]) -> Request:
+    """Return a request that writes first and reads afterwards, with the check of its reply.
+
+    Frame: kind (1 byte: 0 read, 1 write), address (2), number of registers (1), and for a write
+    the values; the reply carries the values read and nothing else (LabJack, "Protocol details,
+    direct Modbus TCP"). The reply has no byte count: its length is compared with what was asked.
+    """
+    closed = [register.name for register, _ in writes if not register.writable]
+    if closed:
+        raise ValueError(f"not written by this driver: {', '.join(closed)}")
+    frames = [
+        struct.pack(">BHB", _WRITE, register.address, register.size) + register.encode(value)
+        for register, value in writes
+    ]
+    frames += [struct.pack(">BHB", _READ, register.address, register.size) for register in reads]
+    request = bytes((FUNCTION,)) + b"".join(frames)
+    size = 1 + 2 * sum(register.size for register in reads)
+    if max(len(request), size) > _MAX_PDU:
+        raise ValueError(f"{max(len(request), size)} bytes; a frame holds {_MAX_PDU}")
+
+    return request, ReplyForm(bytes((FUNCTION,)), size)
+
 
 _MAX_REGISTERS = 120
 _FIX = "check power and network of the device, then run `hdbench doctor`"
 
 
 class Refused(DeviceError):  # noqa: N818 - an error that the device itself told
-    """The device refused a request.
-
-    Attributes
-    ----------
-    code : int
-        The device's own error code; 0 where it told none.
-    """
+    """The device refused a request."""
 
     code = 0
 
@@ -41,17 +65,6 @@ class Refused(DeviceError):  # noqa: N818 - an error that the device itself told
 class Control:
     """Register access; every call keeps its deadline, from any thread.
 
-    Parameters
-    ----------
-    link : Link
-        Connection to the control port; owned from now on.
-    deadline_s : float
-        Longest time of one call, s, the wait for another thread's transaction included.
-    clock : callable, optional
-        Monotonic clock, s.
-
-    Notes
-    -----
     Reads are repeated once within the deadline. Writes are sent exactly once, but for those that
     their caller calls repeatable; what became of a write without an answer has to be read back.
     """

@@ -3,30 +3,100 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import time
 from collections.abc import Callable, Mapping
 
-from hdbench.devices.capabilities import Capabilities, Role
-from hdbench.devices.daq import DaqSettings, ScanBlock, WatchdogState
-from hdbench.devices.ports import Identity, SafeState
-from hdbench.devices.safestate import SafeActs, Seen, reach_safe_state
+from hdbench.devices.bench import Identity, SafeState
+from hdbench.devices.daq import Capabilities, DaqSettings, Role, ScanBlock, WatchdogState
+from hdbench.devices.safestate import Seen, reach_safe_state
+from hdbench.devices.wire import connect, parse_address
 from hdbench.drivers.labjack.abilities import describe_abilities
 from hdbench.drivers.labjack.acquisition import Acquisition
 from hdbench.drivers.labjack.control import Control
-from hdbench.drivers.labjack.identity import check_identity
-from hdbench.drivers.labjack.inputs import input_scales, read_inputs
-from hdbench.drivers.labjack.outputs import Outputs
-from hdbench.drivers.labjack.registers import STREAM_ENABLE
-from hdbench.drivers.labjack.scaling import InputScale
-from hdbench.drivers.labjack.scanlist import plan_scan
+from hdbench.drivers.labjack.outputs import Outputs, Watchdog
+from hdbench.drivers.labjack.registers import IDENTITY, STREAM_ENABLE, TEST, Register, user_name
+from hdbench.drivers.labjack.scanlist import InputScale, plan_scan
 from hdbench.drivers.labjack.session import Session
-from hdbench.drivers.labjack.setup import set_up_inputs, set_up_stream, stop_stream
+from hdbench.drivers.labjack.setup import (
+    input_scales,
+    read_inputs,
+    set_up_inputs,
+    set_up_stream,
+    stop_stream,
+)
 from hdbench.drivers.labjack.stream import Stream
 from hdbench.drivers.labjack.table import LabJackAcquisition
-from hdbench.drivers.labjack.watchdog import Watchdog
-from hdbench.errors import BusyError, DeviceError, HdbenchError
+from hdbench.errors import BusyError, DeviceError, HdbenchError, UsageError
+from hdbench.profile.schema import ProfileData
 
-__all__ = ["LabJackDaq"]
+# what TEST reads where the words come in the right order (ljm_constants.json)
+TEST_VALUE = 0x00112233
+_SWAPPED = 0x22330011
+# the device name that hdbench's own emulator answers with
+EMULATOR_NAME = "hdbench-emulator"
+_MODELS = {4: "T4", 7: "T7", 8: "T8"}
+
+
+def check_identity(control: Control, table: LabJackAcquisition) -> Identity:
+    """Return who answers, if it is the device that the profile means."""
+    (test,) = control.read(TEST)
+    if test != TEST_VALUE:
+        swapped = "; its words are swapped" if test == _SWAPPED else ""
+        raise _error(
+            control,
+            f"reads 0x{int(test):08X}; needed: 0x{TEST_VALUE:08X}{swapped}",
+            TEST,
+            "this is no LabJack T-series device, or a gateway on the way swaps its words",
+        )
+    product, _, firmware, serial = control.read(*IDENTITY)
+    _check_model(control, round(product), int(serial), table)
+    return Identity(
+        vendor="LabJack",
+        model=table.model,
+        serial=str(int(serial)),
+        firmware=f"{firmware:.4f}",
+        simulated=_name(control) == EMULATOR_NAME,
+    )
+
+
+def _check_model(control: Control, product: int, serial: int, table: LabJackAcquisition) -> None:
+    model = _MODELS.get(product, f"product {product}")
+    if product not in (4, 7):
+        raise _error(
+            control,
+            f"a {model} answers; this driver knows T4 and T7. A T8 keeps the constants that turn "
+            "its streamed words into volts in a layout that has not been published for direct use",
+            IDENTITY[0],
+            "use a T4 or T7, or read a T8 through a driver of its maker's library",
+        )
+    if model != table.model:
+        raise _error(
+            control,
+            f"a {model} answers; the profile names a {table.model}",
+            IDENTITY[0],
+            "correct daq.model or daq.address in the profile",
+        )
+    if table.serial_number is not None and serial != table.serial_number:
+        raise _error(
+            control,
+            f"serial number {serial} answers; the profile names {table.serial_number}",
+            IDENTITY[3],
+            "correct daq.serial_number or daq.address in the profile",
+        )
+
+
+def _name(control: Control) -> str:
+    """Return the device's name, control characters removed; empty where it tells none."""
+    words = control.read_block(user_name())
+    raw = b"".join(int(word).to_bytes(2, "big") for word in words)
+    text = raw.split(b"\0")[0].decode("ascii", errors="replace")
+    return "".join(char for char in text if char.isprintable())
+
+
+def _error(control: Control, what: str, register: Register, fix: str) -> DeviceError:
+    return DeviceError(what, where=f"{control.where}, register {register.describe()}", fix=fix)
+
 
 # the looped-back reference: offset and noise of the converter, far below what turns a motor
 _ZERO_V = 0.02
@@ -35,21 +105,6 @@ _ZERO_V = 0.02
 class LabJackDaq:
     """Driver of one device; implements `hdbench.devices.daq.Daq`.
 
-    Parameters
-    ----------
-    control : Control
-        Its Modbus port; owned by the driver from now on.
-    table : LabJackAcquisition
-        The profile's table, checked.
-    stream_address : tuple of str and int
-        Host and port of its stream.
-    tacho_rad_s_per_v : float
-        Motor speed per volt of the tacho channel, for the safe state.
-    clock, sleep : callable, optional
-        Monotonic clock in s, and waiting.
-
-    Notes
-    -----
     `read_block` reads the stream's own socket; everything else goes over the Modbus port, one
     transaction at a time. The two never wait for each other but for a moment at start and stop.
     """
@@ -139,7 +194,7 @@ class LabJackDaq:
             deadline_s=self._table.deadline_s,
             clock=self._clock,
         )
-        acquisition.begin(stream)
+        acquisition.receive_from(stream)
         self._control.write((STREAM_ENABLE,), (1,))
         if not self._control.read(STREAM_ENABLE)[0]:
             raise self._error("the stream did not start", "configure it again")
@@ -161,13 +216,11 @@ class LabJackDaq:
         """Stop the stream; scans already taken can still be read."""
         stop_stream(self._control)
         if self._acquisition is not None:
-            self._acquisition.stop()
+            self._acquisition.stopped = True
 
     def write_output(self, name: str, value: float) -> float:
         """Write the motor reference and return what is read back, V.
 
-        Notes
-        -----
         A DAC reads back. A LJTick-DAC cannot be read: what it acknowledged is returned, and what
         stands at its terminal shows in the looped-back reference channel.
         """
@@ -211,13 +264,14 @@ class LabJackDaq:
         except HdbenchError as error:
             # a device that is not the one meant is never written to
             return SafeState(False, None, None, error.what)
-        acts = SafeActs(
+        return reach_safe_state(
             stop=self._stop,
             look=self._measured,
             disable=lambda: not self._outputs.enable(on=False),
             zero_v=_ZERO_V,
+            clock=self._clock,
+            sleep=self._sleep,
         )
-        return reach_safe_state(acts, self._clock, self._sleep)
 
     def close(self) -> None:
         """Give the bench back and close both connections; never raises."""
@@ -262,3 +316,32 @@ class LabJackDaq:
 
     def _error(self, what: str, fix: str) -> DeviceError:
         return DeviceError(what, where=self._control.where, fix=fix)
+
+
+# 502 and 702
+STREAM_OFFSET = 200
+
+
+def open_labjack(profile: ProfileData, table: LabJackAcquisition) -> LabJackDaq:
+    """Open the device; nothing is connected or written yet."""
+    address = parse_address(table.address, default_port=502)
+    if address.scheme != "tcp":
+        raise UsageError(
+            f"{table.address!r}: a LabJack is reached by tcp://HOST[:PORT]",
+            where="key daq.address",
+            fix="for example tcp://192.168.0.7",
+        )
+    port = address.port + STREAM_OFFSET if table.stream_port is None else table.stream_port
+    return LabJackDaq(
+        Control(connect(address), deadline_s=table.deadline_s),
+        table,
+        (address.host, port),
+        tacho_rad_s_per_v=profile.tacho.gain_rad_s_per_v,
+    )
+
+
+def labjack_rate_hz(table: LabJackAcquisition) -> float:
+    """Return the highest scan rate of the table's channels."""
+    if table.model == "T8":
+        return math.inf
+    return describe_abilities(table, simulated=False).max_rates_hz[-1]

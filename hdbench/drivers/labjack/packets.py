@@ -10,8 +10,6 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Packet", "PacketParser", "Status", "StreamFault"]
-
 _HEADER = struct.Struct(">HHHBBBBHHH")
 _FUNCTION, _TYPE, _UNIT = 76, 16, 1
 # bytes that the length field counts beside the samples
@@ -40,23 +38,7 @@ class StreamFault(Exception):  # noqa: N818 - turned into a DeviceError by the d
 
 @dataclass(frozen=True, slots=True)
 class Packet:
-    """One packet.
-
-    Parameters
-    ----------
-    number : int
-        Transaction number, 0 to 65535; one more with every packet.
-    skipped : int
-        Packets that are missing before this one.
-    backlog_bytes : int
-        Bytes that waited in the device.
-    status : int
-        See `Status`.
-    additional : int
-        Number that belongs to the status.
-    samples : ndarray of uint16, shape (n,)
-        Scans one after the other.
-    """
+    """One packet."""
 
     number: int
     skipped: int
@@ -69,13 +51,6 @@ class Packet:
 class PacketParser:
     """Turns the byte stream of one acquisition into packets that are certain.
 
-    Parameters
-    ----------
-    n_samples : int
-        Samples of a full packet.
-
-    Notes
-    -----
     A packet has 16 bytes of header (number, protocol 0, length, unit 1, function 76, type 16,
     reserved, backlog, status, additional) and its samples; it has no checksum. So it is handed out
     only once the header after it was found where it must stand: bytes that went missing or came

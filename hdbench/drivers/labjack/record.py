@@ -1,18 +1,16 @@
-"""The driver of LabJack T4 and T7."""
+"""Driver of LabJack T4 and T7, as the registry knows it."""
 
 from __future__ import annotations
 
 from hdbench.devices.driver import Driver, later
 
-__all__ = ["DRIVER"]
-
 DRIVER = Driver(
-    open=later("hdbench.drivers.labjack.opening:open_labjack"),
-    verify=later("hdbench.drivers.labjack.checks:check_table"),
-    rate_hz=later("hdbench.drivers.labjack.opening:labjack_rate_hz"),
+    open=later("hdbench.drivers.labjack.driver:open_labjack"),
+    verify=later("hdbench.drivers.labjack.abilities:check_table"),
+    rate_hz=later("hdbench.drivers.labjack.driver:labjack_rate_hz"),
     drives=lambda table: table.output is not None,
     stop_target=later("hdbench.drivers.labjack.stopping:stop_target"),
-    emulate=later("hdbench.drivers.labjack.emulator.serve:emulate_labjack"),
+    emulate=later("hdbench.drivers.labjack.emulator.server:emulate_labjack"),
     # the host writes the reference every millisecond of real time then, what two cores still keep
     emulated_speed=5.0,
 )

@@ -1,51 +1,17 @@
-"""The registers that the driver uses, by the names of LabJack's own list, and nothing else.
+"""Registers that the driver uses, and the device's own error codes.
 
-Addresses, types and access are those of ``ljm_constants.json`` (LabJack Corporation, version
+Names, addresses, types and access are those of ``ljm_constants.json`` (LabJack Corporation, version
 2025.12.18.A). All values are big-endian with the most significant word first.
 """
 
 from __future__ import annotations
 
 import struct
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
+from importlib import resources
 from typing import Literal
-
-__all__ = [
-    "AUTO_TARGET",
-    "BUFFER_SIZE",
-    "CORE",
-    "DEVICE_NAME",
-    "DIO_STATE",
-    "FIO_EIO_STATE",
-    "FLASH_POINTER",
-    "FLASH_READ",
-    "IDENTITY",
-    "LAST_ERROR",
-    "SESSION",
-    "STREAM_AUTORECOVER_DISABLE",
-    "STREAM_CAPTURE_16",
-    "STREAM_DATATYPE",
-    "STREAM_ENABLE",
-    "STREAM_SETUP",
-    "STREAM_TARGET",
-    "STRICT_CLEAR",
-    "TEST",
-    "WATCHDOG",
-    "Kind",
-    "Register",
-    "analog_input",
-    "analog_range",
-    "dac",
-    "digital_line",
-    "ef_count",
-    "ef_enable",
-    "ef_index",
-    "flash_words",
-    "negative_channel",
-    "scan_list",
-    "tick_dac",
-    "user_name",
-]
 
 Kind = Literal["u16", "u32", "i32", "f32"]
 _FORMATS: dict[Kind, str] = {"u16": ">H", "u32": ">I", "i32": ">i", "f32": ">f"}
@@ -53,27 +19,12 @@ _FORMATS: dict[Kind, str] = {"u16": ">H", "u32": ">I", "i32": ">i", "f32": ">f"}
 
 @dataclass(frozen=True, slots=True)
 class Register:
-    """One value of the device's flat map.
-
-    Parameters
-    ----------
-    name : str
-        LabJack's name.
-    address : int
-        Address of its first 16-bit register, 0-based.
-    kind : {"u16", "u32", "i32", "f32"}
-        Type.
-    writable : bool
-        Whether the driver ever writes it.
-    flash : bool
-        Whether the device keeps it in flash: written only where it differs.
-    """
+    """One value of the device's flat map."""
 
     name: str
     address: int
     kind: Kind
     writable: bool = False
-    flash: bool = False
 
     @property
     def size(self) -> int:
@@ -99,8 +50,8 @@ class Register:
         return f"{self.name} ({self.address})"
 
 
-def _rw(name: str, address: int, kind: Kind = "u32", *, flash: bool = False) -> Register:
-    return Register(name, address, kind, writable=True, flash=flash)
+def _rw(name: str, address: int, kind: Kind = "u32") -> Register:
+    return Register(name, address, kind, writable=True)
 
 
 TEST = Register("TEST", 55100, "u32")
@@ -157,7 +108,7 @@ _SETTINGS: tuple[tuple[str, int, Kind], ...] = (
     ("DAC1", 61652, "f32"),
 )
 WATCHDOG = tuple(
-    _rw(f"WATCHDOG_{name}_DEFAULT", address, kind, flash=True) for name, address, kind in _SETTINGS
+    _rw(f"WATCHDOG_{name}_DEFAULT", address, kind) for name, address, kind in _SETTINGS
 )
 STRICT_CLEAR = _rw("WATCHDOG_STRICT_CLEAR", 61614)
 
@@ -165,54 +116,25 @@ STRICT_CLEAR = _rw("WATCHDOG_STRICT_CLEAR", 61614)
 SESSION = (_rw("USER_RAM0_U32", 46100), _rw("USER_RAM1_U32", 46102))
 
 
-def analog_input(number: int) -> Register:
-    """Return AINn."""
-    return Register(f"AIN{number}", 2 * number, "f32")
+def _numbered(
+    name: str, address: int, kind: Kind = "u32", *, step: int = 2, writable: bool = True
+) -> Callable[[int], Register]:
+    """Return what gives the register of one number; ``#`` in the name stands for it."""
+    return lambda number: Register(
+        name.replace("#", str(number)), address + step * number, kind, writable
+    )
 
 
-def analog_range(number: int) -> Register:
-    """Return AINn_RANGE."""
-    return _rw(f"AIN{number}_RANGE", 40000 + 2 * number, "f32")
-
-
-def negative_channel(number: int) -> Register:
-    """Return AINn_NEGATIVE_CH."""
-    return _rw(f"AIN{number}_NEGATIVE_CH", 41000 + number, "u16")
-
-
-def dac(number: int) -> Register:
-    """Return DACn."""
-    return _rw(f"DAC{number}", 1000 + 2 * number, "f32")
-
-
-def tick_dac(number: int) -> Register:
-    """Return TDACn."""
-    return _rw(f"TDAC{number}", 30000 + 2 * number, "f32")
-
-
-def digital_line(number: int) -> Register:
-    """Return DIOn."""
-    return _rw(f"DIO{number}", 2000 + number, "u16")
-
-
-def ef_enable(number: int) -> Register:
-    """Return DIOn_EF_ENABLE."""
-    return _rw(f"DIO{number}_EF_ENABLE", 44000 + 2 * number)
-
-
-def ef_index(number: int) -> Register:
-    """Return DIOn_EF_INDEX."""
-    return _rw(f"DIO{number}_EF_INDEX", 44100 + 2 * number)
-
-
-def ef_count(number: int) -> Register:
-    """Return DIOn_EF_READ_A."""
-    return Register(f"DIO{number}_EF_READ_A", 3000 + 2 * number, "i32")
-
-
-def scan_list(position: int) -> Register:
-    """Return STREAM_SCANLIST_ADDRESSi."""
-    return _rw(f"STREAM_SCANLIST_ADDRESS{position}", 4100 + 2 * position)
+analog_input = _numbered("AIN#", 0, "f32", writable=False)
+analog_range = _numbered("AIN#_RANGE", 40000, "f32")
+negative_channel = _numbered("AIN#_NEGATIVE_CH", 41000, "u16", step=1)
+dac = _numbered("DAC#", 1000, "f32")
+tick_dac = _numbered("TDAC#", 30000, "f32")
+digital_line = _numbered("DIO#", 2000, "u16", step=1)
+ef_enable = _numbered("DIO#_EF_ENABLE", 44000)
+ef_index = _numbered("DIO#_EF_INDEX", 44100)
+ef_count = _numbered("DIO#_EF_READ_A", 3000, "i32", writable=False)
+scan_list = _numbered("STREAM_SCANLIST_ADDRESS#", 4100)
 
 
 def flash_words(count: int) -> tuple[Register, ...]:
@@ -226,3 +148,16 @@ def user_name() -> tuple[Register, ...]:
         Register("DEVICE_NAME_DEFAULT", DEVICE_NAME + n, "u16")
         for n in range(DEVICE_NAME_REGISTERS)
     )
+
+
+@cache
+def _error_names() -> dict[str, str]:
+    """Return the names of ``ljm_constants.json`` by their numbers."""
+    text = (resources.files(__package__) / "error_names.txt").read_text(encoding="ascii")
+    return dict(line.split() for line in text.splitlines())
+
+
+def error_name(code: int) -> str:
+    """Return name and number of an error code."""
+    name = _error_names().get(str(code))
+    return f"{name} ({code})" if name else f"error {code}"

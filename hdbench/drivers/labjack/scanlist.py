@@ -1,14 +1,14 @@
-"""What a scan holds: the stream's list of addresses, and its words back to volts and counts."""
+"""Scan list of the stream, and its words back to volts and counts."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hdbench.devices.capabilities import Role
+from hdbench.devices.daq import Role
 from hdbench.drivers.labjack.registers import (
     CORE,
     FIO_EIO_STATE,
@@ -16,12 +16,82 @@ from hdbench.drivers.labjack.registers import (
     analog_input,
     ef_count,
 )
-from hdbench.drivers.labjack.scaling import InputScale
-from hdbench.drivers.labjack.scans import CORE_TIMER_HZ, ScanLayout
+from hdbench.drivers.labjack.stream import CORE_TIMER_HZ, ScanLayout
 from hdbench.drivers.labjack.table import LabJackAcquisition, LabJackChannel
 from hdbench.records.trace import FloatArray
 
-__all__ = ["Decoded", "ScanPlan", "input_number", "plan_scan", "quadrature_lines"]
+# where the calibration stands, and how many 32-bit floats it has per model
+FLASH_ADDRESS = 0x3C4000
+FLASH_WORDS = {"T7": 41, "T4": 19}
+T7_RANGES_V = (10.0, 1.0, 0.1, 0.01)
+# high-voltage inputs AIN0 to AIN3 of the T4
+_T4_HIGH = 4
+# constants may differ from the nominal ones by their tolerance, not by this factor: an erased or
+# foreign flash reads otherwise
+_SANE = 0.05
+
+
+@dataclass(frozen=True, slots=True)
+class InputScale:
+    """Volts of a streamed word.
+
+    T7: v = (word - center) positive_v for word >= center, else (center - word) negative_v. A T4's
+    v = slope word + offset is the same with center = -offset / slope.
+    """
+
+    center: float
+    positive_v: float
+    negative_v: float
+    source: str
+
+    def volts(self, words: NDArray[np.uint16]) -> FloatArray:
+        """Return the volts of streamed words."""
+        from_center = words.astype(np.float64) - self.center
+        slope = np.where(from_center >= 0.0, self.positive_v, -self.negative_v)
+        volts: FloatArray = from_center * slope
+        return volts
+
+
+def nominal_scale(model: str, number: int, range_v: float) -> InputScale:
+    """Return the scale of an uncalibrated device.
+
+    Nominal constants of LabJack's data sheet, appendix "Internal flash", for the T7's +-10 V range;
+    its other ranges are tenths of it.
+    """
+    if model == "T4":
+        slope, offset = (3.235316e-4, -10.532965) if number < _T4_HIGH else (3.826692e-5, 0.002484)
+        return InputScale(-offset / slope, slope, -slope, "nominal")
+    factor = range_v / 10.0
+    return InputScale(33523.0, 3.1580578e-4 * factor, -3.15805800e-4 * factor, "nominal")
+
+
+def scale_from_flash(
+    model: str, words: Sequence[float], number: int, range_v: float
+) -> InputScale | None:
+    """Return the scale that the device's flash gives; None where that cannot be one.
+
+    T7: 8 groups of positive slope, negative slope, centre, offset: high speed with gain 1, 10, 100,
+    1000, then high resolution; streams use the first four. T4: slope and offset of AIN0 to AIN3,
+    then of the low-voltage inputs.
+    """
+    nominal = nominal_scale(model, number, range_v)
+    if model == "T4":
+        at = 2 * min(number, _T4_HIGH)
+        slope, offset = words[at : at + 2]
+        if not _near(slope, nominal.positive_v):
+            return None
+        return InputScale(-offset / slope, slope, -slope, "device")
+    at = 4 * T7_RANGES_V.index(range_v)
+    positive, negative, center = words[at : at + 3]
+    sane = _near(positive, nominal.positive_v) and _near(negative, nominal.negative_v)
+    if not (sane and _near(center, nominal.center)):
+        return None
+    return InputScale(center, positive, negative, "device")
+
+
+def _near(value: float, nominal: float) -> bool:
+    return abs(value - nominal) <= _SANE * abs(nominal)
+
 
 QUADRATURE = "quadrature"
 # two lines with a counter each that work as a pair
@@ -34,17 +104,7 @@ _LOWEST, _HIGHEST = 0, 0xFFFE
 
 @dataclass(frozen=True, slots=True)
 class Decoded:
-    """Scans in the units of their roles.
-
-    Parameters
-    ----------
-    values : ndarray, shape (n, roles)
-        V, A or counts.
-    saturated : ndarray of bool, shape (n, roles)
-        True at the ends of an analog range.
-    enabled : ndarray of bool, shape (n,), or None
-        Level of the enable line in every scan, as on or off; None where it is not streamed.
-    """
+    """Scans in the units of their roles."""
 
     values: FloatArray
     saturated: NDArray[np.bool_]
@@ -53,23 +113,7 @@ class Decoded:
 
 @dataclass(frozen=True, slots=True)
 class ScanPlan:
-    """One acquisition's scan list and how its words are read.
-
-    Parameters
-    ----------
-    addresses : tuple of int
-        What is written to the device.
-    columns : tuple of tuple
-        Per role: position of its first word, its channel, and its scale; None for a counter.
-    line : int or None
-        Position of the word with the enable line.
-    line_bit : int
-        Bit of it.
-    line_high : bool
-        Whether a high line enables the drive.
-    timer : int
-        Position of the core timer's low word.
-    """
+    """One acquisition's scan list and how its words are read."""
 
     addresses: tuple[int, ...]
     columns: tuple[tuple[int, LabJackChannel, InputScale | None], ...]

@@ -1,4 +1,4 @@
-"""One host at a time, by agreement: a token and a beat in memory that a device leaves to hosts."""
+"""Session of one host: a token and a count in memory that the device leaves to hosts."""
 
 from __future__ import annotations
 
@@ -11,8 +11,6 @@ from hdbench.drivers.labjack.control import Control
 from hdbench.drivers.labjack.registers import SESSION
 from hdbench.errors import BusyError, DeviceError
 
-__all__ = ["Session"]
-
 # a living host beats once per period; one that misses two and a half is taken for dead, s
 _PERIOD_S = 0.5
 _DEAD_S = 1.25
@@ -23,15 +21,6 @@ _TOKEN, _BEAT = SESSION
 class Session:
     """The right to write, between hosts that keep this agreement.
 
-    Parameters
-    ----------
-    control : Control
-        The device.
-    clock, sleep : callable
-        Monotonic clock in s, and waiting.
-
-    Notes
-    -----
     The T series knows no sessions. Hosts that run hdbench write a random token to USER_RAM0_U32 and
     count USER_RAM1_U32 up from a thread of their own. A token whose count stands still belongs to a
     dead host and is taken over. Other programs do not know of it, and this beat feeds no watchdog.

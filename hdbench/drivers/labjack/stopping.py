@@ -1,11 +1,11 @@
-"""The guard's order for a LabJack: function 76 writes the reference and the enable line."""
+"""Requests by which the guard stops a LabJack's motor: reference, stream, enable line."""
 
 from __future__ import annotations
 
 from hdbench.devices.guard.order import Check, Look, Target, target_at
 from hdbench.devices.safestate import STANDSTILL_RAD_S
 from hdbench.devices.wire import parse_address
-from hdbench.drivers.labjack.feedback import feedback_request
+from hdbench.drivers.labjack.control import feedback_request
 from hdbench.drivers.labjack.registers import (
     IDENTITY,
     STREAM_ENABLE,
@@ -18,8 +18,6 @@ from hdbench.drivers.labjack.registers import (
 from hdbench.drivers.labjack.scanlist import input_number
 from hdbench.drivers.labjack.table import LabJackAcquisition
 from hdbench.profile.schema import ProfileData
-
-__all__ = ["stop_target"]
 
 # an output of 0 V as the device reads it back: below the step of any converter
 _ZERO_V = 0.02
@@ -52,7 +50,7 @@ def stop_target(profile: ProfileData, table: LabJackAcquisition) -> Target | Non
         target_at(parse_address(table.address, default_port=502), 1),
         acts=(feedback_request(((reference, 0.0),), ()), stop),
         looks=tuple(looks),
-        identity=feedback_request((), IDENTITY),
+        identity=(Look(feedback_request((), IDENTITY)),),
         finals=(feedback_request(((line, off),), ()),),
         final_looks=(look(line, Check("enable line", 1, ">H", off, off)),),
     )

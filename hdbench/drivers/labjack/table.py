@@ -9,8 +9,6 @@ from pydantic import Field, PositiveFloat
 from hdbench.profile.acquiring_table import Acquisition, OutputChannel, Role
 from hdbench.profile.tables import Table
 
-__all__ = ["LabJackAcquisition", "LabJackChannel", "LabJackOutput"]
-
 
 class LabJackChannel(Table):
     """One channel of the scan list."""

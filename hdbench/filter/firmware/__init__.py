@@ -1,4 +1,4 @@
-"""A filter model as C99 source for a controller: the kernel's own source, numbers, self-test."""
+"""A filter model as C99 source for a controller."""
 
 from __future__ import annotations
 

@@ -182,9 +182,9 @@ static PyObject *smooth(PyObject *module, PyObject *args)
     return result;
 }
 
-PyDoc_STRVAR(run_doc, "Filter samples; arguments and result as hdbench.filter.twin.run.");
-PyDoc_STRVAR(batch_doc, "Filter many traces; as hdbench.filter.twin_smooth.batch.");
-PyDoc_STRVAR(smooth_doc, "Smooth a trace; as hdbench.filter.twin_smooth.smooth.");
+PyDoc_STRVAR(run_doc, "Filter samples; arguments and result as hdbench.filter.fallback.run.");
+PyDoc_STRVAR(batch_doc, "Filter many traces; as hdbench.filter.fallback.batch.");
+PyDoc_STRVAR(smooth_doc, "Smooth a trace; as hdbench.filter.fallback.smooth.");
 
 static PyMethodDef methods[] = {{"run", run, METH_VARARGS, run_doc},
                                 {"batch", batch, METH_VARARGS, batch_doc},

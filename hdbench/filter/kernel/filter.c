@@ -8,9 +8,8 @@
 #define HDB_LANES 1
 #define HDB_CHUNK 1
 #define HDB_FORM(name) hdb_step_##name
-#include "filter_lanes.h"
-#include "filter_recurse.h"
-#include "filter_dispatch.h"
+#include "filter_motion.h"
+#include "filter_recursion.h"
 
 void hdb_filter_step(const hdb_model *model, hdb_state *state, hdb_real dt, hdb_real velocity,
                      hdb_real torque, hdb_output *out)

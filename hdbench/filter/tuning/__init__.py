@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from hdbench.filter.tuning.checks import Consistency, check_innovations
 from hdbench.filter.tuning.result import TuningResult
-from hdbench.filter.tuning.run import tune
-from hdbench.filter.tuning.settings import SLOW_CHOICES, TuningSettings, settings_of
+from hdbench.filter.tuning.run import SLOW_CHOICES, TuningSettings, settings_of, tune
 
 __all__ = [
     "SLOW_CHOICES",

@@ -1,4 +1,4 @@
-"""Do the innovations look as the model says: white, and of the variance it claims."""
+"""Consistency of innovations: whiteness, and their variance against that of the model."""
 
 from __future__ import annotations
 
@@ -9,11 +9,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from hdbench.filter.assemble import state_space
-from hdbench.filter.channels import Channels
-from hdbench.filter.kalman import new_state, run
-from hdbench.filter.layout import GATED
+from hdbench.filter.kalman import GATED
 from hdbench.filter.model import FilterModel
+from hdbench.filter.traces import Channels, run_channels
 from hdbench.records import FloatArray
 
 __all__ = ["Consistency", "check_innovations", "ljung_box", "nis_band"]
@@ -127,16 +125,9 @@ def check_innovations(
     Consistency
         Whiteness and variance of the innovations.
     """
-    space, gated, parts = state_space(model), 0, []
+    gated, parts = 0, []
     for record in records:
-        found = run(
-            space,
-            new_state(space),
-            record.time_s,
-            record.velocity_rad_s,
-            record.torque_nm,
-            angle_rad=record.angle_rad,
-        )
+        found = run_channels(model, record)
         refused = (found.flags & GATED) != 0
         gated += int(np.count_nonzero(refused))
         normalised = found.innovation_nm / np.sqrt(found.innovation_variance_nm2)

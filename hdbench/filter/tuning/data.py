@@ -1,4 +1,4 @@
-"""Traces as a tuning sees them: samples, and what their motion can tell."""
+"""Traces of a tuning: their samples, motion and noise."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hdbench.errors import DataError
-from hdbench.filter.channels import Channels
-from hdbench.filter.layout import USABLE
+from hdbench.filter.kalman import USABLE
+from hdbench.filter.traces import Channels
 
 __all__ = [
     "OUTPUT_ORDER",
@@ -30,34 +30,14 @@ OUTPUT_ORDER = 0.5
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """What the traces' motion can tell, all traces together.
-
-    Parameters
-    ----------
-    samples : int
-        Samples with torque and velocity.
-    duration_s : float
-        Sum of the traces' durations, s.
-    period_s : float
-        Median sampling period, s.
-    turned_rad : float
-        Sum of the angles that the motor turned, either way, rad.
-    speed_rad_s : float
-        Mean absolute velocity while it turned, rad/s; 0 where it never did.
-    slowest_rad_s, fastest_rad_s : float
-        5 % and 95 % points of that absolute velocity, rad/s.
-    speed_spread : float
-        Standard deviation over mean of that absolute velocity.
-    torque_variance_nm2 : float
-        Variance of the torque, (N m)^2.
-    """
+    """Motion of all traces together, and the variance of their torque."""
 
     samples: int
     duration_s: float
     period_s: float
     turned_rad: float
-    speed_rad_s: float
-    slowest_rad_s: float
+    speed_rad_s: float  # mean of its size while it turned
+    slowest_rad_s: float  # 5 % and 95 % points of that size
     fastest_rad_s: float
     speed_spread: float
     torque_variance_nm2: float

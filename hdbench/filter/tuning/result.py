@@ -1,4 +1,4 @@
-"""What a tuning found."""
+"""Result of a tuning: model, estimates, kinds of slow torque tried, checks."""
 
 from __future__ import annotations
 
@@ -7,40 +7,43 @@ from dataclasses import dataclass
 
 from hdbench.filter.model import FilterModel
 from hdbench.filter.tuning.checks import Consistency
-from hdbench.filter.tuning.search import Optimum
+from hdbench.records import FloatArray
 
-__all__ = ["CandidateResult", "Estimate", "TuningResult"]
+__all__ = ["CandidateResult", "Estimate", "Optimum", "Start", "TuningResult"]
+
+
+@dataclass(frozen=True, slots=True)
+class Start:
+    """Where one start of the search ended."""
+
+    log_likelihood: float
+    evaluations: int
+    converged: bool
+    slope_nats: float  # largest left where no bound holds, per standard error or factor e
+
+
+@dataclass(frozen=True, slots=True)
+class Optimum:
+    """The best point over all starts."""
+
+    logs: FloatArray
+    log_likelihood: float
+    starts: tuple[Start, ...]
+    agreed: int  # starts that ended within 0.02 nats of the best
 
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
-    """One number of the model and how sharply the data fix it.
-
-    Parameters
-    ----------
-    name, unit : str
-        Which number, e.g. ``order 2 process_noise``.
-    value : float
-        Most likely value in `unit`.
-    relative_std : float or None
-        Standard error of its logarithm; None where the likelihood has no peak in it.
-    below, above : float or None
-        Where it has none, the value beyond which it falls by two nats, if there is one.
-    held : bool
-        Whether `value` is not the most likely one but the least at which the block remembers no
-        longer than the traces last.
-    lowered : bool
-        Whether `value` is less than the most likely one, so that the block leaves the torque alone.
-    """
+    """One number of the model and how sharply the data fix it."""
 
     name: str
     unit: str
     value: float
-    relative_std: float | None
-    below: float | None = None
+    relative_std: float | None  # of its logarithm; None where the likelihood has no peak in it
+    below: float | None = None  # without a peak: beyond it the likelihood falls by two nats
     above: float | None = None
-    held: bool = False
-    lowered: bool = False
+    held: bool = False  # the least at which the block remembers no longer than the traces
+    lowered: bool = False  # less than most likely, so that the block leaves the torque alone
 
     @property
     def determined(self) -> bool:
@@ -65,25 +68,11 @@ class Estimate:
 
 @dataclass(frozen=True, slots=True)
 class CandidateResult:
-    """One kind of slow torque that was tried.
-
-    Parameters
-    ----------
-    slow : str
-        Its kind; ``none`` for the offset alone or nothing.
-    log_likelihood : float
-        Log-likelihood at its best point, nats.
-    penalised : float
-        The same less half a log n for each number varied: what is compared.
-    optimum : Optimum
-        Point and search.
-    refused : str or None
-        Why it was not eligible; None where it was.
-    """
+    """One kind of slow torque that was tried."""
 
     slow: str
     log_likelihood: float
-    penalised: float
+    penalised: float  # less half a log n for each number varied: this is compared
     optimum: Optimum
     refused: str | None = None
 

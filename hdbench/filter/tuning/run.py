@@ -1,36 +1,177 @@
-"""From traces to a tuned filter model."""
+"""Tuning: the noise of a filter model by maximum likelihood of its innovations on traces."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import Literal, get_args
 
 import numpy as np
+from numpy.typing import NDArray
 
-from hdbench.filter.channels import Channels
-from hdbench.filter.guard import GUARD_STATES, guard_torque
-from hdbench.filter.model import FilterModel
+from hdbench.filter.kalman import GATE_SAMPLES, GATED
+from hdbench.filter.model import FilterModel, SlowKind
+from hdbench.filter.online import SCREEN_STATES, screen_torque
+from hdbench.filter.traces import Channels, run_channels
 from hdbench.filter.tuning.checks import check_innovations
 from hdbench.filter.tuning.data import (
+    Motion,
     check_records,
     describe_motion,
     noise_guess_nm2,
+    preview,
     stuck_after,
 )
-from hdbench.filter.tuning.estimates import estimate_all
-from hdbench.filter.tuning.finish import finished
-from hdbench.filter.tuning.limits import notes_on
-from hdbench.filter.tuning.memory import (
+from hdbench.filter.tuning.limits import (
     forget_beyond_the_data,
     leave_the_torque,
+    notes_on,
+    refusal,
     with_moving_offset,
 )
-from hdbench.filter.tuning.outliers import without_outliers
+from hdbench.filter.tuning.problem import Problem, build_problem, relative_model, scaled, score
 from hdbench.filter.tuning.result import CandidateResult, TuningResult
-from hdbench.filter.tuning.settings import TuningSettings
-from hdbench.filter.tuning.trial import Trial, kinds_of
+from hdbench.filter.tuning.search import estimate_all, maximise
+from hdbench.profile.schema import ProfileData
+from hdbench.records import FloatArray
 
-__all__ = ["tune"]
+__all__ = ["SLOW_CHOICES", "TuningSettings", "settings_of", "tune"]
+
+SlowChoice = Literal["auto", "none"] | SlowKind
+SLOW_CHOICES: tuple[str, ...] = ("auto", "none", *get_args(SlowKind))
+
+
+@dataclass(frozen=True, slots=True)
+class TuningSettings:
+    """Settings of a tuning: priors, kind of slow torque, gate, limits.
+
+    Parameters
+    ----------
+    order_prior_std_nm : float
+        Standard deviation of ripple and misalignment before the first sample, N m, > 0.
+    slow_prior_std_nm : float
+        The same of a constant torque, N m, > 0.
+    slow : str
+        ``auto``: the stationary kind that the likelihood prefers, beside a slowly walking offset;
+        ``none``: no torque but the expected one; or one kind by name.
+    gate_sigma : float or None
+        Samples beyond so many standard deviations of their innovation count as outliers; None
+        keeps all.
+    torque_limit_nm : float or None
+        Torque at or beyond which the sensor is saturated, N m; None where it is not known.
+    max_evaluations : int
+        Evaluations of the likelihood per start, >= 50.
+
+    Raises
+    ------
+    ValueError
+        If a number or choice is out of its domain.
+    """
+
+    order_prior_std_nm: float
+    slow_prior_std_nm: float
+    slow: SlowChoice = "auto"
+    gate_sigma: float | None = 6.0
+    torque_limit_nm: float | None = None
+    max_evaluations: int = 1500
+
+    def __post_init__(self) -> None:
+        for name in ("order_prior_std_nm", "slow_prior_std_nm"):
+            if not 0.0 < getattr(self, name) < math.inf:
+                raise ValueError(f"{name} is {getattr(self, name)!r}; needed: finite, above 0")
+        if self.slow not in SLOW_CHOICES:
+            raise ValueError(f"slow is {self.slow!r}; needed: {', '.join(SLOW_CHOICES)}")
+        # below 4 a gate cuts into Gaussian noise: one sample in 16 000
+        if self.gate_sigma is not None and not 4.0 <= self.gate_sigma < math.inf:
+            raise ValueError(f"gate_sigma is {self.gate_sigma!r}; needed: at least 4, or None")
+        limit = self.torque_limit_nm
+        if limit is not None and not 0.0 < limit < math.inf:
+            raise ValueError(f"torque_limit_nm is {limit!r}; needed: finite, above 0, or None")
+        if not self.max_evaluations >= 50:
+            raise ValueError(f"max_evaluations is {self.max_evaluations!r}; needed: at least 50")
+
+
+# ripple and misalignment stay below a tenth of the rated torque on a bench worth filtering
+_ORDER_SHARE = 0.1
+
+
+def settings_of(profile: ProfileData, *, slow: SlowChoice = "auto") -> TuningSettings:
+    """Return the settings that a bench's own numbers give.
+
+    Parameters
+    ----------
+    profile : ProfileData
+        The bench: rated torque, sensor gain and converter range.
+    slow : str
+        As in `TuningSettings`.
+
+    Returns
+    -------
+    TuningSettings
+        Priors of a tenth of the rated torque for each order and of the rated torque for the
+        offset; the torque at which the converter saturates.
+    """
+    rated = profile.drive.rated_torque_nm
+    return TuningSettings(
+        order_prior_std_nm=_ORDER_SHARE * rated,
+        slow_prior_std_nm=rated,
+        slow=slow,
+        torque_limit_nm=abs(profile.sensor.gain_nm_per_v) * profile.daq.range_v,
+    )
+
+
+_AUTO: tuple[SlowKind | None, ...] = (None, "ornstein-uhlenbeck", "resonance")
+
+
+def _kinds_of(settings: TuningSettings) -> tuple[SlowKind | None, ...]:
+    """Return the kinds of slow torque that are tried."""
+    if settings.slow == "auto":
+        return _AUTO
+    return (None,) if settings.slow == "none" else (settings.slow,)
+
+
+@dataclass(frozen=True, slots=True)
+class _Trial:
+    """One problem, searched for each kind of slow torque."""
+
+    start: FilterModel
+    settings: TuningSettings
+    motion: Motion
+    noise_nm2: float
+
+    def problem(self, kind: SlowKind | None) -> Problem:
+        """Return what is varied for one kind of slow torque."""
+        return build_problem(self.start, kind, self.motion, self.noise_nm2)
+
+    def attempt(self, kind: SlowKind | None, records: Sequence[Channels]) -> CandidateResult:
+        """Search the most likely point for one kind of slow torque."""
+        problem, part = self.problem(kind), [preview(record) for record in records]
+
+        def value(logs: FloatArray) -> float:
+            return score(problem.model(logs), records).log_likelihood
+
+        def value_of_part(logs: FloatArray) -> float:
+            return score(problem.model(logs), part).log_likelihood
+
+        most = self.settings.max_evaluations
+        best = maximise(problem, value, preview=value_of_part, max_evaluations=most)
+        penalty = 0.5 * math.log(self.motion.samples) * len(problem.parameters)
+        automatic = self.settings.slow == "auto"
+        return CandidateResult(
+            kind or "none",
+            best.log_likelihood,
+            best.log_likelihood - penalty,
+            best,
+            refusal(problem.model(best.logs), self.motion) if automatic else None,
+        )
+
+    def model(
+        self, kind: SlowKind | None, logs: FloatArray, records: Sequence[Channels]
+    ) -> FilterModel:
+        """Return the model of a point in absolute units, without a gate."""
+        relative = self.problem(kind).model(logs)
+        return scaled(relative, score(relative, records).noise_nm2)
 
 
 def tune(
@@ -68,9 +209,17 @@ def tune(
     What is varied: the process noise of every order per radian of the motor, the numbers of one
     slow block; the measurement noise is concentrated out. States start at the prior of `settings`.
     """
-    base, records, guess = _guarded(base, records, settings)
+    base, records, guess = _screened(base, records, settings)
     motion = describe_motion(records)
-    trial, kinds = Trial.of(base, settings, motion, guess), kinds_of(settings)
+    start = relative_model(
+        base,
+        motion,
+        guess,
+        slow=settings.slow,
+        order_prior_std_nm=settings.order_prior_std_nm,
+        slow_prior_std_nm=settings.slow_prior_std_nm,
+    )
+    trial, kinds = _Trial(start, settings, motion, guess), _kinds_of(settings)
     tried, chosen, usable, outliers = _search(trial, records)
     logs = tried[chosen].optimum.logs
     model = trial.model(kinds[chosen], logs, usable)
@@ -81,45 +230,45 @@ def tune(
     model, estimates = leave_the_torque(model, estimates, motion)
     consistency = check_innovations(model, usable)
     result = TuningResult(
-        model=finished(model, base, settings, records, origins or {}),
+        model=_finished(model, base, settings, records, origins or {}),
         estimates=estimates,
         candidates=(tried[chosen], *(c for i, c in enumerate(tried) if i != chosen)),
         consistency=consistency,
         outliers=outliers,
-        notes=notes_on(model, motion, estimates, settings, consistency),
+        notes=notes_on(model, motion, estimates, settings.slow, consistency),
     )
     return replace(result, model=replace(result.model, tuning=result.to_dict()))
 
 
-def _guarded(
+def _screened(
     base: FilterModel, records: Sequence[Channels], settings: TuningSettings
 ) -> tuple[FilterModel, list[Channels], float]:
-    """Return model and traces guarded against a faulty sensor, and a first guess of the noise."""
+    """Return model and traces screened for a faulty sensor, and a first guess of the noise."""
     guess = noise_guess_nm2(records) if records else 0.0
-    guarded = replace(
+    screened = replace(
         base,
         torque_limit_nm=settings.torque_limit_nm,
         stuck_samples=stuck_after(records, guess) if records else None,
     )
     kept = []
     for record in records:
-        torque = guard_torque(guarded, record.torque_nm, np.zeros(GUARD_STATES))[0]
+        torque = screen_torque(screened, record.torque_nm, np.zeros(SCREEN_STATES))[0]
         kept.append(replace(record, torque_nm=torque))
     check_records(kept)
-    return guarded, kept, guess
+    return screened, kept, guess
 
 
 def _search(
-    trial: Trial, records: list[Channels]
+    trial: _Trial, records: list[Channels]
 ) -> tuple[list[CandidateResult], int, list[Channels], int]:
     """Try every kind of slow torque, again without outliers where there are some."""
-    kinds, gate = kinds_of(trial.settings), trial.settings.gate_sigma
+    kinds, gate = _kinds_of(trial.settings), trial.settings.gate_sigma
     tried = [trial.attempt(kind, records) for kind in kinds]
     chosen = _choose(tried)
     if gate is None:
         return tried, chosen, records, 0
     model = trial.model(kinds[chosen], tried[chosen].optimum.logs, records)
-    usable, outliers = without_outliers(model, records, gate)
+    usable, outliers = _without_outliers(model, records, gate)
     if outliers:
         tried = [trial.attempt(kind, usable) for kind in kinds]
         chosen = _choose(tried)
@@ -129,3 +278,62 @@ def _search(
 def _choose(tried: Sequence[CandidateResult]) -> int:
     eligible = [i for i, candidate in enumerate(tried) if candidate.refused is None]
     return max(eligible, key=lambda i: tried[i].penalised)
+
+
+def _finished(
+    model: FilterModel,
+    base: FilterModel,
+    settings: TuningSettings,
+    records: Sequence[Channels],
+    origins: Mapping[str, str],
+) -> FilterModel:
+    """Return the model with its stated priors, gate and provenance."""
+    names = ", ".join(record.source for record in records)
+    span = float(np.sum([record.time_s[-1] - record.time_s[0] for record in records]))
+    return replace(
+        model,
+        name="tuned",
+        order_prior_std_nm=settings.order_prior_std_nm,
+        slow_prior_std_nm=settings.slow_prior_std_nm,
+        gate_sigma=settings.gate_sigma,
+        provenance={
+            **{k: v for k, v in base.provenance.items() if k != "noise"},
+            "noise": f"maximum likelihood on {names} ({span:.6g} s)",
+            "slow torque": f"kind asked for: {settings.slow}; chosen by penalised likelihood",
+            "prior": "stated before the data: order_prior_std_nm and slow_prior_std_nm",
+            **origins,
+        },
+    )
+
+
+def _without_outliers(
+    model: FilterModel, records: Sequence[Channels], gate_sigma: float
+) -> tuple[list[Channels], int]:
+    """Return the traces with the torque of outliers missing.
+
+    Notes
+    -----
+    The set is fixed before the likelihood is maximised again: a gate inside of the likelihood
+    would reward small noise, under which more samples are refused. Where the gate refuses as many
+    samples in a row as it may, the torque has moved: a step of the load is no outlier.
+    """
+    gated = replace(model, gate_sigma=gate_sigma)
+    kept, outliers = [], 0
+    for record in records:
+        refused = _short_runs((run_channels(gated, record).flags & GATED) != 0, GATE_SAMPLES)
+        count = int(np.count_nonzero(refused))
+        if count:
+            record = replace(record, torque_nm=np.where(refused, np.nan, record.torque_nm))
+        outliers += count
+        kept.append(record)
+    return kept, outliers
+
+
+def _short_runs(refused: NDArray[np.bool_], longest: int) -> NDArray[np.bool_]:
+    """Return the samples of runs shorter than `longest`."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([0], refused.astype(np.int8), [0]))))
+    kept = refused.copy()
+    for first, after in edges.reshape(-1, 2).tolist():
+        if after - first >= longest:
+            kept[first:after] = False
+    return kept

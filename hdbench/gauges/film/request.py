@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 from hdbench.errors import UsageError
@@ -66,7 +67,7 @@ class FilmRequest:
     bench: str = ""
 
     def __post_init__(self) -> None:
-        problems = self._sizes() or self._fits()
+        problems = list(self._sizes()) or list(self._fits())
         if len(problems) == 1:
             raise problems[0]
         if problems:
@@ -88,12 +89,9 @@ class FilmRequest:
         """Distance from the middle to a registration target, along x and along y, mm."""
         return 0.5 * self.diameter_mm + TARGET_GAP_MM
 
-    def _sizes(self) -> list[UsageError]:
-        problems = []
+    def _sizes(self) -> Iterator[UsageError]:
         if self.sheet not in SHEETS:
-            problems.append(
-                _bad("--sheet", f"sheet {self.sheet!r:.30}", f"one of {', '.join(SHEETS)}")
-            )
+            yield _bad("--sheet", f"sheet {self.sheet!r:.30}", f"one of {', '.join(SHEETS)}")
         for where, value, least, most in (
             ("--diameter", self.diameter_mm, 10.0, 400.0),
             ("--boss", self.boss_mm, 0.0, 400.0),
@@ -104,76 +102,48 @@ class FilmRequest:
             ("--line", self.line_mm, 0.01, 0.5),
         ):
             if not least <= value <= most:
-                problems.append(_bad(where, f"{value:g} mm", f"{least:g} to {most:g} mm"))
-        return problems
+                yield _bad(where, f"{value:g} mm", f"{least:g} to {most:g} mm")
 
-    def _fits(self) -> list[UsageError]:
-        return [*self._pads_fit(), *self._grids_fit(), *self._sheet_fits()]
-
-    def _pads_fit(self) -> list[UsageError]:
-        problems = []
-        radius, half = self.geometry.radius_mm, 0.5 * self.pad_mm[1]
-        outer = math.hypot(radius + half, 0.5 * self.pad_mm[0])
-        if not radius - half >= 0.5 * self.boss_mm:
-            problems.append(
-                _bad(
-                    "--radius",
-                    f"pads reach in to {radius - half:.2f} mm from the axis",
-                    f"outside the boss, at least {0.5 * self.boss_mm:.2f} mm",
-                    "take a larger --radius, a shorter --pad-length or the true --boss",
-                )
-            )
-        if not outer <= 0.5 * self.diameter_mm:
-            problems.append(
-                _bad(
-                    "--radius",
-                    f"corners of the pads are {outer:.2f} mm from the axis",
-                    f"on the diaphragm, at most {0.5 * self.diameter_mm:.2f} mm",
-                    "take a smaller --radius or pad",
-                )
-            )
-        room = 2.0 * (radius - half) * math.tan(0.5 * _least_step_rad(self.layout))
-        if not self.pad_mm[0] <= room:
-            problems.append(
-                _bad(
-                    "--pad-width",
-                    f"{self.pad_mm[0]:g} mm wide pads overlap at their inner ends",
-                    f"at most {room:.2f} mm",
-                    "take a larger --radius, a smaller pad or another --layout",
-                )
-            )
-        return problems
-
-    def _grids_fit(self) -> list[UsageError]:
+    def _fits(self) -> Iterator[UsageError]:
+        radius, (pad, length) = self.geometry.radius_mm, self.pad_mm
+        inner, outer = radius - 0.5 * length, math.hypot(radius + 0.5 * length, 0.5 * pad)
+        boss, rim = 0.5 * self.boss_mm, 0.5 * self.diameter_mm
+        room = 2.0 * inner * math.tan(0.5 * _least_step_rad(self.layout))
         # a grid at 45 degrees needs this much along the radius and along the circumference
         side = (self.grid_mm[0] + self.grid_mm[1]) / math.sqrt(2.0)
-        needed = self.geometry.spacing_mm + side
-        problems = []
-        if not side <= self.pad_mm[0]:
-            problems.append(
-                _bad("--grid-length", f"a grid at 45 degrees is {side:.2f} mm wide",
-                     f"at most the pad's {self.pad_mm[0]:g} mm")
-            )  # fmt: skip
-        if not needed <= self.pad_mm[1]:
-            problems.append(
-                _bad("--grid-spacing", f"both grids together are {needed:.2f} mm long",
-                     f"at most the pad's {self.pad_mm[1]:g} mm")
-            )  # fmt: skip
-        return problems
-
-    def _sheet_fits(self) -> list[UsageError]:
+        both = self.geometry.spacing_mm + side
+        if not inner >= boss:
+            yield _bad(
+                "--radius",
+                f"pads reach in to {inner:.2f} mm from the axis",
+                f"outside the boss, at least {boss:.2f} mm",
+                "take a larger --radius, a shorter --pad-length or the true --boss",
+            )
+        for where, size, most, found, needed, fix in (
+            ("--radius", outer, rim, f"corners of the pads are {outer:.2f} mm from the axis",
+             "on the diaphragm, at most", "take a smaller --radius or pad"),
+            ("--pad-width", pad, room, f"{pad:g} mm wide pads overlap at their inner ends",
+             "at most", "take a larger --radius, a smaller pad or another --layout"),
+            ("--grid-length", side, pad, f"a grid at 45 degrees is {side:.2f} mm wide",
+             "at most the pad's", "correct this size"),
+            ("--grid-spacing", both, length, f"both grids together are {both:.2f} mm long",
+             "at most the pad's", "correct this size"),
+        ):  # fmt: skip
+            if not size <= most:
+                yield _bad(where, found, f"{needed} {most:.2f} mm", fix)
         width, height = SHEETS[self.sheet]
         span = self.diameter_mm + 2.0 * (TARGET_GAP_MM + 4.0)
         wide = max(span, BAR_MM) + 2.0 * MARGIN_MM
         tall = span + _HEAD_MM + _FOOT_MM + 2.0 * MARGIN_MM
-        if wide <= width and tall <= height:
-            return []
-        larger = [k for k, (w, h) in SHEETS.items() if wide <= w and tall <= h]
-        fix = (
-            f"take --sheet {larger[0]}" if larger else "no sheet is large enough: check --diameter"
-        )
-        found = f"the drawing is {wide:.0f} x {tall:.0f} mm"
-        return [_bad("--sheet", found, f"at most {width:g} x {height:g} mm ({self.sheet})", fix)]
+        if not (wide <= width and tall <= height):
+            larger = [k for k, (w, h) in SHEETS.items() if wide <= w and tall <= h]
+            fix = "no sheet is large enough: check --diameter"
+            yield _bad(
+                "--sheet",
+                f"the drawing is {wide:.0f} x {tall:.0f} mm",
+                f"at most {width:g} x {height:g} mm ({self.sheet})",
+                f"take --sheet {larger[0]}" if larger else fix,
+            )
 
 
 def _bad(where: str, found: str, needed: str, fix: str = "correct this size") -> UsageError:

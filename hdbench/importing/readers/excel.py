@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import itertools
 import zipfile
 from collections.abc import Iterator
 from datetime import datetime, time, timedelta
@@ -14,9 +15,7 @@ from hdbench.errors import DataError
 from hdbench.importing.layout import SEARCHED_LINES, table_layout
 from hdbench.importing.source import Source, listed
 from hdbench.importing.text import CellsSource, CellTable
-from hdbench.records.textfile import data_error
-
-__all__ = ["open_file"]
+from hdbench.records.tables import data_error
 
 _FORM = "Excel workbook"
 # texts that cells share are read as a whole; numbers are not among them
@@ -95,8 +94,10 @@ def _text(cell: object) -> str:
     return str(cell).strip()
 
 
-def _rows(path: Path, sheet: Any, start: int, width: int) -> Iterator[tuple[int, list[str]]]:
-    for number, cells in _cells(sheet):
+def _rows(
+    path: Path, sheet: Any, start: int, width: int, done: int
+) -> Iterator[tuple[int, list[str]]]:
+    for number, cells in itertools.islice(_cells(sheet), done, None):
         if number < start:
             continue
         if any(cells[width:]):

@@ -15,8 +15,6 @@ from hdbench.errors import DataError
 from hdbench.importing.readers.arrays import ArraySource, NamedArray
 from hdbench.importing.source import Source
 
-__all__ = ["open_file"]
-
 h5py: Any = importlib.import_module("h5py")
 
 _FORM = "HDF5 file"

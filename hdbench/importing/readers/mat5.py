@@ -13,8 +13,6 @@ from hdbench.errors import DataError
 from hdbench.importing.readers.arrays import ArraySource, NamedArray
 from hdbench.importing.source import Source
 
-__all__ = ["open_file"]
-
 _FORM = "MATLAB 5 file"
 _WHOLE = {f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)}
 _NUMBERS = {"double", "single", "logical"} | _WHOLE

@@ -14,8 +14,6 @@ from numpy.typing import NDArray
 from hdbench.importing.readers.arrays import ArraySource, NamedArray
 from hdbench.importing.source import Source, damaged
 
-__all__ = ["open_file"]
-
 _FORM = "NumPy file"
 # an array that is stored by columns, or packed, is read as a whole: 256 MB of it
 _MOST_BYTES = 256 << 20

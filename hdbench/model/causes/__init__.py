@@ -1,95 +1,80 @@
-"""The catalogue of causes: one record each, grouped as in the contract."""
+"""Catalogue of causes: texts and parameters as data, and the modules that compute them."""
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Mapping
+from dataclasses import replace
+from importlib import resources
 from types import MappingProxyType
+from typing import Any
 
 from hdbench.model.causes import (
     acquisition,
-    arm,
-    clock,
-    creep,
     dynamics,
     friction,
-    hysteresis,
     kinematic,
-    loadfriction,
-    motor,
-    noise,
-    output,
-    ripple,
+    periodic,
     sensor,
     slow,
-    stiffness,
 )
-from hdbench.model.definition import Cause
+from hdbench.model.definition import Cause, Parameter
 
 __all__ = ["ALL_CAUSES", "CAUSE_GROUPS"]
 
-CAUSE_GROUPS: Mapping[str, tuple[Cause, ...]] = MappingProxyType(
-    {
-        "locked to the motor": (
-            motor.RIPPLE_HARMONIC,
-            motor.ECCENTRICITY,
-            motor.UNBALANCE,
-            ripple.LOAD_RIPPLE,
-            kinematic.TORSIONAL_RESONANCE,
-            motor.BEAT,
-            kinematic.KINEMATIC_ERROR,
-            motor.TOOTH_MESH,
-            motor.BEARING,
-            ripple.GAIN_RIPPLE,
-            motor.COGGING,
-            kinematic.TRANSMISSION_ERROR,
-        ),
-        "locked to the output": (
-            output.MISALIGNMENT,
-            output.ANGULAR_MISALIGNMENT,
-            output.LOAD_GRAVITY,
-            output.POSITION_GAIN,
-        ),
-        "locked to the clock": (clock.MAINS_HUM, clock.STRUCTURAL_TONE),
-        "friction": (
-            friction.COULOMB,
-            friction.VISCOUS,
-            friction.STRIBECK,
-            loadfriction.LOAD_FRICTION,
-            loadfriction.PRESLIDING,
-            friction.ASYMMETRIC,
-        ),
-        "static sensor and arm": (
-            sensor.GAIN_ERROR,
-            sensor.CUBIC_NONLINEARITY,
-            hysteresis.HYSTERESIS,
-            sensor.BACKLASH,
-            sensor.SATURATION,
-            arm.ARM_SAG,
-            arm.SIDE_FORCE,
-            arm.DIRECTION_ASYMMETRY,
-        ),
-        "dynamics": (
-            dynamics.INERTIA_ERROR,
-            dynamics.TIME_SKEW,
-            stiffness.CUBIC_STIFFNESS,
-            stiffness.PIECEWISE_STIFFNESS,
-        ),
-        "slow": (
-            slow.ZERO_STEP,
-            slow.ZERO_DRIFT,
-            slow.WARM_UP,
-            creep.CREEP,
-            slow.ZERO_RANDOM_WALK,
-        ),
-        "acquisition": (
-            noise.QUANTISATION,
-            acquisition.MISSED_SAMPLES,
-            acquisition.ENCODER_SLIP,
-            acquisition.TACHO_RIPPLE,
-            noise.SPIKES,
-            noise.SPEED_NOISE,
-            acquisition.CROSSTALK,
-        ),
-    }
-)
+_COMPUTED = {
+    name: computed
+    for module in (periodic, kinematic, friction, sensor, dynamics, slow, acquisition)
+    for name, computed in module.COMPUTED.items()
+}
+
+
+def _parameters(entry: Mapping[str, Any], kind: str) -> tuple[Parameter, ...]:
+    defaults = entry.get("defaults", {})
+    return tuple(
+        Parameter(name, unit, lower, upper, what, default=defaults.get(name))
+        for name, unit, lower, upper, what in entry.get(kind, ())
+    )
+
+
+def _cause(name: str, entry: Mapping[str, Any]) -> Cause:
+    computed = _COMPUTED[name]
+    shape, linear = _parameters(entry, "shape"), _parameters(entry, "linear")
+    if computed.bands:
+        shape = (replace(shape[0], bands=computed.bands), *shape[1:])
+    return Cause(
+        name=name,
+        equation=entry["equation"],
+        shape=shape,
+        linear=linear,
+        locked_to=entry["locked_to"],
+        parity=entry["parity"],
+        channel=entry["channel"],
+        look_alikes=tuple(entry["look_alikes"]),
+        experiment=entry["experiment"],
+        source=entry["source"],
+        columns=computed.columns,
+        harmonic=[parameter.name for parameter in linear] == ["cosine_nm", "sine_nm"],
+        applicable=computed.applicable,
+        channels=tuple(entry.get("channels", ())),
+        additive=bool(linear),
+        change_motion=computed.change_motion,
+        reach=computed.reach,
+        whole_signal=entry.get("whole_signal", False),
+        common=entry.get("common", False),
+        form_of=entry.get("form_of", ""),
+        possible=computed.possible,
+    )
+
+
+def _groups() -> Mapping[str, tuple[Cause, ...]]:
+    text = (resources.files(__name__) / "catalogue.toml").read_text(encoding="utf-8")
+    groups: dict[str, tuple[Cause, ...]] = {}
+    for name, entry in tomllib.loads(text).items():
+        group = entry["group"]
+        groups[group] = (*groups.get(group, ()), _cause(name, entry))
+    return MappingProxyType(groups)
+
+
+CAUSE_GROUPS: Mapping[str, tuple[Cause, ...]] = _groups()
 ALL_CAUSES: tuple[Cause, ...] = tuple(c for group in CAUSE_GROUPS.values() for c in group)

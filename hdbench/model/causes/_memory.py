@@ -1,17 +1,19 @@
-"""Exact recursions over samples for causes that remember: compiled where a compiler was there."""
+"""Exact recursions over samples for causes that remember."""
 
 from __future__ import annotations
 
-from functools import cache
-from types import ModuleType
+import math
+from itertools import pairwise
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hdbench.model.causes import _twins
-from hdbench.model.causes._twins import ComplexArray, Number
 from hdbench.model.motion import Motion
 from hdbench.records.trace import FloatArray
+
+ComplexArray = NDArray[np.complex128]
+Number = TypeVar("Number", np.float64, np.complex128)
 
 # a decay that changes by less than this share of what is lost per sample is constant: the result
 # is within as much of the exact one
@@ -49,15 +51,6 @@ def even_step(time: FloatArray, starts: NDArray[np.bool_], pole: complex) -> flo
     return float(step[0]) if change <= _STEADY * lost else None
 
 
-@cache
-def _compiled() -> ModuleType | None:
-    try:
-        from hdbench.model.causes import _recursions
-    except ImportError:
-        return None
-    return _recursions
-
-
 def first_order(decay: NDArray[Number], drive: NDArray[Number]) -> NDArray[Number]:
     """Return what a first-order memory makes of its drive.
 
@@ -66,18 +59,21 @@ def first_order(decay: NDArray[Number], drive: NDArray[Number]) -> NDArray[Numbe
     decay : ndarray, shape (n_samples,)
         What is kept of the value before, 0 at a start.
     drive : ndarray, shape (n_samples,)
-        What is added. Complex numbers, which only uneven samples bring, go the way of NumPy.
+        What is added.
 
     Returns
     -------
     ndarray, shape (n_samples,)
         ``z[k] = decay[k] z[k-1] + drive[k]`` with ``z[-1] = 0``.
     """
-    native = _compiled()
-    if native is None or np.iscomplexobj(drive):
-        return _twins.first_order(decay, drive)
-    result = np.empty_like(drive)
-    native.first_order(decay, drive, result)
+    from scipy.linalg.lapack import dgtsv, zgtsv
+
+    n = len(drive)
+    if n < 2:
+        return drive.copy()
+    # a matrix of two diagonals, solved from the first sample on: the recursion itself
+    solve = zgtsv if np.iscomplexobj(drive) else dgtsv
+    result: NDArray[Number] = solve(-decay[1:], np.ones(n), np.zeros(n - 1), drive)[3]
     return result
 
 
@@ -85,11 +81,16 @@ def second_order(
     above: FloatArray, below: FloatArray, starts: NDArray[np.bool_], values: FloatArray
 ) -> FloatArray:
     """Return values through (above) / (1, below) in powers of z^-1, at rest at every start."""
-    native = _compiled()
-    if native is None:
-        return _twins.second_order(above, below, starts, values)
+    from scipy.signal import sosfilt
+
+    section = np.array([[*above, 1.0, *below]])
+    gain = (above[0] + above[1] + above[2]) / (1.0 + below[0] + below[1])
+    second = above[2] - below[1] * gain
+    still = np.array([[above[1] - below[0] * gain + second, second]])
     result = np.empty_like(values)
-    native.second_order(above, below, starts.view(np.uint8), values, result)
+    for first, last in pairwise([*np.flatnonzero(starts), len(values)]):
+        part = values[first:last]
+        result[first:last] = sosfilt(section, part, zi=still * part[0])[0]
     return result
 
 
@@ -104,24 +105,76 @@ def resonance(
 
     `decay` is exp(pole step) of every sample, or one for all.
     """
-    native = _compiled()
-    if native is None:
-        return _twins.resonance(wave, rate, decay, starts, pole)
+    kept = np.where(starts, 0.0, decay)
+    before = np.concatenate((wave[:1], wave[:-1]))
+    above = _remembering(decay, _driven(wave, before, kept, rate, pole), starts)
+    below = _remembering(
+        decay.conj(), _driven(wave, before, kept.conj(), rate, pole.conjugate()), starts
+    )
+    scale = 0.5 * (pole.real * pole.real + pole.imag * pole.imag) / pole.imag
     result = np.empty_like(wave)
-    parts = [one.view(np.float64) for one in (wave, np.atleast_1d(decay), np.array([pole]), result)]
-    native.resonance(parts[0], rate, parts[1], starts.view(np.uint8), parts[2], parts[3])
+    # the difference over 2 i times the imaginary part of the pole
+    result.real = scale * (below.imag - above.imag) * -1.0
+    result.imag = scale * (below.real - above.real)
+    return result
+
+
+def _driven(
+    wave: ComplexArray, before: ComplexArray, decay: ComplexArray, rate: FloatArray, pole: complex
+) -> ComplexArray:
+    """Return (wave - decay before) / (i rate - pole), part by part."""
+    real = wave.real - (decay.real * before.real - decay.imag * before.imag)
+    imag = wave.imag - (decay.real * before.imag + decay.imag * before.real)
+    away = rate - pole.imag
+    over = 1.0 / (pole.real * pole.real + away * away)
+    result = np.empty_like(wave)
+    result.real = (away * imag - pole.real * real) * over
+    result.imag = (-pole.real * imag - away * real) * over
+    return result
+
+
+def _remembering(
+    decay: ComplexArray, drive: ComplexArray, starts: NDArray[np.bool_]
+) -> ComplexArray:
+    """Return `first_order` of a decay for each sample, or of one for all."""
+    from scipy.signal import lfilter
+
+    if len(decay) > 1:
+        return first_order(np.where(starts, 0.0, decay), drive)
+    result = np.empty_like(drive)
+    for first, last in pairwise([*np.flatnonzero(starts), len(drive)]):
+        result[first:last] = lfilter((1.0,), (1.0, -decay[0]), drive[first:last])
     return result
 
 
 def plays(torque: FloatArray, radius: FloatArray, starts: NDArray[np.bool_]) -> FloatArray:
-    """Return the sum of play operators, one for each radius, shape (n_samples,).
+    """Return the sum of play operators, one for each radius.
 
     Each is moved no farther than needed to lie within its radius of the torque; at a start it is
-    the torque.
+    the torque. Moving no farther than needed is a clamp, and clamps in a row are a clamp: blocks of
+    samples are advanced side by side with the clamp so far, and what a block inherits is clamped
+    afterwards.
     """
-    native = _compiled()
-    if native is None:
-        return _twins.plays(torque, radius, starts)
-    result = np.empty_like(torque)
-    native.plays(torque, radius, starts.view(np.uint8), np.empty_like(radius), result)
-    return result
+    n = len(torque)
+    length = max(1, math.isqrt(n))
+    x, width = _blocks(torque, length), np.where(_blocks(starts, length), 0.0, 1.0)
+    total = np.zeros_like(x)
+    low, high = np.empty_like(x), np.empty_like(x)
+    for half in radius.tolist():
+        bottom, top = x - half * width, x + half * width
+        least, most = np.full(x.shape[1], -np.inf), np.full(x.shape[1], np.inf)
+        for i in range(length):
+            low[i] = least = np.minimum(np.maximum(least, bottom[i]), top[i])
+            high[i] = most = np.minimum(np.maximum(most, bottom[i]), top[i])
+        carried = [float(torque[0]) if n else 0.0]
+        for least_of, most_of in zip(low[-1].tolist(), high[-1].tolist(), strict=True):
+            carried.append(min(max(carried[-1], least_of), most_of))
+        total += np.minimum(np.maximum(carried[:-1], low), high)
+    return np.asarray(total.T.reshape(-1)[:n])
+
+
+def _blocks(values: NDArray[np.generic], length: int) -> NDArray[np.generic]:
+    """Return `values`, its end repeated, as (length, n_blocks): block b is column b."""
+    n_blocks = -(-len(values) // length)
+    padded = np.concatenate((values, np.repeat(values[-1:], n_blocks * length - len(values))))
+    return np.ascontiguousarray(padded.reshape(n_blocks, length).T)

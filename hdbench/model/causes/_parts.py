@@ -1,15 +1,32 @@
-"""Parts that several causes share: cosine and sine columns and parameters."""
+"""Parts that several causes share: columns, parameters, and the functions of a cause."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from hdbench.model.definition import Parameter
+from hdbench.model.definition import Parameter, always, unbounded
 from hdbench.model.motion import Motion
 from hdbench.records.trace import FloatArray
+
+__all__ = ["Computed"]
+
+Shape = Mapping[str, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Computed:
+    """The functions of a cause, as `Cause` has them, and the bands of its first shape parameter."""
+
+    columns: Callable[[Motion, Shape], FloatArray]
+    applicable: Callable[[Motion], str | None] = always
+    reach: Callable[[Motion], Mapping[str, tuple[float, float]]] = unbounded
+    change_motion: Callable[[Motion, Shape], Motion] | None = None
+    possible: Callable[[Motion, Shape], FloatArray] | None = None
+    bands: tuple[tuple[float, float], ...] = ()
+
 
 # far outside of what any bench with this kind of gear carries: bounds data errors, not physics
 TORQUE_LIMIT_NM = 1000.0
@@ -48,28 +65,22 @@ def ratio_parameter(name: str, description: str) -> Parameter:
     return Parameter(name, "1", -RATIO_LIMIT, RATIO_LIMIT, description)
 
 
-def order_parameter(lower: float, upper: float) -> Parameter:
-    """Return the shape parameter ``order``."""
-    return Parameter("order", "1", lower, upper, "cycles per revolution of the wave generator")
-
-
 # rolling elements slip, and no angle is exact: an order this near to a whole one is a whole one
 WHOLE = 0.02
 
+Bands = tuple[tuple[float, float], ...]
 
-def whole_orders(lower: int, upper: int, *, without: tuple[int, ...] = ()) -> Parameter:
-    """Return the shape parameter ``order`` of what is counted: poles, slots, teeth."""
+
+def whole_orders(lower: int, upper: int, *, without: tuple[int, ...] = ()) -> Bands:
+    """Return the orders of what is counted: poles, slots, teeth."""
     orders = [order for order in range(lower, upper + 1) if order not in without]
-    bands = tuple((order - WHOLE, order + WHOLE) for order in orders)
-    return replace(order_parameter(lower - WHOLE, upper + WHOLE), bands=bands)
+    return tuple((order - WHOLE, order + WHOLE) for order in orders)
 
 
-def broken_orders(lower: float, upper: int) -> Parameter:
-    """Return the shape parameter ``order`` of what rolls: no whole number."""
+def broken_orders(lower: float, upper: int) -> Bands:
+    """Return the orders of what rolls: no whole number."""
     ends = [lower, *(n + side for n in range(1, upper) for side in (-WHOLE, WHOLE)), upper - WHOLE]
-    return replace(
-        order_parameter(lower, upper - WHOLE), bands=tuple(zip(ends[::2], ends[1::2], strict=True))
-    )
+    return tuple(zip(ends[::2], ends[1::2], strict=True))
 
 
 def no_shape(columns: Callable[[Motion], FloatArray]) -> Callable[..., FloatArray]:

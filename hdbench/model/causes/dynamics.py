@@ -1,20 +1,28 @@
-"""Causes of the motion: inertia and time."""
+"""Inertia, delay, and a flexspline that is stiffer at high torque."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
+from numpy.typing import NDArray
 
-from hdbench.model.causes._needs import accelerates
-from hdbench.model.causes._parts import no_shape, single
+from hdbench.model.causes._memory import (
+    ComplexArray,
+    even_step,
+    first_order,
+    remembered,
+    second_order,
+    spread_out,
+)
+from hdbench.model.causes._needs import accelerates, all_of, loaded
+from hdbench.model.causes._parts import REFERENCE_LOAD_NM, Computed, no_shape, single
 from hdbench.model.causes.sensor import whole_signal
-from hdbench.model.definition import Cause, Parameter
-from hdbench.model.delay import delayed
+from hdbench.model.localfit import delayed
 from hdbench.model.motion import Motion
 from hdbench.records.trace import FloatArray
 
-__all__ = ["INERTIA_ERROR", "TIME_SKEW"]
+__all__ = ["COMPUTED"]
 
 # neither two channels of one converter nor a filter of a bench delay by more than this
 _SLOWEST_S = 0.1
@@ -23,6 +31,17 @@ _SLOWEST_S = 0.1
 _LARGEST_DELAY_S = 0.005
 # below this a shift is its first term to 1e-4 at the highest frequency that 1 kHz holds
 _INFINITESIMAL_S = 1e-7
+# stiffness at small torque of a size 20 drive of ratio 100, N m/rad: sets where the load's own
+# resonance lies (150 Hz), above which the twist no longer follows the torque
+_STIFFNESS_NM_PER_RAD = 1.6e4
+# quality factors of 10 to 25 are common on such drives: the middle
+_DAMPING = 0.03
+# the catalogue's first knee is at 0.16 to 0.26 of the rated torque; torques up to 1.6 times the
+# rated one
+_FIRST_KNEE = 0.1
+# a record sampled slower than this is a list of readings: there it is cubic-nonlinearity
+_SLOWEST_S = 0.1
+Law = Callable[[FloatArray], FloatArray]
 
 
 def _per_inertia(motion: Motion) -> FloatArray:
@@ -53,46 +72,107 @@ def _changes(motion: Motion) -> str | None:
     return f"one sample in {period:.3g} s; needed: one in {_SLOWEST_S:g} s to see a delay"
 
 
-INERTIA_ERROR = Cause(
-    name="inertia-error",
-    equation="dJ alpha_m / N",
-    shape=(),
-    linear=(
-        Parameter("inertia_kg_m2", "kg m^2", -10.0, 10.0, "inertia that the profile lacks, dJ"),
-    ),
-    locked_to="acceleration",
-    parity="odd in acceleration",
-    channel="mechanical",
-    look_alikes=("gain-error", "time-skew", "kinematic-error"),
-    experiment="a fast sine of speed, and static weights",
-    source="Newton's law for the load about the output",
-    columns=no_shape(_per_inertia),
-    harmonic=False,
-    applicable=accelerates,
-)
-TIME_SKEW = Cause(
-    name="time-skew",
-    equation="dt (y(t - T) - y(t)) / T, y the torque in the channel, T = dt",
-    shape=(
-        Parameter(
-            "delay_s",
-            "s",
-            -0.1,
-            0.1,
-            "delay at which the shift is formed, T: equal to dt, of no effect where dt is small",
-            default=0.0,
-        ),
-    ),
-    linear=(Parameter("skew_s", "s", -1.0, 1.0, "delay of the torque channel, dt"),),
-    locked_to="time",
-    parity="odd in the rate of the torque; grows with its frequency",
-    channel="acquisition",
-    look_alikes=("inertia-error", "viscous-friction", "hysteresis"),
-    experiment="locked sine of torque at 1, 5 and 20 Hz: the phase of a delay grows with them",
-    source="the torque channel is read later than the motion",
-    columns=_skew,
-    harmonic=False,
-    applicable=_changes,
-    reach=_delay_reach,
-    whole_signal=True,
-)
+def low_pass(time: FloatArray, starts: NDArray[np.bool_], natural: float) -> Law:
+    """Return w^2 / (s^2 + 2 zeta w s + w^2) for torques that are linear between samples.
+
+    A start is taken as rest at its torque.
+    """
+    pole = natural * complex(-_DAMPING, np.sqrt(1.0 - _DAMPING * _DAMPING))
+    scale = natural * natural / pole.imag
+    even = even_step(time, starts, pole)
+    if even is not None:
+        return _even_low_pass(pole, scale, even, starts)
+    step = np.where(starts, 0.0, np.diff(time, prepend=time[:1]))
+    decay, gain, ramp = _over_step(pole, step)
+    decay[starts] = 0.0
+
+    def passed(torque: FloatArray) -> FloatArray:
+        before = np.concatenate((torque[:1], torque[:-1]))
+        drive = gain * before + ramp * (torque - before)
+        drive[starts] = -torque[starts] / pole
+        return np.asarray((scale * first_order(decay, drive)).imag)
+
+    return passed
+
+
+def _over_step(pole: complex, step: FloatArray) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
+    """Return what a step leaves, and the response to a torque of 1 and to one that rises by 1."""
+    decay = np.exp(pole * step)
+    gain = (decay - 1.0) / pole
+    # nothing rises at a start
+    ramp = (gain - step) / (pole * np.where(step > 0.0, step, 1.0))
+    return decay, gain, ramp
+
+
+def _even_low_pass(pole: complex, scale: float, step: float, starts: NDArray[np.bool_]) -> Law:
+    """Return the same for samples a step apart: both poles in one recursion of real numbers."""
+    decay, gain, ramp = (complex(part[0]) for part in _over_step(pole, np.array([step])))
+    other = decay.conjugate()
+    rest = gain - ramp
+    above = scale * np.array([ramp, rest - ramp * other, -rest * other]).imag
+    below = np.array([-2.0 * decay.real, abs(decay) ** 2])
+
+    def passed(torque: FloatArray) -> FloatArray:
+        return second_order(above, below, starts, torque)
+
+    return passed
+
+
+def _columns(motion: Motion, laws: tuple[Law, ...]) -> FloatArray:
+    """Return what each deviation of the twist from a straight line takes from the reading."""
+    applied = motion.applied_nm
+    at, starts = remembered(motion, applied)
+    inertia = motion.inertia_nm_s2 * motion.gear_ratio
+    torque = applied[at]
+    if inertia > 0.0:
+        natural = float(np.sqrt(_STIFFNESS_NM_PER_RAD / inertia))
+        passed = low_pass(motion.time_s[at], starts, natural)
+        parts = [-passed(law(passed(torque))) for law in laws]
+    else:
+        parts = [-law(torque) for law in laws]
+    return np.column_stack([spread_out(part, at, len(motion)) for part in parts])
+
+
+def _cube(torque: FloatArray) -> FloatArray:
+    return np.asarray(torque * (torque / REFERENCE_LOAD_NM) ** 2)
+
+
+def _cubic(motion: Motion) -> FloatArray:
+    return _columns(motion, (_cube,))
+
+
+def _beyond(knee: float) -> Law:
+    def law(torque: FloatArray) -> FloatArray:
+        return np.asarray(torque - np.clip(torque, -knee, knee))
+
+    return law
+
+
+def _piecewise(motion: Motion, shape: Mapping[str, float]) -> FloatArray:
+    knee = shape["knee_nm"]
+    return _columns(motion, (_beyond(knee), _beyond(shape["knee_ratio"] * knee)))
+
+
+def _sampled(motion: Motion) -> str | None:
+    period = float(np.median(np.diff(motion.time_s))) if len(motion) > 1 else np.inf
+    if period <= _SLOWEST_S:
+        return None
+    return (
+        f"one sample per {period:.3g} s; needed: {_SLOWEST_S:g} s or less, readings show a spring "
+        "that is no straight line as cubic-nonlinearity"
+    )
+
+
+def _knee_reach(motion: Motion) -> dict[str, tuple[float, float]]:
+    torque = np.abs(motion.applied_nm[motion.valid & np.isfinite(motion.applied_nm)])
+    largest = float(torque.max(initial=0.0))
+    # a knee beyond the largest torque is never reached; one near zero leaves a straight line
+    return {"knee_nm": (_FIRST_KNEE * largest, largest)}
+
+
+COMPUTED = {
+    "inertia-error": Computed(no_shape(_per_inertia), accelerates),
+    "time-skew": Computed(_skew, _changes, reach=_delay_reach),
+    "cubic-stiffness": Computed(no_shape(_cubic), all_of(loaded, _sampled)),
+    "piecewise-stiffness": Computed(_piecewise, all_of(loaded, _sampled), reach=_knee_reach),
+}

@@ -1,4 +1,4 @@
-"""Causes that act through the inertia of the load or a resonance of the drive."""
+"""Causes of the angle: errors of the transmission, and the resonance of the drive."""
 
 from __future__ import annotations
 
@@ -8,19 +8,16 @@ import numpy as np
 
 from hdbench.model.causes._memory import even_step, remembered, resonance
 from hdbench.model.causes._needs import all_of, motor_turns, output_turns, speed_varies
-from hdbench.model.causes._parts import lobe_angle, no_shape, pair, pair_parameters
-from hdbench.model.definition import Cause, Parameter
+from hdbench.model.causes._parts import Computed, lobe_angle, no_shape, pair
 from hdbench.model.motion import Motion
 from hdbench.records.trace import FloatArray
 
-__all__ = ["KINEMATIC_ERROR", "TORSIONAL_RESONANCE", "TRANSMISSION_ERROR", "angle_error_rad"]
+__all__ = ["COMPUTED", "TRANSMISSION_ERROR", "angle_error_rad"]
+
+TRANSMISSION_ERROR = "transmission-error"
 
 # harmonics of the motor angle in a harmonic drive's transmission error, each twice the last
 _HARMONICS = (1.0, 2.0, 4.0)
-# 10 rad of the output: a linear fit that says nothing may give anything below it
-_ANGLE_LIMIT_RAD = 10.0
-_RESONANCE = Parameter("resonance_hz", "Hz", 20.0, 450.0, "natural frequency, w_r / 2 pi")
-_DAMPING = Parameter("damping", "1", 0.005, 0.3, "damping ratio, zeta")
 
 
 def _kinematic(motion: Motion) -> FloatArray:
@@ -89,88 +86,8 @@ def _resonance(motion: Motion, shape: Mapping[str, float]) -> FloatArray:
     return columns
 
 
-TORSIONAL_RESONANCE = Cause(
-    name="torsional-resonance",
-    equation="H applied to A2 cos(2 G theta_m + phase2) + A4 cos(4 G theta_m + phase4), "
-    "H = w_r^2 / (s^2 + 2 zeta w_r s + w_r^2)",
-    shape=(_RESONANCE, _DAMPING),
-    linear=(
-        *pair_parameters("the ripple of order 2 before the resonance", "_2"),
-        *pair_parameters("the ripple of order 4 before the resonance", "_4"),
-    ),
-    locked_to="motor",
-    parity="amplitude peaks, and phase turns by 180 degrees, at one rate in Hz",
-    channel="mechanical",
-    look_alikes=("kinematic-error", "structural-tone", "ripple-harmonic"),
-    experiment="a slow sweep of speed up and down, through the resonance at order 2 and order 4",
-    source="second-order resonance of load and flexspline; Tuttle 1992, MIT AITR-1365",
-    columns=_resonance,
-    harmonic=False,
-    applicable=all_of(motor_turns(1.0), speed_varies),
-)
-KINEMATIC_ERROR = Cause(
-    name="kinematic-error",
-    equation="J d^2 e / dt^2, e = sum over k = 1, 2, 4 of A_k cos(k theta_m + phase_k)",
-    shape=(),
-    linear=tuple(
-        Parameter(
-            f"{part}_{k:g}_rad",
-            "rad",
-            -_ANGLE_LIMIT_RAD,
-            _ANGLE_LIMIT_RAD,
-            f"{part} part of the output angle's error, {k:g} per motor turn",
-        )
-        for k in _HARMONICS
-        for part in ("cosine", "sine")
-    ),
-    locked_to="motor",
-    parity="even in speed: grows with speed squared",
-    channel="kinematic",
-    look_alikes=("torsional-resonance", "ripple-harmonic", "motor-unbalance"),
-    experiment="four to six constant speeds over at least 1:4; a second encoder at the output",
-    source="Ghorbel, Gandhi, Alpeter 2001, J. Mech. Des. 123:90: theta_o = theta_m / N + e",
-    columns=no_shape(_kinematic),
-    harmonic=False,
-    applicable=all_of(motor_turns(1.0), _has_inertia),
-)
-TRANSMISSION_ERROR = Cause(
-    name="transmission-error",
-    equation="-e dy/d theta_m, y the torque in the channel, recorded angle = theta_m + e, e = "
-    "A_m cos(theta_m + phase_m) + A_1 cos(theta_o + phase_1) + A_2 cos(2 theta_o + phase_2) "
-    "+ c T, T the known torque; dy/d theta_m over the whole way e",
-    shape=(),
-    linear=(
-        *(
-            Parameter(
-                f"{part}_{place}_rad",
-                "rad",
-                -_ANGLE_LIMIT_RAD,
-                _ANGLE_LIMIT_RAD,
-                f"{part} part of the recorded motor angle's error, {often}",
-            )
-            for place, often in (
-                ("motor", "once per motor turn"),
-                ("output_1", "once per output turn"),
-                ("output_2", "twice per output turn"),
-            )
-            for part in ("cosine", "sine")
-        ),
-        Parameter(
-            "windup_rad_per_nm",
-            "rad/(N m)",
-            -_ANGLE_LIMIT_RAD,
-            _ANGLE_LIMIT_RAD,
-            "change of the recorded motor angle with the known torque: an encoder behind a spring",
-        ),
-    ),
-    locked_to="motor",
-    parity="side lines of every strong order, in proportion to the order and its amplitude",
-    channel="kinematic",
-    look_alikes=("ripple-beat", "load-dependent-ripple", "encoder-slip"),
-    experiment="a second encoder at the motor; one error explains the side lines of all orders",
-    source="first term of the ripple in powers of the angle's error; Ghorbel, Gandhi, Alpeter 2001",
-    columns=no_shape(_transmission),
-    harmonic=False,
-    applicable=all_of(output_turns(1.0), _has_ripple),
-    whole_signal=True,
-)
+COMPUTED = {
+    "torsional-resonance": Computed(_resonance, all_of(motor_turns(1.0), speed_varies)),
+    "kinematic-error": Computed(no_shape(_kinematic), all_of(motor_turns(1.0), _has_inertia)),
+    "transmission-error": Computed(no_shape(_transmission), all_of(output_turns(1.0), _has_ripple)),
+}

@@ -1,4 +1,4 @@
-"""Causes of the sensor that need no memory: what a known torque becomes in the bridge."""
+"""Causes of the sensor and of the arm: what a known torque becomes in the bridge."""
 
 from __future__ import annotations
 
@@ -6,25 +6,35 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from hdbench.model.causes._needs import all_of, both_signs, known_torque, loaded
-from hdbench.model.causes._parts import (
-    RATIO_LIMIT,
-    REFERENCE_LOAD_NM,
-    no_shape,
-    ratio_parameter,
-    single,
-    torque_parameter,
+from hdbench.model.causes._memory import plays, remembered, spread_out
+from hdbench.model.causes._needs import (
+    STANDING_RAD_S,
+    all_of,
+    both_signs,
+    has_load,
+    known_torque,
+    loaded,
+    output_turns,
+    torque_turns,
 )
-from hdbench.model.definition import Cause, Parameter
+from hdbench.model.causes._parts import REFERENCE_LOAD_NM, Computed, no_shape, pair, single
 from hdbench.model.motion import Motion
 from hdbench.records.trace import FloatArray
 
-__all__ = ["BACKLASH", "CUBIC_NONLINEARITY", "GAIN_ERROR", "SATURATION", "whole_signal"]
+__all__ = ["COMPUTED"]
 
-
-# a limiter of this sharpness is within 0.4 % of a hard stop at the limit itself, and within 0.01 %
-# of it 3 % below: what a channel that is cut off gives, such as a converter at its end
-_SHARPEST = 64.0
+# a power of this is nothing beside 1: tanh x = x (1 - x^2 / 3)
+_FAR_BELOW = 1e-9
+# from forty times a limit on the hyperbolic tangent is 1 to the last digit, at any sharpness
+_FAR_ABOVE = 40.0
+# a play nearer to the largest torque takes nearly all of it: that is a gain, and no clearance of a
+# joint (0.5 to 2 N m on a drive of 40 N m) comes near
+_PLAY_SHARE = 0.3
+# elements whose yields lie evenly between 0 and the largest: the curve of first loading is within
+# 1/(8 n^2) = 0.2 % of the parabola of infinitely many
+_ELEMENTS = 8
+# where the angle of static readings comes from, as `motion_from_loads` says
+_READINGS = "position_rad"
 
 
 def whole_signal(motion: Motion) -> FloatArray:
@@ -46,12 +56,6 @@ def _backlash(motion: Motion, shape: Mapping[str, float]) -> FloatArray:
     return single(-np.clip(motion.applied_nm, -play, play))
 
 
-# a power of this is nothing beside 1: tanh x = x (1 - x^2 / 3)
-_FAR_BELOW = 1e-9
-# from forty times a limit on the hyperbolic tangent is 1 to the last digit, at any sharpness
-_FAR_ABOVE = 40.0
-
-
 def _saturation(motion: Motion, shape: Mapping[str, float]) -> FloatArray:
     limit, power, torque = shape["limit_nm"], shape["sharpness"], whole_signal(motion)
     size = np.abs(torque) / limit
@@ -68,11 +72,6 @@ def _largest(torque: FloatArray, motion: Motion) -> float:
     return float(known.max()) if len(known) else 0.0
 
 
-# a play nearer to the largest torque takes nearly all of it: that is a gain, and no clearance of a
-# joint (0.5 to 2 N m on a drive of 40 N m) comes near
-_PLAY_SHARE = 0.3
-
-
 def _play_reach(motion: Motion) -> dict[str, tuple[float, float]]:
     return {"play_nm": (0.0, _PLAY_SHARE * _largest(motion.applied_nm, motion))}
 
@@ -84,77 +83,73 @@ def _limit_reach(motion: Motion) -> dict[str, tuple[float, float]]:
     return {"limit_nm": (0.5 * largest, 60.0 * largest)}
 
 
-GAIN_ERROR = Cause(
-    name="gain-error",
-    equation="g tau",
-    shape=(),
-    linear=(Parameter("gain_error", "1", -0.5, 0.5, "relative error of the sensor's gain, g"),),
-    locked_to="load",
-    parity="odd in load, even in speed",
-    channel="sensor",
-    look_alikes=("inertia-error", "cubic-nonlinearity", "position-dependent-gain"),
-    experiment="static weights on at least five levels of both signs",
-    source="Taghirad, CIM-TR-97-06, section 3 (gain by static loads)",
-    columns=no_shape(_applied),
-    harmonic=False,
-    applicable=known_torque,
-)
-CUBIC_NONLINEARITY = Cause(
-    name="cubic-nonlinearity",
-    equation=f"c (tau / {REFERENCE_LOAD_NM:g} N m)^3",
-    shape=(),
-    linear=(torque_parameter("cubic_nm", f"deviation at {REFERENCE_LOAD_NM:g} N m, c"),),
-    locked_to="load",
-    parity="odd in load, even in speed",
-    channel="sensor",
-    look_alikes=("saturation", "arm-sag", "gain-error", "piecewise-stiffness"),
-    experiment="static weights on five levels or more of both signs, up to the rated torque",
-    source="first odd term of a sensor's curve after its gain; EURAMET cg-14 fits a cubic",
-    columns=no_shape(_cubic),
-    harmonic=False,
-    applicable=loaded,
-)
-BACKLASH = Cause(
-    name="backlash",
-    equation="-s clip(tau, -b, b), s = 1 where nothing is transmitted inside the play",
-    shape=(Parameter("play_nm", "N m", 1e-4, 500.0, "half of the play, as a torque, b"),),
-    linear=(ratio_parameter("share", "share of the torque lost inside the play, s"),),
-    locked_to="load",
-    parity="odd in load; only near zero torque",
-    channel="mechanical",
-    look_alikes=("hysteresis", "gain-error", "coulomb-friction"),
-    experiment="a small torque sine about zero, and again about 10 N m",
-    source="dead zone: torque is passed on beyond the play only",
-    columns=_backlash,
-    harmonic=False,
-    applicable=all_of(loaded, both_signs),
-    reach=_play_reach,
-)
-SATURATION = Cause(
-    name="saturation",
-    equation="s (L tanh(abs(y / L)^p)^(1/p) sgn y - y), y the torque in the channel, s = 1",
-    shape=(
-        Parameter("limit_nm", "N m", 0.1, 1e4, "torque that the channel never exceeds, L"),
-        Parameter(
-            "sharpness",
-            "1",
-            1.0,
-            _SHARPEST,
-            "1 for a limit that sets in slowly, 8 for a sharp knee, 64 for a hard stop, p",
-            default=1.0,
-        ),
+def _standing(motion: Motion) -> bool:
+    """Return whether the motor stands throughout: readings under locked load."""
+    speed = np.abs(motion.velocity_rad_s[motion.valid])
+    return not bool((speed > STANDING_RAD_S).any())
+
+
+def _sag(motion: Motion) -> FloatArray:
+    share = motion.applied_nm / REFERENCE_LOAD_NM
+    if _standing(motion):
+        return np.column_stack((share * np.abs(share), share * share))
+    weight = 1.0 if has_load(motion) is not None else share * share
+    return pair(2.0 * motion.output_angle_rad, weight)
+
+
+def _sag_applicable(motion: Motion) -> str | None:
+    return loaded(motion) if _standing(motion) else output_turns(0.5)(motion)
+
+
+def _magnitude(motion: Motion) -> FloatArray:
+    return single(np.abs(motion.applied_nm))
+
+
+def _magnitude_in_nm(motion: Motion) -> FloatArray:
+    return single(np.abs(motion.applied_nm) / REFERENCE_LOAD_NM)
+
+
+def _loop(motion: Motion, shape: Mapping[str, float]) -> FloatArray:
+    applied = motion.applied_nm
+    at, starts = remembered(motion, applied)
+    torque = applied[at]
+    yields = shape["yield_nm"] * (np.arange(_ELEMENTS) + 0.5) / _ELEMENTS
+    loop = (_ELEMENTS * torque - plays(torque, yields, starts)) / yields.sum()
+    # the gain of a calibration is fitted with all loops of the sensor in it; its readings need none
+    gain = np.zeros(len(motion)) if motion.angle_source == _READINGS else applied
+    return np.column_stack((spread_out(loop, at, len(motion)), gain))
+
+
+def _yield_reach(motion: Motion) -> dict[str, tuple[float, float]]:
+    torque = motion.applied_nm[motion.valid & np.isfinite(motion.applied_nm)]
+    span = float(np.ptp(torque)) if len(torque) else 0.0
+    # elements beyond half the span never yield: from there on the loop keeps its form, a parabola
+    return {"yield_nm": (0.01 * span, 0.5 * span)}
+
+
+def _possible_loops(motion: Motion, shape: Mapping[str, float]) -> FloatArray:
+    """Return the loop with all that a gain leaves of it, and without any.
+
+    A gain that was calibrated with the loop holds a part of its slope: between nothing and the
+    chord of its first loading up to the largest torque. More, or of the other sign, is an error of
+    the gain.
+    """
+    torque = motion.applied_nm[motion.valid & np.isfinite(motion.applied_nm)]
+    largest = max(float(np.abs(torque).max(initial=0.0)), np.finfo(float).tiny)
+    yields = shape["yield_nm"] * (np.arange(_ELEMENTS) + 0.5) / _ELEMENTS
+    chord = float(np.minimum(yields, largest).sum() / yields.sum()) / largest
+    return np.array([[1.0, 1.0], [0.0, -chord]])
+
+
+COMPUTED = {
+    "gain-error": Computed(no_shape(_applied), known_torque),
+    "cubic-nonlinearity": Computed(no_shape(_cubic), loaded),
+    "backlash": Computed(_backlash, all_of(loaded, both_signs), reach=_play_reach),
+    "saturation": Computed(_saturation, loaded, reach=_limit_reach),
+    "arm-sag": Computed(no_shape(_sag), _sag_applicable),
+    "side-force": Computed(no_shape(_magnitude_in_nm), loaded),
+    "direction-asymmetry": Computed(no_shape(_magnitude), loaded),
+    "hysteresis": Computed(
+        _loop, all_of(loaded, torque_turns), reach=_yield_reach, possible=_possible_loops
     ),
-    # a channel that gives more than its torque has no limit
-    linear=(Parameter("share", "1", 0.0, RATIO_LIMIT, "1 for a channel with the limit L, s"),),
-    locked_to="load",
-    parity="odd in the whole torque, even in speed",
-    channel="sensor",
-    look_alikes=("cubic-nonlinearity", "cubic-stiffness", "piecewise-stiffness"),
-    experiment="the highest torque of both signs; its code histogram",
-    source="smooth limiter of free sharpness; a hard one is seen in the code histogram too",
-    columns=_saturation,
-    harmonic=False,
-    applicable=loaded,
-    reach=_limit_reach,
-    whole_signal=True,
-)
+}

@@ -6,16 +6,16 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from hdbench.model.causes._needs import lasts
-from hdbench.model.causes._parts import no_column, no_shape, single, torque_parameter
-from hdbench.model.definition import Cause, Parameter
+from hdbench.model.causes._memory import first_order, remembered, spread_out
+from hdbench.model.causes._needs import all_of, lasts, loaded
+from hdbench.model.causes._parts import Computed, no_column, no_shape, single
 from hdbench.model.motion import Motion
 from hdbench.records.trace import FloatArray
 
-__all__ = ["TIME_LIMIT_S", "WARM_UP", "ZERO_DRIFT", "ZERO_RANDOM_WALK", "ZERO_STEP"]
+__all__ = ["COMPUTED"]
 
-# time stamps of any record: a little over eleven days to both sides of zero
-TIME_LIMIT_S = 1e6
+# shortest time constant of a warm-up in the catalogue
+_SHORTEST_S = 5.0
 
 
 def _since_start(motion: Motion) -> FloatArray:
@@ -34,72 +34,37 @@ def _warm_up(motion: Motion, shape: Mapping[str, float]) -> FloatArray:
     return single(-np.expm1(-_since_start(motion) / shape["time_constant_s"]))
 
 
-_TIME_CONSTANT = Parameter(
-    "time_constant_s", "s", 5.0, 7200.0, "time in which all but 1/e of the change is done"
-)
-ZERO_STEP = Cause(
-    name="zero-step",
-    equation="b H(t - t_0)",
-    shape=(Parameter("step_time_s", "s", -TIME_LIMIT_S, TIME_LIMIT_S, "time of the step, t_0"),),
-    linear=(torque_parameter("step_nm", "change of the zero, b"),),
-    locked_to="time",
-    parity="does not depend on speed or load",
-    channel="sensor",
-    look_alikes=("coulomb-friction", "warm-up", "zero-random-walk"),
-    experiment="rest before and after; repeat the reversals",
-    source="change of a sensor's zero in one moment",
-    columns=_step,
-    harmonic=False,
-)
-ZERO_DRIFT = Cause(
-    name="zero-drift",
-    equation="b (t - t_start)",
-    shape=(),
-    linear=(
-        Parameter("drift_nm_per_s", "N m/s", -1000.0, 1000.0, "rate of change of the zero, b"),
-    ),
-    locked_to="time",
-    parity="does not depend on speed or load",
-    channel="sensor",
-    look_alikes=("warm-up", "zero-random-walk", "creep"),
-    experiment="rest, run, rest, with temperature recorded, for twice the warm-up time",
-    source="first term of a slow change of a sensor's zero in powers of time",
-    columns=no_shape(_drift),
-    harmonic=False,
-)
-WARM_UP = Cause(
-    name="warm-up",
-    equation="b (1 - exp(-(t - t_start) / T_c))",
-    shape=(_TIME_CONSTANT,),
-    linear=(torque_parameter("rise_nm", "change of the zero after a long time, b"),),
-    locked_to="time",
-    parity="does not depend on speed or load",
-    channel="sensor",
-    look_alikes=("zero-drift", "creep", "zero-step", "zero-random-walk"),
-    experiment="rest, run, rest, with temperature recorded, for twice the warm-up time",
-    source="first-order approach to thermal balance",
-    columns=_warm_up,
-    harmonic=False,
-    applicable=lasts(_TIME_CONSTANT.lower),
-)
+def _creep(motion: Motion, shape: Mapping[str, float]) -> FloatArray:
+    applied = motion.applied_nm
+    at, starts = remembered(motion, applied)
+    torque, constant = applied[at], shape["time_constant_s"]
+    step = np.diff(motion.time_s[at], prepend=motion.time_s[at[:1]])
+    ratio = step / constant
+    done = -np.expm1(-ratio)
+    change = np.diff(torque, prepend=torque[:1])
+    # share of a change, linear over the step, that has crept in by its end: 1 - done / ratio, which
+    # loses its digits for a short step; its series to second order is exact to 1e-13 below 1e-4
+    short = ratio < 1e-4
+    late = np.where(
+        short, ratio / 2.0 - ratio * ratio / 6.0, 1.0 - done / np.where(short, 1.0, ratio)
+    )
+    drive = (torque - change) * done + change * late
+    state = first_order(np.where(starts, 0.0, 1.0 - done), np.where(starts, 0.0, drive))
+    return single(spread_out(state, at, len(motion)))
 
-ZERO_RANDOM_WALK = Cause(
-    name="zero-random-walk",
-    equation="a zero that walks: standard deviation s sqrt(t) after the time t",
-    shape=(
-        Parameter(
-            "intensity_nm_per_sqrt_s", "N m/s^0.5", 1e-6, 100.0, "step of the zero in one second, s"
-        ),
-    ),
-    linear=(),
-    locked_to="time",
-    parity="does not depend on speed or load",
-    channel="sensor",
-    look_alikes=("zero-drift", "warm-up", "zero-step"),
-    experiment="rest, run, rest, repeated: a drift comes back the same, a walk does not",
-    source="Wiener process: increments of independent time are independent",
-    columns=no_column,
-    harmonic=False,
-    applicable=lasts(1.0),
-    additive=False,
-)
+
+def _creep_reach(motion: Motion) -> dict[str, tuple[float, float]]:
+    steps = np.diff(motion.time_s)
+    span = float(motion.time_s[-1] - motion.time_s[0])
+    # faster than two samples creep is part of the gain; slower than thrice the record it is the
+    # integral of the load, whatever the time constant
+    return {"time_constant_s": (2.0 * float(np.median(steps)) if len(steps) else 0.0, 3.0 * span)}
+
+
+COMPUTED = {
+    "zero-step": Computed(_step),
+    "zero-drift": Computed(no_shape(_drift)),
+    "warm-up": Computed(_warm_up, lasts(_SHORTEST_S)),
+    "zero-random-walk": Computed(no_column, lasts(1.0)),
+    "creep": Computed(_creep, all_of(loaded, lasts(1.0)), reach=_creep_reach),
+}

@@ -2,8 +2,9 @@
 (() => {
   "use strict";
   const NS = "http://www.w3.org/2000/svg";
-  const COLUMNS = 900; // stretches of a redrawn curve: one for each pixel of a wide screen
+  const PAIR = /(-?[\d.]+(?:e-?\d+)?)[ ,](-?[\d.]+(?:e-?\d+)?)/g;
   const STEP = 0.6; // a press of + leaves this share of the abscissa
+  const LEAST = 0.05; // narrowest view, in points of the drawing: it is written to 0.001
 
   const make = (tag, attributes) => {
     const element = document.createElementNS(NS, tag);
@@ -11,437 +12,243 @@
     return element;
   };
 
-  const numbers = (packed) => {
-    if (packed.step !== undefined) {
-      return Float64Array.from({ length: packed.n }, (_, i) => packed.start + i * packed.step);
-    }
-    const bytes = Uint8Array.from(atob(packed.data), (c) => c.charCodeAt(0));
-    return packed.bytes === 8 ? new Float64Array(bytes.buffer) : new Float32Array(bytes.buffer);
-  };
-
-  // first place in a rising array whose value is not below x
-  const place = (xs, x) => {
-    let low = 0;
-    let high = xs.length;
-    while (low < high) {
-      const middle = (low + high) >> 1;
-      if (xs[middle] < x) low = middle + 1;
-      else high = middle;
-    }
-    return low;
-  };
-
-  const scale = (log) => (log ? Math.log10 : (v) => v);
-  const back = (log) => (log ? (v) => 10 ** v : (v) => v);
-
-  // round numbers between two ends, at most `most` of them
+  // steps of 1, 2 or 5 between two ends, at most `most` of them, with the digits they need
   const ticks = (low, high, most) => {
+    if (low > high) return ticks(high, low, most);
     const rough = (high - low) / most;
     const power = 10 ** Math.floor(Math.log10(rough));
     const step = power * [1, 2, 5, 10].find((m) => m * power >= rough);
+    const places = Math.max(0, Math.ceil(-Math.log10(step) - 1e-9));
     const found = [];
-    for (let k = Math.ceil(low / step); k * step <= high * (1 + 1e-12); k += 1) found.push(k * step);
-    return [found, Math.max(0, Math.ceil(-Math.log10(step) - 1e-9))];
+    for (let k = Math.ceil(low / step); k * step <= high; k += 1) found.push([k * step, places]);
+    return found;
   };
 
-  const short = (value, span) => {
-    if (!Number.isFinite(value)) return "–";
-    const places = Math.min(9, Math.max(0, Math.ceil(3 - Math.log10(span || 1))));
-    return Math.abs(value) >= 1e5 || (value !== 0 && Math.abs(value) < 1e-4)
+  const digits = (value, span) =>
+    Math.abs(value) >= 1e5 || (value !== 0 && Math.abs(value) < 1e-4)
       ? value.toExponential(3)
-      : value.toFixed(places);
-  };
+      : value.toFixed(Math.min(9, Math.max(0, Math.ceil(3 - Math.log10(span || 1)))));
 
+  // one pair of axes; `view` is the part of the still drawing that is seen, in its own points
   class Axes {
-    constructor(figure, spec) {
+    constructor(svg, spec) {
       Object.assign(this, spec);
-      this.figure = figure;
-      this.fx = scale(spec.logx);
-      this.fy = scale(spec.logy);
-      this.whole = { x: spec.x, y: spec.y };
-      this.now = this.whole;
-      for (const line of this.lines) {
-        line.element = figure.part(line.id);
-        line.values = [numbers(line.xs), numbers(line.ys)];
-        const path = line.element && line.element.querySelector("path[style*=stroke]");
-        line.path = line.line ? path : null;
-        line.drawn = path ? path.getAttribute("d") : "";
-        line.colour = path ? path.style.stroke : "currentColor";
-      }
-      this.movers = this.moved.map((id) => figure.part(id)).filter(Boolean);
-      this.words = this.texts.map((t) => ({ ...t, element: figure.part(t.id) })).filter((t) => t.element);
-      this.layer = make("g", { class: "zoomed" });
-      const [x, y, width, height] = this.box;
-      const clip = make("clipPath", { id: `${figure.name}-clip-${this.at}` });
-      clip.append(make("rect", { x, y, width, height }));
-      this.inside = make("g", { "clip-path": `url(#${clip.id})` });
-      this.layer.append(clip, this.inside);
-      this.guide = make("line", { class: "guide", y1: y, y2: y + height, visibility: "hidden" });
-      this.brush = make("rect", { class: "brush", y, height, width: 0, visibility: "hidden" });
-      figure.svg.append(this.layer, this.guide, this.brush);
-    }
-
-    px(value) {
-      const [low, high] = this.now.x.map(this.fx);
-      return this.box[0] + ((this.fx(value) - low) / (high - low)) * this.box[2];
-    }
-
-    py(value) {
-      const [low, high] = this.now.y.map(this.fy);
-      return this.box[1] + this.box[3] - ((this.fy(value) - low) / (high - low)) * this.box[3];
-    }
-
-    value(px) {
-      const [low, high] = this.now.x.map(this.fx);
-      return back(this.logx)(low + ((px - this.box[0]) / this.box[2]) * (high - low));
-    }
-
-    // lowest and highest value of what is seen, with a margin
-    fitted(x) {
-      let low = Infinity;
-      let high = -Infinity;
-      for (const line of this.lines) {
-        const [xs, ys] = line.values;
-        const [first, end] = line.rising ? [place(xs, x[0]), place(xs, x[1])] : [0, xs.length];
-        for (let i = first; i < end; i += 1) {
-          if (!(xs[i] >= x[0] && xs[i] <= x[1]) || !Number.isFinite(ys[i])) continue;
-          if (this.logy && !(ys[i] > 0)) continue;
-          if (ys[i] < low) low = ys[i];
-          if (ys[i] > high) high = ys[i];
+      const [left, top, width, height] = spec.box;
+      this.whole = { left, right: left + width, top, bottom: top + height };
+      const group = svg.querySelector(`[id$="-axes_${spec.at + 1}"]`);
+      const data = [...group.querySelectorAll("[clip-path]")].filter((e) => !e.closest('[id*="matplotlib.axis"]'));
+      this.still = [...group.querySelectorAll('[id*="tick_"]')];
+      this.curves = spec.labels.map((label, k) => ({ label, points: this.points(group, k) }));
+      // the parts move inside of one clip that stays
+      const frame = make("g", { "clip-path": data[0].getAttribute("clip-path") });
+      let first = data[0];
+      while (first.parentNode !== group) first = first.parentNode;
+      group.insertBefore(frame, first);
+      this.parts = [];
+      for (const part of data) {
+        const curve = part.closest('[id*="-curve-"]');
+        part.removeAttribute("clip-path");
+        frame.append(part);
+        for (const path of part.matches("path") ? [part] : part.querySelectorAll("path"))
+          this.parts.push([path, (m) => path.setAttribute("d", m.path), path.getAttribute("d")]);
+        for (const use of part.querySelectorAll("use")) {
+          if (curve) this.parts.push([use, (m) => { use.setAttribute("x", m.x); use.setAttribute("y", m.y); }]);
+          else this.parts.push([use, (m) => use.setAttribute("transform", m.matrix)]);
         }
       }
-      if (!(high > low)) return this.whole.y;
-      const [from, to] = [this.fy(low), this.fy(high)];
-      const margin = 0.05 * (to - from);
-      return [from - margin, to + margin].map(back(this.logy));
+      this.parts = this.parts.map(([element, move, d]) =>
+        ({ move, d, x: +element.getAttribute("x"), y: +element.getAttribute("y") }));
+      // texts inside of the frame stand at data; title and legend do not
+      this.notes = [...group.querySelectorAll(':scope > [id*="-text_"]')]
+        .map((element) => ({ element, at: element.querySelector("text") }))
+        .map(({ element, at }) => ({ element, x: +at.getAttribute("x"), y: +at.getAttribute("y") }))
+        .filter(({ y }) => y > top && y < top + height);
+      this.marks = make("g", { class: "marks" });
+      frame.before(this.marks);
+      this.guide = make("line", { class: "guide", y1: top, y2: top + height, visibility: "hidden" });
+      this.brush = make("rect", { class: "brush", y: top, height, width: 0, visibility: "hidden" });
+      svg.append(this.guide, this.brush);
+      this.view = this.whole;
     }
 
-    set(x) {
-      const same = x[0] <= this.whole.x[0] && x[1] >= this.whole.x[1];
-      this.now = same ? this.whole : { x, y: this.fitted(x) };
-      this.figure.svg.classList.toggle("is-zoomed", !same);
-      if (same) this.restore();
-      else this.draw();
+    points(group, k) {
+      const curve = group.querySelector(`[id$="-curve-${this.at}-${k}"]`);
+      const path = curve.querySelector(":scope > path");
+      return path
+        ? [...path.getAttribute("d").matchAll(PAIR)].map((pair) => [+pair[1], +pair[2]])
+        : [...curve.querySelectorAll("use")].map((u) => [+u.getAttribute("x"), +u.getAttribute("y")]);
     }
 
-    restore() {
-      this.inside.replaceChildren();
-      this.layer.querySelectorAll(".tick").forEach((tick) => tick.remove());
-      for (const line of this.lines) if (line.element) line.element.style.display = "";
-      for (const mover of this.movers) mover.style.display = "";
-      for (const word of this.words) {
-        word.element.style.display = "";
-        word.element.removeAttribute("transform");
+    // values at a place of the still drawing
+    valueX(px) {
+      const value = this.x[0] + ((px - this.whole.left) / this.box[2]) * (this.x[1] - this.x[0]);
+      return this.logx ? 10 ** value : value;
+    }
+
+    valueY(py) {
+      const value = this.y[0] + ((this.whole.bottom - py) / this.box[3]) * (this.y[1] - this.y[0]);
+      return this.logy ? 10 ** value : value;
+    }
+
+    // place of the still drawing under a place of the zoomed one
+    under(px) {
+      return this.view.left + ((px - this.box[0]) / this.box[2]) * (this.view.right - this.view.left);
+    }
+
+    show(left, right) {
+      const zoomed = left > this.whole.left || right < this.whole.right;
+      this.view = zoomed ? { left, right, ...this.fitted(left, right) } : this.whole;
+      const { top, bottom } = this.view;
+      const sx = this.box[2] / (this.view.right - this.view.left);
+      const sy = this.box[3] / (bottom - top);
+      const x = (v) => this.box[0] + sx * (v - this.view.left);
+      const y = (v) => this.box[1] + sy * (v - top);
+      const matrix = `matrix(${sx} 0 0 ${sy} ${x(0)} ${y(0)})`;
+      const moved = (d) => d.replace(PAIR, (_, a, b) => `${x(a).toFixed(3)} ${y(b).toFixed(3)}`);
+      for (const part of this.parts) {
+        part.move({ path: part.d && (zoomed ? moved(part.d) : part.d), x: x(part.x), y: y(part.y), matrix });
       }
-      this.figure.axis(this.at, true);
-    }
-
-    draw() {
-      this.restore();
-      this.figure.axis(this.at, false);
-      this.drawTicks();
-      for (const line of this.lines) {
-        if (line.element) line.element.style.display = "none";
-        if (line.path) {
-          const path = line.path.cloneNode(false);
-          path.removeAttribute("clip-path");
-          path.setAttribute("d", this.curve(line));
-          this.inside.append(path);
-        }
-        if (line.marker) this.dots(line);
+      for (const note of this.notes) {
+        note.element.setAttribute("transform", `translate(${x(note.x) - note.x} ${y(note.y) - note.y})`);
+        const inside = x(note.x) >= this.whole.left && x(note.x) <= this.whole.right;
+        note.element.style.display = inside ? "" : "none";
       }
-      for (const mover of this.movers) {
-        const copy = mover.cloneNode(true);
-        copy.removeAttribute("id");
-        copy.querySelectorAll("[clip-path]").forEach((e) => e.removeAttribute("clip-path"));
-        copy.setAttribute("transform", this.matrix());
-        copy.classList.add("moved");
-        mover.style.display = "none";
-        this.inside.append(copy);
-      }
-      for (const word of this.words) this.moveWord(word);
+      for (const tick of this.still) tick.style.display = zoomed ? "none" : "";
+      this.marks.replaceChildren();
+      if (zoomed) this.drawTicks(x, y);
     }
 
-    // takes the whole picture to the part that is seen
-    matrix() {
-      const [x0, x1] = this.whole.x.map((v) => this.px(v));
-      const [y0, y1] = this.whole.y.map((v) => this.py(v));
-      const [left, top, width, height] = this.box;
-      const sx = (x1 - x0) / width;
-      const sy = (y0 - y1) / height;
-      return `matrix(${sx} 0 0 ${sy} ${x0 - sx * left} ${y1 - sy * top})`;
+    // highest and lowest point between two abscissae, with a margin
+    fitted(left, right) {
+      const seen = this.curves.flatMap(({ points }) => points.filter(([px]) => px >= left && px <= right));
+      const ys = seen.map(([, py]) => py);
+      const [top, bottom] = ys.reduce(([low, high], v) => [Math.min(low, v), Math.max(high, v)], [Infinity, -Infinity]);
+      const margin = 0.05 * (bottom - top);
+      return margin > 0 ? { top: top - margin, bottom: bottom + margin } : { top: this.whole.top, bottom: this.whole.bottom };
     }
 
-    moveWord(word) {
-      const now = [this.px(word.x), this.py(word.y)];
-      const then = this.now;
-      this.now = this.whole;
-      const was = [this.px(word.x), this.py(word.y)];
-      this.now = then;
-      const [left, top, width, height] = this.box;
-      const seen = now[0] >= left && now[0] <= left + width && now[1] >= top && now[1] <= top + height;
-      word.element.style.display = seen ? "" : "none";
-      word.element.setAttribute("transform", `translate(${now[0] - was[0]} ${now[1] - was[1]})`);
-    }
-
-    // smallest and largest value of each stretch, as in the still picture
-    curve(line) {
-      const [xs, ys] = line.values;
-      let [first, end] = [0, xs.length];
-      if (line.rising) {
-        first = Math.max(0, place(xs, this.now.x[0]) - 1);
-        end = Math.min(xs.length, place(xs, this.now.x[1]) + 2);
-      }
-      const parts = [];
-      let pen = false;
-      const put = (i) => {
-        const good = Number.isFinite(ys[i]) && Number.isFinite(xs[i]) && !(this.logy && !(ys[i] > 0));
-        if (good) parts.push(`${pen ? "L" : "M"}${this.px(xs[i]).toFixed(2)} ${this.py(ys[i]).toFixed(2)}`);
-        pen = good;
+    drawTicks(x, y) {
+      const { left, right, top, bottom } = this.whole;
+      const add = (at, line, label) => {
+        const text = make("text", label);
+        text.textContent = at;
+        this.marks.append(make("line", line), text);
       };
-      const width = (end - first) / COLUMNS;
-      if (!line.rising || width <= 2) {
-        for (let i = first; i < end; i += 1) put(i);
-        return parts.join("");
+      const scale = (ends, log) => ends.map((v) => (log ? Math.log10(v) : v));
+      const text = (v, places, log) => (log ? (10 ** v).toPrecision(3) : v.toFixed(places).replace(/^-(0\.?0*)$/, "$1"));
+      const from = (v, [low, high], start, length) => start + ((v - low) / (high - low)) * length;
+      for (const [v, places] of ticks(...scale([this.valueX(this.view.left), this.valueX(this.view.right)], this.logx), 6)) {
+        const px = x(from(v, this.x, left, this.box[2]));
+        add(text(v, places, this.logx), { x1: px, x2: px, y1: top, y2: bottom }, { x: px, y: bottom + 12, "text-anchor": "middle" });
       }
-      for (let column = 0; column < COLUMNS; column += 1) {
-        const from = first + Math.floor(column * width);
-        const to = first + Math.floor((column + 1) * width);
-        let [low, high, gap] = [-1, -1, false];
-        for (let i = from; i < to; i += 1) {
-          if (!Number.isFinite(ys[i])) gap = true;
-          else {
-            if (low < 0 || ys[i] < ys[low]) low = i;
-            if (high < 0 || ys[i] > ys[high]) high = i;
-          }
-        }
-        if (low >= 0) {
-          put(Math.min(low, high));
-          if (low !== high) put(Math.max(low, high));
-        }
-        if (gap) pen = false;
-      }
-      return parts.join("");
-    }
-
-    dots(line) {
-      const [xs, ys] = line.values;
-      const use = line.element && line.element.querySelector("use");
-      const colour = (use && use.style.stroke) || line.colour;
-      for (let i = 0; i < xs.length; i += 1) {
-        if (!(xs[i] >= this.now.x[0] && xs[i] <= this.now.x[1]) || !Number.isFinite(ys[i])) continue;
-        const dot = make("circle", { cx: this.px(xs[i]), cy: this.py(ys[i]), r: 2.4 });
-        dot.style.stroke = colour;
-        dot.style.fill = line.open ? "none" : (use && use.style.fill) || colour;
-        this.inside.append(dot);
+      for (const [v, places] of ticks(...scale([this.valueY(this.view.bottom), this.valueY(this.view.top)], this.logy), 5)) {
+        const py = y(from(v, this.y, bottom, -this.box[3]));
+        add(text(v, places, this.logy), { y1: py, y2: py, x1: left, x2: right }, { x: left - 4, y: py + 3, "text-anchor": "end" });
       }
     }
 
-    drawTicks() {
-      const [left, top, width, height] = this.box;
-      const add = (x, y, anchor, text, grid) => {
-        const mark = make("g", { class: "tick" });
-        mark.append(make("line", grid));
-        const label = make("text", { x, y, "text-anchor": anchor });
-        label.textContent = text;
-        mark.append(label);
-        this.layer.prepend(mark);
-      };
-      const labels = ([low, high], log, most) => {
-        if (!log) {
-          const [found, places] = ticks(low, high, most);
-          return found.map((v) => [v, v.toFixed(places).replace(/^-(0(\.0*)?)$/, "$1")]);
-        }
-        const [found] = ticks(Math.log10(low), Math.log10(high), most);
-        return found.map((e) => [10 ** e, (10 ** e).toPrecision(3)]);
-      };
-      for (const [v, text] of labels(this.now.x, this.logx, 6)) {
-        const x = this.px(v);
-        add(x, top + height + 12, "middle", text, { x1: x, x2: x, y1: top, y2: top + height });
-      }
-      for (const [v, text] of labels(this.now.y, this.logy, 5)) {
-        const y = this.py(v);
-        add(left - 4, y + 3, "end", text, { y1: y, y2: y, x1: left, x2: left + width });
-      }
-    }
-
-    // what the curves are at an abscissa
-    read(x) {
-      const span = this.now.x[1] - this.now.x[0];
-      const height = this.now.y[1] - this.now.y[0];
-      const words = [];
-      for (const line of this.lines) {
-        if (!line.rising) continue;
-        const [xs, ys] = line.values;
-        let i = place(xs, x);
-        if (i > 0 && (i === xs.length || x - xs[i - 1] < xs[i] - x)) i -= 1;
-        if (i < xs.length) words.push(`${line.label || this.ylabel} ${short(ys[i], height)}`);
-      }
-      return words.length ? `${this.xlabel || "x"} ${short(x, span)}: ${words.join(", ")}` : "";
+    // what the curves are next to a place of the zoomed drawing
+    read(px) {
+      const at = this.under(px);
+      const span = this.valueY(this.view.top) - this.valueY(this.view.bottom);
+      const words = this.curves.filter(({ points }) => points.length > 1).map(({ label, points }) => {
+        const near = points.reduce((best, point) => (Math.abs(point[0] - at) < Math.abs(best[0] - at) ? point : best));
+        return `${label || this.ylabel} ${digits(this.valueY(near[1]), span)}`;
+      });
+      const x = digits(this.valueX(at), this.valueX(this.view.right) - this.valueX(this.view.left));
+      return `${this.xlabel || "x"} ${x}: ${words.join(", ")}`;
     }
   }
 
-  class Figure {
-    constructor(svg, spec) {
-      this.svg = svg;
-      this.name = spec.name;
-      this.box = svg.closest("figure");
-      this.axes = spec.axes.map((one) => new Axes(this, one));
-      this.active = this.axes[0];
-      this.tools();
-      this.listen();
+  const prepare = (svg, specs) => {
+    const all = specs.map((spec) => new Axes(svg, spec));
+    let active = all[0];
+    const go = (left, right) => {
+      const ends = active.whole;
+      const [from, to] = [Math.max(ends.left, left), Math.min(ends.right, right)];
+      if (to - from < LEAST) return;
+      // axes that share their abscissa go along
+      for (const axes of all) if (axes.group === active.group) axes.show(from, to);
+    };
+    const narrow = (share) => {
+      const { left, right } = active.view;
+      const [middle, half] = [(left + right) / 2, ((right - left) / 2) * share];
+      go(middle - half, middle + half);
+    };
+    const shift = (share) => {
+      const { left, right } = active.view;
+      const by = share * (right - left);
+      const kept = Math.max(active.whole.left - left, Math.min(active.whole.right - right, by));
+      go(left + kept, right + kept);
+    };
+    const reset = () => all.forEach((axes) => axes.show(axes.whole.left, axes.whole.right));
+    const acts = [
+      ["+", "zoom in", ["+", "="], () => narrow(STEP)],
+      ["−", "zoom out", ["-"], () => narrow(1 / STEP)],
+      ["◂", "earlier", ["ArrowLeft"], () => shift(-0.25)],
+      ["▸", "later", ["ArrowRight"], () => shift(0.25)],
+      ["whole", "show the whole figure", ["0", "Escape"], reset],
+    ];
+    const bar = document.createElement("p");
+    bar.className = "tools";
+    for (const [text, label, , act] of acts) {
+      const button = document.createElement("button");
+      Object.assign(button, { type: "button", textContent: text, title: label, ariaLabel: label, onclick: act });
+      bar.append(button);
     }
+    const reading = document.createElement("output");
+    reading.textContent = "drag over a stretch to see it larger";
+    bar.append(reading);
+    svg.after(bar);
 
-    part(id) {
-      return document.getElementById(`${this.name}-${id}`);
-    }
-
-    // ticks and grid as they were drawn first
-    axis(at, shown) {
-      const group = document.getElementById(`${this.name}-axes_${at + 1}`);
-      if (!group) return;
-      for (const part of group.querySelectorAll('[id*="xtick_"], [id*="ytick_"]')) {
-        part.style.display = shown ? "" : "none";
+    const at = (event) => new DOMPoint(event.clientX, event.clientY).matrixTransform(svg.getScreenCTM().inverse());
+    const under = ({ x, y }) => all.find(({ whole: w }) => x >= w.left && x <= w.right && y >= w.top && y <= w.bottom);
+    let start = null;
+    svg.tabIndex = 0;
+    svg.onkeydown = (event) => {
+      const act = acts.find(([, , keys]) => keys.includes(event.key));
+      if (!act || event.ctrlKey || event.metaKey || event.altKey) return;
+      event.preventDefault();
+      act[3]();
+    };
+    svg.onpointerdown = (event) => {
+      const point = at(event);
+      if (!under(point) || event.button !== 0) return;
+      active = under(point);
+      start = point.x;
+      svg.setPointerCapture(event.pointerId);
+    };
+    svg.onpointermove = (event) => {
+      const point = at(event);
+      if (start !== null) {
+        const [a, b] = [start, point.x].map((v) => Math.max(active.whole.left, Math.min(active.whole.right, v)));
+        active.brush.setAttribute("x", Math.min(a, b));
+        active.brush.setAttribute("width", Math.abs(b - a));
+        active.brush.setAttribute("visibility", "visible");
       }
-    }
-
-    tools() {
-      const bar = document.createElement("p");
-      bar.className = "tools";
-      const buttons = [
-        ["+", "zoom in", () => this.narrow(STEP)],
-        ["−", "zoom out", () => this.narrow(1 / STEP)],
-        ["◂", "earlier", () => this.shift(-0.25)],
-        ["▸", "later", () => this.shift(0.25)],
-        ["whole", "show the whole figure", () => this.reset()],
-      ];
-      for (const [text, label, act] of buttons) {
-        const button = document.createElement("button");
-        button.type = "button";
-        button.textContent = text;
-        button.setAttribute("aria-label", label);
-        button.title = label;
-        button.addEventListener("click", act);
-        bar.append(button);
-      }
-      this.reading = document.createElement("output");
-      this.reading.setAttribute("aria-live", "polite");
-      this.reading.textContent = "drag over a stretch to see it larger";
-      bar.append(this.reading);
-      this.svg.after(bar);
-    }
-
-    // every axes that shares the abscissa goes along
-    go(x) {
-      const [low, high] = this.active.whole.x;
-      let [from, to] = [Math.max(low, x[0]), Math.min(high, x[1])];
-      if (!(to - from > (high - low) * 1e-6)) return;
-      for (const axes of this.axes) if (axes.group === this.active.group) axes.set([from, to]);
-    }
-
-    narrow(share) {
-      const axes = this.active;
-      const [low, high] = axes.now.x.map(axes.fx);
-      const [middle, half] = [(low + high) / 2, ((high - low) / 2) * share];
-      this.go([middle - half, middle + half].map(back(axes.logx)));
-    }
-
-    shift(share) {
-      const axes = this.active;
-      const [low, high] = axes.now.x.map(axes.fx);
-      const [first, last] = axes.whole.x.map(axes.fx);
-      const by = Math.max(first - low, Math.min(last - high, share * (high - low)));
-      this.go([low + by, high + by].map(back(axes.logx)));
-    }
-
-    reset() {
-      for (const axes of this.axes) axes.set(axes.whole.x);
-    }
-
-    at(event) {
-      const point = new DOMPoint(event.clientX, event.clientY);
-      return point.matrixTransform(this.svg.getScreenCTM().inverse());
-    }
-
-    under(point) {
-      return this.axes.find(({ box: [x, y, width, height] }) =>
-        point.x >= x && point.x <= x + width && point.y >= y && point.y <= y + height);
-    }
-
-    listen() {
-      const { svg } = this;
-      let start = null;
-      svg.addEventListener("pointerdown", (event) => {
-        const point = this.at(event);
-        const axes = this.under(point);
-        if (!axes || event.button !== 0) return;
-        this.active = axes;
-        start = point.x;
-        svg.setPointerCapture(event.pointerId);
-      });
-      svg.addEventListener("pointermove", (event) => {
-        const point = this.at(event);
-        if (start !== null) {
-          const { brush, box: [x, , width] } = this.active;
-          const [a, b] = [start, point.x].map((v) => Math.max(x, Math.min(x + width, v)));
-          brush.setAttribute("x", Math.min(a, b));
-          brush.setAttribute("width", Math.abs(b - a));
-          brush.setAttribute("visibility", "visible");
-        }
-        this.show(point);
-      });
-      const finish = (event) => {
-        if (start === null) return;
-        const end = this.at(event).x;
-        const axes = this.active;
-        axes.brush.setAttribute("visibility", "hidden");
-        // less than this is a click that shook
-        if (Math.abs(end - start) > 4) {
-          const [a, b] = [start, end].map((v) => axes.value(v));
-          this.go([Math.min(a, b), Math.max(a, b)]);
-        }
-        start = null;
-      };
-      svg.addEventListener("pointerup", finish);
-      svg.addEventListener("pointercancel", () => {
-        this.active.brush.setAttribute("visibility", "hidden");
-        start = null;
-      });
-      svg.addEventListener("dblclick", () => this.reset());
-      svg.addEventListener("pointerleave", () => {
-        for (const axes of this.axes) axes.guide.setAttribute("visibility", "hidden");
-      });
-      svg.tabIndex = 0;
-      svg.addEventListener("keydown", (event) => {
-        const acts = {
-          "+": () => this.narrow(STEP),
-          "=": () => this.narrow(STEP),
-          "-": () => this.narrow(1 / STEP),
-          ArrowLeft: () => this.shift(-0.25),
-          ArrowRight: () => this.shift(0.25),
-          Escape: () => this.reset(),
-          0: () => this.reset(),
-        };
-        if (!acts[event.key] || event.ctrlKey || event.metaKey || event.altKey) return;
-        event.preventDefault();
-        acts[event.key]();
-      });
-      addEventListener("beforeprint", () => this.reset());
-    }
-
-    show(point) {
-      const axes = this.under(point);
-      for (const one of this.axes) one.guide.setAttribute("visibility", "hidden");
+      const axes = under(point);
+      for (const one of all) one.guide.setAttribute("visibility", one === axes ? "visible" : "hidden");
       if (!axes) return;
       for (const name of ["x1", "x2"]) axes.guide.setAttribute(name, point.x);
-      axes.guide.setAttribute("visibility", "visible");
-      const words = axes.read(axes.value(point.x));
-      if (words) this.reading.textContent = words;
-    }
-  }
+      reading.textContent = axes.read(point.x);
+    };
+    const finish = (event) => {
+      if (start === null) return;
+      active.brush.setAttribute("visibility", "hidden");
+      const [a, b] = [start, at(event).x];
+      start = null;
+      // less than this is a click that shook
+      if (event.type === "pointerup" && Math.abs(a - b) > 4) go(active.under(Math.min(a, b)), active.under(Math.max(a, b)));
+    };
+    svg.onpointerup = finish;
+    svg.onpointercancel = finish;
+    svg.onpointerleave = () => all.forEach((axes) => axes.guide.setAttribute("visibility", "hidden"));
+    svg.ondblclick = reset;
+    addEventListener("beforeprint", reset);
+  };
 
   for (const svg of document.querySelectorAll("figure svg")) {
-    const spec = svg.querySelector("metadata.curves");
-    if (spec) new Figure(svg, JSON.parse(spec.textContent));
+    const spec = svg.querySelector("metadata.axes");
+    if (spec) prepare(svg, JSON.parse(spec.textContent));
   }
 })();

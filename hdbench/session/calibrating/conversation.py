@@ -1,4 +1,4 @@
-"""What a calibration says to the person at the bench, and what comes back."""
+"""Questions and lines of a calibration, and who answers them."""
 
 from __future__ import annotations
 
@@ -6,16 +6,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import Enum
 from typing import Literal, Protocol
-
-__all__ = [
-    "Answer",
-    "Conversation",
-    "Hands",
-    "LiveReading",
-    "Question",
-    "Reply",
-    "Unattended",
-]
 
 
 class Answer(Enum):
@@ -33,22 +23,7 @@ Topic = Literal["lock", "place", "hang", "gross-error", "time-out", "check", "la
 
 @dataclass(frozen=True, slots=True)
 class Question:
-    """One question.
-
-    Parameters
-    ----------
-    topic : str
-        ``lock``, ``place``, ``hang``; ``gross-error``, ``time-out`` and ``check`` (what was read is
-        in doubt); ``last`` (everything is read).
-    text : str
-        The question.
-    answers : tuple of Answer
-        What can be answered.
-    default : Answer
-        What Enter means.
-    progress : str
-        Place in the sequence, such as ``12 of 145``.
-    """
+    """One question."""
 
     topic: Topic
     text: str
@@ -59,15 +34,7 @@ class Question:
 
 @dataclass(frozen=True, slots=True)
 class Reply:
-    """An answer.
-
-    Parameters
-    ----------
-    answer : Answer
-        What is wanted.
-    mass_kg : float or None
-        Mass that hangs instead of the asked one; only on a simulated bench, for practice.
-    """
+    """An answer."""
 
     answer: Answer
     mass_kg: float | None = None
@@ -75,25 +42,7 @@ class Reply:
 
 @dataclass(frozen=True, slots=True)
 class LiveReading:
-    """What the bridge says while a reading settles.
-
-    Parameters
-    ----------
-    label : str
-        The point in words.
-    value_v, slope_v_s, spread_v : float
-        Mean (V), slope (V/s), and largest less smallest value (V) of the last window.
-    torque_nm : float
-        Torque that the mean stands for, N m.
-    share : float
-        Steady time that has passed, of what is needed, 0 to 1.
-    remaining_s : float
-        Steady time still needed, s.
-    waited_s, limit_s : float
-        Time since the change of load and longest wait, s.
-    swing_period_s : float or None
-        Period of a swing, s.
-    """
+    """What the bridge says while a reading settles."""
 
     label: str
     value_v: float
@@ -128,30 +77,6 @@ class Conversation(Protocol):
         ...
 
 
-class Hands(Protocol):
-    """Who moves things at a simulated bench; at a real one the person does."""
-
-    def mount(self, *, locked: bool, position_rad: float) -> None:
-        """Lock or release the wave generator and bring the flexspline to a position."""
-        ...
-
-    def put(self, mass_kg: float, *, direction: str, number: int, attempt: int) -> None:
-        """Hang a mass with pan and hook, kg; `attempt` counts the loadings of point `number`."""
-        ...
-
-    def shunt(self, *, closed: bool) -> bool:
-        """Switch the shunt resistor; False where the bench has none."""
-        ...
-
-    def history(self) -> list[dict[str, float]]:
-        """Return every change so far, for `restore`."""
-        ...
-
-    def restore(self, history: list[dict[str, float]], acquisitions: int) -> None:
-        """Bring a fresh simulated bench to where another one was left."""
-        ...
-
-
 # times a rule hangs the right weight before it takes a reading as it is
 _TRIES = 3
 
@@ -161,11 +86,6 @@ class Unattended:
     """Answers by rule: hang again after a gross error, take what does not settle, marked.
 
     Implements `Conversation`.
-
-    Parameters
-    ----------
-    say : callable
-        Takes remarkable lines.
     """
 
     say: Callable[[str], None] = lambda _line: None

@@ -1,4 +1,4 @@
-"""The sequence of a calibration: positions, directions, ranges, preloads, series."""
+"""Sequence of a calibration: positions, directions, ranges, preloads, series."""
 
 from __future__ import annotations
 
@@ -12,16 +12,6 @@ from hdbench.profile.calibrating import CalibrationPlan
 from hdbench.profile.schema import ProfileData
 from hdbench.session.calibrating.points import Point, Role
 from hdbench.session.plans import Lock, Place, Plan, Step
-
-__all__ = [
-    "HANDLING_S",
-    "MOUNTING_S",
-    "Preset",
-    "calibration_plan",
-    "calibration_points",
-    "expected_duration_s",
-    "sequence_plan",
-]
 
 Preset = Literal["report", "cg14"]
 
@@ -97,8 +87,8 @@ def _report(profile: ProfileData, plan: CalibrationPlan) -> Iterator[Point]:
         for direction in plan.directions:
             for load_range in plan.ranges:
                 masses = plan.low_masses_kg if load_range == "low" else plan.full_masses_kg
-                place = _Place(profile, index, plan.positions, direction, load_range)
-                yield from place.series(f"p{index + 1}-{direction}-{load_range}", masses)
+                loading = _Loading(profile, index, plan.positions, direction, load_range)
+                yield from loading.series(f"p{index + 1}-{direction}-{load_range}", masses)
 
 
 def _cg14(profile: ProfileData, plan: CalibrationPlan) -> Iterator[Point]:
@@ -108,18 +98,20 @@ def _cg14(profile: ProfileData, plan: CalibrationPlan) -> Iterator[Point]:
     first = True
     for direction in plan.directions:
         for index in range(steps.positions):
-            place = _Place(profile, index, steps.positions, direction, "full", steps.read_after_s)
+            loading = _Loading(
+                profile, index, steps.positions, direction, "full", steps.read_after_s
+            )
             name = f"p{index + 1}-{direction}-full"
             preloads = steps.preloads_first if first else steps.preloads_remounted
             first = False
-            yield from place.preloads(name, max(masses), preloads, steps.preload_s)
-            yield from place.series(name, masses)
+            yield from loading.preloads(name, max(masses), preloads, steps.preload_s)
+            yield from loading.series(name, masses)
             for repeat in range(steps.repeat_series if index == 0 else 0):
-                again = place.series(f"{name}-r{repeat + 2}", masses)
+                again = loading.series(f"{name}-r{repeat + 2}", masses)
                 yield from (replace(point, repeat=repeat + 1) for point in again)
 
 
-class _Place:
+class _Loading:
     """Points at one position, in one direction, over one range."""
 
     def __init__(

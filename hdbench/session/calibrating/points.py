@@ -1,13 +1,13 @@
-"""What a calibration asks for at the bench, one point after the other."""
+"""Points of a calibration, and the file that keeps their sequence for a resumed run."""
 
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, fields
+from pathlib import Path
 from typing import Any, Literal
 
 from hdbench.errors import DataError
-
-__all__ = ["PREPARATIONS", "Point", "Role", "point_from_dict"]
+from hdbench.records.jsonfile import read_json, write_json
 
 Role = Literal["zero-check", "shunt", "preload", "reading"]
 PREPARATIONS = ("zero-check", "shunt", "preload")
@@ -16,36 +16,7 @@ PREPARATIONS = ("zero-check", "shunt", "preload")
 
 @dataclass(frozen=True, slots=True)
 class Point:
-    """One load to put on, to wait for and to read.
-
-    Parameters
-    ----------
-    number : int
-        Place in the sequence, from 1: how the journal names the point.
-    role : str
-        ``zero-check`` (bridge at rest before the first weight), ``shunt``, ``preload`` or
-        ``reading``.
-    experiment : str
-        Identifier of the loading experiment.
-    position_rad : float
-        Flexspline position, rad.
-    range, direction, series : str
-        As in the loads file.
-    mass_kg : float
-        Mass on the arm, kg.
-    torque_nm : float
-        Torque expected of it, N m; cw positive.
-    step_nm : float
-        Smallest step between two loads of its series, N m.
-    read_after_s : float
-        Earliest reading after the change of load, s.
-    label : str
-        The point in words.
-    position_index, position_count : int
-        Number of the position, from 1, and how many there are.
-    repeat : int
-        0 for the first series in a mounting, 1, 2, ... for further ones without touching it.
-    """
+    """One load to put on, to wait for and to read."""
 
     number: int
     role: Role
@@ -78,28 +49,60 @@ class Point:
             f"{self.label}: {self.mass_kg:g} kg {self.direction}, expect {self.torque_nm:+.3f} N m"
         )
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return the point as the plan file keeps it."""
-        return asdict(self)
+
+def _damaged(what: str, where: str) -> DataError:
+    fix = "restore the file from a copy, or start the calibration anew"
+    return DataError(what, where=where, fix=fix)
 
 
 def point_from_dict(body: object, where: str) -> Point:
     """Return a point of a plan file."""
+    if not isinstance(body, dict):
+        raise _damaged("a point of the plan is damaged: no table", where)
     needed = {"float": (int, float), "int": (int,), "str": (str,), "Role": (str,)}
-    if isinstance(body, dict):
-        wrong = [
-            field.name
-            for field in fields(Point)
-            if not isinstance(body.get(field.name), needed[str(field.type)])
-            or isinstance(body.get(field.name), bool)
-        ]
-        if not wrong:
-            return Point(**{field.name: body[field.name] for field in fields(Point)})
+    values = {field.name: body.get(field.name) for field in fields(Point)}
+    wrong = [
+        field.name
+        for field in fields(Point)
+        if not isinstance(values[field.name], needed[str(field.type)])
+        or isinstance(values[field.name], bool)
+    ]
+    if wrong:
         what = f"{', '.join(wrong)} missing or of another type"
-    else:
-        what = "no table"
-    raise DataError(
-        f"a point of the plan is damaged: {what}",
-        where=where,
-        fix="restore the file from a copy, or start the calibration anew",
+        raise _damaged(f"a point of the plan is damaged: {what}", where)
+    return Point(**values)  # type: ignore[arg-type]
+
+
+PLAN_NAME = "plan.json"
+SCHEMA = "hdbench/calibration-plan/1"
+
+
+def write_points(folder: Path, points: tuple[Point, ...], preset: str) -> Path:
+    """Write the sequence into a run folder."""
+    body: dict[str, Any] = {
+        "schema": SCHEMA,
+        "preset": preset,
+        "points": [asdict(point) for point in points],
+    }
+    write_json(folder / PLAN_NAME, body)
+    return folder / PLAN_NAME
+
+
+def read_points(folder: Path) -> tuple[Point, ...]:
+    """Read the sequence of a stored run."""
+    path = folder / PLAN_NAME
+    if not path.is_file():
+        raise DataError(
+            f"no {PLAN_NAME}: the sequence of this calibration is not known",
+            where=str(folder),
+            fix="start the calibration anew; what was read is kept in this run",
+        )
+    listed = read_json(path, SCHEMA).get("points")
+    if not isinstance(listed, list) or not listed:
+        raise _damaged("no points; needed: the sequence of the calibration", str(path))
+    points = tuple(
+        point_from_dict(body, f"{path}: point {place}") for place, body in enumerate(listed, 1)
     )
+    if [point.number for point in points] != list(range(1, len(points) + 1)):
+        raise _damaged("the points are not numbered in order", str(path))
+    return points

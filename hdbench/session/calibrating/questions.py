@@ -1,25 +1,14 @@
-"""The questions and lines of a calibration in words."""
+"""Questions and lines of a calibration in words."""
 
 from __future__ import annotations
 
 import math
 
-from hdbench.session.calibrating.conversation import Answer, Question
-from hdbench.session.calibrating.guard import Expectation
+from hdbench.session.calibrating.conversation import Answer, LiveReading, Question
+from hdbench.session.calibrating.plausibility import Expectation
 from hdbench.session.calibrating.points import Point
-from hdbench.session.calibrating.settle import SettledReading
+from hdbench.session.calibrating.settling import Judgement, SettledReading, SettleRule
 from hdbench.session.calibrating.state import CalibrationState
-
-__all__ = [
-    "accepted_line",
-    "hang_question",
-    "last_question",
-    "left_line",
-    "lock_question",
-    "place_question",
-    "still_question",
-    "wrong_question",
-]
 
 _ALL = (Answer.ACCEPT, Answer.REPEAT, Answer.BACK, Answer.SKIP, Answer.QUIT)
 
@@ -114,4 +103,24 @@ def accepted_line(
     return (
         f"accepted {point.label}: {reading.mean_v:+.4f} V, "
         f"{expectation.torque_nm(reading.mean_v):+.3f} N m{swing}{marked}"
+    )
+
+
+def live_reading(
+    point: Point, judged: Judgement, rule: SettleRule, waited_s: float, torque_nm: float
+) -> LiveReading:
+    """Return what a person sees of one moment."""
+    needed_s = rule.window * rule.period_s
+    earliest_s = rule.read_after * rule.period_s + needed_s
+    return LiveReading(
+        label=point.label,
+        value_v=judged.value_v,
+        slope_v_s=judged.slope_v_s,
+        spread_v=judged.spread_v,
+        torque_nm=torque_nm,
+        share=judged.share,
+        remaining_s=max((1.0 - judged.share) * needed_s, earliest_s - waited_s),
+        waited_s=waited_s,
+        limit_s=rule.limit * rule.period_s,
+        swing_period_s=None if judged.swing is None else judged.swing.period_s,
     )

@@ -1,45 +1,33 @@
-"""One reading of the bridge under a weight: acquired, watched, judged."""
+"""Reading of the bridge under a weight: acquired, watched, and as the journal keeps it."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
+from typing import Any
 
 import numpy as np
 
-from hdbench.devices.ports import AcquisitionSettings, Bench, Block
+from hdbench.devices.bench import AcquisitionSettings, Bench, Block
 from hdbench.profile.schema import ProfileData
+from hdbench.records.loads import LoadReading
 from hdbench.session.calibrating.conversation import Answer
-from hdbench.session.calibrating.rule import SettleRule
-from hdbench.session.calibrating.settle import (
+from hdbench.session.calibrating.points import Point
+from hdbench.session.calibrating.settling import (
     Judgement,
     SettledReading,
+    SettleRule,
     average_now,
     judge,
 )
+from hdbench.session.calibrating.state import CalibrationState
+from hdbench.session.runner import next_block
 from hdbench.session.stop import Aborted, StopSignals
-from hdbench.session.waiting import next_block
-
-__all__ = ["BridgeReader", "Taken"]
 
 
 @dataclass(frozen=True, slots=True)
 class Taken:
-    """What came of one wait for a reading.
-
-    Parameters
-    ----------
-    wanted : Answer or None
-        What the person asked for meanwhile; None where the wait came to its own end.
-    reading : SettledReading
-        The average; not settled where the time was up or a key ended the wait.
-    spread_v : float
-        Largest less smallest value of the last window, V.
-    saturated : bool
-        Whether a sample of the average sits at the end of the converter's range.
-    waited_s : float
-        Time waited, s.
-    """
+    """What came of one wait for a reading."""
 
     wanted: Answer | None
     reading: SettledReading
@@ -50,24 +38,7 @@ class Taken:
 
 @dataclass(slots=True)
 class BridgeReader:
-    """Acquires with the drive disabled and ends as soon as the reading has settled.
-
-    Parameters
-    ----------
-    profile : ProfileData
-        Encoder and the motion that a lock may allow.
-    bench : Bench
-        The bench.
-    stop : StopSignals
-        Signals that end the run.
-
-    Attributes
-    ----------
-    sampled_s : float
-        Time sampled so far, s.
-    watched : bool
-        False once it showed that no encoder watches the locked wave generator.
-    """
+    """Acquires with the drive disabled and ends as soon as the reading has settled."""
 
     profile: ProfileData
     bench: Bench
@@ -123,3 +94,38 @@ class BridgeReader:
                 where="encoder",
                 fix="take the weight off, tighten the lock and start again",
             )
+
+
+def reading_entry(
+    point: Point, taken: Taken, state: CalibrationState, flags: list[str], time_s: float
+) -> dict[str, Any]:
+    """Return one reading as the journal keeps it."""
+    reading = taken.reading
+    load = LoadReading(
+        experiment=point.experiment,
+        position_rad=point.position_rad,
+        range=point.range,
+        direction=point.direction,
+        series=point.series,
+        torque_nm=point.torque_nm,
+        reading_v=reading.mean_v,
+        mass_kg=point.mass_kg,
+        reading_std_v=reading.std_v,
+        n_samples=reading.n_samples,
+        time_s=time_s,
+    )
+    swing = reading.swing
+    return {
+        **asdict(load),
+        "point": point.number,
+        "attempt": state.attempts.get(point.number, 1),
+        "repeat": point.repeat,
+        "mounting": state.mountings,
+        "settled": reading.settled,
+        "settle_s": taken.waited_s,
+        "slope_v_s": reading.slope_v_s,
+        "autocorrelation": reading.lag1,
+        "swing_period_s": None if swing is None else swing.period_s,
+        "swing_v": None if swing is None else swing.amplitude_v,
+        "flags": ";".join(flags),
+    }

@@ -1,4 +1,4 @@
-"""Where a calibration stands: everything its journal says, one event after the other."""
+"""State of a calibration by its journal, and what is mounted on the bench."""
 
 from __future__ import annotations
 
@@ -6,23 +6,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from hdbench.devices.operator import SimulatedOperator
+from hdbench.profile.schema import ProfileData
 from hdbench.records.journal import JournalContent, JournalWriter
 from hdbench.session.calibrating.points import PREPARATIONS, Point
-
-__all__ = ["CalibrationLog", "CalibrationState"]
 
 
 @dataclass(slots=True)
 class CalibrationState:
     """What is done, what is next, and what is mounted.
 
-    Parameters
-    ----------
-    points : sequence of Point
-        The sequence.
-
-    Notes
-    -----
     A running calibration and one that is resumed go through the same `apply`: what the journal
     does not say, neither of them knows.
     """
@@ -141,15 +134,7 @@ class CalibrationState:
 
 
 class CalibrationLog:
-    """Writes to the journal, then into the state: never the other way round.
-
-    Parameters
-    ----------
-    journal : JournalWriter
-        Synced before `note` returns.
-    state : CalibrationState
-        Where the calibration stands.
-    """
+    """Writes to the journal, then into the state: never the other way round."""
 
     def __init__(self, journal: JournalWriter, state: CalibrationState) -> None:
         self._journal = journal
@@ -173,3 +158,57 @@ class CalibrationLog:
     def _append(self, kind: str, body: Mapping[str, Any]) -> None:
         self._journal.append(kind, {}, body)
         self.state.apply(kind, body)
+
+
+@dataclass(frozen=True, slots=True)
+class Mounting:
+    """Has things moved at a simulated bench, and notes what the person confirmed at any."""
+
+    profile: ProfileData
+    log: CalibrationLog
+    operator: SimulatedOperator | None
+
+    def lock(self) -> None:
+        """Note the locked wave generator."""
+        if self.operator is not None:
+            self.operator.mount(locked=True, position_rad=self.log.state.position_rad or 0.0)
+        self._note("locked", {"locked": True})
+
+    def place(self, point: Point) -> None:
+        """Note the position of a point."""
+        if self.operator is not None:
+            self.operator.mount(locked=True, position_rad=point.position_rad)
+        self._note("placed", {"position_rad": point.position_rad})
+
+    def put(self, point: Point, mass_kg: float | None = None) -> None:
+        """Note the weight of a point."""
+        state = self.log.state
+        attempt = state.attempts.get(point.number, 0) + 1
+        mass = point.mass_kg if mass_kg is None else mass_kg
+        mass += self.profile.arm.tare_kg if mass else 0.0
+        if self.operator is not None:
+            if point.role == "shunt":
+                self.operator.shunt(closed=True)
+            else:
+                self.operator.put(
+                    mass, direction=point.direction, number=point.number, attempt=attempt
+                )
+        self._note("hung", {"point": point.number, "direction": point.direction})
+
+    def open_shunt(self) -> None:
+        """Take the shunt resistor off again."""
+        if self.operator is not None:
+            self.operator.shunt(closed=False)
+        self._note("opened", {})
+
+    def restore(self) -> None:
+        """Bring a simulated bench to where the journal left it."""
+        if self.operator is not None:
+            self.operator.restore(self.log.state.fixtures, self.log.state.acquisitions)
+
+    def _note(self, event: str, body: Mapping[str, Any]) -> None:
+        """Note what changed at a simulated bench, then the event."""
+        if self.operator is not None:
+            for change in self.operator.history()[len(self.log.state.fixtures) :]:
+                self.log.note("fixture", {"fixture": change})
+        self.log.note(event, body)

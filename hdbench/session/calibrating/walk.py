@@ -1,68 +1,36 @@
-"""Walk a calibration: ask, wait until it is still, guard, journal, go on."""
+"""Walk through a calibration: questions, readings, doubts, journal."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from hdbench.devices.ports import Bench, SafeState
+from hdbench.devices.bench import Bench, SafeState
 from hdbench.errors import Stopped
 from hdbench.profile.schema import ProfileData
-from hdbench.session.calibrating.conversation import (
-    Answer,
-    Conversation,
-    Question,
-    Reply,
-)
-from hdbench.session.calibrating.entries import reading_entry
-from hdbench.session.calibrating.judging import doubt_about, expectation_of
-from hdbench.session.calibrating.live import live_reading
-from hdbench.session.calibrating.mounting import Mounting
+from hdbench.session.calibrating.conversation import Answer, Conversation, Question, Reply
+from hdbench.session.calibrating.plausibility import Expectation, doubt_about
 from hdbench.session.calibrating.points import PREPARATIONS, Point
 from hdbench.session.calibrating.questions import (
     accepted_line,
     hang_question,
     last_question,
     left_line,
+    live_reading,
     lock_question,
     place_question,
     still_question,
     wrong_question,
 )
-from hdbench.session.calibrating.reading import BridgeReader, Taken
-from hdbench.session.calibrating.rule import settle_rule
-from hdbench.session.calibrating.settle import Judgement
-from hdbench.session.calibrating.state import CalibrationLog
+from hdbench.session.calibrating.reading import BridgeReader, Taken, reading_entry
+from hdbench.session.calibrating.settling import Judgement, settle_rule
+from hdbench.session.calibrating.state import CalibrationLog, Mounting
 from hdbench.session.stop import StopSignals
-
-__all__ = ["CalibrationWalk"]
 
 
 @dataclass(slots=True)
 class CalibrationWalk:
-    """One calibration on one bench.
-
-    Parameters
-    ----------
-    profile : ProfileData
-        Gain expected, limits, settling.
-    bench : Bench
-        The bench controller.
-    log : CalibrationLog
-        Journal and state; a resumed calibration brings its state along.
-    talk : Conversation
-        The person, or the rule in place of one.
-    mounting : Mounting
-        What is on the bench.
-    stop : StopSignals
-        Signals that end the run.
-    progress : callable
-        Told what is going on and the share done.
-    where : str
-        Run folder, for messages.
-    clock : callable or None
-        Time since the start of the calibration, s; None counts the bench's samples instead.
-    """
+    """One calibration on one bench."""
 
     profile: ProfileData
     bench: Bench
@@ -151,7 +119,7 @@ class CalibrationWalk:
         self._mount(point)
         state = self.log.state
         if not state.hangs(point):
-            expectation, _ = expectation_of(point, state, self.profile)
+            expectation = self._expectation(point)
             reply = self._ask(hang_question(point, expectation, len(state.points)))
             if reply.answer is not Answer.ACCEPT:
                 self._turn(reply.answer, point)
@@ -182,7 +150,7 @@ class CalibrationWalk:
     def _take(self, point: Point) -> Taken:
         state = self.log.state
         self.log.note("acquiring", {"point": point.number, "acquisitions": state.acquisitions + 1})
-        expectation, _ = expectation_of(point, state, self.profile)
+        expectation = self._expectation(point)
         plan = self.profile.calibration
         rule = settle_rule(plan, point.read_after_s, self.profile.sensor.gain_nm_per_v)
 
@@ -215,18 +183,19 @@ class CalibrationWalk:
         doubt = doubt_about(point, taken, state, self.profile)
         if doubt is None:
             return Answer.ACCEPT
-        flags.append(doubt.flag)
-        reply = self._ask(wrong_question(point, doubt.problem, len(state.points)))
+        mark, problem = doubt
+        flags.append(mark)
+        reply = self._ask(wrong_question(point, problem, len(state.points)))
         if reply.answer is not Answer.ACCEPT:
             entry = reading_entry(point, taken, state, flags, self._time_s())
-            self.log.note("rejected", {**entry, "why": doubt.problem})
+            self.log.note("rejected", {**entry, "why": problem})
         if reply.answer is Answer.REPEAT:
             self.mounting.put(point, reply.mass_kg)
         return reply.answer
 
     def _accept(self, point: Point, taken: Taken, flags: list[str]) -> None:
         state = self.log.state
-        expectation, _ = expectation_of(point, state, self.profile)
+        expectation = self._expectation(point)
         entry = reading_entry(point, taken, state, flags, self._time_s())
         if point.role in PREPARATIONS:
             self.log.note("prepared", {**entry, "role": point.role})
@@ -237,6 +206,9 @@ class CalibrationWalk:
         if point.role == "shunt":
             self.talk.tell("Switch the shunt resistor off again.")
             self.mounting.open_shunt()
+
+    def _expectation(self, point: Point) -> Expectation:
+        return Expectation.of(point, self.log.state, self.profile.sensor.gain_nm_per_v)
 
     def _time_s(self) -> float:
         if self.clock is not None:

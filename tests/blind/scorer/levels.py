@@ -1,9 +1,10 @@
 """What the figures are held against: pass levels, aims, and counts that chance may reach."""
 
-import math
 from dataclasses import dataclass
 
-__all__ = ["LEVELS", "Level", "counted", "interval", "least_by_chance", "most_by_chance"]
+from scipy.stats import binom, binomtest
+
+__all__ = ["LEVELS", "Level", "counted", "interval"]
 
 
 @dataclass(frozen=True)
@@ -104,30 +105,10 @@ def counted(level, count):
         return None
     rate = level.needed if level.chance is None else level.chance
     if level.low:
-        return most_by_chance(count, rate) if rate > 0.0 else 0
-    return least_by_chance(count, rate)
+        return int(binom.isf(0.002, count, rate))
+    return count - int(binom.isf(0.002, count, 1.0 - rate))
 
 
 def interval(share, count):
     """Wilson's 95 % interval of a share."""
-    z2 = 1.959964**2
-    middle = (share + z2 / (2.0 * count)) / (1.0 + z2 / count)
-    spread = share * (1.0 - share) / count + z2 / (4.0 * count**2)
-    half = 1.959964 / (1.0 + z2 / count) * math.sqrt(spread)
-    return max(0.0, middle - half), min(1.0, middle + half)
-
-
-def most_by_chance(count, rate, risk=0.002):
-    """Largest number of events at `rate` that chance exceeds with at most `risk`."""
-    below, term = 0.0, (1.0 - rate) ** count
-    for k in range(count + 1):
-        below += term
-        if 1.0 - below <= risk:
-            return k
-        term *= (count - k) / (k + 1.0) * rate / (1.0 - rate)
-    return math.inf
-
-
-def least_by_chance(count, rate, risk=0.002):
-    """Smallest number of events at `rate` that chance stays below with at most `risk`."""
-    return count - most_by_chance(count, 1.0 - rate, risk)
+    return tuple(binomtest(round(share * count), count).proportion_ci(0.95, "wilson"))

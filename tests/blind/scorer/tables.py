@@ -7,7 +7,7 @@ from .binning import share
 from .judge import judge
 from .metrics import Row
 
-__all__ = ["by_family", "by_load_family", "by_outside", "confusion", "shuffled_rows"]
+__all__ = ["by_family", "by_outside", "confusion", "shuffled_rows"]
 
 
 def _family(row):
@@ -32,21 +32,12 @@ def _cells(some, tiers):
     )
 
 
-def by_family(rows):
+def by_family(rows, parts="BP"):
     """family: (weak, strong, physical), each (detected, exact, covered, wrong certain)."""
     sizes = (("d5", "d7"), ("d10", "d20"), ("low", "mid", "high"))
     return {
         name: tuple(_cells(some, tiers) for tiers in sizes)
-        for name, some in _grouped(rows, "BP").items()
-    }
-
-
-def by_load_family(rows):
-    """The same for calibration loads."""
-    sizes = (("d5", "d7"), ("d10", "d20"), ("low", "mid", "high"))
-    return {
-        name: tuple(_cells(some, tiers) for tiers in sizes)
-        for name, some in _grouped(rows, "L").items()
+        for name, some in _grouped(rows, parts).items()
     }
 
 

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-import asyncio
-import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
-from hdbench.devices.daq import DaqSettings, ScanBlock
+from faults.lines import in_thread
+from served import InThread, read_all
+
+from hdbench.devices.daq import DaqSettings
 from hdbench.devices.emulator.instrument import DeviceClock, SimulatedInstrument
-from hdbench.devices.emulator.modbus.device import ModbusDevice
+from hdbench.devices.emulator.modbus import ModbusDevice
 from hdbench.devices.emulator.server import ModbusServer, Wire
 from hdbench.devices.modbus.driver import ModbusDaq
 from hdbench.devices.modbus.opening import open_modbus
@@ -20,6 +21,18 @@ from hdbench.plant.bench import SimulatedBench
 from hdbench.plant.plantfile import load_plant
 from hdbench.profile import load_profile
 from hdbench.profile.acquiring_modbus import ModbusAcquisition
+
+__all__ = [
+    "BENCH",
+    "COUPLER",
+    "TORQUE",
+    "Served",
+    "driver",
+    "read_all",
+    "served",
+    "settings",
+    "table",
+]
 
 BENCH = load_profile("cim-tr-97-06").data
 COUPLER = load_profile("di-2108-ek9000").data.daq.outputs
@@ -33,13 +46,12 @@ def table(**keys: Any) -> ModbusAcquisition:
 
 
 @dataclass
-class Served:
+class Served(InThread):
     """An emulated device in a thread."""
 
     device: ModbusDevice
     instrument: SimulatedInstrument
     address: str
-    loop: asyncio.AbstractEventLoop
     server: ModbusServer
     requests: list[bytes] = field(default_factory=list)
 
@@ -47,14 +59,6 @@ class Served:
     def written(self) -> list[bytes]:
         """Requests that write."""
         return [pdu for pdu in self.requests if pdu[0] in (5, 6, 15, 16)]
-
-    def call(self, act: Callable[[], Any]) -> Any:
-        """Run `act` in the device's thread."""
-
-        async def run() -> Any:
-            return act()
-
-        return asyncio.run_coroutine_threadsafe(run(), self.loop).result(5)
 
 
 @contextmanager
@@ -67,31 +71,16 @@ def served(what: ModbusAcquisition, *, wire: Wire = "tcp", seed: int = 3) -> Ite
     )
     device = ModbusDevice(instrument, what, amperes_per_v=1.0)
     server = ModbusServer(device, wire)
-    loop = asyncio.new_event_loop()
-    thread = threading.Thread(target=loop.run_forever, daemon=True)
-    thread.start()
-    address = asyncio.run_coroutine_threadsafe(server.open(), loop).result(5)
-    found = Served(device, instrument, address, loop, server)
-    answer = device.answer
+    with in_thread(server.open, server.close) as (loop, address):
+        found = Served(loop, device, instrument, address, server)
+        answer = device.answer
 
-    def kept(pdu: bytes, *numbers: int) -> bytes | None:
-        found.requests.append(pdu)
-        return answer(pdu, *numbers)
+        def kept(pdu: bytes, *numbers: int) -> bytes | None:
+            found.requests.append(pdu)
+            return answer(pdu, *numbers)
 
-    device.answer = kept
-    try:
+        device.answer = kept
         yield found
-    finally:
-
-        async def shut() -> None:
-            server.close()
-            # one turn of the loop closes what is open
-            await asyncio.sleep(0.01)
-
-        asyncio.run_coroutine_threadsafe(shut(), loop).result(5)
-        loop.call_soon_threadsafe(loop.stop)
-        thread.join(5)
-        loop.close()
 
 
 @contextmanager
@@ -107,17 +96,3 @@ def driver(what: ModbusAcquisition, address: str, **changes: Any) -> Iterator[Mo
 def settings(n_samples: int, period_s: float = 0.02, roles: tuple[str, ...] = ("torque",)) -> Any:
     """Return an acquisition."""
     return DaqSettings(roles, period_s, n_samples, 1.0)
-
-
-def read_all(daq: ModbusDaq, *, timeout_s: float = 5.0) -> list[ScanBlock]:
-    """Read until the last block."""
-    blocks: list[ScanBlock] = []
-    until_s = time.monotonic() + timeout_s
-    while time.monotonic() < until_s:
-        block = daq.read_block()
-        if block is None:
-            continue
-        blocks.append(block)
-        if not block.running and block.depth == 0:
-            return blocks
-    raise AssertionError(f"not finished within {timeout_s} s")

@@ -3,12 +3,12 @@
 import time
 
 import pytest
-from linefaults.faults import Mangler, RtuFraming, TcpFraming
-from linefaults.lines import faulty_serial, faulty_tcp
+from faults.lines import faulty_serial, faulty_tcp
+from faults.mangler import Mangler, RtuFraming, TcpFraming
 from modbuskit import COUPLER, TORQUE, driver, read_all, served, settings, table
 from pymodbus.client import ModbusTcpClient
 
-from hdbench.devices.wire.crc import crc16
+from hdbench.devices.wire.rtu import crc16
 from hdbench.errors import DeviceError, ProfileError, UsageError
 
 KNOWN = {"address": 1, "type": "u16", "equals": 4660}

@@ -1,5 +1,6 @@
 """Links to polled devices: every wire, and replies that are none."""
 
+import json
 import math
 import socket
 import struct
@@ -12,10 +13,10 @@ from hypothesis import strategies as st
 from modbuskit import BENCH as PROFILE
 from modbuskit import TORQUE, driver, served, table
 
+from hdbench.devices.guard.order import as_json
 from hdbench.devices.guard.process.stopping import make_safe, note_identity
-from hdbench.devices.modbus.client import StrictClient
-from hdbench.devices.modbus.links import polled_link
-from hdbench.devices.modbus.stopping import stop_target
+from hdbench.devices.modbus.links import StrictClient, polled_link
+from hdbench.devices.modbus.opening import stop_target
 from hdbench.devices.wire import (
     ExceptionReply,
     FrameError,
@@ -23,7 +24,7 @@ from hdbench.devices.wire import (
     read_registers,
     write_register,
 )
-from hdbench.devices.wire.crc import crc16
+from hdbench.devices.wire.rtu import crc16
 from hdbench.errors import DeviceError, UsageError
 
 WIRES = ("tcp", "udp", "rtu+tcp", "rtu", "ascii")
@@ -56,12 +57,42 @@ def test_a_device_is_read_driven_and_made_safe_on_every_wire(wire):
 def test_the_guard_stops_the_motor_on_every_wire(wire):
     with served(BENCH, wire=wire) as found:
         at = BENCH.model_copy(update={"address": found.address})
-        target = stop_target(PROFILE, at).to_dict()
+        target = json.loads(as_json(stop_target(PROFILE, at)))
         with driver(BENCH, found.address) as daq:
             daq.write_output("reference", 2.0)
         note_identity(target)
         assert make_safe(target, alone=True) == ""
         assert found.instrument.reference_v == 0.0
+
+
+@pytest.mark.parametrize(
+    ("rule", "value", "known"),
+    [
+        ({"equals": 7}, 7, True),
+        ({"equals": 7}, 9, False),
+        ({"low": 5, "high": 8}, 9, False),
+        # the other bits may change while the motor turns
+        ({"equals": 0x1200, "mask": 0xFF00}, 0x12AB, True),
+        ({"equals": 0x1200, "mask": 0xFF00}, 0x13AB, False),
+    ],
+)
+def test_the_guard_knows_a_device_by_every_rule_and_writes_to_no_other(rule, value, known):
+    place = {"address": 3, "type": "u16"}
+    device = BENCH.model_copy(
+        update={"identify": table(identify=({**place, "equals": value},)).identify}
+    )
+    with served(device) as found:
+        rules = table(identify=(KNOWN, {**place, **rule})).identify[1:]
+        at = BENCH.model_copy(update={"address": found.address, "identify": rules})
+        target = json.loads(as_json(stop_target(PROFILE, at)))
+        if known:
+            note_identity(target)
+            assert make_safe(target, alone=True) == ""
+            return
+        with pytest.raises(FrameError, match="another device"):
+            note_identity(target)
+        assert "another device" in make_safe(target, alone=True)
+        assert found.written == []
 
 
 @pytest.mark.parametrize("wire", WIRES)

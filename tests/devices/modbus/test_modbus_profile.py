@@ -3,8 +3,8 @@
 import pytest
 
 from hdbench.devices import open_bench
-from hdbench.devices.pace import check_pace
-from hdbench.devices.ports import AcquisitionSettings
+from hdbench.devices.bench import AcquisitionSettings
+from hdbench.devices.feasibility import check_pace
 from hdbench.errors import ProfileError, UsageError
 from hdbench.profile import load_profile
 from hdbench.profile.loader import parse_profile

@@ -9,9 +9,17 @@ from hypothesis import strategies as st
 from modbuskit import table
 from pymodbus.client.mixin import ModbusClientMixin
 
-from hdbench.devices.modbus.abilities import max_rates_hz
-from hdbench.devices.modbus.layout import Place, place_of, plan_blocks, values_of
-from hdbench.devices.modbus.values import decode, encode, range_of, size_of
+from hdbench.devices.modbus.driver import max_rates_hz
+from hdbench.devices.modbus.layout import (
+    Place,
+    decode,
+    encode,
+    place_of,
+    plan_blocks,
+    range_of,
+    size_of,
+    values_of,
+)
 from hdbench.profile import load_profile
 
 KINDS = ("i16", "u16", "i32", "u32", "f32", "f64")
@@ -72,7 +80,8 @@ def test_ranges_are_those_of_the_bits():
     ],
 )
 def test_addresses_count_as_the_manual_does(numbering, where, address, wire):
-    made = table(numbering=numbering, identify=({"table": where, "address": address, "equals": 1},))
+    rule = {"table": where, "address": address, "equals": 1}
+    made = table(numbering=numbering, identify=(rule,), channels=())
     assert place_of(made, made.identify[0]).start == wire
 
 

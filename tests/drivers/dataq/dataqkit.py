@@ -2,24 +2,23 @@
 
 from __future__ import annotations
 
-import asyncio
-import threading
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
-from hdbench.devices.daq import DaqSettings, ScanBlock
+from faults.lines import in_thread
+from served import InThread, read_all
+
+from hdbench.devices.daq import DaqSettings
 from hdbench.devices.emulator.instrument import SimulatedInstrument
 from hdbench.devices.emulator.serving import Emulation
-from hdbench.drivers.dataq.driver import DataqDaq
-from hdbench.drivers.dataq.emulator.device import DataqDevice
-from hdbench.drivers.dataq.emulator.line import DataqLine
-from hdbench.drivers.dataq.emulator.serve import emulate_dataq
-from hdbench.drivers.dataq.opening import open_dataq
+from hdbench.drivers.dataq.driver import DataqDaq, open_dataq
+from hdbench.drivers.dataq.emulator import DataqDevice, DataqLine, emulate_dataq
 from hdbench.drivers.dataq.table import DataqAcquisition
 from hdbench.profile import load_profile
+
+__all__ = ["BENCH", "ROLES", "Served", "driver", "read_all", "served", "settings", "table"]
 
 BENCH = load_profile("cim-tr-97-06").data
 ROLES = ("torque", "tacho", "current", "reference")
@@ -42,22 +41,13 @@ def table(model: str = "DI-2108", roles: tuple[str, ...] = ROLES, **keys: Any) -
 
 
 @dataclass
-class Served:
+class Served(InThread):
     """An emulated instrument in a thread."""
 
     device: DataqDevice
     line: DataqLine
     instrument: SimulatedInstrument
     address: str
-    loop: asyncio.AbstractEventLoop
-
-    def call(self, act: Callable[[], Any]) -> Any:
-        """Run `act` in the device's thread."""
-
-        async def run() -> Any:
-            return act()
-
-        return asyncio.run_coroutine_threadsafe(run(), self.loop).result(5)
 
 
 @contextmanager
@@ -66,21 +56,8 @@ def served(what: DataqAcquisition, *, speed: float = 1.0, seed: int = 3) -> Iter
     emulation = Emulation(BENCH, "as-modelled", seed)
     emulation.speed = speed
     instrument, line = emulation.instrument, emulate_dataq(emulation, what).line
-    loop = asyncio.new_event_loop()
-    thread = threading.Thread(target=loop.run_forever, daemon=True)
-    thread.start()
-    address = asyncio.run_coroutine_threadsafe(line.open(), loop).result(5)
-    try:
-        yield Served(line.device, line, instrument, address, loop)
-    finally:
-
-        async def shut() -> None:
-            line.close()
-
-        asyncio.run_coroutine_threadsafe(shut(), loop).result(5)
-        loop.call_soon_threadsafe(loop.stop)
-        thread.join(5)
-        loop.close()
+    with in_thread(line.open, line.close) as (loop, address):
+        yield Served(loop, line.device, line, instrument, address)
 
 
 @contextmanager
@@ -96,17 +73,3 @@ def driver(what: DataqAcquisition, address: str, **changes: Any) -> Iterator[Dat
 def settings(n_samples: int, period_s: float = 1e-3, roles: tuple[str, ...] = ROLES) -> DaqSettings:
     """Return an acquisition."""
     return DaqSettings(roles, period_s, n_samples, 1.0)  # type: ignore[arg-type]
-
-
-def read_all(daq: DataqDaq, *, timeout_s: float = 10.0) -> list[ScanBlock]:
-    """Read until the last block."""
-    blocks: list[ScanBlock] = []
-    until_s = time.monotonic() + timeout_s
-    while time.monotonic() < until_s:
-        block = daq.read_block()
-        if block is None:
-            continue
-        blocks.append(block)
-        if not block.running and block.depth == 0:
-            return blocks
-    raise AssertionError(f"not finished within {timeout_s} s")

@@ -6,12 +6,11 @@ import time
 import numpy as np
 import pytest
 from dataqkit import BENCH, ROLES, driver, read_all, served, settings, table
-from linefaults.faults import Mangler, RawFraming
-from linefaults.lines import faulty_serial
+from faults.lines import faulty_serial
+from faults.mangler import Mangler, RawFraming
 
-from hdbench.drivers.dataq.commands import Commands
 from hdbench.drivers.dataq.models import MODELS
-from hdbench.drivers.dataq.port import Port
+from hdbench.drivers.dataq.port import Commands, Port
 from hdbench.errors import BusyError, DeviceError
 
 
@@ -126,8 +125,11 @@ def test_a_stream_that_a_dead_host_left_is_stopped_first():
             assert not found.device.scanning
 
 
-@pytest.mark.parametrize(("code", "argument"), [(2, 1), (2, 3), (2, 26), (4, 0x7E)])
-def test_a_stream_out_of_step_ends_the_run_and_no_sample_is_wrong(code, argument):
+@pytest.mark.parametrize(
+    ("fault", "value"),
+    [("lose_bytes", 1), ("lose_bytes", 3), ("lose_bytes", 26), ("lines", 0x7E)],
+)
+def test_a_stream_out_of_step_ends_the_run_and_no_sample_is_wrong(fault, value):
     """Bytes that vanish, or a digital input that is not left alone."""
     with served(table()) as found, driver(table(), found.address) as daq:
         found.call(lambda: found.instrument.write_reference(3.0))
@@ -136,7 +138,7 @@ def test_a_stream_out_of_step_ends_the_run_and_no_sample_is_wrong(code, argument
         blocks = []
         while len(blocks) < 5:
             blocks += [block for block in (daq.read_block(),) if block is not None]
-        found.call(lambda: found.device._disturb(code, argument))
+        found.call(lambda: setattr(found.device, fault, value))
         with pytest.raises(DeviceError, match="is marked 0x"):
             keep_reading(daq, blocks)
     values = np.concatenate([block.values for block in blocks])
@@ -148,7 +150,7 @@ def test_a_host_that_does_not_read_is_told_of_the_overflow():
         daq.configure(settings(100_000))
         daq.start()
         # longer than the instrument's 1024 samples, five words of which make a scan
-        found.call(lambda: found.device._disturb(1, 400))
+        found.call(lambda: found.device.hold(0.4))
         with pytest.raises(DeviceError, match="buffer ran over after"):
             keep_reading(daq, [])
 

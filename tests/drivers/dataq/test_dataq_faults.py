@@ -1,35 +1,20 @@
 """A reduced campaign of spoilt streams."""
 
-import importlib.util
-import sys
-from pathlib import Path
-
 import pytest
-
-
-def _tool(name):
-    path = Path(__file__).parents[3] / "tools" / f"{name}.py"
-    spec = importlib.util.spec_from_file_location(name, path)
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module
-    spec.loader.exec_module(module)
-    return module
-
-
-faults = _tool("dataq_faults")
+from faults import dataq
 
 
 @pytest.mark.parametrize(
-    "name", [name for name in faults.FAULTS if not name.startswith(("five", "bit", "bytes"))]
+    "name", [name for name in dataq.FAULTS if not name.startswith(("five", "bit", "bytes"))]
 )
 def test_a_spoilt_stream_gives_no_wrong_scan_and_is_told(name):
-    found = faults.campaign(name, 200)
+    found = dataq.campaign(name, 200)
     assert (found["trials_wrong"], found["errors"]) == (0, 200)
 
 
 @pytest.mark.parametrize("name", ["bytes missing", "bytes inserted"])
 def test_bytes_too_few_or_too_many_are_told(name):
-    found = faults.campaign(name, 200)
+    found = dataq.campaign(name, 200)
     # a run of bytes equal to those after it, one time in 256 to 65536, is no change at all
     assert (found["trials_wrong"], found["errors"] >= 195) == (0, True)
 
@@ -37,4 +22,4 @@ def test_bytes_too_few_or_too_many_are_told(name):
 @pytest.mark.parametrize("name", ["five packets dropped", "bit of a sample"])
 def test_what_the_stream_cannot_tell_comes_through(name):
     """The page that says so is right: whole scans and single bits."""
-    assert faults.campaign(name, 50)["trials_wrong"] > 20
+    assert dataq.campaign(name, 50)["trials_wrong"] > 20

@@ -7,11 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hdbench.drivers.dataq.acquisition import LagWatch
-from hdbench.drivers.dataq.encoder import SignedCounter
-from hdbench.drivers.dataq.models import MODELS
-from hdbench.drivers.dataq.rates import choose_rate, highest_rate_hz, packet_code
-from hdbench.drivers.dataq.scanlist import plan_scan
-from hdbench.drivers.dataq.scans import ScanAssembler, StreamFault
+from hdbench.drivers.dataq.models import MODELS, choose_rate, highest_rate_hz, packet_code
+from hdbench.drivers.dataq.scans import ScanAssembler, SignedCounter, StreamFault, plan_scan
 from hdbench.errors import DeviceError, ProfileError
 
 OPEN = 0x7F00

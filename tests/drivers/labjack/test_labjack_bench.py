@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from hdbench.devices import open_bench
+from hdbench.devices.bench import AcquisitionSettings
 from hdbench.devices.emulator.serving import EmulatorSettings, emulate
-from hdbench.devices.ports import AcquisitionSettings
 from hdbench.errors import UsageError
 from hdbench.profile import load_profile
 from hdbench.profile.schema import ReferenceWave

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from labjackkit import PROFILE, driver, read_all, served, settings, values
 
+from hdbench.drivers.labjack.driver import labjack_rate_hz
 from hdbench.drivers.labjack.emulator import streaming
-from hdbench.drivers.labjack.opening import labjack_rate_hz
+from hdbench.drivers.labjack.outputs import KEY
 from hdbench.drivers.labjack.registers import dac, digital_line
 from hdbench.drivers.labjack.table import LabJackOutput
-from hdbench.drivers.labjack.watchdog import KEY
 from hdbench.errors import BusyError, DeviceError, ProfileError, UsageError
 
 TACHO = PROFILE.tacho.gain_rad_s_per_v

@@ -5,14 +5,14 @@ import time
 
 import numpy as np
 import pytest
+from faults.lines import faulty_tcp
+from faults.mangler import Mangler, TcpFraming
 from labjackkit import PROFILE, driver, read_all, served, settings, table_for, values
-from linefaults.faults import Mangler, TcpFraming
-from linefaults.lines import faulty_tcp
 
 from hdbench.devices.wire import connect, parse_address
 from hdbench.drivers.labjack.control import Control
-from hdbench.drivers.labjack.opening import STREAM_OFFSET, open_labjack
-from hdbench.drivers.labjack.registers import IDENTITY, SESSION, TEST, Register
+from hdbench.drivers.labjack.driver import STREAM_OFFSET, open_labjack
+from hdbench.drivers.labjack.registers import IDENTITY, SESSION, TEST
 from hdbench.errors import DeviceError
 
 DEADLINE_S = 0.1
@@ -180,9 +180,9 @@ def test_a_network_that_was_away_leaves_one_gap_that_is_exact(count_joint):
         daq.start()
         blocks = [block for _ in range(5) if (block := daq.read_block()) is not None]
         # 1820 scans fit into the buffer: 0.3 s at ten times the pace are 3000
-        device.call(lambda: setattr(device.device.stream, "hold", True))
+        device.call(lambda: setattr(device.device, "away", True))
         time.sleep(0.3)
-        device.call(lambda: setattr(device.device.stream, "hold", False))
+        device.call(lambda: setattr(device.device, "away", False))
         blocks += read_all(daq)
         lost = [block.lost_before for block in blocks if block.lost_before]
         assert len(lost) == 1
@@ -198,9 +198,9 @@ def test_without_recovery_a_full_buffer_ends_the_run_with_its_name():
         daq.claim()
         daq.configure(settings(6000))
         daq.start()
-        device.call(lambda: setattr(device.device.stream, "hold", True))
+        device.call(lambda: setattr(device.device, "away", True))
         time.sleep(0.3)
-        device.call(lambda: setattr(device.device.stream, "hold", False))
+        device.call(lambda: setattr(device.device, "away", False))
         blocks = []
         with pytest.raises(DeviceError, match=r"STREAM_BUFFER_FULL \(2945\)"):
             _read_into(blocks, daq)
@@ -273,44 +273,6 @@ def test_stuck_and_saturated_inputs_reach_the_host_as_they_are():
         read = values(read_all(daq))
         assert np.ptp(read[:, 0]) == 0.0
         assert np.ptp(read[:, 1]) > 0.0
-
-
-def test_faults_inside_the_device_can_be_ordered_over_its_wire():
-    code, argument = (Register(f"USER_RAM{n}_U32", 46100 + 2 * n, "u32", True) for n in (20, 21))
-    with served(speed=10.0) as device, driver(device.port) as daq:
-        daq.claim()
-        control = daq._control
-
-        def order(number: int, value: int = 0) -> None:
-            control.feedback(((argument, value), (code, number)))
-
-        order(5, 2)
-        daq.configure(settings(4000))
-        daq.start()
-        order(1, 300)
-        blocks = read_all(daq)
-        assert np.all(np.concatenate([block.saturated[:, 0] for block in blocks]))
-        assert len([block for block in blocks if block.lost_before]) == 1
-        order(5, 0)
-        daq.configure(settings(2000))
-        daq.start()
-        order(3, 2942)
-        with pytest.raises(DeviceError, match="SCAN_OVERLAP"):
-            read_all(daq)
-        daq.configure(settings(2000))
-        daq.start()
-        while daq.read_block() is None:
-            pass
-        order(2, 5)
-        with pytest.raises(DeviceError, match="core timer"):
-            read_all(daq)
-        order(4, 1)
-        assert control.read(TEST) == [0x22330011]
-        order(4, 0)
-        with pytest.raises(DeviceError, match="refused with exception 3"):
-            order(77)
-        with pytest.raises(DeviceError):
-            order(9)
 
 
 def test_nobody_there_is_told_within_the_deadline():

@@ -11,7 +11,7 @@ from pymodbus.client import ModbusTcpClient
 
 from hdbench.devices.wire import ExceptionReply, FrameError
 from hdbench.drivers.labjack import registers as reg
-from hdbench.drivers.labjack.feedback import feedback_request
+from hdbench.drivers.labjack.control import feedback_request
 
 # name, address, type and access as ljm_constants.json (LabJack Corporation, 2025.12.18.A) has them
 PUBLISHED = """
@@ -93,8 +93,6 @@ def test_names_addresses_types_and_access_are_labjacks():
         register = by_name[name]
         assert (register.address, register.kind) == (int(address), kind), name
         assert not register.writable or "W" in access, name
-    flash = [register.name for register in known if register.flash]
-    assert flash == [register.name for register in reg.WATCHDOG]
     assert (reg.FIO_EIO_STATE, reg.STREAM_CAPTURE_16, reg.FLASH_READ) == (2580, 4899, 61812)
 
 

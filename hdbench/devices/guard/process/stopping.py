@@ -29,6 +29,8 @@ ASKS = 3
 REPLY_S, QUIET_S = 0.25, 0.1
 _LONGEST = 256
 
+# a request in the order: function code and data, and the form of its reply
+Told = tuple[str, dict[str, Any]]
 # why the device could not be reached
 FAULTS = (FrameError, ExceptionReply, HdbenchError, OSError)
 
@@ -38,35 +40,34 @@ class Wire:
 
     Parameters
     ----------
-    target : dict
-        Where and how.
+    place : dict
+        Where and how, as `hdbench.devices.guard.order.target_at` gives it.
     alone : bool
         Whether the session is gone, so that whoever has a serial port now is another program: it is
         left in peace then. A frozen session's port is shared.
     """
 
-    def __init__(self, target: dict[str, Any], *, alone: bool) -> None:
-        line = SerialSettings(**target["serial"])
-        address = Address(target["scheme"], target["host"], target["port"], target["path"], line)
-        self._rest_s = float(target["rest_s"])
+    def __init__(self, place: dict[str, Any], *, alone: bool) -> None:
+        line = SerialSettings(**place["serial"])
+        address = Address(place["scheme"], place["host"], place["port"], place["path"], line)
+        self._rest_s = float(place["rest_s"])
         self._reply_s = REPLY_S
         if address.is_line:
             self._reply_s += QUIET_S + line.exchange_s(_LONGEST, _LONGEST)
-        tls = SimpleNamespace(**target["tls"]) if target["tls"] else None
+        tls = SimpleNamespace(**place["tls"]) if place["tls"] else None
         self._link: Link = connect(
-            address, unit=int(target["unit"]), tls=tls, claim="ask" if alone else "share"
+            address, unit=int(place["unit"]), tls=tls, claim="ask" if alone else "share"
         )
         self.close = self._link.close
 
-    def transact(self, request: dict[str, Any]) -> bytes:
+    def transact(self, request: Told) -> bytes:
         """Send one request and return the PDU of its reply, which has its form."""
         time.sleep(self._rest_s)
-        form = ReplyForm(bytes.fromhex(request["head"]), request["size"], request["spare_bits"])
-        return self._link.transact(
-            bytes.fromhex(request["pdu"]), form, time.monotonic() + self._reply_s
-        )
+        pdu, form = request
+        check = ReplyForm(bytes.fromhex(form["head"]), form["size"], form["spare_bits"])
+        return self._link.transact(bytes.fromhex(pdu), check, time.monotonic() + self._reply_s)
 
-    def order(self, requests: list[dict[str, Any]]) -> None:
+    def order(self, requests: list[Told]) -> None:
         """Send what stops the motor; whether it did is read back, a refusal is not the end."""
         for request in requests:
             with contextlib.suppress(ExceptionReply):
@@ -75,7 +76,7 @@ class Wire:
 
 def wrong(reply: bytes, check: dict[str, Any]) -> str:
     """Return what a reply says against the safe state; empty when nothing."""
-    form, at = check["as"], int(check["at"])
+    form, at = check["form"], int(check["at"])
     size = struct.calcsize(form)
     if len(reply) < at + size:
         return f"{check['name']}: a reply of {len(reply)} bytes"
@@ -93,37 +94,43 @@ def wrong(reply: bytes, check: dict[str, Any]) -> str:
 
 def note_identity(target: dict[str, Any]) -> None:
     """Note who answers, so that nobody else is ever written to; the session waits meanwhile."""
-    if not target["identity"] or (target["scheme"] == "rtu" and not can_share_ports()):
+    place = target["place"]
+    if not target["identity"] or (place["scheme"] == "rtu" and not can_share_ports()):
         # the session has the port for itself; the guard gets it at the session's end
         return
     for ask in range(1, ASKS + 1):
         try:
-            wire = Wire(target, alone=False)
-            try:
-                target["known"] = wire.transact(target["identity"]).hex()
-            finally:
-                wire.close()
+            with contextlib.closing(Wire(place, alone=False)) as wire:
+                stranger = _stranger(wire, target["identity"])
+            break
         except FAULTS:
             if ask == ASKS:
                 raise
-        else:
-            break
+    if stranger:
+        raise FrameError(stranger)
     # the device may want a rest before the session's next request
-    time.sleep(target["rest_s"])
+    time.sleep(place["rest_s"])
 
 
 def make_safe(target: dict[str, Any], *, alone: bool) -> str:
     """Send what stops the motor until reading back proves it; return why it does not."""
     try:
-        wire = Wire(target, alone=alone)
-        try:
-            if target.get("known") and wire.transact(target["identity"]).hex() != target["known"]:
-                return "another device answers at this address; nothing was written to it"
-            return _rounds(wire, target)
-        finally:
-            wire.close()
+        with contextlib.closing(Wire(target["place"], alone=alone)) as wire:
+            stranger = _stranger(wire, target["identity"])
+            return f"{stranger}; nothing was written to it" if stranger else _rounds(wire, target)
     except FAULTS as error:
         return reason(error)
+
+
+def _stranger(wire: Wire, looks: list[dict[str, Any]]) -> str:
+    """Return that it is another device; what a look without checks shows first is the device's."""
+    for look in looks:
+        reply = wire.transact(look["request"])
+        problem = next(filter(None, (wrong(reply, check) for check in look["checks"])), "")
+        if problem or (not look["checks"] and look.setdefault("known", reply.hex()) != reply.hex()):
+            told = f" ({problem})" if problem else ""
+            return f"another device answers at this address{told}"
+    return ""
 
 
 def reason(error: Exception) -> str:
@@ -161,7 +168,7 @@ def _rounds(wire: Wire, target: dict[str, Any]) -> str:
 def _look(wire: Wire, looks: list[dict[str, Any]]) -> str:
     for look in looks:
         try:
-            reply = wire.transact(look)
+            reply = wire.transact(look["request"])
         except ExceptionReply:
             return f"{look['checks'][0]['name']}: the device refuses to tell"
         for check in look["checks"]:

@@ -1,19 +1,19 @@
-"""The emulated device: its map, wired to terminals, stream and watchdog."""
+"""Emulated T4 or T7: its map, wired to terminals, stream and watchdog."""
 
 from __future__ import annotations
 
+import struct
 import time
 from collections.abc import Callable
 from functools import partial
 
-from hdbench.drivers.labjack.emulator.injection import Injection
-from hdbench.drivers.labjack.emulator.memory import Cell, Memory, RefusedError
-from hdbench.drivers.labjack.emulator.streaming import CORE_TIMER_HZ, StreamEngine
-from hdbench.drivers.labjack.emulator.streamregisters import StreamRegisters
-from hdbench.drivers.labjack.emulator.watchdog import DeviceWatchdog
-from hdbench.drivers.labjack.emulator.wiring import Wiring
-
-__all__ = ["EMULATOR_NAME", "LabJackDevice"]
+from hdbench.drivers.labjack.emulator.memory import (
+    Cell,
+    DeviceWatchdog,
+    Memory,
+    RefusedError,
+)
+from hdbench.drivers.labjack.emulator.streaming import CORE_TIMER_HZ, StreamEngine, Wiring
 
 EMULATOR_NAME = "hdbench-emulator"
 _PRODUCTS = {"T4": 4, "T7": 7}
@@ -26,24 +26,7 @@ _QUADRATURE = 10
 
 
 class LabJackDevice:
-    """A T4 or T7 that knows the registers a bench needs.
-
-    Parameters
-    ----------
-    wiring : Wiring
-        What its terminals lead to.
-    serial : int
-        Serial number.
-    clock : callable, optional
-        Monotonic clock, s, of the watchdog.
-    count_joint : bool, optional
-        See `StreamEngine`.
-
-    Attributes
-    ----------
-    rebooted : callable
-        Called when the device restarts: every connection is gone then.
-    """
+    """A T4 or T7 that knows the registers a bench needs."""
 
     def __init__(
         self,
@@ -54,40 +37,24 @@ class LabJackDevice:
         count_joint: bool = False,
     ) -> None:
         self.rebooted: Callable[[], None] = lambda: None
-        self.swap_words = False
+        # faults: a gateway that swaps the words of 32-bit values, a network that is away
+        self.swap_words = self.away = False
         self.wiring = wiring
         self.memory = Memory()
-        self.stream = StreamEngine(wiring, lambda: self.levels, count_joint=count_joint)
+        self._clock = clock
+        self.stream = StreamEngine(
+            self.memory, wiring, self._ticks, lambda: self.levels, count_joint=count_joint
+        )
         self.watchdog = DeviceWatchdog(self.memory, clock, self._time_out)
         self.levels = self.directions = 0
-        self._clock = clock
-        self._held_until_s = clock()
         self._build(serial)
-        Injection(
-            self.memory,
-            {
-                1: self._hold,
-                2: partial(setattr, self.stream, "skip_scans"),
-                3: self.stream.fail,
-                4: lambda on: setattr(self, "swap_words", bool(on)),
-                9: lambda _: self.reboot(),
-            },
-            wiring.instrument.disturb,
-        )
 
-    def tick(self) -> list[bytes]:
-        """Let time pass; return stream packets that are complete."""
+    def tick(self, *, blocked: bool = False) -> list[bytes]:
+        """Let time pass; return stream packets that are complete, none while they are blocked."""
         self.watchdog.tick()
-        held = self.stream.hold
-        self.stream.hold = held or self._clock() < self._held_until_s
-        packets = self.stream.tick()
-        self.stream.hold = held
+        packets = self.stream.tick(blocked=blocked or self.away)
         self.wiring.instrument.catch_up()
         return packets
-
-    def _hold(self, time_ms: int) -> None:
-        """Keep packets back for a time, as while the network is away."""
-        self._held_until_s = self._clock() + 1e-3 * time_ms
 
     def note_error(self, error: RefusedError, transaction: int) -> None:
         """Keep a refusal for LAST_ERR_*."""
@@ -107,91 +74,54 @@ class LabJackDevice:
         self.rebooted()
 
     def _build(self, serial: int) -> None:
-        add = self.memory.add
-        fixed = ((55000, "u16", 0), (55002, "u16", 0), (55003, "u16", 0))
-        identity = (
-            (55100, "u32", 0x00112233),
-            (60000, "f32", _PRODUCTS[self.wiring.model]),
-            (60002, "f32", 1.3),
-            (60004, "f32", 1.0331),
-            (60010, "u32", 0),
-            (60028, "u32", serial),
-        )
-        for address, kind, value in (*fixed, *identity):
-            add(address, Cell(kind, value, writable=False))
-        for address, kind, value in ((55110, "u16", 0x11), (55120, "u32", 0x00112233)):
-            add(address, Cell(kind, value))
-        add(55124, Cell("f32", -9999.0))
-        name = EMULATOR_NAME.encode().ljust(50, b"\0")
-        for position in range(25):
-            word = int.from_bytes(name[2 * position : 2 * position + 2], "big")
-            add(60500 + position, Cell("u16", word, writable=False))
-        self._build_inputs()
+        add, add_all = self.memory.add, self.memory.add_all
+        add_all((55000, 55002, 55003), "u16", writable=False)
+        add_all((55100,), "u32", 0x00112233, writable=False)
+        add(60000, "f32", _PRODUCTS[self.wiring.model], writable=False)
+        add(60002, "f32", 1.3, writable=False)
+        add(60004, "f32", 1.0331, writable=False)
+        add(60010, "u32", writable=False)
+        add(60028, "u32", serial, writable=False)
+        add(55110, "u16", 0x11)
+        add(55120, "u32", 0x00112233)
+        add(55124, "f32", -9999.0)
+        words = struct.unpack(">25H", EMULATOR_NAME.encode().ljust(50, b"\0"))
+        for position, word in enumerate(words):
+            add(60500 + position, "u16", word, writable=False)
+        self._build_terminals()
         self._build_lines()
-        StreamRegisters(self.memory, self.stream, self.wiring, self._ticks)
-        self._build_rest()
+        add_all(range(46000, 46080, 2), "f32")
+        add_all(range(46100, 46180, 2), "u32")
+        add(61520, "u32", on_read=lambda: self._ticks() % 2**32, writable=False)
+        add(61810, "u32")
+        for word in range(60):
+            add(61812 + 2 * word, "f32", on_read=partial(self._flash, word), writable=False)
+        add(61998, "u32", on_write=self._order_reboot, readable=False)
 
-    def _build_inputs(self) -> None:
-        add = self.memory.add
+    def _build_terminals(self) -> None:
+        add, write = self.memory.add, self.wiring.write_reference
         for number in range(14):
-            add(2 * number, Cell("f32", on_read=partial(self._ain, number), writable=False))
-            add(40000 + 2 * number, Cell("f32", on_write=self._check_range))
-            add(41000 + number, Cell("u16", 199))
-            add(41500 + number, Cell("u16"))
+            add(2 * number, "f32", on_read=partial(self._ain, number), writable=False)
+            add(40000 + 2 * number, "f32", on_write=self._check_range)
+            add(41000 + number, "u16", 199)
+            add(41500 + number, "u16")
         for number in (0, 1):
-            dac = f"DAC{number}"
-            add(
-                1000 + 2 * number,
-                Cell("f32", on_write=partial(self.wiring.write_reference, dac)),
-            )
+            add(1000 + 2 * number, "f32", on_write=partial(write, f"DAC{number}"))
         for number in range(22):
-            tick = f"TDAC{number}"
-            add(
-                30000 + 2 * number,
-                Cell(
-                    "f32",
-                    on_write=partial(self.wiring.write_reference, tick),
-                    readable=False,
-                ),
-            )
+            tick = partial(write, f"TDAC{number}")
+            add(30000 + 2 * number, "f32", on_write=tick, readable=False)
 
     def _build_lines(self) -> None:
         add = self.memory.add
         for line in range(_LINES):
-            add(
-                2000 + line,
-                Cell(
-                    "u16",
-                    on_read=partial(self._level, line),
-                    on_write=partial(self._write_line, line),
-                ),
-            )
-            enable = add(44000 + 2 * line, Cell("u32"))
-            add(
-                44100 + 2 * line,
-                Cell("u32", on_write=partial(self._check_index, enable)),
-            )
-            add(
-                3000 + 2 * line,
-                Cell("u32", on_read=partial(self._counter, line), writable=False),
-            )
-        add(2580, Cell("u16", on_read=lambda: self.levels & 0xFFFF, writable=False))
-        add(2800, Cell("u32", on_read=lambda: self.levels, writable=False))
-        add(2850, Cell("u32", on_read=lambda: self.directions, writable=False))
-
-    def _build_rest(self) -> None:
-        add = self.memory.add
-        for number in range(40):
-            add(46000 + 2 * number, Cell("f32"))
-            add(46100 + 2 * number, Cell("u32"))
-        add(61520, Cell("u32", on_read=lambda: self._ticks() % 2**32, writable=False))
-        add(61810, Cell("u32"))
-        for word in range(60):
-            add(
-                61812 + 2 * word,
-                Cell("f32", on_read=partial(self._flash, word), writable=False),
-            )
-        add(61998, Cell("u32", on_write=self._order_reboot, readable=False))
+            level, write = partial(self._level, line), partial(self._write_line, line)
+            add(2000 + line, "u16", on_read=level, on_write=write)
+            enable = add(44000 + 2 * line, "u32")
+            add(44100 + 2 * line, "u32", on_write=partial(self._check_index, enable))
+            add(3000 + 2 * line, "u32", on_read=partial(self._counter, line), writable=False)
+        add(2580, "u16", on_read=lambda: self.levels & 0xFFFF, writable=False)
+        add(2800, "u32", on_read=lambda: self.levels, writable=False)
+        add(2850, "u32", on_read=lambda: self.directions, writable=False)
 
     def _ticks(self) -> int:
         return int(self._clock() * CORE_TIMER_HZ)

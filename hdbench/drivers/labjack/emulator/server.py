@@ -1,17 +1,19 @@
-"""The emulated device on two TCP ports: control and stream."""
+"""Server of the emulated device on two TCP ports: control and stream."""
 
 from __future__ import annotations
 
 import asyncio
 import errno
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 from hdbench.devices.emulator.server import Device, ModbusRefusedError, ModbusServer, Space
+from hdbench.devices.emulator.serving import Emulation, EmulatorSettings
 from hdbench.drivers.labjack.emulator.device import LabJackDevice
 from hdbench.drivers.labjack.emulator.memory import RefusedError
-
-__all__ = ["STREAM_OFFSET", "LabJackServer"]
+from hdbench.drivers.labjack.emulator.streaming import Wiring
+from hdbench.drivers.labjack.table import LabJackAcquisition
+from hdbench.errors import DeviceError
 
 # 502 and 702
 STREAM_OFFSET = 200
@@ -23,13 +25,7 @@ _HIGHEST_PORT = 65535
 
 
 class LabJackServer(Device):
-    """Serves one device until it is closed.
-
-    Parameters
-    ----------
-    device : LabJackDevice
-        The device.
-    """
+    """Serves one device until it is closed."""
 
     functions = frozenset((3, 6, 16, 76))
     # larger than Modbus has them: a feedback request may fill a packet of Ethernet
@@ -99,11 +95,7 @@ class LabJackServer(Device):
         slow = not self._readers or any(
             reader.get_write_buffer_size() > _SLOW_BYTES for reader in self._readers
         )
-        held, stream = self.device.stream.hold, self.device.stream
-        stream.hold = held or slow
-        packets = self.device.tick()
-        stream.hold = held
-        for packet in packets:
+        for packet in self.device.tick(blocked=slow):
             for changed in self.change_packets(packet):
                 for reader in self._readers:
                     reader.write(changed)
@@ -155,3 +147,43 @@ class _Reader(asyncio.Protocol):
         """Send nothing more to it."""
         if self._transport is not None:
             self._readers.discard(self._transport)
+
+
+class EmulatedLabJack:
+    """Implements `hdbench.devices.emulator.serving.EmulatedDevice`."""
+
+    def __init__(self, device: LabJackDevice) -> None:
+        self.server = LabJackServer(device)
+
+    async def open(self, settings: EmulatorSettings) -> Mapping[str, object]:
+        """Listen on a pair of ports; return ``address`` and ``stream_port``."""
+        try:
+            host, port = await self.server.open(settings.host, settings.port)
+        except OSError as error:
+            raise DeviceError(
+                f"cannot listen on ports {settings.port} and {settings.port + STREAM_OFFSET} "
+                f"({error.strerror or error})",
+                where=f"{settings.host}:{settings.port}",
+                fix="choose another port, or 0 for a free pair",
+            ) from error
+        return {"address": f"tcp://{host}:{port}", "stream_port": port + STREAM_OFFSET}
+
+    def close(self) -> None:
+        """Stop listening and end every connection."""
+        self.server.close()
+
+
+def emulate_labjack(emulation: Emulation, table: LabJackAcquisition) -> EmulatedLabJack:
+    """Return a device with a simulated bench at the terminals that `table` names."""
+    # the instrument's current channel has max_current_a at range_v; the terminal has 1 V per scale
+    profile = emulation.profile
+    current = next((c for c in table.channels if c.role == "current"), None)
+    amperes_per_v = profile.servo.max_current_a / profile.daq.range_v
+    factor = 1.0 if current is None else amperes_per_v / current.scale
+    wiring = Wiring(emulation.instrument, table, current_v_per_v=factor, seed=emulation.seed)
+    return EmulatedLabJack(LabJackDevice(wiring, serial_number(emulation.seed)))
+
+
+def serial_number(seed: int) -> int:
+    """Return the serial number that an emulated device has with this seed."""
+    return seed % 999_999_999 + 1

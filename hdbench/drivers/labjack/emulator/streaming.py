@@ -1,4 +1,4 @@
-"""The stream engine: scans on the device's clock, its buffer, packets, and what a full one does."""
+"""Stream engine of the emulated device: terminals, scans on its clock, buffer and packets."""
 
 from __future__ import annotations
 
@@ -10,11 +10,119 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hdbench.devices.emulator.instrument import ElectricalSamples
-from hdbench.drivers.labjack.emulator.memory import RefusedError
-from hdbench.drivers.labjack.emulator.wiring import Wiring
+from hdbench.devices.emulator.instrument import ElectricalSamples, Input, SimulatedInstrument
+from hdbench.drivers.labjack.emulator.memory import Memory, RefusedError
+from hdbench.drivers.labjack.table import LabJackAcquisition
+from hdbench.records.trace import FloatArray
 
-__all__ = ["CORE_TIMER_HZ", "StreamEngine", "StreamOrder", "actual_rate_hz"]
+# nominal constants of the T7's high-speed converter, one group per gain, and of the T4's inputs
+_T7_SLOPE, _T7_CENTER = 3.1580578e-4, 33523.0
+_T4_HIGH = (3.235316e-4, -10.532965)
+_T4_LOW = (3.826692e-5, 0.002484)
+_GAINS = (10.0, 1.0, 0.1, 0.01)
+# how far one device is from the nominal one: a fraction of the data sheet's tolerance
+_SPREAD = 2e-3
+# a streamed analog input never reads 0xFFFF
+_TOP = 0xFFFE
+_FLASH_FLOATS = {"T7": 41, "T4": 19}
+_QUADRATURE_LINES = {"T7": (0, 1), "T4": (4, 5)}
+
+
+@dataclass(frozen=True, slots=True)
+class Calibration:
+    """The constants of one device, as its flash holds them."""
+
+    model: str
+    floats: tuple[float, ...]
+
+    @classmethod
+    def draw(cls, model: str, seed: int) -> Calibration:
+        """Return the constants of the device with this serial number."""
+        rng = np.random.default_rng([seed, 7])
+        factor = 1.0 + _SPREAD * rng.uniform(-1.0, 1.0, 16)
+        values: list[float] = []
+        if model == "T7":
+            for number in range(8):
+                slope = _T7_SLOPE * _GAINS[number % 4] / 10.0 * factor[number]
+                values += [slope, -slope * factor[8 + number], _T7_CENTER + number, -slope * 33524]
+        else:
+            for number in range(5):
+                slope, offset = _T4_HIGH if number < 4 else _T4_LOW
+                values += [slope * factor[number], offset * factor[8 + number]]
+        values += [0.0] * (_FLASH_FLOATS[model] - len(values))
+        return cls(model, tuple(np.array(values, dtype=np.float32).astype(float).tolist()))
+
+    def words(self, volts: FloatArray, number: int, range_v: float) -> NDArray[np.uint16]:
+        """Return the 16-bit words that AIN`number` streams for `volts`."""
+        if self.model == "T4":
+            slope, offset = self.floats[2 * min(number, 4) : 2 * min(number, 4) + 2]
+            # a 12-bit converter: its lowest four bits stay zero
+            raw = np.rint((volts - offset) / slope / 16.0) * 16.0
+        else:
+            at = 4 * _GAINS.index(range_v or 10.0)
+            positive, negative, center = self.floats[at : at + 3]
+            raw = np.rint(np.where(volts >= 0.0, volts / positive, -volts / negative) + center)
+        words: NDArray[np.uint16] = np.clip(raw, 0, _TOP).astype(np.uint16)
+        return words
+
+    def volts(self, word: int, number: int, range_v: float) -> float:
+        """Return the volts that the device itself makes of a word."""
+        if self.model == "T4":
+            slope, offset = self.floats[2 * min(number, 4) : 2 * min(number, 4) + 2]
+            return word * slope + offset
+        at = 4 * _GAINS.index(range_v or 10.0)
+        positive, negative, center = self.floats[at : at + 3]
+        return (word - center) * positive if word >= center else (center - word) * negative
+
+
+class Wiring:
+    """Terminals of the device to the instrument, as a profile says."""
+
+    def __init__(
+        self,
+        instrument: SimulatedInstrument,
+        table: LabJackAcquisition,
+        *,
+        current_v_per_v: float,
+        seed: int,
+    ) -> None:
+        self.instrument = instrument
+        self.model = table.model
+        self.calibration = Calibration.draw(table.model, seed)
+        self._analog: dict[int, tuple[Input, float]] = {}
+        for channel in table.channels:
+            if channel.role != "encoder":
+                factor = current_v_per_v if channel.role == "current" else 1.0
+                number = int(channel.input.removeprefix("AIN"))
+                self._analog[number] = (channel.role, factor)
+        output = table.output
+        self.reference = output.output if output is not None else ""
+        self.enable_line = output.enable_line if output is not None else -1
+        self._enable_high = output.enable_high if output is not None else True
+
+    @property
+    def counter_line(self) -> int:
+        """Line of the pair whose counter holds the encoder's count."""
+        return _QUADRATURE_LINES[self.model][0]
+
+    def write_reference(self, terminal: str, value_v: float) -> None:
+        """Put a voltage out at a terminal; only that of the reference leads anywhere."""
+        if terminal == self.reference:
+            self.instrument.write_reference(value_v)
+
+    def write_line(self, line: int, *, high: bool) -> None:
+        """Set a line; only that of the enable leads anywhere."""
+        if line == self.enable_line:
+            on = high == self._enable_high
+            if on != self.instrument.enabled:
+                self.instrument.write_enable(on=on)
+
+    def words(self, samples: ElectricalSamples, number: int, range_v: float) -> NDArray[np.uint16]:
+        """Return what AIN`number` reads; an open terminal reads 0 V."""
+        name, factor = self._analog.get(number, (None, 1.0))
+        volts = np.zeros(len(samples)) if name is None else samples.volts[name] * factor
+        return self.calibration.words(volts, number, range_v)
+
 
 CORE_TIMER_HZ = 40e6
 _HEADER = struct.Struct(">HHHBBBBHHH")
@@ -30,27 +138,19 @@ RECOVERING, RECOVERED, OVERLAP, UNCOUNTED, BURST, FULL = range(2940, 2946)
 _AIN_END, _LINES, _CAPTURE, _TIMER = 500, 2580, 4899, 61520
 
 
+_RATE, _ENTRIES, _PER_PACKET, _SETTLING, _BUFFER, _SCANS = 4002, 4004, 4006, 4008, 4012, 4020
+_STOP_WHEN_FULL, _LIST, _ENABLE = 4028, 4100, 4990
+_PLAIN = (_ENTRIES, _PER_PACKET, 4010, _BUFFER, 4014, 4016, 4018, _SCANS)
+_LONGEST = 128
+# what the buffer holds where nothing is asked for
+_BUFFER_BYTES = {"T4": 8192, "T7": 4096}
+_NOT_RUNNING, _ACTIVE = 2620, 2605
+_INPUTS = 14
+
+
 @dataclass(frozen=True, slots=True)
 class StreamOrder:
-    """What the registers ask for when the stream is enabled.
-
-    Parameters
-    ----------
-    rate_hz : float
-        Scan rate.
-    addresses : tuple of int
-        Scan list.
-    samples_per_packet : int
-        Samples of a packet.
-    buffer_samples : int
-        What the buffer holds.
-    n_scans : int
-        Scans of a burst; 0 without end.
-    stop_when_full : bool
-        Whether a full buffer ends the stream.
-    ranges_v : dict of int to float
-        Range of every analog input.
-    """
+    """What the registers ask for when the stream is enabled."""
 
     rate_hz: float
     addresses: tuple[int, ...]
@@ -62,7 +162,9 @@ class StreamOrder:
 
 
 def actual_rate_hz(rate_hz: float) -> float:
-    """Return the rate that the device's divider makes of the one asked for."""
+    """Return the rate that the device's divider makes of the one asked for; 0 of 0."""
+    if not rate_hz > 0.0:
+        return 0.0
     for divider in (8, 80, 800, 8000, 80_000):
         roll = round(80e6 / (divider * rate_hz))
         if roll <= 65536:
@@ -71,26 +173,23 @@ def actual_rate_hz(rate_hz: float) -> float:
 
 
 class StreamEngine:
-    """One stream session.
-
-    Parameters
-    ----------
-    wiring : Wiring
-        Terminals.
-    levels : callable
-        Levels of all lines now.
-    count_joint : bool
-        Whether the number of skipped scans includes the one that marks the joint.
-    """
+    """One stream session."""
 
     def __init__(
-        self, wiring: Wiring, levels: Callable[[], int], *, count_joint: bool = False
+        self,
+        memory: Memory,
+        wiring: Wiring,
+        ticks: Callable[[], int],
+        levels: Callable[[], int],
+        *,
+        count_joint: bool = False,
     ) -> None:
         self.running = False
         self.start_ticks = 0
         self.skip_scans = 0
-        self.hold = False
+        self._memory = memory
         self._wiring = wiring
+        self._ticks = ticks
         self._levels = levels
         self._count_joint = count_joint
         self._order: StreamOrder | None = None
@@ -100,9 +199,44 @@ class StreamEngine:
         self._skipped: int | None = None
         self._joint: int | None = None
         self._status = 0
+        rate = memory.add(_RATE, "f32")
+        rate.on_read = lambda: actual_rate_hz(rate.value)
+        memory.add_all((*_PLAIN, *range(_LIST, _LIST + 2 * _LONGEST, 2)), "u32")
+        memory.add(_SETTLING, "f32")
+        if wiring.model == "T7":
+            # a T4 has no such register: it always goes on
+            memory.add(_STOP_WHEN_FULL, "u32")
+        memory.add(4026, "u32", on_read=lambda: self.start_ticks % 2**32, writable=False)
+        memory.add(_ENABLE, "u32", on_read=lambda: int(self.running), on_write=self._switch)
 
-    def start(self, order: StreamOrder, ticks: int) -> None:
-        """Start scanning."""
+    def _switch(self, value: float) -> None:
+        if bool(value) == self.running:
+            raise RefusedError(_ACTIVE if value else _NOT_RUNNING)
+        if value:
+            self._start(self._ordered())
+        else:
+            self.stop()
+
+    def _ordered(self) -> StreamOrder:
+        """Return what the registers ask for."""
+        value, t7 = self._memory.value, self._wiring.model == "T7"
+        entries = min(int(value(_ENTRIES)), _LONGEST)
+        return StreamOrder(
+            rate_hz=actual_rate_hz(float(value(_RATE))),
+            addresses=tuple(int(value(_LIST + 2 * n)) for n in range(entries)),
+            samples_per_packet=int(value(_PER_PACKET)),
+            buffer_samples=(int(value(_BUFFER)) or _BUFFER_BYTES[self._wiring.model]) // 2,
+            n_scans=int(value(_SCANS)),
+            stop_when_full=t7 and bool(value(_STOP_WHEN_FULL)),
+            ranges_v={number: self._range_v(number) for number in range(_INPUTS)},
+        )
+
+    def _range_v(self, number: int) -> float:
+        # ranges travel as 32-bit floats; 0 is the widest
+        value = float(self._memory.value(40000 + 2 * number)) or 10.0
+        return min(_GAINS, key=lambda known: abs(known - value))
+
+    def _start(self, order: StreamOrder) -> None:
         self._check(order)
         self._order = order
         self._rows.clear()
@@ -110,7 +244,7 @@ class StreamEngine:
         self._skipped = self._joint = None
         self._status = 0
         self.skip_scans = 0
-        self.start_ticks = ticks + round(CORE_TIMER_HZ / order.rate_hz)
+        self.start_ticks = self._ticks() + round(CORE_TIMER_HZ / order.rate_hz)
         self._wiring.instrument.begin(1.0 / order.rate_hz)
         self.running = True
 
@@ -121,17 +255,18 @@ class StreamEngine:
         self.running = False
         self._rows.clear()
 
-    def tick(self) -> list[bytes]:
-        """Scan what is due and return the packets that are complete."""
+    def tick(self, *, blocked: bool = False) -> list[bytes]:
+        """Scan what is due and return the packets that are complete, none while blocked."""
         if not self.running or self._order is None:
             return []
         self._scan(self._order)
         packets: list[bytes] = []
         scans = self._order.samples_per_packet // len(self._order.addresses)
-        while not self.hold and len(self._rows) >= scans:
+        while not blocked and len(self._rows) >= scans:
             packets.append(self._packet(self._order, scans))
-        self._recover(self._order, scans)
-        if self._status in (OVERLAP, UNCOUNTED, FULL, BURST) and not self.hold:
+        if not blocked:
+            self._recover(self._order, scans)
+        if self._status in (OVERLAP, UNCOUNTED, FULL, BURST) and not blocked:
             # less than a packet is left: it carries the status
             packets.append(self._packet(self._order, len(self._rows), self._status))
             self.stop()
@@ -167,7 +302,7 @@ class StreamEngine:
 
     def _recover(self, order: StreamOrder, scans: int) -> None:
         """Take new scans again once the buffer has been emptied."""
-        if self._skipped is None or len(self._rows) >= scans or self.hold:
+        if self._skipped is None or len(self._rows) >= scans:
             return
         if self._skipped > 0xFFFF:
             self._status = UNCOUNTED

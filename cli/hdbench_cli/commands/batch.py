@@ -1,0 +1,310 @@
+"""`hdbench batch`."""
+
+from __future__ import annotations
+
+import shlex
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import closing
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from hdbench.errors import DoubtfulDataError, HdbenchError, LimitError, Stopped, UsageError
+from hdbench.system.processes import usable_cores
+from hdbench_cli.commands.batch_options import Asked, BatchOptions, Job
+from hdbench_cli.commands.batch_task import COMMANDS, run_one
+from hdbench_cli.live.progress import progress_bar
+from hdbench_cli.options import newest_run
+from hdbench_cli.output import Output
+
+if TYPE_CHECKING:
+    from hdbench.batch import BatchFolder, Input, Workers
+
+__all__ = ["command"]
+
+# failed inputs named on the screen: the table has them all
+_MOST_LINES = 10
+
+
+@click.command(
+    "batch",
+    cls=BatchOptions,
+    epilog="Examples: hdbench batch filter trace.csv other.csv --workers 2; hdbench batch "
+    "run-ripple runs --out ripple --no-report; hdbench report --fleet runs",
+)
+@click.argument("name", metavar="COMMAND", type=click.Choice(list(COMMANDS)))
+@click.argument("inputs", metavar="INPUT...", nargs=-1, required=True)
+@click.option(
+    "--out",
+    metavar="DIR",
+    type=click.Path(path_type=Path, file_okay=False),
+    default=Path("batch"),
+    show_default=True,
+    help="Folder of the batch: batch.csv, batch.parquet, and a result for every input.",
+)
+@click.option(
+    "--resume",
+    is_flag=True,
+    help="Go on with the batch in --out: compute what is missing, failed for lack of a worker, or "
+    "has another content, profile, option or version than its result.",
+)
+@click.option(
+    "--workers",
+    metavar="N",
+    type=click.IntRange(min=1),
+    help="Processes on this computer.  [default: one for every core]",
+)
+@click.option(
+    "--scheduler",
+    metavar="tcp://HOST:PORT",
+    help="Run on the workers of this dask scheduler, which see the same files under the same "
+    "paths. Whoever reaches an open tcp:// scheduler runs code on it: use tls:// outside of a "
+    "closed network.",
+)
+@click.option(
+    "--retries",
+    metavar="N",
+    type=click.IntRange(min=0),
+    default=2,
+    show_default=True,
+    help="How often an input is tried again when the worker died that computed it.",
+)
+@click.option(
+    "--memory",
+    metavar="SIZE",
+    default="auto",
+    show_default=True,
+    help="Most that one worker on this computer may hold, such as 2GB; auto: its share.",
+)
+@click.pass_context
+def command(
+    ctx: click.Context,
+    /,
+    name: str,
+    inputs: tuple[str, ...],
+    out: Path,
+    resume: bool,
+    workers: int | None,
+    scheduler: str | None,
+    retries: int,
+    memory: str,
+    **_options: Any,
+) -> None:
+    """Run COMMAND over many inputs: one result each as the command writes it, and one table.
+
+    COMMAND is import, inspect, diagnose, orders, run-ripple, run-misalignment, calibrate (these
+    three evaluate stored data, as with --from), filter, tune (one model an input) or regress. Its
+    own options may be given too: hdbench batch COMMAND --help lists them.
+
+    An INPUT is a file, a run folder, a folder of both, a pattern in quotes, or a list: a CSV file
+    with the column input and, where wanted, profile, calibration and drive. An input that fails is
+    a row with its error. Ctrl-C stops; what is done is kept. Exits 6 where inputs failed.
+    """
+    from hdbench.batch import BatchFolder, Workers, expand_inputs
+
+    output = ctx.ensure_object(Output)
+    _require()
+    kind = COMMANDS[name]
+    named = tuple(str(newest_run(word) or word) for word in inputs)
+    entries = expand_inputs(named, kinds=kind.kinds, any_file=kind.any_file, whole=kind.whole)
+    asked = Asked(name, ctx)
+    jobs = [asked.job(entry) for entry in entries]
+    seats = Workers(workers or usable_cores(), scheduler, retries, memory)
+    with closing(BatchFolder(out, name, resume=resume)) as folder:
+        batch = _Run(folder, [*zip(entries, jobs, folder.names(entries), strict=True)], name)
+        try:
+            batch.run(seats)
+        except (KeyboardInterrupt, SystemExit) as stop:
+            batch.write()
+            raise _stopped(stop, batch, ctx, inputs) from None
+        except BaseException:
+            batch.write()
+            raise
+        batch.write()
+    _tell(output, batch, out)
+
+
+def _require() -> None:
+    """Name the extra before anything is made."""
+    from importlib.util import find_spec
+
+    missing = [name for name in ("distributed", "pyarrow") if find_spec(name) is None]
+    if missing:
+        raise UsageError(
+            f"{' and '.join(missing)} not installed; needed to run over many inputs",
+            where="hdbench batch",
+            fix="pip install 'hdbench[batch]'",
+        )
+
+
+class _Run:
+    """One call: which inputs have a result already, and the rows of all."""
+
+    def __init__(
+        self, folder: BatchFolder, inputs: Sequence[tuple[Input, Job, str]], name: str
+    ) -> None:
+        self._folder = folder
+        self._inputs = inputs
+        self.name = name
+        self.rows: list[dict[str, Any] | None] = [None] * len(inputs)
+        self.kept = 0
+        self.failed = 0
+
+    def run(self, workers: Workers) -> None:
+        """Compute what is missing."""
+        from hdbench.batch import run_tasks
+
+        todo = [task for number in range(len(self._inputs)) if (task := self._task(number))]
+        if not todo:
+            return
+        workers = replace(workers, count=min(workers.count, len(todo)))
+        begin = time.monotonic()
+        with (
+            progress_bar("batch") as show,
+            closing(run_tasks(run_one, todo, workers)) as outcomes,
+        ):
+            for count, outcome in enumerate(outcomes, 1):
+                number = outcome.task["number"]
+                done = _lost(outcome.task, outcome.deaths) if outcome.lost else outcome.value
+                self._take(number, done)
+                each_s = (time.monotonic() - begin) / count
+                words = f"{count} of {len(todo)}, {each_s * (len(todo) - count):.0f} s left"
+                failures = f", {self.failed} failed" if self.failed else ""
+                show(words + failures, count / len(todo))
+
+    def _task(self, number: int) -> dict[str, Any] | None:
+        """Return what a worker has to do; None where the result is there."""
+        from hdbench.batch import stamps_of
+
+        entry, job, name = self._inputs[number]
+        known = self._folder.kept(entry, job.digest)
+        if known and known["stamps"] and known["stamps"] == stamps_of(entry.path):
+            self._keep(number, known["row"])
+            return None
+        out = self._folder.path
+        return {
+            "number": number,
+            "command": self.name,
+            "options": job.options,
+            "input": str(entry.path),
+            "path": str(entry.path.absolute()),
+            "name": name,
+            "out": str(out.absolute()),
+            "shown": str(out),
+            "known": known["row"]["sha256"] if known else None,
+            "drive": entry.drive,
+        }
+
+    def _keep(self, number: int, row: Mapping[str, Any]) -> None:
+        entry = self._inputs[number][0]
+        # where the folder stands now, and what the list says now
+        told = {"input": str(entry.path)} | ({"drive": entry.drive} if entry.drive else {})
+        if row["result"] is not None:
+            told["result"] = str(self._folder.result_path(row))
+        self.rows[number] = {**row, **told}
+        self.kept += row["result"] is not None
+        self.failed += row["result"] is None
+
+    def _take(self, number: int, done: Mapping[str, Any]) -> None:
+        entry, job, name = self._inputs[number]
+        if done["row"] is None:  # another time of change, the same content
+            known = self._folder.kept(entry, job.digest)
+            if known is None:
+                raise HdbenchError(
+                    "a result was taken away meanwhile",
+                    where=str(self._folder.path),
+                    fix="go on with --resume",
+                )
+            done = {**done, "row": known["row"]}
+            self._keep(number, done["row"])
+        else:
+            self.rows[number] = done["row"]
+            self.failed += done["row"]["result"] is None
+        self._folder.add(entry, job.digest, name, done)
+
+    def told(self) -> list[dict[str, Any]]:
+        """Return the rows that there are, in the order of the inputs."""
+        return [row for row in self.rows if row is not None]
+
+    def write(self) -> None:
+        """Write the table of the rows that there are."""
+        self._folder.write_table(self.told())
+
+
+def _lost(task: Mapping[str, Any], deaths: int) -> dict[str, Any]:
+    """Return the row of an input whose worker died again and again."""
+    times = "once" if deaths == 1 else f"{deaths} times"
+    row = {
+        "input": task["input"],
+        "sha256": None,
+        "exit_code": 1,
+        "error": f"{task['path']}: the worker died {times} on this input: it was killed, or held "
+        "more than its --memory (fix: try it alone, with more --memory or fewer --workers)",
+        "result": None,
+        "verdict": None,
+        "drive": task["drive"] or None,
+    }
+    return {"row": row, "stamps": None}
+
+
+def _stopped(
+    stop: BaseException, batch: _Run, ctx: click.Context, inputs: Sequence[str]
+) -> Stopped | SystemExit:
+    code = stop.code if isinstance(stop, SystemExit) else 130
+    if not isinstance(code, int):
+        raise stop
+    words = shlex.join([ctx.params["name"], *inputs])
+    return Stopped(
+        f"{len(batch.told())} of {len(batch.rows)} inputs are done and kept",
+        where=str(ctx.params["out"]),
+        fix=f"go on: hdbench batch {words if len(words) < 200 else '...'} with the same options "
+        "and --resume",
+        exit_code=code,
+    )
+
+
+def _tell(output: Output, batch: _Run, out: Path) -> None:
+    """Print the table or its summary, and end with the code of the worst."""
+    from hdbench.batch import summary_of
+    from hdbench.records import result_header
+
+    rows = batch.told()
+    summary = summary_of(rows, batch.kept)
+    header = result_header("batch", None)
+    body = {**header, "command": batch.name, "out": str(out), **summary, "rows": rows}
+
+    def lines(_body: object) -> Iterator[str]:
+        parts = [f"{count} {word}" for word, count in summary.items() if count or word == "done"]
+        yield ", ".join(parts)
+        bad = [row for row in rows if row["result"] is None]
+        yield from (f"  {row['error']}" for row in bad[:_MOST_LINES])
+        if len(bad) > _MOST_LINES:
+            yield f"  and {len(bad) - _MOST_LINES} more: see the column error"
+        yield f"table  {out / 'batch.csv'}"
+
+    output.result(body, lines)
+    output.end(_error(rows, summary, out))
+
+
+def _error(
+    rows: Sequence[Mapping[str, Any]], summary: Mapping[str, int], out: Path
+) -> HdbenchError | None:
+    where, codes = str(out / "batch.csv"), [row["exit_code"] for row in rows]
+    see = "look at the columns exit_code and error"
+    if summary["failed"]:
+        return DoubtfulDataError(
+            f"{summary['failed']} of {len(rows)} inputs failed",
+            where=where,
+            fix=f"{see}; mend these inputs, then go on with --resume",
+        )
+    if 3 in codes:
+        return LimitError(f"{codes.count(3)} of {len(rows)} do not pass", where=where, fix=see)
+    if any(codes):
+        doubtful = len(codes) - codes.count(0)
+        return DoubtfulDataError(
+            f"{doubtful} of {len(rows)} have doubtful data", where=where, fix=see
+        )
+    return None

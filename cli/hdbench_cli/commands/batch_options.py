@@ -1,0 +1,135 @@
+"""Options of `hdbench batch`: its own, those of the command that it runs, and what they mean."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+from click.core import ParameterSource
+
+from hdbench.errors import UsageError, nothing_stored
+from hdbench_cli.commands.batch_task import COMMANDS
+from hdbench_cli.inputs import DEFAULT_PROFILE
+
+if TYPE_CHECKING:
+    from hdbench.batch import Input
+
+__all__ = ["Asked", "BatchOptions", "Job"]
+
+# options of a command that a batch sets itself, that measure, or that name one file for all inputs
+_NOT_HERE = {
+    "address", "control", "drive", "dry_run", "html_file", "json", "junit", "list_causes",
+    "map_file", "mistakes", "no_input", "out", "plan_file", "plant", "plot", "preset", "realtime",
+    "source", "update", "verbose", "who", "yes",
+}  # fmt: skip
+_NAME = "hdbench batch: command"
+
+
+class BatchOptions(click.Command):
+    """A command that also takes the options of the command that it runs."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Find the command among the words, and with it the options that may stand there."""
+        ctx.meta[_NAME] = next((word for word in args if word in COMMANDS), None)
+        return super().parse_args(ctx, args)
+
+    def get_params(self, ctx: click.Context) -> list[click.Parameter]:
+        """Return the options of batch, and those of the command."""
+        return [*super().get_params(ctx), *_options_of(ctx.meta.get(_NAME))]
+
+
+def _options_of(name: str | None) -> list[click.Parameter]:
+    """Return the options of a command that a batch hands on."""
+    from hdbench_cli.main import cli
+
+    target = None if name is None else cli.get_command(click.Context(cli), name)
+    return [
+        option
+        for option in (() if target is None else target.params)
+        if isinstance(option, click.Option) and option.name not in _NOT_HERE
+    ]
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """What is asked of one input: words of the command line, and the digest of their meaning."""
+
+    options: tuple[str, ...]
+    digest: str
+
+
+class Asked:
+    """What is asked of every input, with files among the options known by their content."""
+
+    def __init__(self, name: str, ctx: click.Context) -> None:
+        self._name = name
+        self._words = [*_words(ctx, name)]
+        self._known = {option for param in _options_of(name) for option in param.opts}
+        self._digests: dict[str, str] = {}
+
+    def job(self, entry: Input) -> Job:
+        """Return what is asked of one input."""
+        import hashlib
+        import json
+
+        from hdbench import __version__
+
+        given = {"--profile": entry.profile, "--calibration": entry.calibration}
+        words = list(self._words)
+        for option, value in given.items():
+            if value and option not in self._known:
+                raise UsageError(
+                    f"the list names a {option[2:]}, and {self._name} takes none",
+                    where=str(entry.path),
+                    fix="leave that column out",
+                )
+            words += [(option, value)] if value else []
+        profile = dict(words).get("--profile", "") or DEFAULT_PROFILE
+        meaning = [
+            __version__,
+            self._name,
+            self._profile(profile) if "--profile" in self._known else "",
+            [(option, self._meaning(value)) for option, value in words],
+        ]
+        digest = hashlib.sha256(json.dumps(meaning).encode()).hexdigest()
+        flat = (word for pair in words for word in (pair[0], _absolute(pair[1])) if word)
+        return Job(tuple(flat), digest)
+
+    def _meaning(self, value: str) -> str:
+        """Return the digest of what a word names, else the word."""
+        from hdbench.batch import content_of
+
+        if value not in self._digests:
+            found = bool(value) and Path(value).exists()
+            self._digests[value] = content_of(Path(value)).sha256 if found else value
+        return self._digests[value]
+
+    def _profile(self, name: str) -> str:
+        from hdbench.profile import load_profile
+
+        key = f"profile {name}"
+        if key not in self._digests:
+            self._digests[key] = load_profile(name).sha256
+        return self._digests[key]
+
+
+def _words(ctx: click.Context, name: str) -> Iterator[tuple[str, str]]:
+    """Yield the options that were typed for the command, each with its value, empty for a flag."""
+    for option in _options_of(name):
+        key = str(option.name)
+        if ctx.get_parameter_source(key) is not ParameterSource.COMMANDLINE:
+            continue
+        value = ctx.params[key]
+        for one in value if option.multiple else (value,):
+            if isinstance(one, Path) and not one.exists():
+                raise nothing_stored(one)
+            flag = isinstance(option, click.Option) and option.is_flag
+            yield option.opts[0], "" if flag else str(one)
+
+
+def _absolute(value: str) -> str:
+    """Return a word that names a file here so that it does so for every worker."""
+    return str(Path(value).absolute()) if value and Path(value).exists() else value

@@ -1,0 +1,135 @@
+"""`hdbench demo`."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from hdbench_cli.inputs import DEFAULT_PROFILE
+from hdbench_cli.options import out_option, plant_option, seed_option
+from hdbench_cli.output import Output
+
+if TYPE_CHECKING:
+    from rich.console import RenderableType
+
+    from hdbench.profile import Profile
+
+__all__ = ["command"]
+
+_KINDS = ("calibration", "misalignment", "ripple")
+
+
+def _runs(output: Output, profile: Profile, out: Path, plant: str, seed: int) -> dict[str, Any]:
+    from hdbench.session import BenchOptions, run_experiment
+    from hdbench_cli.live.progress import progress_bar
+
+    done: dict[str, Any] = {}
+    for kind in _KINDS:
+        options = BenchOptions(
+            out=out,
+            plant=plant,
+            seed=seed,
+            calibration=done["calibration"].folder.path if kind != "calibration" else None,
+            misalignment=done["misalignment"].folder.path if kind == "ripple" else None,
+        )
+        with progress_bar(kind) as progress:
+            done[kind] = run_experiment(kind, profile, options, progress)
+        output.note(f"  {kind} done: {done[kind].folder.path}")
+    return done
+
+
+def _hidden_line(effect: Mapping[str, Any]) -> str:
+    """Return a hidden effect in one line."""
+    numbers = [
+        f"{name} {value:.4g}"
+        for name, value in effect.items()
+        if isinstance(value, int | float) and not name.startswith("phase")
+    ]
+    return f"{effect['kind']}: {', '.join(numbers)}"
+
+
+def _again(profile: Profile, trace_run: Path, model_file: Path) -> str:
+    """Return the verdict on a record that the extended model simulates."""
+    import numpy as np
+
+    from hdbench.diagnosis import diagnose_trace
+    from hdbench.model import load_model, simulate_like, with_noise
+    from hdbench.records import read_trace, resolve_input
+
+    model = load_model(model_file)
+    simulated = simulate_like(read_trace(resolve_input(trace_run)), profile.data, model)
+    noisy = with_noise(simulated, profile.data.sensor.noise_nm, np.random.default_rng(0))
+    return diagnose_trace(noisy, profile, model=model).verdict
+
+
+def _lines(body: Mapping[str, Any]) -> Iterator[RenderableType]:
+    from rich.rule import Rule
+    from rich.text import Text
+
+    from hdbench_cli.commands import calibrate, diagnosis_text, run_misalignment, run_ripple
+
+    shown: dict[str, Callable[[Any], Iterable[RenderableType]]] = {
+        "calibration": calibrate.summary,
+        "misalignment": run_misalignment.lines,
+        "ripple": run_ripple.lines,
+        "diagnosis": lambda found: diagnosis_text.lines(found, Path(body["runs"][-1])),
+    }
+    for kind, lines in shown.items():
+        yield Rule(Text(kind, style="bold"), align="left")
+        yield from lines(body["results"][kind])
+    yield Rule(Text("what the plant had hidden", style="bold"), align="left")
+    yield from map(_hidden_line, body["hidden"])
+    verdict = body["extended_model_verdict"]
+    yield f"the extended model, simulated and diagnosed again: {verdict}"
+    yield f"\n{body['seconds']:.0f} s. Open the report:"
+    yield Text(body["report"], style="bold")
+
+
+@click.command("demo", epilog="Example: hdbench demo --seed 3")
+@out_option
+@plant_option("worn")
+@seed_option
+@click.pass_obj
+def command(output: Output, out: Path, plant: str, seed: int) -> None:
+    """Run the whole bench in about a minute, without hardware.
+
+    Calibrate, measure misalignment and ripple, let the diagnosis find what the plant hides, and
+    write one report.
+    """
+    from hdbench.devices.simulation import hidden_effects
+    from hdbench.diagnosis import diagnose_run
+    from hdbench.profile import load_profile
+    from hdbench.records import result_header
+    from hdbench.report import write_report
+    from hdbench_cli.live.progress import progress_bar
+
+    started = time.monotonic()
+    profile = load_profile(DEFAULT_PROFILE)
+    output.note(f"embedded bench {DEFAULT_PROFILE}, plant {plant}, seed {seed}")
+    done = _runs(output, profile, out, plant, seed)
+    ripple = done["ripple"].folder.path
+    with progress_bar("diagnose") as progress:
+        folder, found = diagnose_run(ripple, profile, out=out, progress=progress)
+    output.note(f"  diagnosis done: {folder}")
+    folders = [done[kind].folder.path for kind in _KINDS] + [folder]
+    with progress_bar("simulate") as progress:
+        progress("the extended model, diagnosed again", 0.5)
+        again = _again(profile, ripple, folder / "model.json")
+    hidden = hidden_effects(profile, plant, seed)
+    report = folder / "report.html"
+    write_report(folders, report, profile=profile)
+    results = {kind: done[kind].evaluation.result.to_json() for kind in _KINDS}
+    body = {
+        **result_header("demo", profile),
+        "seconds": time.monotonic() - started,
+        "results": {**results, "diagnosis": found},
+        "hidden": [dict(effect) for effect in hidden],
+        "extended_model_verdict": again,
+        "runs": [str(path) for path in folders],
+        "report": str(report),
+    }
+    output.result(body, _lines)

@@ -1,0 +1,202 @@
+"""`hdbench diagnose`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from hdbench.errors import DoubtfulDataError, LimitError, UsageError
+from hdbench_cli.inputs import choose_profile
+from hdbench_cli.options import (
+    StoredPath,
+    drive_option,
+    out_option,
+    profile_option,
+    seed_option,
+    sources_argument,
+)
+from hdbench_cli.output import Output
+
+if TYPE_CHECKING:
+    from rich.console import RenderableType
+
+    from hdbench.profile import Profile
+
+__all__ = ["command"]
+
+
+def _list_causes(output: Output, cause_files: tuple[Path, ...]) -> None:
+    from hdbench.model import describe_causes, user_causes
+
+    causes = describe_causes(user_causes(cause_files))
+    rows = [f"{cause['name']:<28}{cause['equation']}" for cause in causes]
+    output.result({"schema": "hdbench/causes/1", "causes": causes}, lambda _body: rows)
+
+
+@click.command("diagnose", epilog="Example: hdbench diagnose runs/RUN --check")
+@sources_argument("FILE_OR_RUN...", required=False)
+@profile_option
+@click.option(
+    "--model",
+    "model_file",
+    metavar="FILE|RUN",
+    type=StoredPath(inside="model.json"),
+    help="Bench model to hold against the data, such as an extended one; else the profile's.",
+)
+@drive_option
+@out_option
+@click.option(
+    "--materiality",
+    metavar="FRACTION",
+    type=click.FloatRange(0.0, 1.0, max_open=True),
+    default=0.01,
+    show_default=True,
+    help="Smallest share of the residual variance of a cause that counts.",
+)
+@click.option(
+    "--baseline",
+    "baseline",
+    metavar="TERM",
+    multiple=True,
+    help="Change the baseline: -misalignment or -load takes a term out, +order:6 adds one.",
+)
+@click.option(
+    "--causes",
+    "cause_files",
+    metavar="FILE",
+    multiple=True,
+    type=StoredPath(),
+    help="Causes of your own, a TOML file; may be repeated.",
+)
+@click.option("--from-s", metavar="S", type=float, help="Look at a dynamic run from this time on.")
+@click.option(
+    "--to-s",
+    metavar="S",
+    type=float,
+    help="Look at it up to this time.  [default: the end, at most 600 000 samples]",
+)
+@click.option(
+    "--together",
+    is_flag=True,
+    help="Take all inputs as records of one drive: fit what they share once, one result.",
+)
+@click.option("--check", is_flag=True, help="Exit 3 unless nothing was found.")
+@click.option("--list-causes", is_flag=True, help="Print the catalogue of causes.")
+@seed_option
+@click.pass_obj
+def command(
+    output: Output,
+    sources: Sequence[Path],
+    profile_name: str | None,
+    drive: str | None,
+    model_file: Path | None,
+    out: Path,
+    materiality: float,
+    baseline: tuple[str, ...],
+    cause_files: tuple[Path, ...],
+    from_s: float | None,
+    to_s: float | None,
+    together: bool,
+    check: bool,
+    list_causes: bool,
+    seed: int,
+) -> None:
+    """Show what the simulation gets wrong, name the cause, extend the model, measure the gain.
+
+    Every input makes a run folder with the result, the extended model, the residual before and
+    after, and its spectra.
+    """
+    if list_causes:
+        _list_causes(output, cause_files)
+        return
+    if not sources:
+        raise UsageError(
+            "nothing to diagnose",
+            where="hdbench diagnose",
+            fix="name a run folder, a trace or a loads file, or ask for --list-causes",
+        )
+    from hdbench.diagnosis import DiagnosisOptions, diagnose_run, diagnose_runs_together
+    from hdbench_cli.commands import diagnosis_text
+    from hdbench_cli.live.progress import progress_bar
+
+    options = DiagnosisOptions(
+        model_file,
+        materiality=materiality,
+        seed=seed,
+        baseline=baseline,
+        cause_files=cause_files,
+        from_s=from_s,
+        to_s=to_s,
+    )
+    profiles = [choose_profile(profile_name, source, drive) for source in sources]
+    done: list[tuple[Path, dict[str, Any]]] = []
+    if together:
+        _one_bench(sources, profiles)
+        with progress_bar("diagnose") as progress:
+            done.append(
+                diagnose_runs_together(
+                    sources, profiles[0], out=out, options=options, progress=progress
+                )
+            )
+    for source, profile in () if together else zip(sources, profiles, strict=True):
+        with progress_bar("diagnose") as progress:
+            done.append(diagnose_run(source, profile, out=out, options=options, progress=progress))
+    bodies = [_named(result, folder) for folder, result in done]
+    whole = bodies[0] if len(bodies) == 1 else {"schema": "hdbench/list/1", "diagnoses": bodies}
+
+    def lines(_whole: object) -> Iterator[RenderableType]:
+        for body in bodies:
+            yield from diagnosis_text.lines(body, Path(body["run_folder"]))
+            yield f"{'run':<11}{body['run_folder']}"
+
+    output.result(whole, lines)
+    _end(output, bodies, check)
+
+
+def _one_bench(sources: Sequence[Path], profiles: Sequence[Profile]) -> None:
+    """Refuse runs that were measured on different benches, unless --profile says which it is."""
+    for source, profile in zip(sources, profiles, strict=True):
+        if profile.sha256 != profiles[0].sha256:
+            raise UsageError(
+                f"--together with profiles {profiles[0].name!r} of {sources[0]} and "
+                f"{profile.name!r}, which differ; needed: records of one drive",
+                where=str(source),
+                fix="leave out the records of the other bench, or name the bench with --profile",
+            )
+
+
+def _named(result: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """Return the result with its folder, and the model file as other commands take it.
+
+    Inside the run folder the model file stands by its name, so that the folder can be moved; here
+    its whole path stands, which --model takes from any working folder.
+    """
+    model = result["model_file"]
+    path = None if model is None else str((folder / model).resolve())
+    return {**result, "model_file": path, "run_folder": str(folder)}
+
+
+def _end(output: Output, bodies: list[dict[str, Any]], check: bool) -> None:
+    """End with the code of a failed check, or of doubtful data; the result is out already."""
+    failed = [body for body in bodies if body["verdict"] != "nothing-found"]
+    flagged = [body for body in bodies if body["data_flags"]]
+    if check and failed:
+        output.end(
+            LimitError(
+                f"verdict {failed[0]['verdict']}; needed: nothing-found",
+                where=failed[0]["run_folder"],
+                fix="look at the causes, or diagnose with --model and the extended model",
+            )
+        )
+    if flagged:
+        names = sorted({flag["name"] for flag in flagged[0]["data_flags"]})
+        output.end(
+            DoubtfulDataError(
+                f"finished, but the data are doubtful: {', '.join(names)}",
+                where=flagged[0]["run_folder"],
+                fix="look at the marked samples, then measure again",
+            )
+        )

@@ -1,0 +1,157 @@
+"""`hdbench emulate`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from hdbench.errors import UsageError
+from hdbench_cli.inputs import choose_profile
+from hdbench_cli.options import (
+    StoredPath,
+    file_option,
+    plant_option,
+    profile_option,
+    seed_option,
+)
+from hdbench_cli.output import Output
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from hdbench.devices.emulator.server import Wire
+
+__all__ = ["command"]
+
+_LOOPBACK = ("127.0.0.1", "localhost", "::1")
+
+
+@click.command("emulate", epilog="Example: hdbench emulate --plant worn --port 5020")
+@profile_option
+@plant_option(bench="bench")
+@click.option(
+    "--model",
+    "model_file",
+    metavar="FILE|RUN",
+    type=StoredPath(inside="model.json"),
+    help="Bench model to emulate, such as a diagnosis' extended one; else the profile's.",
+)
+@seed_option
+@click.option(
+    "--port",
+    metavar="PORT",
+    type=click.IntRange(0, 65535),
+    default=0,
+    show_default=True,
+    help="TCP port; 0 takes a free one.",
+)
+@click.option(
+    "--wire",
+    type=click.Choice(["tcp", "rtu", "rtu+tcp", "ascii", "udp"]),
+    default="tcp",
+    show_default=True,
+    help="What the device speaks: a node tcp or rtu, a polled device any; rtu and ascii on a "
+    "pseudo-terminal.",
+)
+@click.option("--rtu", "wire", flag_value="rtu", help="The same as --wire rtu.")
+@click.option(
+    "--listen",
+    metavar="ADDRESS",
+    default="127.0.0.1",
+    show_default=True,
+    help="Address of this computer to listen on; other than the loopback with --unprotected only.",
+)
+@click.option(
+    "--unprotected",
+    is_flag=True,
+    help="Let others on the network in: nothing on this wire asks who they are.",
+)
+@click.option(
+    "--pace",
+    type=click.Choice(["realtime", "fast"]),
+    default="realtime",
+    show_default=True,
+    help="Sample by the wall clock, or as fast as the host reads.",
+)
+@file_option(
+    "--record", metavar="FILE", help="Write each change of the node's state as one JSON line."
+)
+@click.pass_obj
+def command(
+    output: Output,
+    *,
+    profile_name: str | None,
+    plant: str,
+    model_file: Path | None,
+    seed: int,
+    port: int,
+    wire: Wire,
+    listen: str,
+    unprotected: bool,
+    pace: str,
+    record: Path | None,
+) -> None:
+    """Serve the emulated bench on its own wire until Ctrl-C or SIGTERM.
+
+    Which device is emulated stands in the profile. Prints the address that --address of the other
+    commands takes. It is open to this machine only: Modbus has no authentication.
+    """
+    from hdbench import __version__
+    from hdbench.devices.emulator.serving import EmulatorSettings, emulate
+
+    _check_listen(listen, unprotected=unprotected)
+    profile = choose_profile(profile_name, None)
+
+    def ready(found: Mapping[str, object]) -> None:
+        address = str(found["address"])
+        parts = [found[name] for name in ("inputs", "outputs") if name in found]
+        each = [str(part["address"]) for part in parts if isinstance(part, dict)]
+        output.result(
+            {
+                "schema": "hdbench/emulator/1",
+                "hdbench_version": __version__,
+                "profile": {"name": profile.name, "sha256": profile.sha256},
+                **found,
+                **_host_and_port(address),
+                "plant": plant,
+                "seed": seed,
+                "pace": pace,
+            },
+            lambda _body: each or [address],
+        )
+        output.note(f"lock and weights by a simulated operator: --control {found['control']}")
+        output.note("serving until Ctrl-C")
+
+    settings = EmulatorSettings(
+        host=listen,
+        port=port,
+        pace="fast" if pace == "fast" else "realtime",
+        record=record,
+        wire=wire,
+    )
+    emulate(profile.data, plant, seed, settings, ready=ready, model_file=model_file)
+
+
+def _check_listen(listen: str, *, unprotected: bool) -> None:
+    """Refuse to open the wire to a network by accident."""
+    if listen in _LOOPBACK or unprotected:
+        return
+    if listen.rpartition(":")[0] in _LOOPBACK:
+        raise UsageError(
+            f"{listen} holds a port; needed: an address alone",
+            where="--listen",
+            fix="give the port with --port",
+        )
+    raise UsageError(
+        f"{listen} is not the loopback: everybody on that network could move the bench",
+        where="--listen",
+        fix="leave it out, or add --unprotected if that is what you want",
+    )
+
+
+def _host_and_port(address: str) -> dict[str, object]:
+    """Return host and port of a network address; nothing for another."""
+    host, _, port = address.partition("://")[2].rpartition(":")
+    return {"host": host, "port": int(port)} if host and port.isdecimal() else {}

@@ -1,0 +1,140 @@
+"""`hdbench export`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from hdbench.errors import UsageError
+from hdbench_cli.inputs import choose_profile, own_names
+from hdbench_cli.options import POSITIVE, model_option, profile_option, sources_argument
+from hdbench_cli.output import Output
+
+__all__ = ["command"]
+
+# what `hdbench.records.exporting.FORMATS` holds; a test keeps them together
+_FORMATS = ("parquet", "hdf5", "mat")
+
+
+@click.command(
+    "export",
+    epilog="Example: hdbench export --model report-6 --out firmware; "
+    "hdbench export runs/RUN --format mat --out exported",
+)
+@sources_argument("[FILE_OR_RUN]...", required=False)
+@click.option(
+    "--format",
+    "kind",
+    type=click.Choice(_FORMATS),
+    help="Write the trace or loads of a run or file in this form.",
+)
+@model_option("Write this filter as C99 firmware: report-a1, report-a2, report-6 or a model file.")
+@click.option(
+    "--out",
+    metavar="DIR",
+    type=click.Path(path_type=Path, file_okay=False),
+    required=True,
+    help="Folder to write.",
+)
+@click.option(
+    "--period",
+    "period_s",
+    metavar="S",
+    type=POSITIVE,
+    help="Sampling period of the firmware.  [default: the profile's]",
+)
+@profile_option
+@click.pass_obj
+def command(
+    output: Output,
+    *,
+    sources: tuple[Path, ...],
+    kind: str | None,
+    filter_name: str | None,
+    out: Path,
+    period_s: float | None,
+    profile_name: str | None,
+) -> None:
+    """Write a filter model as C99 source, or the records of runs for other programs.
+
+    With --model: the same source as the host's filter, with the model's numbers, an example for an
+    interrupt, test vectors and a self-test. With --format: every column of a trace or loads file
+    with its unit, and beside it the run, its profile and its result. Several inputs each get a
+    folder of their own name.
+    """
+    _check_asked(sources, kind, filter_name)
+    if kind is not None:
+        _export_records(output, sources, kind, out, profile_name)
+    elif filter_name is not None:
+        _export_filter(output, filter_name, out, period_s, profile_name)
+
+
+def _check_asked(sources: tuple[Path, ...], kind: str | None, filter_name: str | None) -> None:
+    where = "hdbench export"
+    if (filter_name is None) == (kind is None):
+        found = "both --model and --format" if kind else "neither --model nor --format"
+        raise UsageError(
+            f"{found}; needed: one of them",
+            where=where,
+            fix="--model NAME|FILE writes firmware, RUN --format parquet|hdf5|mat writes records",
+        )
+    if kind is not None and not sources:
+        raise UsageError(
+            f"--format {kind} without a run or file", where=where, fix="name the run to export"
+        )
+    if filter_name is not None and sources:
+        raise UsageError(
+            f"--model {filter_name} beside {sources[0]}; needed: the model alone",
+            where=where,
+            fix="leave out the run, or export its records with --format",
+        )
+
+
+def _export_records(
+    output: Output, sources: tuple[Path, ...], kind: str, out: Path, profile_name: str | None
+) -> None:
+    from hdbench.records import result_header
+    from hdbench.records.exporting import export_records, gather
+
+    # one input alone goes straight into the folder
+    places = [out] if len(sources) == 1 else [out / name for name in own_names(sources)]
+    rows: list[dict[str, Any]] = []
+    for source, place in zip(sources, places, strict=True):
+        content = gather(source, choose_profile(profile_name, source).data.arm)
+        written = export_records(content, place, kind)
+        rows.append(
+            {
+                "source": content.attributes["source"],
+                "sha256": content.attributes["sha256"],
+                "file": str(written),
+                "columns": {name: c.unit for name, c in content.channels.items()},
+            }
+        )
+    header = result_header("export", choose_profile(profile_name, sources[0]))
+    body = {**header, "folder": str(out), "format": kind, "exported": rows}
+    told = [f"{row['file']}: {len(row['columns'])} columns of {row['source']}" for row in rows]
+    output.result(body, lambda _body: told)
+
+
+def _export_filter(
+    output: Output, filter_name: str, out: Path, period_s: float | None, profile_name: str | None
+) -> None:
+    from hdbench.filter.firmware import export_firmware
+    from hdbench.records import result_header
+    from hdbench.session.filters import choose_filter
+
+    profile = choose_profile(profile_name, None)
+    model = choose_filter(profile, filter_name)
+    period = period_s or profile.data.daq.sample_period_s
+    files = export_firmware(model, out, sample_period_s=period, source=filter_name)
+    body = {
+        **result_header("export", profile),
+        "folder": str(out),
+        "sample_period_s": period,
+        "files": files,
+        "filter": model.to_dict(),
+    }
+    told = f"{len(files)} files in {out}; `make` there runs the self-test"
+    output.result(body, lambda _body: [told])

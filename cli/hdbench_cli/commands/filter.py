@@ -1,0 +1,359 @@
+"""`hdbench filter`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from hdbench.errors import DataError, DoubtfulDataError
+from hdbench_cli.inputs import check_out, choose_profile, read_input, show_results, targets
+from hdbench_cli.options import (
+    calibration_option,
+    file_option,
+    gain_option,
+    model_option,
+    profile_option,
+    sources_argument,
+)
+from hdbench_cli.output import Output
+from hdbench_cli.text import table
+
+if TYPE_CHECKING:
+    from rich.console import RenderableType
+
+    from hdbench.filter import FilteredBlock, FilterModel
+    from hdbench.filter.comparison import Comparison
+    from hdbench.filter.smoothing import SmoothedTorque
+    from hdbench.profile import Profile
+    from hdbench.records import Trace
+    from hdbench.results import DataFlag
+    from hdbench_cli.inputs import Input
+
+__all__ = ["command", "order_lines", "smoothed_columns", "smoothed_summary", "tuned_on"]
+
+# column of a simulated trace with the true torque, N m
+_TRUTH = "torque_true_nm"
+
+
+@click.command("filter", epilog="Example: hdbench filter runs/RUN --model report-6 --out clean.csv")
+@sources_argument("TRACE|RUN...")
+@model_option()
+@profile_option
+@calibration_option
+@gain_option
+@click.option(
+    "--out",
+    metavar="FILE.csv|DIR",
+    type=click.Path(path_type=Path),
+    required=True,
+    help="Trace file to write (.csv or .csv.gz); for several inputs the folder of such files.",
+)
+@click.option(
+    "--smooth",
+    is_flag=True,
+    help="Add columns: smoothed torque, every order's amplitude and phase with their bands.",
+)
+@click.option(
+    "--compare",
+    is_flag=True,
+    help="Raw, low-pass, the report's tuning, tuned and smoothed side by side.",
+)
+@file_option("--plot", metavar="FILE.svg", help="With --compare: picture to write, .svg or .png.")
+@click.pass_obj
+def command(output: Output, /, sources: tuple[Path, ...], out: Path, **options: Any) -> None:
+    """Take ripple and misalignment out of stored traces.
+
+    A run is filtered by the filter that ran in it and gives the same bits, unless --model or
+    another profile says otherwise. Of several inputs each is written to the folder --out under its
+    own name. Exits 6 where samples are missing, saturated or apart: the file is written, and its
+    torque is nan where it is missing.
+    """
+    asked = _Request(**options)
+    if asked.gain is not None and asked.calibration is not None:
+        raise click.UsageError("--gain and --calibration both name a gain; give one")
+    if asked.plot is not None and not asked.compare:
+        raise click.UsageError("--plot draws the comparison; ask for --compare too")
+    if asked.plot is not None and len(sources) > 1:
+        raise click.UsageError("--plot draws one input; filter them one by one")
+    files = targets(out, sources)
+    bodies = [_filtered(asked, *pair) for pair in zip(sources, files, strict=True)]
+    show_results(output, bodies, out, _lines)
+    output.end(_doubt([body for body in bodies if body["flags"]]))
+
+
+@dataclass(frozen=True, slots=True)
+class _Request:
+    """What is asked of every input: model, gain (N m/V), and what is added."""
+
+    filter_name: str | None
+    profile_name: str | None
+    calibration: Path | None
+    gain: float | None
+    smooth: bool
+    compare: bool
+    plot: Path | None
+
+
+def _filtered(asked: _Request, source: Path, out: Path) -> dict[str, Any]:
+    """Filter one stored trace and write the result."""
+    from hdbench.filter import filter_trace, filtered_columns
+    from hdbench.filter.smoothing import smooth_channels
+    from hdbench.records import result_header, write_trace
+    from hdbench.session.filters import choose_filter, trace_channels
+
+    profile = choose_profile(asked.profile_name, source)
+    tuned = asked.filter_name == "tuned"
+    model = choose_filter(profile, None if tuned else asked.filter_name, source=source)
+    item = read_input(source, profile, gain=asked.gain, calibration=asked.calibration, model=model)
+    check_out(out, source, item.file)
+    trace = item.trace
+    if tuned:
+        model = tuned_on(item, profile)
+    block = filter_trace(
+        trace,
+        model,
+        velocity_gain_rad_s_per_v=profile.data.tacho.gain_rad_s_per_v,
+        encoder_counts_per_turn=profile.data.encoder.counts_per_turn,
+    )
+    body = {
+        **result_header("filter", profile),
+        "input": item.identity(),
+        "out": str(out),
+        "torque_scale": item.scale.to_dict(),
+        **_summary(trace, block, model, _flags(trace, source, profile, block)),
+    }
+    written = filtered_columns(trace, block)
+    if asked.smooth:
+        channels = trace_channels(trace, profile, use_measured_angle=model.use_measured_angle)
+        smoothed = smooth_channels(model, channels)
+        written, body["orders"] = smoothed_columns(written, smoothed), smoothed_summary(smoothed)
+    if asked.compare:
+        # with the model at hand where it is a tuned one, else with one tuned here
+        best = model if model.tuning is not None else tuned_on(item, profile)
+        found = _compared(trace, best, profile)
+        if asked.plot is not None:
+            _draw(asked.plot, trace, found)
+        others = [row for row in found.contenders if row.name != "raw"]
+        written = written.with_columns(**{f"torque_{row.name}_nm": row.torque_nm for row in others})
+        body["comparison"] = found.to_dict()
+    write_trace(out, written)
+    return body
+
+
+def tuned_on(item: Input, profile: Profile) -> FilterModel:
+    """Tune the profile's orders on this very trace."""
+    from hdbench.filter.tuning import settings_of
+    from hdbench.session.filters import choose_filter
+    from hdbench_cli.commands.tune import tune_inputs
+
+    base = choose_filter(profile, None)
+    return tune_inputs([item], base, settings_of(profile.data), profile).model
+
+
+def _flags(trace: Trace, source: Path, profile: Profile, block: FilteredBlock) -> list[DataFlag]:
+    """Return what makes the filtered trace doubtful.
+
+    Lost, saturated and stuck samples, gaps; of a file also channels in another unit or in each
+    other's place.
+    """
+    import numpy as np
+
+    from hdbench.estimation import data_flags
+    from hdbench.filter.online import FLAG_BITS
+    from hdbench.results import DataFlag
+    from hdbench.session.doubts import channel_refusal
+
+    others = data_flags(trace, trace["torque_nm"], profile.data)
+    flags = [flag for flag in others if flag.name != "missing-samples"]
+    predicted = f"of {len(trace)} samples{{}}; the filter only predicted there"
+    lost = _lost(trace, profile)
+    if lost:
+        detail = f"{lost} {predicted.format(' lack torque or velocity')}"
+        flags.insert(0, DataFlag("missing-samples", lost, detail))
+    known = {flag.name for flag in flags}
+    for name, bit in (("saturation", FLAG_BITS["saturated"]), ("stuck", FLAG_BITS["stuck"])):
+        count = int(np.count_nonzero(block.flags & bit))
+        if count and name not in known:
+            flags.append(DataFlag(name, count, f"{name}: {count} {predicted.format('')}"))
+    refusal = channel_refusal(trace, source, profile)
+    return [*flags, DataFlag("wrong-channel", len(trace), refusal)] if refusal else flags
+
+
+def _lost(trace: Trace, profile: Profile) -> int:
+    """Return how many samples have a torque or velocity that the filter cannot use."""
+    import numpy as np
+
+    from hdbench.filter.kalman import USABLE
+
+    velocity = (
+        trace["motor_velocity_rad_s"]
+        if "motor_velocity_rad_s" in trace
+        else trace["tacho_v"] * profile.data.tacho.gain_rad_s_per_v
+    )
+    usable = (np.abs(velocity) <= USABLE) & (np.abs(trace["torque_nm"]) <= USABLE)
+    return len(trace) - int(np.count_nonzero(usable))
+
+
+def _summary(
+    trace: Trace, block: FilteredBlock, model: FilterModel, flags: list[DataFlag]
+) -> dict[str, Any]:
+    import numpy as np
+
+    from hdbench.filter import kernel_name
+    from hdbench.filter.online import FLAG_BITS
+
+    both = np.isfinite(trace["torque_nm"]) & np.isfinite(block.torque_filtered_nm)
+    if not both.any():
+        raise DataError(
+            "no sample has a torque", where=trace.source, fix="record the torque channel"
+        )
+
+    def rms(values: Any) -> float:
+        return float(np.sqrt(np.mean(np.square(values[both]))))
+
+    return {
+        "samples": len(trace),
+        "missing_samples": sum(f.samples for f in flags if f.name == "missing-samples"),
+        "flags": [flag.to_json() for flag in flags],
+        "sample_flags": {
+            name: int(np.count_nonzero(block.flags & bit)) for name, bit in FLAG_BITS.items()
+        },
+        "torque_rms_nm": {
+            "measured": rms(trace["torque_nm"]),
+            "filtered": rms(block.torque_filtered_nm),
+        },
+        "kernel": kernel_name(),
+        "filter": model.to_dict(),
+    }
+
+
+def _doubt(doubtful: list[dict[str, Any]]) -> DoubtfulDataError | None:
+    """Return the error of doubtful inputs; None where there is none."""
+    if not doubtful:
+        return None
+    flags = [flag for body in doubtful for flag in body["flags"]]
+    fix = "look at the marked samples, then measure again"
+    if any(flag["name"] == "wrong-channel" for flag in flags):
+        fix = "bring the file in with the right columns and units: hdbench import --map"
+    return DoubtfulDataError(
+        "; ".join(flag["detail"] for flag in flags),
+        where=", ".join(body["input"]["path"] for body in doubtful),
+        fix=fix,
+    )
+
+
+def smoothed_columns(trace: Trace, smoothed: SmoothedTorque) -> Trace:
+    """Add the smoothed torque, and every order's amplitude and phase with their bands."""
+    columns = {
+        "torque_smoothed_nm": smoothed.torque_smoothed_nm,
+        "slow_nm": smoothed.slow_nm,
+        "slow_std_nm": smoothed.slow_std_nm,
+    }
+    for wave in smoothed.waves:
+        columns |= {
+            f"{wave.name}_amplitude_nm": wave.amplitude_nm,
+            f"{wave.name}_amplitude_std_nm": wave.amplitude_std_nm,
+            f"{wave.name}_phase_rad": wave.phase_rad,
+            f"{wave.name}_phase_std_rad": wave.phase_std_rad,
+        }
+    return trace.with_columns(**columns)
+
+
+def smoothed_summary(smoothed: SmoothedTorque) -> list[dict[str, Any]]:
+    """Return every order's amplitude over the trace: mean, least, most, and its mean band."""
+    import numpy as np
+
+    rows = []
+    for wave in smoothed.waves:
+        known = wave.amplitude_nm[np.isfinite(wave.amplitude_nm)]
+        band = wave.amplitude_std_nm[np.isfinite(wave.amplitude_std_nm)]
+        rows.append(
+            {
+                "name": wave.name,
+                "role": wave.role,
+                "order": wave.order,
+                "frequency_hz": wave.frequency_hz,
+                "amplitude_nm": {
+                    "mean": float(np.mean(known)),
+                    "min": float(np.min(known)),
+                    "max": float(np.max(known)),
+                    "mean_std": float(np.mean(band)),
+                },
+            }
+        )
+    return rows
+
+
+def _compared(trace: Trace, tuned: FilterModel, profile: Profile) -> Comparison:
+    """Run raw, low-pass, the report's tuning, the tuned model and its smoother side by side."""
+    from hdbench.filter import preset
+    from hdbench.filter.comparison import compare_filters
+    from hdbench.session.filters import trace_channels
+
+    settings = profile.data.filter
+    return compare_filters(
+        trace_channels(trace, profile, use_measured_angle=True),
+        {"report": preset("report-6", profile.data)},
+        tuned,
+        truth_nm=trace.columns.get(_TRUTH),
+        lowpass=(settings.butterworth_cutoff_hz, settings.butterworth_order),
+    )
+
+
+def _draw(path: Path, trace: Trace, comparison: Comparison) -> None:
+    """Draw the contenders over time."""
+    from hdbench.report.plots import plot_comparison
+
+    torques = {row.name: row.torque_nm for row in comparison.contenders}
+    if _TRUTH in trace:
+        torques = {"truth": trace[_TRUTH], **torques}
+    plot_comparison(path, trace.time_s, torques)
+
+
+def _lines(body: Mapping[str, Any]) -> Iterator[RenderableType]:
+    rms, model = body["torque_rms_nm"], body["filter"]
+    orders = ", ".join(
+        f"{block['frequency_hz']:g} Hz" if "frequency_hz" in block else f"{block['order']:g}"
+        for block in model["blocks"]
+    )
+    yield f"{'model':12s}{model['name']}, orders {orders}, kernel {body['kernel']}"
+    yield f"{'torque gain':12s}{body['torque_scale']['source']}"
+    yield f"{'torque rms':12s}{rms['measured']:.4f} measured, {rms['filtered']:.4f} filtered N m"
+    yield f"{'written':12s}{body['out']}, {body['samples']} samples"
+    yield from order_lines(body.get("orders", ()))
+    if "comparison" in body:
+        yield from _comparison(body["comparison"])
+
+
+def order_lines(rows: list[dict[str, Any]]) -> Iterator[str]:
+    """Yield every order's amplitude."""
+    for row in rows:
+        a = row["amplitude_nm"]
+        band = f"{a['mean']:.4f} N m +- {a['mean_std']:.4f}"
+        yield f"{row['name']:<14}{band}, {a['min']:.4f} ... {a['max']:.4f}"
+
+
+def _comparison(body: Mapping[str, Any]) -> Iterator[RenderableType]:
+    places = list(body["rows"][0]["suppression_db"])
+    rows = []
+    for row in body["rows"]:
+        kept, delay = row["torque_kept"], row["delay_s"]
+        taken = [row["suppression_db"][place] for place in places]
+        rows.append(
+            (
+                row["name"],
+                *("" if x is None else f"{x:.1f}" for x in taken),
+                "" if kept is None else f"{kept:.3f}",
+                "" if delay is None else f"{1e3 * delay:+.1f}",
+                f"{row['noise_nm']:.4f}",
+                f"{row['error_rms_nm']:.4f}",
+            )
+        )
+    numbers = ("torque kept", "delay ms", "noise N m", "error N m")
+    yield table(("", *(f"{place} dB" for place in places), *numbers), rows)
+    against = "the trace's true torque" if body["reference"] == "truth" else "the smoothed torque"
+    yield f"judged from {body['from_s']:.3g} s on against {against}"

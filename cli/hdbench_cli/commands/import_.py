@@ -1,0 +1,428 @@
+"""`hdbench import`: other programs' logs as trace or loads."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from hdbench.errors import DataError, UsageError
+from hdbench_cli.inputs import DEFAULT_PROFILE
+from hdbench_cli.next_step import after_import, next_line
+from hdbench_cli.options import POSITIVE, file_option, no_input_option, profile_option
+from hdbench_cli.output import Output
+
+if TYPE_CHECKING:
+    from hdbench.calibration.staircase import StaircaseReport
+    from hdbench.importing.importer import ImportReport
+    from hdbench.importing.layout import Logger
+    from hdbench.importing.listing import ChannelFacts
+    from hdbench.importing.proposal import Proposal
+    from hdbench.importing.recipe import Recipe
+    from hdbench.importing.source import Source
+    from hdbench.profile import Profile
+
+__all__ = ["command"]
+
+
+def _pairs(texts: tuple[str, ...], option: str) -> dict[str, str]:
+    """Return NAME=VALUE texts by name."""
+    found: dict[str, str] = {}
+    for text in texts:
+        name, mark, value = text.partition("=")
+        if not mark or not value:
+            raise UsageError(
+                f"found {text!r:.80}; needed: [FILE_NUMBER:]NAME=...",
+                where=option,
+                fix=f"such as {option} torque_nm=Torque*0.001",
+            )
+        found[name] = value
+    return found
+
+
+def _imported(report: ImportReport) -> Iterator[str]:
+    """Yield what one file or several became."""
+    yield f"{report.kind}: {report.rows} rows of {', '.join(report.columns)}"
+    if report.lost:
+        yield f"{report.lost} cells without a number are marked as lost"
+    if report.time_origin_s:
+        yield f"time starts at 0; it was {report.time_origin_s!r} s"
+    yield from report.notes
+    yield f"read back and kept as {report.out}"
+    command = after_import(report.kind, report.out, report.columns)
+    if command:
+        yield next_line(command)
+
+
+def _listed(
+    source: Source, facts: list[ChannelFacts], proposal: Proposal, command: str
+) -> Iterator[str]:
+    """Yield what is in a file and which mapping is proposed."""
+    yield f"{source.path}: {source.form}, {len(facts)} channels"
+    width = min(max(len(f.channel.name) for f in facts), 48)
+    for f in facts:
+        rate = "" if f.rate_hz is None else f"{f.rate_hz:.5g} Hz"
+        span = "words" if f.is_text else "no number"
+        if f.least is not None:
+            span = f"{f.least:.6g} to {f.most:.6g}"
+        missing = f"{100 * f.missing_share:.3g} % missing" if f.missing_share else ""
+        unit = f.channel.unit or "-"
+        row = f"{f.number:4d} {f.channel.name:<{width}} {unit:<6} {rate:<10} {span:<28} {missing}"
+        yield row.rstrip()
+    yield from source.notes[:20]
+    yield "proposed, by names and units:"
+    for target, text in proposal.recipe.map.items():
+        yield f"  {target} = {text}  ({proposal.reasons[target]})"
+    for option, reason in proposal.reasons.items():
+        if option.startswith("--"):
+            yield f"  {option}  ({reason})"
+    yield from (f"needed: {need}" for need in proposal.needs)
+    if not proposal.needs:
+        yield "to take it:"
+    yield command
+
+
+def _listing(
+    output: Output, file: Path, recipe: Recipe, profile: Profile, bench: str | None, *, ask: bool
+) -> Proposal | None:
+    """Show what is in a file and what is proposed; return what a person takes at once."""
+    from contextlib import closing
+
+    from hdbench.importing.listing import list_channels
+    from hdbench.importing.proposal import proposed_mapping, time_candidate
+    from hdbench.importing.registry import open_source
+    from hdbench.records import result_header
+
+    with closing(open_source(file, recipe.layout, recipe.asked)) as source:
+        time = time_candidate(source.channels)
+        facts = list_channels(source, None if time is None else time.name)
+        proposal = proposed_mapping(facts, recipe, source.channels, bench)
+    out = _default_out(file)
+    if proposal.no_time and output.json:
+        raise _no_time(file)
+    body = {
+        **result_header("import", profile),
+        "file": str(file),
+        "form": source.form,
+        "channels": [fact.to_dict() for fact in facts],
+        "notes": list(source.notes),
+        "proposal": proposal.to_dict(file, out),
+    }
+    command = proposal.command(file, out)
+    output.result(body, lambda _body: _listed(source, facts, proposal, command))
+    if proposal.no_time:
+        raise _no_time(file)
+    if not ask or proposal.needs or output.json:
+        return None
+    return proposal if click.confirm(f"Take it and write {out}?", err=True) else None
+
+
+def _no_time(file: Path) -> DataError:
+    return DataError(
+        "no time column; needed: the time of every row, or the sample rate",
+        where=str(file),
+        fix="give the rate at which it was sampled by --rate HZ, or --time COLUMN",
+    )
+
+
+def _default_out(file: Path) -> Path:
+    stem = file.name.removesuffix(".gz").rpartition(".")[0] or file.name
+    out = Path(f"{stem}.csv")
+    return Path(f"{stem}.trace.csv") if out.resolve() == file.resolve() else out
+
+
+@click.command(
+    name="import",
+    epilog="Examples: hdbench import log.mat; hdbench import log.csv --time t_ms@ms --map "
+    "torque_nm=Torque --map motor_velocity_rad_s=rpm@rpm --out trace.csv; hdbench import "
+    "robot.npz --joint 2 --side output --profile robot.toml --time t --map torque_nm=tau_2 "
+    "--map motor_angle_rad=q_2 --map motor_velocity_rad_s=qd_2 --out joint.csv; "
+    "hdbench import --kind trace stream_0.dat --from-logger labjack --map torque_v=v0 "
+    "--map tacho_v=v1 --out trace.csv; hdbench import "
+    "--kind staircase weights.csv --time t_ms*0.001 --map reading_v=counts --loads 0,1,2,1,0 "
+    "--load-unit kg --out loads.csv",
+)
+@click.argument(
+    "files", metavar="FILE...", nargs=-1, required=True, type=click.Path(path_type=Path)
+)
+@click.option(
+    "--kind",
+    type=click.Choice(["trace", "loads", "staircase"]),
+    default="trace",
+    show_default=True,
+    help="What the files hold; staircase: raw readings while weights were hung one after another.",
+)
+@click.option(
+    "--map",
+    "maps",
+    metavar="[N:]NAME=COLUMN[*SCALE][+OFFSET][@WORD...]",
+    multiple=True,
+    help="Fill column NAME from COLUMN (its name, the end of it, or its number from 1), here "
+    "only in file N. WORD declares what it is: a unit (deg, rpm, ms, mV ...), int8, int16 or int32 "
+    "(a signed number stored without sign), wrapped (an angle within one turn), output (of the "
+    "joint, times the gear ratio), zero (starts at 0).",
+)
+@click.option(
+    "--set",
+    "constants",
+    metavar="[N:]NAME=VALUE",
+    multiple=True,
+    help="Fill column NAME with VALUE, here only in file N.",
+)
+@file_option(
+    "--recipe",
+    "recipe_file",
+    metavar="FILE.toml",
+    help="Take the mapping from this file; a file that is not there is made of the one given here.",
+)
+@click.option("--topic", metavar="NAME", help="Topic, sheet or group of channels to look at.")
+@click.option("--joint", metavar="NAME", help="Joint to look at: a name, or the number behind q_.")
+@click.option(
+    "--side",
+    type=click.Choice(["motor", "output"]),
+    help="output: angles and velocities are of the joint; the gear ratio of --profile makes them "
+    "those of the motor.  [default: motor]",
+)
+@click.option(
+    "--torque-constant",
+    type=float,
+    metavar="N_M_PER_A",
+    help="Make torque_nm of motor_current_a by this factor.",
+)
+@click.option(
+    "--velocity-from-angle",
+    type=POSITIVE,
+    metavar="HZ",
+    help="Make motor_velocity_rad_s of motor_angle_rad: derivative without lag, low-pass at HZ.",
+)
+@click.option("--time", metavar="COLUMN[*SCALE]", help="Time column, in s after scaling.")
+@click.option("--rate", type=POSITIVE, metavar="HZ", help="Sample rate.")
+@click.option("--keep-time", is_flag=True, help="Keep the time as it is; else it starts at 0.")
+@click.option(
+    "--delimiter",
+    type=click.Choice(["auto", "comma", "semicolon", "tab", "blank"]),
+    default="auto",
+    show_default=True,
+    help="What separates the columns of a text.",
+)
+@click.option(
+    "--from-logger",
+    "logger",
+    type=click.Choice(["auto", "labjack", "dataq"]),
+    help="The files are a data logger's: find the table, its time column and its units.",
+)
+@click.option("--no-header", is_flag=True, help="The first row holds data, not names.")
+@click.option(
+    "--skip", type=click.IntRange(min=0), default=0, help="Lines to pass over before the header."
+)
+@click.option(
+    "--loads",
+    metavar="A,B,...",
+    help="Staircase: the load on each plateau, in the order of time.",
+)
+@click.option(
+    "--load-unit",
+    type=click.Choice(["nm", "kg", "lb"]),
+    default="nm",
+    show_default=True,
+    help="Staircase: unit of the loads; masses hang on the arm of the profile.",
+)
+@click.option(
+    "--least-s",
+    type=POSITIVE,
+    default=3.0,
+    show_default=True,
+    help="Staircase: shortest plateau, s.",
+)
+@profile_option
+@click.option(
+    "--out",
+    metavar="FILE|DIR",
+    type=click.Path(path_type=Path),
+    help="Trace or loads file to write; with a folder, one trace for each FILE. Without it the "
+    "content is listed and a mapping proposed.",
+)
+@no_input_option
+@click.pass_obj
+def command(
+    output: Output,
+    *,
+    files: tuple[Path, ...],
+    kind: str,
+    maps: tuple[str, ...],
+    constants: tuple[str, ...],
+    recipe_file: Path | None,
+    topic: str | None,
+    joint: str | None,
+    side: str | None,
+    torque_constant: float | None,
+    velocity_from_angle: float | None,
+    time: str | None,
+    rate: float | None,
+    keep_time: bool,
+    delimiter: str,
+    logger: Logger | None,
+    no_header: bool,
+    skip: int,
+    loads: str | None,
+    load_unit: str,
+    least_s: float,
+    profile_name: str | None,
+    out: Path | None,
+    no_input: bool,
+) -> None:
+    """Bring in traces and loads from other programs.
+
+    Reads text (.csv and the like, packed or not), JSON records, NumPy (.npz, .npy), MATLAB 5; and,
+    with an extra of hdbench, HDF5 and MATLAB 7.3, Parquet, Excel, TDMS, MDF 4, ROS bags and MCAP.
+
+    Without --out it prints what is in the file, a mapping that names and units suggest, and the
+    command to take it. Columns that already bear a name of hdbench come along without --map. The
+    new file is read back before success is told; what was done stands beside it in
+    FILE.provenance.json and in every result that is made from it.
+
+    With --from-logger a column of time is asked for, and units that a logger states (mV, rpm, deg)
+    are turned into ours without being declared.
+    """
+    from hdbench.importing.recipe import Recipe, read_recipe, write_recipe
+    from hdbench.profile import load_profile
+
+    if logger is not None and no_header:
+        raise UsageError(
+            "--from-logger needs the row of column names that --no-header denies",
+            where="--from-logger",
+            fix="leave one of them out",
+        )
+    profile = load_profile(profile_name or DEFAULT_PROFILE)
+    timed = {"time_s": time} if time is not None else {}
+    recipe = Recipe(
+        "trace" if kind == "staircase" else kind,
+        {**_pairs(maps, "--map"), **timed},
+        _pairs(constants, "--set"),
+        topic=topic,
+        joint=joint,
+        side=side or "motor",
+        rate_hz=rate,
+        torque_constant_nm_per_a=torque_constant,
+        velocity_from_angle_hz=velocity_from_angle,
+        keep_time=keep_time,
+        delimiter=delimiter,
+        from_logger=logger,
+        skip=skip,
+        no_header=no_header,
+    )
+    if kind == "staircase":
+        stairs = (maps, constants, time, loads)
+        _staircase(output, stairs, recipe, load_unit, least_s, files, _needed(out), profile)
+        return
+    keep = recipe_file is not None and not recipe_file.exists()
+    if recipe_file is not None and not keep:
+        recipe = recipe.over(read_recipe(recipe_file))
+    if out is None and not recipe.map and not recipe.set and len(files) == 1:
+        ask = not no_input and sys.stdin.isatty()
+        taken = _listing(output, files[0], recipe, profile, profile_name, ask=ask)
+        if taken is None:
+            return
+        recipe, out = taken.taken(), _default_out(files[0])
+    # the gear ratio of a bench that nobody named is none of this drive
+    ratio = None if profile_name is None else profile.data.drive.gear_ratio
+    _run(output, recipe, files, _needed(out), profile, ratio)
+    if keep and recipe_file is not None:
+        write_recipe(recipe_file, recipe)
+        output.note(f"mapping kept as {recipe_file}")
+
+
+def _needed(out: Path | None) -> Path:
+    if out is None:
+        raise UsageError("no file to write", where="--out", fix="give --out FILE.csv")
+    return out
+
+
+def _run(
+    output: Output,
+    recipe: Recipe,
+    files: tuple[Path, ...],
+    out: Path,
+    profile: Profile,
+    gear_ratio: float | None,
+) -> None:
+    """Import into one file, or each file into a folder."""
+    from hdbench.importing.importer import import_files
+    from hdbench.records import result_header
+
+    arm = profile.data.arm
+    if not out.is_dir():
+        report = import_files(recipe, files, out, arm, gear_ratio)
+        body = {**result_header("import", profile), **report.to_dict()}
+        output.result(body, lambda _body: _imported(report))
+        return
+    reports = [
+        import_files(recipe, [file], out / _default_out(file), arm, gear_ratio) for file in files
+    ]
+    told = [report.to_dict() for report in reports]
+    whole = {**result_header("import", profile), "imports": told}
+    output.result(whole, lambda _body: (x for report in reports for x in _imported(report)))
+
+
+def _staircase(
+    output: Output,
+    stairs: tuple[tuple[str, ...], tuple[str, ...], str | None, str | None],
+    recipe: Recipe,
+    unit: str,
+    least_s: float,
+    files: tuple[Path, ...],
+    out: Path,
+    profile: Profile,
+) -> None:
+    """Bring in raw readings under changing weights, and tell what was found."""
+    from hdbench.calibration.staircase import StaircasePlan, import_staircase
+    from hdbench.importing.mapping import parse_constant, parse_map
+    from hdbench.importing.recipe import known_columns
+    from hdbench.records import result_header
+
+    if len(files) != 1:
+        raise UsageError(
+            f"{len(files)} files", where="FILE", fix="bring in one staircase at a time"
+        )
+    maps, constants, time, loads = stairs
+    known = known_columns("loads")
+    columns = [parse_map(text, known) for text in maps]
+    if time is not None:
+        columns.append(parse_map(f"time_s={time}", known))
+    fixed = tuple(parse_constant(text, known) for text in constants)
+    plan = StaircasePlan(tuple(columns), fixed, _numbers(loads))
+    plan = replace(plan, unit=unit, least_s=least_s, rate_hz=recipe.rate_hz, layout=recipe.layout)
+    report = import_staircase(plan, files[0], out, profile.data.arm)
+    body = {**result_header("import", profile), **report.to_dict()}
+    output.result(body, lambda _body: _plateaus(report))
+
+
+def _numbers(loads: str | None) -> tuple[float, ...]:
+    try:
+        return tuple(float(word) for word in (loads or "").split(",") if word.strip())
+    except ValueError as error:
+        raise UsageError(
+            f"{loads!r:.80} is no list of numbers",
+            where="--loads",
+            fix="give numbers with commas between, such as --loads 0,1,2,1,0",
+        ) from error
+
+
+def _plateaus(report: StaircaseReport) -> Iterator[str]:
+    stairs, unit = report.stairs, report.unit.replace("nm", "N m")
+    yield f"{len(stairs.plateaus)} plateaus in {report.n_samples} samples"
+    for p, load in zip(stairs.plateaus, report.loads, strict=True):
+        yield (
+            f"{p.start_s:8.1f} to {p.end_s:6.1f} s  {load:8g} {unit}  {p.mean:.6g} +- {p.std:.2g}"
+        )
+    yield f"slope {report.slope():.6g} per {unit}"
+    for name, times in (("glitches", stairs.glitches_at_s), ("stuck samples", stairs.stuck_at_s)):
+        if times:
+            shown = ", ".join(f"{t:.2f}" for t in times[:8])
+            yield f"{len(times)} {name} left out, at {shown} s"
+    yield f"read back and kept as {report.out}"
+    yield next_line(after_import("loads", report.out, ()))

@@ -1,0 +1,105 @@
+"""`hdbench monitor`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from hdbench_cli.inputs import choose_profile
+from hdbench_cli.options import (
+    address_option,
+    calibration_option,
+    model_option,
+    plant_option,
+    profile_option,
+    seed_option,
+)
+from hdbench_cli.output import Output
+from hdbench_cli.text import table
+
+if TYPE_CHECKING:
+    from rich.console import RenderableType
+
+__all__ = ["command"]
+
+_NUMBERS = ("mean", "std", "min", "max")
+
+
+def _lines(result: Mapping[str, Any]) -> Iterator[RenderableType]:
+    """Yield mean, scatter and ends of every channel."""
+    yield (
+        f"{result['samples']} samples in {result['seconds']:.1f} s, {result['lost']} lost, "
+        f"{result['saturated']} saturated; drive disabled throughout"
+    )
+    rows = []
+    for name, channel in result["channels"].items():
+        cells = [channel[key] for key in _NUMBERS]
+        shown = ["-" if cell is None else f"{cell:.5g}" for cell in cells]
+        rows.append((name, *shown, channel["unit"]))
+    yield table(("channel", *_NUMBERS, "unit"), rows, right=_NUMBERS)
+
+
+@click.command("monitor", epilog="Example: hdbench monitor --duration 2")
+@profile_option
+@address_option
+@calibration_option
+@model_option()
+@click.option(
+    "--duration",
+    "duration_s",
+    metavar="S",
+    type=click.FloatRange(min=0.0, min_open=True, max=86400.0),
+    help="Stop after so many seconds; else at Ctrl-C, a day at most.",
+)
+@plant_option()
+@seed_option
+@click.pass_obj
+def command(
+    output: Output,
+    *,
+    profile_name: str | None,
+    address: str | None,
+    calibration: Path | None,
+    filter_name: str | None,
+    duration_s: float | None,
+    plant: str,
+    seed: int,
+) -> None:
+    """Look at a bench live, with its drive disabled: nothing moves and nothing is kept.
+
+    Shows what the live view of a run shows, and at the end mean, scatter and ends of each channel:
+    enough to see a dead gauge, a loose plug, a wrong sign or mains hum before a run. A bench that
+    a run holds is left alone (exit 9).
+    """
+    from dataclasses import asdict
+
+    from hdbench.profile.scaling import profile_scale, read_calibration
+    from hdbench.records import result_header
+    from hdbench.session.filters import choose_filter
+    from hdbench.session.monitor import Monitor
+    from hdbench.session.stop import listen
+    from hdbench_cli.live.view import live_view
+
+    profile = choose_profile(profile_name, None)
+    scale = read_calibration(calibration) if calibration else profile_scale(profile)
+    model = choose_filter(profile, filter_name, misalignment=None)
+    with listen() as stop, live_view("monitor", profile, Path()) as watcher:
+        monitor = Monitor(profile, scale, model, watcher, stop, duration_s)
+        seen = monitor.observe(address=address, plant=plant, seed=seed)
+    body = {
+        **result_header("monitor", profile),
+        "device": asdict(seen.device),
+        "torque_scale": scale.to_dict(),
+        "seconds": seen.seconds,
+        "samples": seen.samples,
+        "lost": seen.lost,
+        "saturated": seen.saturated,
+        "channels": {name: channel.to_dict() for name, channel in seen.channels.items()},
+        "safe_state": asdict(seen.safe),
+    }
+    output.result(body, _lines)
+    if seen.stopped_by is not None:
+        raise click.exceptions.Exit(128 + seen.stopped_by)

@@ -1,0 +1,150 @@
+"""`hdbench plan`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from hdbench.errors import UsageError
+from hdbench_cli.inputs import choose_profile
+from hdbench_cli.options import POSITIVE, StoredPath, file_option, profile_option
+from hdbench_cli.output import Output
+
+if TYPE_CHECKING:
+    from rich.text import Text
+
+__all__ = ["command"]
+
+# lines of each table that fit one screen together with the rest
+_SHOWN, _SETTLED = 8, 2
+
+
+@click.command(
+    "plan",
+    epilog="Example: hdbench plan --cause ripple-harmonic --cause structural-tone --out plan.toml",
+)
+@profile_option
+@click.option(
+    "--cause",
+    "causes",
+    metavar="NAME",
+    multiple=True,
+    help="Tell this cause from the others named, or from its look-alikes; all where none is named.",
+)
+@click.option(
+    "--of",
+    "of",
+    metavar="RUN|TRACE",
+    type=StoredPath(),
+    help="Run at hand, else the profile's own ripple run.",
+)
+@click.option(
+    "--for",
+    "result",
+    metavar="RUN|FILE",
+    type=StoredPath(),
+    help="Diagnosis whose open names are to be told apart.",
+)
+@click.option(
+    "--protocol",
+    metavar="NAME",
+    help="Take this protocol instead of proposing one: full, or the name of one of its parts.",
+)
+@click.option(
+    "--duration",
+    "duration_s",
+    metavar="S",
+    type=POSITIVE,
+    help="Longest time that the bench may sample.  [default: 180]",
+)
+@click.option("--no-loads", is_flag=True, help="Propose nothing that needs an operator.")
+@file_option("--out", metavar="FILE", help="Write the proposed run as a plan file, .toml or .json.")
+@click.pass_obj
+def command(
+    output: Output,
+    profile_name: str | None,
+    causes: tuple[str, ...],
+    of: Path | None,
+    result: Path | None,
+    protocol: str | None,
+    duration_s: float | None,
+    no_loads: bool,
+    out: Path | None,
+) -> None:
+    """Say which run separates which causes.
+
+    Shows what the run at hand can tell apart and what not, and proposes the run that can, ready for
+    `hdbench run-ripple --plan FILE`. Every number is computed from signatures on the motion itself.
+    """
+    from hdbench.diagnosis.planning import plan_report, write_plan
+    from hdbench.records import result_header
+    from hdbench_cli.live.progress import progress_bar
+
+    profile = choose_profile(profile_name, of or result)
+    with progress_bar("plan") as told:
+        report, plan = plan_report(
+            profile, told, causes=causes, of=of, result=result, protocol=protocol,
+            duration_s=duration_s, loads=not no_loads,
+        )  # fmt: skip
+    if out is not None:
+        if plan is None:
+            settled = (pair["settled_by"] for pair in report["pairs"] if pair["settled_by"])
+            raise UsageError(
+                "no run of this bench tells these causes apart; no plan file was written",
+                where="hdbench plan --out",
+                fix=next(settled, "name other causes, or allow more --duration"),
+            )
+        write_plan(out, plan)
+    body = {**result_header("plan-report", profile), **report}
+    body["plan_file"] = None if out is None else str(out)
+    body["command"] = None if out is None else f"hdbench run-ripple --plan {out}"
+    output.result(body, _lines)
+
+
+def _lines(body: Mapping[str, Any]) -> Iterator[str | Text]:
+    """Yield the report on one screen."""
+    from rich.text import Text
+
+    at_hand = body["at_hand"]
+    total = len(at_hand["visible"]) + len(at_hand["invisible"])
+    yield Text(body["source"], style="bold")
+    yield f"  shows {len(at_hand['visible'])} of {total} causes"
+    yield from (f"  exactly alike: {', '.join(one)}" for one in at_hand["inseparable"][:_SHOWN])
+    shown = body["pairs"][:_SHOWN]
+    if shown:
+        head = "share of the first that the second cannot imitate: at hand -> proposed"
+        yield Text(head, style="bold")
+    for pair in shown:
+        mark = "told apart" if pair["separated"] else "NOT told apart"
+        yield (
+            f"  {pair['first'] + ' / ' + pair['second']:<54}"
+            f"{_share(pair['sin2_at_hand'])} -> {_share(pair['sin2_proposed'])}  {mark}"
+        )
+    if len(body["pairs"]) > _SHOWN:
+        open_pairs = sum(not pair["separated"] for pair in body["pairs"])
+        yield f"  {len(body['pairs'])} pairs in all, {open_pairs} of them stay open"
+    for pair in _open_pairs(body)[:_SETTLED]:
+        yield f"  {pair['first']} or {pair['second']} is settled by {pair['settled_by']}"
+    if body["plan"] is None:
+        yield Text("no run of this bench tells them apart", style="bold")
+        return
+    operator = ", needs an operator" if body["needs_operator"] else ""
+    yield Text(f"proposed run: {body['duration_s']:.0f} s{operator}", style="bold")
+    yield from (f"  {words}" for words in body["words"])
+    yield body["command"] or "write it with --out FILE, then hdbench run-ripple --plan FILE"
+
+
+def _open_pairs(body: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Return pairs that stay open, each once whatever its order."""
+    found: dict[frozenset[str], dict[str, Any]] = {}
+    for pair in body["pairs"]:
+        if pair["settled_by"]:
+            found.setdefault(frozenset((pair["first"], pair["second"])), pair)
+    return list(found.values())
+
+
+def _share(value: float | None) -> str:
+    return "   -" if value is None else f"{value:4.2f}"

@@ -1,0 +1,186 @@
+"""`hdbench profile`: list, show, check and make profiles."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import click
+
+from hdbench.errors import UsageError
+from hdbench_cli.inputs import DEFAULT_PROFILE
+from hdbench_cli.options import StoredPath, file_option, no_input_option
+from hdbench_cli.output import Output
+
+__all__ = ["command"]
+
+
+@click.group(name="profile", epilog="Example: hdbench profile new my-bench --out my-bench.toml")
+def command() -> None:
+    """List, show, check and make profiles.
+
+    A profile describes one bench: drive, sensor, DAQ, limits, experiments, filter and model.
+    """
+
+
+@command.command("list", epilog="Example: hdbench profile list")
+@click.pass_obj
+def list_(output: Output) -> None:
+    """List the built-in profiles."""
+    from hdbench.profile import list_profiles, load_profile
+    from hdbench.records import result_header
+
+    profiles = [load_profile(name) for name in list_profiles()]
+    rows = [{**p.describe(), "description": p.data.description} for p in profiles]
+    body = {**result_header("profiles", None), "profiles": rows}
+    output.result(body, lambda _body: [f"{row['name']}  {row['description']}" for row in rows])
+
+
+@command.command("show", epilog="Example: hdbench profile show cim-tr-97-06")
+@click.argument("name", metavar="NAME|PATH", default=DEFAULT_PROFILE)
+@click.pass_obj
+def show(output: Output, name: str) -> None:
+    """Show the text of a profile."""
+    from hdbench.profile import load_profile
+    from hdbench.records import result_header
+
+    profile = load_profile(name)
+    body = {
+        **result_header("profile", profile),
+        **profile.describe(),
+        "path": profile.path,
+        "text": profile.text,
+        "data": profile.data.model_dump(mode="json"),
+    }
+    output.result(body, lambda _body: profile.text)
+
+
+@command.command("check", epilog="Example: hdbench profile check my-bench.toml")
+@click.argument("files", metavar="FILE...", nargs=-1, required=True)
+@click.pass_obj
+def check(output: Output, files: tuple[str, ...]) -> None:
+    """Check profiles and name every problem at once; exit 4 if there is one."""
+    from hdbench.profile import check_profiles
+    from hdbench.records import result_header
+
+    profiles = check_profiles(files)
+    rows = [{**p.describe(), "path": p.path} for p in profiles]
+    body = {**result_header("profiles", None), "profiles": rows}
+    output.result(body, lambda _body: [f"{row['path']}: valid" for row in rows])
+
+
+@command.command(
+    "new",
+    epilog="Examples: hdbench profile new my-bench --out my-bench.toml; hdbench profile new arm "
+    "--from trace.csv --gear-ratio 100 --load-inertia 0.4 --out arm.toml",
+)
+@click.argument("name")
+@click.option(
+    "--from",
+    "source",
+    metavar="TRACE",
+    type=StoredPath(),
+    help="Fill limits, rates, steps and noise from this trace or run.",
+)
+@click.option("--gear-ratio", type=float, help="Motor turns per output turn; 1 without a gear.")
+@click.option("--load-inertia", type=float, metavar="KG_M2", help="Of the load, about the output.")
+@click.option("--rated-torque", type=float, metavar="N_M", help="At the output.")
+@click.option(
+    "--order",
+    "orders",
+    type=float,
+    multiple=True,
+    help="Cycles per motor turn that every fit holds; may be repeated.  [default: 2 and 4 for a "
+    "strain wave gear, whose ratio is 30 to 320; else 1]",
+)
+@no_input_option
+@file_option("--out", metavar="FILE", help="File to write; else the text goes to stdout.")
+@click.pass_obj
+def new(
+    output: Output,
+    name: str,
+    source: Path | None,
+    gear_ratio: float | None,
+    load_inertia: float | None,
+    rated_torque: float | None,
+    orders: tuple[float, ...],
+    no_input: bool,
+    out: Path | None,
+) -> None:
+    """Make a profile to start from, with meaning and unit of every key.
+
+    With --from it is filled from a log; what no log tells is asked for, or given by options.
+    """
+    from hdbench.profile import new_profile
+    from hdbench.records import result_header, write_new
+
+    more: dict[str, Any] = {}
+    if source is None:
+        if (gear_ratio, load_inertia, rated_torque) != (None, None, None) or orders:
+            raise UsageError(
+                "--gear-ratio, --load-inertia, --rated-torque and --order go with --from",
+                where="hdbench profile new",
+                fix="give --from TRACE, or change the values in the file",
+            )
+        text = new_profile(name)
+    else:
+        from hdbench.diagnosis.bench import Known, bench_of_trace
+        from hdbench.records import read_trace, resolve_input
+
+        ask = not no_input and not output.json and sys.stdin.isatty()
+        known = Known(
+            _asked(gear_ratio, "--gear-ratio", "Motor turns per output turn", ask),
+            _asked(load_inertia, "--load-inertia", "Inertia of the load at the output, kg m2", ask),
+            rated_torque,
+            orders,
+        )
+        bench = bench_of_trace(read_trace(resolve_input(source)), name, known)
+        text, more = bench.text, bench.to_dict()
+    if out is not None:
+        write_new(out, text.encode())
+    path = None if out is None else str(out)
+    body = {**result_header("profile-new", None), "name": name, "path": path, **more, "text": text}
+    # the text may go into a file by a redirection: what is said about it does not belong there
+    if more and not output.json:
+        for line in _told(more):
+            output.note(line)
+    output.result(body, lambda _body: text if out is None else f"{out}\n")
+
+
+def _asked(value: float | None, option: str, question: str, ask: bool) -> float:
+    """Return a value that no log tells: given, or asked for."""
+    if value is not None:
+        return value
+    if not ask:
+        raise UsageError(
+            f"{question.lower()}: not given, and no log tells it",
+            where="hdbench profile new --from",
+            fix=f"give {option}",
+        )
+    return float(click.prompt(question, type=float, err=True))
+
+
+def _told(bench: dict[str, Any]) -> list[str]:
+    """Return what was filled, and what such a bench supports, as lines."""
+    lines = [f"{one['key']} = {one['value']}  ({one['because']})" for one in bench["filled"]]
+    for what in ("experiments", "causes"):
+        good = [one["name"] for one in bench[what] if one["supported"]]
+        lines.append(f"{what} that this log supports: {', '.join(good) or 'none'}")
+        reasons: dict[str, list[str]] = {}
+        for one in bench[what]:
+            if not one["supported"]:
+                reasons.setdefault(one["because"], []).append(one["name"])
+        lines += [f"  not {', '.join(names)}: {why}" for why, names in reasons.items()]
+    return lines
+
+
+@command.command("schema", epilog="Example: hdbench profile schema")
+@click.pass_obj
+def schema(output: Output) -> None:
+    """Print the JSON schema of profiles, for editors."""
+    from hdbench.profile import profile_schema
+
+    body = profile_schema()
+    output.result(body, lambda _body: json.dumps(body, indent=2) + "\n")

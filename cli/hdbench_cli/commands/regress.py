@@ -1,0 +1,113 @@
+"""`hdbench regress`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from hdbench.errors import DataError, LimitError
+from hdbench_cli.options import StoredPath, file_option
+from hdbench_cli.output import Output
+
+if TYPE_CHECKING:
+    from rich.text import Text
+
+    from hdbench.errors import HdbenchError
+    from hdbench.regression import RegressionReport
+
+__all__ = ["command"]
+
+# lines per case on the screen: the rest is in --json
+_MOST_LINES = 20
+
+
+@click.command(
+    "regress",
+    epilog="Example: hdbench regress tests/stored --junit regress.xml --report regress.html",
+)
+@click.argument("folder", metavar="DIR", type=StoredPath())
+@click.option("--update", is_flag=True, help="Keep what comes out now as the expected results.")
+@file_option(
+    "--junit",
+    metavar="FILE",
+    help="Write the outcome as JUnit XML too, for the test page of a CI system.",
+)
+@file_option(
+    "--report",
+    "html_file",
+    metavar="FILE.html",
+    help="Write the outcome as one offline page; CSV and JSON go beside it.",
+)
+@click.pass_obj
+def command(
+    output: Output, folder: Path, update: bool, junit: Path | None, html_file: Path | None
+) -> None:
+    """Evaluate stored traces again and compare with stored results.
+
+    Names every quantity that moved beyond its tolerance, and by how many tolerances; then exits 3.
+    A case that cannot be read is told with its line, the others are still compared; then exits 4.
+    """
+    from hdbench.regression import compare_folder, write_junit
+
+    report = compare_folder(folder, update=update, keep_going=True)
+    if junit is not None:
+        write_junit(junit, report)
+    body = report.to_dict()
+    if html_file is not None:
+        from hdbench.report.regression import write_regression
+
+        write_regression(body, html_file)
+    written = [f"written  {file}" for file in (junit, html_file) if file is not None]
+    output.result(body, lambda _body: [*_lines(report), *written])
+    output.end(_verdict(report, folder))
+
+
+def _lines(report: RegressionReport) -> Iterator[str | Text]:
+    """Yield what moved, case by case."""
+    from rich.text import Text
+
+    for case in report.cases:
+        if case.error is not None:
+            yield Text.assemble(("INVALID ", "bold red"), f"{case.name}: not compared")
+            continue
+        word, style = ("pass", "green") if case.passed else ("MOVED", "bold red")
+        if case.updated and case.changes:
+            word, style = "updated", "yellow"
+        yield Text.assemble((f"{word:8}", style), f"{case.name}: {case.compared} quantities")
+        if case.updated and not case.compared:
+            yield f"  . first result kept: {len(case.changes)} quantities"
+            continue
+        for change in case.changes[:_MOST_LINES]:
+            yield f"  {'!' if change.regression else '.'} {change.describe()}"
+            if change.regression and change.what == "moved":
+                yield Text(f"      tolerance: {change.reason}", style="dim")
+        if len(case.changes) > _MOST_LINES:
+            yield f"  and {len(case.changes) - _MOST_LINES} more: see --json"
+
+
+def _verdict(report: RegressionReport, folder: Path) -> HdbenchError | None:
+    """Return the error that the command ends with; None where everything passed."""
+    if len(report.errors) == 1:
+        return report.errors[0]
+    if report.errors:
+        return DataError(
+            f"{len(report.errors)} cases cannot be compared",
+            where=str(folder),
+            fix="mend them one by one",
+            problems=report.errors,
+        )
+    if report.passed:
+        return None
+    moved = [case for case in report.cases if not case.passed]
+    names = ", ".join(
+        f"{case.name}: {sum(change.regression for change in case.changes)} quantities"
+        for case in moved
+    )
+    return LimitError(
+        f"results moved beyond their tolerances ({names})",
+        where=str(folder),
+        fix="mend the code, or review the changes and keep them with --update",
+    )

@@ -1,0 +1,68 @@
+"""`hdbench report`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from hdbench_cli.inputs import choose_profile
+from hdbench_cli.options import StoredPath, profile_option
+from hdbench_cli.output import Output
+
+__all__ = ["command"]
+
+
+@click.command(
+    "report",
+    epilog="Example: hdbench report runs/RUN1 runs/RUN2 --out report.html; "
+    "hdbench report --fleet runs",
+)
+@click.argument("runs", metavar="FILE|RUN...", nargs=-1, required=True, type=StoredPath())
+@click.option(
+    "--out",
+    metavar="FILE|DIR",
+    type=click.Path(path_type=Path),
+    help="HTML file, or folder for report.html.  [default: the run's folder for one run, "
+    "else report.html, or fleet.html, here]",
+)
+@click.option(
+    "--fleet",
+    is_flag=True,
+    help="One page over many drives, of the folders of batches or of runs that are named.",
+)
+@profile_option
+@click.pass_obj
+def command(
+    output: Output,
+    runs: tuple[Path, ...],
+    out: Path | None,
+    fleet: bool,
+    profile_name: str | None,
+) -> None:
+    """Write runs as one offline HTML file with CSV and JSON.
+
+    Verdict first, then key numbers with uncertainties, figures, tables, the filter used, and where
+    everything came from. Takes run folders, result.json files, traces and loads files.
+
+    With --fleet: how each key figure is distributed over drives, which drives are outliers, causes
+    by frequency, and a table that leads to every drive's own report.
+    """
+    from hdbench.records import result_header
+    from hdbench.report import write_report
+
+    profile = choose_profile(profile_name, None)
+    alone = runs[0] if len(runs) == 1 and runs[0].is_dir() else Path()
+    if fleet:
+        from hdbench.report.fleet import fleet_runs, write_fleet
+
+        files = write_fleet(fleet_runs(runs), out or alone / "fleet.html")
+    else:
+        files = write_report(runs, out or alone / "report.html", profile=profile)
+    body = {
+        **result_header("report-files", profile),
+        "html": str(files.html),
+        "csv": str(files.csv),
+        "json": str(files.json),
+    }
+    output.result(body, lambda _body: [f"report  {files.html}"])

@@ -1,0 +1,158 @@
+"""`hdbench simulate`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from hdbench.errors import DoubtfulDataError, UsageError
+from hdbench_cli.inputs import choose_profile
+from hdbench_cli.options import POSITIVE, StoredPath, file_option, profile_option, seed_option
+from hdbench_cli.output import Output
+
+if TYPE_CHECKING:
+    from hdbench.records import Trace
+
+__all__ = ["command"]
+
+
+@click.command("simulate", epilog="Example: hdbench simulate --like runs/RUN --out simulated.csv")
+@profile_option
+@click.option(
+    "--like",
+    metavar="RUN|TRACE",
+    type=StoredPath(),
+    help="Simulate on the motion that this run or trace measured.",
+)
+@click.option(
+    "--model",
+    "model_file",
+    metavar="FILE|RUN",
+    type=StoredPath(inside="model.json"),
+    help="Bench model to simulate, such as a diagnosis' extended one; else the profile's.",
+)
+@click.option(
+    "--duration",
+    "duration_s",
+    metavar="S",
+    type=POSITIVE,
+    help="Length of a run of its own.  [default: the profile's ripple run]",
+)
+@click.option(
+    "--noise",
+    "noise_nm",
+    metavar="NM",
+    type=click.FloatRange(min=0.0),
+    default=0.0,
+    show_default=True,
+    help="White noise of the torque per sample.",
+)
+@seed_option
+@file_option("--out", metavar="FILE.csv", required=True, help="Trace to write, .csv or .csv.gz.")
+@click.pass_obj
+def command(
+    output: Output,
+    profile_name: str | None,
+    like: Path | None,
+    model_file: Path | None,
+    duration_s: float | None,
+    noise_nm: float,
+    seed: int,
+    out: Path,
+) -> None:
+    """Compute the bench model, alone or on a measured motion.
+
+    Alone it runs the profile's ripple plan on an ideal motion. With --like it keeps the measured
+    motion of a run or trace and computes the torque that the model gives there.
+    """
+    import numpy as np
+
+    from hdbench.model import load_model, simulate_like, simulate_run, with_noise
+    from hdbench.model.bench import BenchModel
+    from hdbench.records import read_trace, resolve_input, result_header, write_trace
+
+    _check_out(out, like, duration_s)
+    profile = choose_profile(profile_name, like)
+    model = load_model(model_file) if model_file else BenchModel.from_profile(profile.data)
+    rng = np.random.default_rng(seed)
+    if like is not None:
+        measured = read_trace(resolve_input(like), require=("velocity",))
+        trace = with_noise(simulate_like(measured, profile.data, model), noise_nm, rng)
+    else:
+        plan = profile.data.ripple
+        trace = simulate_run(
+            profile.data,
+            model,
+            duration_s=plan.duration_s if duration_s is None else duration_s,
+            wave=plan.reference,
+            noise_nm=noise_nm,
+            rng=rng,
+        )
+    write_trace(out, trace)
+    lost = int((~trace.valid("torque_nm")).sum())
+    body = {
+        **result_header("simulation", profile),
+        "file": str(out),
+        "like": None if like is None else str(like),
+        "model": None if model_file is None else str(model_file),
+        "terms": list(model.terms()),
+        "noise_nm": noise_nm,
+        "seed": seed,
+        **_summary(trace),
+        "lost_samples": lost,
+    }
+    output.result(body, _lines)
+    if lost:
+        error = DoubtfulDataError(
+            f"{lost} of {len(trace)} samples of the motion are lost; their torque is left empty",
+            where=str(like),
+            fix="use the samples that are there, or measure again",
+        )
+        output.note(str(error))
+        raise click.exceptions.Exit(error.exit_code)
+
+
+def _check_out(out: Path, like: Path | None, duration_s: float | None) -> None:
+    """Refuse options that contradict each other, and to write over the measured trace."""
+    if like is not None and duration_s is not None:
+        raise UsageError(
+            "--duration and --like together; needed: one, a measured motion has its own length",
+            where="hdbench simulate",
+            fix="leave out --duration",
+        )
+    if not out.name.endswith((".csv", ".csv.gz")):
+        raise UsageError(
+            f"{out.name} has no trace's ending; needed: .csv or .csv.gz",
+            where="--out",
+            fix=f"write to {out.name}.csv",
+        )
+    inputs = [] if like is None else [like.resolve(), (like / "trace.csv").resolve()]
+    if out.resolve() in inputs:
+        raise UsageError(
+            f"{out} is the measured trace; needed: another file",
+            where="--out",
+            fix="name a new file",
+        )
+
+
+def _summary(trace: Trace) -> dict[str, float | int | None]:
+    """Return size and root mean square of the simulated torque."""
+    import numpy as np
+
+    torque = trace["torque_nm"][trace.valid("torque_nm")]
+    return {
+        "samples": len(trace),
+        "duration_s": float(trace.time_s[-1] - trace.time_s[0]),
+        "torque_rms_nm": float(np.sqrt(np.mean(torque * torque))) if len(torque) else None,
+    }
+
+
+def _lines(body: Mapping[str, Any]) -> Iterator[str]:
+    rms = body["torque_rms_nm"]
+    size = "none" if rms is None else f"{rms:.4f} N m rms"
+    yield f"torque  {size} over {body['duration_s']:.3f} s"
+    yield f"terms   {', '.join(body['terms'])}"
+    yield f"file    {body['file']}"

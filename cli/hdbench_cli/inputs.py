@@ -1,0 +1,197 @@
+"""Stored inputs of a command: their profile, traces in N m, and where the answers go."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from hdbench.errors import DataError, StorageError, UsageError
+
+if TYPE_CHECKING:
+    from rich.console import RenderableType
+
+    from hdbench.filter import FilterModel
+    from hdbench.profile import Profile
+    from hdbench.records import TorqueScale, Trace
+    from hdbench_cli.output import Output
+
+__all__ = [
+    "DEFAULT_PROFILE",
+    "Input",
+    "check_out",
+    "choose_profile",
+    "own_names",
+    "read_input",
+    "refuse_same_csv",
+    "show_results",
+    "targets",
+]
+
+DEFAULT_PROFILE = "cim-tr-97-06"
+
+
+def choose_profile(name: str | None, source: Path | None, drive: str | None = None) -> Profile:
+    """Return the named profile, else the stored run's own, else the default."""
+    from hdbench.profile import load_profile, parse_profile
+
+    manifest: dict[str, Any] = {}
+    if source is not None and (source / "run.json").is_file():
+        from hdbench.records import read_json
+
+        manifest = read_json(source / "run.json", None)
+    stored = manifest.get("profile")
+    if name is None and isinstance(stored, dict) and isinstance(stored.get("text"), str):
+        profile = parse_profile(stored["text"], f"{source}/run.json: profile")
+    else:
+        profile = load_profile(name or DEFAULT_PROFILE)
+    known = manifest.get("drive")
+    named = drive or (known if isinstance(known, str) else "") or profile.drive
+    return replace(profile, drive=named)
+
+
+@dataclass(frozen=True, slots=True)
+class Input:
+    """One trace with its torque in N m, the file it came from, and the gain that scaled it."""
+
+    source: Path
+    file: Path
+    trace: Trace
+    scale: TorqueScale
+
+    def identity(self) -> dict[str, Any]:
+        """Return path and digest of the file, and what it was imported from."""
+        from hdbench.records import input_identity
+
+        return input_identity(self.file)
+
+
+def read_input(
+    source: Path,
+    profile: Profile,
+    *,
+    gain: float | None,
+    calibration: Path | None,
+    model: FilterModel | None = None,
+) -> Input:
+    """Read a trace and give it its torque in N m: by --gain, calibration, run, model or profile."""
+    from hdbench.profile.scaling import rescaled, stored_scale
+    from hdbench.records import Quantity, TorqueScale, read_json, read_trace, resolve_input
+
+    file = resolve_input(source)
+    trace = read_trace(file)
+    if gain is not None:
+        trace = _scaled(trace, gain)
+        scale = TorqueScale(Quantity(gain, 0.0), "--gain; its uncertainty not declared")
+        return Input(source, file, trace, scale)
+    stored = None
+    if (source / "run.json").is_file():
+        stored = stored_scale(read_json(source / "run.json").get("calibration"), source)
+    known = None if model is None else model.torque_gain_nm_per_v
+    if stored is None and model is not None and known is not None and "torque_nm" not in trace:
+        origin = model.provenance.get("torque_gain_nm_per_v", "not stated")
+        stored = TorqueScale(Quantity(known, 0.0), f"filter model {model.name}: {origin}")
+    trace, scale = rescaled(trace, profile, calibration=calibration, stored=stored)
+    return Input(source, file, trace, scale)
+
+
+def _scaled(trace: Trace, gain: float) -> Trace:
+    if not 0.0 < abs(gain) < math.inf:
+        raise UsageError(
+            f"gain {gain!r} N m/V; needed: a finite number other than 0",
+            where="--gain",
+            fix="give the sensor's torque per volt",
+        )
+    if "torque_v" not in trace:
+        raise DataError(
+            "no torque_v column to scale by --gain; found torque_nm only",
+            where=trace.source,
+            fix="leave --gain out, or import the raw volts as torque_v",
+        )
+    return trace.with_columns(torque_nm=trace["torque_v"] * gain)
+
+
+def check_out(out: Path, source: Path, file: Path) -> None:
+    """Refuse to write over what was measured."""
+    if out.resolve() == file.resolve() or (
+        source.is_dir() and out.resolve().parent == source.resolve()
+    ):
+        raise UsageError(
+            f"{out} belongs to the measured data; needed: another file",
+            where="--out",
+            fix="name a new file outside the run",
+        )
+
+
+def targets(out: Path, sources: Sequence[Path]) -> list[Path]:
+    """Return the file to write for each input."""
+    if len(sources) == 1:
+        if out.is_dir():
+            raise UsageError(f"{out} is a folder", where="--out", fix="name a .csv file")
+        if not out.name.endswith((".csv", ".csv.gz")):
+            raise UsageError(
+                f"{out.name} is no .csv or .csv.gz; traces are written in these forms only",
+                where="--out",
+                fix=f"name {out.with_suffix('.csv').name}; hdbench export writes other formats",
+            )
+        return [out]
+    if out.suffix in (".csv", ".gz") or out.is_file():
+        raise UsageError(
+            f"{out} is one file for {len(sources)} inputs; needed: a folder",
+            where="--out",
+            fix="name a folder, or give one input",
+        )
+    names = own_names(sources)
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise StorageError(
+            f"cannot make the folder: {error.strerror}", where=str(out), fix="check path and rights"
+        ) from error
+    return [out / f"{name}.csv" for name in names]
+
+
+def own_names(sources: Sequence[Path]) -> list[str]:
+    """Return the name of each input without its ending; they must differ."""
+    names = [source.resolve().name.removesuffix(".gz").removesuffix(".csv") for source in sources]
+    twice = {name for name in names if names.count(name) > 1}
+    if twice:
+        raise UsageError(
+            f"several inputs are named {', '.join(sorted(twice))}; needed: different names",
+            where="TRACE|RUN",
+            fix="give them one by one, each with an --out of its own",
+        )
+    return names
+
+
+def refuse_same_csv(csv_file: Path | None, html_file: Path | None) -> None:
+    """Refuse a CSV file that a page beside it would write over."""
+    if csv_file and html_file and csv_file.resolve() == html_file.with_suffix(".csv").resolve():
+        raise UsageError(
+            f"{csv_file} is also the name of the page's own CSV file",
+            where="--csv",
+            fix="give --csv another name than --html",
+        )
+
+
+def show_results(
+    output: Output,
+    bodies: Sequence[dict[str, Any]],
+    out: Path | None,
+    lines: Callable[[dict[str, Any]], Iterable[RenderableType]],
+) -> None:
+    """Print the result of one input, or of several as one, each under the name of its input."""
+    if len(bodies) == 1:
+        output.result(bodies[0], lines)
+        return
+
+    def each(whole: dict[str, Any]) -> Iterator[RenderableType]:
+        for body in whole["results"]:
+            yield body["input"]["path"]
+            yield from lines(body)
+
+    header = {key: bodies[0][key] for key in ("schema", "hdbench_version", "profile")}
+    files = {} if out is None else {"out": str(out)}
+    output.result({**header, **files, "results": list(bodies)}, each)

@@ -1,0 +1,114 @@
+"""Console of a command: results on stdout, everything else on stderr."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from hdbench import __version__
+from hdbench.errors import HdbenchError
+
+if TYPE_CHECKING:
+    from rich.console import Console, RenderableType
+
+__all__ = ["Body", "Lines", "Output", "show_lines"]
+
+Body = Mapping[str, Any]
+Lines = Callable[[Any], "str | Iterable[RenderableType]"]
+
+
+def show_lines(console: Console, lines: Iterable[RenderableType]) -> None:
+    """Print lines and tables; a line is wrapped only where its `Text` says so."""
+    from rich.text import Text
+
+    for line in lines:
+        whole = isinstance(line, str) or (isinstance(line, Text) and line.no_wrap is not False)
+        console.print(line, soft_wrap=whole)
+
+
+@dataclass(slots=True)
+class Output:
+    """The two streams of one command.
+
+    Parameters
+    ----------
+    json : bool
+        Print exactly one JSON object on stdout.
+    verbose : int
+        How many times ``-v`` was given.
+    """
+
+    json: bool = False
+    verbose: int = 0
+
+    def result(self, body: Body, lines: Lines) -> None:
+        """Print a result: the object with ``--json``, else lines, or a text as it stands."""
+        if not self.json:
+            told = lines(body)
+            if isinstance(told, str):
+                click.echo(told, nl=False)
+            else:
+                show_lines(self.console(), told)
+            return
+        # a result names the version and the profile behind it, null where there is none
+        named = {"hdbench_version": __version__, "profile": None} if "schema" in body else {}
+        missing = {key: value for key, value in named.items() if key not in body}
+        click.echo(json.dumps({**body, **missing}, allow_nan=False))
+
+    def note(self, message: str) -> None:
+        """Print one line to stderr, with or without ``--json``."""
+        click.echo(message, err=True)
+
+    def end(self, error: HdbenchError | None) -> None:
+        """End with the code of an error that follows a result, if there is one.
+
+        With ``--json`` the one object is out already: the error is a note.
+        """
+        if error is None:
+            return
+        if not self.json:
+            raise error
+        self.note(str(error))
+        raise click.exceptions.Exit(error.exit_code)
+
+    def error(self, error: HdbenchError) -> None:
+        """Print an error: one JSON object on stdout with ``--json``, else red on stderr."""
+        if self.json:
+            click.echo(json.dumps({"error": error.to_dict()}, allow_nan=False))
+            return
+        from rich.text import Text
+
+        console = self.console(stderr=True)
+        for problem in error.problems or (error,):
+            # a run that was stopped on purpose has not failed
+            word = ("stopped ", "yellow") if problem.kind == "stopped" else ("error ", "bold red")
+            text = Text.assemble(word, f"{problem.where}: {problem.what}\n")
+            text.append("  fix: ", style="dim")
+            text.append(problem.fix)
+            console.print(text, soft_wrap=True)
+        if error.problems:
+            count = len(error.problems)
+            words = f"{count} problem{'' if count == 1 else 's'} in {error.where}"
+            console.print(Text(words), soft_wrap=True)
+
+    @staticmethod
+    def console(*, stderr: bool = False) -> Console:
+        """Return a console on stdout or stderr; with ``NO_COLOR`` it writes plain text."""
+        from rich.console import Console
+
+        plain = bool(os.environ.get("NO_COLOR"))
+        console = Console(
+            stderr=stderr,
+            color_system=None if plain else "auto",
+            markup=False,
+            emoji=False,
+            highlight=False,
+        )
+        if not console.is_terminal:
+            console.width = 100  # a file or pipe has no width of its own
+        return console

@@ -1,0 +1,124 @@
+"""One of two results to compare: a run folder, or a result file on its own."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from hdbench.errors import DataError
+from hdbench.profile import Profile, parse_profile
+from hdbench.profile.scaling import measured_utc
+from hdbench.records import Loads
+from hdbench.records.jsonfile import read_json
+from hdbench.records.runfolder import RunFolder
+from hdbench.records.tables import read_loads
+from hdbench.results import (
+    RESULT_TYPES,
+    CalibrationResult,
+    MisalignmentResult,
+    RippleResult,
+)
+
+__all__ = ["Side", "load_side"]
+
+_KINDS = (*RESULT_TYPES, "diagnosis")
+
+
+@dataclass(frozen=True, slots=True)
+class Side:
+    """One result and what is known of how it came about.
+
+    Parameters
+    ----------
+    path : Path
+        What was named.
+    kind : str
+        ``calibration``, ``misalignment``, ``ripple`` or ``diagnosis``.
+    run_id : str
+        Name of the run, or of the file.
+    body : mapping
+        The result as its file holds it.
+    result : CalibrationResult, MisalignmentResult, RippleResult or None
+        The result; None of a diagnosis.
+    manifest : mapping
+        Content of run.json; empty where only a result file was named.
+    profile : Profile or None
+        The bench as stored with the run.
+    """
+
+    path: Path
+    kind: str
+    run_id: str
+    body: Mapping[str, Any]
+    result: CalibrationResult | MisalignmentResult | RippleResult | None
+    manifest: Mapping[str, Any]
+    profile: Profile | None
+
+    @property
+    def where(self) -> str:
+        """The result file, for messages."""
+        return str(self.path / "result.json" if self.path.is_dir() else self.path)
+
+    def loads(self) -> Loads | None:
+        """Return the readings beside the result, or None where there are none."""
+        folder = self.path if self.path.is_dir() else self.path.parent
+        for name in ("loads.csv", "loads.csv.gz"):
+            if self.manifest and (folder / name).is_file():
+                return read_loads(
+                    folder / name, None if self.profile is None else self.profile.data.arm
+                )
+        return None
+
+    def identity(self) -> dict[str, Any]:
+        """Return what tells this side from the other."""
+        head = self.body.get("profile")
+        return {
+            "path": str(self.path),
+            "run_id": self.run_id,
+            "status": self.manifest.get("status"),
+            "started_utc": self.manifest.get("started_utc"),
+            "ended_utc": self.manifest.get("ended_utc"),
+            "measured_utc": measured_utc(self.path) if self.manifest else None,
+            "profile": dict(head) if isinstance(head, Mapping) else None,
+            "doubts": [str(doubt) for doubt in self.body.get("doubts", ())],
+            "flags": [
+                str(flag.get("name")) if isinstance(flag, Mapping) else str(flag)
+                for flag in self.body.get("flags", ())
+            ],
+        }
+
+
+def load_side(path: Path) -> Side:
+    """Read a run folder or a result file."""
+    path = Path(path)
+    file = path / "result.json" if path.is_dir() else path
+    if path.is_dir() and not file.is_file():
+        raise DataError(
+            "the run has no result.json; needed: an evaluated run",
+            where=str(path),
+            fix="evaluate it with --from, or name another run",
+        )
+    body = read_json(file)
+    kind = str(body.get("schema", "")).removeprefix("hdbench/").partition("/")[0]
+    if kind not in _KINDS:
+        raise DataError(
+            f"schema is {body.get('schema')!r:.60}; needed: one of "
+            + ", ".join(f"hdbench/{name}/1" for name in _KINDS),
+            where=f"{file}: schema",
+            fix="name a run folder, or the result.json of one",
+        )
+    manifest: Mapping[str, Any] = {}
+    if file.name == "result.json" and (file.parent / "run.json").is_file():
+        manifest = RunFolder.open(file.parent).manifest
+    run_id = file.parent.name if manifest else file.name
+    result = RESULT_TYPES[kind].from_json(body, str(file)) if kind in RESULT_TYPES else None
+    return Side(path, kind, run_id, body, result, manifest, _profile(manifest, file))
+
+
+def _profile(manifest: Mapping[str, Any], file: Path) -> Profile | None:
+    text = manifest.get("profile", {}).get("text") if manifest else None
+    if not isinstance(text, str):
+        return None
+    return parse_profile(text, f"{file.parent / 'run.json'}: profile")

@@ -1,1 +1,0 @@
-"""An emulated Modbus device with any register map, on TCP or a pseudo-terminal."""

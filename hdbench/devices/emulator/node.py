@@ -1,0 +1,333 @@
+"""Emulated node: registers, sessions and refusals around a simulated bench."""
+
+from __future__ import annotations
+
+import struct
+import time
+from collections.abc import Callable, Mapping
+
+from hdbench.devices.emulator.machine import BlockWindow, NodeMachine, Pace
+from hdbench.devices.emulator.parameters import (
+    DEFAULT_PARAMETERS,
+    ProgramStore,
+    RefusedError,
+    check_parameters,
+    identity_values,
+    limit_values,
+)
+from hdbench.devices.emulator.server import Device, ModbusRefusedError, Space
+from hdbench.devices.emulator.serving import Emulation, ModbusWire
+from hdbench.devices.node import registers as reg
+from hdbench.devices.node.registers import (
+    Command,
+    Refusal,
+    Register,
+    State,
+    Value,
+    decode_group,
+    encode_group,
+    register,
+)
+from hdbench.plant.bench import SimulatedBench
+from hdbench.profile.acquiring import NodeAcquisition
+from hdbench.profile.schema import ProfileData
+
+__all__ = [
+    "FREE",
+    "HELD",
+    "MINE",
+    "NodeCore",
+    "Session",
+    "build_core",
+    "emulate_node",
+]
+
+FREE, MINE, HELD = 0, 1, 2
+# a session whose connection is gone stays for a host that reconnects
+_KEPT_S = 2.0
+
+
+class Session:
+    """The right to write.
+
+    Parameters
+    ----------
+    clock : callable
+        Monotonic clock, s.
+    """
+
+    def __init__(self, clock: Callable[[], float]) -> None:
+        self._clock = clock
+        self._token = 0
+        self._owner: int | None = None
+        self._orphaned_s = 0.0
+
+    def state(self, connection: int) -> int:
+        """Return `FREE`, `MINE` or `HELD` as seen from `connection`."""
+        if not self._token:
+            return FREE
+        return MINE if self._owner == connection else HELD
+
+    def take(self, token: int, connection: int) -> None:
+        """Take, take over (same token) or give back (0) the session."""
+        if self.state(connection) == HELD and token != self._token:
+            raise RefusedError(6, Refusal.SESSION_HELD, register("session").address)
+        self._token = token
+        self._owner = connection if token else None
+
+    def disconnected(self, connection: int) -> None:
+        """Note that a connection is gone."""
+        if self._owner == connection:
+            self._owner = None
+            self._orphaned_s = self._clock()
+
+    def tick(self) -> None:
+        """End a session whose host has not come back."""
+        orphaned = self._token and self._owner is None
+        if orphaned and self._clock() - self._orphaned_s > _KEPT_S:
+            self._token = 0
+
+
+# acknowledgement and heartbeat
+_FEED = struct.Struct(">HH")
+_FEED_AT = reg.FEED[0].address
+
+
+class NodeCore(Device):
+    """Answers reads and writes of registers for any number of connections.
+
+    Parameters
+    ----------
+    machine : NodeMachine
+        The node's acquisition and motor.
+    identity, limits : mapping
+        Values of the two read-only blocks.
+    clock : callable
+        Monotonic clock, s.
+    """
+
+    functions = frozenset((3, 6, 16, 23))
+
+    def __init__(
+        self,
+        machine: NodeMachine,
+        *,
+        identity: Mapping[str, Value],
+        limits: Mapping[str, Value],
+        clock: Callable[[], float],
+    ) -> None:
+        self.machine = machine
+        self._identity = encode_group(reg.IDENTITY, identity)
+        self._limits_raw = encode_group(reg.LIMITS, limits)
+        # limits as a host reads them, rounded to 32-bit floats
+        self._limits = decode_group(reg.LIMITS, self._limits_raw)
+        self._window = BlockWindow(machine)
+        self._session = Session(clock)
+        self._parameters = dict(DEFAULT_PARAMETERS)
+        self._program = ProgramStore(self._limits)
+        self._feed = {"ack": 0, "heartbeat": 0}
+        self._command = 0
+        self._refusals: dict[int, tuple[Refusal, int]] = {}
+        self._nonces: dict[int, int] = {}
+        self._images: dict[tuple[Register, ...], Callable[[int], bytes]] = {
+            reg.BLOCK: lambda _: self._window.image(self._feed["heartbeat"]),
+            reg.IDENTITY: lambda _: self._identity,
+            reg.LIMITS: lambda _: self._limits_raw,
+            reg.STATUS: lambda connection: encode_group(reg.STATUS, self._status(connection)),
+            reg.FEED: lambda _: encode_group(reg.FEED, self._feed),
+            reg.NONCE: lambda connection: struct.pack(">H", self._nonces.get(connection, 0)),
+            reg.PARAMETERS: lambda _: encode_group(reg.PARAMETERS, self._parameters),
+            reg.CONTROL: lambda _: struct.pack(">H", self._command),
+            reg.SESSION: lambda _: bytes(4),
+            reg.PROGRAM: lambda _: encode_group(reg.PROGRAM, self._program.last),
+        }
+
+    def read(self, space: Space, address: int, count: int, connection: int) -> bytes:
+        """Return the bytes of `count` registers from `address`."""
+        group, image = self._at(address, count)
+        offset = 2 * (address - group[0].address)
+        return image(connection)[offset : offset + 2 * count]
+
+    def write(self, space: Space, address: int, raw: bytes, connection: int) -> None:
+        """Write registers; all of them or none."""
+        if address == _FEED_AT and len(raw) == _FEED.size:
+            # what every exchange writes
+            self._refuse_others(connection)
+            ack, heartbeat = _FEED.unpack(raw)
+            self._accept_feed({"ack": ack, "heartbeat": heartbeat})
+            return
+        group, _ = self._at(address, len(raw) // 2)
+        chosen = _whole_registers(group, address, len(raw) // 2)
+        values = decode_group(chosen, raw)
+        if group is reg.SESSION:
+            self._session.take(int(values["session"]), connection)
+            return
+        if group is reg.NONCE:
+            self._nonces[connection] = int(values["nonce"])
+            return
+        if not self._always_allowed(values):
+            self._refuse_others(connection)
+        if group is reg.FEED:
+            self._accept_feed(values)
+        elif group is reg.PARAMETERS:
+            self._accept_parameters(values)
+        elif group is reg.CONTROL:
+            self._accept_command(int(values["command"]), address)
+        else:
+            self._refuse_while_running(address)
+            self._program.take(values, address)
+
+    def _at(self, address: int, count: int) -> tuple[tuple[Register, ...], Callable[[int], bytes]]:
+        """Return the one group that covers the span, and what gives its bytes."""
+        for group, image in self._images.items():
+            last = group[-1]
+            if group[0].address <= address and address + count <= last.address + last.size:
+                return group, image
+        raise RefusedError(2, Refusal.ADDRESS, address)
+
+    def tick(self) -> None:
+        """Let the wall clock act."""
+        self.machine.tick()
+        self._session.tick()
+
+    def hears(self, function: int) -> bool:
+        """Bring the node up to now."""
+        self.machine.tick()
+        return True
+
+    def rest(self) -> None:
+        """Produce samples."""
+        self.machine.produce_ahead()
+
+    def left(self, connection: int) -> None:
+        """Note that a connection is gone."""
+        self._refusals.pop(connection, None)
+        self._nonces.pop(connection, None)
+        self._session.disconnected(connection)
+
+    def note_refusal(self, refused: ModbusRefusedError, connection: int, transaction: int) -> None:
+        """Keep the reason; a request that is none as Modbus has it concerns no register."""
+        if isinstance(refused, RefusedError):
+            self._refusals[connection] = (refused.reason, refused.address)
+        else:
+            reason = Refusal.VALUE if refused.exception == 3 else Refusal.NONE
+            self._refusals[connection] = (reason, 0)
+
+    def _status(self, connection: int) -> dict[str, Value]:
+        machine = self.machine
+        machine.look()
+        refusal, refused_address = self._refusals.get(connection, (Refusal.NONE, 0))
+        waiting = machine.fifo.depth + self._window.scans
+        return {
+            "state": int(machine.state),
+            "status_flags": machine.flags(),
+            "samples_ready": min(waiting, 0xFFFF),
+            "starts": machine.starts,
+            "samples_taken": machine.fifo.taken,
+            "samples_lost": machine.fifo.lost,
+            "reference_v": machine.bench.reference_v,
+            "velocity_rad_s": machine.bench.velocity_rad_s,
+            "encoder_count": (machine.encoder_count + 2**31) % 2**32 - 2**31,
+            "device_time_ms": round(1e3 * machine.device_s) % 2**32,
+            "mark_start_ms": round(1e3 * machine.mark_start_s) % 2**32,
+            "mark_stop_ms": round(1e3 * machine.mark_stop_s) % 2**32,
+            "watchdog_trips": machine.trips % 0x10000,
+            "refusal": int(refusal),
+            "refused_address": refused_address,
+            "session_state": self._session.state(connection),
+            "status_echo": self._nonces.get(connection, 0),
+        }
+
+    def _always_allowed(self, values: Mapping[str, Value]) -> bool:
+        """Anybody may stop the motor at any time."""
+        return values.get("command") in (Command.STOP, Command.SAFE)
+
+    def _accept_feed(self, values: Mapping[str, Value]) -> None:
+        if "heartbeat" in values and values["heartbeat"] != self._feed["heartbeat"]:
+            self._feed["heartbeat"] = int(values["heartbeat"])
+            self.machine.feed_watchdog()
+        if "ack" in values:
+            self._feed["ack"] = int(values["ack"])
+            self._window.acknowledge(self._feed["ack"])
+
+    def _accept_parameters(self, values: Mapping[str, Value]) -> None:
+        self._refuse_while_running(reg.PARAMETERS[0].address)
+        wanted = {**self._parameters, **values}
+        check_parameters(wanted, self._limits)
+        self._program.check(wanted)
+        self._parameters = wanted
+        self.machine.rearm()
+
+    def _accept_command(self, command: int, address: int) -> None:
+        if command == Command.START:
+            self._refuse_while_running(address)
+            if self.machine.state == State.TRIPPED:
+                raise RefusedError(4, Refusal.TRIPPED, address)
+            check_parameters(self._parameters, self._limits)
+            program = self._program.check(self._parameters)
+            self._feed["ack"] = 0
+            self._window.clear()
+            self.machine.start(self._parameters, program)
+        elif command in (Command.STOP, Command.SAFE):
+            self.machine.end(State.STOPPED)
+            if command == Command.SAFE:
+                # a start needs a new parameter block after this
+                self._parameters = dict(DEFAULT_PARAMETERS)
+                self._program.forget()
+        else:
+            raise RefusedError(3, Refusal.VALUE, address)
+        self._command = command
+
+    def _refuse_others(self, connection: int) -> None:
+        if self._session.state(connection) == HELD:
+            raise RefusedError(6, Refusal.SESSION_HELD, reg.register("session").address)
+
+    def _refuse_while_running(self, address: int) -> None:
+        if self.machine.state == State.RUNNING:
+            raise RefusedError(6, Refusal.RUNNING, address)
+
+
+def _whole_registers(group: tuple[Register, ...], address: int, count: int) -> tuple[Register, ...]:
+    """Return the writable entries that the span covers exactly."""
+    end = address + count
+    chosen = tuple(e for e in group if e.address >= address and e.address + e.size <= end)
+    if group[0].access != "rw" or sum(entry.size for entry in chosen) != count:
+        raise RefusedError(2, Refusal.ADDRESS, address)
+    return chosen
+
+
+# a pseudo-terminal passes characters at once; hosts reckon with the fastest usual rate
+_QUERY = "?baud=921600"
+
+
+def build_core(
+    bench: SimulatedBench,
+    profile: ProfileData,
+    seed: int,
+    *,
+    pace: Pace,
+    record: Callable[[Mapping[str, object]], None] = lambda _: None,
+    clock: Callable[[], float] = time.monotonic,
+) -> NodeCore:
+    """Return a node around `bench` with the limits of `profile`."""
+    machine = NodeMachine(bench, pace=pace, clock=clock, record=record)
+    return NodeCore(
+        machine,
+        identity=identity_values(seed),
+        limits=limit_values(profile),
+        clock=clock,
+    )
+
+
+def emulate_node(emulation: Emulation, table: NodeAcquisition) -> ModbusWire:
+    """Return a node that makes the motor reference of a simulated bench itself."""
+    core = build_core(
+        emulation.bench,
+        emulation.profile,
+        emulation.seed,
+        pace=emulation.pace,
+        record=emulation.record,
+    )
+    emulation.moving = lambda: core.machine.busy
+    emulation.busy = lambda: core.machine.state == State.RUNNING
+    return ModbusWire(core, {"tcp": "", "rtu": _QUERY})

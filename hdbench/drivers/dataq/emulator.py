@@ -1,0 +1,313 @@
+"""An emulated DATAQ instrument on a pseudo-terminal, with its scan clock and small buffer."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import Callable, Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hdbench.devices.emulator.instrument import (
+    ElectricalSamples,
+    Input,
+    SimulatedInstrument,
+)
+from hdbench.devices.emulator.serving import Emulation, EmulatorSettings
+from hdbench.drivers.dataq.driver import EMULATOR_NAME
+from hdbench.drivers.dataq.models import BUFFER_SAMPLES, MODELS, Model
+from hdbench.drivers.dataq.scans import channel_number
+from hdbench.drivers.dataq.table import DataqAcquisition
+from hdbench.records.trace import FloatArray
+from hdbench.system.lines import PseudoTerminal
+
+Terminal = tuple[Input, float]
+"""What is wired to an analog input, and how many volts of it stand there per volt."""
+
+# D6 to D0 open are pulled up; D1 and D0 come inverted in the lower byte
+OPEN_LINES = 0x7F
+_FULL = 32768
+_ANALOG, _DIGITAL, _COUNTER = range(8), 8, 10
+
+
+def scan_words(
+    samples: ElectricalSamples,
+    entries: tuple[int, ...],
+    model: Model,
+    wiring: Mapping[int, Terminal],
+    lines: int = OPEN_LINES,
+    edges: NDArray[np.int64] | None = None,
+) -> NDArray[np.int16]:
+    """Return the scans of a list as they stand in the stream."""
+    ranges = {code: range_v for range_v, code in model.ranges.items()}
+    columns = []
+    for entry in entries:
+        kind = entry & 0xF
+        if kind in _ANALOG:
+            name, factor = wiring.get(kind, ("torque", 0.0))
+            volts = samples.volts[name] * factor
+            columns.append(_analog(volts, ranges.get(entry >> 8, 10.0), model.bits))
+        elif kind == _COUNTER and edges is not None:
+            columns.append((edges % 65536 - _FULL).astype(np.int16))
+        else:
+            constant = lines << 8 | ~lines & 3 if kind == _DIGITAL else -_FULL & 0xFFFF
+            columns.append(np.full(len(samples), constant, dtype=np.uint16).astype(np.int16))
+    words = np.column_stack(columns).astype(np.int16)
+    if not model.digital:
+        words[:, 0] |= lines & 3
+    return words
+
+
+def _analog(volts: FloatArray, range_v: float, bits: int) -> NDArray[np.int16]:
+    step = 1 << (16 - bits)
+    counts = np.rint(volts * (_FULL / (range_v * step))) * step
+    words: NDArray[np.int16] = np.clip(counts, -_FULL, _FULL - step).astype(np.int16)
+    return words
+
+
+_OVERFLOW = b"stop 01"
+_FIRMWARE = "87"
+_INFO = {0: "DATAQ", 2: _FIRMWARE, 5: EMULATOR_NAME}
+# one line of the encoder has one rising edge in four counts
+_COUNTS_PER_EDGE = 4
+# numbers that a host may set, with what they are when it is switched on
+_NUMBERS = {"ps": 0, "encode": 0, "eol": 0, "srate": 375, "dec": 1, "deca": 1, "led": 0, "ffl": 32}
+_SILENT = ("endo", "dout", "reset", "filter")
+
+
+class DataqDevice:
+    """One instrument."""
+
+    def __init__(
+        self,
+        instrument: SimulatedInstrument,
+        model: Model,
+        wiring: Mapping[int, Terminal],
+        serial: str,
+        *,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self.instrument = instrument
+        self.model = model
+        self.serial = serial
+        self.lose_bytes = 0
+        self.lines = OPEN_LINES
+        self.buffer_samples = BUFFER_SAMPLES
+        self._wiring = wiring
+        self._clock = clock
+        self._numbers = dict(_NUMBERS)
+        self._entries: dict[int, int] = {}
+        self._scanning = self._average = False
+        self._stream = b""
+        self._held_until_s = 0.0
+        self._edges = 0
+        self._pulse: int | None = None
+
+    @property
+    def scanning(self) -> bool:
+        """Whether it streams."""
+        return self._scanning
+
+    def command(self, line: str) -> bytes:
+        """Carry out one command and return what it sends back."""
+        word, _, rest = line.partition(" ")
+        if word == "start":
+            self._start()
+            return b""
+        if word == "stop":
+            left = self._end()
+            return left + b"stop\r"
+        if self._scanning:
+            # settings are taken, not echoed, while it streams
+            self._obey(word, rest)
+            return b""
+        value = self._obey(word, rest)
+        return f"{line} {value}\r".encode() if value else f"{line}\r".encode()
+
+    def tick(self, *, blocked: bool = False) -> bytes:
+        """Let time pass; return packets that are full, none while the line is blocked."""
+        self.instrument.catch_up()
+        if not self._scanning:
+            return b""
+        self._stream += self._sampled()
+        if blocked or self._clock() < self._held_until_s:
+            return self._overflow() if len(self._stream) > 2 * self.buffer_samples else b""
+        size = 16 << self._numbers["ps"]
+        whole = len(self._stream) // size * size
+        packets, self._stream = self._stream[:whole], self._stream[whole:]
+        return packets
+
+    def _obey(self, word: str, rest: str) -> str:
+        """Carry out a setting or a question; return its value."""
+        if word == "info":
+            item = int(rest) if rest.isdecimal() else -1
+            return {**_INFO, 1: self.model.number, 6: self.serial}.get(item, "0")
+        if word == "*IDN?":
+            return f"DATAQ,{self.model.number},{self.serial},{_FIRMWARE}"
+        if word == "slist":
+            position, _, entry = rest.partition(" ")
+            if position == "0":
+                self._entries.clear()
+            self._entries[int(position)] = int(entry)
+        elif word in _NUMBERS and rest.isdecimal():
+            self._numbers[word] = int(rest)
+        elif word == "filter":
+            self._average = rest.split()[-1:] == ["1"]
+        elif word == "din":
+            return str(self.lines)
+        return "" if word in (*_NUMBERS, *_SILENT, "slist", "filter") else "unknown"
+
+    def hold(self, time_s: float) -> None:
+        """Hold the line for a time: what is sampled meanwhile stays in the buffer."""
+        self._held_until_s = self._clock() + time_s
+
+    def _start(self) -> None:
+        if self._scanning or not self._entries:
+            return
+        entries = len(self._entries)
+        numbers = self._numbers
+        division = numbers["srate"] * numbers["dec"] * numbers["deca"]
+        averaged = numbers["dec"] if self._average else 1
+        self.instrument.begin(division / averaged / self.model.clock_hz(entries))
+        self._scanning, self._stream = True, b""
+
+    def _end(self) -> bytes:
+        """Stop; what the buffer still held is sent."""
+        if not self._scanning:
+            return b""
+        self._stream += self._sampled()
+        self.instrument.end()
+        self._scanning = False
+        left, self._stream = self._stream, b""
+        return left
+
+    def _overflow(self) -> bytes:
+        """Stop as with a full buffer: the last bytes say so."""
+        self.instrument.end()
+        self._scanning = False
+        kept, self._stream = self._stream[: 2 * self.buffer_samples], b""
+        return kept + _OVERFLOW
+
+    def _count_edges(self, count: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Return the edges of one encoder line since it was switched on, in either direction."""
+        pulses = count // _COUNTS_PER_EDGE
+        first = int(pulses[0]) if self._pulse is None else self._pulse
+        edges: NDArray[np.int64] = self._edges + np.cumsum(np.abs(np.diff(pulses, prepend=first)))
+        self._edges, self._pulse = int(edges[-1]), int(pulses[-1])
+        return edges
+
+    def _sampled(self) -> bytes:
+        """Return the bytes of every scan whose time has come."""
+        averaged = self._numbers["dec"] if self._average else 1
+        count = self.instrument.due() // averaged * averaged
+        if not count:
+            return b""
+        samples = self.instrument.take(count)
+        entries = tuple(self._entries[at] for at in sorted(self._entries))
+        edges = self._count_edges(samples.count)
+        words = scan_words(
+            _averaged(samples, averaged),
+            entries,
+            self.model,
+            self._wiring,
+            self.lines,
+            edges[averaged - 1 :: averaged],
+        )
+        data = words.astype("<i2").tobytes()
+        cut, self.lose_bytes = self.lose_bytes, 0
+        return data[cut:]
+
+
+def _averaged(samples: ElectricalSamples, number: int) -> ElectricalSamples:
+    """Return the means of so many samples each."""
+    if number == 1:
+        return samples
+    volts = {
+        name: np.mean(values.reshape(-1, number), axis=1) for name, values in samples.volts.items()
+    }
+    return ElectricalSamples(
+        samples.first_index // number, volts, samples.count[number - 1 :: number]
+    )
+
+
+# wall-clock grain of the stream, s
+_TICK_S = 0.005
+
+
+class DataqLine:
+    """Serves one instrument until it is closed."""
+
+    def __init__(self, device: DataqDevice) -> None:
+        self.device = device
+        self._line: PseudoTerminal | None = None
+        self._buffer = self._left = b""
+        self._timer: asyncio.TimerHandle | None = None
+
+    async def open(self) -> str:
+        """Open a pseudo-terminal and return the address that a host opens."""
+        self._line = PseudoTerminal(self._received)
+        self._tick()
+        return f"serial://{self._line.path}"
+
+    def close(self) -> None:
+        """End the line."""
+        if self._timer is not None:
+            self._timer.cancel()
+        line, self._line = self._line, None
+        if line is not None:
+            line.close()
+
+    def _tick(self) -> None:
+        self._left = self._send(self._left)
+        self._left += self.device.tick(blocked=bool(self._left))
+        self._left = self._send(self._left)
+        self._timer = asyncio.get_running_loop().call_later(_TICK_S, self._tick)
+
+    def _received(self, data: bytes) -> None:
+        self._buffer += data
+        *lines, self._buffer = self._buffer.split(b"\r")
+        for line in lines:
+            self._left += self.device.command(line.decode("ascii", errors="replace").strip())
+        self._left = self._send(self._left)
+
+    def _send(self, data: bytes) -> bytes:
+        """Send what the line takes; return the rest."""
+        while data and self._line is not None and (sent := self._line.write(data)):
+            data = data[sent:]
+        return data
+
+
+# fast pace: a host has less time for the same samples
+_FAST_BUFFERS = 16
+
+
+class EmulatedDataq:
+    """Implements `hdbench.devices.emulator.serving.EmulatedDevice`."""
+
+    def __init__(self, device: DataqDevice) -> None:
+        self.line = DataqLine(device)
+
+    async def open(self, settings: EmulatorSettings) -> Mapping[str, object]:
+        """Open the pseudo-terminal and return ``address``; it has no port to choose."""
+        if settings.pace == "fast":
+            self.line.device.buffer_samples *= _FAST_BUFFERS
+        return {"address": await self.line.open()}
+
+    def close(self) -> None:
+        """End the line."""
+        self.line.close()
+
+
+def emulate_dataq(emulation: Emulation, table: DataqAcquisition) -> EmulatedDataq:
+    """Return an instrument with a simulated bench at the terminals that `table` names."""
+    # the instrument's current channel has max_current_a at range_v; the terminal has 1 V per scale
+    profile = emulation.profile
+    amperes_per_v = profile.servo.max_current_a / profile.daq.range_v
+    wiring: dict[int, Terminal] = {}
+    for channel in table.channels:
+        if channel.role != "encoder":
+            factor = amperes_per_v if channel.role == "current" else 1.0
+            wiring[channel_number(channel)] = (channel.role, factor / channel.scale)
+    serial = f"{emulation.seed % 16**8:08X}"
+    return EmulatedDataq(DataqDevice(emulation.instrument, MODELS[table.model], wiring, serial))

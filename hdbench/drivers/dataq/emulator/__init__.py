@@ -1,1 +1,0 @@
-"""An emulated DATAQ instrument on a pseudo-terminal."""

@@ -1,0 +1,250 @@
+"""Tuning problem: the numbers that are varied, the model they make, and its likelihood."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+from hdbench.filter.model import FilterModel, OscillatorBlock, SlowBlock, SlowKind
+from hdbench.filter.traces import Channels, run_channels
+from hdbench.filter.tuning.data import Motion
+from hdbench.records import FloatArray
+
+__all__ = ["Parameter", "Problem", "Score", "build_problem", "relative_model", "scaled", "score"]
+
+Target = Literal["block", "slow"]
+_WALKS = ("none", "random-walk", "integrated-random-walk")
+# a wander of a tenth of the torque's deviation per own turn is no longer an order
+_LARGEST_WANDER = 0.01
+_HIGHEST_HZ = 20.0  # above, a tone is a disturbance of the sensor, not torque of the load
+_SHARPEST = 1e6  # 2 pi f T of a resonance that no record of hours can tell from a sine
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """One number of the model, varied as its logarithm."""
+
+    name: str
+    unit: str
+    target: Target
+    index: int
+    field: str
+    relative: bool  # whether it scales with the measurement noise
+    starts: tuple[float, ...]  # logarithms, as are the bounds
+    lower: float
+    upper: float
+
+
+@dataclass(frozen=True, slots=True)
+class Problem:
+    """A model with its free numbers."""
+
+    base: FilterModel  # measurement noise 1, priors in units of it
+    parameters: tuple[Parameter, ...]
+
+    def model(self, logs: Sequence[float] | FloatArray) -> FilterModel:
+        """Return the model at a point, at measurement noise 1."""
+        blocks, slow = list(self.base.blocks), list(self.base.slow)
+        changes: dict[tuple[Target, int], dict[str, float]] = {}
+        for parameter, value in zip(self.parameters, logs, strict=True):
+            place = changes.setdefault((parameter.target, parameter.index), {})
+            place[parameter.field] = math.exp(float(value))
+        for (target, index), numbers in changes.items():
+            if target == "block":
+                blocks[index] = replace(blocks[index], process_noise=numbers["process_noise"])
+            else:
+                slow[index] = _slow_with(slow[index], numbers)
+        return replace(self.base, blocks=tuple(blocks), slow=tuple(slow))
+
+    def starts(self) -> list[list[float]]:
+        """Return the points that the search starts from."""
+        count = max((len(p.starts) for p in self.parameters), default=1)
+        return [
+            [p.starts[min(k, len(p.starts) - 1)] for p in self.parameters] for k in range(count)
+        ]
+
+
+def _slow_with(block: SlowBlock, numbers: dict[str, float]) -> SlowBlock:
+    numbers = dict(numbers)
+    if "sharpness" in numbers:  # 2 pi f T of a resonance
+        hz = numbers.get("frequency_hz", block.frequency_hz)
+        numbers["time_constant_s"] = numbers.pop("sharpness") / (2.0 * math.pi * hz)
+    values = {name: numbers.get(name, getattr(block, name)) for name in block.parameters}
+    return SlowBlock(block.kind, **values)
+
+
+def build_problem(
+    base: FilterModel, kind: SlowKind | None, motion: Motion, noise_nm2: float
+) -> Problem:
+    """Return what is varied for one kind of slow torque."""
+    excess = max(motion.torque_variance_nm2 / noise_nm2, 1.0)
+    parameters = [_order_parameter(i, block, motion, excess) for i, block in enumerate(base.blocks)]
+    if kind is None:
+        return Problem(base, tuple(parameters))
+    at = len(base.slow)
+    parameters += _slow_parameters(kind, at, motion, excess)
+    return Problem(replace(base, slow=(*base.slow, _seed(kind))), tuple(parameters))
+
+
+def _seed(kind: SlowKind) -> SlowBlock:
+    """Return a block of the kind, its numbers to be replaced."""
+    if kind in ("random-walk", "integrated-random-walk"):
+        return SlowBlock(kind, noise_per_s=1.0)
+    hz = 1.0 if kind == "resonance" else 0.0
+    return SlowBlock(kind, variance=1.0, time_constant_s=1.0, frequency_hz=hz)
+
+
+def _order_parameter(
+    index: int, block: OscillatorBlock, motion: Motion, excess: float
+) -> Parameter:
+    """Process noise of an order per radian of the motor, of a tone per second."""
+    if block.frequency_hz > 0.0:
+        name, unit, own_turn = f"{block.frequency_hz:g} Hz", "(N m)^2/s", 1.0 / block.frequency_hz
+        step, whole = motion.period_s, motion.duration_s
+    else:
+        name, unit = f"order {block.order:g}", "(N m)^2/rad"
+        own_turn = 2.0 * math.pi / block.order
+        step = max(motion.speed_rad_s, 1e-3) * motion.period_s
+        whole = max(motion.turned_rad, own_turn)
+    # q/R of a block that remembers m (rad or s): white noise of density step, so q = step / m^2
+    upper = math.log(max(_LARGEST_WANDER * excess / own_turn, step / own_turn**2 * 1e-6))
+    lower = min(math.log(step / (30.0 * whole) ** 2), upper - 1.0)
+    start = min(max(math.log(step / (0.3 * whole) ** 2), lower), upper)
+    return Parameter(
+        f"{name} process_noise", unit, "block", index, "process_noise", True, (start,), lower, upper
+    )
+
+
+def _slow_parameters(kind: SlowKind, at: int, motion: Motion, excess: float) -> list[Parameter]:
+    dt, whole, size = motion.period_s, motion.duration_s, math.log(excess)
+
+    def one(
+        field: str, unit: str, starts: tuple[float, ...], bounds: tuple[float, float]
+    ) -> Parameter:
+        lower, upper = bounds
+        relative = field in ("variance", "noise_per_s")
+        inside = tuple(min(max(value, lower), upper) for value in starts)
+        return Parameter(f"{kind} {field}", unit, "slow", at, field, relative, inside, lower, upper)
+
+    if kind == "random-walk":
+        return [one("noise_per_s", "(N m)^2/s", (size, size - 5.0), (-25.0, size + 15.0))]
+    if kind == "integrated-random-walk":
+        return [one("noise_per_s", "(N m/s)^2/s", (size + 4.0, size - 2.0), (-25.0, size + 25.0))]
+    sizes = (size - 0.5, size - 3.0, size + 1.0)  # the third: steps of the load
+    variance = one("variance", "(N m)^2", sizes, (-12.0, size + 8.0))
+    longest = math.log(10.0 * whole)
+    if kind != "resonance":
+        bounds = (math.log(0.3 * dt), longest)
+        times = (math.log(100.0 * dt), math.log(0.02 * whole), math.log(0.25 * whole))
+        return [variance, one("time_constant_s", "s", times, bounds)]
+    bounds = (math.log(0.2 / whole), math.log(min(_HIGHEST_HZ, 0.05 / dt)))
+    return [
+        one("variance", "(N m)^2", sizes[:2], (-12.0, size + 8.0)),
+        one("frequency_hz", "Hz", (math.log(2.0), math.log(0.3)), bounds),
+        one("sharpness", "1", (math.log(1.5), math.log(3.0)), (0.0, math.log(_SHARPEST))),
+    ]
+
+
+@dataclass(frozen=True, slots=True)
+class Score:
+    """Likelihood of traces under a model of measurement noise 1."""
+
+    samples: int
+    noise_nm2: float  # the measurement noise that fits best
+    log_likelihood: float
+
+
+def score(model: FilterModel, records: Sequence[Channels]) -> Score:
+    r"""Score a model of measurement noise 1 on traces.
+
+    Notes
+    -----
+    With innovations e and variances S of the relative model over n samples of all traces,
+    :math:`\hat R = \sum e^2/S / n` and
+    :math:`2 \ln L = -n (1 + \ln 2\pi + \ln \hat R) - \sum \ln S`.
+    """
+    samples, logs, squares = 0, 0.0, 0.0
+    for record in records:
+        found = run_channels(model, record)
+        samples += found.n_used
+        logs += found.sum_log_variance
+        squares += found.sum_normalised_squares
+    noise = squares / samples if samples else math.nan
+    if not 0.0 < noise < math.inf:
+        return Score(samples, noise, -math.inf)
+    value = -0.5 * (samples * (1.0 + math.log(2.0 * math.pi * noise)) + logs)
+    return Score(samples, noise, value)
+
+
+def scaled(relative: FilterModel, noise_nm2: float) -> FilterModel:
+    """Return a model of measurement noise 1 in absolute units."""
+    scale = math.sqrt(noise_nm2)
+    prior, slow_prior = relative.order_prior_std_nm, relative.slow_prior_std_nm
+    return replace(
+        relative,
+        blocks=tuple(
+            replace(block, process_noise=block.process_noise * noise_nm2)
+            for block in relative.blocks
+        ),
+        slow=tuple(
+            replace(
+                block,
+                noise_per_s=block.noise_per_s * noise_nm2,
+                variance=block.variance * noise_nm2,
+            )
+            for block in relative.slow
+        ),
+        measurement_noise=noise_nm2,
+        order_prior_std_nm=None if prior is None else prior * scale,
+        slow_prior_std_nm=None if slow_prior is None else slow_prior * scale,
+    )
+
+
+def relative_model(
+    base: FilterModel,
+    motion: Motion,
+    noise_nm2: float,
+    *,
+    slow: str,
+    order_prior_std_nm: float,
+    slow_prior_std_nm: float,
+) -> FilterModel:
+    """Return the model at measurement noise 1: noise per angle, priors relative, the offset."""
+    scale = math.sqrt(noise_nm2)
+    blocks = tuple(
+        OscillatorBlock(
+            block.order,
+            block.role,
+            block.process_noise,
+            "second" if block.frequency_hz > 0.0 else "motor-radian",
+            block.frequency_hz,
+        )
+        for block in base.blocks
+    )
+    walking = slow in _WALKS
+    offset = () if walking else (SlowBlock("random-walk", noise_per_s=_offset_noise(base, motion)),)
+    return replace(
+        base,
+        blocks=blocks,
+        slow=offset,
+        measurement_noise=1.0,
+        order_prior_std_nm=order_prior_std_nm / scale,
+        slow_prior_std_nm=slow_prior_std_nm / scale,
+        gate_sigma=None,
+        tuning=None,
+    )
+
+
+def _offset_noise(base: FilterModel, motion: Motion) -> float:
+    r"""Return the wander of the offset per second, relative to the measurement noise.
+
+    A random walk has the density q / w^2, white noise R dt: equal at the slowest block's angular
+    frequency w, so that the offset can never hold what turns with the output.
+    """
+    slowest = min((b.order for b in base.blocks if b.order > 0.0), default=1.0)
+    w = slowest * motion.speed_rad_s
+    if not w > 0.0:
+        w = 2.0 * math.pi / motion.duration_s
+    return motion.period_s * w * w

@@ -1,0 +1,164 @@
+"""Causes files (TOML) and declarations in model files, with errors that name the place."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel, TypeAdapter, ValidationError
+
+from hdbench.errors import DataError, ProfileError
+from hdbench.model.causes import ALL_CAUSES
+from hdbench.model.declared import (
+    CauseFile,
+    Declaration,
+    HarmonicsSpec,
+    PolynomialSpec,
+    Spec,
+    TableSpec,
+    ToneSpec,
+    cause_of,
+)
+from hdbench.model.definition import Cause
+from hdbench.profile.problems import key_text, problem
+from hdbench.profile.toml_text import Key, key_lines, read_toml, toml_text
+
+__all__ = ["declared_cause", "load_causes"]
+
+_HELP = "docs/causes.md lists keys, units and domains"
+_SPECS: Mapping[str, type[BaseModel]] = {
+    "harmonics": HarmonicsSpec,
+    "tone": ToneSpec,
+    "polynomial": PolynomialSpec,
+    "table": TableSpec,
+}
+
+
+def load_causes(path: Path) -> tuple[Cause, ...]:
+    """Read a causes file.
+
+    Parameters
+    ----------
+    path : Path
+        A TOML file as ``docs/causes.md`` describes it.
+
+    Returns
+    -------
+    tuple of Cause
+        In order of the file.
+
+    Raises
+    ------
+    DataError
+        If the file is missing or no TOML, a key is unknown, missing or out of its domain, a name
+        stands twice or is one of the catalogue. ``problems`` holds every problem with file and
+        line.
+    """
+    text = toml_text(path, "name a TOML file of causes")
+    raw = _tuples(read_toml(text, str(path)))
+    lines = key_lines(text)
+    try:
+        specs = CauseFile.model_validate(raw).cause
+    except ValidationError as error:
+        entries = [e for e in error.errors(include_url=False) if not _said_elsewhere(e)]
+        found = [_entry(str(path), lines, entry) for entry in entries]
+        raise _all_problems(str(path), found) from None
+    found = list(_taken(str(path), lines, specs))
+    if not specs:
+        found = [problem(str(path), lines, ("cause",), "holds no cause", f"add one ({_HELP})")]
+    if found:
+        raise _all_problems(str(path), found)
+    return tuple(cause_of(spec) for spec in specs)
+
+
+def declared_cause(definition: Mapping[str, Any], *, where: str) -> Cause:
+    """Return the cause of a declaration that a model file holds."""
+    adapter: TypeAdapter[Spec] = TypeAdapter(Declaration)
+    try:
+        return cause_of(adapter.validate_python(_tuples(dict(definition))))
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        key = key_text(_key(first))
+        raise DataError(
+            f"key {key!r}: {_needed(first)}",
+            where=where,
+            fix=f"correct the declaration ({_HELP})",
+        ) from None
+
+
+def _tuples(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {name: _tuples(item) for name, item in value.items()}
+    if isinstance(value, list):
+        return tuple(_tuples(item) for item in value)
+    # a whole number stands for itself in TOML and JSON: 2 is 2.0
+    return value
+
+
+def _said_elsewhere(error: Mapping[str, Any]) -> bool:
+    """Return whether a list counts as short only because entries that are wrong do not count."""
+    return error["type"] == "too_short" and len(error["input"]) >= int(error["ctx"]["min_length"])
+
+
+def _key(error: Mapping[str, Any]) -> Key:
+    """Return the key of a finding; pydantic puts the kind of a cause into its path."""
+    return tuple(part for part in error["loc"] if part not in _SPECS)
+
+
+def _needed(error: Mapping[str, Any]) -> str:
+    words = str(error["msg"]).removeprefix("Value error, ")
+    if isinstance(error["input"], dict) or error["type"] == "value_error":
+        return words
+    return f"found {error['input']!r}; {words}"
+
+
+def _entry(path: str, lines: Mapping[Key, int], error: Mapping[str, Any]) -> ProfileError:
+    """Return one finding of pydantic with file, line and key."""
+    key, kind = _key(error), str(error["type"])
+    if kind == "missing":
+        return problem(path, lines, key, "missing", f"add {key[-1]} = ... ({_HELP})")
+    if kind == "union_tag_not_found":
+        fix = f"add kind = ..., one of {', '.join(_SPECS)} ({_HELP})"
+        return problem(path, lines, (*key, "kind"), "missing", fix)
+    if kind == "union_tag_invalid":
+        words = f"found {error['input'].get('kind')!r}; needed: one of {', '.join(_SPECS)}"
+        return problem(path, lines, (*key, "kind"), words, f"correct the value ({_HELP})")
+    if kind == "extra_forbidden":
+        spec = next((_SPECS[part] for part in error["loc"] if part in _SPECS), CauseFile)
+        near = difflib.get_close_matches(str(key[-1]), spec.model_fields, n=1)
+        fix = f"did you mean {near[0]!r}?" if near else f"take it out ({_HELP})"
+        return problem(path, lines, key, "unknown", fix)
+    return problem(path, lines, key, _needed(error), f"correct the value ({_HELP})")
+
+
+def _taken(path: str, lines: Mapping[Key, int], specs: Iterable[Spec]) -> Iterable[ProfileError]:
+    """Yield one problem for every name that is taken and every look-alike that does not exist."""
+    catalogue = {cause.name for cause in ALL_CAUSES}
+    seen = set(catalogue)
+    specs = list(specs)
+    known = catalogue | {spec.name for spec in specs}
+    for place, spec in enumerate(specs):
+        if spec.name in seen:
+            owner = "the catalogue" if spec.name in catalogue else "a cause above it"
+            what = f"{spec.name!r} is a name of {owner}; needed: a name of its own"
+            yield problem(path, lines, ("cause", place, "name"), what, "choose another name")
+        seen.add(spec.name)
+        for name in spec.look_alikes:
+            if name not in known:
+                near = difflib.get_close_matches(name, known, n=1, cutoff=0.0)[0]
+                key: Key = ("cause", place, "look_alikes")
+                yield problem(path, lines, key, f"unknown cause {name!r}", f"write {near!r}")
+
+
+def _all_problems(path: str, found: list[ProfileError]) -> DataError:
+    found.sort(key=lambda error: int(error.where.rpartition(":")[2]))
+    if len(found) == 1:
+        return DataError(found[0].what, where=found[0].where, fix=found[0].fix)
+    return DataError(
+        f"{len(found)} problems: " + "; ".join(error.what for error in found[:5]),
+        where=path,
+        fix="correct each of them",
+        problems=tuple(found),
+    )

@@ -1,0 +1,415 @@
+"""Journal file of a run: appended, synced, never guessed at where it is torn.
+
+A block is ``magic (4 bytes) | sequence (uint32) | length (uint32) | payload | CRC-32 (uint32)``,
+little-endian; the CRC covers sequence, length and payload. The payload is
+``header length (uint32) | header (JSON) | arrays``, the arrays (float64 or int64, little-endian)
+in the order in which the header lists them.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import struct
+import zlib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import TracebackType
+from typing import Any, BinaryIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hdbench.errors import BusyError, DataError, StorageError
+from hdbench.records.storage import checked_size, read_failure, storage_error
+from hdbench.system.files import lock_file, sync_data, sync_file, sync_folder
+
+_MAGIC = b"HDJ1"
+_HEAD = struct.Struct("<4sII")
+_WORD = struct.Struct("<I")
+_DTYPES = ("<f8", "<i8")
+# one block holds at most a second or so of samples; anything larger is damage
+_LIMIT_BLOCK = 64 << 20
+_LIMIT_FILE = 16 << 30
+
+
+@dataclass(frozen=True, slots=True)
+class JournalBlock:
+    """One acknowledged entry.
+
+    Parameters
+    ----------
+    sequence : int
+        Number of the entry, from 0.
+    kind : str
+        ``samples``, ``reading`` or ``event``.
+    columns : mapping of str to ndarray, each of shape (n,)
+        Float64 or int64 channels.
+    extra : dict
+        What is known beside the columns.
+    """
+
+    sequence: int
+    kind: str
+    columns: Mapping[str, NDArray[Any]]
+    extra: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def rows(self) -> int:
+        """Samples in each channel."""
+        return len(next(iter(self.columns.values()), ()))
+
+
+@dataclass(frozen=True, slots=True)
+class JournalContent:
+    """What a journal holds.
+
+    Parameters
+    ----------
+    blocks : tuple of JournalBlock
+        Every intact block, in order.
+    torn_bytes : int
+        Bytes of an unfinished last block, cut off.
+    problem : str or None
+        Damage in the middle: which blocks are missing; None when there is none.
+    """
+
+    blocks: tuple[JournalBlock, ...]
+    torn_bytes: int
+    problem: str | None
+
+
+def _block_at(raw: bytes, start: int) -> tuple[JournalBlock, int] | None:
+    """Return the intact block at `start` and where it ends; None if there is none."""
+    if len(raw) - start < _HEAD.size + _WORD.size or raw[start : start + 4] != _MAGIC:
+        return None
+    _, sequence, length = _HEAD.unpack_from(raw, start)
+    end = start + _HEAD.size + length + _WORD.size
+    if length > _LIMIT_BLOCK or end > len(raw):
+        return None
+    (checksum,) = _WORD.unpack_from(raw, end - _WORD.size)
+    if zlib.crc32(memoryview(raw)[start + 4 : end - _WORD.size]) != checksum:
+        return None
+    content = _decode(raw[start + _HEAD.size : end - _WORD.size])
+    return None if content is None else (JournalBlock(sequence, *content), end)
+
+
+def _decode(body: bytes) -> tuple[str, dict[str, NDArray[Any]], dict[str, Any]] | None:
+    try:
+        (size,) = _WORD.unpack_from(body, 0)
+        header = json.loads(body[_WORD.size : _WORD.size + size])
+        offset = _WORD.size + size
+        columns: dict[str, NDArray[Any]] = {}
+        for name, dtype, n in header["columns"]:
+            if dtype not in _DTYPES or not (isinstance(n, int) and n >= 0):
+                return None
+            columns[str(name)] = np.frombuffer(body, dtype=dtype, count=n, offset=offset).copy()
+            offset += 8 * n
+        return str(header["kind"]), columns, dict(header["extra"])
+    except (struct.error, ValueError, KeyError, TypeError, RecursionError):
+        return None
+
+
+def _search(raw: bytes, start: int) -> int | None:
+    """Return where an intact block starts at or after `start`; None if there is none."""
+    # bytes that are summed at most: damage made to harm could ask for any number
+    budget = 4 * len(raw)
+    place = raw.find(_MAGIC, start)
+    while place >= 0 and budget > 0:
+        if _block_at(raw, place) is not None:
+            return place
+        if len(raw) - place >= _HEAD.size:
+            budget -= min(_HEAD.unpack_from(raw, place)[2], len(raw) - place)
+        place = raw.find(_MAGIC, place + 1)
+    return None
+
+
+class JournalReader:
+    """The intact blocks of a journal, one in memory at a time.
+
+    Parameters
+    ----------
+    path : Path
+        The journal.
+
+    Attributes
+    ----------
+    torn_bytes : int
+        Bytes of an unfinished last block, known after the last block was taken.
+    problem : str or None
+        Damage in the middle, known after the last block was taken.
+
+    Raises
+    ------
+    DataError
+        While blocks are taken, if the file is missing or not a journal.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = Path(path)
+        self.torn_bytes = 0
+        self._problems: list[str] = []
+
+    @property
+    def problem(self) -> str | None:
+        """Damage in the middle; None when there is none."""
+        return "; ".join(self._problems) or None
+
+    def __iter__(self) -> Iterator[JournalBlock]:
+        self.torn_bytes, self._problems, expected = 0, [], 0
+        for block in self._intact():
+            if block.sequence != expected:
+                self._problems.append(f"block {block.sequence} stands where {expected} was due")
+            expected = block.sequence + 1
+            yield block
+
+    def _intact(self) -> Iterator[JournalBlock]:
+        checked_size(self.path, limit=_LIMIT_FILE, what="journal")
+        start = 0
+        try:
+            with self.path.open("rb") as file:
+                while (block := _next_intact(file)) is not None:
+                    yield block
+                    start = file.tell()
+                file.seek(start)
+                rest = file.read()
+        except OSError as error:
+            raise read_failure(error, self.path) from error
+        place = 0
+        while (following := _search(rest, place + 1)) is not None:
+            self._problems.append(f"damaged from byte {start + place} to {start + following}")
+            found = _block_at(rest, following)
+            while found is not None:
+                block, place = found
+                yield block
+                found = _block_at(rest, place)
+        if not (start or place or _MAGIC.startswith(rest[:4])):
+            raise DataError(
+                "not a journal", where=str(self.path), fix="name a run folder of hdbench"
+            )
+        self.torn_bytes = len(rest) - place
+
+
+def _next_intact(file: BinaryIO) -> JournalBlock | None:
+    head = file.read(_HEAD.size)
+    if len(head) < _HEAD.size or not head.startswith(_MAGIC):
+        return None
+    length = _HEAD.unpack(head)[2]
+    if length > _LIMIT_BLOCK:
+        return None
+    found = _block_at(head + file.read(length + _WORD.size), 0)
+    return None if found is None else found[0]
+
+
+def read_journal(path: Path) -> JournalContent:
+    """Read every acknowledged block of a journal.
+
+    Parameters
+    ----------
+    path : Path
+        The journal.
+
+    Returns
+    -------
+    JournalContent
+        An unfinished last block is cut off and counted in ``torn_bytes``. Damage before intact
+        blocks is reported in ``problem``; the intact blocks are kept, nothing is filled in.
+
+    Raises
+    ------
+    DataError
+        If the file is missing or not a journal.
+    """
+    reader = JournalReader(path)
+    blocks = tuple(reader)
+    return JournalContent(blocks, reader.torn_bytes, reader.problem)
+
+
+def _payload(kind: str, columns: Mapping[str, NDArray[Any]], extra: Mapping[str, Any]) -> bytes:
+    listed, arrays = [], []
+    for name, values in columns.items():
+        array = np.asarray(values)
+        dtype = "<i8" if array.dtype.kind in "iub" else "<f8"
+        if array.ndim != 1:
+            raise ValueError(f"column {name} has {array.ndim} dimensions; needed: 1")
+        listed.append([name, dtype, len(array)])
+        arrays.append(np.ascontiguousarray(array, dtype=dtype).tobytes())
+    header = json.dumps(
+        {"kind": kind, "columns": listed, "extra": dict(extra)}, allow_nan=False
+    ).encode()
+    return b"".join([_WORD.pack(len(header)), header, *arrays])
+
+
+def _lock(handle: int, path: Path) -> None:
+    """Let one process append; without locks the process number in run.json is the only guard."""
+    if lock_file(handle) is False:
+        raise BusyError(
+            "another process records this run",
+            where=str(path),
+            fix="wait until it has finished, or stop it",
+        )
+
+
+class JournalWriter:
+    """Append blocks to a journal; a synced block is on the disk when `append` returns.
+
+    Parameters
+    ----------
+    path : Path
+        File to make; it must not exist. `JournalWriter.resume` goes on with one that does.
+    flags : int
+        How to open it.
+
+    Raises
+    ------
+    StorageError
+        If the file cannot be made.
+    BusyError
+        If another process appends to it.
+    """
+
+    __slots__ = ("_handle", "_path", "_sequence")
+
+    def __init__(self, path: Path, *, flags: int = os.O_CREAT | os.O_EXCL) -> None:
+        self._path = Path(path)
+        self._sequence = 0
+        self._handle = -1
+        flags |= os.O_WRONLY | os.O_APPEND | getattr(os, "O_BINARY", 0)
+        try:
+            self._handle = os.open(self._path, flags, 0o644)
+            sync_folder(self._path.parent)
+            _lock(self._handle, self._path)
+        except BusyError:
+            self._abandon()
+            raise
+        except OSError as error:
+            self._abandon()
+            raise storage_error(error, self._path) from error
+
+    @classmethod
+    def resume(cls, path: Path) -> tuple[JournalWriter, JournalContent]:
+        """Go on with the journal of a run that ended early.
+
+        Parameters
+        ----------
+        path : Path
+            The journal.
+
+        Returns
+        -------
+        writer : JournalWriter
+            Appends behind the last intact block; an unfinished one behind it, which was never
+            acknowledged, is cut off.
+        content : JournalContent
+            What stood there, with the bytes that were cut.
+
+        Raises
+        ------
+        BusyError
+            If another process appends to it.
+        DataError
+            If the file is not a journal.
+        StorageError
+            If it cannot be written.
+        """
+        writer = cls(path, flags=0)
+        try:
+            content = read_journal(path)
+            writer._cut(content.torn_bytes)
+        except BaseException:
+            writer._abandon()
+            raise
+        writer._sequence = content.blocks[-1].sequence + 1 if content.blocks else 0
+        return writer, content
+
+    def _cut(self, torn_bytes: int) -> None:
+        if not torn_bytes:
+            return
+        try:
+            os.ftruncate(self._handle, os.fstat(self._handle).st_size - torn_bytes)
+            sync_file(self._handle)
+        except OSError as error:
+            raise storage_error(error, self._path) from error
+
+    def append(
+        self,
+        kind: str,
+        columns: Mapping[str, NDArray[Any]],
+        extra: Mapping[str, Any] | None = None,
+        *,
+        sync: bool = True,
+    ) -> None:
+        """Write one block and, with `sync`, wait until the disk has it and all before it.
+
+        Parameters
+        ----------
+        kind : str
+            ``samples`` (channels of a trace, ``time_s`` among them), ``reading`` (a load reading
+            in `extra`, by the names of the loads columns) or ``event``.
+        columns : mapping of str to ndarray, each of shape (n,)
+            Channels; floats become float64, integers and booleans int64.
+        extra : mapping, optional
+            Anything JSON can hold, without NaN.
+        sync : bool
+            False leaves the block with the operating system: it survives the end of this process,
+            not yet a power cut.
+
+        Raises
+        ------
+        StorageError
+            If the disk is full or failed. Nothing can be appended after that: what stands behind
+            a half-written block could not be told from damage.
+        ValueError
+            If a column is not one-dimensional or `extra` holds NaN.
+        """
+        if self._handle < 0:
+            raise StorageError(
+                "the journal is closed", where=str(self._path), fix="start a new run"
+            )
+        body = _payload(kind, columns, extra or {})
+        head = _HEAD.pack(_MAGIC, self._sequence, len(body))
+        checksum = zlib.crc32(body, zlib.crc32(head[4:]))
+        rest = memoryview(b"".join([head, body, _WORD.pack(checksum)]))
+        try:
+            while rest:
+                rest = rest[os.write(self._handle, rest) :]
+            if sync:
+                sync_data(self._handle)
+        except OSError as error:
+            self._abandon()
+            raise storage_error(error, self._path) from error
+        self._sequence += 1
+
+    def close(self) -> None:
+        """Sync and close the file; safe to call twice.
+
+        Raises
+        ------
+        StorageError
+            If the last blocks could not be synced.
+        """
+        if self._handle < 0:
+            return
+        try:
+            sync_data(self._handle)
+        except OSError as error:
+            raise storage_error(error, self._path) from error
+        finally:
+            self._abandon()
+
+    def _abandon(self) -> None:
+        handle, self._handle = self._handle, -1
+        if handle >= 0:
+            os.close(handle)
+
+    def __enter__(self) -> JournalWriter:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()

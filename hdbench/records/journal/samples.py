@@ -1,0 +1,294 @@
+"""Samples of a journal: its acquisitions, which of them count, and the trace they make.
+
+Blocks of kind ``event`` hold ``event`` in their `extra`. Two of them decide what counts:
+``acquisition`` (``step``, ``attempt``): the samples behind it belong to that step, in place of
+those of an earlier attempt; ``acquired`` (``step``): the acquisition came to its end.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from hdbench.errors import DataError
+from hdbench.records.journal.file import JournalBlock, JournalContent, JournalReader
+from hdbench.records.storage import write_atomic
+from hdbench.records.tables.tracefile import rows_as_bytes
+from hdbench.records.trace import FloatArray, Trace
+
+# rows converted at a time: bounds the memory that Python floats take on the way
+_CHUNK_ROWS = 20_000
+
+
+@dataclass(slots=True)
+class SampleGroup:
+    """One acquisition of a journal.
+
+    Parameters
+    ----------
+    number : int
+        Its place in the journal, from 0.
+    step : int or None
+        Step of the plan; None where the journal names none.
+    attempt : int
+        Which attempt of this step, from 1.
+    rows : int
+        Samples, lost ones included.
+    complete : bool
+        Whether it came to its end.
+    superseded : bool
+        True where a later attempt of the same step counts.
+    names : dict of str to None
+        Channels, in the order in which they first came.
+    """
+
+    number: int
+    step: int | None = None
+    attempt: int = 1
+    rows: int = 0
+    complete: bool = False
+    superseded: bool = False
+    names: dict[str, None] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class JournalSamples:
+    """Acquisitions of a journal; their samples are read when they are asked for.
+
+    Parameters
+    ----------
+    source : Path or JournalContent
+        The journal, or what was read of it.
+    groups : tuple of SampleGroup
+        The acquisitions, in the order taken.
+    """
+
+    source: Path | JournalContent
+    groups: tuple[SampleGroup, ...]
+
+    def __len__(self) -> int:
+        return sum(group.rows for group in self.groups)
+
+    def only(self, *groups: SampleGroup) -> JournalSamples:
+        """Return the samples of these acquisitions alone.
+
+        Parameters
+        ----------
+        *groups : SampleGroup
+            Acquisitions of this journal.
+
+        Returns
+        -------
+        JournalSamples
+        """
+        return replace(self, groups=groups)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Channels of the trace, in order."""
+        return tuple(dict.fromkeys(name for group in self.groups for name in group.names))
+
+    def blocks(self) -> Iterator[JournalBlock]:
+        """Yield the blocks of samples, in order."""
+        wanted = {group.number for group in self.groups}
+        return (block for group, block in _grouped(self.source) if group.number in wanted)
+
+    def trace(self, source: str) -> Trace:
+        """Return the trace; memory is that of its channels.
+
+        Parameters
+        ----------
+        source : str
+            Where it came from, for messages.
+
+        Returns
+        -------
+        Trace
+            NaN where a block has not the channel.
+        """
+        columns: dict[str, FloatArray] = {name: np.full(len(self), np.nan) for name in self.names}
+        row = 0
+        for block in self.blocks():
+            for name, values in block.columns.items():
+                columns[name][row : row + block.rows] = values
+            row += block.rows
+        return Trace(columns, source)
+
+    def write(self, path: Path) -> None:
+        """Write the trace as `write_trace` does, with memory for a few thousand rows.
+
+        Parameters
+        ----------
+        path : Path
+            A ``.csv`` file to write or replace.
+
+        Raises
+        ------
+        DataError
+            If there is no sample, one is infinite, or the time does not increase.
+        StorageError
+            If the disk is full or failed; an old file is then untouched.
+        """
+        if not len(self) or "time_s" not in self.names:
+            raise self._error("no samples in the journal", "run the experiment again")
+        write_atomic(path, self._lines())
+
+    def _lines(self) -> Iterator[bytes]:
+        yield (",".join(self.names) + "\n").encode()
+        last_s = -np.inf
+        for blocks in self._chunks():
+            columns = [
+                np.concatenate(
+                    [block.columns.get(name, np.full(block.rows, np.nan)) for block in blocks]
+                ).astype(np.float64)
+                for name in self.names
+            ]
+            last_s = self._checked(columns, last_s)
+            yield rows_as_bytes(columns)
+
+    def _chunks(self) -> Iterator[list[JournalBlock]]:
+        waiting: list[JournalBlock] = []
+        rows = 0
+        for block in self.blocks():
+            waiting.append(block)
+            rows += block.rows
+            if rows >= _CHUNK_ROWS:
+                yield waiting
+                waiting, rows = [], 0
+        if waiting:
+            yield waiting
+
+    def _checked(self, columns: Sequence[FloatArray], last_s: float) -> float:
+        """Refuse what `write_trace` refuses; return the last time, s."""
+        time_s = columns[self.names.index("time_s")]
+        steps = np.diff(time_s, prepend=last_s)
+        infinite = any(np.isinf(values).any() for values in columns)
+        if infinite or not (np.isfinite(time_s).all() and (steps > 0.0).all()):
+            what = "a sample is infinite" if infinite else "time_s does not increase strictly"
+            raise self._error(what, "this trace cannot be stored")
+        return float(time_s[-1])
+
+    def _error(self, what: str, fix: str) -> DataError:
+        where = self.source if isinstance(self.source, Path) else "<memory>"
+        return DataError(what, where=str(where), fix=fix)
+
+
+def survey_samples(
+    source: Path | JournalContent, counts: Callable[[SampleGroup], bool] | None = None
+) -> JournalSamples:
+    """Find out what samples a journal holds, and which of them count.
+
+    Parameters
+    ----------
+    source : Path or JournalContent
+        The journal, or what was read of it.
+    counts : callable, optional
+        Says of an acquisition that is not superseded whether it counts; by default it does.
+
+    Returns
+    -------
+    JournalSamples
+        The acquisitions that count.
+
+    Raises
+    ------
+    DataError
+        If the file is missing or not a journal.
+    """
+    everything = all_samples(source)
+    kept = [
+        group
+        for group in everything.groups
+        if not group.superseded and (counts is None or counts(group))
+    ]
+    return everything.only(*kept)
+
+
+def all_samples(source: Path | JournalContent) -> JournalSamples:
+    """Find every acquisition of a journal that holds samples, superseded ones too.
+
+    Parameters
+    ----------
+    source : Path or JournalContent
+        The journal, or what was read of it.
+
+    Returns
+    -------
+    JournalSamples
+
+    Raises
+    ------
+    DataError
+        If the file is missing or not a journal.
+    """
+    groups: dict[int, SampleGroup] = {}
+    for group, block in _grouped(source):
+        groups[group.number] = group
+        group.rows += block.rows
+        group.names.update(dict.fromkeys(block.columns))
+    last = {group.step: group for group in groups.values()}
+    for group in groups.values():
+        group.superseded = group.step is not None and last[group.step] is not group
+    return JournalSamples(source, tuple(groups.values()))
+
+
+def _grouped(source: Path | JournalContent) -> Iterator[tuple[SampleGroup, JournalBlock]]:
+    """Yield blocks of samples with the acquisition that they belong to."""
+    group = SampleGroup(0)
+    for block in JournalReader(source) if isinstance(source, Path) else source.blocks:
+        event = block.extra.get("event") if block.kind == "event" else None
+        if event == "acquisition":
+            step, attempt = block.extra.get("step"), int(block.extra.get("attempt", 1))
+            group = SampleGroup(group.number + 1, step, attempt)
+        elif event == "acquired":
+            group.complete = True
+        elif block.kind == "samples" and block.rows:
+            yield group, block
+
+
+@dataclass(frozen=True, slots=True)
+class JournalSummary:
+    """Counts of a journal.
+
+    Parameters
+    ----------
+    samples, readings : int
+        Acknowledged samples and load readings.
+    torn_bytes : int
+        Bytes of an unfinished last block, never acknowledged.
+    problem : str or None
+        Damage in the middle, as `JournalContent` tells it.
+    """
+
+    samples: int = 0
+    readings: int = 0
+    torn_bytes: int = 0
+    problem: str | None = None
+
+
+def summarize_journal(path: Path) -> JournalSummary:
+    """Count what a journal holds, one block in memory at a time.
+
+    Parameters
+    ----------
+    path : Path
+        The journal.
+
+    Returns
+    -------
+    JournalSummary
+
+    Raises
+    ------
+    DataError
+        If the file is missing or not a journal.
+    """
+    reader = JournalReader(path)
+    counted: Counter[str] = Counter()
+    for block in reader:
+        counted[block.kind] += 1 if block.kind == "reading" else block.rows
+    return JournalSummary(counted["samples"], counted["reading"], reader.torn_bytes, reader.problem)

@@ -1,0 +1,200 @@
+"""Comma-separated text: files within limits, rows with their lines, errors that name the line."""
+
+from __future__ import annotations
+
+import csv
+import gzip
+import zlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from hdbench.errors import DataError
+from hdbench.records.storage import file_bytes, read_failure
+from hdbench.records.tables.parquetfile import PARQUET, parquet_names
+
+_LIMIT_COLUMNS = 1000
+_LIMIT_HEADER = 1 << 20
+_BYTE_ORDER_MARK = b"\xef\xbb\xbf"
+# 600 s at 5 kHz with ten channels of full precision are 0.6 GB as text
+_LIMIT_BYTES = 1 << 30
+# text of real samples shrinks 2 to 20 times; deflate itself cannot pass 1032
+_LIMIT_RATIO = 300
+# below this a high ratio does no harm
+_SMALL_BYTES = 16 << 20
+IMPORT_FIX = "bring the file in with 'hdbench import' (--help shows how to name its columns)"
+
+
+def data_error(path: Path, line: int, what: str, fix: str = IMPORT_FIX) -> DataError:
+    """Return a `DataError` at one line of a file."""
+    return DataError(what, where=f"{path}:{line}", fix=fix)
+
+
+def _inflate(path: Path, packed: bytes) -> bytes:
+    limit = max(_SMALL_BYTES, min(_LIMIT_BYTES, len(packed) * _LIMIT_RATIO))
+    parts: list[bytes] = []
+    total, rest = 0, packed
+    try:
+        while rest:
+            engine = zlib.decompressobj(wbits=31)
+            part = engine.decompress(rest, limit - total + 1)
+            total += len(part)
+            if total > limit:
+                raise DataError(
+                    f"unpacks to more than {limit} bytes from {len(packed)}",
+                    where=str(path),
+                    fix="check that this is the right file, or unpack it by hand and split it",
+                )
+            if not engine.eof:
+                raise zlib.error("the end of the file is missing")
+            parts.append(part)
+            rest = engine.unused_data.lstrip(b"\0")
+    except zlib.error as error:
+        raise DataError(
+            f"damaged gzip file: {error}", where=str(path), fix="copy the file again"
+        ) from error
+    return b"".join(parts)
+
+
+def read_raw(path: Path, what: str) -> bytes:
+    r"""Read a text file, unpacked; without byte-order mark, and its lines end with ``\n``."""
+    raw = file_bytes(path, limit=_LIMIT_BYTES, what=what)
+    if path.suffix == ".gz":
+        raw = _inflate(path, raw)
+    raw = raw.removeprefix(_BYTE_ORDER_MARK)
+    return raw.replace(b"\r\n", b"\n") if b"\r" in raw else raw
+
+
+def as_text(path: Path, raw: bytes) -> str:
+    """Return what `read_raw` read as text."""
+    try:
+        text = raw.decode("utf-8")
+    except UnicodeDecodeError as error:
+        line = raw.count(b"\n", 0, error.start) + 1
+        raise data_error(
+            path, line, "not UTF-8 text", "save the file as UTF-8, comma separated"
+        ) from error
+    if "\0" in text:
+        line = text.count("\n", 0, text.index("\0")) + 1
+        raise data_error(path, line, "holds a NUL character; needed: plain text", "copy it again")
+    return text
+
+
+def read_text(path: Path, what: str) -> str:
+    """Read a text file, unpacked; without byte-order mark."""
+    return as_text(path, read_raw(path, what))
+
+
+def safe_cell(value: object) -> object:
+    """Return a cell that no spreadsheet takes for a formula."""
+    if isinstance(value, str) and value.lstrip()[:1] in ("=", "+", "-", "@"):
+        return f"'{value}"
+    return value
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """Header and cells of one file.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    header : tuple of str
+        Column names.
+    rows : tuple of sequence of str
+        Cells, one sequence of ``len(header)`` per row.
+    lines : sequence of int
+        Line of the file on which each row ends, from 1.
+    """
+
+    path: Path
+    header: tuple[str, ...]
+    rows: tuple[Sequence[str], ...]
+    lines: Sequence[int]
+
+
+def check_header(path: Path, header: Sequence[str]) -> tuple[str, ...]:
+    """Return clean column names."""
+    names = tuple(name.strip() for name in header)
+    if len(names) == 1 and (";" in names[0] or "\t" in names[0]):
+        raise data_error(path, 1, "columns are not separated by commas")
+    if not any(names):
+        raise data_error(path, 1, "no header row; needed: one row of column names")
+    if len(names) > _LIMIT_COLUMNS:
+        raise data_error(path, 1, f"{len(names)} columns; needed: at most {_LIMIT_COLUMNS}")
+    if any(_is_number(name) for name in names):
+        raise data_error(path, 1, "the first row holds numbers; needed: a row of column names")
+    seen: set[str] = set()
+    for position, name in enumerate(names, 1):
+        if not name:
+            raise data_error(path, 1, f"column {position} has no name")
+        if name in seen:
+            raise data_error(path, 1, f"column {name!r} stands twice")
+        seen.add(name)
+    return names
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return text.lower() not in ("nan", "inf", "infinity")
+
+
+def _csv_lines(path: Path, text: str) -> list[tuple[int, list[str]]]:
+    """Split `text` by the rules of CSV quoting; empty lines are left out."""
+    reader = csv.reader(text.split("\n"), strict=True)
+    rows = []
+    start = 1  # line on which the row that is being read begins
+    try:
+        for row in reader:
+            if row:
+                rows.append((reader.line_num, row))
+            start = reader.line_num + 1
+    except csv.Error as error:
+        raise data_error(path, start, f"not a CSV row: {error}") from error
+    return rows
+
+
+def parse_table(path: Path, text: str) -> Table:
+    """Split the text of a file that follows the contract into header and rows."""
+    numbered = _csv_lines(path, text)
+    if not numbered:
+        raise data_error(
+            path, 1, "the file is empty; needed: a header row and data", "copy it again"
+        )
+    header = check_header(path, numbered[0][1])
+    for line, row in numbered[1:]:
+        if len(row) != len(header):
+            raise data_error(
+                path, line, f"{len(row)} cells; needed: {len(header)}, one for each column"
+            )
+    if len(numbered) < 2:
+        raise data_error(path, 1, "a header without data; needed: at least one row", "record again")
+    return Table(
+        path, header, tuple(row for _, row in numbered[1:]), [line for line, _ in numbered[1:]]
+    )
+
+
+def read_header(path: Path) -> tuple[str, ...]:
+    """Return the column names of a CSV file without reading the rest."""
+    if path.suffix == PARQUET:
+        return parquet_names(path)
+    opener = gzip.open if path.suffix == ".gz" else open
+    try:
+        with opener(path, "rb") as file:
+            line = file.readline(_LIMIT_HEADER)
+    except (OSError, EOFError, zlib.error, ValueError) as error:
+        raise read_failure(error, path) from error
+    line = line.removeprefix(_BYTE_ORDER_MARK)
+    rows = _csv_lines(path, line.decode("utf-8", errors="replace").rstrip("\r\n"))
+    return check_header(path, rows[0][1] if rows else ())
+
+
+def quoted(cell: str) -> str:
+    """Return a cell of text as CSV writes it."""
+    if any(mark in cell for mark in ',"\n\r'):
+        return '"' + cell.replace('"', '""') + '"'
+    return cell

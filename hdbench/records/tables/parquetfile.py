@@ -1,0 +1,81 @@
+"""Traces as Parquet files, read as the CSV ones are."""
+
+from __future__ import annotations
+
+import importlib
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+
+from hdbench.errors import DataError, UsageError
+from hdbench.records.trace import FloatArray
+
+PARQUET = ".parquet"
+# as many cells as a CSV file of the largest size that is read could hold, ten bytes each
+_LIMIT_CELLS = 100_000_000
+_EXPORT_FIX = "export it again: hdbench export RUN --format parquet"
+
+
+def require_parquet(where: str) -> ModuleType:
+    """Return the library that reads and writes Parquet."""
+    try:
+        return importlib.import_module("pyarrow.parquet")
+    except ImportError as error:
+        raise UsageError(
+            "pyarrow is not installed; needed for Parquet files",
+            where=where,
+            fix="pip install 'hdbench[parquet]'",
+        ) from error
+
+
+def _opened(path: Path) -> object:
+    library = require_parquet(str(path))
+    if not path.is_file():
+        raise DataError("no such trace file", where=str(path), fix="check the path")
+    try:
+        return library.ParquetFile(path)
+    except (OSError, ValueError) as error:
+        raise DataError(f"no Parquet file: {error}", where=str(path), fix=_EXPORT_FIX) from error
+
+
+def parquet_names(path: Path) -> tuple[str, ...]:
+    """Return the column names of a Parquet file."""
+    file = _opened(path)
+    return tuple(file.schema_arrow.names)  # type: ignore[attr-defined]
+
+
+def parquet_columns(path: Path) -> tuple[dict[str, FloatArray], dict[str, tuple[str, ...]]]:
+    """Read the columns of a Parquet file."""
+    file = _opened(path)
+    names = tuple(file.schema_arrow.names)  # type: ignore[attr-defined]
+    rows = file.metadata.num_rows  # type: ignore[attr-defined]
+    if not 0 < rows * len(names) <= _LIMIT_CELLS:
+        what = f"{rows} rows of {len(names)} columns; needed: 1 to {_LIMIT_CELLS} cells"
+        raise DataError(what, where=str(path), fix="split the file, or record again")
+    if len(set(names)) != len(names):
+        raise DataError("a column name stands twice", where=str(path), fix=_EXPORT_FIX)
+    try:
+        table = file.read()  # type: ignore[attr-defined]
+    except (OSError, ValueError) as error:
+        raise DataError(
+            f"damaged Parquet file: {error}", where=str(path), fix="copy it again"
+        ) from (error)
+    columns: dict[str, FloatArray] = {}
+    texts: dict[str, tuple[str, ...]] = {}
+    for name in names:
+        column = table.column(name)
+        kind = str(column.type)
+        if kind.startswith(("int", "uint", "float", "double", "halffloat", "bool", "null")):
+            columns[name] = np.array(column.cast("float64", safe=False).to_numpy())
+            continue
+        cells = column.to_pylist()
+        if any(isinstance(cell, str) for cell in cells):
+            texts[name] = tuple("" if cell is None else str(cell) for cell in cells)
+            continue
+        try:
+            columns[name] = np.array([np.nan if cell is None else float(cell) for cell in cells])
+        except (TypeError, ValueError) as error:
+            what = f"column {name!r} holds {str(error)[:80]}; needed: numbers"
+            raise DataError(what, where=str(path), fix=_EXPORT_FIX) from error
+    return columns, texts

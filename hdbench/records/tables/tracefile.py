@@ -1,0 +1,246 @@
+"""Read and write trace CSV files (contract section 3)."""
+
+from __future__ import annotations
+
+import gzip
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from hdbench.errors import DataError
+from hdbench.records.storage import write_atomic
+from hdbench.records.tables.csvtext import (
+    IMPORT_FIX,
+    Table,
+    as_text,
+    check_header,
+    data_error,
+    parse_table,
+    quoted,
+    read_raw,
+)
+from hdbench.records.tables.numbers import parse_numbers
+from hdbench.records.tables.parquetfile import PARQUET, parquet_columns
+from hdbench.records.trace import FloatArray, Trace
+
+TRACE_COLUMNS = (
+    "time_s",
+    "motor_velocity_rad_s",
+    "tacho_v",
+    "motor_angle_rad",
+    "encoder_count",
+    "output_angle_rad",
+    "torque_nm",
+    "torque_v",
+    "motor_current_a",
+    "reference_v",
+    "load_torque_nm",
+    "temperature_c",
+    "torque_filtered_online_nm",
+)
+_GROUPS = {
+    "torque": ("torque_nm", "torque_v"),
+    "velocity": ("motor_velocity_rad_s", "tacho_v"),
+    "angle": ("motor_angle_rad", "encoder_count"),
+}
+# rows written at a time: bounds the memory that their text takes on the way
+_CHUNK_ROWS = 50_000
+
+
+def read_trace(path: Path, *, require: Sequence[str] = ("torque", "velocity")) -> Trace:
+    """Read a trace.
+
+    Parameters
+    ----------
+    path : Path
+        A ``.csv``, ``.csv.gz`` or ``.parquet`` file; of the last, rows count as lines.
+    require : sequence of str
+        What must be there beside ``time_s``: ``torque`` (``torque_nm`` or ``torque_v``),
+        ``velocity`` (``motor_velocity_rad_s`` or ``tacho_v``), ``angle`` (``motor_angle_rad`` or
+        ``encoder_count``), or the name of a column.
+
+    Returns
+    -------
+    Trace
+        All numeric columns in file order. An empty cell or ``nan`` is a lost sample, NaN.
+        Columns that the contract does not name and that hold text are in
+        ``metadata["text_columns"]``.
+
+    Raises
+    ------
+    DataError
+        If the file is missing, too large or damaged; if a row, a cell or the order of the time
+        is wrong (with line and column); if a required column is missing.
+    """
+    path = Path(path)
+    texts: dict[str, tuple[str, ...]] = {}
+    lines: Sequence[int]
+    if path.suffix == PARQUET:
+        columns, texts = parquet_columns(path)
+        lines = range(1, 1 + len(next(iter(columns.values()), ())))
+    else:
+        raw = read_raw(path, "trace")
+        found = _fast(path, raw)
+        if found is None:
+            columns, texts, lines = _careful(parse_table(path, as_text(path, raw)))
+        else:
+            columns, lines = found, range(2, 2 + len(next(iter(found.values()))))
+    _check_required(path, columns, texts, require)
+    _check_values(path, columns, lines)
+    return Trace(columns, str(path), {"text_columns": texts} if texts else {})
+
+
+def _fast(path: Path, raw: bytes) -> dict[str, FloatArray] | None:
+    """Parse a well-formed file of numbers; None where it needs the careful way."""
+    end = raw.find(b"\n")
+    head = raw[:end] if end >= 0 else raw
+    if b'"' in head or b"\r" in head or not head.isascii() or b"\0" in head:
+        return None
+    return parse_numbers(check_header(path, head.decode().split(",")), raw[len(head) + 1 :])
+
+
+def _number(cell: str) -> float:
+    word = cell.strip()
+    if not word:
+        return float("nan")
+    if "_" in word or not word.isascii():
+        raise ValueError(word)
+    return float(word)
+
+
+def _careful(
+    table: Table,
+) -> tuple[dict[str, FloatArray], dict[str, tuple[str, ...]], Sequence[int]]:
+    columns: dict[str, FloatArray] = {}
+    texts: dict[str, tuple[str, ...]] = {}
+    for index, name in enumerate(table.header):
+        cells = [row[index] for row in table.rows]
+        values = np.empty(len(cells))
+        for row, cell in enumerate(cells):
+            try:
+                values[row] = _number(cell)
+            except ValueError:
+                if name in TRACE_COLUMNS:
+                    raise _bad_cell(table.path, table.lines[row], name, cell) from None
+                texts[name] = tuple(cells)
+                break
+        else:
+            columns[name] = values
+    return columns, texts, table.lines
+
+
+def _bad_cell(path: Path, line: int, name: str, cell: str) -> DataError:
+    fix = "correct the cell, or leave it empty where the sample was lost"
+    if cell.strip().replace(",", ".", 1).lstrip("+-").replace(".", "", 1).isdigit():
+        fix = IMPORT_FIX
+    return data_error(
+        path, line, f"column {name!r} holds {cell[:40]!r}; needed: a number, nan or nothing", fix
+    )
+
+
+def _check_required(
+    path: Path,
+    columns: dict[str, FloatArray],
+    texts: dict[str, tuple[str, ...]],
+    require: Sequence[str],
+) -> None:
+    for need in ("time_s", *require):
+        names = _GROUPS.get(need, (need,))
+        if not any(name in columns for name in names):
+            there = ", ".join([*columns, *texts][:12])
+            raise data_error(path, 1, f"no column {' or '.join(names)}; found: {there}", IMPORT_FIX)
+
+
+def _check_values(path: Path, columns: dict[str, FloatArray], lines: Sequence[int]) -> None:
+    for name, values in columns.items():
+        infinite = np.flatnonzero(np.isinf(values))
+        if len(infinite):
+            raise data_error(
+                path,
+                lines[int(infinite[0])],
+                f"column {name!r} is infinite; needed: a finite number, nan or nothing",
+                "leave the cell empty where the sample was lost",
+            )
+    time_s = columns["time_s"]
+    missing = np.flatnonzero(np.isnan(time_s))
+    if len(missing):
+        raise data_error(
+            path,
+            lines[int(missing[0])],
+            "column 'time_s' has no value; needed: a time in s on every row",
+            "give the row its time, or take the row out",
+        )
+    steps = np.diff(time_s)
+    wrong = np.flatnonzero(~(steps > 0.0))
+    if len(wrong):
+        row = int(wrong[0]) + 1
+        raise data_error(
+            path,
+            lines[row],
+            f"time_s {float(time_s[row])!r} s after {float(time_s[row - 1])!r} s; "
+            "needed: strictly increasing",
+            "take out repeated rows, or sort by time",
+        )
+
+
+def write_trace(path: Path, trace: Trace) -> None:
+    """Write a trace atomically; the same bits come back from `read_trace`.
+
+    Parameters
+    ----------
+    path : Path
+        A ``.csv`` or, packed, ``.csv.gz`` file to write or replace.
+    trace : Trace
+        The trace. Text columns of its metadata are written where they still have its length.
+
+    Raises
+    ------
+    StorageError
+        If the disk is full or failed; an old file is then untouched.
+    DataError
+        If there is no sample, a column has another length than the time or holds an infinity, or
+        the time does not increase.
+    """
+    path = Path(path)
+    _check_writable(trace)
+    chunks = _text_of(trace)
+    if path.suffix == ".gz":
+        write_atomic(path, gzip.compress(b"".join(chunks), compresslevel=6, mtime=0))
+    else:
+        write_atomic(path, chunks)
+
+
+def _check_writable(trace: Trace) -> None:
+    fix = "this trace cannot be stored; make it again"
+    time_s = trace.columns.get("time_s")
+    if time_s is None or not len(time_s):
+        raise DataError("a trace without samples", where=trace.source, fix=fix)
+    if not (np.isfinite(time_s).all() and (np.diff(time_s) > 0.0).all()):
+        raise DataError("channel time_s does not increase strictly", where=trace.source, fix=fix)
+    for name, values in trace.columns.items():
+        if values.shape != time_s.shape:
+            what = f"channel {name} has shape {values.shape}; needed: {time_s.shape}"
+            raise DataError(what, where=trace.source, fix=fix)
+        if np.isinf(values).any():
+            sample = int(np.flatnonzero(np.isinf(values))[0])
+            what = f"channel {name} is infinite at sample {sample}"
+            raise DataError(what, where=trace.source, fix=fix)
+
+
+def _text_of(trace: Trace) -> Iterator[bytes]:
+    n = len(trace)
+    kept = trace.metadata.get("text_columns", {})
+    texts = {name: cells for name, cells in kept.items() if len(cells) == n}
+    yield (",".join(map(quoted, [*trace.columns, *texts])) + "\n").encode()
+    for start in range(0, n, _CHUNK_ROWS):
+        stop = start + _CHUNK_ROWS
+        columns = [np.asarray(v, dtype=np.float64)[start:stop] for v in trace.columns.values()]
+        yield rows_as_bytes(columns, [cells[start:stop] for cells in texts.values()])
+
+
+def rows_as_bytes(columns: Iterable[FloatArray], texts: Iterable[Sequence[str]] = ()) -> bytes:
+    """Return rows as CSV; a number stands in its shortest form that reads back exactly."""
+    cells = [list(map(repr, values.tolist())) for values in columns]
+    cells += [list(map(quoted, words)) for words in texts]
+    return ("\n".join(map(",".join, zip(*cells, strict=True))) + "\n").encode()

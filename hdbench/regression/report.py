@@ -1,0 +1,163 @@
+"""Stored cases evaluated again, and what the comparison with their expected results showed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from hdbench import __version__
+from hdbench.errors import DataError
+from hdbench.records.jsonfile import read_json, write_json
+from hdbench.regression.case import EXPECTED_SCHEMA, Case, find_cases, read_case
+from hdbench.regression.changes import Change, compare_results
+from hdbench.regression.evaluation import evaluate_case
+
+__all__ = ["CaseReport", "RegressionReport", "compare_folder"]
+
+
+@dataclass(frozen=True, slots=True)
+class CaseReport:
+    """What one case showed.
+
+    Parameters
+    ----------
+    name, kind : str
+        Name of its folder and kind of evaluation.
+    compared : int
+        Quantities compared.
+    changes : tuple of Change
+        What is not what it was, regressions first.
+    updated : bool
+        Whether the expected results were written anew.
+    error : DataError or None
+        Why the case could not be compared at all.
+    """
+
+    name: str
+    kind: str
+    compared: int
+    changes: tuple[Change, ...]
+    updated: bool
+    error: DataError | None = None
+
+    @property
+    def passed(self) -> bool:
+        """True where the case was compared and nothing moved beyond its tolerance."""
+        return self.error is None and not any(change.regression for change in self.changes)
+
+
+@dataclass(frozen=True, slots=True)
+class RegressionReport:
+    """What all cases of a folder showed.
+
+    Parameters
+    ----------
+    folder : str
+        The folder.
+    cases : tuple of CaseReport
+        In the order of their names.
+    """
+
+    folder: str
+    cases: tuple[CaseReport, ...]
+
+    @property
+    def passed(self) -> bool:
+        """True where every case passed or was updated."""
+        return all(case.passed or case.updated for case in self.cases)
+
+    @property
+    def errors(self) -> tuple[DataError, ...]:
+        """Why cases could not be compared, one error each."""
+        return tuple(case.error for case in self.cases if case.error is not None)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the report as ``--json`` prints it (schema ``hdbench/regression/1``)."""
+        return {
+            "schema": "hdbench/regression/1",
+            "hdbench_version": __version__,
+            "folder": self.folder,
+            "passed": self.passed,
+            "cases": [
+                {
+                    "name": case.name,
+                    "kind": case.kind,
+                    "passed": case.passed,
+                    "updated": case.updated,
+                    "compared": case.compared,
+                    "changes": [asdict(change) for change in case.changes],
+                    "error": None if case.error is None else case.error.to_dict(),
+                }
+                for case in self.cases
+            ],
+        }
+
+
+def compare_folder(
+    folder: Path, *, update: bool = False, keep_going: bool = False
+) -> RegressionReport:
+    """Evaluate every case of a folder again and compare it with its expected result.
+
+    Parameters
+    ----------
+    folder : Path
+        Folder of cases, or one case.
+    update : bool
+        Write what comes out as the expected result, after comparing.
+    keep_going : bool
+        Tell of a case that cannot be compared in its report instead of raising, and go on.
+
+    Returns
+    -------
+    RegressionReport
+        A regression is reported, not raised.
+
+    Raises
+    ------
+    DataError
+        If there is no case; unless `keep_going`, if a case or its input is invalid or it has no
+        expected result.
+    StorageError
+        If an expected result cannot be written.
+    """
+    places = find_cases(Path(folder))
+    cases = []
+    for place in places:
+        try:
+            cases.append(_run(read_case(place), update))
+        except DataError as error:
+            if not keep_going:
+                raise
+            cases.append(CaseReport(Path(place).name, "unknown", 0, (), False, error))
+    return RegressionReport(str(folder), tuple(cases))
+
+
+def _run(case: Case, update: bool) -> CaseReport:
+    found = evaluate_case(case)
+    if not case.expected.is_file() and not update:
+        raise DataError(
+            "no expected.json; needed: the result to compare with",
+            where=str(case.folder),
+            fix="run hdbench regress --update once, look at the result, and keep it",
+        )
+    before = _expected(case) if case.expected.is_file() else {}
+    changes, compared = compare_results(before, found, case.tolerances)
+    if update:
+        write_json(
+            case.expected,
+            {"schema": EXPECTED_SCHEMA, "hdbench_version": __version__, "result": found},
+        )
+    return CaseReport(case.name, case.kind, compared, changes, update)
+
+
+def _expected(case: Case) -> Mapping[str, Any]:
+    result = read_json(case.expected, EXPECTED_SCHEMA).get("result")
+    if not isinstance(result, Mapping):
+        raise DataError(
+            f"key 'result' is {result!r:.60}; needed: an object",
+            where=f"{case.expected}: result",
+            fix="write it again with hdbench regress --update",
+        )
+    return result

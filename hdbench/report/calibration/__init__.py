@@ -1,0 +1,1 @@
+"""Calibration in a report: its section, and the record as a table."""

@@ -1,0 +1,160 @@
+"""Parts of every result: frozen, with meaning and unit of every key, and their JSON."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from typing import Annotated, Any, Self, dataclass_transform
+
+from pydantic import ConfigDict, Field, PlainSerializer, TypeAdapter, ValidationError
+from pydantic.dataclasses import dataclass
+
+from hdbench.errors import DataError
+from hdbench.records.quantity import Quantity, TorqueScale
+
+__all__ = [
+    "DataFlag",
+    "Part",
+    "ProfileName",
+    "Result",
+    "Scale",
+    "Uncertain",
+    "key",
+    "listed",
+    "optional",
+]
+
+# keys of `Result` that stand before those of a kind; the others stand behind them
+_HEAD_KEYS = 3
+_CONFIG = ConfigDict(allow_inf_nan=False, validate_by_name=True, validate_by_alias=True)
+
+_EVALUATE_AGAIN = "evaluate the run again with --from"
+
+# both write whole numbers as whole numbers, as they always stood in the files
+Uncertain = Annotated[Quantity, PlainSerializer(Quantity.to_dict)]
+Scale = Annotated[TorqueScale, PlainSerializer(TorqueScale.to_dict)]
+
+
+def key(
+    meaning: str,
+    unit: str = "",
+    *,
+    default: Any = ...,
+    name: str | None = None,
+    absent: bool = False,
+) -> Any:
+    """Return the field of one key of a result.
+
+    Parameters
+    ----------
+    meaning : str
+        One line.
+    unit : str
+        Unit of a number; empty for anything else and for ratios.
+    default : object
+        What stands for the key where a result does not hold it; without it the key is needed.
+    name : str or None
+        Key in the JSON where it cannot be the attribute's name.
+    absent : bool
+        Whether the key is left out of the JSON where it is None.
+    """
+    return Field(
+        default,
+        description=meaning,
+        alias=name,
+        json_schema_extra={"unit": unit} if unit else None,
+        exclude_if=_is_none if absent else None,
+    )
+
+
+def optional(meaning: str, unit: str = "", **more: Any) -> Any:
+    """Return the field of a key that is None where a result does not hold it."""
+    return key(meaning, unit, default=None, **more)
+
+
+def listed(meaning: str, unit: str = "") -> Any:
+    """Return the field of a list that is empty where a result does not hold it."""
+    return key(meaning, unit, default=())
+
+
+def _is_none(value: object) -> bool:
+    return value is None
+
+
+@dataclass_transform(kw_only_default=True, frozen_default=True, field_specifiers=(key,))
+class Part:
+    """Part of a result, with its JSON: every class made of it is a frozen dataclass."""
+
+    def __init_subclass__(cls, *, kw_only: bool = True, closed: bool = False) -> None:
+        config = ConfigDict(**_CONFIG, extra="forbid" if closed else "ignore")
+        dataclass(frozen=True, kw_only=kw_only, config=config)(cls)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the keys as the JSON file holds them, in its order."""
+        body: dict[str, Any] = TypeAdapter(type(self)).dump_python(self, mode="json", by_alias=True)
+        return body
+
+    @classmethod
+    def from_json(cls, body: Any, where: str, fix: str = _EVALUATE_AGAIN) -> Self:
+        """Read a stored result; keys that an older version did not write may be missing.
+
+        Parameters
+        ----------
+        body : mapping
+            Content of the file.
+        where : str
+            The file, for messages.
+        fix : str
+            What mends a wrong one.
+
+        Raises
+        ------
+        DataError
+            If a key that is needed is missing, or a value is of another type.
+        """
+        try:
+            return TypeAdapter(cls).validate_python(body)
+        except ValidationError as error:
+            first = error.errors(include_url=False)[0]
+            place, what = ".".join(str(step) for step in first["loc"]), first["msg"]
+            if first["type"] == "unexpected_keyword_argument":
+                known = sorted(field.name for field in fields(cls))  # type: ignore[arg-type]
+                what = f"unknown key; known: {', '.join(known)}"
+            elif first["type"] != "missing":
+                what = f"{what}, found {first['input']!r:.60}"
+            raise DataError(what, where=f"{where}: {place}", fix=fix) from error
+
+
+class DataFlag(Part, kw_only=False):
+    """What makes part of a record doubtful, or limits what can be said of it."""
+
+    name: str = key("what was found")
+    samples: int = key("samples that it concerns")
+    detail: str = key("the same in words")
+
+
+class ProfileName(Part):
+    """Profile that a result was made with."""
+
+    name: str = key("name of the profile")
+    sha256: str = key("SHA-256 of its text")
+
+
+class Result(Part):
+    """Keys of every evaluated record."""
+
+    schema: str = key("hdbench/KIND/1")
+    hdbench_version: str = key("version that wrote it", default="")
+    profile: ProfileName | None = optional("name and SHA-256 of the profile")
+    flags: tuple[DataFlag, ...] = listed("what the data show")
+    notes: tuple[DataFlag, ...] = listed("what a person should know")
+    n_samples: int | None = optional("samples or readings used")
+    run: str | None = optional("run that it belongs to", absent=True)
+    doubts: tuple[str, ...] = listed("reasons to doubt the data")
+    imported: dict[str, Any] | None = optional("where an imported record comes from", absent=True)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the keys as the JSON file holds them: what all kinds share at its two ends."""
+        body = Part.to_json(self)
+        last = [field.name for field in fields(Result)][_HEAD_KEYS:]
+        middle = {name: value for name, value in body.items() if name not in last}
+        return middle | {name: body[name] for name in last if name in body}

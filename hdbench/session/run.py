@@ -1,0 +1,209 @@
+"""Run: from the open bench to its folder, and every way out of it."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+
+from hdbench.devices import Identity, open_bench
+from hdbench.errors import (
+    DataError,
+    DeviceError,
+    HdbenchError,
+    Stopped,
+    StorageError,
+    UnsafeError,
+    UsageError,
+)
+from hdbench.records.journal import JournalWriter
+from hdbench.records.runfolder import RunFolder
+from hdbench.records.storage import check_space, free_reserve, keep_reserve
+from hdbench.session.calibrating.points import PLAN_NAME
+from hdbench.session.evaluation import evaluate, store_evaluation
+from hdbench.session.measurement import Walker, make_walker
+from hdbench.session.options import RunOutcome, Task
+from hdbench.session.stop import StopRequested
+
+GUARD_LOG = "guard.jsonl"
+
+
+@contextmanager
+def kept(folder: RunFolder) -> Iterator[None]:
+    """Leave no run behind that says it still goes on, whatever ends it."""
+    try:
+        yield
+    finally:
+        if folder.manifest["status"] == "running":
+            free_reserve(folder.path)
+            # on a disk that has failed, it reads as incomplete once this process is gone
+            with suppress(HdbenchError, OSError):
+                _close(folder)
+
+
+def _close(folder: RunFolder) -> None:
+    try:
+        folder.finish("incomplete", "ended without being closed: see the error it ended in")
+    except StorageError:
+        # a run without a journal has recorded nothing: better none than one that says it goes on
+        if not folder.journal.exists():
+            shutil.rmtree(folder.path)
+        raise
+
+
+@dataclass(slots=True)
+class Run:
+    """One run: bench opened, plan walked, records kept, result stored."""
+
+    task: Task
+    journal: JournalWriter | None = None
+    walker: Walker | None = field(default=None, init=False)
+
+    @property
+    def folder(self) -> RunFolder:
+        """Where everything is kept."""
+        return self.task.folder
+
+    def measure(self) -> None:
+        """Walk the plan; on any way out the bench is safe and the run is marked."""
+        try:
+            self._measure()
+        except StopRequested as request:
+            raise self._stopped(request) from request
+        except (DeviceError, StorageError, Stopped) as error:
+            raise self._ended("incomplete", error) from error
+        except HdbenchError as error:
+            # a run that is resumed and finds no bench or no person has lost nothing
+            waits = self.task.content is not None and self.walker is None
+            raise self._ended("incomplete" if waits else "aborted", error) from error
+        except OSError as error:
+            storage = StorageError(
+                str(error.strerror or error),
+                where=str(error.filename or self.folder.path),
+                fix="free space on the disk; what was acknowledged is in the journal",
+            )
+            raise self._ended("incomplete", storage) from error
+        except Exception as error:
+            safe = None if self.walker is None else self.walker.safe
+            if self.walker is None or (safe is not None and safe.confirmed):
+                raise
+            # a bug, but the motor may turn: that is told first
+            bug = DeviceError(f"{type(error).__name__}: {error}", where="hdbench", fix="report it")
+            raise self._ended("incomplete", bug) from error
+        if self.walker is None or self.walker.safe is None or not self.walker.safe.confirmed:
+            raise self._ended("incomplete", self._unsafe(None))
+
+    def _measure(self) -> None:
+        options = self.task.options
+        journal = self.journal or JournalWriter(self.folder.journal)
+        try:
+            check_space(self.folder.path, self.task.plan.stored_bytes)
+            keep_reserve(self.folder.path)
+            with open_bench(
+                self.task.profile.data,
+                plant=options.plant,
+                seed=options.seed,
+                address=options.address,
+                realtime=bool(options.realtime),
+                guard_log=self.folder.path / GUARD_LOG,
+                control=options.control,
+            ) as bench:
+                identity = bench.identity()
+                self._check_same_bench(identity)
+                self.folder.update(device=asdict(identity))
+                self.walker = make_walker(self.task, bench, identity, journal)
+                self.walker.run()
+        finally:
+            journal.close()
+
+    def _check_same_bench(self, identity: Identity) -> None:
+        """Refuse to go on with a run on another bench than it began on."""
+        began = self.folder.manifest.get("device")
+        if self.task.content is None or not isinstance(began, dict):
+            return
+        before = tuple(str(began.get(key)) for key in ("vendor", "model", "serial"))
+        now = (identity.vendor, identity.model, identity.serial)
+        if before != now:
+            raise UsageError(
+                f"{' '.join(now)} answers; the run began on {' '.join(before)}",
+                where=str(self.folder.path),
+                fix="connect that bench, or start a new run: readings of two do not mix",
+            )
+
+    # -- the ways out -----------------------------------------------------------------------------
+
+    def _unsafe(self, cause: HdbenchError | None) -> UnsafeError:
+        safe = self.walker.safe if self.walker else None
+        detail = safe.detail if safe else "no answer from the bench"
+        because = f"; after: {cause.what}" if cause else ""
+        return UnsafeError.unconfirmed(detail + because, where=str(self.folder.path))
+
+    def _ended(self, status: str, error: HdbenchError) -> HdbenchError:
+        walker = self.walker
+        if walker is not None and not (walker.safe and walker.safe.confirmed):
+            error = self._unsafe(error)
+        self._keep(status, error.what)
+        return error
+
+    def _stopped(self, request: StopRequested) -> HdbenchError:
+        stopped = Stopped(
+            f"stopped by {request}; motor reference zero confirmed",
+            where=str(self.folder.path),
+            fix=f"go on with it: hdbench runs resume {self.folder.path}",
+            exit_code=128 + request.signum,
+        )
+        return self._ended("incomplete", stopped)
+
+    def _keep(self, status: str, reason: str) -> None:
+        free_reserve(self.folder.path)
+        files: list[Path] = []
+        try:
+            if self.task.stop.count < 2:
+                files = self._files()
+        except (OSError, StorageError) as error:
+            # the journal has what was acknowledged, and the error that ended the run is told
+            reason += f"; not all files could be written: {error}"
+        try:
+            self.folder.finish(status, reason, files)
+        except (OSError, StorageError) as error:
+            self.task.progress(f"could not finish {self.folder.path}: {error}", 1.0)
+
+    # -- what is kept -----------------------------------------------------------------------------
+
+    def _files(self) -> list[Path]:
+        """Write what was recorded, and return every file of the run but its journal."""
+        files = [] if self.walker is None else self.walker.files()
+        plan = self.folder.path / PLAN_NAME
+        return [*files, plan] if plan.is_file() else files
+
+    def evaluate(self) -> RunOutcome:
+        """Write the records, evaluate them, close the run."""
+        free_reserve(self.folder.path)
+        files = self._files()
+        records = None if self.walker is None else self.walker.records()
+        if records is None:
+            self.folder.finish("incomplete", "no data", files)
+            raise DataError(
+                "the run recorded nothing", where=str(self.folder.path), fix="run again with -v"
+            )
+        doubts = () if self.walker is None else self.walker.doubts()
+        try:
+            found = evaluate(
+                self.task.kind,
+                records,
+                self.task.profile,
+                self.task.scale,
+                self.task.model,
+                run=self.folder.run_id,
+                doubts=doubts,
+            )
+        except DataError as error:
+            self.folder.finish("complete", f"recorded, not evaluated: {error.what}", files)
+            raise
+        if self.task.stop.first is not None:
+            raise self._stopped(StopRequested(self.task.stop.first))
+        reason = "done" if not doubts else "done; data doubtful: " + "; ".join(doubts)
+        store_evaluation(self.folder, found, files, reason)
+        return RunOutcome(self.folder, found, doubts)

@@ -1,0 +1,72 @@
+"""Records of a shaft whose speed swings about a mean, in closed form: ripple, inertia and noise."""
+
+import numpy as np
+
+from hdbench.records import Trace
+
+NOISE_NM = 0.05
+COUNT = 2.0 * np.pi / 4000
+RIPPLE = ((2.0, 0.4, 0.0), (4.0, 0.2, 0.0))
+
+
+def swing(time, mean=90.0, size=40.0, period_s=9.0, ripple=RIPPLE):
+    """Return speed, angle and torque; ripple is order, amplitude and phase of each line."""
+    rate = 2.0 * np.pi / period_s
+    speed = mean + size * np.sin(rate * time)
+    angle = mean * time + size / rate * (1.0 - np.cos(rate * time))
+    torque = 1.725e-4 * size * rate * np.cos(rate * time)
+    for order, amplitude, phase in ripple:
+        torque = torque + amplitude * np.cos(order * angle + phase)
+    return speed, angle, torque
+
+
+def trace_of(time, speed, angle, torque, **more):
+    """Return the trace of these columns."""
+    columns = {"time_s": time, "motor_velocity_rad_s": speed, "motor_angle_rad": angle}
+    return Trace({**columns, **more, "torque_nm": torque})
+
+
+def read_by_encoder(n=10_000, seed=0, lost=(), extra=lambda t, a, w: 0.0, tacho=0.0, rough=0.0):
+    """Return the columns of an encoder, a noisy tacho and a torque.
+
+    `lost`: (first sample, how many) that no stamp tells of.
+    """
+    rng = np.random.default_rng(seed)
+    total = n + sum(count for _, count in lost)
+    time = np.arange(total) * 1e-3
+    speed, angle, torque = swing(time, ripple=((2.0, 0.4, 0.6), (4.0, 0.2, -1.1), (0.01, 0.5, 0.3)))
+    torque = torque + extra(time, angle, speed)
+    torque += NOISE_NM * np.sqrt(1.0 + (rough * speed) ** 2) * rng.standard_normal(total)
+    read = speed * (1.0 + tacho * np.cos(22 * angle + 0.5)) + 0.056 * rng.standard_normal(total)
+    kept = np.ones(total, dtype=bool)
+    for first, count in lost:
+        kept[first : first + count] = False
+    return {
+        "time_s": np.arange(n) * 1e-3,
+        "torque_nm": torque[kept],
+        "motor_velocity_rad_s": read[kept],
+        "encoder_count": np.floor(angle[kept] / COUNT),
+    }
+
+
+def slipped(columns, *slips):
+    """Return columns whose encoder slips: (first sample, counts) of each."""
+    moved = columns["encoder_count"].copy()
+    for first, counts in slips:
+        moved[first:] += counts
+    return {**columns, "encoder_count": moved}
+
+
+def reversing(
+    extra=lambda angle, speed, load: 0.0, seed=1, noise_nm=NOISE_NM, channel=lambda torque: torque
+):
+    """Return 16 s of a speed that reverses under a load of both signs.
+
+    `channel` is what the torque goes through before its noise.
+    """
+    n, rng = 16_000, np.random.default_rng(seed)
+    time = np.arange(n) * 1e-3
+    speed, angle, torque = swing(time, 0.0, 60.0, 4.0)
+    load = 20.0 * np.sin(2.0 * np.pi * time / 9.7)
+    torque = channel(torque + load + extra(angle, speed, load)) + noise_nm * rng.standard_normal(n)
+    return trace_of(time, speed, angle, torque, load_torque_nm=load)

@@ -1,0 +1,152 @@
+"""Result types: what evaluations write, what is read back, and the reference made of them."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from hdbench.diagnosis import DiagnosisOptions, diagnose_run
+from hdbench.errors import DataError
+from hdbench.profile import load_profile
+from hdbench.results import CalibrationResult, MisalignmentResult, RippleResult
+from hdbench.results.reference import KINDS, ResultKey, json_schema, keys_of
+from hdbench.session import evaluate_stored
+
+STORED = Path(__file__).parents[1] / "stored"
+TYPES = {
+    "calibration": CalibrationResult,
+    "misalignment": MisalignmentResult,
+    "ripple": RippleResult,
+}
+UNIT_OF_END = {
+    "_nm": "N m",
+    "_rad": "rad",
+    "_rad_s": "rad/s",
+    "_db": "dB",
+    "_nm_per_v": "N m/V",
+    "_v_per_nm": "V/(N m)",
+    "_v_nm": "V N m",
+    "_v": "V",
+    "_s": "s",
+    "_hz": "Hz",
+    "_kg_m3": "kg/m^3",
+    "_m_s2": "m/s^2",
+    "_nm_per_rad": "N m/rad",
+    "_v_s": "V/s",
+}
+# tables whose entries stand under names of their own
+FREE = {"hysteresis": "ID", "steps[].increasing.parts": "ID"}
+FREE["steps[].increasing_decreasing.parts"] = "ID"
+
+
+def type_of(value: object) -> str:
+    """Return the type of a JSON value in the words of the reference."""
+    if isinstance(value, Mapping):
+        return "uncertain" if {"value", "std"} == set(value) - {"dof"} else "table"
+    names = {bool: "true or false", int: "integer", float: "number", str: "text", list: "list"}
+    return "null" if value is None else names[type(value)]
+
+
+def inside(value: object, path: str) -> Iterator[tuple[str, object]]:
+    """Yield what stands inside a value, with its path as the reference writes it."""
+    if isinstance(value, list):
+        for entry in value:
+            yield from inside(entry, f"{path}[]")
+    elif isinstance(value, Mapping) and type_of(value) != "uncertain":
+        for key, inner in value.items():
+            place = f"{path}.{FREE.get(path, key)}".lstrip(".")
+            yield place, inner
+            yield from inside(inner, place)
+
+
+def unlike(row: ResultKey | None, place: str, value: object) -> str:
+    """Return what a value has that the reference does not know."""
+    kind = type_of(value)
+    if row is None:
+        return "" if FREE.get(place.removesuffix(".ID")) else f"{place} is not in the reference"
+    allowed = set(row.type.replace("true or false", "switch").split(" or "))
+    kind = "number" if kind == "integer" and "number" in allowed else kind
+    kind = "switch" if kind == "true or false" else kind
+    return "" if kind in allowed else f"{place} is {kind}, the reference says {row.type}"
+
+
+def differences(kind: str, result: Mapping[str, Any]) -> set[str]:
+    """Return what a result and the reference do not agree in."""
+    table = keys_of(kind)
+    found = {unlike(table.get(place), place, value) for place, value in inside(result, "")}
+    top = {
+        key for key, row in table.items() if not set(key) & set(".[") and "absent" not in row.type
+    }
+    return found - {""} | {f"no {key}" for key in top - set(result)}
+
+
+@pytest.fixture(scope="module", params=["calibration", "misalignment", "ripple"])
+def fresh(request, tmp_path_factory: pytest.TempPathFactory) -> tuple[str, dict[str, Any]]:
+    """Return a kind and its JSON, evaluated from the stored input."""
+    kind = request.param
+    source = next(file for file in (STORED / kind).iterdir() if ".csv" in file.suffixes)
+    profile = load_profile("cim-tr-97-06")
+    folder, found = evaluate_stored(kind, source, profile, out=tmp_path_factory.mktemp(kind))
+    body = json.loads(folder.result.read_text(encoding="utf-8"))
+    assert body == json.loads(json.dumps(found.result.to_json()))
+    return kind, body
+
+
+def test_a_fresh_result_is_what_the_reference_says(fresh) -> None:
+    assert differences(*fresh) == set()
+
+
+def test_a_stored_result_reads_back_to_the_same_file(fresh) -> None:
+    kind, body = fresh
+    again = TYPES[kind].from_json(body, "result.json").to_json()
+    assert list(again) == list(body)
+    assert json.loads(json.dumps(again)) == body
+
+
+def test_an_older_result_without_optional_keys_is_read(fresh) -> None:
+    kind, body = fresh
+    table = json_schema(kind)
+    older = {key: value for key, value in body.items() if key in table["required"]}
+    found = TYPES[kind].from_json(older, "result.json")
+    assert found.flags == ()
+    assert found.profile is None
+    assert {key: found.to_json()[key] for key in older} == older
+
+
+def test_a_damaged_result_is_named_by_file_and_key(fresh) -> None:
+    kind, body = fresh
+    with pytest.raises(DataError, match="found 'soon'") as caught:
+        TYPES[kind].from_json({**body, "n_samples": "soon"}, "runs/a/result.json")
+    assert caught.value.where == "runs/a/result.json: n_samples"
+    needed = json_schema(kind)["required"][0]
+    with pytest.raises(DataError, match="required") as caught:
+        TYPES[kind].from_json({k: v for k, v in body.items() if k != needed}, "result.json")
+    assert caught.value.where == f"result.json: {needed}"
+
+
+@pytest.mark.parametrize("kind", ["calibration", "misalignment", "ripple", "filter"])
+def test_what_was_stored_holds_no_key_that_the_reference_does_not_know(kind: str) -> None:
+    result = json.loads((STORED / kind / "expected.json").read_text())["result"]
+    assert {line for line in differences(kind, result) if not line.startswith("no ")} == set()
+
+
+def test_a_fresh_diagnosis_holds_every_key(tmp_path: Path) -> None:
+    source = tmp_path / "loads.csv"
+    source.write_bytes((STORED / "calibration" / "loads.csv").read_bytes())
+    profile = load_profile("cim-tr-97-06")
+    _, result = diagnose_run(source, profile, out=tmp_path, options=DiagnosisOptions())
+    top = {key for key in keys_of("diagnosis") if not set(key) & set(".[")}
+    assert set(result) == top
+
+
+def test_every_key_has_a_meaning_and_the_unit_of_its_name() -> None:
+    for kind in KINDS:
+        for row in keys_of(kind).values():
+            assert row.meaning, row.key
+            ends = [end for end in UNIT_OF_END if row.key.endswith(end)]
+            if ends and row.unit:
+                assert row.unit == UNIT_OF_END[max(ends, key=len)], row.key

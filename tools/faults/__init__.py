@@ -1,0 +1,1 @@
+"""The fault campaign, and the spoilt and paced lines that it and the tests use."""
