@@ -283,4 +283,3 @@ def with_simulated(record: Record, fitted_nm: FloatArray, slope_nm_per_rad: Floa
     slope = np.where(record.valid, slope_nm_per_rad, np.nan)
     motion = replace(record.motion, simulated_nm=simulated, ripple_slope_nm_per_rad=slope)
     return replace(record, motion=motion)
-
