@@ -32,7 +32,7 @@ $(VENV)/.dev: $(VENV)/.installed
 
 # Slow campaigns, on demand; reduced forms are in the tests.
 coverage-campaign: $(VENV)/.dev
-	$(BIN)/python tools/coverage.py loop --workers 2
+	$(BIN)/python tools/coverage.py loop
 
 blind: $(VENV)/.dev
 	$(BIN)/python tools/blind --full --processes $$(nproc) --out build/blind
@@ -75,6 +75,10 @@ $(VENV)/.formats: $(VENV)/.dev
 wheel: $(VENV)/.dev
 	$(BIN)/python tools/wheel.py
 
+$(VENV)/.bench: $(VENV)/.dev
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable ".[dev,bench]"
+	touch $@
+
 # Reading a million rows of each format, beside the library alone.
 bench-import: $(VENV)/.formats
 	$(BIN)/python tools/bench_import.py
@@ -83,8 +87,9 @@ bench-import: $(VENV)/.formats
 real: $(VENV)/.formats
 	OMP_NUM_THREADS=1 $(BIN)/python tools/real.py
 
-bench: $(VENV)/.dev
-	$(BIN)/python tools/bench.py
+# Speed beside the libraries that do the same; the table goes to docs/performance.md.
+bench: $(VENV)/.bench
+	$(BIN)/python tools/bench.py --write docs/performance.md
 	$(BIN)/python tools/bench_plant.py
 	$(BIN)/python tools/bench_index.py
 

@@ -25,6 +25,7 @@ import sys
 import tempfile
 from collections import Counter
 from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -121,8 +122,9 @@ def one_loop(seed: int) -> dict[str, bool]:
 
 def loop(asked: argparse.Namespace) -> int:
     """Run the campaign of closed loops and print the table."""
-    found = run_tasks(one_loop, range(asked.seed, asked.seed + asked.runs), Workers(asked.workers))
-    outcomes = [outcome.value for outcome in found if not outcome.lost]
+    # an experiment catches Ctrl-C, which only the main thread of a process can
+    with ProcessPoolExecutor(asked.workers) as pool:
+        outcomes = list(pool.map(one_loop, range(asked.seed, asked.seed + asked.runs)))
     counts = {name: sum(o[name] for o in outcomes) for name in outcomes[0]}
     print(json.dumps({"seeds": len(outcomes), "covered": counts}))
     slack, middle = 8.0 * (len(outcomes) / 200.0) ** 0.5, 0.95 * len(outcomes)
@@ -231,7 +233,7 @@ def main() -> int:
     parser.add_argument("campaign", choices=CAMPAIGNS)
     parser.add_argument("--runs", type=int)
     parser.add_argument("--seed", type=int, default=0, help="the first one")
-    parser.add_argument("--workers", type=int, default=1)
+    parser.add_argument("--workers", type=int, default=2, help="processes")
     asked = parser.parse_args()
     run, runs = CAMPAIGNS[asked.campaign]
     asked.runs = asked.runs or runs

@@ -1,7 +1,8 @@
-"""Write the reference pages of the documentation out of the code: commands, profile, results.
+"""Reference pages of the documentation, made from the code: commands, profile, results, registers.
 
-`python tools/docs_reference.py --write` writes docs/reference/*.md; without it the command says
-which page is not what the code says now, and exits 1.
+`python tools/docs_reference.py --write` writes docs/reference/ (or another folder); without it the
+command says whether the one page that is kept in the project, profile.md, is what the code says,
+and exits 1 where it is not. The other pages are made when the site is built.
 """
 
 from __future__ import annotations
@@ -336,23 +337,32 @@ PAGES = {
 }
 
 
+# kept in the project: read where there is no site; the others are made with it
+KEPT = "profile.md"
+
+
 def main() -> int:
-    """Write the pages, or say which one is stale."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--write", action="store_true", help="write the pages")
-    write = parser.parse_args().write
-    stale = []
-    for name, make in PAGES.items():
-        text = make().rstrip("\n") + "\n"
-        page = FOLDER / name
-        if write:
-            FOLDER.mkdir(parents=True, exist_ok=True)
-            page.write_text(text, encoding="utf-8")
-        elif not page.is_file() or page.read_text(encoding="utf-8") != text:
-            stale.append(str(page.relative_to(ROOT)))
-    for name in stale:
-        print(f"{name} is not what the code says; run: python tools/docs_reference.py --write")
-    return 1 if stale else 0
+    """Write the pages, or say that the kept one is stale."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument(
+        "--write", metavar="FOLDER", nargs="?", type=Path, const=FOLDER, help="write the pages"
+    )
+    folder = parser.parse_args().write
+    if folder is None:
+        page = FOLDER / KEPT
+        if page.is_file() and page.read_text(encoding="utf-8") == text_of(KEPT):
+            return 0
+        print(f"{page} is not what the code says; run: python tools/docs_reference.py --write")
+        return 1
+    folder.mkdir(parents=True, exist_ok=True)
+    for name in PAGES:
+        (folder / name).write_text(text_of(name), encoding="utf-8")
+    return 0
+
+
+def text_of(name: str) -> str:
+    """Return the text of one page."""
+    return PAGES[name]().rstrip("\n") + "\n"
 
 
 if __name__ == "__main__":

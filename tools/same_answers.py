@@ -12,6 +12,7 @@ of the set (and what they need); `--inputs OUT` takes the input files of an earl
 from __future__ import annotations
 
 import argparse
+import csv
 import gzip
 import json
 import math
@@ -39,12 +40,13 @@ HIDDEN = (
 
 # keys whose values may differ: versions, moments, names of runs and machines
 FREE_KEYS = re.compile(
-    r"(.*_)?(utc|version|versions|hash|host|hostname|user|pid|process_mark|command|seconds|python)"
+    r"(.*_)?(utc|version|versions|hash|host|hostname|user|pid|process_mark|command|seconds|age_days|python)"
 )
 # what is left of texts when identifiers, folders, hashes and moments are taken out
 TEXTS = (
     (re.compile(r"\d{8}T\d{6}Z-([a-z]+)-[0-9a-f]{6}"), r"<run of \1>"),
     (re.compile(r"(/[\w.-]+)*/hdbench-answers-\w+"), "<folder>"),
+    (re.compile(r"(/[\w.-]+)*/(hdbench_)?profiles/"), "<profiles>/"),
     (re.compile(r"\b[0-9a-f]{64}\b"), "<hash>"),
     (re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d(:\d\d(\.\d+)?)?(Z|\+00:00| UTC)?"), "<moment>"),
     (re.compile(r"hdbench \d+\.\d+\S*"), "hdbench <version>"),
@@ -250,6 +252,21 @@ def _text(path: Path) -> str:
     return (gzip.decompress(content) if path.suffix == ".gz" else content).decode()
 
 
+def _rows(text: str) -> list[str]:
+    """Return the lines of a table without the columns that may differ."""
+    lines = _plain(text).splitlines()
+    names = lines[0].split(",") if lines else []
+    if not any(FREE_KEYS.fullmatch(name) for name in names):
+        return lines
+    rows = csv.reader(lines)
+    return [
+        ",".join(
+            cell for name, cell in zip(names, row, strict=False) if not FREE_KEYS.fullmatch(name)
+        )
+        for row in rows
+    ]
+
+
 def _file_differences(before: Path, after: Path) -> Iterator[str]:
     one, two = _text(before), _text(after)
     if before.suffix == ".json":
@@ -258,7 +275,7 @@ def _file_differences(before: Path, after: Path) -> Iterator[str]:
             return
         except ValueError:
             pass  # not JSON: a help text or nothing
-    first, second = _plain(one).splitlines(), _plain(two).splitlines()
+    first, second = _rows(one), _rows(two)
     if len(first) != len(second):
         yield f"{len(first)} -> {len(second)} lines"
     for line, (old, new) in enumerate(zip(first, second, strict=False), 1):

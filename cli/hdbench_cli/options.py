@@ -58,7 +58,7 @@ def newest_run(word: str) -> Path | None:
     runs = [run for run in list_runs(_RUNS) if run.kind and kind in ("", run.kind)]
     if not runs:
         raise DataError(
-            f"no {kind or 'stored'} run in {_RUNS.resolve()}",
+            f"no stored run{kind and f' of kind {kind}'} in {_RUNS.resolve()}",
             where=word,
             fix="measure one, name a run folder, or work in the folder that holds runs/",
         )
@@ -70,24 +70,26 @@ class StoredPath(click.Path):
 
     Parameters
     ----------
-    dir_okay : bool
-        Whether a folder will do.
+    inside : str
+        File of a run that a folder stands for; empty takes the folder itself.
 
     Notes
     -----
-    What is missing is invalid data (exit 4), as where a command finds it later on; a folder in
-    place of a file stays wrong usage (exit 2).
+    What is missing is invalid data (exit 4), as where a command finds it later on.
     """
 
-    def __init__(self, *, dir_okay: bool = True) -> None:
-        super().__init__(path_type=Path, dir_okay=dir_okay, readable=True)
+    def __init__(self, *, inside: str = "") -> None:
+        super().__init__(path_type=Path, dir_okay=not inside, readable=True)
+        self.inside = inside
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """Return the path, or say that nothing is there."""
-        value = (newest_run(str(value)) if self.dir_okay else None) or value
-        if not Path(value).exists():
-            raise nothing_stored(value)
-        return super().convert(value, param, ctx)
+        path = newest_run(str(value)) or Path(value)
+        if self.inside and (path / "run.json").is_file():
+            path /= self.inside
+        if not path.exists():
+            raise nothing_stored(path)
+        return super().convert(path, param, ctx)
 
 
 def speeds(ctx: click.Context, param: click.Parameter, typed: tuple[str, ...]) -> tuple[float, ...]:
@@ -252,9 +254,10 @@ allow_expired_option = click.option(
 plan_option = click.option(
     "--plan",
     "plan_file",
-    metavar="FILE",
-    type=StoredPath(dir_okay=False),
-    help="Run this plan file (hdbench plan --out FILE) instead of the profile's motion.",
+    metavar="FILE|RUN",
+    type=StoredPath(inside="plan.toml"),
+    help="Run this plan file (hdbench plan --out FILE), or that of a diagnosis, instead of the "
+    "profile's motion.",
 )
 plot_option = file_option("--plot", metavar="FILE.svg", help="Picture to write, .svg or .png.")
 yes_option = click.option("--yes", is_flag=True, help="Confirm motion without a question.")

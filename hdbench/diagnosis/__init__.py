@@ -6,7 +6,6 @@ from hdbench.diagnosis.answer.result import Diagnosis
 from hdbench.diagnosis.dynamic import diagnose_trace
 from hdbench.diagnosis.run import DiagnosisOptions, diagnose_run, diagnose_runs_together
 from hdbench.diagnosis.static import diagnose_loads
-from hdbench.diagnosis.together import diagnose_together
 
 __all__ = [
     "Diagnosis",
@@ -14,6 +13,5 @@ __all__ = [
     "diagnose_loads",
     "diagnose_run",
     "diagnose_runs_together",
-    "diagnose_together",
     "diagnose_trace",
 ]

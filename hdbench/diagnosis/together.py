@@ -65,47 +65,11 @@ def diagnose_together(
 ) -> Diagnosis:
     """Say what the simulation gets wrong on several records of one drive, and which record says so.
 
-    Parameters
-    ----------
-    traces : sequence of Trace
-        Dynamic runs of one drive. Rates and lengths may differ.
-    names : sequence of str
-        Name of each.
-    profile : Profile
-        Bench.
-    model : BenchModel or None
-        Model to hold against the records; the profile's where None.
-    alpha : float
-        Probability of any finding on all records without an effect, in (0, 1).
-    materiality : float
-        Smallest share of the baselines' residual variance of a cause that counts, in [0, 1).
-    seed : int
-        Seed of the draws of the null and the bootstrap.
-    progress : callable or None
-        Called with what is being done and the share done in [0, 1].
-    causes : tuple of Cause
-        Causes beside the catalogue and the model's own.
-    baseline : tuple of str
-        Terms of the baseline to add or remove, as `parse_baseline` reads them.
-
-    Returns
-    -------
-    Diagnosis
-        With `records`, and `voices` in every cause. The extended model has what differs (zero,
-        ripple, phases) from the first record that was used.
-
-    Raises
-    ------
-    DataError
-        If fewer than two records can be used.
-    ValueError
-        If `alpha` or `materiality` is out of its domain.
-
-    Notes
-    -----
-    Each record has its own baseline, noise, torque channel, faults and samples left out. The
-    columns of a shared cause run through all records, so that its evidence adds, each record in
-    the units of its own noise.
+    Arguments are those of `diagnose_trace`, with a name for each trace; rates and lengths may
+    differ. `DataError` where fewer than two records can be used. Each record has its own baseline,
+    noise, torque channel, faults and samples left out. The columns of a shared cause run through
+    all records, so that its evidence adds, each record in the units of its own noise. The extended
+    model has what differs (zero, ripple, phases) from the first record that was used.
     """
     task = make_task(profile, model, causes, alpha, materiality, seed, baseline)
     report = progress or (lambda what, share: None)

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from swinging_shaft import NOISE_NM, swing, trace_of
 
-from hdbench.diagnosis import diagnose_runs_together, diagnose_together, diagnose_trace
+from hdbench.diagnosis import diagnose_runs_together, diagnose_trace
+from hdbench.diagnosis.together import diagnose_together
 from hdbench.errors import DataError, UsageError
 from hdbench.model import load_model, simulate_like
 from hdbench.profile import load_profile

@@ -6,6 +6,7 @@ import json
 import math
 import os
 import random
+import re
 import shutil
 import signal
 import subprocess
@@ -18,7 +19,8 @@ import numpy as np
 import pytest
 import scipy.io
 
-STORED = Path(__file__).parents[1] / "stored"
+ROOT = Path(__file__).parents[2]
+STORED = ROOT / "tests" / "stored"
 # a header and some of the readings of a calibration, far from all of them
 _SOME_READINGS_BYTES = 4096
 OWN_CAUSE = """[[cause]]
@@ -129,16 +131,24 @@ def _interrupted(folder: Path) -> str:
             time.sleep(0.02)
     (run,) = (folder / "stopped").iterdir()
     kept = folder / "runs" / run.name
+    kept.parent.mkdir(exist_ok=True)
     run.rename(kept)
     return str(kept.relative_to(folder))
 
 
 def _build(folder: Path) -> dict[str, str]:
+    # first, so that it is nobody's last run
+    stopped = _interrupted(folder)
     calibration = _run(folder, "calibrate", "--no-input")
     again = _run(folder, "calibrate", "--no-input", "--seed", "1")
+    short = folder / "short.toml"
+    text = (ROOT / "profiles" / "cim-tr-97-06.toml").read_text()
+    # one period of the reference is enough for every command
+    short.write_text(re.sub(r"(\[ripple\]\nduration_s = )[\d.]+", r"\g<1>16.0", text))
     misalignment = _run(folder, "run-misalignment", "--yes", "--calibration", calibration)
-    ripple = _run(folder, "run-ripple", "--yes", "--plant", "worn", "--seed", "1")
-    other = _run(folder, "run-ripple", "--yes", "--seed", "2")
+    ripple_run = ("run-ripple", "--yes", "--profile", "short.toml")
+    ripple = _run(folder, *ripple_run, "--plant", "worn", "--seed", "1")
+    other = _run(folder, *ripple_run, "--seed", "2")
     diagnosis = _json(folder, "diagnose", ripple, allowed=(0, 6))
     found = str(diagnosis["run_folder"])
     for name, run in (("trace.csv", ripple), ("other.csv", other)):
@@ -156,7 +166,7 @@ def _build(folder: Path) -> dict[str, str]:
     _json(folder, "plan", "--cause", "ripple-harmonic", "--no-loads", "--out", "plan.toml")
     _staircases(folder)
     return {
-        "stopped": _interrupted(folder),
+        "stopped": stopped,
         "calibration": calibration,
         "again": again,
         "misalignment": misalignment,

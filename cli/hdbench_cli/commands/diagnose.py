@@ -42,8 +42,8 @@ def _list_causes(output: Output, cause_files: tuple[Path, ...]) -> None:
 @click.option(
     "--model",
     "model_file",
-    metavar="FILE",
-    type=StoredPath(dir_okay=False),
+    metavar="FILE|RUN",
+    type=StoredPath(inside="model.json"),
     help="Bench model to hold against the data, such as an extended one; else the profile's.",
 )
 @drive_option
@@ -68,7 +68,7 @@ def _list_causes(output: Output, cause_files: tuple[Path, ...]) -> None:
     "cause_files",
     metavar="FILE",
     multiple=True,
-    type=StoredPath(dir_okay=False),
+    type=StoredPath(),
     help="Causes of your own, a TOML file; may be repeated.",
 )
 @click.option("--from-s", metavar="S", type=float, help="Look at a dynamic run from this time on.")

@@ -34,8 +34,8 @@ _LOOPBACK = ("127.0.0.1", "localhost", "::1")
 @click.option(
     "--model",
     "model_file",
-    metavar="FILE",
-    type=StoredPath(dir_okay=False),
+    metavar="FILE|RUN",
+    type=StoredPath(inside="model.json"),
     help="Bench model to emulate, such as a diagnosis' extended one; else the profile's.",
 )
 @seed_option

@@ -30,8 +30,8 @@ __all__ = ["command"]
 @click.option(
     "--model",
     "model_file",
-    metavar="FILE",
-    type=StoredPath(dir_okay=False),
+    metavar="FILE|RUN",
+    type=StoredPath(inside="model.json"),
     help="Bench model to simulate, such as a diagnosis' extended one; else the profile's.",
 )
 @click.option(

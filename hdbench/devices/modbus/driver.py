@@ -20,18 +20,11 @@ from hdbench.devices.modbus.access import Access
 from hdbench.devices.modbus.identity import check_identity
 from hdbench.devices.modbus.inputs import Inputs, Polling, input_info
 from hdbench.devices.modbus.layout import Block, encode, place_of, plan_blocks
-from hdbench.devices.modbus.outputs import (
-    Outputs,
-    Watchdog,
-    output_range_v,
-    output_step_v,
-    switch_off,
-    zero,
-)
+from hdbench.devices.modbus.outputs import Outputs, Watchdog, output_range_v, output_step_v
 from hdbench.devices.safestate import Seen, reach_safe_state
 from hdbench.devices.wire.address import parse_address, serial_settings
 from hdbench.errors import DeviceError, UsageError
-from hdbench.profile.acquiring_modbus import ModbusAcquisition, ModbusOutput, ModbusWrite
+from hdbench.profile.acquiring_modbus import ModbusAcquisition, ModbusWrite
 
 __all__ = ["ModbusDaq", "describe_abilities", "exchange_s", "max_rates_hz", "reads_of", "set_up"]
 
@@ -180,8 +173,6 @@ class ModbusDaq:
         self._sleep = sleep
         output = table.output
         self._outputs = None if output is None else Outputs(access, table, output)
-        spec = None if output is None else output.watchdog
-        self._watchdog = None if spec is None else Watchdog(access, table, spec)
         self._identity: Identity | None = None
         self._polling: Polling | None = None
         self._tripped = False
@@ -295,25 +286,23 @@ class ModbusDaq:
         Another device at this address is never written to: the safe state is not confirmed then.
         """
         self._polling = None
-        output = self._table.output
-        if self._outputs is None or output is None:
+        outputs, output = self._outputs, self._table.output
+        if outputs is None or output is None:
             return SafeState(True, None, None, "the device drives nothing")
-        outputs = self._outputs
-        zero_v = _zero_v(output)
 
         def stop() -> None:
             self.identity()
-            zero(outputs, self._watchdog, zero_v)
+            outputs.zero()
 
         def disable() -> bool:
             self.identity()
-            return not switch_off(outputs, self._watchdog)
+            return outputs.switch_off()
 
         return reach_safe_state(
             stop=stop,
             look=lambda: Seen(outputs.read_back()),
             disable=disable,
-            zero_v=zero_v,
+            zero_v=outputs.zero_v,
             brake_s=output.brake_s,
             clock=self._clock,
             sleep=self._sleep,
@@ -324,15 +313,12 @@ class ModbusDaq:
         self._access.close()
 
     def _make_safe(self) -> None:
-        outputs, output = self._outputs, self._table.output
-        if outputs is None or output is None:
-            return
-        zero(outputs, self._watchdog, _zero_v(output))
-        if switch_off(outputs, self._watchdog):
-            raise self._error(
-                "the enable line reads back as on after it was switched off",
-                "use the emergency stop, then check daq.output.enable",
-            )
+        if self._outputs is not None:
+            self._outputs.make_safe()
+
+    @property
+    def _watchdog(self) -> Watchdog | None:
+        return None if self._outputs is None else self._outputs.watchdog
 
     def _driving(self) -> Outputs:
         if self._outputs is None:
@@ -348,8 +334,3 @@ class ModbusDaq:
 
     def _error(self, what: str, fix: str) -> DeviceError:
         return DeviceError(what, where=self._access.where, fix=fix)
-
-
-def _zero_v(output: ModbusOutput) -> float:
-    """Return what still counts as zero, V: one step; of a float, less than moves any motor."""
-    return max(output_step_v(output), 1e-6)

@@ -14,7 +14,7 @@ from hdbench.profile.acquiring_modbus import (
     ModbusWatchdog,
 )
 
-__all__ = ["Outputs", "Watchdog", "output_range_v", "output_step_v", "switch_off", "zero"]
+__all__ = ["Outputs", "Watchdog", "output_range_v", "output_step_v"]
 
 # looks at a write whose answer did not come, or said that the device is still working on it
 _LOOKS = 5
@@ -29,91 +29,6 @@ def output_range_v(output: ModbusOutput) -> tuple[float, float]:
 def output_step_v(output: ModbusOutput) -> float:
     """Return the smallest change that the register shows, V; 0 for a float."""
     return 0.0 if output.type.startswith("f") else abs(output.scale)
-
-
-class Outputs:
-    """Writes the outputs that the profile lists, and nothing else.
-
-    Parameters
-    ----------
-    access : Access
-        The device.
-    table : ModbusAcquisition
-        ``[daq]``.
-    output : ModbusOutput
-        ``[daq.output]``.
-    """
-
-    def __init__(self, access: Access, table: ModbusAcquisition, output: ModbusOutput) -> None:
-        self._access = access
-        self._output = output
-        self._place = place_of(table, output)
-        self._back: Place = (
-            self._place if output.read_back is None else place_of(table, output.read_back)
-        )
-        self._enable = None if output.enable is None else place_of(table, output.enable)
-
-    def write(self, value: float) -> float:
-        """Write the reference once and return what is read back, V."""
-        low, high = output_range_v(self._output)
-        # written so that NaN fails
-        if not low <= value <= high:
-            raise UsageError(
-                f"reference {value!r} V; needed: {low:g} to {high:g} V",
-                where=f"{self._access.where}, {self._place.name}",
-                fix="ask for less, or raise daq.output.limit_v if the drive allows it",
-            )
-        raw = (value - self._output.offset) / self._output.scale
-        answered = self._once(self._place, raw, self._output.function)
-        # half a step is rounding, another half where the device shows what its converter makes of
-        # it; a 32-bit float keeps 6e-8 of its value
-        steps = 0.5 if self._output.read_back is None else 1.0
-        rounding = 1e-6 * (abs(value) + abs(self._output.scale))
-        allowed = steps * output_step_v(self._output) + rounding
-        found = self.read_back()
-        for _ in range(0 if answered else _LOOKS):
-            if abs(found - value) <= allowed:
-                break
-            # it may have said that it is still working on it
-            self._access.pause()
-            found = self.read_back()
-        if not abs(found - value) <= allowed:
-            raise DeviceError(
-                f"the reference reads back as {found:.6g} V; written: {value:.6g} V",
-                where=f"{self._access.where}, {self._back.name}",
-                fix="use the emergency stop if the motor turns, then check scale and read_back of "
-                "daq.output",
-            )
-        return found
-
-    def read_back(self) -> float:
-        """Return the reference that stands at the output, V."""
-        return float(self._output.offset + self._output.scale * self._access.read([self._back])[0])
-
-    def enable(self, *, on: bool) -> bool:
-        """Write the enable line once and return what it reads back; False without a line."""
-        spec, place = self._output.enable, self._enable
-        if spec is None or place is None:
-            return False
-        self._once(place, spec.on if on else spec.off, None)
-        return self.enabled()
-
-    def enabled(self) -> bool:
-        """Return whether the enable line reads as on; False without a line."""
-        spec, place = self._output.enable, self._enable
-        if spec is None or place is None:
-            return False
-        return bool(self._access.read([place])[0] != spec.off)
-
-    def _once(self, place: Place, value: float, function: int | None) -> bool:
-        """Write once; without a valid answer, what became of it shows when it is read back."""
-        try:
-            self._access.write(place, value, function)
-        except DeviceError as error:
-            if not isinstance(error.__cause__, FrameError):
-                raise
-            return False
-        return True
 
 
 class Watchdog:
@@ -206,18 +121,118 @@ class Watchdog:
             self._access.write(place, write.value, write.function)
 
 
-def zero(outputs: Outputs, watchdog: Watchdog | None, zero_v: float) -> float:
-    """Bring the reference to zero and return what is read back, V."""
-    if watchdog is not None and watchdog.rests():
-        found = outputs.read_back()
-        if abs(found) <= zero_v:
-            return found
-        watchdog.clear()
-    return outputs.write(0.0)
+class Outputs:
+    """Writes the outputs that the profile lists, and nothing else.
 
+    Parameters
+    ----------
+    access : Access
+        The device.
+    table : ModbusAcquisition
+        ``[daq]``.
+    output : ModbusOutput
+        ``[daq.output]``.
 
-def switch_off(outputs: Outputs, watchdog: Watchdog | None) -> bool:
-    """Switch the enable line off and return whether it still reads as on."""
-    if watchdog is not None and watchdog.rests() and not outputs.enabled():
-        return False
-    return outputs.enable(on=False)
+    Attributes
+    ----------
+    watchdog : Watchdog or None
+        The watchdog that lives in the device.
+    """
+
+    def __init__(self, access: Access, table: ModbusAcquisition, output: ModbusOutput) -> None:
+        self._access = access
+        self._output = output
+        self._place = place_of(table, output)
+        self._back: Place = (
+            self._place if output.read_back is None else place_of(table, output.read_back)
+        )
+        self._enable = None if output.enable is None else place_of(table, output.enable)
+        spec = output.watchdog
+        self.watchdog = None if spec is None else Watchdog(access, table, spec)
+        # what still counts as zero, V: one step; of a float, less than moves any motor
+        self.zero_v = max(output_step_v(output), 1e-6)
+
+    def make_safe(self) -> None:
+        """Bring the reference to zero and switch the enable line off."""
+        self.zero()
+        if not self.switch_off():
+            raise DeviceError(
+                "the enable line reads back as on after it was switched off",
+                where=self._access.where,
+                fix="use the emergency stop, then check daq.output.enable",
+            )
+
+    def zero(self) -> None:
+        """Bring the reference to zero, past a watchdog that rests."""
+        if self.watchdog is not None and self.watchdog.rests():
+            if abs(self.read_back()) <= self.zero_v:
+                return
+            self.watchdog.clear()
+        self.write(0.0)
+
+    def switch_off(self) -> bool:
+        """Switch the enable line off and return whether it reads as off."""
+        rests = self.watchdog is not None and self.watchdog.rests()
+        return (rests and not self.enabled()) or not self.enable(on=False)
+
+    def write(self, value: float) -> float:
+        """Write the reference once and return what is read back, V."""
+        low, high = output_range_v(self._output)
+        # written so that NaN fails
+        if not low <= value <= high:
+            raise UsageError(
+                f"reference {value!r} V; needed: {low:g} to {high:g} V",
+                where=f"{self._access.where}, {self._place.name}",
+                fix="ask for less, or raise daq.output.limit_v if the drive allows it",
+            )
+        raw = (value - self._output.offset) / self._output.scale
+        answered = self._once(self._place, raw, self._output.function)
+        # half a step is rounding, another half where the device shows what its converter makes of
+        # it; a 32-bit float keeps 6e-8 of its value
+        steps = 0.5 if self._output.read_back is None else 1.0
+        rounding = 1e-6 * (abs(value) + abs(self._output.scale))
+        allowed = steps * output_step_v(self._output) + rounding
+        found = self.read_back()
+        for _ in range(0 if answered else _LOOKS):
+            if abs(found - value) <= allowed:
+                break
+            # it may have said that it is still working on it
+            self._access.pause()
+            found = self.read_back()
+        if not abs(found - value) <= allowed:
+            raise DeviceError(
+                f"the reference reads back as {found:.6g} V; written: {value:.6g} V",
+                where=f"{self._access.where}, {self._back.name}",
+                fix="use the emergency stop if the motor turns, then check scale and read_back of "
+                "daq.output",
+            )
+        return found
+
+    def read_back(self) -> float:
+        """Return the reference that stands at the output, V."""
+        return float(self._output.offset + self._output.scale * self._access.read([self._back])[0])
+
+    def enable(self, *, on: bool) -> bool:
+        """Write the enable line once and return what it reads back; False without a line."""
+        spec, place = self._output.enable, self._enable
+        if spec is None or place is None:
+            return False
+        self._once(place, spec.on if on else spec.off, None)
+        return self.enabled()
+
+    def enabled(self) -> bool:
+        """Return whether the enable line reads as on; False without a line."""
+        spec, place = self._output.enable, self._enable
+        if spec is None or place is None:
+            return False
+        return bool(self._access.read([place])[0] != spec.off)
+
+    def _once(self, place: Place, value: float, function: int | None) -> bool:
+        """Write once; without a valid answer, what became of it shows when it is read back."""
+        try:
+            self._access.write(place, value, function)
+        except DeviceError as error:
+            if not isinstance(error.__cause__, FrameError):
+                raise
+            return False
+        return True

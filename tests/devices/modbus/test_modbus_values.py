@@ -80,7 +80,8 @@ def test_ranges_are_those_of_the_bits():
     ],
 )
 def test_addresses_count_as_the_manual_does(numbering, where, address, wire):
-    made = table(numbering=numbering, identify=({"table": where, "address": address, "equals": 1},))
+    rule = {"table": where, "address": address, "equals": 1}
+    made = table(numbering=numbering, identify=(rule,), channels=())
     assert place_of(made, made.identify[0]).start == wire
 
 
