@@ -18,7 +18,16 @@ from typing import IO, Any
 import numpy as np
 
 from hdbench.errors import DataError, HdbenchError, UsageError
-from hdbench.importing.source import PIECE_ROWS, Asked, Channel, Piece, Source, damaged, told
+from hdbench.importing.source import (
+    PIECE_ROWS,
+    Asked,
+    Channel,
+    Piece,
+    Source,
+    damaged,
+    text_cells,
+    told,
+)
 from hdbench.importing.text import ForeignFormat, open_text
 from hdbench.system.children import child_command
 
@@ -290,10 +299,7 @@ def _exactly(file: IO[bytes], count: int) -> bytes:
 
 def _array(file: IO[bytes], kind: str, count: int) -> Any:
     if kind == "text":
-        words = json.loads(_exactly(file, count))
-        cells = np.empty(len(words), dtype=object)
-        cells[:] = words
-        return cells
+        return text_cells(json.loads(_exactly(file, count)))
     if kind not in _KINDS or count > PIECE_ROWS:
         raise EOFError
     return np.frombuffer(_exactly(file, 8 * count), dtype=kind)

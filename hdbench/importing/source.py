@@ -9,7 +9,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,7 @@ PIECE_ROWS = 1 << 16
 # a file that claims more is damaged or made to harm; a wide log of a robot has some hundreds
 MOST_CHANNELS = 20_000
 Piece = Mapping[str, NDArray[Any]]
+_T = TypeVar("_T")
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,6 +134,11 @@ class Source(ABC):
         """Return where a person finds a row, counted from 0."""
         return f"{self.path}: sample {row + 1}"
 
+    def hold(self, made: Sequence[tuple[Channel, _T]]) -> dict[str, _T]:
+        """Take channels, told apart; return what stands behind each, by its name."""
+        self.channels = told_apart(self.path, [channel for channel, _ in made])
+        return {c.name: behind for c, (_, behind) in zip(self.channels, made, strict=True)}
+
     def close(self) -> None:  # noqa: B027 - most readers hold nothing open
         """Give the file back."""
 
@@ -146,6 +152,19 @@ class Source(ABC):
                 fix=f"there are: {listed(c.name for c in self.channels)}",
             )
         self.channels = tuple(kept)
+
+
+def spans(rows: int) -> Iterator[tuple[int, int]]:
+    """Yield where each piece of so many rows begins, and how many rows it has."""
+    for start in range(0, rows, PIECE_ROWS):
+        yield start, min(PIECE_ROWS, rows - start)
+
+
+def text_cells(cells: Sequence[str]) -> NDArray[Any]:
+    """Return cells of text as a column of a piece."""
+    column = np.empty(len(cells), dtype=object)
+    column[:] = cells
+    return column
 
 
 def listed(names: Iterable[str], most: int = 12) -> str:

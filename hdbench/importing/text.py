@@ -26,7 +26,15 @@ from hdbench.importing.layout import (
     text_layout,
     uses_decimal_comma,
 )
-from hdbench.importing.source import PIECE_ROWS, Channel, Piece, Source, damaged, told_apart
+from hdbench.importing.source import (
+    PIECE_ROWS,
+    Channel,
+    Piece,
+    Source,
+    damaged,
+    text_cells,
+    told_apart,
+)
 from hdbench.importing.units import stated_unit
 from hdbench.records.tables import data_error
 from hdbench.records.tables.numbers import plain_matrix
@@ -161,18 +169,11 @@ def _first(rows: Iterator[tuple[int, list[str]]]) -> list[tuple[int, list[str]]]
 
 def _column(text: bytes, delimiter: str, k: int) -> NDArray[Any]:
     lines = text.decode("ascii").split("\n")
-    cells = np.empty(len(lines), dtype=object)
-    cells[:] = [line.split(delimiter, k + 1)[k] for line in lines]
-    return cells
+    return text_cells([line.split(delimiter, k + 1)[k] for line in lines])
 
 
 def _piece(rows: Sequence[Sequence[str]], columns: dict[str, int]) -> Piece:
-    piece = {}
-    for name, k in columns.items():
-        cells = np.empty(len(rows), dtype=object)
-        cells[:] = [row[k] for row in rows]
-        piece[name] = cells
-    return piece
+    return {name: text_cells([row[k] for row in rows]) for name, k in columns.items()}
 
 
 def _raw_lines(path: Path) -> Iterator[bytes]:

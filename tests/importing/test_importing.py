@@ -110,6 +110,17 @@ def test_rows_of_plain_numbers_are_read_to_the_same_bits_as_row_by_row(tmp_path,
     assert found.count(found[0]) == len(found)
 
 
+@pytest.mark.parametrize(
+    "more",
+    ["", ', "w": "a},{b"', ', "parts": [{"k": 1}, {"k": 2}]', ', "i": {"k": 1}', ', "x": NaN'],
+)
+def test_records_of_json_are_read_alike_whatever_else_is_in_them(tmp_path, more):
+    records = [f'{{"t": {0.001 * k!r}, "T": {k}.25{more}}}' for k in range(500)]
+    trace, _ = bring(tmp_path, [f"[{', '.join(records)}]"], ("time_s=t", "torque_nm=T"))
+    assert trace.time_s.tolist() == [0.001 * k for k in range(500)]
+    assert trace["torque_nm"].tolist() == [k + 0.25 for k in range(500)]
+
+
 def test_a_sample_rate_stands_for_a_time_column(tmp_path):
     trace, _ = bring(tmp_path, ["T\n1\n2\n", "T\n3\n"], ("torque_nm=T",), rate_hz=1000.0)
     assert trace.time_s.tolist() == [0.0, 0.001, 0.002]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,13 +12,12 @@ from numpy.typing import NDArray
 
 from hdbench.importing.layout import is_time_name
 from hdbench.importing.source import (
-    PIECE_ROWS,
     Channel,
     Piece,
     Source,
     numbers,
+    spans,
     spelled,
-    told_apart,
 )
 from hdbench.importing.units import stated_unit
 
@@ -101,26 +100,22 @@ class ArraySource(Source):
                 told += [f"{spelled(array.name)} = {v:.9g} {array.unit}".rstrip() for v in value]
                 continue
             made += _channels(array)
-        self.channels = told_apart(path, [channel for channel, _ in made])
-        self._columns: Mapping[str, _Column] = {
-            channel.name: column for channel, (_, column) in zip(self.channels, made, strict=True)
-        }
+        self._columns = self.hold(made)
         self.notes = tuple(told)
 
     def pieces(self, names: Sequence[str]) -> Iterator[Piece]:
         """Yield rows of the arrays."""
         columns = {name: self._columns[name] for name in names}
         rows = next(iter(columns.values())).array.shape[0]
-        for start in range(0, rows, PIECE_ROWS):
-            stop = min(start + PIECE_ROWS, rows)
+        for start, count in spans(rows):
             read: dict[int, NDArray[Any]] = {}
             piece = {}
             for name, column in columns.items():
                 key = id(column.array)
                 if key not in read:
-                    read[key] = column.array.read(start, stop)
+                    read[key] = column.array.read(start, start + count)
                 values = numbers(column.take(read[key]))
-                piece[name] = np.full(stop - start, np.nan) if values is None else values
+                piece[name] = np.full(count, np.nan) if values is None else values
             yield piece
 
     def close(self) -> None:

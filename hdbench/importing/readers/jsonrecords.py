@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
+from pydantic_core import from_json
 
 from hdbench.importing.layout import is_time_name
 from hdbench.importing.source import (
@@ -20,7 +21,7 @@ from hdbench.importing.source import (
     damaged,
     finite_or_nan,
     spelled,
-    told_apart,
+    text_cells,
 )
 from hdbench.importing.units import stated_unit
 
@@ -31,6 +32,8 @@ _LONGEST = 8 << 20
 # records that say which channels there are
 _PROBED = 200
 _BLANKS = re.compile(r"[\s,]*")
+_LAST_RECORD = re.compile(r"\}\s*,\s*\{")
+_NESTED = frozenset((dict, list))
 _Record = tuple[str, Mapping[str, Any]]
 
 
@@ -40,6 +43,7 @@ class _Text:
     def __init__(self, path: Path, file: IO[str]) -> None:
         self._path, self._file = path, file
         self._text, self._at, self._done = "", 0, False
+        self._alike = True
         self._decoder = json.JSONDecoder()
 
     def _more(self) -> bool:
@@ -66,6 +70,23 @@ class _Text:
             found = self.peek() or "the end of the file"
             raise damaged(self._path, _FORM, f"found {found!r}, needed: {expected!r}")
         self._at += 1
+
+    def several(self) -> list[Any]:
+        """Return the next values: as many as stand in the window, where these are plain records."""
+        if not self._alike:
+            return [self.value()]
+        ends = [match.end() for match in _LAST_RECORD.finditer(self._text, self._at)]
+        if not ends:
+            return [self.value()]
+        stop = self._text.rindex("}", self._at, ends[-1] - 1) + 1
+        try:
+            values: list[Any] = from_json(f"[{self._text[self._at : stop]}]")
+        except ValueError:
+            # cut within a record, or damaged: from here on one after another
+            self._alike = False
+            return [self.value()]
+        self._at = stop
+        return values
 
     def value(self) -> Any:
         """Return the next value."""
@@ -101,9 +122,9 @@ def _records(text: _Text, other: dict[str, Any]) -> Iterator[_Record]:
 
 def _list(text: _Text, name: str) -> Iterator[_Record]:
     while text.peek() not in ("]", ""):
-        record = text.value()
-        if isinstance(record, dict):
-            yield name, _flat(record)
+        for record in text.several():
+            if isinstance(record, dict):
+                yield name, _flat(record)
     text.skip("]")
 
 
@@ -140,6 +161,8 @@ def _object(text: _Text, other: dict[str, Any]) -> Iterator[_Record]:
 
 def _flat(record: Mapping[str, Any], before: str = "", depth: int = 0) -> dict[str, Any]:
     """Return a record with the names of inner objects and the numbers of lists in the keys."""
+    if not before and _NESTED.isdisjoint(map(type, record.values())):
+        return dict(record)
     flat: dict[str, Any] = {}
     for key, value in record.items():
         if isinstance(value, dict) and depth < 8:
@@ -168,11 +191,12 @@ class _JsonSource(Source):
             if k >= _PROBED:
                 break
         kept = [pair for pair, useful in kinds.items() if useful]
-        self.channels = told_apart(
-            path,
-            [Channel(f"{g}{key}", stated_unit(key), g, is_time_name(key)) for g, key in kept],
+        self._keys = self.hold(
+            [
+                (Channel(f"{g}{key}", stated_unit(key), g, is_time_name(key)), (g, key))
+                for g, key in kept
+            ]
         )
-        self._keys = {c.name: pair for c, pair in zip(self.channels, kept, strict=True)}
         self.notes = tuple(
             f"{spelled(key)} = {spelled(str(value))[:40]}"
             for key, value in other.items()
@@ -204,10 +228,11 @@ class _JsonSource(Source):
 def _piece(names: Sequence[str], rows: Sequence[Sequence[Any]]) -> Piece:
     piece: dict[str, Any] = {}
     for name, values in zip(names, zip(*rows, strict=True), strict=True):
-        if any(isinstance(value, str) for value in values):
-            cells = np.empty(len(values), dtype=object)
-            cells[:] = ["" if value is None else str(value) for value in values]
-            piece[name] = cells
+        kinds = set(map(type, values))
+        if str in kinds:
+            piece[name] = text_cells(["" if value is None else str(value) for value in values])
+        elif kinds == {float}:
+            piece[name] = np.array(values)
         else:
             piece[name] = np.array([finite_or_nan(value) for value in values])
     return piece

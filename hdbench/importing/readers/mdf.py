@@ -14,14 +14,14 @@ import numpy as np
 
 from hdbench.errors import DataError
 from hdbench.importing.source import (
-    PIECE_ROWS,
     Channel,
     Piece,
     Source,
     damaged,
     numbers,
+    spans,
     spelled,
-    told_apart,
+    text_cells,
 )
 
 _FORM = "MDF file"
@@ -60,23 +60,18 @@ class _MdfSource(Source):
                 coded = bool(getattr(conversion, "referenced_blocks", None))
                 unit = unit or ("s" if timed else "")
                 made.append((Channel(name, unit, str(number), timed, rows), (number, index, coded)))
-        self.channels = told_apart(path, [channel for channel, _ in made])
-        self._places = {c.name: place for c, (_, place) in zip(self.channels, made, strict=True)}
+        self._places = self.hold(made)
         self.notes = tuple(notes)
 
     def pieces(self, names: Sequence[str]) -> Iterator[Piece]:
-        group = self._places[names[0]][0]
         rows = next(c.rows for c in self.channels if c.name == names[0]) or 0
-        for start in range(0, rows, PIECE_ROWS):
-            count = min(PIECE_ROWS, rows - start)
-            piece = {}
-            for name in names:
-                piece[name] = self._read(name, group, start, count)
+        for start, count in spans(rows):
+            piece = {name: self._read(name, start, count) for name in names}
             if any(len(values) != count for values in piece.values()):
                 raise damaged(self.path, _FORM, f"a group ends before its {rows} records")
             yield piece
 
-    def _read(self, name: str, group: int, start: int, count: int) -> Any:
+    def _read(self, name: str, start: int, count: int) -> Any:
         number, index, coded = self._places[name]
         signal = self._file.get(
             group=number,
@@ -89,9 +84,7 @@ class _MdfSource(Source):
         values = np.asarray(signal.samples)
         found = numbers(values) if values.ndim == 1 else None
         if found is None:
-            cells = np.empty(len(values), dtype=object)
-            cells[:] = ["nan"] * len(values)
-            return cells
+            return text_cells(["nan"] * len(values))
         invalid = getattr(signal, "invalidation_bits", None)
         if invalid is not None and np.any(invalid):
             found = np.where(np.asarray(invalid), np.nan, found)

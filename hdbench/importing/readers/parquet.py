@@ -11,7 +11,14 @@ import numpy as np
 
 from hdbench.errors import DataError
 from hdbench.importing.layout import is_time_name
-from hdbench.importing.source import PIECE_ROWS, Channel, Piece, Source, numbers, told_apart
+from hdbench.importing.source import (
+    PIECE_ROWS,
+    Channel,
+    Piece,
+    Source,
+    numbers,
+    text_cells,
+)
 from hdbench.importing.units import stated_unit
 
 _FORM = "Parquet file"
@@ -39,8 +46,7 @@ class _ParquetSource(Source):
             unit = _unit(column)
             timed = is_time_name(column.name) and "string" not in str(column.type)
             made.append((Channel(column.name, unit, "", timed, meta.num_rows), k))
-        self.channels = told_apart(path, [channel for channel, _ in made])
-        self._columns = {c.name: k for c, (_, k) in zip(self.channels, made, strict=True)}
+        self._columns = self.hold(made)
 
     def pieces(self, names: Sequence[str]) -> Iterator[Piece]:
         schema = self._file.schema_arrow.names
@@ -78,9 +84,7 @@ def _unit(column: Any) -> str:
 def _array(column: Any) -> Any:
     kind = str(column.type)
     if "string" in kind:
-        cells = np.empty(len(column), dtype=object)
-        cells[:] = ["" if cell is None else cell for cell in column.to_pylist()]
-        return cells
+        return text_cells(["" if cell is None else cell for cell in column.to_pylist()])
     if kind.startswith(("decimal", "bool")):
         return np.array([np.nan if c is None else float(c) for c in column.to_pylist()])
     found = numbers(column.to_numpy(zero_copy_only=False))

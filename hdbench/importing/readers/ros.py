@@ -25,7 +25,6 @@ from hdbench.importing.source import (
     Source,
     finite_or_nan,
     spelled,
-    told_apart,
 )
 
 _FORM = "ROS bag"
@@ -195,10 +194,7 @@ class _RosSource(Source):
                 continue
             self._topics[topic] = connection
             made += self._channels(connection)
-        self.channels = told_apart(path, [channel for channel, _ in made])
-        self._getters = {
-            channel.name: getter for channel, (_, getter) in zip(self.channels, made, strict=True)
-        }
+        self._getters = self.hold(made)
         self.notes = tuple(notes)
 
     def _learn(self, typesys: Any, connection: Any) -> None:

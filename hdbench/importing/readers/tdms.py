@@ -11,15 +11,14 @@ import numpy as np
 
 from hdbench.importing.layout import is_time_name
 from hdbench.importing.source import (
-    PIECE_ROWS,
     Channel,
     Piece,
     Source,
     damaged,
     finite_or_nan,
     numbers,
+    spans,
     spelled,
-    told_apart,
 )
 from hdbench.importing.units import stated_unit
 
@@ -61,16 +60,14 @@ class _TdmsSource(Source):
             for clock, (start, step, rows) in clocks.items():
                 told = f"{group.name}/{_TIME}"
                 made.append((Channel(told, "s", clock, True, rows), (start, step)))
-        self.channels = told_apart(path, [channel for channel, _ in made])
-        self._data = {c.name: what for c, (_, what) in zip(self.channels, made, strict=True)}
+        self._data = self.hold(made)
         self.notes = tuple(
             f"{spelled(str(k))} = {spelled(str(v))[:60]}" for k, v in file.properties.items()
         )
 
     def pieces(self, names: Sequence[str]) -> Iterator[Piece]:
         rows = next(c.rows for c in self.channels if c.name == names[0]) or 0
-        for start in range(0, rows, PIECE_ROWS):
-            count = min(PIECE_ROWS, rows - start)
+        for start, count in spans(rows):
             piece = {}
             for name in names:
                 what = self._data[name]
