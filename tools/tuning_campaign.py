@@ -3,7 +3,7 @@
     python tools/tuning_campaign.py --seeds 20 --scenario all --json campaign.json
 
 Free motion at 40 to 160 rad/s, ripple 1.2 and 0.6 N m at orders 2 and 4, misalignment 3 N m once
-per output turn, white noise 0.05 N m, and a torque that nobody told the filter: the scenarios. The
+per output turn, white noise 0.05 N m, and a torque unknown to the filter: the scenarios. The
 oracle is a Kalman filter that is told the spectrum of that torque, the noise, and that ripple and
 misalignment are constant. Generator and oracle share no code with hdbench: dense matrices, matrix
 exponentials, plain recursion.
@@ -37,7 +37,7 @@ RMS_NM = 2.0
 
 @dataclass(frozen=True)
 class Known:
-    """What the oracle is told of a disturbance: dx = A x dt + noise, torque = first state.
+    """A disturbance as the oracle knows it: dx = A x dt + noise, torque = first state.
 
     The second part, `noise_drift`, is of coloured measurement noise: predicted, and not taken off.
     """
@@ -49,7 +49,7 @@ class Known:
 
 @dataclass(frozen=True)
 class Scenario:
-    """One kind of unknown torque: how it is made, and what the oracle is told."""
+    """One kind of unknown torque: its generator, and what the oracle knows of it."""
 
     name: str
     make: Callable[[np.random.Generator, Array], tuple[Array, Array]]  # torque, extra noise

@@ -34,7 +34,7 @@ class Trend:
 
 @dataclass(frozen=True, slots=True)
 class SlowMotion:
-    """What slow terms depend on, arrays of shape (n,)."""
+    """Time, velocity and output angle that slow terms depend on, arrays of shape (n,)."""
 
     time_s: FloatArray
     velocity_rad_s: FloatArray

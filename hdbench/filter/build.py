@@ -1,4 +1,4 @@
-"""Stored results of the three experiments, fed into a filter model."""
+"""Filter model from stored results of the three experiments."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def build_filter_model(
     misalignment: Mapping[str, Any] | None = None,
     calibration: Mapping[str, Any] | None = None,
 ) -> FilterModel:
-    """Feed stored results into a filter model.
+    """Return a filter model with the numbers of stored results.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Filters side by side on one trace: what each takes, what it keeps, what it costs."""
+"""Comparison of filters on one trace: suppression, torque kept, delay, noise, error."""
 
 from __future__ import annotations
 

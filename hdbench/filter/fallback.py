@@ -1,4 +1,4 @@
-"""Filter in NumPy, where the C kernel was not compiled; it agrees with that to 1e-9 N m."""
+"""Filter in NumPy, for installations without the C kernel; the two agree to 1e-9 N m."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a tuning does to the torque at a steady speed: notches, torque passed, noise, memory."""
+"""Response of a filter at a steady speed: notches, torque passed, noise, settling time."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _LEFT = 0.02  # share of a disturbance that is left when it counts as settled
 
 @dataclass(frozen=True, slots=True)
 class Notch:
-    """What one block takes out of the torque."""
+    """The notch of one block."""
 
     name: str
     frequency_hz: float

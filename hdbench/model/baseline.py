@@ -1,4 +1,4 @@
-"""The baseline of a dynamic run: what the model holds before any cause was found."""
+"""Baseline of a dynamic run: the terms of the model before any cause is found."""
 
 from __future__ import annotations
 

@@ -162,7 +162,7 @@ def undone_faults(
 
 @dataclass(frozen=True, slots=True)
 class BenchModel:
-    r"""What `simulate` computes.
+    r"""Zero, expected torque, load, ripple, misalignment and causes of a bench.
 
     Parameters
     ----------

@@ -79,7 +79,7 @@ Text = Annotated[str, Field(min_length=1, max_length=400)]
 
 
 class _Named(_Strict):
-    """What all declarations share."""
+    """Keys of every declaration."""
 
     name: Annotated[
         str,

@@ -1,4 +1,4 @@
-"""What a cause is: one named effect of the catalogue as a term of the bench model."""
+"""Cause: one named effect of the catalogue as a term of the bench model."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the filter's tests share: the bench, both kernel forms, a motion with everything in it."""
+"""Fixtures of the filter's tests: the bench, and both kernel forms."""
 
 from __future__ import annotations
 

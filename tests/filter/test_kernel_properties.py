@@ -1,4 +1,4 @@
-"""What must hold for every trace and model, and two oracles that share no code with the kernel."""
+"""Properties for every trace and model, and two oracles that share no code with the kernel."""
 
 from __future__ import annotations
 

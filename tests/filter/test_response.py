@@ -1,4 +1,4 @@
-"""What a tuning does to the torque, by algebra and by the running filter."""
+"""Response of a filter, by algebra and by the running filter."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Consistency of innovations: whether they are white, and of the variance that the model says."""
+"""Consistency of innovations: whiteness, and their variance against that of the model."""
 
 from __future__ import annotations
 

@@ -30,7 +30,7 @@ OUTPUT_ORDER = 0.5
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """What the traces' motion can tell, all traces together."""
+    """Motion of all traces together, and the variance of their torque."""
 
     samples: int
     duration_s: float

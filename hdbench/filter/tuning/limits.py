@@ -1,4 +1,4 @@
-"""Limits of a tuning: how long a block remembers, which slow torque is refused, what is unknown."""
+"""Limits of a tuning: memory of the blocks, refused slow torque, numbers that stay unknown."""
 
 from __future__ import annotations
 

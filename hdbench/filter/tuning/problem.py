@@ -149,7 +149,7 @@ def _slow_parameters(kind: SlowKind, at: int, motion: Motion, excess: float) -> 
 
 @dataclass(frozen=True, slots=True)
 class Score:
-    """How well a model of measurement noise 1 foretells the traces."""
+    """Likelihood of traces under a model of measurement noise 1."""
 
     samples: int
     noise_nm2: float  # the measurement noise that fits best

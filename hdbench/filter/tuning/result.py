@@ -1,4 +1,4 @@
-"""What a tuning found."""
+"""Result of a tuning: model, estimates, kinds of slow torque tried, checks."""
 
 from __future__ import annotations
 

@@ -44,7 +44,7 @@ SLOW_CHOICES: tuple[str, ...] = ("auto", "none", *get_args(SlowKind))
 
 @dataclass(frozen=True, slots=True)
 class TuningSettings:
-    """What is asked of a tuning, beside the model whose orders are tuned.
+    """Settings of a tuning: priors, kind of slow torque, gate, limits.
 
     Parameters
     ----------
@@ -133,7 +133,7 @@ def _kinds_of(settings: TuningSettings) -> tuple[SlowKind | None, ...]:
 
 @dataclass(frozen=True, slots=True)
 class _Trial:
-    """What every try has in common."""
+    """One problem, searched for each kind of slow torque."""
 
     start: FilterModel
     settings: TuningSettings

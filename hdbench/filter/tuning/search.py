@@ -1,4 +1,4 @@
-"""The search for the most likely point, and how sharply the data fix it."""
+"""Search of the most likely point, and standard errors by the curvature there."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a record must hold to show a cause: conditions that give None, or why it cannot."""
+"""Conditions on a record: each gives None, or the reason why it cannot show a cause."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Parts that several causes share: columns, parameters, and what is computed of a cause."""
+"""Parts that several causes share: columns, parameters, and the functions of a cause."""
 
 from __future__ import annotations
 
