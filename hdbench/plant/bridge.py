@@ -66,8 +66,6 @@ def place_gauges(
 ) -> tuple[GaugeBridge, tuple[HarmonicParameters, ...]]:
     r"""Return the bridge whose misplaced gauges leave the profile's ripple at orders 2 and 4.
 
-    Notes
-    -----
     The second axis (rosettes at 90 and 270 degrees) sits :math:`\delta` off. The sum then is
     :math:`A \sin\delta \cos(2 \beta - \delta) + A h \cos 2\delta \sin(4 \beta - 2 \delta + \chi)`,
     which is solved for :math:`\delta`, the mounting angle, h and :math:`\chi`.

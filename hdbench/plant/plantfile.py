@@ -303,8 +303,6 @@ def _all_problems(source: str, found: list[ProfileError]) -> ProfileError:
 def draw_effects(plant: PlantSpec, rng: np.random.Generator) -> tuple[Effect, ...]:
     """Return the effects that a seed chooses, with their sizes.
 
-    Notes
-    -----
     One number u, uniform in [0, 1), is drawn per effect and compared with its probability. Where
     fewer than `minimum_effects` are chosen, those with the smallest u / probability are added.
     Every number of every effect is drawn whether the effect is chosen or not, so that one effect's

@@ -120,8 +120,6 @@ def motor_current_a(
 ) -> FloatArray:
     """Return the motor current that the motion needs.
 
-    Notes
-    -----
     i = (J a + friction) / K_t with J = K_t i_max / a_max: the profile gives the acceleration at the
     current limit, which fixes the inertia that the motor feels, load and rotor together.
     """

@@ -9,26 +9,21 @@ import re
 from collections.abc import Sequence
 from html import escape
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.dates import ConciseDateFormatter
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedFormatter
 
 from hdbench.records import FloatArray
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
 __all__ = [
     "COLOURS",
-    "draw_curve",
-    "draw_points",
+    "Panel",
     "draw_svg",
-    "label_axes",
-    "legend_above",
     "min_max",
     "new_figure",
     "score_chart",
@@ -94,54 +89,57 @@ _HEAD = re.compile(r"<svg\b[^>]*?viewBox=\"([^\"]*)\"[^>]*>", re.DOTALL)
 _METADATA = re.compile(r"<metadata>.*?</metadata>", re.DOTALL)
 
 
+class Panel(Axes):
+    """Axes that draw in the colours of the page."""
+
+    def curve(self, x: Any, y: Any, colour: str, *args: str, **style: Any) -> None:
+        """Draw a curve; `draw_svg` thins a long one."""
+        self.plot(x, y, *args, color=COLOURS[colour], **style)
+
+    def points(self, x: Any, y: Any, colour: str, *, filled: bool, **style: Any) -> None:
+        """Draw points without a line; what is not filled shows the page."""
+        face, edge = COLOURS[colour if filled else "paper"], COLOURS[colour]
+        style = {"linestyle": "none", "marker": "o", "zorder": 3, "color": edge, **style}
+        self.plot(x, y, markerfacecolor=face, markeredgecolor=edge, **style)
+
+    def label(self, x: str | None, y: str, title: str | None = None) -> None:
+        """Name the axes, with units; `x` None leaves the abscissa to the axes below."""
+        if x is not None:
+            self.set_xlabel(x)
+        self.set_ylabel(y)
+        if title is not None:
+            self.set_title(title, loc="left")
+
+    def legend_above(self, columns: int = 3) -> None:
+        """Put the legend above the axes, where it covers no data."""
+        self.legend(
+            loc="lower left",
+            bbox_to_anchor=(-0.01, 0.99),
+            ncols=columns,
+            borderaxespad=0.1,
+            handlelength=1.8,
+            columnspacing=1.2,
+            fontsize=9.0,
+            frameon=False,
+            labelcolor=COLOURS["ink"],
+        )
+
+
 def new_figure(
     rows: int, height_in: float, *, share_x: bool = False, ratios: tuple[float, ...] | None = None
-) -> tuple[Figure, list[Axes]]:
-    """Return an empty figure with `rows` axes below each other."""
+) -> tuple[Figure, list[Panel]]:
+    """Return an empty figure with `rows` panels below each other."""
     with mpl.rc_context(_STYLE):
         figure = Figure(figsize=(_WIDTH_IN, height_in), layout="constrained")
         grid = figure.subplots(
-            rows, 1, sharex=share_x, squeeze=False, height_ratios=ratios or (1.0,) * rows
+            rows,
+            1,
+            sharex=share_x,
+            squeeze=False,
+            height_ratios=ratios or (1.0,) * rows,
+            subplot_kw={"axes_class": Panel},
         )
         return figure, [grid[i, 0] for i in range(rows)]
-
-
-def label_axes(axes: Axes, x: str | None, y: str, title: str | None = None) -> None:
-    """Name the axes, with units; `x` None leaves the abscissa to the axes below."""
-    if x is not None:
-        axes.set_xlabel(x)
-    axes.set_ylabel(y)
-    if title is not None:
-        axes.set_title(title, loc="left")
-
-
-def legend_above(axes: Axes, columns: int = 3) -> None:
-    """Put the legend above the axes, where it covers no data."""
-    axes.legend(
-        loc="lower left",
-        bbox_to_anchor=(-0.01, 0.99),
-        ncols=columns,
-        borderaxespad=0.1,
-        handlelength=1.8,
-        columnspacing=1.2,
-        fontsize=9.0,
-        frameon=False,
-        labelcolor=COLOURS["ink"],
-    )
-
-
-def draw_curve(axes: Axes, x: Any, y: Any, colour: str, *args: str, **style: Any) -> None:
-    """Draw a curve in a colour of the page; `draw_svg` thins a long one."""
-    axes.plot(x, y, *args, color=COLOURS[colour], **style)
-
-
-def draw_points(axes: Axes, x: Any, y: Any, colour: str, *, filled: bool, **style: Any) -> None:
-    """Draw points without a line; what is not filled shows the page."""
-    style = {"linestyle": "none", "marker": "o", "zorder": 3, **style}
-    face = COLOURS[colour if filled else "paper"]
-    axes.plot(
-        x, y, color=COLOURS[colour], markerfacecolor=face, markeredgecolor=COLOURS[colour], **style
-    )
 
 
 def score_chart(rows: Sequence[tuple[str, float, bool]], label: str) -> Figure:
@@ -150,7 +148,7 @@ def score_chart(rows: Sequence[tuple[str, float, bool]], label: str) -> Figure:
     axes.axvline(1.0, color=COLOURS["expected"], linestyle="--")
     # on a logarithmic axis what did not move has no place: it is drawn at the left edge
     for place, (_, size, filled) in enumerate(reversed(rows)):
-        draw_points(axes, max(size, _LEAST_SCORE), place, "filtered", filled=filled)
+        axes.points(max(size, _LEAST_SCORE), place, "filtered", filled=filled)
     top = max(3.0, *(size for _, size, _ in rows))
     axes.set_xscale("log")
     axes.set_xlim(0.7 * _LEAST_SCORE, 1.5 * top)
@@ -159,7 +157,7 @@ def score_chart(rows: Sequence[tuple[str, float, bool]], label: str) -> Figure:
     axes.set_xticks([], minor=True)
     axes.set_ylim(-0.6, len(rows) - 0.4)
     axes.set_yticks(range(len(rows)), [name for name, _, _ in reversed(rows)])
-    label_axes(axes, label, "")
+    axes.label(label, "")
     return figure
 
 

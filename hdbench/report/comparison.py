@@ -9,27 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from hdbench.report.canvas import (
-    draw_curve,
-    draw_points,
-    label_axes,
-    legend_above,
-    new_figure,
-    score_chart,
-)
+from hdbench.report.canvas import new_figure, score_chart
 from hdbench.report.numbers import DASH, first_up, plain, short, unit_words, with_std
 from hdbench.report.page import render_page
-from hdbench.report.pagefiles import numbers_csv, page_files, write_page
-from hdbench.report.pagemodel import (
-    Column,
-    KeyNumber,
-    Picture,
-    ReportFiles,
-    Section,
-    Table,
-    Verdict,
-    make_table,
-)
+from hdbench.report.pagefiles import ReportFiles, numbers_csv, page_files, write_page
+from hdbench.report.pagemodel import Column, KeyNumber, Picture, Section, Table, Verdict
 
 __all__ = ["write_comparison"]
 
@@ -142,7 +126,7 @@ def _tables(body: Mapping[str, Any]) -> Iterator[Table]:
         ("", answer),
     )
     note = "score: size of the difference over its expanded uncertainty; above 1 it has moved"
-    yield make_table("Numbers of both", numbers, body["quantities"], note)
+    yield Table.of("Numbers of both", numbers, body["quantities"], note)
     orders = body["orders"]
     if orders is not None:
 
@@ -160,7 +144,7 @@ def _tables(body: Mapping[str, Any]) -> Iterator[Table]:
         )
         joint = orders["score"]
         note = "" if joint is None else f"all orders together: score {joint:.2f}"
-        yield make_table("Orders as vectors", vectors, orders["orders"], note)
+        yield Table.of("Orders as vectors", vectors, orders["orders"], note)
     for key, title in (
         ("profile_changes", "Profile keys that differ"),
         ("environment_changes", "What else differs"),
@@ -176,7 +160,7 @@ def _changes(title: str, changes: Sequence[Mapping[str, Any]] | None) -> Table:
     note = "" if changes else "nothing differs"
     if changes is None:
         note = "not known: a result file alone does not tell"
-    return make_table(title, columns, changes or (), note)
+    return Table.of(title, columns, changes or (), note)
 
 
 def _provenance(body: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
@@ -202,12 +186,12 @@ def _overlay(curves: Mapping[str, Any], *, dots: bool) -> Picture:
         x, y = (np.array(curves[side][key]) for key in ("x", "y"))
         if dots:
             style = {"markersize": 4.0, "label": side.upper()}
-            draw_points(axes, x, y, colour, filled=side == "b", **style)
+            axes.points(x, y, colour, filled=side == "b", **style)
         else:
-            draw_curve(axes, x, y, colour, line, label=side.upper())
+            axes.curve(x, y, colour, line, label=side.upper())
     words = [f"{curves[k]['label']} ({unit_words(curves[k]['unit'])})" for k in ("x", "y")]
-    label_axes(axes, words[0], words[1])
-    legend_above(axes)
+    axes.label(words[0], words[1])
+    axes.legend_above()
     spans = [float(np.ptp(np.array(curves[s]["y"]))) for s in ("a", "b")]
     what = f"{words[1]} over {words[0]}"
     caption = (

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from hdbench.report.numbers import probability, short, with_std
-from hdbench.report.pagemodel import Table, Verdict, filled, make_table
+from hdbench.report.pagemodel import Table, Verdict
 from hdbench.results import MisalignmentResult, RippleResult
 
 __all__ = ["extra_line_tables", "extra_line_words", "with_extra_lines"]
@@ -29,8 +29,8 @@ def with_extra_lines(verdict: Verdict, result: MisalignmentResult | RippleResult
 
 def extra_line_tables(result: MisalignmentResult | RippleResult) -> tuple[Table, ...]:
     """Return the table of lines and tones; empty where there are none."""
-    return filled(
-        make_table(
+    return Table.filled(
+        Table.of(
             "Beyond the known orders",
             (
                 ("motor order", "order"),

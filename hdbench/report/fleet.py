@@ -20,22 +20,12 @@ from hdbench.batch import read_table
 from hdbench.errors import DataError, HdbenchError
 from hdbench.records import FloatArray, read_json
 from hdbench.records.jsonfile import result_header
-from hdbench.report.canvas import COLOURS, label_axes, new_figure
+from hdbench.report.canvas import COLOURS, new_figure
 from hdbench.report.keyfigures import KINDS, key_figures
 from hdbench.report.numbers import DASH, MINUS, short, unit_words
 from hdbench.report.page import PageWords, render_page
-from hdbench.report.pagefiles import csv_text, is_page, page_files, write_page
-from hdbench.report.pagemodel import (
-    Column,
-    KeyNumber,
-    Picture,
-    ReportFiles,
-    Section,
-    Table,
-    Verdict,
-    filled,
-    make_table,
-)
+from hdbench.report.pagefiles import ReportFiles, csv_text, is_page, page_files, write_page
+from hdbench.report.pagemodel import Column, KeyNumber, Picture, Section, Table, Verdict
 from hdbench.report.source import typed_result
 
 __all__ = ["FleetRun", "fleet_runs", "outlier_limit", "write_fleet"]
@@ -262,12 +252,12 @@ def _section(
         f"{kind.capitalize()} of {len(runs)} drives",
         Verdict("look" if count or lost else "good", text, notes),
         pictures=tuple(_picture(f, kind, k) for k, f in enumerate(figures[:_MOST_PICTURES])),
-        tables=filled(
+        tables=Table.filled(
             _outlier_table(runs, figures, files),
             _figure_table(figures),
             _cause_table(runs),
             _drive_table(kind, runs, figures, far, files),
-            make_table(
+            Table.of(
                 "Inputs without a result",
                 (("drive or input", lambda run: run.drive), ("why", lambda run: run.error)),
                 lost,
@@ -300,7 +290,7 @@ def _outlier_table(
     )
     found = [(figure, k) for figure in figures for k in figure.far()]
     found.sort(key=lambda row: -abs(row[0].scores[row[1]]))
-    return make_table("Outliers, farthest first", columns, found, wide=True)
+    return Table.of("Outliers, farthest first", columns, found, wide=True)
 
 
 def _figure_table(figures: Sequence[_Figure]) -> Table:
@@ -323,7 +313,7 @@ def _figure_table(figures: Sequence[_Figure]) -> Table:
     )
     note = "Where most drives agree to the last digit the scatter is 0, and none is judged."
     alike = any(figure.scatter == 0.0 for figure in figures)
-    return make_table("Key figures over drives", columns, figures, note if alike else "", wide=True)
+    return Table.of("Key figures over drives", columns, figures, note if alike else "", wide=True)
 
 
 def _median_interval(ordered: FloatArray) -> tuple[float, float]:
@@ -350,7 +340,7 @@ def _cause_table(runs: Sequence[FleetRun]) -> Table:
         ("share (95 % interval)", share),
     )
     rows = sorted(counts.items(), key=lambda row: (-row[1], row[0]))
-    return make_table(f"Causes by frequency, of {len(told)} drives", columns, rows)
+    return Table.of(f"Causes by frequency, of {len(told)} drives", columns, rows)
 
 
 def _drive_table(
@@ -383,7 +373,7 @@ def _drive_table(
     note = "▲ marks an outlier; outliers stand first. The link leads to the drive's own report."
     if len(figures) > len(shown):
         note += f" The CSV file has the other {len(figures) - len(shown)} figures."
-    return make_table("Drives", columns, order, note, wide=True)
+    return Table.of("Drives", columns, order, note, wide=True)
 
 
 def _picture(figure: _Figure, kind: str, number: int) -> Picture:
@@ -395,7 +385,7 @@ def _picture(figure: _Figure, kind: str, number: int) -> Picture:
         axes.axvline(end, color=COLOURS["expected"], linestyle="--")
     far = figure.values[figure.outliers]
     axes.plot(far, np.zeros(far.size), "^", color=COLOURS["filtered"], clip_on=False)
-    label_axes(axes, figure.title, "drives")
+    axes.label(figure.title, "drives")
     caption = f"{known.size} drives; line: median, dashed: limits" + (
         f", triangles: {far.size} outliers." if far.size else "."
     )

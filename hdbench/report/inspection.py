@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from hdbench.report.canvas import COLOURS, Panel, new_figure
 from hdbench.report.numbers import DASH, unit_words
-from hdbench.report.pagemodel import Column, Picture, Table, filled, make_table
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
+from hdbench.report.pagemodel import Column, Picture, Table
 
 __all__ = ["picture", "tables"]
 
@@ -54,9 +52,9 @@ def tables(inspection: Mapping[str, Any]) -> tuple[Table, ...]:
             f"{100.0 * stamps['jitter_share']:.2g} %, {len(stamps['gaps'])} gaps."
         )
     rows, title = (*inspection["findings"], *limits), "What the log cannot tell"
-    return filled(
-        make_table(title, found, rows, wide=True, stacked=True),
-        make_table(
+    return Table.filled(
+        Table.of(title, found, rows, wide=True, stacked=True),
+        Table.of(
             "Channels of the log", channels, inspection["channels"], note, wide=True, folded=True
         ),
     )
@@ -66,8 +64,6 @@ def picture(
     inspection: Mapping[str, Any], prefix: str, spectra: Mapping[str, Any] | None = None
 ) -> Picture | None:
     """Draw up to where each channel holds something, and the spectra where they are known."""
-    from hdbench.report.canvas import draw_curve, label_axes, legend_above, new_figure
-
     banded = [one for one in inspection["channels"] if one["bandwidth_hz"]]
     if not banded:
         return None
@@ -77,7 +73,7 @@ def picture(
     heights = (bars_in, _SPECTRA_IN) if drawn else (bars_in,)
     figure, axes = new_figure(len(heights), sum(heights), ratios=heights)
     _bars(axes[0], banded)
-    label_axes(axes[0], "frequency (Hz)", "")
+    axes[0].label("frequency (Hz)", "")
     limited = [one["name"] for one in banded if one["bandwidth_hz"] < 0.49 * one["rate_hz"]]
     words = "Every channel holds noise or signal up to half its rate."
     if limited:
@@ -89,19 +85,17 @@ def picture(
     if drawn:
         for (name, seen), colour in zip(drawn, _CURVES, strict=False):
             share = np.maximum(seen.density / seen.density.max(), 10.0**-_DECADES)
-            draw_curve(axes[1], seen.frequency_hz, np.log10(share), colour, label=name)
+            axes[1].curve(seen.frequency_hz, np.log10(share), colour, label=name)
         axes[1].set_xscale("log")
         axes[1].xaxis.set_major_formatter("{x:g}")
-        label_axes(axes[1], "frequency (Hz)", "density, decades")
-        legend_above(axes[1], 2)
+        axes[1].label("frequency (Hz)", "density, decades")
+        axes[1].legend_above(2)
         caption += " Curves: density over the strongest part, lines left out."
     title = "What the channels can tell"
     return Picture.drawn(figure, f"{prefix}-bands", title, caption, caption)
 
 
-def _bars(axes: Axes, banded: Sequence[Mapping[str, Any]]) -> None:
-    from hdbench.report.canvas import COLOURS
-
+def _bars(axes: Panel, banded: Sequence[Mapping[str, Any]]) -> None:
     top = max(0.5 * one["rate_hz"] for one in banded)
     lowest = min(0.01 * top, 0.5 * min(one["bandwidth_hz"] for one in banded))
     for row, one in enumerate(reversed(banded)):

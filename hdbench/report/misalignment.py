@@ -4,15 +4,7 @@ from __future__ import annotations
 
 from hdbench.report.extralines import extra_line_tables, with_extra_lines
 from hdbench.report.numbers import short, with_std
-from hdbench.report.pagemodel import (
-    KeyNumber,
-    Picture,
-    Table,
-    Verdict,
-    filled,
-    key_numbers,
-    make_table,
-)
+from hdbench.report.pagemodel import KeyNumber, Picture, Table, Verdict
 from hdbench.report.source import Source
 from hdbench.results import MisalignmentResult
 
@@ -61,7 +53,7 @@ def numbers(result: MisalignmentResult, run_id: str) -> tuple[KeyNumber, ...]:
         (result.output_turns, "output turns", "output_turns", ""),
         (result.mean_torque_nm, "mean torque", "mean_torque_nm", "N m"),
     )
-    return key_numbers(rows, run_id)
+    return KeyNumber.rows(rows, run_id)
 
 
 def pictures(source: Source, prefix: str, doubts: list[str]) -> tuple[Picture, ...]:
@@ -82,7 +74,7 @@ def pictures(source: Source, prefix: str, doubts: list[str]) -> tuple[Picture, .
 
 def tables(result: MisalignmentResult) -> tuple[Table, ...]:
     """List the stretches and the ripple fitted beside."""
-    stretches = make_table(
+    stretches = Table.of(
         "Stretches evaluated",
         (
             ("time (s)", lambda stretch: f"{stretch.from_s:.2f} to {stretch.to_s:.2f}"),
@@ -91,9 +83,9 @@ def tables(result: MisalignmentResult) -> tuple[Table, ...]:
         ),
         result.stretches,
     )
-    ripple = make_table(
+    ripple = Table.of(
         "Ripple fitted at the same time",
         (("motor order", "order"), ("amplitude (N·m)", "amplitude_nm")),
         result.ripple,
     )
-    return (*filled(stretches, ripple), *extra_line_tables(result))
+    return (*Table.filled(stretches, ripple), *extra_line_tables(result))

@@ -14,7 +14,8 @@ from markupsafe import Markup
 
 from hdbench import __version__
 from hdbench.report.numbers import DASH, short, unit_words
-from hdbench.report.pagemodel import KeyNumber, ReportFiles, Section
+from hdbench.report.pagefiles import ReportFiles
+from hdbench.report.pagemodel import KeyNumber, Section
 
 __all__ = ["PageWords", "render_page"]
 

@@ -5,15 +5,17 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from hdbench.errors import DataError, UsageError
 from hdbench.records.jsonfile import write_json
 from hdbench.records.storage import storage_error, write_atomic
-from hdbench.report.pagemodel import KeyNumber, ReportFiles
+from hdbench.report.pagemodel import KeyNumber
 
 __all__ = [
+    "ReportFiles",
     "csv_text",
     "is_page",
     "numbers_csv",
@@ -41,6 +43,21 @@ _MARKS = {
 }
 # the title stands behind the page's security policy, the schema on the first lines
 _HEAD_BYTES = 4096
+
+
+@dataclass(frozen=True, slots=True)
+class ReportFiles:
+    """Where a report was written.
+
+    Parameters
+    ----------
+    html, csv, json : Path
+        The page, its key numbers as a table, and both as data.
+    """
+
+    html: Path
+    csv: Path
+    json: Path
 
 
 def is_page(path: Path) -> bool:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from hdbench.records import Quantity
@@ -19,14 +18,10 @@ __all__ = [
     "KeyNumber",
     "Level",
     "Picture",
-    "ReportFiles",
     "Section",
     "Table",
     "Verdict",
-    "filled",
     "key_number",
-    "key_numbers",
-    "make_table",
 ]
 
 Level = Literal["good", "look", "bad"]
@@ -35,21 +30,6 @@ Column = (
     tuple[str, str | Callable[[Any], object]]
     | tuple[str, str | Callable[[Any], object], Callable[[Any], str]]
 )
-
-
-@dataclass(frozen=True, slots=True)
-class ReportFiles:
-    """Where a report was written.
-
-    Parameters
-    ----------
-    html, csv, json : Path
-        The page, its key numbers as a table, and both as data.
-    """
-
-    html: Path
-    csv: Path
-    json: Path
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,6 +51,17 @@ class KeyNumber:
             return None
         return Quantity(self.value, self.std, self.dof).interval()
 
+    @classmethod
+    def rows(
+        cls, rows: Iterable[tuple[object, str, str, str]], run_id: str
+    ) -> tuple[KeyNumber, ...]:
+        """Return the key numbers of a run (entry, label, key, unit) that its result holds."""
+        made = (
+            key_number(body, label, key, unit, f"{run_id}: {key}")
+            for body, label, key, unit in rows
+        )
+        return tuple(number for number in made if number is not None)
+
 
 def key_number(body: object, label: str, quantity: str, unit: str, source: str) -> KeyNumber | None:
     """Return a key number from a result's entry; None where that is no number."""
@@ -82,14 +73,6 @@ def key_number(body: object, label: str, quantity: str, unit: str, source: str) 
     if isinstance(body, bool) or not isinstance(body, int | float):
         return None
     return KeyNumber(label, quantity, float(body), unit, source, std, dof)
-
-
-def key_numbers(rows: Iterable[tuple[object, str, str, str]], run_id: str) -> tuple[KeyNumber, ...]:
-    """Return the key numbers of a run (entry, label, key, unit) that its result holds."""
-    made = (
-        key_number(body, label, key, unit, f"{run_id}: {key}") for body, label, key, unit in rows
-    )
-    return tuple(number for number in made if number is not None)
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,14 +117,24 @@ class Table:
     stacked: bool = False
     folded: bool = False
 
+    @classmethod
+    def of(
+        cls,
+        title: str,
+        columns: Iterable[Column],
+        items: Iterable[Any],
+        note: str = "",
+        **look: bool,
+    ) -> Table:
+        """Return a table with one row for each item."""
+        columns = tuple(columns)
+        rows = tuple(tuple(_cell(column, item) for column in columns) for item in items)
+        return cls(title, tuple(column[0] for column in columns), rows, note, **look)
 
-def make_table(
-    title: str, columns: Iterable[Column], items: Iterable[Any], note: str = "", **look: bool
-) -> Table:
-    """Return a table with one row for each item."""
-    columns = tuple(columns)
-    rows = tuple(tuple(_cell(column, item) for column in columns) for item in items)
-    return Table(title, tuple(column[0] for column in columns), rows, note, **look)
+    @staticmethod
+    def filled(*tables: Table) -> tuple[Table, ...]:
+        """Return the tables that have rows."""
+        return tuple(table for table in tables if table.rows)
 
 
 def _cell(column: Column, item: Any) -> str:
@@ -151,11 +144,6 @@ def _cell(column: Column, item: Any) -> str:
     else:
         value = item[entry] if isinstance(item, Mapping) else getattr(item, entry)
     return column[2](value) if len(column) == 3 else plain(value)
-
-
-def filled(*tables: Table) -> tuple[Table, ...]:
-    """Return the tables that have rows."""
-    return tuple(table for table in tables if table.rows)
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,17 +9,8 @@ from typing import Any
 from hdbench.report.canvas import score_chart
 from hdbench.report.numbers import DASH, MINUS, plain, short
 from hdbench.report.page import PageWords, render_page
-from hdbench.report.pagefiles import csv_text, page_files, write_page
-from hdbench.report.pagemodel import (
-    Column,
-    Picture,
-    ReportFiles,
-    Section,
-    Table,
-    Verdict,
-    filled,
-    make_table,
-)
+from hdbench.report.pagefiles import ReportFiles, csv_text, page_files, write_page
+from hdbench.report.pagemodel import Column, Picture, Section, Table, Verdict
 
 __all__ = ["write_regression"]
 
@@ -94,9 +85,9 @@ def _tables(changes: Sequence[Mapping[str, Any]]) -> tuple[Table, ...]:
     )
     beyond = [change for change in changes if change["regression"]]
     allowed = [change for change in changes if not change["regression"]]
-    return filled(
-        make_table("Beyond tolerance", columns, beyond, wide=True),
-        make_table("Told, but allowed", columns, allowed, wide=True),
+    return Table.filled(
+        Table.of("Beyond tolerance", columns, beyond, wide=True),
+        Table.of("Told, but allowed", columns, allowed, wide=True),
     )
 
 

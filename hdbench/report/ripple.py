@@ -9,14 +9,7 @@ import numpy as np
 from hdbench.estimation.stretches import SteadyStretch
 from hdbench.report.extralines import extra_line_tables, extra_line_words, with_extra_lines
 from hdbench.report.numbers import short, with_std
-from hdbench.report.pagemodel import (
-    KeyNumber,
-    Picture,
-    Table,
-    Verdict,
-    key_numbers,
-    make_table,
-)
+from hdbench.report.pagemodel import KeyNumber, Picture, Table, Verdict
 from hdbench.report.signals import Signals, make_signals, steady_stretch
 from hdbench.report.source import Source
 from hdbench.results import RippleResult
@@ -86,7 +79,7 @@ def numbers(result: RippleResult, run_id: str) -> tuple[KeyNumber, ...]:
         (rms.filtered, "torque rms, filtered", "torque_rms_nm.filtered", "N m"),
         (speed.mean, "motor velocity, mean", "motor_velocity_rad_s.mean", "rad/s"),
     ]
-    return key_numbers(rows, run_id)
+    return KeyNumber.rows(rows, run_id)
 
 
 def pictures(source: Source, prefix: str, doubts: list[str]) -> tuple[Picture, ...]:
@@ -135,7 +128,7 @@ def _stored_stretch(spectrum: SteadySpectrum, signals: Signals) -> SteadyStretch
 
 def tables(result: RippleResult) -> tuple[Table, ...]:
     """List the orders, and lines beyond them."""
-    ripple = make_table(
+    ripple = Table.of(
         "Ripple",
         (
             ("motor order", "order"),

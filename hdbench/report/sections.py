@@ -15,7 +15,7 @@ from hdbench.report import inspection, ripple
 from hdbench.report.calibration.section import data_pictures
 from hdbench.report.keyfigures import KINDS
 from hdbench.report.numbers import plain
-from hdbench.report.pagemodel import Picture, Section, Table, Verdict, filled, make_table
+from hdbench.report.pagemodel import Picture, Section, Table, Verdict
 from hdbench.report.signals import filter_model_of
 from hdbench.report.source import Source
 
@@ -85,7 +85,7 @@ def make_section(source: Source, number: int, out: Path) -> Section:
 
 def _notes(result: Mapping[str, Any]) -> tuple[Table, ...]:
     columns = (("what", "name"), ("in words", "detail"))
-    return filled(make_table("What limits the evaluation", columns, result.get("notes", ())))
+    return Table.filled(Table.of("What limits the evaluation", columns, result.get("notes", ())))
 
 
 def _data(
@@ -142,7 +142,7 @@ def _filter_tables(source: Source) -> tuple[Table, ...]:
     model = filter_model_of(source)
     if model is None or source.kind == "calibration":
         return ()
-    blocks = make_table(
+    blocks = Table.of(
         f"Filter used: {model.name}",
         (
             ("motor order", lambda block: block.order),

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -43,13 +43,13 @@ class Source:
     path: Path
     kind: str
     run_id: str
-    manifest: Mapping[str, Any]
-    stored: Mapping[str, Any]
-    result: Any
-    trace: Trace | None
-    loads: Loads | None
     profile: Profile | None
-    doubts: tuple[str, ...]
+    manifest: Mapping[str, Any] = field(default_factory=dict)
+    stored: Mapping[str, Any] = field(default_factory=dict)
+    result: Any = None
+    trace: Trace | None = None
+    loads: Loads | None = None
+    doubts: tuple[str, ...] = ()
 
     @property
     def folder(self) -> Path:
@@ -74,11 +74,10 @@ def load_source(path: Path, profile: Profile | None = None) -> Source:
         return _from_result(path, profile)
     if not path.exists():
         raise nothing_stored(path)
-    if is_loads_file(path):
-        arm = None if profile is None else profile.data.arm
-        loads = read_loads(path, arm)
-        return Source(path, "loads", path.name, {}, {}, None, None, loads, profile, ())
-    return Source(path, "trace", path.name, {}, {}, None, read_trace(path), None, profile, ())
+    trace, loads = _read_data(path, profile)
+    return Source(
+        path, "trace" if loads is None else "loads", path.name, profile, trace=trace, loads=loads
+    )
 
 
 def typed_result(kind: str, stored: Mapping[str, Any], where: str) -> Any:
@@ -87,21 +86,21 @@ def typed_result(kind: str, stored: Mapping[str, Any], where: str) -> Any:
 
 
 def _from_result(path: Path, profile: Profile | None) -> Source:
-    result = read_json(path, None)
-    kind = str(result.get("schema", "")).removeprefix("hdbench/").partition("/")[0]
+    stored = read_json(path, None)
+    kind = str(stored.get("schema", "")).removeprefix("hdbench/").partition("/")[0]
     if kind not in _KINDS:
         raise DataError(
-            f"schema is {result.get('schema')!r:.60}; needed: one of "
+            f"schema is {stored.get('schema')!r:.60}; needed: one of "
             + ", ".join(f"hdbench/{name}/1" for name in _KINDS),
             where=f"{path}: schema",
             fix="name a run folder or a result.json",
         )
     doubts = ("Only the result was given: figures of the data itself are left out.",)
-    typed = typed_result(kind, result, str(path))
-    return Source(path, kind, path.name, {}, result, typed, None, None, profile, doubts)
+    result = typed_result(kind, stored, str(path))
+    return Source(path, kind, path.name, profile, stored=stored, result=result, doubts=doubts)
 
 
-def _from_folder(path: Path, given: Profile | None) -> Source:
+def _from_folder(path: Path, profile: Profile | None) -> Source:
     run = RunFolder.open(path)
     kind = str(run.manifest["kind"])
     if kind not in _KINDS:
@@ -110,92 +109,71 @@ def _from_folder(path: Path, given: Profile | None) -> Source:
             where=f"{path / 'run.json'}: kind",
             fix="name a run of an experiment or a diagnosis",
         )
-    profile = _own_profile(run, given)
-    doubts = [*_status_doubts(run), *_changed_files(run)]
-    result: Mapping[str, Any] = {}
+    text = run.manifest["profile"].get("text")
+    if isinstance(text, str):
+        profile = parse_profile(text, f"{run.path / 'run.json'}: profile")
+    doubts = list(_run_doubts(run))
+    stored: Mapping[str, Any] = {}
     if run.result.is_file():
-        result = read_json(run.result, f"hdbench/{kind}/1")
+        stored = read_json(run.result, f"hdbench/{kind}/1")
     else:
         doubts.append("There is no result: the run was not evaluated.")
-    doubts.extend(_result_doubts(result))
-    trace, loads = _data(run, kind, profile, doubts)
-    typed = typed_result(kind, result, str(run.result)) if result else None
+    doubts += _result_doubts(stored)
+    file = None
+    if kind != "diagnosis" and run.status() != "running":
+        file = _data_file(run, doubts)
+    trace, loads = (None, None) if file is None else _read_data(file, profile)
+    result = typed_result(kind, stored, str(run.result)) if stored else None
     return Source(
-        path, kind, run.run_id, run.manifest, result, typed, trace, loads, profile, tuple(doubts)
+        path, kind, run.run_id, profile, run.manifest, stored, result, trace, loads, tuple(doubts)
     )
 
 
-def _own_profile(run: RunFolder, given: Profile | None) -> Profile | None:
-    text = run.manifest["profile"].get("text")
-    if isinstance(text, str):
-        return parse_profile(text, f"{run.path / 'run.json'}: profile")
-    return given
-
-
-def _status_doubts(run: RunFolder) -> list[str]:
-    status = run.status()
-    if status == "complete":
-        return []
-    reason = run.manifest.get("exit_reason")
-    return [_STATUS[status] + (f" Reason: {reason}" if reason else "")]
-
-
-def _changed_files(run: RunFolder) -> list[str]:
-    doubts = []
+def _run_doubts(run: RunFolder) -> Iterator[str]:
+    """Say how the run ended early, and which of its files are missing or were changed."""
+    status, reason = run.status(), run.manifest.get("exit_reason")
+    if status != "complete":
+        yield _STATUS[status] + (f" Reason: {reason}" if reason else "")
     for name, expected in run.manifest["files"].items():
         file = run.path / Path(str(name)).name
         if not file.is_file():
-            doubts.append(f"{name} is missing from the run folder.")
+            yield f"{name} is missing from the run folder."
         elif file.name != "report.html" and sha256_file(file) != expected:
-            doubts.append(f"{name} was changed after the run: its SHA-256 differs.")
-    return doubts
+            yield f"{name} was changed after the run: its SHA-256 differs."
 
 
-def _result_doubts(result: Mapping[str, Any]) -> list[str]:
-    doubts = [f"Doubtful data: {text}." for text in result.get("doubts", ())]
-    for flag in (*result.get("flags", ()), *result.get("data_flags", ())):
-        if isinstance(flag, Mapping):
-            doubts.append(_flag_words(flag))
-    return doubts
-
-
-def _flag_words(flag: Mapping[str, Any]) -> str:
-    if flag.get("detail"):
-        return f"{flag.get('name')}: {flag['detail']}"
-    span = ""
-    if isinstance(flag.get("from_s"), int | float) and isinstance(flag.get("to_s"), int | float):
-        span = f" from {flag['from_s']:.3f} s to {flag['to_s']:.3f} s"
-    return f"{flag.get('name')}: {flag.get('samples', '?')} samples{span}"
-
-
-def _data(
-    run: RunFolder, kind: str, profile: Profile | None, doubts: list[str]
-) -> tuple[Trace | None, Loads | None]:
-    if kind == "diagnosis" or run.status() == "running":
-        return None, None
-    if (
-        not any(p.exists() for p in (run.trace, run.loads, run.journal))
-        and not (run.path / "trace.csv.gz").exists()
-    ):
-        doubts.append("The run holds no data.")
-        return None, None
-    file = _data_file(run, doubts)
-    if file is None:
-        return None, None
-    if is_loads_file(file):
-        return None, read_loads(file, None if profile is None else profile.data.arm)
-    return read_trace(file), None
+def _result_doubts(stored: Mapping[str, Any]) -> Iterator[str]:
+    for text in stored.get("doubts", ()):
+        yield f"Doubtful data: {text}."
+    for flag in (*stored.get("flags", ()), *stored.get("data_flags", ())):
+        if not isinstance(flag, Mapping):
+            continue
+        words, ends = flag.get("detail"), (flag.get("from_s"), flag.get("to_s"))
+        if not words:
+            known = all(isinstance(end, int | float) for end in ends)
+            span = f" from {ends[0]:.3f} s to {ends[1]:.3f} s" if known else ""
+            words = f"{flag.get('samples', '?')} samples{span}"
+        yield f"{flag.get('name')}: {words}"
 
 
 def _data_file(run: RunFolder, doubts: list[str]) -> Path | None:
     packed = run.path / "trace.csv.gz"
     if packed.is_file() and not run.trace.is_file():
         return packed
-    if run.trace.is_file() or run.loads.is_file():
-        return resolve_input(run.path)
+    if not any(file.exists() for file in (run.trace, run.loads, run.journal)):
+        doubts.append("The run holds no data.")
+        return None
     try:
         return resolve_input(run.path)
     except DataError as error:
+        if run.trace.is_file() or run.loads.is_file():
+            raise
         # a run that ended before its first sample has a journal without data: that is its report
         doubts.append(f"No data could be recovered from the journal: {error.what}.")
         return None
+
+
+def _read_data(file: Path, profile: Profile | None) -> tuple[Trace | None, Loads | None]:
+    if is_loads_file(file):
+        return None, read_loads(file, None if profile is None else profile.data.arm)
+    return read_trace(file), None

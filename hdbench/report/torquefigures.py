@@ -4,28 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from hdbench.estimation import Spectrum, amplitude_spectrum
 from hdbench.estimation.stretches import SteadyStretch
 from hdbench.records import FloatArray
-from hdbench.report.canvas import (
-    COLOURS,
-    draw_curve,
-    label_axes,
-    legend_above,
-    min_max,
-    new_figure,
-)
+from hdbench.report.canvas import COLOURS, Panel, min_max, new_figure
 from hdbench.report.numbers import short
 from hdbench.report.pagemodel import Picture
 from hdbench.report.signals import Filtered, Signals
 from hdbench.results import MisalignmentResult
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 __all__ = ["filter_picture", "ripple_picture", "signature_picture"]
 
@@ -54,14 +44,14 @@ def filter_picture(
         time, torque, smooth = (
             v[cut] for v in (signals.time_s, signals.torque_nm, filtered.torque_nm)
         )
-        draw_curve(axes, time, torque, "measured", line, linewidth=width, label="measured")
+        axes.curve(time, torque, "measured", line, linewidth=width, label="measured")
         if lowpass is not None:
-            draw_curve(axes, time, lowpass[cut], "lowpass", "--", label="low-pass")
-        draw_curve(axes, time, smooth, "filtered", label="Kalman filtered")
+            axes.curve(time, lowpass[cut], "lowpass", "--", label="low-pass")
+        axes.curve(time, smooth, "filtered", label="Kalman filtered")
         _limits(axes, torque, smooth)
-    label_axes(whole, None, "torque (N·m)")
-    legend_above(whole)
-    label_axes(close, "time (s)", "torque (N·m)", "close-up")
+    whole.label(None, "torque (N·m)")
+    whole.legend_above()
+    close.label("time (s)", "torque (N·m)", "close-up")
     rms = [_spread(signals, torque, steady) for torque in (signals.torque_nm, filtered.torque_nm)]
     orders = ", ".join(f"{block.order:g}" for block in filtered.model.blocks)
     how = "computed while the run was sampled" if filtered.online else "computed from the trace"
@@ -94,7 +84,7 @@ def _close_up(signals: Signals, steady: SteadyStretch | None) -> slice:
     return signals.during(middle, min(middle + _ZOOM_TURNS * turn_s, steady.to_s))
 
 
-def _limits(axes: Axes, torque: FloatArray, filtered: FloatArray) -> None:
+def _limits(axes: Panel, torque: FloatArray, filtered: FloatArray) -> None:
     """Hold all of the measured torque and 98 % of the filtered: its start may leave the frame."""
     present, settled = torque[np.isfinite(torque)], filtered[np.isfinite(filtered)]
     if len(settled):
@@ -123,11 +113,11 @@ def signature_picture(
     for stretch in result.stretches:
         cut = signals.during(stretch.from_s, stretch.to_s)
         found[cut] = stretch.offset_nm.value + amplitude * np.cos(angle[cut] + phase)
-    draw_curve(axes, time, signals.torque_nm, "measured", linewidth=0.6, label="measured")
-    draw_curve(axes, time, signals.expected_nm, "expected", label="expected")
-    draw_curve(axes, time, found, "filtered", linewidth=1.8, label="once per output turn")
-    label_axes(axes, "time (s)", "torque (N·m)")
-    legend_above(axes)
+    axes.curve(time, signals.torque_nm, "measured", linewidth=0.6, label="measured")
+    axes.curve(time, signals.expected_nm, "expected", label="expected")
+    axes.curve(time, found, "filtered", linewidth=1.8, label="once per output turn")
+    axes.label("time (s)", "torque (N·m)")
+    axes.legend_above()
     peak = result.peak_to_peak_nm.value
     caption = (
         f"At constant velocity the expected torque is flat, but the measured one swings once per "
@@ -152,12 +142,12 @@ def ripple_picture(
     spectrum = amplitude_spectrum(signals.torque_nm[part], step)
     figure, (torque, velocity, power) = new_figure(3, 6.2, ratios=(1.0, 0.75, 1.35))
     velocity.sharex(torque)
-    draw_curve(torque, signals.time_s, signals.torque_nm, "measured", linewidth=0.8)
-    draw_curve(velocity, signals.time_s, signals.velocity_rad_s, "filtered")
+    torque.curve(signals.time_s, signals.torque_nm, "measured", linewidth=0.8)
+    velocity.curve(signals.time_s, signals.velocity_rad_s, "filtered")
     for axes in (torque, velocity):
         axes.axvspan(steady.from_s, steady.to_s, color=COLOURS["expected"], alpha=0.16, linewidth=0)
-    label_axes(torque, None, "torque (N·m)", "measured torque; shaded: the steady stretch")
-    label_axes(velocity, "time (s)", "motor (rad/s)", "motor velocity")
+    torque.label(None, "torque (N·m)", "measured torque; shaded: the steady stretch")
+    velocity.label("time (s)", "motor (rad/s)", "motor velocity")
     _power(power, spectrum, abs(steady.velocity_rad_s))
     named = _name_peaks(power, spectrum, abs(steady.velocity_rad_s), peaks)
     caption = (
@@ -180,19 +170,19 @@ def _decibel(power: Any) -> Any:
     return 10.0 * np.log10(np.maximum(power, 1e-300))
 
 
-def _power(axes: Axes, spectrum: Spectrum, speed_rad_s: float) -> None:
+def _power(axes: Panel, spectrum: Spectrum, speed_rad_s: float) -> None:
     omega = 2.0 * math.pi * spectrum.frequency_hz
     show = (omega > 0.2 * speed_rad_s) & (omega <= max(6.5 * speed_rad_s, 10.0))
     x, y = min_max(omega[show], _decibel(spectrum.power_density[show]))
-    draw_curve(axes, x, y, "measured", linewidth=0.9)
+    axes.curve(x, y, "measured", linewidth=0.9)
     if len(y):
         axes.set_ylim(float(np.percentile(y, 5)) - 6.0, float(np.max(y)) + 16.0)
     title = "power spectrum of the steady stretch"
-    label_axes(axes, "angular frequency (rad/s)", "power (dB re 1 (N·m)²/Hz)", title)
+    axes.label("angular frequency (rad/s)", "power (dB re 1 (N·m)²/Hz)", title)
 
 
 def _name_peaks(
-    axes: Axes, spectrum: Spectrum, speed_rad_s: float, peaks: Sequence[tuple[str | None, float]]
+    axes: Panel, spectrum: Spectrum, speed_rad_s: float, peaks: Sequence[tuple[str | None, float]]
 ) -> str:
     right, words = axes.get_xlim()[1], []
     labelled: list[float] = []
@@ -203,7 +193,7 @@ def _name_peaks(
         level = float(_decibel(spectrum.power_density[at]))
         order = omega / speed_rad_s
         label = name or f"order {order:.3g}"
-        draw_curve(axes, [omega], [level], "expected", "v", markersize=5, zorder=4)
+        axes.curve([omega], [level], "expected", "v", markersize=5, zorder=4)
         words.append(f"{label} at {omega:.0f} rad/s ({order:.3f} times the velocity)")
         if all(abs(omega - other) > _LABEL_SHARE * right for other in labelled):
             labelled.append(omega)

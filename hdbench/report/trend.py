@@ -5,30 +5,17 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import matplotlib.dates
 import numpy as np
 
 from hdbench.records import FloatArray
-from hdbench.report.canvas import COLOURS, draw_curve, label_axes, legend_above, new_figure
+from hdbench.report.canvas import COLOURS, Panel, new_figure
 from hdbench.report.numbers import short, unit_words
 from hdbench.report.page import PageWords, render_page
-from hdbench.report.pagefiles import page_files, write_page
-from hdbench.report.pagemodel import (
-    Column,
-    KeyNumber,
-    Picture,
-    ReportFiles,
-    Section,
-    Table,
-    Verdict,
-    filled,
-    make_table,
-)
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
+from hdbench.report.pagefiles import ReportFiles, page_files, write_page
+from hdbench.report.pagemodel import Column, KeyNumber, Picture, Section, Table, Verdict
 
 __all__ = ["write_trend"]
 
@@ -190,10 +177,10 @@ def _tables(group: Group) -> tuple[Table, ...]:
         "range), log-odds (step)."
     )
     many = len(group["signals"]) > _LONG
-    return filled(
-        make_table("Signals", signals, group["signals"], note, wide=True, folded=many),
-        make_table("Noted", marks, group["marks"], wide=True),
-        make_table("Runs", points, group["points"], wide=True, folded=True),
+    return Table.filled(
+        Table.of("Signals", signals, group["signals"], note, wide=True, folded=many),
+        Table.of("Noted", marks, group["marks"], wide=True),
+        Table.of("Runs", points, group["points"], wide=True, folded=True),
     )
 
 
@@ -203,14 +190,14 @@ def _picture(group: Group, body: Mapping[str, Any], number: int) -> Picture:
     figure, axes = new_figure(len(ratios), 6.4 if charted else 3.0, share_x=True, ratios=ratios)
     charts = _Charts(group)
     charts.draw_values(axes[0])
-    label_axes(axes[0], None, f"{body['label']}\n({unit})")
+    axes[0].label(None, f"{body['label']}\n({unit})")
     if charted:
         charts.draw_line(axes[1], "moving_range", "measured", ("moving_range_upper",))
         axes[1].set_ylim(bottom=0.0)
-        label_axes(axes[1], None, f"moving\nrange ({unit})")
+        axes[1].label(None, f"moving\nrange ({unit})")
         charts.draw_line(axes[2], "ewma", "filtered", ("ewma_lower", "ewma_upper"))
         axes[2].axhline(group["limits"]["center"]["value"], color=COLOURS["muted"], linewidth=0.9)
-        label_axes(axes[2], None, f"EWMA\n({unit})")
+        axes[2].label(None, f"EWMA\n({unit})")
     axes[-1].set_xlabel("measured")
     place = _DATES.AutoDateLocator(minticks=3, maxticks=6)
     axes[-1].xaxis.set_major_locator(place)
@@ -243,7 +230,7 @@ class _Charts:
         cells = (point.get(key) for point in self._points)
         return np.array([np.nan if cell is None else cell for cell in cells], dtype=np.float64)
 
-    def draw_values(self, axes: Axes) -> None:
+    def draw_values(self, axes: Panel) -> None:
         """Draw the runs with their uncertainties, marks, limits, steps and signals."""
         group, values = self._group, self._column("value")
         axes.errorbar(
@@ -268,21 +255,21 @@ class _Charts:
                 day = _days(change["time_utc"])
                 axes.axvline(day, color=COLOURS["expected"], linestyle=":")
             self._draw_rings(axes, values, {"individuals", "step"})
-            legend_above(axes, columns=4)
+            axes.legend_above(columns=4)
 
-    def draw_line(self, axes: Axes, key: str, colour: str, limits: Sequence[str]) -> None:
+    def draw_line(self, axes: Panel, key: str, colour: str, limits: Sequence[str]) -> None:
         """Draw one statistic with its limits and signals."""
         values = self._column(key)
-        draw_curve(axes, self._times, values, colour, "-o", markersize=2.5, linewidth=0.8)
+        axes.curve(self._times, values, colour, "-o", markersize=2.5, linewidth=0.8)
         self._draw_limits(axes, limits)
         self._draw_rings(axes, values, {key.replace("_", "-")})
 
-    def _draw_limits(self, axes: Axes, keys: Sequence[str]) -> None:
+    def _draw_limits(self, axes: Panel, keys: Sequence[str]) -> None:
         for key, label in zip(keys, ("limits", None), strict=False):
             style = {"linewidth": 0.9, "label": label}
-            draw_curve(axes, self._times, self._column(key), "expected", "--", **style)
+            axes.curve(self._times, self._column(key), "expected", "--", **style)
 
-    def _draw_rings(self, axes: Axes, values: FloatArray, charts: set[str]) -> None:
+    def _draw_rings(self, axes: Panel, values: FloatArray, charts: set[str]) -> None:
         here = np.array([not charts.isdisjoint(point["signals"]) for point in self._points])
         if np.any(here):
             axes.plot(
@@ -306,5 +293,7 @@ def _left_out(body: Mapping[str, Any], *, empty: bool) -> Section:
         "Beside the charts",
         Verdict("look" if remarks or empty else "good", text),
         summary=" ".join(remarks),
-        tables=filled(make_table("Left out", columns, left, wide=True, folded=len(left) > _LONG)),
+        tables=Table.filled(
+            Table.of("Left out", columns, left, wide=True, folded=len(left) > _LONG)
+        ),
     )

@@ -10,8 +10,15 @@ from typing import TYPE_CHECKING, Any
 from hdbench.errors import UsageError
 from hdbench.records.jsonfile import result_header
 from hdbench.records.storage import write_atomic
-from hdbench.report.pagefiles import is_page, numbers_csv, page_files, refuse_foreign, write_page
-from hdbench.report.pagemodel import ReportFiles, Section
+from hdbench.report.pagefiles import (
+    ReportFiles,
+    is_page,
+    numbers_csv,
+    page_files,
+    refuse_foreign,
+    write_page,
+)
+from hdbench.report.pagemodel import Section
 
 if TYPE_CHECKING:
     from hdbench.profile import Profile

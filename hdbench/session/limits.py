@@ -28,8 +28,6 @@ class LimitWatch:
     def check(self, block: Block, rows: Mapping[str, FloatArray]) -> None:
         """Hold a block against every limit.
 
-        Notes
-        -----
         Travel is the motor angle since the first sample of the acquisition.
         """
         limits, lost = self.limits, block.lost_before
@@ -83,8 +81,6 @@ class SpeedWatch:
     def check(self, block: Block, rows: Mapping[str, FloatArray]) -> None:
         """Hold tacho and encoder of a block against each other.
 
-        Notes
-        -----
         A bench without an encoder or a tacho has nothing to compare; its limits are watched alone.
         """
         if "motor_angle_rad" not in rows or "motor_velocity_rad_s" not in rows:

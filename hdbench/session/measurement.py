@@ -230,7 +230,7 @@ def _loads_walk(task: Task, bench: Bench, identity: Identity, journal: JournalWr
     log = CalibrationLog(journal, CalibrationState(task.plan.points))
     if task.content is not None:
         log.replay(task.content)
-    hands = _hands(task, bench) if simulated else None
+    operator = _simulated_operator(task, bench) if simulated else None
     # samples tell the time of a bench that does not keep real time
     started = datetime.fromisoformat(str(task.folder.manifest["started_utc"]))
     timed = not simulated or options.realtime
@@ -239,7 +239,7 @@ def _loads_walk(task: Task, bench: Bench, identity: Identity, journal: JournalWr
         bench,
         log,
         talk,
-        Mounting(data, log, hands),
+        Mounting(data, log, operator),
         task.stop,
         task.progress,
         str(task.folder.path),
@@ -258,7 +258,7 @@ def _talk(task: Task, *, simulated: bool) -> Conversation:
     return talk
 
 
-def _hands(task: Task, bench: Bench) -> SimulatedOperator:
+def _simulated_operator(task: Task, bench: Bench) -> SimulatedOperator:
     """Return the operator of a simulated bench, with the mistakes that were asked for."""
     options, plan = task.options, task.profile.data.calibration
     weights_kg = WeightSet.of(task.plan.points, task.profile.data).weights_kg

@@ -70,8 +70,6 @@ class TraceRecorder:
     def begin(self, load: LoadStep | None, step: int | None = None) -> None:
         """Begin an acquisition; one that follows another begins the pause after it.
 
-        Notes
-        -----
         A pause is as long as this computer's clock says: effects that follow the clock do not keep
         their phase over it. The column ``stage`` counts acquisitions, so that a pause is not taken
         for lost samples.

@@ -54,8 +54,6 @@ def stored_table(manifest: Mapping[str, Any], name: str) -> Mapping[str, Any]:
 def resume_run(path: Path, options: BenchOptions, progress: Progress) -> RunOutcome:
     """Go on with a run that was stopped, killed, or lost its bench.
 
-    Notes
-    -----
     A calibration goes on at the first point without a reading that counts. A run with motion keeps
     the acquisitions that came to their end; one that was broken off is acquired again from
     standstill, because speed, angle and load of the moment it broke off do not come back, and its

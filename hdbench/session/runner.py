@@ -64,8 +64,6 @@ class Runner:
     def run(self, plan: Plan, done: Collection[int] = ()) -> None:
         """Walk the plan; the bench is safe afterwards, whatever happened.
 
-        Notes
-        -----
         `safe` holds what was read back; the caller reports an unconfirmed safe state.
         """
         moves = [step for step in plan.steps if isinstance(step, Acquire)]

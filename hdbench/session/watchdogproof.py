@@ -61,8 +61,6 @@ def prove_watchdog(
 ) -> WatchdogProof:
     """Turn the motor slowly, say nothing more, and see whether the device stops it.
 
-    Notes
-    -----
     For the length of the proof the guard process is told to wait: it would stop the motor first.
     It still does when this process ends.
     """

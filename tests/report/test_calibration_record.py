@@ -158,6 +158,6 @@ def test_preloads_and_shunt_readings_are_not_drawn_as_readings() -> None:
     bench = load_profile("cim-tr-97-06").data
     result = evaluate_calibration(more, max_consistency=0.05, bench=bench)
     path = Path("loads.csv")
-    source = Source(path, "calibration", "r", {}, {}, result, None, more, None, ())
+    source = Source(path, "calibration", "r", None, result=result, loads=more)
     (drawn,) = (p for p in pictures(source, "x", []) if "after figure" in p.title)
     assert drawn.caption.startswith(f"{len(loads)} readings of 6 ")

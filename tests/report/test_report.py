@@ -6,9 +6,10 @@ import hashlib
 import json
 import re
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from html.parser import HTMLParser
 from pathlib import Path
+from typing import Any
 
 import pytest
 from click.testing import CliRunner
@@ -93,14 +94,6 @@ def test_every_figure_has_an_alternative_text_and_a_caption(page: Page) -> None:
     assert all(a["role"] == "img" and len(a["aria-label"] or "") > 40 for a in figures)
 
 
-def test_all_figures_of_the_bench_are_drawn(page: Page) -> None:
-    for number in ("6", "7", "8", "9", "10", "11"):
-        assert f"(after figure {number})" in page.text
-    assert "Residual before and after" in page.text
-    assert "Residual over motor order" in page.text
-    assert "Residual over frequency" in page.text
-
-
 def test_ids_are_unique_and_every_reference_has_its_target(page: Page, report: ReportFiles) -> None:
     ids = [a["id"] for _, a in page.tags if "id" in a]
     assert len(ids) == len(set(ids))
@@ -120,16 +113,24 @@ def test_colours_come_from_the_style_sheet_alone(report: ReportFiles) -> None:
         assert used - {"sans"} <= set(re.findall(r"--([a-z]+):", theme))
 
 
-def test_the_verdict_stands_before_the_numbers_and_they_before_the_figures(page: Page) -> None:
+def test_the_page_has_verdict_numbers_figures_filter_and_origin_in_this_order(page: Page) -> None:
     text = page.text
-    places = [
-        text.index("1 worth a look"),
-        text.index("Calibration accepted"),
-        text.index("95 % interval"),
-        text.index("(after figure 6)"),
-        text.index("Provenance"),
-    ]
+    words = (
+        "1 worth a look",
+        "Calibration accepted",
+        "95 % interval",
+        *(f"(after figure {number})" for number in (6, 7, 10, 11, 8, 9)),
+        "Filter used: report-6",
+        "Where the filter's numbers came from",
+        "calibration 20260101T000000Z-calibration-abc123",
+        "Residual before and after",
+        "Residual over motor order",
+        "Residual over frequency",
+    )
+    assert all(word in text for word in words)
+    places = [text.index(word) for word in words[:4]]
     assert places == sorted(places)
+    assert text.index("Provenance") > places[-1]
 
 
 def test_key_numbers_in_the_csv_are_those_of_the_results(
@@ -157,12 +158,6 @@ def test_the_json_names_every_run_with_its_verdict(
     assert body["schema"] == "hdbench/report/1"
     assert [run["run_id"] for run in body["runs"]] == [runs[kind].name for kind in KINDS]
     assert [run["verdict"]["level"] for run in body["runs"]] == ["good", "good", "good", "look"]
-
-
-def test_the_filter_and_the_origin_of_its_numbers_are_listed(page: Page) -> None:
-    assert "Filter used: report-6" in page.text
-    assert "Where the filter's numbers came from" in page.text
-    assert "calibration 20260101T000000Z-calibration-abc123" in page.text
 
 
 def test_the_same_runs_give_the_same_bytes(runs: dict[str, Path], tmp_path: Path) -> None:
@@ -193,6 +188,10 @@ def test_links_lead_to_the_raw_files(runs: dict[str, Path], tmp_path: Path) -> N
     assert all((out.parent / link).is_file() for link in raw)
 
 
+def written(runs: Sequence[Path], folder: Path, **more: Any) -> Page:
+    return Page(write_report(runs, folder / "r.html", **more).html.read_text(encoding="utf-8"))
+
+
 def _copy(run: Path, tmp_path: Path) -> Path:
     return shutil.copytree(run, tmp_path / run.name)
 
@@ -204,7 +203,7 @@ def _edit(file: Path, **changes: object) -> None:
 def test_an_incomplete_run_says_so_on_top(runs: dict[str, Path], tmp_path: Path) -> None:
     run = _copy(runs["ripple"], tmp_path)
     _edit(run / "run.json", status="incomplete", exit_reason="stopped by SIGINT at 3 s")
-    page = Page(write_report([run], tmp_path / "r.html").html.read_text(encoding="utf-8"))
+    page = written([run], tmp_path)
     text = page.text
     assert text.index("The run is incomplete") < text.index("Key numbers")
     assert "stopped by SIGINT at 3 s" in text
@@ -216,7 +215,7 @@ def test_a_run_without_a_result_still_shows_its_data(runs: dict[str, Path], tmp_
     run = _copy(runs["ripple"], tmp_path)
     (run / "result.json").unlink()
     _edit(run / "run.json", status="aborted", files={})
-    text = Page(write_report([run], tmp_path / "r.html").html.read_text(encoding="utf-8")).text
+    text = written([run], tmp_path).text
     assert "No verdict" in text
     assert "The run was aborted" in text
     assert "(after figure 8)" in text
@@ -226,7 +225,7 @@ def test_a_changed_file_is_told(runs: dict[str, Path], tmp_path: Path) -> None:
     run = _copy(runs["calibration"], tmp_path)
     loads = run / "loads.csv"
     loads.write_text(loads.read_text().replace("0.000000,low", "0.000001,low"))
-    text = Page(write_report([run], tmp_path / "r.html").html.read_text(encoding="utf-8")).text
+    text = written([run], tmp_path).text
     assert "loads.csv was changed after the run" in text
 
 
@@ -271,8 +270,7 @@ def test_a_trace_alone_is_drawn_and_a_loads_file_too(
     runs: dict[str, Path], profile: Profile, tmp_path: Path
 ) -> None:
     sources = [runs["ripple"] / "trace.csv", runs["calibration"] / "loads.csv"]
-    files = write_report(sources, tmp_path / "r.html", profile=profile)
-    text = Page(files.html.read_text(encoding="utf-8")).text
+    text = written(sources, tmp_path, profile=profile).text
     assert "(after figure 8)" in text
     assert "(after figure 7)" in text
 
@@ -281,7 +279,7 @@ def test_a_result_file_alone_gives_numbers_without_figures(
     runs: dict[str, Path], tmp_path: Path
 ) -> None:
     file = runs["misalignment"] / "result.json"
-    page = Page(write_report([file], tmp_path / "r.html").html.read_text(encoding="utf-8"))
+    page = written([file], tmp_path)
     assert "misalignment, peak to peak" in page.text
     assert not [tag for tag, _ in page.tags if tag == "svg"]
 

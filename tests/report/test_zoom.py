@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hdbench.report.canvas import draw_curve, draw_svg, label_axes, new_figure
+from hdbench.report.canvas import draw_svg, new_figure
 
 sys.path.insert(0, str(Path(__file__).parent))
 from browser import browser, browser_program
@@ -22,13 +22,13 @@ def test_axes_tell_frame_scale_and_labels_and_curves_are_thin() -> None:
     torque = np.zeros(300_000)
     torque[123_456] = 7.0
     figure, (top, bottom) = new_figure(2, 4.0, share_x=True)
-    draw_curve(top, time, torque, "measured", label="torque")
-    draw_curve(bottom, time, 100.0 + time, "filtered")
+    top.curve(time, torque, "measured", label="torque")
+    bottom.curve(time, 100.0 + time, "filtered")
     bottom.set_yscale("log")
     bottom.set_ylim(100.0, 1000.0)
     top.axhline(0.0)
-    label_axes(top, None, "torque (N·m)")
-    label_axes(bottom, "time (s)", "velocity (rad/s)")
+    top.label(None, "torque (N·m)")
+    bottom.label("time (s)", "velocity (rad/s)")
     svg = draw_svg(figure, "f1", "a peak and a ramp over five minutes, for this test alone")
     found = re.search(r'<metadata class="axes">(.*?)</metadata>', svg, re.DOTALL)
     assert found is not None

@@ -27,7 +27,7 @@ LEVER = PROFILE.arm.gravity_m_s2 * PROFILE.arm.length_m
 GAIN = PROFILE.sensor.gain_nm_per_v
 
 
-class BenchHands:
+class FakeHands:
     """Hangs weights on the fake bench; `wrong` maps a point to the mass hung at first."""
 
     def __init__(self, bench: FakeBench, wrong: dict[int, float] | None = None) -> None:
@@ -100,7 +100,7 @@ def make_walk(
     *,
     talk=None,
     bench: FakeBench | None = None,
-    hands: BenchHands | None = None,
+    hands: FakeHands | None = None,
     stop: StopSignals | None = None,
     profile=PROFILE,
     points=None,
@@ -116,7 +116,7 @@ def make_walk(
     else:
         journal = JournalWriter(path)
         log = CalibrationLog(journal, state)
-    hands = hands or BenchHands(bench)
+    hands = hands or FakeHands(bench)
     return CalibrationWalk(
         profile,
         bench,

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from calibrationkit import GAIN, LEVER, PROFILE, BenchHands, Scripted, blocks, make_walk, walked
+from calibrationkit import GAIN, LEVER, PROFILE, FakeHands, Scripted, blocks, make_walk, walked
 from fakes import FakeBench
 
 from hdbench.errors import BusyError, DeviceError, Stopped
@@ -46,7 +46,7 @@ def test_a_person_is_asked_for_each_change_once_and_every_load_is_read(tmp_path:
 def test_a_wrong_weight_is_asked_about_and_the_rejected_reading_is_kept(tmp_path: Path) -> None:
     talk = Scripted()
     bench = FakeBench()
-    walk = make_walk(tmp_path, talk=talk, bench=bench, hands=BenchHands(bench, {4: 0.5}))
+    walk = make_walk(tmp_path, talk=talk, bench=bench, hands=FakeHands(bench, {4: 0.5}))
     walk.run()
     (question,) = talk.asked("gross-error")
     assert "expected +4.90 N m, read +2.45 N m: did you hang 0.5 kg?" in question
@@ -60,7 +60,7 @@ def test_a_wrong_weight_is_asked_about_and_the_rejected_reading_is_kept(tmp_path
 def test_a_wrong_weight_kept_on_purpose_is_marked(tmp_path: Path) -> None:
     bench = FakeBench()
     talk = Scripted([("did you hang", Answer.ACCEPT)])
-    walk = make_walk(tmp_path, talk=talk, bench=bench, hands=BenchHands(bench, {4: 0.5}))
+    walk = make_walk(tmp_path, talk=talk, bench=bench, hands=FakeHands(bench, {4: 0.5}))
     walk.run()
     flags = loads(tmp_path).extra_columns["flags"]
     assert flags == ("", "", "confirmed-gross-error", "", "")
@@ -150,7 +150,7 @@ def test_a_reading_that_never_settles_is_asked_about(tmp_path: Path) -> None:
 
 def test_nothing_is_hung_while_the_bridge_at_rest_is_off(tmp_path: Path) -> None:
     bench = FakeBench()
-    hands = BenchHands(bench, {1: 1.0})
+    hands = FakeHands(bench, {1: 1.0})
     talk = Scripted([("the bridge rests at", Answer.QUIT)])
     with pytest.raises(Stopped) as stopped:
         walked(tmp_path, talk=talk, bench=bench, hands=hands)
@@ -172,7 +172,7 @@ def test_the_shunt_is_read_once_and_taken_off_before_the_first_weight(tmp_path: 
     shunt = ShuntCheck(resistor_ohm=87150.0, expected_v=1.2, tolerance=0.01)
     plan = PROFILE.calibration.model_copy(update={"shunt": shunt})
     bench = FakeBench()
-    hands = BenchHands(bench)
+    hands = FakeHands(bench)
     talk = Scripted([("the shunt changes the reading", Answer.ACCEPT)])
     profile = PROFILE.model_copy(update={"calibration": plan})
     walked(tmp_path, talk=talk, bench=bench, hands=hands, profile=profile)
@@ -185,7 +185,7 @@ def test_the_shunt_is_read_once_and_taken_off_before_the_first_weight(tmp_path: 
 def test_without_a_person_the_right_weight_is_hung_again_three_times_at_most(
     tmp_path: Path,
 ) -> None:
-    class Stubborn(BenchHands):
+    class Stubborn(FakeHands):
         def put(self, mass_kg, *, direction, number, attempt) -> None:
             super().put(
                 0.5 if number == 4 else mass_kg,
@@ -297,7 +297,7 @@ def test_on_resume_the_hands_get_every_change_of_the_simulated_bench(tmp_path: P
     with pytest.raises(Stopped):
         walked(tmp_path, talk=talk)
     bench = FakeBench()
-    hands = BenchHands(bench)
+    hands = FakeHands(bench)
     again = Scripted()
     walked(tmp_path, talk=again, bench=bench, hands=hands)
     assert hands.restored[-1]["level_v"] == pytest.approx(0.5 * LEVER / GAIN)

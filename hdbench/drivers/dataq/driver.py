@@ -42,8 +42,6 @@ _DIGITS = 8
 def check_identity(commands: Commands, table: DataqAcquisition) -> Identity:
     """Return who answers, if it is the instrument that the profile means.
 
-    Notes
-    -----
     The line has no checksum: every answer is asked for until two in a row agree.
     """
     vendor, model = _agreed(commands, _VENDOR), _agreed(commands, _MODEL)

@@ -97,8 +97,6 @@ def channel_number(channel: DataqChannel) -> int:
 def plan_scan(table: DataqAcquisition, roles: tuple[Role, ...]) -> ScanPlan:
     """Return scan list, marker and scales of some channels.
 
-    Notes
-    -----
     The stream has no headers, counters or checksums, so a scan carries a mark of its own: the
     digital inputs, wired to nothing, as its last word. Packets have 2**n bytes. So that the loss of
     one of them is never the loss of whole scans, a scan never has 2**n words: where it would, the

@@ -120,8 +120,6 @@ _WRITE_S = 0.0011
 def describe_abilities(table: LabJackAcquisition, *, simulated: bool) -> Capabilities:
     """Return the abilities.
 
-    Notes
-    -----
     The highest rate is the data sheet's total divided by the words of a scan. What a small input
     range or a high resolution takes from it is not published in a form that was checked; the device
     itself ends a stream that cannot keep its rate (SCAN_OVERLAP).

@@ -32,8 +32,6 @@ Write = tuple[Register, float]
 def feedback_request(writes: Sequence[Write], reads: Sequence[Register]) -> Request:
     """Return a request that writes first and reads afterwards, with the check of its reply.
 
-    Notes
-    -----
     Frame: kind (1 byte: 0 read, 1 write), address (2), number of registers (1), and for a write
     the values; the reply carries the values read and nothing else (LabJack, "Protocol details,
     direct Modbus TCP"). The reply has no byte count: its length is compared with what was asked.

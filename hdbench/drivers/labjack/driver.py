@@ -221,8 +221,6 @@ class LabJackDaq:
     def write_output(self, name: str, value: float) -> float:
         """Write the motor reference and return what is read back, V.
 
-        Notes
-        -----
         A DAC reads back. A LJTick-DAC cannot be read: what it acknowledged is returned, and what
         stands at its terminal shows in the looped-back reference channel.
         """

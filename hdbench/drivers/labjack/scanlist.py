@@ -55,8 +55,6 @@ class InputScale:
 def nominal_scale(model: str, number: int, range_v: float) -> InputScale:
     """Return the scale of an uncalibrated device.
 
-    Notes
-    -----
     Nominal constants of LabJack's data sheet, appendix "Internal flash", for the T7's +-10 V range;
     its other ranges are tenths of it.
     """
@@ -72,8 +70,6 @@ def scale_from_flash(
 ) -> InputScale | None:
     """Return the scale that the device's flash gives; None where that cannot be one.
 
-    Notes
-    -----
     T7: 8 groups of positive slope, negative slope, centre, offset: high speed with gain 1, 10, 100,
     1000, then high resolution; streams use the first four. T4: slope and offset of AIN0 to AIN3,
     then of the low-voltage inputs.

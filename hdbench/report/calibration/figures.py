@@ -11,14 +11,7 @@ import numpy as np
 from hdbench.records import FloatArray, LoadReading, Loads
 from hdbench.records.loads import SequenceEntry
 from hdbench.report.calibration.tables import steps_of
-from hdbench.report.canvas import (
-    COLOURS,
-    draw_curve,
-    draw_points,
-    label_axes,
-    legend_above,
-    new_figure,
-)
+from hdbench.report.canvas import COLOURS, new_figure
 from hdbench.report.pagemodel import Picture
 from hdbench.results import CalibrationResult
 from hdbench.results.calibration import ExperimentLine, GroupSeries, LoadGroup, ReadingRecord
@@ -117,9 +110,9 @@ def _deviations(result: CalibrationResult, range_name: str, prefix: str) -> Pict
             ends = _sign(group) * np.array([0.0, group.torque_nm[-1]])
             # the class limits the deviation to half of it, in percent of the reading
             for limit in (0.5 * grade, -0.5 * grade):
-                draw_curve(axes, ends, [0.0, limit], "muted", ":", linewidth=1.2)
-    label_axes(axes, "applied torque (N·m), clockwise positive", "off the line (% of largest)")
-    legend_above(axes)
+                axes.curve(ends, [0.0, limit], "muted", ":", linewidth=1.2)
+    axes.label("applied torque (N·m), clockwise positive", "off the line (% of largest)")
+    axes.legend_above()
     limits = f" Dotted: limits of the line's deviation in class {grade:g}." if grade else ""
     caption = (
         f"Deflection less the line through zero of its direction, {range_name} range, in percent "
@@ -175,16 +168,16 @@ def _range(
     up = np.array([r.series == "up" for r in readings])
     figure, (top, bottom) = new_figure(2, 4.6, ratios=(2.2, 1.0))
     ends = np.array([volts.min(), volts.max()])
-    draw_curve(top, ends, gain * ends + zero, "expected", label="mean line")
+    top.curve(ends, gain * ends + zero, "expected", label="mean line")
     bottom.axhline(0.0, color=COLOURS["expected"])
     for axes, x, y in ((top, volts, torque), (bottom, torque, off)):
         for chosen, label in ((up, "loading"), (~up, "unloading")):
             filled = label == "loading"
             style = {"label": label, "markersize": 4.5}
-            draw_points(axes, x[chosen], y[chosen], "filtered", filled=filled, **style)
-    label_axes(top, "amplified bridge output (V)", "applied torque (N·m)")
-    legend_above(top)
-    label_axes(bottom, "applied torque (N·m)", "off its line (mN·m)")
+            axes.points(x[chosen], y[chosen], "filtered", filled=filled, **style)
+    top.label("amplified bridge output (V)", "applied torque (N·m)")
+    top.legend_above()
+    bottom.label("applied torque (N·m)", "off its line (mN·m)")
     largest = float(np.max(np.abs(off)))
     share = 1e-3 * largest / float(np.max(np.abs(torque))) if np.any(torque) else 0.0
     caption = (
@@ -222,9 +215,9 @@ def _hysteresis(result: CalibrationResult, prefix: str) -> Picture | None:
             label=label,
             **{**_style(series.position), "markersize": _SIZE - 0.6},
         )
-    label_axes(axes, "applied torque (N·m), clockwise positive", "unloading less loading (mN·m)")
+    axes.label("applied torque (N·m), clockwise positive", "unloading less loading (mN·m)")
     axes.set_ylim(bottom=0.0)
-    legend_above(axes)
+    axes.legend_above()
     worst = max((loop.relative for loop in result.hysteresis.values()), default=0.0)
     caption = (
         "Size of the difference between unloading and loading at each step of the "
@@ -264,7 +257,7 @@ def _gains(result: CalibrationResult, prefix: str) -> Picture | None:
     names = [f"{_degrees(x.position_rad)} {x.direction} {x.range}" for x in lines]
     axes.set_yticks(range(len(lines)), names)
     axes.invert_yaxis()
-    label_axes(axes, "gain (N·m/V)", "")
+    axes.label("gain (N·m/V)", "")
     caption = (
         "Gain of each experiment with two standard uncertainties of its own line. Line: their mean "
         f"of {mean:.4f} N·m/V; band: their standard deviation about it, "
@@ -291,7 +284,7 @@ def _budget(result: CalibrationResult, prefix: str) -> Picture | None:
     axes.xaxis.set_minor_formatter(lambda _value, _: "")
     axes.set_xlim(left=min(0.5, 0.5 * min(sizes)))
     axes.invert_yaxis()
-    label_axes(axes, "relative standard uncertainty of the gain (ppm)", "")
+    axes.label("relative standard uncertainty of the gain (ppm)", "")
     caption = (
         "Standard uncertainties of the gain by source, logarithmic. "
         f"{rows[0].name.capitalize()} is {100 * (rows[0].share or 0.0):.0f} % of the variance. "
@@ -320,9 +313,9 @@ def _sequence(result: CalibrationResult, prefix: str) -> Picture | None:
     ):
         at = kinds == kind
         if at.any():
-            draw_curve(axes, time[at], torque[at], colour, mark, markersize=size, label=label)
-    label_axes(axes, "time (min)", "applied torque (N·m)")
-    legend_above(axes, 4)
+            axes.curve(time[at], torque[at], colour, mark, markersize=size, label=label)
+    axes.label("time (min)", "applied torque (N·m)")
+    axes.legend_above(4)
     n_preloads = int(((kinds == "preload") & (torque != 0.0)).sum())
     minutes = f"{time.max() - time.min():.0f}"
     caption = (
@@ -356,7 +349,7 @@ def _top_drift(result: CalibrationResult, prefix: str) -> Picture | None:
         bar = _slope_bar(r, result.average_s, scale)
         axes.errorbar(minutes, drift, yerr=bar, ls="none", elinewidth=0.9, **style)
     axes.axhline(0.0, color=COLOURS["muted"], linewidth=0.8)
-    label_axes(axes, "time (min)", "drift at the top step (mN·m/min)")
+    axes.label("time (min)", "drift at the top step (mN·m/min)")
     worst = max(abs(drift) for _, _, drift in chosen)
     caption = (
         "How fast the reading still moved while it was averaged under the largest load: creep and "

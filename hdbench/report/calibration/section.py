@@ -8,7 +8,7 @@ from hdbench.records import Loads
 from hdbench.report.calibration.figures import range_pictures, record_pictures
 from hdbench.report.calibration.tables import record_tables as tables
 from hdbench.report.numbers import rounded_with, short, with_std
-from hdbench.report.pagemodel import KeyNumber, Picture, Verdict, key_numbers
+from hdbench.report.pagemodel import KeyNumber, Picture, Verdict
 from hdbench.report.source import Source
 from hdbench.results import CalibrationResult
 
@@ -80,7 +80,7 @@ def numbers(result: CalibrationResult, run_id: str) -> tuple[KeyNumber, ...]:
         (result.n_experiments, "experiments", "n_experiments", ""),
         (result.grade, "class (indicative)", "class", ""),
     )
-    return key_numbers(rows, run_id)
+    return KeyNumber.rows(rows, run_id)
 
 
 def pictures(source: Source, prefix: str, _doubts: list[str]) -> tuple[Picture, ...]:

@@ -19,7 +19,7 @@ from hdbench.report.numbers import (
     two_digits,
     with_std,
 )
-from hdbench.report.pagemodel import Column, Table, filled, make_table
+from hdbench.report.pagemodel import Column, Table
 from hdbench.results import CalibrationResult
 from hdbench.results.calibration import (
     Acceptance,
@@ -75,10 +75,12 @@ def record_tables(result: CalibrationResult) -> tuple[Table, ...]:
     made.append(_budget(result))
     if result.torque:
         made.append(_corrections(result.torque, result.side_force))
-    made = [*filled(*made), _experiments(result)]
+    made = [*Table.filled(*made), _experiments(result)]
     made += [_steps(result, group) for group in result.groups]
     if result.readings:
-        made += filled(_environment(result), _shunt(result), _warnings(result), _readings(result))
+        made += Table.filled(
+            _environment(result), _shunt(result), _warnings(result), _readings(result)
+        )
         made.append(_signatures(result))
     return tuple(made)
 
@@ -146,7 +148,7 @@ def _gain(result: CalibrationResult, uncertainty: GainUncertainty) -> Table:
     )
     told = ((key, getattr(uncertainty, key)) for key in names)
     rows = [(key, body) for key, body in told if body is not None]
-    return make_table("Gain and its uncertainty", columns, rows, note)
+    return Table.of("Gain and its uncertainty", columns, rows, note)
 
 
 def _degrees(dof: float | None, none: str = DASH) -> str:
@@ -223,7 +225,7 @@ def _equations(result: CalibrationResult) -> Table:
         "were measured; the cubic holds for loading and only in its range."
     )
     groups = [g for g in result.groups if gain(g) is not None]
-    return make_table("Equation both ways", columns, groups, note)
+    return Table.of("Equation both ways", columns, groups, note)
 
 
 def _classes(result: CalibrationResult) -> Table:
@@ -246,7 +248,7 @@ def _classes(result: CalibrationResult) -> Table:
         note = f"Overall: class {result.grade:g}, indicative. {note}"
     rows = [row for group in result.groups for row in _criteria(group)]
     title = "Indicative class, in the manner of EURAMET cg-14"
-    return make_table(title, columns, rows, note)
+    return Table.of(title, columns, rows, note)
 
 
 def _criteria(group: LoadGroup) -> Iterator[tuple[str, str, Criterion]]:
@@ -275,7 +277,7 @@ def _acceptance(acceptance: Acceptance) -> Table:
         ("held", "passed", words.__getitem__),
     )
     note = f"Decision rule: {acceptance.statement}."
-    return make_table("Acceptance", columns, acceptance.tests, note)
+    return Table.of("Acceptance", columns, acceptance.tests, note)
 
 
 def _budget(result: CalibrationResult) -> Table:
@@ -298,7 +300,7 @@ def _budget(result: CalibrationResult) -> Table:
         "Sources of the applied torque scale every reading alike: they are added after averaging "
         "and are not divided by the number of readings. What is not declared counts as nothing."
     )
-    return make_table("Uncertainty budget of the gain", columns, result.budget, note)
+    return Table.of("Uncertainty budget of the gain", columns, result.budget, note)
 
 
 def _corrections(torque: AppliedTorqueAccount, force: SideForce | None) -> Table:
@@ -345,7 +347,7 @@ def _experiments(result: CalibrationResult) -> Table:
     reason = str(result.gain_basis_reason)
     note = f"The uncertainty of the mean gain rests on: {reason}." if reason else ""
     title = "Experiments, by the report's method"
-    return make_table(title, columns, result.experiments, note)
+    return Table.of(title, columns, result.experiments, note)
 
 
 def _steps(result: CalibrationResult, group: LoadGroup) -> Table:
@@ -390,7 +392,7 @@ def _steps(result: CalibrationResult, group: LoadGroup) -> Table:
         f"{percent(group.zero_relative)} %; {result.method}."
     )
     own = steps_of(result, group)
-    return make_table(f"Evaluation step by step: {_group_words(group)}", columns, own, note)
+    return Table.of(f"Evaluation step by step: {_group_words(group)}", columns, own, note)
 
 
 def steps_of(result: CalibrationResult, group: LoadGroup) -> list[LoadStep]:
@@ -513,7 +515,7 @@ def _readings(result: CalibrationResult) -> Table:
         ("temperature (°C)", "temperature_c", partial(fixed, digits=2)),
         ("marks", "flags", ", ".join),
     )
-    return make_table("Readings", columns, result.readings)
+    return Table.of("Readings", columns, result.readings)
 
 
 def _signatures(result: CalibrationResult) -> Table:

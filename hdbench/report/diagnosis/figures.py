@@ -12,14 +12,7 @@ from numpy.typing import NDArray
 from hdbench.diagnosis.faults.scatter import mask_runs
 from hdbench.records import FloatArray
 from hdbench.records.tables import parse_table, read_text
-from hdbench.report.canvas import (
-    COLOURS,
-    draw_curve,
-    label_axes,
-    legend_above,
-    min_max,
-    new_figure,
-)
+from hdbench.report.canvas import COLOURS, min_max, new_figure
 from hdbench.report.pagemodel import Picture
 
 __all__ = ["folder_pictures"]
@@ -103,11 +96,11 @@ def _loads(columns: Columns, name: str) -> Picture:
         size.append(f"{_rms(left, used):.3g}")
         for chosen, face in ((used & ~falling, COLOURS[when]), (used & falling, "none")):
             style = {"markersize": 3.2, "markerfacecolor": face}
-            draw_curve(axes, torque[chosen], left[chosen], when, "o", **style)
+            axes.curve(torque[chosen], left[chosen], when, "o", **style)
         if not used.all():
-            draw_curve(axes, torque[~used], left[~used], "muted", "x")
+            axes.curve(torque[~used], left[~used], "muted", "x")
         axes.axhline(0.0, color=COLOURS["muted"], linewidth=0.8)
-        label_axes(axes, None, "residual (N·m)", f"{when}: {size[-1]} N·m rms")
+        axes.label(None, "residual (N·m)", f"{when}: {size[-1]} N·m rms")
     rows[1].set_xlabel("applied torque (N·m)")
     caption = (
         f"Readings off the fitted line: {size[0]} N·m rms with one gain and one zero an "
@@ -125,18 +118,18 @@ def _comparison(columns: Columns, name: str) -> Picture:
     time, measured = columns["time_s"], columns["measured_nm"]
     figure, (whole, before, after) = new_figure(3, 5.6)
     for key, colour in (("measured", "measured"), ("simulated", "expected"), ("extended", "after")):
-        draw_curve(whole, time, columns[f"{key}_nm"], colour, linewidth=0.7, label=key)
-    label_axes(whole, None, "torque (N·m)")
-    legend_above(whole)
+        whole.curve(time, columns[f"{key}_nm"], colour, linewidth=0.7, label=key)
+    whole.label(None, "torque (N·m)")
+    whole.legend_above()
     middle = len(time) // 2
     cut = slice(middle, min(middle + _CLOSE_SAMPLES, len(time)))
     for axes, key, colour, words in (
         (before, "simulated_nm", "expected", "close-up: measured (dots) and simulated"),
         (after, "extended_nm", "after", "close-up: measured (dots) and extended simulation"),
     ):
-        draw_curve(axes, time[cut], measured[cut], "measured", "o", markersize=2.2)
-        draw_curve(axes, time[cut], columns[key][cut], colour)
-        label_axes(axes, None, "torque (N·m)", words)
+        axes.curve(time[cut], measured[cut], "measured", "o", markersize=2.2)
+        axes.curve(time[cut], columns[key][cut], colour)
+        axes.label(None, "torque (N·m)", words)
     after.set_xlabel("time (s)")
     caption = (
         "Measured torque against the simulation of the same motion: as the model was handed in "
@@ -156,8 +149,8 @@ def _residual(columns: Columns, name: str) -> Picture:
     for axes, when in zip(rows, ("before", "after"), strict=True):
         left = columns[f"residual_{when}_nm"]
         rms.append(f"{_rms(left, ~masked):.3g}")
-        draw_curve(axes, time, left, when, linewidth=0.7)
-        label_axes(axes, None, "residual (N·m)", f"{when}: {rms[-1]} N·m rms")
+        axes.curve(time, left, when, linewidth=0.7)
+        axes.label(None, "residual (N·m)", f"{when}: {rms[-1]} N·m rms")
         for first, last in mask_runs(masked):
             ends = time[first], time[last]
             axes.axvspan(*ends, color=COLOURS["expected"], alpha=0.2, linewidth=0)
@@ -179,10 +172,10 @@ def _spectrum(table: Columns, axis: str, label: str, words: str, unit: str, name
     figure, (axes,) = new_figure(1, 3.1)
     x, before, after = table[axis], table["before_nm"], table["after_nm"]
     for line, when in ((before, "before"), (after, "after")):
-        draw_curve(axes, *min_max(x, line), when, linewidth=1.0, label=when)
+        axes.curve(*min_max(x, line), when, linewidth=1.0, label=when)
     axes.set_ylim(bottom=0.0)
-    label_axes(axes, label, "amplitude (N·m)")
-    legend_above(axes)
+    axes.label(label, "amplitude (N·m)")
+    axes.legend_above()
     at = int(np.nanargmax(before))
     peak, left, where = f"{before[at]:.3g}", f"{after[at]:.3g}", f"{x[at]:.4g}{unit}"
     rest = f"{left} N·m are left there." if after[at] > 0.0 else "nothing is left there."
@@ -206,11 +199,11 @@ def _maps(tables: Mapping[str, Columns], name: str) -> Picture:
             level, band = table[f"{when}_nm"], 2.0 * table[f"{when}_std_nm"]
             style: Any = {"color": COLOURS[when], "alpha": 0.2, "linewidth": 0}
             axes.fill_between(table[axis], level - band, level + band, **style)
-            draw_curve(axes, table[axis], level, when, label=when)
+            axes.curve(table[axis], level, when, label=when)
         if kind == "rms":
             axes.set_ylim(bottom=0.0)
-        label_axes(axes, label, f"{kind} (N·m)")
-    legend_above(rows[0])
+        axes.label(label, f"{kind} (N·m)")
+    rows[0].legend_above()
     caption = (
         "Residual in bins of what it could depend on, with twice its standard deviation as a band: "
         "before, a curve that leaves zero says where the simulation is wrong; after the extension "
@@ -231,7 +224,7 @@ def _codes(table: Columns, name: str) -> Picture:
     figure, (axes,) = new_figure(1, 2.0)
     share = 100.0 * table["share"]
     axes.bar(table["code_modulo_32"], share, width=0.8, color=COLOURS["measured"])
-    label_axes(axes, "code of the converter modulo 32", "share (%)")
+    axes.label("code of the converter modulo 32", "share (%)")
     never = int(np.count_nonzero(table["samples"] == 0.0))
     caption = (
         "How often each of the converter's codes came, modulo 32. All alike is as it should be; a "

@@ -18,7 +18,7 @@ from hdbench.report.numbers import (
     unit_words,
     value_of,
 )
-from hdbench.report.pagemodel import KeyNumber, Level, Picture, Verdict, key_numbers
+from hdbench.report.pagemodel import KeyNumber, Level, Picture, Verdict
 from hdbench.report.source import Source
 
 __all__ = ["numbers", "pictures", "summary", "tables", "verdict"]
@@ -144,7 +144,7 @@ def numbers(result: Mapping[str, Any], run_id: str) -> tuple[KeyNumber, ...]:
         name = f"{key}.heldout_rms_nm"
         rms = value_of(result, key, "heldout_rms_nm")
         rows.append((rms, f"held-out residual, {words}", name, "N m"))
-    return key_numbers(rows, run_id)
+    return KeyNumber.rows(rows, run_id)
 
 
 def pictures(source: Source, prefix: str, doubts: list[str]) -> tuple[Picture, ...]:

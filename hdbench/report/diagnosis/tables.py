@@ -18,7 +18,7 @@ from hdbench.report.numbers import (
     unit_words,
     value_of,
 )
-from hdbench.report.pagemodel import Column, Table, filled, make_table
+from hdbench.report.pagemodel import Column, Table
 
 __all__ = ["tables"]
 
@@ -33,11 +33,11 @@ def tables(result: Result) -> tuple[Table, ...]:
         ("what speaks for it", _evidence),
     )
     layout: Any = {"wide": True, "stacked": True}
-    found = filled(
-        make_table("Causes", columns, result.get("causes", ()), **layout),
-        make_table("Smaller causes", columns, result.get("minor", ()), **layout),
+    found = Table.filled(
+        Table.of("Causes", columns, result.get("causes", ()), **layout),
+        Table.of("Smaller causes", columns, result.get("minor", ()), **layout),
         _records_of_causes(result),
-        make_table(
+        Table.of(
             "Records",
             (
                 ("record", "record", str),
@@ -51,13 +51,13 @@ def tables(result: Result) -> tuple[Table, ...]:
             result.get("records", ()),
             **layout,
         ),
-        make_table(
+        Table.of(
             "Unexplained",
             (("axis", _axes), ("place", _place), ("size", _size)),
             result.get("unexplained", ()),
             stacked=True,
         ),
-        make_table(
+        Table.of(
             "Smallest effect this record would have shown",
             (("cause", "name"), ("amplitude (N·m)", lambda one: one.get("amplitude_nm"))),
             result.get("minimum_detectable", ()),
@@ -120,7 +120,7 @@ def _records_of_causes(result: Result) -> Table:
         "cause as that record alone has it, beside all that the records share."
     )
     title = "Which record speaks for which cause"
-    return make_table(title, columns, rows, note, wide=True, stacked=True)
+    return Table.of(title, columns, rows, note, wide=True, stacked=True)
 
 
 def _remark(record: Result) -> str:
@@ -160,4 +160,4 @@ def _testable(result: Result) -> Table:
         ("can this record show it", lambda row: row[0]),
         ("names", lambda row: ", ".join(row[1])),
     )
-    return make_table(title, columns, rows, wide=True, stacked=True, folded=True)
+    return Table.of(title, columns, rows, wide=True, stacked=True, folded=True)

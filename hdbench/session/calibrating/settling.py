@@ -59,8 +59,6 @@ class Swing:
 def find_swing(samples_v: FloatArray, period_s: float) -> tuple[Swing, FloatArray] | None:
     r"""Find an oscillation in readings under one weight.
 
-    Notes
-    -----
     The frequency is the highest point of the Hann spectrum of the readings less their straight
     line, refined by a parabola; then :math:`a + b t + (c + d t) \cos \omega t + (e + f t) \sin
     \omega t` is fitted, so that a decay is followed. White noise of n samples exceeds the accepted
@@ -160,8 +158,6 @@ class Judgement:
 def judge(samples_v: FloatArray, rule: SettleRule) -> Judgement:
     """Judge readings since the weight was hung.
 
-    Notes
-    -----
     Settled when the means of two adjacent windows differ by less than the band plus three standard
     errors of that difference, and the spread of either is no more than 1.5 times what its
     sample-to-sample differences explain (a weight that bounces or swings is correlated, noise is

@@ -166,18 +166,18 @@ class Mounting:
 
     profile: ProfileData
     log: CalibrationLog
-    hands: SimulatedOperator | None
+    operator: SimulatedOperator | None
 
     def lock(self) -> None:
         """Note the locked wave generator."""
-        if self.hands is not None:
-            self.hands.mount(locked=True, position_rad=self.log.state.position_rad or 0.0)
+        if self.operator is not None:
+            self.operator.mount(locked=True, position_rad=self.log.state.position_rad or 0.0)
         self._note("locked", {"locked": True})
 
     def place(self, point: Point) -> None:
         """Note the position of a point."""
-        if self.hands is not None:
-            self.hands.mount(locked=True, position_rad=point.position_rad)
+        if self.operator is not None:
+            self.operator.mount(locked=True, position_rad=point.position_rad)
         self._note("placed", {"position_rad": point.position_rad})
 
     def put(self, point: Point, mass_kg: float | None = None) -> None:
@@ -186,29 +186,29 @@ class Mounting:
         attempt = state.attempts.get(point.number, 0) + 1
         mass = point.mass_kg if mass_kg is None else mass_kg
         mass += self.profile.arm.tare_kg if mass else 0.0
-        if self.hands is not None:
+        if self.operator is not None:
             if point.role == "shunt":
-                self.hands.shunt(closed=True)
+                self.operator.shunt(closed=True)
             else:
-                self.hands.put(
+                self.operator.put(
                     mass, direction=point.direction, number=point.number, attempt=attempt
                 )
         self._note("hung", {"point": point.number, "direction": point.direction})
 
     def open_shunt(self) -> None:
         """Take the shunt resistor off again."""
-        if self.hands is not None:
-            self.hands.shunt(closed=False)
+        if self.operator is not None:
+            self.operator.shunt(closed=False)
         self._note("opened", {})
 
     def restore(self) -> None:
         """Bring a simulated bench to where the journal left it."""
-        if self.hands is not None:
-            self.hands.restore(self.log.state.fixtures, self.log.state.acquisitions)
+        if self.operator is not None:
+            self.operator.restore(self.log.state.fixtures, self.log.state.acquisitions)
 
     def _note(self, event: str, body: Mapping[str, Any]) -> None:
         """Note what changed at a simulated bench, then the event."""
-        if self.hands is not None:
-            for change in self.hands.history()[len(self.log.state.fixtures) :]:
+        if self.operator is not None:
+            for change in self.operator.history()[len(self.log.state.fixtures) :]:
                 self.log.note("fixture", {"fixture": change})
         self.log.note(event, body)
