@@ -18,8 +18,7 @@ from scipy import stats
 
 from hdbench.calibration import evaluate_calibration
 from hdbench.calibration.acceptance import decide
-from hdbench.calibration.budget import combined, expanded_uncertainty, with_shares
-from hdbench.calibration.montecarlo import propagate
+from hdbench.calibration.budget import combined, expanded_uncertainty, propagate, with_shares
 from hdbench.errors import DataError
 from hdbench.profile import load_profile, new_profile, parse_profile
 from hdbench.records import LoadReading, Loads
