@@ -108,7 +108,7 @@ def option_row(option: click.Option, command: click.Command) -> str:
         notes.append("May be given several times.")
     if option.required:
         notes.append("Required.")
-    if option.show_default and option.default not in (None, (), False):
+    if option.show_default is not False and option.default not in (None, (), False, ""):
         notes.append(f"Default `{option.default}`.")
     return f"| {names} | {cell(' '.join(notes))} |"
 

@@ -71,6 +71,7 @@ def _shared_options() -> list[click.Parameter]:
         click.Option(
             ["-v", "--verbose"],
             count=True,
+            show_default=False,
             expose_value=False,
             callback=_add_verbose,
             help="Say more; a traceback for a bug.",
@@ -136,7 +137,7 @@ def _show_version(output: Output) -> None:
 @click.group(
     cls=_LazyGroup,
     invoke_without_command=True,
-    context_settings={"help_option_names": ["-h", "--help"]},
+    context_settings={"help_option_names": ["-h", "--help"], "show_default": True},
     epilog="First time here? Run `hdbench demo`.",
     params=[
         *_shared_options(),

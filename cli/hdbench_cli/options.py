@@ -180,7 +180,6 @@ def plant_option(default: str = "as-modelled", bench: str = "embedded bench") ->
         metavar="NAME|FILE",
         shell_complete=_completes(_plant_names),
         default=default,
-        show_default=True,
         help=f"What the {bench} has beyond its model.",
     )
 
@@ -199,14 +198,12 @@ out_option = click.option(
     metavar="DIR",
     type=click.Path(path_type=Path, file_okay=False),
     default=_RUNS,
-    show_default=True,
     help="Parent folder of run folders.",
 )
 seed_option = click.option(
     "--seed",
     type=click.IntRange(min=0),
     default=0,
-    show_default=True,
     help="Seed of everything that is simulated.",
 )
 from_option = click.option(
@@ -271,7 +268,6 @@ operator_option = click.option(
     "who",
     type=click.Choice(["auto", "person", "simulated"]),
     default="auto",
-    show_default=True,
     help="Who answers: auto asks a person at a real bench, and at a simulated one on a terminal. "
     "simulated needs the embedded bench or --control.",
 )
@@ -280,6 +276,7 @@ mistakes_option = click.option(
     "mistakes",
     metavar="LIST",
     default="",
+    show_default=False,
     help="What goes wrong at a simulated bench, by point of the sequence: wrong-weight@5, "
     "wrong-weight@5:0.5 (kg), swing@7, early-release@9, comma-separated.",
 )
@@ -315,7 +312,6 @@ bench_options = with_options(
         "form",
         type=click.Choice(["csv", "parquet"]),
         default="csv",
-        show_default=True,
         help="parquet keeps the data as Parquet too, beside the CSV file.",
     ),
 )

@@ -14,15 +14,17 @@ from hdbench.calibration.budget import (
     expanded_naive,
     expanded_of,
     gain_rows,
+    propagate,
     with_shares,
 )
-from hdbench.calibration.course import course_of, sequence_deviations, shunt_record
-from hdbench.calibration.curve import loading_loops
-from hdbench.calibration.gains.consistency import (
-    consistency_interval,
-    shared_dof,
-    vangel_interval,
+from hdbench.calibration.course import (
+    course_of,
+    doubts_of,
+    notes_of,
+    sequence_deviations,
+    shunt_record,
 )
+from hdbench.calibration.curve import loading_loops
 from hdbench.calibration.gains.differences import (
     consensus,
     direction_effects,
@@ -32,11 +34,17 @@ from hdbench.calibration.gains.differences import (
 )
 from hdbench.calibration.gains.mixed import mixed_fit
 from hdbench.calibration.gains.outliers import GainOutlier, gain_outliers
-from hdbench.calibration.gains.positions import by_position, mean_gain, one_way, position_numbers
+from hdbench.calibration.gains.positions import (
+    by_position,
+    consistency_interval,
+    mean_gain,
+    one_way,
+    position_numbers,
+    shared_dof,
+    vangel_interval,
+)
 from hdbench.calibration.lines import fit_experiment
-from hdbench.calibration.montecarlo import propagate
 from hdbench.calibration.readings import TakenReading, reading_resolution, taken_readings
-from hdbench.calibration.remarks import doubts_of, notes_of
 from hdbench.calibration.stepwise.classes import overall_class
 from hdbench.calibration.stepwise.evaluation import evaluate_group
 from hdbench.calibration.stepwise.oddreadings import odd_readings

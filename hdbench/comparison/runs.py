@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any, Literal
 
 from hdbench.comparison.calibration import compare_calibrations
-from hdbench.comparison.changes import KeyChange, environment_changes, profile_changes
 from hdbench.comparison.diagnosis import compare_diagnoses
 from hdbench.comparison.dynamic import (
     Moved,
@@ -20,7 +19,7 @@ from hdbench.comparison.dynamic import (
 from hdbench.comparison.orders import Pattern
 from hdbench.comparison.overlay import overlay
 from hdbench.comparison.score import Compared
-from hdbench.comparison.side import Side, load_side
+from hdbench.comparison.side import KeyChange, Side, environment_changes, load_side, profile_changes
 from hdbench.errors import DataError, UsageError
 from hdbench.records import Quantity
 from hdbench.records.jsonfile import result_header

@@ -32,17 +32,8 @@ __all__ = [
     "repeats_of",
 ]
 
-
-def clean_text(raw: bytes) -> str:
-    """Return device text without control, format and undecodable characters."""
-    text = raw.split(b"\0", 1)[0].decode("utf-8", errors="replace")
-    printable = (c for c in text if unicodedata.category(c)[0] != "C")
-    return "".join(printable).replace("\N{REPLACEMENT CHARACTER}", "").strip()
-
-
 Role = Literal["torque", "tacho", "current", "reference", "encoder"]
 """What a channel of a bench measures."""
-
 ROLE_UNITS: dict[Role, str] = {
     "torque": "V",
     "tacho": "V",
@@ -50,6 +41,13 @@ ROLE_UNITS: dict[Role, str] = {
     "reference": "V",
     "encoder": "count",
 }
+
+
+def clean_text(raw: bytes) -> str:
+    """Return device text without control, format and undecodable characters."""
+    text = raw.split(b"\0", 1)[0].decode("utf-8", errors="replace")
+    printable = (c for c in text if unicodedata.category(c)[0] != "C")
+    return "".join(printable).replace("\N{REPLACEMENT CHARACTER}", "").strip()
 
 
 @dataclass(frozen=True, slots=True)

@@ -24,6 +24,9 @@ __all__ = [
     "roles_of",
 ]
 
+# periods are decimal numbers: a rate equal to the highest one differs by rounding
+_ROUNDING = 1.0 + 1e-9
+
 
 def roles_of(table: Acquisition) -> tuple[Role, ...]:
     """Return the roles of the channels that a table samples, in order."""
@@ -77,10 +80,6 @@ def _devices(table: Acquisition) -> tuple[Acquisition, ...]:
     if isinstance(table, CompositeAcquisition):
         return (table.inputs, table.outputs)
     return (table,)
-
-
-# periods are decimal numbers: a rate equal to the highest one differs by rounding
-_ROUNDING = 1.0 + 1e-9
 
 
 def check_demands(asked: AcquisitionSettings, settings: HostSettings, able: Capabilities) -> None:

@@ -25,6 +25,13 @@ __all__ = ["Holder", "exclusive", "is_line", "listening", "release"]
 _ANSWER_S = 1.0
 _GRAIN_S = 0.2
 _LONGEST = 64
+# a run ends within 4 s of SIGTERM, its motor stopped
+_RELEASE_S = 6.0
+_POLL_S = 0.05
+# from locking the file to writing it takes milliseconds
+_WRITING_S = 1.0
+_LINES = ("rtu", "ascii", "serial")
+_PORT = "502"
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,15 +99,6 @@ def _serve(listener: socket.socket, secret: str, ended: threading.Event) -> None
                 link.sendall(b"yes\n")
                 if what == "stop" and not ended.is_set():
                     signal_self(signal.SIGTERM)
-
-
-# a run ends within 4 s of SIGTERM, its motor stopped
-_RELEASE_S = 6.0
-_POLL_S = 0.05
-# from locking the file to writing it takes milliseconds
-_WRITING_S = 1.0
-_LINES = ("rtu", "ascii", "serial")
-_PORT = "502"
 
 
 @contextmanager

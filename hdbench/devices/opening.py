@@ -1,4 +1,4 @@
-"""Open the bench that a profile names, and let one process at a time have it."""
+"""Opening of the bench that a profile names; one process at a time has it."""
 
 from __future__ import annotations
 

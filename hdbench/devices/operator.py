@@ -29,6 +29,7 @@ _SWING_RAD = (0.1, 0.25)
 _RELEASE_S = 0.7
 # random streams of the simulated bench begin with its seed; this one is the operator's
 _STREAM = 0x0B5E55
+_BURN_PERIOD_S = 0.01  # any period that a node takes
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,9 +108,6 @@ class Mistakes:
 
     def _draws(self, number: int) -> np.random.Generator:
         return np.random.default_rng([self.seed, _STREAM, number])
-
-
-_BURN_PERIOD_S = 0.01  # any period that a node takes
 
 
 @dataclass(slots=True)

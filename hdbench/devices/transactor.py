@@ -1,4 +1,4 @@
-"""One transaction at a time with a device, each with its deadline, some of them repeated."""
+"""Transactor: one transaction at a time with a device, each with its deadline."""
 
 from __future__ import annotations
 

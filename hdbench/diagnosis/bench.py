@@ -1,4 +1,4 @@
-"""A bench out of a log: what its data tell of the profile, and what such a bench supports."""
+"""Bench out of a log: keys of the profile that its data tell, and what such a bench supports."""
 
 from __future__ import annotations
 

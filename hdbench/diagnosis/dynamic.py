@@ -19,9 +19,9 @@ from hdbench.diagnosis.discovery.rest import residual_nm, whitened_nm
 from hdbench.diagnosis.discovery.search import Search, search
 from hdbench.diagnosis.discovery.term import Term
 from hdbench.diagnosis.evidence import check_rates
+from hdbench.diagnosis.faults.channels import inspect_channels
 from hdbench.diagnosis.faults.converter import coarse_steps
 from hdbench.diagnosis.faults.fault import Inspected
-from hdbench.diagnosis.faults.inspection import inspect_channels
 from hdbench.diagnosis.faults.residual import ResidualFaults, faults_of_residual
 from hdbench.diagnosis.inspection.channel import same_noise
 from hdbench.model import BenchModel, Cause, catalogue

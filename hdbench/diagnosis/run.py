@@ -1,4 +1,4 @@
-"""A diagnosis as a run folder: result, extended model, residual and spectra."""
+"""Run folder of a diagnosis: result, extended model, residual and spectra."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from hdbench.diagnosis.answer.filtergain import filter_gain
+from hdbench.diagnosis.answer.filter_gain import filter_gain
 from hdbench.diagnosis.answer.result import Diagnosis
 from hdbench.diagnosis.answer.tables import code_map, write_pictures, write_table
 from hdbench.diagnosis.dynamic import diagnose_trace

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from hdbench.devices.feasibility import check_drives, check_pace, check_tables
-from hdbench.diagnosis.planning.planlimits import check_motion_plan
+from hdbench.diagnosis.planning.limits import check_motion_plan
 from hdbench.diagnosis.planning.segments import LoadStep, MotionPlan, Stage, plan_stages, program_of
 from hdbench.errors import UsageError
 from hdbench.model.waves import ReferenceProgram, program_voltage, reference_voltage

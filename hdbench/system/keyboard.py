@@ -1,4 +1,4 @@
-"""What a person types: single keys from a terminal, or lines from a pipe."""
+"""Keyboard: single keys from a terminal, or lines from a pipe."""
 
 from __future__ import annotations
 

@@ -41,6 +41,11 @@ else:
 _CHUNK = 4096
 # how often a port is looked at where it cannot be waited for, s
 _LOOK_S = 5e-4
+Claim = Literal["hold", "ask", "share"]
+"""Have the port alone; or refuse one that another program has, and keep nobody else away; or
+share it with whoever has it. Windows shares no port."""
+# longest wait for characters to leave where a port takes them all or none, s
+_WRITE_S = 1.0
 
 
 class PortIo(Protocol):
@@ -221,14 +226,6 @@ class PseudoTerminal:
 
     def _read(self) -> None:
         self._received(os.read(self._near, _CHUNK))
-
-
-Claim = Literal["hold", "ask", "share"]
-"""Have the port alone; or refuse one that another program has, and keep nobody else away; or
-share it with whoever has it. Windows shares no port."""
-
-# longest wait for characters to leave where a port takes them all or none, s
-_WRITE_S = 1.0
 
 
 def open_port(

@@ -1,4 +1,4 @@
-"""A processor that does not sleep while a fast line is open."""
+"""Wake-up: a processor that does not sleep while a fast line is open."""
 
 from __future__ import annotations
 

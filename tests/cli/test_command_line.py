@@ -13,6 +13,7 @@ import pytest
 from click.testing import CliRunner
 from rich.text import Text
 
+from hdbench.errors import HdbenchError
 from hdbench_cli import main as main_module
 from hdbench_cli.output import Output
 
@@ -213,3 +214,12 @@ def test_torques_against_their_direction_are_doubtful_and_not_a_bug(
     assert done.returncode == code, done.stderr
     assert said in done.stderr
     assert run(*words, "--check").returncode == (code if code == 4 else 3)
+
+
+@pytest.mark.parametrize(("count", "words"), [(1, "1 problem in a.toml"), (2, "2 problems in")])
+def test_problems_are_counted_in_plain_english(count, words, capsys) -> None:
+    problem = HdbenchError("found 1", where="a.toml:3", fix="give 2")
+    Output().error(HdbenchError("bad", where="a.toml", fix="mend", problems=(problem,) * count))
+    told = capsys.readouterr().err
+    assert told.count("fix: give 2") == count
+    assert words in told

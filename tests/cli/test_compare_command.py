@@ -9,34 +9,25 @@ from pathlib import Path
 import pytest
 
 from hdbench.records import dumps
-from hdbench_cli.main import main
 
-
-@pytest.fixture
-def hdbench(capsys: pytest.CaptureFixture[str]):
-    def run(*words: str | Path, code: int = 0) -> tuple[str, str]:
-        """Return stdout and stderr of a command that ends with `code`."""
-        with pytest.raises(SystemExit) as end:
-            main([str(word) for word in words])
-        shown = capsys.readouterr()
-        assert end.value.code == code, shown.err
-        return shown.out, shown.err
-
-    return run
+STORED = Path(__file__).parents[1] / "stored" / "misalignment" / "expected.json"
 
 
 def result(path: Path, amplitude: float) -> Path:
     def q(value: float, std: float) -> dict[str, object]:
         return {"value": value, "std": std, "dof": None}
 
-    body = {
-        "schema": "hdbench/misalignment/1",
-        "hdbench_version": "0",
+    body = json.loads(STORED.read_text())["result"] | {
         "profile": {"name": "<script>alert(1)</script>", "sha256": "0"},
         "amplitude_nm": q(amplitude, 0.01),
         "peak_to_peak_nm": q(2.0 * amplitude, 0.02),
         "phase_rad": q(0.3, 0.01),
+        "before": {"peak_to_peak_nm": q(2.0 * amplitude, 0.02)},
         "after": {"peak_to_peak_nm": q(0.1, 0.01)},
+        "output_turns": 4.0,
+        "mean_torque_nm": 0.1,
+        "motor_velocity_rad_s": 60.0,
+        "filter": {"order": 0.01},
     }
     path.write_text(dumps(body))
     return path
@@ -65,7 +56,8 @@ def test_check_exits_3_where_something_moved_and_0_where_nothing_did(two, hdbenc
 
 def test_two_kinds_and_a_missing_file_exit_4(two, tmp_path: Path, hdbench) -> None:
     other = tmp_path / "other.json"
-    other.write_text('{"schema": "hdbench/ripple/1"}')
+    ripple = json.loads((STORED.parents[1] / "ripple" / "expected.json").read_text())["result"]
+    other.write_text(dumps(ripple))
     _, told = hdbench("runs", "compare", two[0], other, code=4)
     assert "two misalignment runs" in told
     hdbench("runs", "compare", two[0], tmp_path / "none.json", code=4)

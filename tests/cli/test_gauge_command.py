@@ -9,21 +9,6 @@ from pathlib import Path
 
 import pytest
 
-from hdbench_cli.main import main
-
-
-@pytest.fixture
-def hdbench(capsys: pytest.CaptureFixture[str]):
-    def run(*words: str | Path, code: int = 0) -> tuple[str, str]:
-        """Return stdout and stderr of a command that ends with `code`."""
-        with pytest.raises(SystemExit) as end:
-            main([str(word) for word in words])
-        shown = capsys.readouterr()
-        assert end.value.code == code, shown.err
-        return shown.out, shown.err
-
-    return run
-
 
 def test_the_film_of_the_report_has_its_46_mm(tmp_path: Path, hdbench) -> None:
     out = tmp_path / "sub" / "film.pdf"

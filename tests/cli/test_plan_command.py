@@ -5,23 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-import pytest
-
 from hdbench.diagnosis.planning import read_plan
-from hdbench_cli.main import main
-
-
-@pytest.fixture
-def hdbench(capsys: pytest.CaptureFixture[str]):
-    def run(*words: str | Path, code: int = 0) -> tuple[str, str]:
-        """Return stdout and stderr of a command that ends with `code`."""
-        with pytest.raises(SystemExit) as end:
-            main([str(word) for word in words])
-        shown = capsys.readouterr()
-        assert end.value.code == code, shown.err
-        return shown.out, shown.err
-
-    return run
 
 
 def test_a_proposed_plan_is_written_and_passes_the_limits(tmp_path: Path, hdbench) -> None:

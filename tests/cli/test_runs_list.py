@@ -9,23 +9,18 @@ from pathlib import Path
 
 import pytest
 
+from hdbench.errors import DataError
 from hdbench.profile import load_profile
 from hdbench_cli.inputs import choose_profile
-from hdbench_cli.main import main
+from hdbench_cli.options import StoredPath, newest_run
 
 LOADS = Path(__file__).parents[1] / "stored" / "calibration" / "loads.csv"
 
 
 @pytest.fixture
-def hdbench(capsys: pytest.CaptureFixture[str]):
-    def run(*words: object, code: int = 0) -> str:
-        with pytest.raises(SystemExit) as ended:
-            main([str(word) for word in words])
-        said = capsys.readouterr()
-        assert ended.value.code == code, said
-        return said.out
-
-    return run
+def hdbench(hdbench):
+    """Return stdout alone."""
+    return lambda *words, code=0: hdbench(*words, code=code)[0]
 
 
 @pytest.fixture
@@ -81,3 +76,54 @@ def test_notes_are_kept_and_shown(runs, hdbench):
     assert [note["text"] for note in shown["notes"]] == ["re-clamped", "new gauges"]
     hdbench("runs", "note", run["path"], "a\nb", code=2)
     hdbench("runs", "note", runs, "no run", code=4)
+
+
+def stored_run(folder: Path, kind: str, second: int) -> Path:
+    run = folder / "runs" / f"20261121T1015{second:02d}Z-{kind}-3f9a1c"
+    run.mkdir(parents=True)
+    body = {
+        "schema": "hdbench/run/1",
+        "hdbench_version": "0",
+        "profile": {"name": "a", "sha256": "0"},
+        "run_id": run.name,
+        "kind": kind,
+        "status": "complete",
+        "started_utc": f"2026-11-21T10:15:{second:02d}Z",
+        "ended_utc": None,
+        "exit_reason": "",
+        "calibration": None,
+        "device": None,
+        "versions": {},
+        "files": {},
+        "details": {},
+    }
+    (run / "run.json").write_text(json.dumps(body))
+    return run.relative_to(folder)
+
+
+def test_last_names_the_newest_run_or_the_newest_of_a_kind(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(DataError, match="no stored run in"):
+        newest_run("last")
+    calibration, ripple = (
+        stored_run(tmp_path, *one) for one in (("calibration", 2), ("ripple", 5))
+    )
+    stored_run(tmp_path, "calibration", 1)
+    assert newest_run("last") == ripple
+    assert newest_run("last:calibration") == calibration
+    assert newest_run("lasting") is newest_run("last:") is None
+    with pytest.raises(DataError, match="no stored run of kind diagnosis"):
+        newest_run("last:diagnosis")
+    # a file of that name is the file
+    (tmp_path / "last").write_text("")
+    assert newest_run("last") is None
+
+
+def test_a_run_stands_for_its_model_or_plan(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    run = stored_run(tmp_path, "diagnosis", 1)
+    with pytest.raises(DataError, match="no such file"):
+        StoredPath(inside="model.json").convert("last", None, None)
+    (tmp_path / run / "model.json").write_text("{}")
+    assert StoredPath(inside="model.json").convert("last", None, None) == run / "model.json"
+    assert StoredPath().convert("last:diagnosis", None, None) == run

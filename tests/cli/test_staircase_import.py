@@ -8,21 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hdbench_cli.main import main
-
-
-@pytest.fixture
-def hdbench(capsys: pytest.CaptureFixture[str]):
-    def run(*words: str | Path, code: int = 0) -> tuple[str, str]:
-        """Return stdout and stderr of a command that ends with `code`."""
-        with pytest.raises(SystemExit) as end:
-            main([str(word) for word in words])
-        shown = capsys.readouterr()
-        assert end.value.code == code, shown.err
-        return shown.out, shown.err
-
-    return run
-
 
 @pytest.fixture
 def raw(tmp_path: Path) -> Path:

@@ -134,7 +134,7 @@ def false_alarms(place: Path, certificates: tuple[str, str], n: int) -> float:
 def test_two_calibrations_of_one_sensor_are_told_apart_in_5_of_100(
     certificates: tuple[str, str], lowest: float, tmp_path: Path
 ) -> None:
-    n = 800
+    n = 400
     slack = 3.0 * math.sqrt(0.05 * 0.95 / n)
     assert lowest - slack < false_alarms(tmp_path, certificates, n) < 0.05 + slack
 

@@ -11,8 +11,8 @@ import pytest
 from swinging_shaft import COUNT, slipped, swing
 from swinging_shaft import read_by_encoder as bench
 
+from hdbench.diagnosis.faults.channels import inspect_channels
 from hdbench.diagnosis.faults.converter import coarse_steps
-from hdbench.diagnosis.faults.inspection import inspect_channels
 from hdbench.diagnosis.faults.residual import faults_of_residual
 from hdbench.diagnosis.faults.units import check_channels
 from hdbench.model import BenchModel, CauseTerm, baseline_columns, motion_from_trace

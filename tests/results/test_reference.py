@@ -43,6 +43,16 @@ FREE = {"hysteresis": "ID", "steps[].increasing.parts": "ID"}
 FREE["steps[].increasing_decreasing.parts"] = "ID"
 
 
+# keys that the contract names, by kind
+CONTRACT = {
+    "calibration": "gain_nm_per_v consistency consistency_interval n_experiments accepted "
+    "experiments steps class",
+    "misalignment": "amplitude_nm peak_to_peak_nm phase_rad before after output_turns "
+    "mean_torque_nm motor_velocity_rad_s filter",
+    "ripple": "ripple motor_velocity_rad_s torque_rms_nm suppression_db filter",
+}
+
+
 def type_of(value: object) -> str:
     """Return the type of a JSON value in the words of the reference."""
     if isinstance(value, Mapping):
@@ -96,8 +106,11 @@ def fresh(request, tmp_path_factory: pytest.TempPathFactory) -> tuple[str, dict[
     return kind, body
 
 
-def test_a_fresh_result_is_what_the_reference_says(fresh) -> None:
-    assert differences(*fresh) == set()
+def test_a_fresh_result_is_what_contract_and_reference_say(fresh) -> None:
+    kind, body = fresh
+    assert differences(kind, body) == set()
+    assert body["schema"] == f"hdbench/{kind}/1"
+    assert set(CONTRACT[kind].split()) <= set(body)
 
 
 def test_a_stored_result_reads_back_to_the_same_file(fresh) -> None:

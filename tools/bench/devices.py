@@ -1,6 +1,6 @@
 """Measure how fast devices are read: nodes on a paced serial line and on TCP, polled ones on TCP.
 
-Usage: python tools/bench_devices.py [--seconds 60] [--only serial|sustained|tcp|polled]
+Usage: python tools/bench/devices.py [--seconds 60] [--only serial|sustained|tcp|polled]
 
 * serial: 1 kHz in real time over a line at the wire's pace: samples, losses, depth.
 * sustained: as many blocks as go, against the limit that characters and silences set.
@@ -59,14 +59,14 @@ def paced_node(pace: str, query: str) -> Iterator[str]:
     In real time the emulated bench, else one whose samples cost nothing, so that the wire limits.
     """
     if pace == "fast":
-        with process("tools/paced_node.py", query) as near:
+        with process("tools/faults/paced.py", query) as near:
             yield near
         return
     emulate = "from hdbench_cli.main import main; main()"
     realtime = ("-c", emulate, "emulate", "--rtu", "--pace", "realtime", "--json")
     with process(*realtime) as told:
         path = str(json.loads(told)["address"]).partition("?")[0]
-        with process("tools/paced_line.py", f"{path}?{query}") as near:
+        with process("tools/faults/paced.py", f"{path}?{query}") as near:
             yield near
 
 
@@ -160,7 +160,7 @@ def tcp(seconds: float) -> dict[str, object]:
     with process("-c", emulate, "emulate", "--pace", "fast", "--json") as told:
         port = int(json.loads(told)["port"])
         row["emulated bench"] = _compare(port, seconds / 3, lambda: _started(port))
-    with process("tools/reply_faults.py", "--serve", "tcp") as told:
+    with process("tools/faults/replies.py", "--serve", "tcp") as told:
         port = parse_address(json.loads(told)["address"]).port
         row["counting node"] = _compare(port, seconds / 3, lambda: _started(port))
     shared = multiprocessing.Value("i", 0)

@@ -1,4 +1,4 @@
-"""The benchmark's page as text."""
+"""Page of the benchmark as text."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the fault campaign stands on: a served bench, runs in processes of their own, rows."""
+"""Kit of the fault campaign: a served bench, runs in processes of their own, rows."""
 
 from __future__ import annotations
 

@@ -42,7 +42,6 @@ _MOST_LINES = 10
     metavar="DIR",
     type=click.Path(path_type=Path, file_okay=False),
     default=Path("batch"),
-    show_default=True,
     help="Folder of the batch: batch.csv, batch.parquet, and a result for every input.",
 )
 @click.option(
@@ -69,14 +68,12 @@ _MOST_LINES = 10
     metavar="N",
     type=click.IntRange(min=0),
     default=2,
-    show_default=True,
     help="How often an input is tried again when the worker died that computed it.",
 )
 @click.option(
     "--memory",
     metavar="SIZE",
     default="auto",
-    show_default=True,
     help="Most that one worker on this computer may hold, such as 2GB; auto: its share.",
 )
 @click.pass_context

@@ -53,7 +53,6 @@ def _list_causes(output: Output, cause_files: tuple[Path, ...]) -> None:
     metavar="FRACTION",
     type=click.FloatRange(0.0, 1.0, max_open=True),
     default=0.01,
-    show_default=True,
     help="Smallest share of the residual variance of a cause that counts.",
 )
 @click.option(
@@ -89,20 +88,15 @@ def _list_causes(output: Output, cause_files: tuple[Path, ...]) -> None:
 @click.pass_obj
 def command(
     output: Output,
-    sources: Sequence[Path],
+    /,
+    sources: tuple[Path, ...],
     profile_name: str | None,
     drive: str | None,
-    model_file: Path | None,
     out: Path,
-    materiality: float,
-    baseline: tuple[str, ...],
-    cause_files: tuple[Path, ...],
-    from_s: float | None,
-    to_s: float | None,
     together: bool,
     check: bool,
     list_causes: bool,
-    seed: int,
+    **asked: Any,
 ) -> None:
     """Show what the simulation gets wrong, name the cause, extend the model, measure the gain.
 
@@ -110,7 +104,7 @@ def command(
     after, and its spectra.
     """
     if list_causes:
-        _list_causes(output, cause_files)
+        _list_causes(output, asked["cause_files"])
         return
     if not sources:
         raise UsageError(
@@ -122,15 +116,7 @@ def command(
     from hdbench_cli.commands import diagnosis_text
     from hdbench_cli.live.progress import progress_bar
 
-    options = DiagnosisOptions(
-        model_file,
-        materiality=materiality,
-        seed=seed,
-        baseline=baseline,
-        cause_files=cause_files,
-        from_s=from_s,
-        to_s=to_s,
-    )
+    options = DiagnosisOptions(**asked)
     profiles = [choose_profile(profile_name, source, drive) for source in sources]
     done: list[tuple[Path, dict[str, Any]]] = []
     if together:

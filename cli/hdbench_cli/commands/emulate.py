@@ -44,14 +44,12 @@ _LOOPBACK = ("127.0.0.1", "localhost", "::1")
     metavar="PORT",
     type=click.IntRange(0, 65535),
     default=0,
-    show_default=True,
     help="TCP port; 0 takes a free one.",
 )
 @click.option(
     "--wire",
     type=click.Choice(["tcp", "rtu", "rtu+tcp", "ascii", "udp"]),
     default="tcp",
-    show_default=True,
     help="What the device speaks: a node tcp or rtu, a polled device any; rtu and ascii on a "
     "pseudo-terminal.",
 )
@@ -60,7 +58,6 @@ _LOOPBACK = ("127.0.0.1", "localhost", "::1")
     "--listen",
     metavar="ADDRESS",
     default="127.0.0.1",
-    show_default=True,
     help="Address of this computer to listen on; other than the loopback with --unprotected only.",
 )
 @click.option(
@@ -72,7 +69,6 @@ _LOOPBACK = ("127.0.0.1", "localhost", "::1")
     "--pace",
     type=click.Choice(["realtime", "fast"]),
     default="realtime",
-    show_default=True,
     help="Sample by the wall clock, or as fast as the host reads.",
 )
 @file_option(

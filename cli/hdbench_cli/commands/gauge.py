@@ -37,7 +37,6 @@ layout_option = click.option(
     "--layout",
     type=click.Choice(["four", "two", "spread"]),
     default="four",
-    show_default=True,
     help="Rosettes: four at 90 degrees (the report's), two at 90, or four at 45 degrees.",
 )
 
@@ -73,7 +72,6 @@ def command() -> None:
     "--sheet",
     type=click.Choice(["a4", "letter", "a3"]),
     default="a4",
-    show_default=True,
     help="Sheet of film.",
 )
 @click.option("--mirror", is_flag=True, help="For gauges laid on the printed side.")
@@ -81,7 +79,6 @@ def command() -> None:
     "--out",
     metavar="FILE.pdf",
     default=Path("gauge-film.pdf"),
-    show_default=True,
     help="PDF to write; the SVG goes beside it.",
 )
 @click.pass_obj
@@ -153,7 +150,6 @@ def _film_lines(body: Mapping[str, Any]) -> Iterator[str]:
     "--distribution",
     type=click.Choice(["uniform", "normal"]),
     default="uniform",
-    show_default=True,
     help="Within the tolerance, or the tolerance as two standard deviations.",
 )
 @_number("--radius", "MM", "Axis to centre of a rosette.  [default: midway, as the film]")
@@ -162,9 +158,7 @@ def _film_lines(body: Mapping[str, Any]) -> Iterator[str]:
 @_number("--wave-strain-4", "STRAIN", "The same at order 4.  [default: from the model's ripple]")
 @_number("--normal-share", "SHARE", "Normal over shear amplitude of the wave strain.", 1.0)
 @_number("--assembly-strain", "STRAIN", "Steady radial strain of assembly.  [default: as order 2]")
-@click.option(
-    "--draws", type=int, default=10_000, show_default=True, help="Assemblies drawn per row."
-)
+@click.option("--draws", type=int, default=10_000, help="Assemblies drawn per row.")
 @seed_option
 @file_option("--csv", "csv_file", metavar="FILE.csv", help="The tables as CSV.")
 @click.pass_obj

@@ -6,7 +6,7 @@ import sys
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -19,7 +19,6 @@ from hdbench_cli.output import Output
 if TYPE_CHECKING:
     from hdbench.calibration.staircase import StaircaseReport
     from hdbench.importing.importer import ImportReport
-    from hdbench.importing.layout import Logger
     from hdbench.importing.listing import ChannelFacts
     from hdbench.importing.proposal import Proposal
     from hdbench.importing.recipe import Recipe
@@ -153,7 +152,6 @@ def _default_out(file: Path) -> Path:
     "--kind",
     type=click.Choice(["trace", "loads", "staircase"]),
     default="trace",
-    show_default=True,
     help="What the files hold; staircase: raw readings while weights were hung one after another.",
 )
 @click.option(
@@ -184,34 +182,35 @@ def _default_out(file: Path) -> Path:
 @click.option(
     "--side",
     type=click.Choice(["motor", "output"]),
+    default="motor",
     help="output: angles and velocities are of the joint; the gear ratio of --profile makes them "
-    "those of the motor.  [default: motor]",
+    "those of the motor.",
 )
 @click.option(
     "--torque-constant",
+    "torque_constant_nm_per_a",
     type=float,
     metavar="N_M_PER_A",
     help="Make torque_nm of motor_current_a by this factor.",
 )
 @click.option(
     "--velocity-from-angle",
+    "velocity_from_angle_hz",
     type=POSITIVE,
     metavar="HZ",
     help="Make motor_velocity_rad_s of motor_angle_rad: derivative without lag, low-pass at HZ.",
 )
 @click.option("--time", metavar="COLUMN[*SCALE]", help="Time column, in s after scaling.")
-@click.option("--rate", type=POSITIVE, metavar="HZ", help="Sample rate.")
+@click.option("--rate", "rate_hz", type=POSITIVE, metavar="HZ", help="Sample rate.")
 @click.option("--keep-time", is_flag=True, help="Keep the time as it is; else it starts at 0.")
 @click.option(
     "--delimiter",
     type=click.Choice(["auto", "comma", "semicolon", "tab", "blank"]),
     default="auto",
-    show_default=True,
     help="What separates the columns of a text.",
 )
 @click.option(
     "--from-logger",
-    "logger",
     type=click.Choice(["auto", "labjack", "dataq"]),
     help="The files are a data logger's: find the table, its time column and its units.",
 )
@@ -220,24 +219,15 @@ def _default_out(file: Path) -> Path:
     "--skip", type=click.IntRange(min=0), default=0, help="Lines to pass over before the header."
 )
 @click.option(
-    "--loads",
-    metavar="A,B,...",
-    help="Staircase: the load on each plateau, in the order of time.",
+    "--loads", metavar="A,B,...", help="Staircase: the load on each plateau, in the order of time."
 )
 @click.option(
     "--load-unit",
     type=click.Choice(["nm", "kg", "lb"]),
     default="nm",
-    show_default=True,
     help="Staircase: unit of the loads; masses hang on the arm of the profile.",
 )
-@click.option(
-    "--least-s",
-    type=POSITIVE,
-    default=3.0,
-    show_default=True,
-    help="Staircase: shortest plateau, s.",
-)
+@click.option("--least-s", type=POSITIVE, default=3.0, help="Staircase: shortest plateau, s.")
 @profile_option
 @click.option(
     "--out",
@@ -250,30 +240,20 @@ def _default_out(file: Path) -> Path:
 @click.pass_obj
 def command(
     output: Output,
-    *,
+    /,
     files: tuple[Path, ...],
     kind: str,
     maps: tuple[str, ...],
     constants: tuple[str, ...],
-    recipe_file: Path | None,
-    topic: str | None,
-    joint: str | None,
-    side: str | None,
-    torque_constant: float | None,
-    velocity_from_angle: float | None,
     time: str | None,
-    rate: float | None,
-    keep_time: bool,
-    delimiter: str,
-    logger: Logger | None,
-    no_header: bool,
-    skip: int,
+    recipe_file: Path | None,
     loads: str | None,
     load_unit: str,
     least_s: float,
     profile_name: str | None,
     out: Path | None,
     no_input: bool,
+    **layout: Any,
 ) -> None:
     """Bring in traces and loads from other programs.
 
@@ -291,7 +271,7 @@ def command(
     from hdbench.importing.recipe import Recipe, read_recipe, write_recipe
     from hdbench.profile import load_profile
 
-    if logger is not None and no_header:
+    if layout["from_logger"] is not None and layout["no_header"]:
         raise UsageError(
             "--from-logger needs the row of column names that --no-header denies",
             where="--from-logger",
@@ -303,17 +283,7 @@ def command(
         "trace" if kind == "staircase" else kind,
         {**_pairs(maps, "--map"), **timed},
         _pairs(constants, "--set"),
-        topic=topic,
-        joint=joint,
-        side=side or "motor",
-        rate_hz=rate,
-        torque_constant_nm_per_a=torque_constant,
-        velocity_from_angle_hz=velocity_from_angle,
-        keep_time=keep_time,
-        delimiter=delimiter,
-        from_logger=logger,
-        skip=skip,
-        no_header=no_header,
+        **layout,
     )
     if kind == "staircase":
         stairs = (maps, constants, time, loads)

@@ -61,7 +61,6 @@ def _write_map(path: Path, found: OrderMap) -> None:
     metavar="ORDER",
     type=POSITIVE,
     default=12.0,
-    show_default=True,
     help="Highest order of spectrum and map.",
 )
 @click.option(

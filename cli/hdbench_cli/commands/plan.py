@@ -65,14 +65,13 @@ _SHOWN, _SETTLED = 8, 2
 @click.pass_obj
 def command(
     output: Output,
+    /,
     profile_name: str | None,
-    causes: tuple[str, ...],
     of: Path | None,
     result: Path | None,
-    protocol: str | None,
-    duration_s: float | None,
     no_loads: bool,
     out: Path | None,
+    **asked: Any,
 ) -> None:
     """Say which run separates which causes.
 
@@ -85,10 +84,7 @@ def command(
 
     profile = choose_profile(profile_name, of or result)
     with progress_bar("plan") as told:
-        report, plan = plan_report(
-            profile, told, causes=causes, of=of, result=result, protocol=protocol,
-            duration_s=duration_s, loads=not no_loads,
-        )  # fmt: skip
+        report, plan = plan_report(profile, told, of=of, result=result, loads=not no_loads, **asked)
     if out is not None:
         if plan is None:
             settled = (pair["settled_by"] for pair in report["pairs"] if pair["settled_by"])

@@ -43,7 +43,6 @@ _MOST_KEYS = 8
     "--confidence",
     type=float,
     default=0.95,
-    show_default=True,
     help="Of the verdict, all that decides taken together.",
 )
 @click.option("--check", is_flag=True, help="Exit 3 unless all is within its uncertainty.")

@@ -99,9 +99,7 @@ def _key(run: RunSummary, name: str) -> str:
     "parent", metavar="[DIR]", default="runs", type=click.Path(path_type=Path, file_okay=False)
 )
 @filter_options
-@click.option(
-    "--sort", type=click.Choice(_SORTS), default="run", show_default=True, help="Order of the runs."
-)
+@click.option("--sort", type=click.Choice(_SORTS), default="run", help="Order of the runs.")
 @click.option("--reverse", is_flag=True, help="The last one first.")
 @click.option(
     "--csv",

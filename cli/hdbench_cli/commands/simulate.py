@@ -47,7 +47,6 @@ __all__ = ["command"]
     metavar="NM",
     type=click.FloatRange(min=0.0),
     default=0.0,
-    show_default=True,
     help="White noise of the torque per sample.",
 )
 @seed_option

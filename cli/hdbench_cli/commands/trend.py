@@ -44,7 +44,6 @@ QUANTITY_NAMES = (
     "--by",
     type=click.Choice(["drive", "sensor", "profile"]),
     default="drive",
-    show_default=True,
     help="One chart for each of these.",
 )
 @click.option(
@@ -61,14 +60,12 @@ QUANTITY_NAMES = (
     metavar="P",
     type=click.FloatRange(0.001, 0.5),
     default=0.05,
-    show_default=True,
     help="Chance of any signal in one stable history, all its charts together.",
 )
 @click.option(
     "--seed",
     type=click.IntRange(min=0),
     default=0,
-    show_default=True,
     help="Seed of the stable histories that are drawn to find the limits.",
 )
 @click.option("--check", is_flag=True, help="Exit 3 on a signal.")

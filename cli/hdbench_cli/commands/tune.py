@@ -119,7 +119,6 @@ def _is_model(file: Path) -> bool:
     "--slow",
     type=click.Choice(_SLOW),
     default="auto",
-    show_default=True,
     help="Kind of torque unknown to the expected torque; auto takes the stationary kind that the "
     "likelihood prefers.",
 )
@@ -129,7 +128,6 @@ def _is_model(file: Path) -> bool:
     metavar="SIGMA",
     type=float,
     default=6.0,
-    show_default=True,
     help="Outliers: so many standard deviations of the innovation; 0 keeps all.",
 )
 @calibration_option

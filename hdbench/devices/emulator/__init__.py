@@ -1,1 +1,1 @@
-"""Emulated bench: the plant, and the node that serves it over Modbus TCP."""
+"""Emulated devices: a simulated bench behind each kind of DAQ, on its own wire."""

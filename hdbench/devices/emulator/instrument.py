@@ -57,6 +57,15 @@ Input = Literal["torque", "tacho", "current", "reference"]
 
 ChannelFault = Literal["stuck", "high", "low"]
 """What can be wrong with an input."""
+Record = Callable[[Mapping[str, object]], None]
+# grain of the simulation while no scan clock runs, s
+IDLE_PERIOD_S = 1e-3
+# idle time is made up by at most this many samples at once
+_MAX_IDLE_SAMPLES = 1000
+# below this speed, rad/s, a motor with command zero stands: a quarter of a count of 1.6 mrad per s
+_STANDSTILL_RAD_S = 4e-4
+# a broken wire to a supply: beyond any input range
+_RAIL_V = 1e3
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,18 +111,6 @@ class ElectricalSamples:
 
     def __len__(self) -> int:
         return len(self.count)
-
-
-Record = Callable[[Mapping[str, object]], None]
-
-# grain of the simulation while no scan clock runs, s
-IDLE_PERIOD_S = 1e-3
-# idle time is made up by at most this many samples at once
-_MAX_IDLE_SAMPLES = 1000
-# below this speed, rad/s, a motor with command zero stands: a quarter of a count of 1.6 mrad per s
-_STANDSTILL_RAD_S = 4e-4
-# a broken wire to a supply: beyond any input range
-_RAIL_V = 1e3
 
 
 class SimulatedInstrument:

@@ -40,6 +40,17 @@ __all__ = [
 # four codes and a 32-bit encoder: what the node keeps of a scan
 SCAN_BYTES = 12
 _WINDOW_BYTES = DATA_AT + 2 * BLOCK_DATA_REGISTERS
+Pace = Literal["realtime", "fast"]
+Record = Callable[[Mapping[str, object]], None]
+# idle time is made up in steps of at most this many samples, so that a long sleep costs nothing
+_MAX_IDLE_SAMPLES = 1000
+# fast pace: device time produced at once, kept below the time in which a host reacts
+_FAST_CHUNK_S = 0.2
+_FAST_CHUNK_BLOCKS = 10
+# fast pace: device time that passes per look at a motor that is still turning
+_FAST_IDLE_S = 0.02
+_OVERFLOW, _RUNNING = int(Flag.OVERFLOW), int(Flag.RUNNING)
+_TRIPPED, _ENABLED = int(Flag.WATCHDOG_TRIPPED), int(Flag.DRIVE_ENABLED)
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,20 +160,6 @@ class ScanFifo:
         self.depth -= taken
         self.next_out = first + taken
         return first, scans
-
-
-Pace = Literal["realtime", "fast"]
-Record = Callable[[Mapping[str, object]], None]
-
-# idle time is made up in steps of at most this many samples, so that a long sleep costs nothing
-_MAX_IDLE_SAMPLES = 1000
-# fast pace: device time produced at once, kept below the time in which a host reacts
-_FAST_CHUNK_S = 0.2
-_FAST_CHUNK_BLOCKS = 10
-# fast pace: device time that passes per look at a motor that is still turning
-_FAST_IDLE_S = 0.02
-_OVERFLOW, _RUNNING = int(Flag.OVERFLOW), int(Flag.RUNNING)
-_TRIPPED, _ENABLED = int(Flag.WATCHDOG_TRIPPED), int(Flag.DRIVE_ENABLED)
 
 
 class NodeMachine:

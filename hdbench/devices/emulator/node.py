@@ -45,6 +45,11 @@ __all__ = [
 FREE, MINE, HELD = 0, 1, 2
 # a session whose connection is gone stays for a host that reconnects
 _KEPT_S = 2.0
+# acknowledgement and heartbeat
+_FEED = struct.Struct(">HH")
+_FEED_AT = reg.FEED[0].address
+# a pseudo-terminal passes characters at once; hosts reckon with the fastest usual rate
+_QUERY = "?baud=921600"
 
 
 class Session:
@@ -86,11 +91,6 @@ class Session:
         orphaned = self._token and self._owner is None
         if orphaned and self._clock() - self._orphaned_s > _KEPT_S:
             self._token = 0
-
-
-# acknowledgement and heartbeat
-_FEED = struct.Struct(">HH")
-_FEED_AT = reg.FEED[0].address
 
 
 class NodeCore(Device):
@@ -294,10 +294,6 @@ def _whole_registers(group: tuple[Register, ...], address: int, count: int) -> t
     if group[0].access != "rw" or sum(entry.size for entry in chosen) != count:
         raise RefusedError(2, Refusal.ADDRESS, address)
     return chosen
-
-
-# a pseudo-terminal passes characters at once; hosts reckon with the fastest usual rate
-_QUERY = "?baud=921600"
 
 
 def build_core(

@@ -37,6 +37,11 @@ __all__ = [
 # four seconds at 1 kHz: twice the longest watchdog time
 FIFO_SCANS = 4096
 _MAX_SAMPLES = 100_000_000
+# values come as 32-bit floats, rounded by at most 6e-8 of their size
+_ROUNDING = 1e-6
+DEFAULT_PARAMETERS: Mapping[str, Value] = {
+    entry.name: 1_000_000 if entry.name == "sample_period_ns" else 0 for entry in PARAMETERS
+}
 
 
 def identity_values(seed: int) -> Mapping[str, Value]:
@@ -72,14 +77,6 @@ def limit_values(profile: ProfileData) -> Mapping[str, Value]:
         "converter_bits": profile.daq.resolution_bits,
         "encoder_counts_per_turn": profile.encoder.counts_per_turn,
     }
-
-
-# values come as 32-bit floats, rounded by at most 6e-8 of their size
-_ROUNDING = 1e-6
-
-DEFAULT_PARAMETERS: Mapping[str, Value] = {
-    entry.name: 1_000_000 if entry.name == "sample_period_ns" else 0 for entry in PARAMETERS
-}
 
 
 class RefusedError(ModbusRefusedError):

@@ -1,4 +1,4 @@
-"""Emulated devices on the wire: pymodbus' server, which knows here which host asks."""
+"""Server of emulated devices: that of pymodbus, with a number for each host."""
 
 from __future__ import annotations
 

@@ -39,6 +39,10 @@ __all__ = [
 ]
 
 _POLL_S = 0.01
+# that a host-written reference and two wires keep up with
+_FAST_COMPOSITE = 4.0
+# time in which devices that have lost their host must have stopped the motor: watchdog and braking
+_ORPHAN_S = 7.0
 
 
 def open_record(path: Path | None, stack: ExitStack) -> Callable[[Mapping[str, object]], None]:
@@ -89,12 +93,6 @@ async def until_motor_stands(moving: Callable[[], bool], longest_s: float) -> No
     until_s = time.monotonic() + longest_s
     while moving() and time.monotonic() < until_s:
         await asyncio.sleep(_POLL_S)
-
-
-# that a host-written reference and two wires keep up with
-_FAST_COMPOSITE = 4.0
-# time in which devices that have lost their host must have stopped the motor: watchdog and braking
-_ORPHAN_S = 7.0
 
 
 @dataclass(frozen=True, slots=True)

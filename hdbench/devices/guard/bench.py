@@ -1,4 +1,4 @@
-"""A bench whose motor never turns without its guard."""
+"""Guarded bench: a bench whose motor never turns without its guard."""
 
 from __future__ import annotations
 

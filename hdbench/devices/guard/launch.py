@@ -1,4 +1,4 @@
-"""The session's end of the guard."""
+"""Guard process, as the session starts it, talks with it and lets it go."""
 
 from __future__ import annotations
 

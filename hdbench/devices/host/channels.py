@@ -19,6 +19,8 @@ __all__ = ["ChannelMap", "SampleClock", "Unwrap"]
 _CONVERTED: tuple[Role, ...] = ("torque", "tacho", "reference")
 References = Callable[[int, int], FloatArray]
 """Gives the reference that stood at n samples from an index on, V."""
+# the earliest arrival of this many blocks follows a drifting device clock
+_WINDOW = 64
 
 
 class Unwrap:
@@ -114,10 +116,6 @@ class ChannelMap:
         if column is None:
             return np.full(len(scans), np.nan)
         return scans.values[:, column]
-
-
-# the earliest arrival of this many blocks follows a drifting device clock
-_WINDOW = 64
 
 
 class SampleClock:

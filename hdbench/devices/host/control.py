@@ -21,6 +21,14 @@ __all__ = ["ControlThread", "HostReference", "ReferenceLog"]
 # a decimal limit and the sum of bias and amplitude differ by rounding only
 _ROUNDING = 1e-9
 _KEPT = 64
+# a session that has not asked for samples for this long hangs: the motor must not go on
+_ABSENT_S = 0.5
+# the watchdog is fed at most every third of its time, so that one late turn does not trip it
+_FEEDS_PER_TIME = 4.0
+# a turn that comes this many updates late is no control any more
+_LATE_UPDATES = 20.0
+_LATE_S = 0.2
+_JOIN_S = 1.0
 
 
 class HostReference:
@@ -108,16 +116,6 @@ class ReferenceLog:
             done = max(0, int(index[0]) - _KEPT) if len(index) else 0
             del self._time_s[:done], self._value_v[:done]
         return found
-
-
-# a session that has not asked for samples for this long hangs: the motor must not go on
-_ABSENT_S = 0.5
-# the watchdog is fed at most every third of its time, so that one late turn does not trip it
-_FEEDS_PER_TIME = 4.0
-# a turn that comes this many updates late is no control any more
-_LATE_UPDATES = 20.0
-_LATE_S = 0.2
-_JOIN_S = 1.0
 
 
 class ControlThread:

@@ -18,6 +18,8 @@ __all__ = ["HostSettings", "crossed_limit", "host_settings"]
 # of a device whose table has no [daq.output]
 _UPDATE_S = 0.01
 _SLEW_V_PER_S = 1000.0
+# a converter's scale error; a limit is not crossed within it
+_LIMIT_MARGIN = 1.001
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,10 +94,6 @@ def host_settings(profile: ProfileData, *, watchdog_s: float | None = None) -> H
         counts_per_turn=profile.encoder.counts_per_turn,
         max_skew_s=table.max_skew_s if isinstance(table, CompositeAcquisition) else math.inf,
     )
-
-
-# a converter's scale error; a limit is not crossed within it
-_LIMIT_MARGIN = 1.001
 
 
 def crossed_limit(block: Block, limits: HostSettings) -> str:

@@ -1,4 +1,4 @@
-"""Transactions with one device: one at a time, each with its deadline."""
+"""Access to a polled device: one transaction at a time, each with its deadline."""
 
 from __future__ import annotations
 

@@ -34,6 +34,8 @@ _REQUEST, _REPLY_HEAD = 5, 2
 _ENVELOPE = 3
 # a slower poll than once in ten minutes is no acquisition
 _MIN_RATE_HZ = 1.0 / 600.0
+# while readings are taken, the watchdog's state is looked at this often, s
+_LOOK_S = 0.1
 
 
 def describe_abilities(table: ModbusAcquisition, *, simulated: bool) -> Capabilities:
@@ -140,10 +142,6 @@ def _same(write: ModbusWrite, found: float | int) -> bool:
         return encode(found, write.type, "ABCD") == wanted
     except ValueError:
         return False
-
-
-# while readings are taken, the watchdog's state is looked at this often, s
-_LOOK_S = 0.1
 
 
 class ModbusDaq:

@@ -26,6 +26,11 @@ __all__ = ["SIGNATURE", "check_identity", "is_emulator", "make_probe", "signatur
 # "HBEM": what stands in registers of the emulator that the profile leaves free, far from the others
 SIGNATURE = 0x4842_454D
 _HIGHEST, _STEP, _AWAY = 0xFF01, 0x100, 32
+_ORDERS: dict[Order, str] = {
+    "CDAB": "words swapped",
+    "BADC": "bytes swapped",
+    "DCBA": "bytes and words swapped",
+}
 
 
 def signature_address(table: ModbusAcquisition) -> int:
@@ -62,13 +67,6 @@ def _listed(table: ModbusAcquisition) -> Iterator[ModbusPlace]:
     if watchdog is not None:
         optional += [watchdog.time, watchdog.tripped, watchdog.feed, *watchdog.clear]
     yield from (place for place in optional if place is not None)
-
-
-_ORDERS: dict[Order, str] = {
-    "CDAB": "words swapped",
-    "BADC": "bytes swapped",
-    "DCBA": "bytes and words swapped",
-}
 
 
 def check_identity(access: Access, table: ModbusAcquisition) -> Identity:

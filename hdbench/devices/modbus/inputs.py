@@ -14,6 +14,8 @@ from hdbench.devices.modbus.layout import Block, place_of, range_of, size_of
 from hdbench.profile.acquiring_modbus import ModbusAcquisition, ModbusChannel
 
 __all__ = ["Inputs", "Polling", "Reading", "input_info"]
+# longest wait of one call, s
+_WAIT_S = 0.02
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,10 +140,6 @@ def _doubt(channel: ModbusChannel, raw: float | int, state: int | None) -> str:
     if status is None or state is None or state & status.mask == status.good:
         return ""
     return f"the status word of {channel.role} reads 0x{state & status.mask:X}"
-
-
-# longest wait of one call, s
-_WAIT_S = 0.02
 
 
 class Polling:

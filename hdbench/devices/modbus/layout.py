@@ -48,6 +48,12 @@ Order = Literal["ABCD", "CDAB", "BADC", "DCBA"]
 _FORMATS: dict[str, str] = {
     "i16": ">h", "u16": ">H", "i32": ">i", "u32": ">I", "f32": ">f", "f64": ">d",
 }  # fmt: skip
+# 32-bit floats carry a decimal number to 6e-8 of itself
+_ROUNDING = 1e-6
+Space = Literal["holding", "input", "coil", "discrete"]
+_REGISTER_READS = {"holding": 3, "input": 4}
+_BIT_READS = {"coil": 1, "discrete": 2}
+_MAX_BITS = 2000
 
 
 def size_of(kind: Type) -> int:
@@ -92,10 +98,6 @@ def _ordered(raw: bytes, order: Order) -> bytes:
     return b"".join(words)
 
 
-# 32-bit floats carry a decimal number to 6e-8 of itself
-_ROUNDING = 1e-6
-
-
 def bounds(rule: ModbusIdentify) -> tuple[float, float]:
     """Return between which values a rule is kept."""
     low = -math.inf if rule.low is None else rule.low
@@ -123,12 +125,6 @@ def needed(rule: ModbusIdentify) -> str:
         words.append(f"{low} to {high}")
     masked = "" if rule.mask is None else f" in the bits 0x{rule.mask:X}"
     return " and ".join(words) + masked
-
-
-Space = Literal["holding", "input", "coil", "discrete"]
-_REGISTER_READS = {"holding": 3, "input": 4}
-_BIT_READS = {"coil": 1, "discrete": 2}
-_MAX_BITS = 2000
 
 
 @dataclass(frozen=True, slots=True)

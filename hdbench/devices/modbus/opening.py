@@ -25,6 +25,10 @@ from hdbench.profile.acquiring_modbus import ModbusAcquisition
 from hdbench.profile.schema import ProfileData
 
 __all__ = ["DRIVER", "modbus_rate_hz", "open_modbus", "stop_target"]
+# data of a reply stand behind function code and byte count
+_DATA_AT = 2
+# what still counts as zero where the output is a float, V
+_ZERO_V = 1e-3
 
 
 def open_modbus(profile: ProfileData, table: ModbusAcquisition) -> ModbusDaq:
@@ -67,12 +71,6 @@ def _check_deadline(table: ModbusAcquisition) -> None:
             where="key daq.deadline_s",
             fix=f"set it to {needed_s:.2g} s or more",
         )
-
-
-# data of a reply stand behind function code and byte count
-_DATA_AT = 2
-# what still counts as zero where the output is a float, V
-_ZERO_V = 1e-3
 
 
 def stop_target(_profile: ProfileData, table: ModbusAcquisition) -> Target | None:

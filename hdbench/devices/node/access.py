@@ -34,6 +34,9 @@ from hdbench.model.waves import ReferenceProgram
 from hdbench.profile.schema import ReferenceWave
 
 __all__ = ["NodeAccess", "parameter_values", "part_values"]
+# codes fill 16 bits from the left
+_FEWEST_BITS, _MOST_BITS = 8, 16
+_ABOVE_ZERO = ("range_v", "current_range_a", "limit_velocity_rad_s")
 
 
 def parameter_values(settings: DaqSettings, limits: Mapping[str, Value]) -> dict[str, Value]:
@@ -84,11 +87,6 @@ def _check(values: Mapping[str, Value], name: str, low: Value, high: Value) -> N
             where=f"register {name} (0x{register(name).address:04X})",
             fix="change the plan, or [daq] of the profile",
         )
-
-
-# codes fill 16 bits from the left
-_FEWEST_BITS, _MOST_BITS = 8, 16
-_ABOVE_ZERO = ("range_v", "current_range_a", "limit_velocity_rad_s")
 
 
 class NodeAccess(NodeWire):

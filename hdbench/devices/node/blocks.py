@@ -44,6 +44,13 @@ __all__ = [
 HEADER = struct.Struct(">HHHHHHIiI")
 DATA_AT = 2 * BLOCK_HEADER_REGISTERS
 CRC_AT = DATA_AT - 4
+_CODE_SPAN = 32768
+# half of what 16 bits can tell apart between two scans, and a factor of two to be sure
+_SURE_COUNTS = 2.0**14
+_WIRE, _WORD, _UNSIGNED = np.dtype(">i2"), np.dtype(np.int16), np.dtype(np.uint16)
+_NOTHING = bytes(DATA_AT)
+_FEED = struct.Struct(">HH")
+_RUNNING, _TRIPPED = int(Flag.RUNNING), int(Flag.WATCHDOG_TRIPPED)
 
 
 def block_fault(raw: bytes) -> str:
@@ -57,13 +64,6 @@ def block_fault(raw: bytes) -> str:
     if zlib.crc32(raw[DATA_AT:end], zlib.crc32(raw[:CRC_AT])) != told:
         return "the checksum of the block is wrong"
     return ""
-
-
-_CODE_SPAN = 32768
-# half of what 16 bits can tell apart between two scans, and a factor of two to be sure
-_SURE_COUNTS = 2.0**14
-_WIRE, _WORD, _UNSIGNED = np.dtype(">i2"), np.dtype(np.int16), np.dtype(np.uint16)
-_NOTHING = bytes(DATA_AT)
 
 
 def channel_bits(
@@ -182,10 +182,6 @@ def _filled(
 ) -> NDArray[Any]:
     """Return an array of equal rows."""
     return np.ascontiguousarray(np.broadcast_to(np.asarray(row).astype(dtype), shape))
-
-
-_FEED = struct.Struct(">HH")
-_RUNNING, _TRIPPED = int(Flag.RUNNING), int(Flag.WATCHDOG_TRIPPED)
 
 
 class BlockExchange:

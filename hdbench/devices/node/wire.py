@@ -1,4 +1,4 @@
-"""Registers of a node by name: nothing wrong passes, no call outlives its deadline.
+"""Wire of a node: registers by name, nothing wrong passes, no call outlives its deadline.
 
 Every reply is compared byte for byte with what the request allows, the deadline is kept on the
 monotonic clock, and after any fault the link makes sure that no late reply is taken for a later

@@ -39,6 +39,18 @@ _LONGEST_S = 6.0
 # of several numbers of one name, each has so long to take a connection
 _TRY_S = 1.0
 _PORT = 502
+_PARITIES = {"none": "N", "even": "E", "odd": "O", "n": "N", "e": "E", "o": "O"}
+_FIX = (
+    "for example tcp://192.168.0.7:502, tls://bench-7:802, rtu:///dev/ttyUSB0?baud=115200 or, on "
+    "Windows, rtu://COM3?baud=115200"
+)
+Scheme = Literal["tcp", "tls", "udp", "rtu+tcp", "rtu", "ascii"]
+_NETWORKS: dict[str, Scheme] = {name: name for name in ("tcp", "tls", "udp", "rtu+tcp")}
+# Modbus over Serial Line V1.02, 2.5: a character of the ASCII form has seven bits
+_LINES: dict[str, Scheme] = {"rtu": "rtu", "ascii": "ascii"}
+_DATA_BITS = {"rtu": 8, "ascii": 7}
+# 1.75 ms, which the specification advises above 19200 bit/s, is for hosts that cannot time less
+_GAP_CHARACTERS = 3.5
 
 
 def numbered(address: str) -> str:
@@ -155,20 +167,6 @@ def _answers(number: str, port: int) -> bool:
     except OSError:
         return False
     return True
-
-
-_PARITIES = {"none": "N", "even": "E", "odd": "O", "n": "N", "e": "E", "o": "O"}
-_FIX = (
-    "for example tcp://192.168.0.7:502, tls://bench-7:802, rtu:///dev/ttyUSB0?baud=115200 or, on "
-    "Windows, rtu://COM3?baud=115200"
-)
-Scheme = Literal["tcp", "tls", "udp", "rtu+tcp", "rtu", "ascii"]
-_NETWORKS: dict[str, Scheme] = {name: name for name in ("tcp", "tls", "udp", "rtu+tcp")}
-# Modbus over Serial Line V1.02, 2.5: a character of the ASCII form has seven bits
-_LINES: dict[str, Scheme] = {"rtu": "rtu", "ascii": "ascii"}
-_DATA_BITS = {"rtu": 8, "ascii": 7}
-# 1.75 ms, which the specification advises above 19200 bit/s, is for hosts that cannot time less
-_GAP_CHARACTERS = 3.5
 
 
 @dataclass(frozen=True, slots=True)

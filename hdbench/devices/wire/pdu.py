@@ -38,6 +38,10 @@ EXCEPTIONS = {
 }
 ReplyCheck = Callable[[bytes], None]
 """Raises on a reply (function code and data) that the request does not allow."""
+_MAX_READ = 125
+_MAX_WRITE = 123
+_MAX_EXCHANGE_WRITE = 121
+_MAX_BITS = 2000
 
 
 class FrameError(Exception):
@@ -151,10 +155,6 @@ def echo_check(function: int, address: int, second: int) -> ReplyForm:
     return ReplyForm(struct.pack(">BHH", function, address, second), 5)
 
 
-_MAX_READ = 125
-_MAX_WRITE = 123
-_MAX_EXCHANGE_WRITE = 121
-_MAX_BITS = 2000
 Request = tuple[bytes, ReplyForm]
 """Function code and data, and the form of the reply."""
 

@@ -14,6 +14,17 @@ from hdbench.system.lines import Claim, PortIo, open_port, port_io
 from hdbench.system.wakeup import FAST_BD, hold_wakeup, release_wakeup
 
 __all__ = ["CRC_START", "RtuLink", "crc16", "crc_over", "reply_size"]
+CRC_START = 0xFFFF
+"""The remainder before the first character."""
+# frame lengths: replies with a byte count of their own, and those of a fixed length
+_COUNTED = frozenset((1, 2, 3, 4, 23))
+_ECHOED = frozenset((5, 6, 15, 16))
+_ECHO_SIZE = 8
+_EXCEPTION_SIZE = 5
+# a line without a character for this long carries no frame of anybody
+_QUIET_S = 0.05
+_CHUNK = 4096
+_SHORT_S = 1e-4
 
 
 def _table(bits: int) -> array[int]:
@@ -34,10 +45,6 @@ def _table(bits: int) -> array[int]:
 _BYTES = _table(8)
 # a step for two characters halves the time of a frame
 _PAIRS = _table(16)
-
-
-CRC_START = 0xFFFF
-"""The remainder before the first character."""
 
 
 def crc_over(data: bytes, value: int = CRC_START) -> int:
@@ -61,13 +68,6 @@ def crc16(data: bytes) -> bytes:
     return crc_over(data).to_bytes(2, "little")
 
 
-# frame lengths: replies with a byte count of their own, and those of a fixed length
-_COUNTED = frozenset((1, 2, 3, 4, 23))
-_ECHOED = frozenset((5, 6, 15, 16))
-_ECHO_SIZE = 8
-_EXCEPTION_SIZE = 5
-
-
 def reply_size(data: bytes) -> int | None:
     """Return the length of the frame that begins with `data`; None while it cannot be told."""
     if len(data) < 2:
@@ -80,12 +80,6 @@ def reply_size(data: bytes) -> int | None:
     if function not in _COUNTED:
         raise FrameError(f"function code {function} was never asked for")
     return None if len(data) < 3 else 5 + data[2]
-
-
-# a line without a character for this long carries no frame of anybody
-_QUIET_S = 0.05
-_CHUNK = 4096
-_SHORT_S = 1e-4
 
 
 class RtuLink:

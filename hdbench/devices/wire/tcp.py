@@ -19,6 +19,9 @@ from hdbench.system.files import is_private
 from hdbench.system.sockets import TimedSocket
 
 __all__ = ["Certificates", "TcpLink", "client_security", "next_reply"]
+_HEADER = struct.Struct(">HHHB")
+# ten replies of the greatest length
+_CHUNK = 2600
 
 
 class Certificates(Protocol):
@@ -88,11 +91,6 @@ def _check_key(path: Path) -> None:
             where="key daq.tls.key",
             fix=f"chmod 600 {path}",
         )
-
-
-_HEADER = struct.Struct(">HHHB")
-# ten replies of the greatest length
-_CHUNK = 2600
 
 
 def next_reply(data: bytes, number: int, unit: int) -> tuple[bytes | None, bytes]:

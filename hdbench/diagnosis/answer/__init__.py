@@ -1,1 +1,1 @@
-"""What was found, as a person and a program read it: result, extended model, tables, pictures."""
+"""Answer of a diagnosis: result, extended model, tables, and names that a record can show."""

@@ -1,4 +1,4 @@
-"""The answer of a diagnosis of a dynamic run, put together."""
+"""Answer on a dynamic run: causes, faults, extended model and settings put together."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a log can tell: sampling, bandwidth, resolution, origin and delay of its channels."""
+"""Inspection of a log: sampling, bandwidth, resolution, origin and delay of its channels."""
 
 from __future__ import annotations
 

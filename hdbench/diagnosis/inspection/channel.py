@@ -1,4 +1,4 @@
-"""A channel by itself and beside another: spectrum, held samples, common noise and delay."""
+"""Channel by itself and beside another: spectrum, held samples, common noise and delay."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A log to look at: a trace, or a file of another program as it is."""
+"""Log under inspection: a trace, or a file of another program as it is."""
 
 from __future__ import annotations
 

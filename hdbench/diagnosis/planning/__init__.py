@@ -1,9 +1,9 @@
-"""Which run separates which causes: confusability, proposed protocols, plan files."""
+"""Plans of runs that separate causes: confusability, proposed protocols, plan files."""
 
 from __future__ import annotations
 
+from hdbench.diagnosis.planning.limits import check_motion_plan
 from hdbench.diagnosis.planning.planfile import read_plan, write_plan
-from hdbench.diagnosis.planning.planlimits import check_motion_plan
 from hdbench.diagnosis.planning.proposal import plan_for_result
 from hdbench.diagnosis.planning.report import plan_report
 

@@ -1,4 +1,4 @@
-"""The run that tells names apart: blocks chosen by evidence per second, verified, in words."""
+"""Proposed run: blocks chosen by evidence per second, verified, in words."""
 
 from __future__ import annotations
 

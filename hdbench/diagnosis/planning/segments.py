@@ -1,4 +1,4 @@
-"""A motion plan: segments of motor speed, steps of the operator, and the motion it will give."""
+"""Motion plan: segments of motor speed, steps of the operator, and the motion it will give."""
 
 from __future__ import annotations
 

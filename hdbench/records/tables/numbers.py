@@ -25,50 +25,50 @@ _CHUNK_BYTES = 1 << 16
 _WORTH_IMPORTING = 10_000_000
 
 
-def parse_numbers(header: Sequence[str], body: bytes) -> dict[str, FloatArray] | None:
-    """Parse rows of numbers; an empty cell is NaN. None where they are not plain."""
-    if body.endswith(b"\n\n"):
-        body = body.rstrip(b"\n")
-    if len(header) < 2 or not body:
+def parse_numbers(header: Sequence[str], raw: bytes, start: int) -> dict[str, FloatArray] | None:
+    """Parse rows of numbers behind the header, which ends at `start`; an empty cell is NaN.
+
+    None where they are not plain.
+    """
+    if len(header) < 2 or start >= len(raw):
         return None
-    if len(body) >= _WORTH_IMPORTING and importlib.util.find_spec("polars"):
-        return _by_polars(header, body)
-    return _by_chunks(header, body)
+    if len(raw) >= _WORTH_IMPORTING and importlib.util.find_spec("polars"):
+        return _by_polars(header, raw, start)
+    return _by_chunks(header, raw, start)
 
 
-def _by_polars(header: Sequence[str], body: bytes) -> dict[str, FloatArray] | None:
-    if body.translate(None, _PLAIN):
+def _by_polars(header: Sequence[str], raw: bytes, start: int) -> dict[str, FloatArray] | None:
+    if raw.translate(None, _PLAIN) != raw[:start].translate(None, _PLAIN):
         return None
     polars = importlib.import_module("polars")
+    schema = dict.fromkeys(header, polars.Float64)
     try:
-        frame = polars.read_csv(
-            body,
-            has_header=False,
-            quote_char=None,
-            schema=dict.fromkeys(header, polars.Float64),
-        )
+        frame = polars.read_csv(raw, quote_char=None, schema=schema)
     except polars.exceptions.PolarsError:
         return None
-    # polars fills short rows up and refuses long ones: with this many commas there is neither, and
-    # a null is an empty cell
-    if body.count(b",") != frame.height * (len(header) - 1):
+    # a long row is refused, but for a comma at the end of the file; a null is an empty cell, or
+    # fills a short row up
+    doubtful = raw.endswith(b",") or any(frame.null_count().row(0))
+    if doubtful and raw.count(b",", start) != frame.height * (len(header) - 1):
         return None
     return {name: frame[name].fill_null(np.nan).to_numpy(writable=True) for name in header}
 
 
-def _by_chunks(header: Sequence[str], body: bytes) -> dict[str, FloatArray] | None:
-    end = len(body) - body.endswith(b"\n")
-    values = np.empty((len(header), body.count(b"\n", 0, end) + 1))
-    start = row = 0
+def _by_chunks(header: Sequence[str], raw: bytes, start: int) -> dict[str, FloatArray] | None:
+    end = len(raw)
+    while raw.endswith(b"\n", start, end):
+        end -= 1
+    values = np.empty((len(header), raw.count(b"\n", start, end) + 1))
+    row = 0
     while start < end:
-        stop = body.find(b"\n", start + _CHUNK_BYTES, end)
+        stop = raw.find(b"\n", start + _CHUNK_BYTES, end)
         stop = end if stop < 0 else stop
-        cells = plain_matrix(body[start:stop], len(header))
+        cells = plain_matrix(raw[start:stop], len(header))
         if cells is None:
             return None
         values[:, row : row + len(cells)] = cells.T
         start, row = stop + 1, row + len(cells)
-    return dict(zip(header, values, strict=True))
+    return dict(zip(header, values, strict=True)) if row else None
 
 
 def plain_matrix(lines: bytes, width: int) -> FloatArray | None:

@@ -97,7 +97,7 @@ def _fast(path: Path, raw: bytes) -> dict[str, FloatArray] | None:
     head = raw[:end] if end >= 0 else raw
     if b'"' in head or b"\r" in head or not head.isascii() or b"\0" in head:
         return None
-    return parse_numbers(check_header(path, head.decode().split(",")), raw[len(head) + 1 :])
+    return parse_numbers(check_header(path, head.decode().split(",")), raw, len(head) + 1)
 
 
 def _number(cell: str) -> float:

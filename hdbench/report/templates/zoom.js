@@ -24,10 +24,15 @@
     return found;
   };
 
+  // with a minus as the still labels have it, and none before a zero
+  const signed = (text) => text.replace(/^-(0\.?0*)$/, "$1").replace("-", "−");
+
   const digits = (value, span) =>
-    Math.abs(value) >= 1e5 || (value !== 0 && Math.abs(value) < 1e-4)
-      ? value.toExponential(3)
-      : value.toFixed(Math.min(9, Math.max(0, Math.ceil(3 - Math.log10(span || 1)))));
+    signed(
+      Math.abs(value) >= 1e5 || span < 1e-4
+        ? value.toExponential(3)
+        : value.toFixed(Math.min(9, Math.max(0, Math.ceil(3 - Math.log10(span || 1))))),
+    );
 
   // one pair of axes; `view` is the part of the still drawing that is seen, in its own points
   class Axes {
@@ -135,7 +140,7 @@
         this.marks.append(make("line", line), text);
       };
       const scale = (ends, log) => ends.map((v) => (log ? Math.log10(v) : v));
-      const text = (v, places, log) => (log ? (10 ** v).toPrecision(3) : v.toFixed(places).replace(/^-(0\.?0*)$/, "$1"));
+      const text = (v, places, log) => signed(log ? (10 ** v).toPrecision(3) : v.toFixed(places));
       const from = (v, [low, high], start, length) => start + ((v - low) / (high - low)) * length;
       for (const [v, places] of ticks(...scale([this.valueX(this.view.left), this.valueX(this.view.right)], this.logx), 6)) {
         const px = x(from(v, this.x, left, this.box[2]));
@@ -151,12 +156,15 @@
     read(px) {
       const at = this.under(px);
       const span = this.valueY(this.view.top) - this.valueY(this.view.bottom);
-      const words = this.curves.filter(({ points }) => points.length > 1).map(({ label, points }) => {
+      const inside = ({ points }) => points.length > 1 && points.some(([px]) => px >= at) && points.some(([px]) => px <= at);
+      const here = this.curves.filter(inside);
+      const named = here.filter(({ label }) => label);
+      const words = (named.length ? named : here.slice(0, 1)).map(({ label, points }) => {
         const near = points.reduce((best, point) => (Math.abs(point[0] - at) < Math.abs(best[0] - at) ? point : best));
         return `${label || this.ylabel} ${digits(this.valueY(near[1]), span)}`;
       });
       const x = digits(this.valueX(at), this.valueX(this.view.right) - this.valueX(this.view.left));
-      return `${this.xlabel || "x"} ${x}: ${words.join(", ")}`;
+      return `${this.xlabel || "x"} ${x}${words.length ? ": " : ""}${words.join(", ")}`;
     }
   }
 

@@ -33,7 +33,7 @@ def place_question(point: Point) -> Question:
     )
 
 
-def hang_question(point: Point, expectation: Expectation, count: int) -> Question:
+def hang_question(point: Point, expectation: Expectation) -> Question:
     """Ask for a weight."""
     if point.role == "shunt":
         what = "Switch the shunt resistor on."
@@ -45,33 +45,25 @@ def hang_question(point: Point, expectation: Expectation, count: int) -> Questio
     if point.role in ("reading", "preload"):
         volts = expectation.volts(point.torque_nm)
         expected = f" Expect {point.torque_nm:+.3f} N m, {volts:+.3f} V."
-    return Question(
-        "hang", f"{point.label}: {what}{expected}", _ALL, progress=f"{point.number} of {count}"
-    )
+    return Question("hang", f"{point.label}: {what}{expected}", _ALL)
 
 
-def still_question(point: Point, waited_s: float, spread_nm: float, count: int) -> Question:
+def still_question(point: Point, waited_s: float, spread_nm: float) -> Question:
     """Ask what to do with a reading that does not settle."""
     return Question(
         "time-out",
         f"{point.label}: not steady after {waited_s:.0f} s (the reading moves by "
         f"{spread_nm:.3f} N m). Take its average as it is, marked?",
         _ALL,
-        progress=f"{point.number} of {count}",
     )
 
 
-def wrong_question(point: Point, problem: str, count: int) -> Question:
+def wrong_question(point: Point, problem: str) -> Question:
     """Ask what to do with a reading that does not fit its weight."""
     wanted = "no weight" if point.mass_kg == 0.0 else f"{point.mass_kg:g} kg"
     wanted = "the shunt resistor on" if point.role == "shunt" else wanted
-    return Question(
-        "gross-error",
-        f"{problem} Asked for: {wanted}, {point.direction} side.",
-        _ALL,
-        default=Answer.REPEAT,
-        progress=f"{point.number} of {count}",
-    )
+    text = f"{problem} Asked for: {wanted}, {point.direction} side."
+    return Question("gross-error", text, _ALL, default=Answer.REPEAT)
 
 
 def last_question(taken: int, skipped: int) -> Question:
@@ -90,7 +82,7 @@ def left_line(state: CalibrationState) -> str:
     return (
         f"goes on after {len(state.standing)} readings. The bench was left locked, flexspline at "
         f"{math.degrees(state.position_rad or 0.0):.1f} degrees; last on the arm: {hangs}. "
-        "Make it so again if it is not."
+        "If that has changed, restore it."
     )
 
 

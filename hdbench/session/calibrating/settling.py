@@ -162,9 +162,8 @@ def judge(samples_v: FloatArray, rule: SettleRule) -> Judgement:
     errors of that difference, and the spread of either is no more than 1.5 times what its
     sample-to-sample differences explain (a weight that bounces or swings is correlated, noise is
     not): std <= 1.5 * std(diff)/sqrt(2), or below the band. A swing beyond that is taken out
-    first, and
-    the windows are then `PERIODS` of its periods long, or more where one window of the rule is
-    longer: over whole periods the vertical force of a pendulum averages to its weight.
+    first, and the windows are then `PERIODS` of its periods long, or more where one window of the
+    rule is longer: over whole periods the vertical force of a pendulum averages to its weight.
     """
     last = samples_v[-rule.window :]
     value_v, slope_v_s, spread_v = float(np.mean(last)), _slope(last, rule), float(np.ptp(last))

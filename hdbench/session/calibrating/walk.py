@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from hdbench.devices.bench import Bench, SafeState
 from hdbench.errors import Stopped
@@ -69,7 +69,10 @@ class CalibrationWalk:
 
     # -- asking ----------------------------------------------------------------------------------
 
-    def _ask(self, question: Question) -> Reply:
+    def _ask(self, question: Question, point: Point | None = None) -> Reply:
+        if point is not None:
+            place = f"{point.number} of {len(self.log.state.points)}"
+            question = replace(question, progress=place)
         if not self.talk.attended:
             reply = self.talk.ask(question)
         else:
@@ -120,7 +123,7 @@ class CalibrationWalk:
         state = self.log.state
         if not state.hangs(point):
             expectation = self._expectation(point)
-            reply = self._ask(hang_question(point, expectation, len(state.points)))
+            reply = self._ask(hang_question(point, expectation), point)
             if reply.answer is not Answer.ACCEPT:
                 self._turn(reply.answer, point)
                 return
@@ -175,9 +178,7 @@ class CalibrationWalk:
             flags.append("timeout" if taken.wanted is None else "not-settled")
             if taken.wanted is None:
                 spread_nm = taken.spread_v * self.profile.sensor.gain_nm_per_v
-                reply = self._ask(
-                    still_question(point, taken.waited_s, spread_nm, len(state.points))
-                )
+                reply = self._ask(still_question(point, taken.waited_s, spread_nm), point)
                 if reply.answer is not Answer.ACCEPT:
                     return reply.answer
         doubt = doubt_about(point, taken, state, self.profile)
@@ -185,7 +186,7 @@ class CalibrationWalk:
             return Answer.ACCEPT
         mark, problem = doubt
         flags.append(mark)
-        reply = self._ask(wrong_question(point, problem, len(state.points)))
+        reply = self._ask(wrong_question(point, problem), point)
         if reply.answer is not Answer.ACCEPT:
             entry = reading_entry(point, taken, state, flags, self._time_s())
             self.log.note("rejected", {**entry, "why": problem})

@@ -1,4 +1,4 @@
-"""What an effect of a family is made of, and the curves that several families share."""
+"""Family of effects: its torque, shapes and sizes, and the curves that several share."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field

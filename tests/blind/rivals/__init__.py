@@ -1,1 +1,1 @@
-"""What the diagnosis is held against: an oracle, and simpler methods."""
+"""Rivals of the diagnosis: an oracle, and simpler methods."""

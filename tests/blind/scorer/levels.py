@@ -1,4 +1,4 @@
-"""What the figures are held against: pass levels, aims, and counts that chance may reach."""
+"""Levels of the figures: pass levels, aims, and counts that chance may reach."""
 
 from dataclasses import dataclass
 

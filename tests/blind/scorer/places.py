@@ -1,4 +1,4 @@
-"""Where an answer puts what it cannot name."""
+"""Places of what an answer cannot name."""
 
 __all__ = ["located"]
 

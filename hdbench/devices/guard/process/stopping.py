@@ -1,4 +1,4 @@
-"""What stops the motor, and the proof that it stands."""
+"""Stop of a motor by the orders of a driver, and the proof that it stands."""
 
 from __future__ import annotations
 

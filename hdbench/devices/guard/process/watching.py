@@ -22,6 +22,11 @@ from .stopping import FAULTS, POLL_S, note_identity, reason, stop_motor
 _SAY_S = 0.05
 # the thread of the last line
 _last: list[threading.Thread] = []
+# while the session brakes by itself, it may be silent for so long, s
+PATIENT_S = 6.0
+SAY_S = 10.0
+# to this computer itself, s
+CONNECT_S = 5.0
 
 
 def say(text: str) -> None:
@@ -69,13 +74,6 @@ def write_down(log: str | None, why: str, problem: str, took_s: float) -> None:
                 sync_file(handle)
             finally:
                 os.close(handle)
-
-
-# while the session brakes by itself, it may be silent for so long, s
-PATIENT_S = 6.0
-SAY_S = 10.0
-# to this computer itself, s
-CONNECT_S = 5.0
 
 
 class Watcher:

@@ -1,4 +1,4 @@
-"""Inspection of a trace: what can be trusted, what takes no part, and which faults have a name."""
+"""Channels of a trace: what can be trusted, what takes no part, and which faults have a name."""
 
 from __future__ import annotations
 

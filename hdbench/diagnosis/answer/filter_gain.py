@@ -1,4 +1,4 @@
-"""What the filter gains when the orders that were found become blocks of it."""
+"""Gain of the filter: orders that were found as blocks of it, before and after."""
 
 from __future__ import annotations
 

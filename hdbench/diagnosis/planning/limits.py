@@ -1,4 +1,4 @@
-"""A motion plan held against a bench's limits, before anything moves."""
+"""Limits of a bench against a motion plan, before anything moves."""
 
 from __future__ import annotations
 
