@@ -14,6 +14,8 @@ __all__ = ["Spectrum", "spectrum_of"]
 
 # side lobes 220 dB down: a strong slow part must not hide an empty floor behind them
 _WINDOW = ("kaiser", 30)
+# bins of half the main lobe of that window: what is no wider is one slow line
+_LOBE = 10
 # samples of the longest segment of an average
 _LONGEST = 2048
 
@@ -71,5 +73,5 @@ def spectrum_of(values: FloatArray, rate_hz: float, step: float) -> Spectrum | N
             parts = spectrogram(whole, rate_hz, _WINDOW, size, size // 2)[2]
             inside = np.maximum(parts[1:][above // 4 : above // 2 + 1], rounding)
             even = np.exp(np.log(inside).mean(axis=1)) / inside.mean(axis=1)
-            computed = bool(np.median(even) < 4e-3)
+            computed = above <= _LOBE or bool(np.median(even) < 4e-3)
     return Spectrum(frequency, density, limit, computed, float(np.sqrt(floor * band)))

@@ -111,7 +111,7 @@ def test_a_friction_that_changes_with_the_angle_is_left_unexplained_at_its_order
 
 
 @pytest.mark.skipif(not DATA, reason="HDBENCH_DATA is not set")
-def test_the_weight_of_a_robot_arm_is_named_on_one_sweep_and_its_twin_beside_it():
+def test_the_weight_of_a_robot_arm_and_its_twin_are_named_on_one_sweep():
     source = Path(DATA) / "lara8_dual_encoder" / "validate_joint3_sweep.csv"
     rows = np.genfromtxt(source, delimiter=",", names=True)
     columns = {
@@ -121,9 +121,8 @@ def test_the_weight_of_a_robot_arm_is_named_on_one_sweep_and_its_twin_beside_it(
     }
     found = diagnose_trace(Trace(columns), PROFILE)
     names = [cause.name for cause in found.causes]
-    assert names[0] == "load-gravity"
     # one sweep of less than a turn cannot tell the weight from a misalignment
-    assert "misalignment" in found.causes[0].group
+    assert {"load-gravity", "misalignment"} <= set(found.causes[0].group)
     assert "time-skew" not in names
     gain = found.extended["heldout_rms_nm"] / found.simulated["heldout_rms_nm"]
     assert gain < 0.4

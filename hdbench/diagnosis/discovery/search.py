@@ -532,7 +532,8 @@ def value_of(fit: Fit) -> float:
 
 
 def _nats(entry: tuple[Candidate, ...]) -> float:
-    return sum(c.evidence_nats for c in entry)
+    """Return the evidence of an entry to a tenth: equals keep the order of the catalogue."""
+    return round(sum(c.evidence_nats for c in entry), 1)
 
 
 def pair_of(
