@@ -22,7 +22,12 @@ def result(path: Path, amplitude: float) -> Path:
         "amplitude_nm": q(amplitude, 0.01),
         "peak_to_peak_nm": q(2.0 * amplitude, 0.02),
         "phase_rad": q(0.3, 0.01),
+        "before": {"peak_to_peak_nm": q(2.0 * amplitude, 0.02)},
         "after": {"peak_to_peak_nm": q(0.1, 0.01)},
+        "output_turns": 4.0,
+        "mean_torque_nm": 0.1,
+        "motor_velocity_rad_s": 60.0,
+        "filter": {"order": 0.01},
     }
     path.write_text(dumps(body))
     return path

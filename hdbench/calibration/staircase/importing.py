@@ -29,8 +29,6 @@ __all__ = ["StaircasePlan", "StaircaseReport", "import_staircase"]
 
 _PLACE = ("experiment", "position_rad", "range", "direction")
 _WORDS = {"range": ("low", "full"), "direction": ("cw", "ccw")}
-
-
 # kg of each unit of load that is a mass; the avoirdupois pound is exact by definition (1959)
 _KILOGRAM = {"kg": 1.0, "lb": 0.45359237}
 

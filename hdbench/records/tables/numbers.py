@@ -46,9 +46,10 @@ def _by_polars(header: Sequence[str], raw: bytes, start: int) -> dict[str, Float
         frame = polars.read_csv(raw, quote_char=None, schema=schema)
     except polars.exceptions.PolarsError:
         return None
-    # a long row is refused; a null is an empty cell, or fills a short row up
-    nulls = sum(frame.null_count().row(0))
-    if nulls and raw.count(b",", start) != frame.height * (len(header) - 1):
+    # a long row is refused, but for a comma at the end of the file; a null is an empty cell, or
+    # fills a short row up
+    doubtful = raw.endswith(b",") or any(frame.null_count().row(0))
+    if doubtful and raw.count(b",", start) != frame.height * (len(header) - 1):
         return None
     return {name: frame[name].fill_null(np.nan).to_numpy(writable=True) for name in header}
 
