@@ -16,8 +16,6 @@ from hdbench.profile.scaling import profile_scale, stored_scale
 from hdbench.records import FloatArray, Trace
 from hdbench.report.source import Source
 
-__all__ = ["Filtered", "Signals", "filter_model_of", "make_signals", "steady_stretch"]
-
 # a motor slower than this share of its top speed stands still or starts
 _MOVING_SHARE = 0.1
 # a shorter stretch shows neither a scatter nor a spectrum

@@ -12,18 +12,6 @@ from pydantic.fields import FieldInfo
 from hdbench.errors import DataError
 from hdbench.records.quantity import Quantity, TorqueScale
 
-__all__ = [
-    "DataFlag",
-    "Part",
-    "ProfileName",
-    "Result",
-    "Scale",
-    "Uncertain",
-    "key",
-    "listed",
-    "optional",
-]
-
 # keys of `Result` that stand before those of a kind; the others stand behind them
 _HEAD_KEYS = 3
 _CONFIG = ConfigDict(allow_inf_nan=False, validate_by_name=True, validate_by_alias=True)
