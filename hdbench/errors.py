@@ -2,21 +2,6 @@
 
 from __future__ import annotations
 
-__all__ = [
-    "BusyError",
-    "DataError",
-    "DeviceError",
-    "DoubtfulDataError",
-    "HdbenchError",
-    "LimitError",
-    "ProfileError",
-    "Stopped",
-    "StorageError",
-    "UnsafeError",
-    "UsageError",
-    "nothing_stored",
-]
-
 
 class HdbenchError(Exception):
     """Say what is wrong, where it can be seen, and one act that mends it.

@@ -12,8 +12,6 @@ from hdbench.records import Loads, TorqueScale, Trace
 from hdbench.results import CalibrationResult, MisalignmentResult, ProfileName, RippleResult
 from hdbench.ripple import Stretch
 
-__all__ = ["EvaluatedResult", "evaluate"]
-
 EvaluatedResult = CalibrationResult | MisalignmentResult | RippleResult
 
 

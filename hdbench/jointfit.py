@@ -19,8 +19,6 @@ from hdbench.records.quantity import Quantity, TorqueScale
 from hdbench.records.trace import FloatArray, Trace
 from hdbench.results.dynamic import FitNoise, OrderLine, Tone
 
-__all__ = ["JointFit", "MotionRecord", "filtered_torque", "joint_fit", "read_motion"]
-
 
 @dataclass(frozen=True, slots=True)
 class MotionRecord:

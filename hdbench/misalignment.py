@@ -27,8 +27,6 @@ from hdbench.results.dynamic import (
 )
 from hdbench.results.parts import DataFlag
 
-__all__ = ["evaluate_misalignment"]
-
 # turns are counted to 2 %: the steady stretch of a plan of whole turns misses its first samples
 _TURN_MARGIN = 0.02
 # below one turn offset and sinusoid are hardly told apart

@@ -23,9 +23,9 @@ SUMMARY = {"GL08", "SS03", "SS06"}
 
 
 def exported() -> set[int]:
-    """Return the identity of every thing that a room exports in its package."""
+    """Return the identity of every thing that a room, a folder of hdbench, exports."""
     things: set[int] = set()
-    for info in pkgutil.walk_packages(hdbench.__path__, "hdbench."):
+    for info in pkgutil.iter_modules(hdbench.__path__, "hdbench."):
         if info.ispkg:
             room = importlib.import_module(info.name)
             things |= {id(getattr(room, name)) for name in getattr(room, "__all__", ())}
@@ -38,10 +38,12 @@ def public_names() -> Iterator[tuple[str, object]]:
         if info.name.endswith(("__main__", "_kernel")):
             continue
         module = importlib.import_module(info.name)
-        for name in getattr(module, "__all__", ()):
-            thing = getattr(module, name)
-            if getattr(thing, "__module__", None) == info.name and _has_parameters(thing):
-                yield f"{info.name}.{name}", thing
+        for name, thing in sorted(vars(module).items()):
+            # a function that another one made carries the maker's name
+            made_here = f"{getattr(thing, '__module__', '')}.{getattr(thing, '__name__', '')}"
+            whole_name = f"{info.name}.{name}"
+            if made_here == whole_name and not name.startswith("_") and _has_parameters(thing):
+                yield whole_name, thing
 
 
 def _has_parameters(thing: object) -> bool:

@@ -38,9 +38,11 @@ HIDDEN = (
     "zero-step", "position-dependent-gain",
 )  # fmt: skip
 
-# keys whose values may differ: versions, moments, names of runs and machines
+# keys whose values may differ: versions, moments and ages, names of runs and machines; a report
+# puts what they belong to before them, as in "device: firmware"
 FREE_KEYS = re.compile(
-    r"(.*_)?(utc|version|versions|hash|host|hostname|user|pid|process_mark|command|seconds|age_days|python)"
+    r"(.*: )?(.*_)?(utc|version|versions|hash|host|hostname|computer|user|pid|process_mark|command"
+    r"|seconds|age_days|age_words|firmware|hdbench|python|numpy|system)"
 )
 # what is left of texts when identifiers, folders, hashes and moments are taken out
 TEXTS = (
@@ -227,8 +229,12 @@ def _plain(text: str) -> str:
     return text
 
 
-def _differences(before: Any, after: Any, key: str) -> Iterator[str]:
+def _differences(before: Any, after: Any, key: str, beyond: float) -> Iterator[str]:
     """Yield the keys at which two JSON values differ in what must not change."""
+    if isinstance(before, float) and isinstance(after, float):
+        if abs(before - after) > beyond * max(abs(before), abs(after)):
+            yield f"{key}: {before} -> {after}"
+        return
     if isinstance(before, dict) and isinstance(after, dict):
         # names of files may hold those of runs
         first, second = ({_plain(k): v for k, v in d.items()} for d in (before, after))
@@ -236,10 +242,10 @@ def _differences(before: Any, after: Any, key: str) -> Iterator[str]:
             if name not in second or name not in first:
                 yield f"{key}.{name}: only {'before' if name in first else 'after'}"
             elif not FREE_KEYS.fullmatch(name):
-                yield from _differences(first[name], second[name], f"{key}.{name}")
+                yield from _differences(first[name], second[name], f"{key}.{name}", beyond)
     elif isinstance(before, list) and isinstance(after, list) and len(before) == len(after):
         for place, (one, two) in enumerate(zip(before, after, strict=True)):
-            yield from _differences(one, two, f"{key}[{place}]")
+            yield from _differences(one, two, f"{key}[{place}]", beyond)
     elif isinstance(before, str) and isinstance(after, str):
         if _plain(before) != _plain(after):
             yield f"{key}: {before[:200]!r} -> {after[:200]!r}"
@@ -267,11 +273,11 @@ def _rows(text: str) -> list[str]:
     ]
 
 
-def _file_differences(before: Path, after: Path) -> Iterator[str]:
+def _file_differences(before: Path, after: Path, beyond: float) -> Iterator[str]:
     one, two = _text(before), _text(after)
     if before.suffix == ".json":
         try:
-            yield from sorted(_differences(json.loads(one), json.loads(two), ""))
+            yield from sorted(_differences(json.loads(one), json.loads(two), "", beyond))
             return
         except ValueError:
             pass  # not JSON: a help text or nothing
@@ -284,7 +290,7 @@ def _file_differences(before: Path, after: Path) -> Iterator[str]:
             return
 
 
-def compare(before: Path, after: Path) -> int:
+def compare(before: Path, after: Path, beyond: float) -> int:
     """Print what differs between two recordings; return how many files do."""
     commands = [name for name in fixed_set() if (after / name).is_dir()]
     commands = [name for name in commands if (before / name).is_dir()]
@@ -302,7 +308,7 @@ def compare(before: Path, after: Path) -> int:
             if file not in both[0] or file not in both[1]:
                 told = [f"only {'before' if file in both[0] else 'after'}"]
             else:
-                told = list(_file_differences(both[0][file], both[1][file]))
+                told = list(_file_differences(both[0][file], both[1][file], beyond))
             if told:
                 bad += 1
                 print(f"{name}/{file}:", *told[:20], sep="\n    ")
@@ -322,11 +328,14 @@ def main() -> int:
     recording.add_argument("--inputs", type=Path, help="recording whose input files are taken")
     recording.add_argument("out", type=Path)
     comparing = actions.add_parser("compare", help="say what differs between two recordings")
+    comparing.add_argument(
+        "--beyond", type=float, default=0.0, help="pass over smaller relative differences in JSON"
+    )
     comparing.add_argument("before", type=Path)
     comparing.add_argument("after", type=Path)
     told = parser.parse_args()
     if told.action == "compare":
-        return 1 if compare(told.before, told.after) else 0
+        return 1 if compare(told.before, told.after, told.beyond) else 0
     only = [word for word in told.only.split(",") if word]
     record(told.python, told.out.absolute(), only, told.inputs)
     return 0

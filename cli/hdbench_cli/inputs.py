@@ -18,18 +18,6 @@ if TYPE_CHECKING:
     from hdbench.records import TorqueScale, Trace
     from hdbench_cli.output import Output
 
-__all__ = [
-    "DEFAULT_PROFILE",
-    "Input",
-    "check_out",
-    "choose_profile",
-    "own_names",
-    "read_input",
-    "refuse_same_csv",
-    "show_results",
-    "targets",
-]
-
 DEFAULT_PROFILE = "cim-tr-97-06"
 
 

@@ -17,8 +17,6 @@ from hdbench.errors import HdbenchError, StorageError, UsageError
 from hdbench_cli.output import Output
 from hdbench_cli.signals import end_by_signals
 
-__all__ = ["main"]
-
 _COMMANDS: dict[str, tuple[str, str]] = {
     "calibrate": ("calibrate", "Arm-and-weight calibration with locked wave generator."),
     "run-misalignment": ("run_misalignment", "Constant-velocity run: torque once per output turn."),

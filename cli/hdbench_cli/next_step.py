@@ -7,8 +7,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-__all__ = ["after_import", "after_run", "after_tune", "next_line"]
-
 
 def next_line(command: str) -> str:
     """Return the line that tells the next command."""

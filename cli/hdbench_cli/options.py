@@ -14,34 +14,6 @@ from hdbench.errors import DataError, nothing_stored
 if TYPE_CHECKING:
     from click.shell_completion import CompletionItem
 
-__all__ = [
-    "POSITIVE",
-    "StoredPath",
-    "address_option",
-    "allow_expired_option",
-    "bench_options",
-    "calibration_option",
-    "check_option",
-    "control_option",
-    "drive_option",
-    "file_option",
-    "gain_option",
-    "mistakes_option",
-    "model_option",
-    "newest_run",
-    "no_input_option",
-    "operator_option",
-    "out_option",
-    "plan_option",
-    "plant_option",
-    "plot_option",
-    "profile_option",
-    "seed_option",
-    "sources_argument",
-    "speeds",
-    "yes_option",
-]
-
 F = TypeVar("F", bound=Callable[..., Any])
 POSITIVE = click.FloatRange(min=0.0, min_open=True)
 _LAST = "last"

@@ -16,8 +16,6 @@ from hdbench.errors import HdbenchError
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType
 
-__all__ = ["Body", "Lines", "Output", "show_lines"]
-
 Body = Mapping[str, Any]
 Lines = Callable[[Any], "str | Iterable[RenderableType]"]
 

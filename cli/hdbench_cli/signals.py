@@ -10,8 +10,6 @@ from typing import TYPE_CHECKING, NoReturn
 if TYPE_CHECKING:
     from sys import UnraisableHookArgs
 
-__all__ = ["end_by_signals"]
-
 # a moment later the program is somewhere else
 _AGAIN_S = 0.01
 

@@ -12,17 +12,6 @@ if TYPE_CHECKING:
     from rich.table import Table
     from rich.text import Text
 
-__all__ = [
-    "probability",
-    "read_columns",
-    "remark_lines",
-    "span_of",
-    "sparkline",
-    "table",
-    "with_uncertainty",
-    "wrapped",
-]
-
 _BLOCKS = " ▁▂▃▄▅▆▇█"
 _PLAIN = " .:-=+*#@"
 

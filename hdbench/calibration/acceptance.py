@@ -10,8 +10,6 @@ from hdbench.calibration.stepwise.classes import CLASSES, overall_class
 from hdbench.profile.calibrating import AcceptanceLimits
 from hdbench.results.calibration import Acceptance, LimitTest, LoadGroup, Loop, PairedDifference
 
-__all__ = ["decide", "limit_tests"]
-
 # stands for a class that is worse than the worst: the next of the series
 _WORSE = 2.0 * CLASSES[-1]
 _RULES = {

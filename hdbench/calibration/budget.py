@@ -21,21 +21,6 @@ from hdbench.results.calibration import (
     PositionVariance,
 )
 
-__all__ = [
-    "DRAWS",
-    "ExpandedUncertainty",
-    "combined",
-    "expanded_any_one",
-    "expanded_gain",
-    "expanded_naive",
-    "expanded_of",
-    "expanded_uncertainty",
-    "gain_rows",
-    "propagate",
-    "relative_std",
-    "with_shares",
-]
-
 # number of trials that fixes the ends of a 95 % interval to two digits of the uncertainty
 DRAWS = 1_000_000
 # standard uncertainties of an end within which chance differs in 1 of 400 cases

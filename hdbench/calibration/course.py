@@ -18,8 +18,6 @@ from hdbench.results.calibration import (
     ShuntRecord,
 )
 
-__all__ = ["course_of", "doubts_of", "notes_of", "sequence_deviations", "shunt_record"]
-
 # places named in a sentence
 _SHOWN = 10
 # in the manner of EURAMET cg-14: positions, steps for the coarsest classes, share of the largest

@@ -10,8 +10,6 @@ from hdbench.calibration.readings import TakenReading
 from hdbench.records.trace import FloatArray
 from hdbench.results.calibration import ExperimentLine, Loop, SeriesLackOfFit
 
-__all__ = ["loading_loop", "loading_loops", "series_lack_of_fit"]
-
 # torques below this share of an experiment's largest are its zero, as for the steps
 _ZERO_SHARE = 0.005
 

@@ -67,8 +67,6 @@ from hdbench.results.calibration import (
     StandardsRecord,
 )
 
-__all__ = ["evaluate_calibration"]
-
 # an uncertainty below this share of the gain is rounding: trials cannot show it
 _ROUNDING = 1e-12
 _METHOD = "in the manner of EURAMET cg-14, indicative, not checked against its text"

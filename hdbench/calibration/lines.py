@@ -13,8 +13,6 @@ from hdbench.records.loads import LoadReading
 from hdbench.records.trace import FloatArray
 from hdbench.results.calibration import ExperimentLine, ExperimentStep
 
-__all__ = ["fit_experiment", "position_number"]
-
 # positions closer than this are one position: a sixth of a tooth of 200, above what an encoder at
 # the output or a mark made by hand repeats
 _POSITION_RAD = 5e-3

@@ -13,8 +13,6 @@ from hdbench.records.loads import LoadReading, Loads
 from hdbench.results import Part
 from hdbench.results.calibration import ReadingRecord
 
-__all__ = ["ReadingDetail", "TakenReading", "flagged", "reading_resolution", "taken_readings"]
-
 # flags that a normal course writes and that leave nothing to doubt
 _HARMLESS = frozenset({"", "accepted", "repeated"})
 _Count = Annotated[int, Field(ge=0)]

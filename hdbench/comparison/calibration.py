@@ -14,8 +14,6 @@ from hdbench.records import Quantity
 from hdbench.results import CalibrationResult
 from hdbench.results.calibration import BudgetRow
 
-__all__ = ["compare_calibrations"]
-
 _GAIN = ("gain_nm_per_v", "torque gain", "N m/V")
 # from three positions on their scatter has two degrees of freedom; one alone has k = 12.7
 _FEWEST_PAIRS = 3

@@ -11,8 +11,6 @@ from hdbench.comparison.side import Side
 from hdbench.errors import DataError
 from hdbench.records import Quantity
 
-__all__ = ["compare_diagnoses"]
-
 
 def _causes(side: Side) -> dict[str, Mapping[str, Any]]:
     causes = side.body.get("causes")

@@ -9,8 +9,6 @@ from hdbench.comparison.score import Compared, SharedPart, compared
 from hdbench.records import Quantity
 from hdbench.results import MisalignmentResult, RippleResult
 
-__all__ = ["Moved", "compare_misalignments", "compare_ripples", "gain_words"]
-
 _Motion = MisalignmentResult | RippleResult
 
 

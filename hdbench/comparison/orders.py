@@ -13,8 +13,6 @@ from hdbench.comparison.score import SharedPart, own_part, region, score_vector
 from hdbench.estimation.harmonics import combine
 from hdbench.records import FloatArray, Quantity
 
-__all__ = ["OrderPair", "Pattern", "compare_pattern"]
-
 # starts of the search for the shift: the distance is a sum of cosines of it, of the orders at most
 _STARTS_PER_PERIOD = 24
 

@@ -13,8 +13,6 @@ from hdbench.errors import DataError
 from hdbench.records import FloatArray
 from hdbench.results import CalibrationResult
 
-__all__ = ["overlay"]
-
 # points per turn: order 4 gets 45 of them
 _POINTS = 181
 

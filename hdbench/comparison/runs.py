@@ -25,8 +25,6 @@ from hdbench.records import Quantity
 from hdbench.records.jsonfile import result_header
 from hdbench.results import CalibrationResult, MisalignmentResult, RippleResult
 
-__all__ = ["Comparison", "compare_runs", "comparison_csv"]
-
 Answer = Literal["moved", "within-uncertainty", "cannot-tell"]
 
 

@@ -12,16 +12,6 @@ import numpy as np
 from hdbench.estimation.harmonics import combine
 from hdbench.records import FloatArray, Quantity
 
-__all__ = [
-    "Compared",
-    "SharedPart",
-    "compared",
-    "coverage",
-    "own_part",
-    "region",
-    "score_vector",
-]
-
 # Student's t is the normal distribution to four digits of k from here on
 _MANY_DOF = 1e6
 

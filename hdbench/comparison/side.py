@@ -18,8 +18,6 @@ from hdbench.records.tables import read_loads
 from hdbench.results import RESULT_TYPES, CalibrationResult, MisalignmentResult, RippleResult
 from hdbench.results.flatten import Leaf, flatten
 
-__all__ = ["KeyChange", "Side", "environment_changes", "load_side", "profile_changes"]
-
 _ABOUT = ("hdbench_version", "versions", "device", "host", "calibration", "status")
 # what a run says of one calibration and its age is told by the calibration's hash already
 _LEFT_OUT = ("calibration.age_days", "calibration.age_words")

@@ -15,8 +15,6 @@ from hdbench.records.trace import FloatArray
 if TYPE_CHECKING:
     from hdbench.devices.simulation import Simulation
 
-__all__ = ["AcquisitionSettings", "Bench", "Block", "Identity", "Operator", "SafeState"]
-
 
 @dataclass(frozen=True, slots=True)
 class Identity:

@@ -21,8 +21,6 @@ from hdbench.errors import DeviceError
 from hdbench.profile.acquiring import CompositeAcquisition
 from hdbench.profile.schema import ProfileData
 
-__all__ = ["DRIVER", "CompositeDaq", "open_composite"]
-
 # how often the outputs' watchdog is looked at while samples come
 _LOOK_S = 0.1
 

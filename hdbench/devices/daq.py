@@ -16,22 +16,6 @@ from hdbench.model.waves import ReferenceProgram
 from hdbench.profile.schema import ReferenceWave
 from hdbench.records.trace import FloatArray
 
-__all__ = [
-    "ROLE_UNITS",
-    "Capabilities",
-    "Daq",
-    "DaqSettings",
-    "InputInfo",
-    "InputsOnly",
-    "OutputInfo",
-    "Role",
-    "ScanBlock",
-    "WatchdogInfo",
-    "WatchdogState",
-    "clean_text",
-    "repeats_of",
-]
-
 Role = Literal["torque", "tacho", "current", "reference", "encoder"]
 """What a channel of a bench measures."""
 ROLE_UNITS: dict[Role, str] = {

@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from hdbench.devices.emulator.serving import EmulatedDevice, Emulation
     from hdbench.devices.guard.order import Target
 
-__all__ = ["Driver", "DriverInfo", "driver_of", "drivers", "later", "open_daq", "probes"]
-
 
 @dataclass(frozen=True, kw_only=True)
 class Driver:

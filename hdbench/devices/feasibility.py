@@ -15,15 +15,6 @@ from hdbench.profile.schema import ProfileData
 if TYPE_CHECKING:
     from hdbench.devices.host.settings import HostSettings
 
-__all__ = [
-    "check_demands",
-    "check_drives",
-    "check_pace",
-    "check_tables",
-    "rate_limit_hz",
-    "roles_of",
-]
-
 # periods are decimal numbers: a rate equal to the highest one differs by rounding
 _ROUNDING = 1.0 + 1e-9
 

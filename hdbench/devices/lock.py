@@ -20,8 +20,6 @@ from hdbench.errors import BusyError, StorageError
 from hdbench.system.files import OPEN_OWN, is_own, lock_file, user_folders
 from hdbench.system.processes import hold_name, process_mark, signal_self, terminate
 
-__all__ = ["Holder", "exclusive", "is_line", "listening", "release"]
-
 _ANSWER_S = 1.0
 _GRAIN_S = 0.2
 _LONGEST = 64

@@ -18,8 +18,6 @@ from hdbench.profile.schema import ProfileData
 if TYPE_CHECKING:
     from hdbench.devices.emulator.machine import Pace
 
-__all__ = ["addresses_of", "made_safe", "open_bench", "stop_bench"]
-
 EMBEDDED = "embedded"
 # the emulator shares the processor with its host: both wait for the scheduler, no motor does. So
 # it gets the longest watchdog time that a node takes, and a deadline below it.

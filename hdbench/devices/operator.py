@@ -13,8 +13,6 @@ import numpy as np
 from hdbench.devices.bench import AcquisitionSettings, Bench
 from hdbench.errors import UsageError
 
-__all__ = ["MISTAKES", "Mistake", "Mistakes", "SimulatedOperator", "parse_mistakes"]
-
 Kind = Literal["wrong-weight", "swing", "early-release"]
 MISTAKES: dict[Kind, str] = {
     "wrong-weight": "hangs another weight of the set, or the one named in kg",

@@ -14,15 +14,6 @@ if TYPE_CHECKING:
     from hdbench.devices.daq import Daq
     from hdbench.devices.host.settings import HostSettings
 
-__all__ = [
-    "STANDSTILL_RAD_S",
-    "Seen",
-    "confirm_safe",
-    "reach_safe_state",
-    "until_calm",
-    "wait_for_standstill",
-]
-
 # standing still: eight standard deviations of a tacho with 1 mV noise at 56 rad/s per volt
 STANDSTILL_RAD_S = 0.5
 # time for everything, for braking under the drive's control where the motor is seen, and between

@@ -10,8 +10,6 @@ from hdbench.devices.driver import probes
 from hdbench.errors import BusyError, HdbenchError
 from hdbench.system.lines import may_open
 
-__all__ = ["SerialPort", "find_ports", "latency_timer_ms", "probe_port"]
-
 
 @dataclass(frozen=True, slots=True)
 class SerialPort:

@@ -15,8 +15,6 @@ from hdbench.devices.wire import dial, numbered, parse_address
 from hdbench.errors import DeviceError
 from hdbench.profile import Profile
 
-__all__ = ["Simulation", "hidden_effects"]
-
 _DEADLINE_S = 5.0
 _LONGEST = 4096
 

@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 from hdbench.devices.daq import ScanBlock
 from hdbench.records.trace import FloatArray
 
-__all__ = ["WAIT_S", "StreamedAcquisition"]
-
 WAIT_S = 0.02
 """Longest wait of one call for scans, s."""
 # beyond three packets' time, silence after which something is wrong, s

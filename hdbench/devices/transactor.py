@@ -10,8 +10,6 @@ from typing import NoReturn
 from hdbench.devices.wire import ExceptionReply, FrameError, Link, ReplyCheck
 from hdbench.errors import DeviceError
 
-__all__ = ["TWICE", "Build", "Transactor"]
-
 Build = Callable[[], tuple[bytes, ReplyCheck]]
 """Makes a request and the check of its reply; called for every try."""
 

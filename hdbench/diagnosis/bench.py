@@ -19,8 +19,6 @@ from hdbench.profile import Profile, load_profile, new_profile, parse_profile
 from hdbench.profile.schema import ProfileData
 from hdbench.records.trace import FloatArray, Trace
 
-__all__ = ["BenchOfLog", "Known", "Support", "bench_of_trace"]
-
 # ratios of strain wave gears that are sold; outside of them the drive is another
 _HARMONIC = (30.0, 320.0)
 # volts of the reference and of the bridge at the greatest speed and torque, of 10 that there are

@@ -29,11 +29,6 @@ from hdbench.model.motion import torque_from_trace
 from hdbench.profile import Profile
 from hdbench.records.trace import Trace
 
-__all__ = [
-    "Ready", "Refused", "Report", "Task", "diagnose_trace", "findings_of", "make_ready",
-    "make_task", "searched",
-]  # fmt: skip
-
 _Found = TypeVar("_Found")
 
 Report = Callable[[str, float], None]

@@ -8,20 +8,6 @@ import numpy as np
 
 from hdbench.records.trace import FloatArray
 
-__all__ = [
-    "RANK",
-    "RIVAL_NATS",
-    "SAME_SPACE",
-    "check_rates",
-    "marginal_nats",
-    "orthonormal",
-    "probabilities",
-    "rivals",
-    "scaled",
-    "share_p_value",
-    "sine_squared",
-]
-
 # contract: names within this many nats of the best are rivals, a Bayes factor of 20
 RIVAL_NATS = 3.0
 # contract: sine squared of the largest angle below which names span the same space

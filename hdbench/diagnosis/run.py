@@ -44,8 +44,6 @@ from hdbench.records import (
     write_json,
 )
 
-__all__ = ["DiagnosisOptions", "diagnose_run", "diagnose_runs_together", "part_of"]
-
 MOST_SAMPLES = 600_000
 """Samples of one diagnosis at most: ten minutes at 1 kHz, the longest records of the blind
 benchmark. Memory grows by some 4 kB a sample."""

@@ -24,8 +24,6 @@ from hdbench.model import BenchModel, cause_named
 from hdbench.profile import Profile
 from hdbench.records import Loads
 
-__all__ = ["diagnose_loads"]
-
 # the null is drawn over all readings at once: these take a minute and half a gigabyte
 _MOST_READINGS = 2000
 # shares of the false-alarm rate: names, places without a name, scatter that changes

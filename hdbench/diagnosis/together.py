@@ -44,8 +44,6 @@ from hdbench.model import BenchModel, Cause
 from hdbench.profile import Profile
 from hdbench.records import Trace
 
-__all__ = ["LEFT_OUT", "diagnose_together"]
-
 LEFT_OUT = "record-left-out"
 """Flag of a record that took no part."""
 

@@ -13,18 +13,6 @@ from hdbench.estimation.regression import LinearFit
 from hdbench.records.quantity import Quantity
 from hdbench.records.trace import FloatArray
 
-__all__ = [
-    "TURNS_FOR_ORDER_2",
-    "Harmonic",
-    "background",
-    "combine",
-    "harmonic_at",
-    "harmonic_columns",
-    "line_frequencies",
-    "scaled",
-    "without_lines",
-]
-
 # amplitude over its own standard deviation from which a peak counts as a line; its power is then
 # 18 times the background: a chance of 1.5e-8 per frequency, 1e-3 in a record of 1e5 samples
 _LINE_SIGMA = 6.0

@@ -9,8 +9,6 @@ from numpy.typing import NDArray
 
 from hdbench.records.trace import FloatArray
 
-__all__ = ["MAX_AR_ORDER", "NoiseModel", "fit_noise", "run_positions", "whiten"]
-
 MAX_AR_ORDER = 30
 
 

@@ -11,8 +11,6 @@ from hdbench.estimation.noise import MAX_AR_ORDER, NoiseModel, fit_noise, whiten
 from hdbench.records.quantity import Quantity
 from hdbench.records.trace import FloatArray
 
-__all__ = ["LinearFit", "coloured_fit", "ordinary_fit"]
-
 # largest ratio of singular values of the scaled design that still gives digits to trust
 _MAX_CONDITION = 1e8
 _ROUNDS = 2

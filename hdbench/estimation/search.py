@@ -15,18 +15,6 @@ from hdbench.estimation.regression import LinearFit, coloured_fit
 from hdbench.records.quantity import Quantity
 from hdbench.records.trace import FloatArray
 
-__all__ = [
-    "FALSE_ALARM_LEVEL",
-    "NEIGHBOUR_RESOLUTIONS",
-    "Domain",
-    "Line",
-    "LineFit",
-    "OrderEstimate",
-    "fit_with_lines",
-    "refine_order",
-    "strongest_line",
-]
-
 # cycles in the record below which a line is not told from a drift
 _LOWEST_CYCLES = 3.0
 # bins per cycle of the highest order: nearest-bin rounding then loses under 1 % of the power

@@ -11,8 +11,6 @@ import numpy as np
 from hdbench.estimation.harmonics import background
 from hdbench.records.trace import FloatArray
 
-__all__ = ["Spectrum", "SpectrumPeak", "amplitude_spectrum", "find_peaks"]
-
 # half width of the main lobe of a Hann window, in bins; peaks closer than it are one peak
 _LOBE_BINS = 2.0
 # side lobes of a Hann window reach 2.7 % of the peak and noise adds to them; a neighbour below

@@ -16,16 +16,6 @@ from hdbench.records.quantity import TorqueScale
 from hdbench.records.trace import FloatArray, Trace
 from hdbench.results.parts import DataFlag
 
-__all__ = [
-    "SteadyStretch",
-    "data_flags",
-    "longest_steady",
-    "smooth",
-    "steady_runs",
-    "stretch_starts",
-    "torque_channel",
-]
-
 # a step of time above this many median periods is a gap: jitter of a foreign log stays below
 _GAP_PERIODS = 2.5
 

@@ -12,8 +12,6 @@ from hdbench.estimation.noise import fit_noise
 from hdbench.estimation.regression import ordinary_fit
 from hdbench.records.trace import FloatArray
 
-__all__ = ["SlowMotion", "Trend", "choose_trend", "trend_columns"]
-
 # degrees tried, in this order, until two in a row do not pay
 _DEGREES = (1, 2, 3, 4, 6, 8, 12, 16, 20)
 _PATIENCE = 2

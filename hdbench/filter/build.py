@@ -13,8 +13,6 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationEr
 from hdbench.errors import DataError
 from hdbench.filter.model import FilterModel, OscillatorBlock, first_problem
 
-__all__ = ["build_filter_model"]
-
 _PREFIX = "results-on-"
 
 

@@ -16,8 +16,6 @@ from hdbench.filter.smoothing import motor_angle, smooth_channels
 from hdbench.filter.traces import Channels
 from hdbench.records import FloatArray
 
-__all__ = ["Comparison", "Contender", "butterworth_lowpass", "compare_filters"]
-
 _SETTLE_SHARE = 0.25  # of the record is left to the filters to settle, at most 20 s
 _SETTLE_S = 20.0
 _LAG_S = 0.25  # delays are sought up to here

@@ -12,17 +12,6 @@ from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from hdbench.errors import DataError
 
-__all__ = [
-    "SCHEMA",
-    "FilterModel",
-    "NoisePer",
-    "OscillatorBlock",
-    "Role",
-    "SlowBlock",
-    "SlowKind",
-    "first_problem",
-]
-
 SCHEMA = "hdbench/filter-model/1"
 MAX_BLOCKS = 16
 Role = Literal["ripple", "misalignment"]

@@ -27,8 +27,6 @@ from hdbench.filter.kalman import (
 from hdbench.filter.model import FilterModel, OscillatorBlock
 from hdbench.records import FloatArray
 
-__all__ = ["FLAG_BITS", "BlockAmplitude", "OnlineFilter", "block_amplitudes", "screen_torque"]
-
 SATURATED, STUCK = 8, 16
 """Bits of a sample's flag, beside those of the kernel."""
 

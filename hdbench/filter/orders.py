@@ -14,8 +14,6 @@ from hdbench.filter.smoothing import motor_angle
 from hdbench.filter.traces import Channels
 from hdbench.records import FloatArray
 
-__all__ = ["OrderMap", "OrderSpectrum", "order_map", "order_spectrum"]
-
 _LEAST_TURNS = 4.0
 _GAP_PERIODS = 2.5  # a step of time above this many median periods is a gap
 _SLOWEST = 0.02  # of the fastest speed: below, the angle hardly moves and noise piles up

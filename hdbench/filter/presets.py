@@ -15,8 +15,6 @@ from hdbench.filter.model import SCHEMA, FilterModel, OscillatorBlock, first_pro
 from hdbench.profile.schema import ProfileData
 from hdbench.records.jsonfile import read_json
 
-__all__ = ["MODEL_SCHEMA", "PRESETS", "load_filter_model", "preset"]
-
 MODEL_SCHEMA = "hdbench/model/1"
 PRESETS = ("report-a1", "report-a2", "report-6")
 _MOTOR_ORDERS = {"wave-generator-eccentricity": 1.0, "motor-unbalance": 1.0}

@@ -14,8 +14,6 @@ from hdbench.filter.model import FilterModel
 from hdbench.filter.steady import SteadyFilter, steady_filter
 from hdbench.records import FloatArray
 
-__all__ = ["Injection", "Notch", "Passed", "Response", "filter_response", "inject"]
-
 _HALF_POWER = math.sqrt(0.5)
 _PASSED_HZ = (0.0, 0.5, 1.0, 2.0, 5.0, 10.0)
 _CURVE_POINTS = 400

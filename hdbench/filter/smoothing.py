@@ -13,8 +13,6 @@ from hdbench.filter.model import FilterModel
 from hdbench.filter.traces import Channels
 from hdbench.records import FloatArray
 
-__all__ = ["OrderWave", "SmoothedTorque", "motor_angle", "smooth_channels"]
-
 
 @dataclass(frozen=True, slots=True)
 class OrderWave:

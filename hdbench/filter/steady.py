@@ -14,8 +14,6 @@ from hdbench.filter.model import FilterModel
 from hdbench.filter.transitions import transitions
 from hdbench.records import FloatArray
 
-__all__ = ["SteadyFilter", "steady_filter", "transfer_at_steady_speed"]
-
 _DOUBLINGS = 60  # 2^60 samples: what has not converged then never will
 _SETTLED = 1e-13  # relative change of P in one doubling: rounding
 

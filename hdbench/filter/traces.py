@@ -12,8 +12,6 @@ from hdbench.filter.model import FilterModel
 from hdbench.filter.online import OnlineFilter
 from hdbench.records import FloatArray, Trace
 
-__all__ = ["Channels", "filter_channels", "filter_trace", "filtered_columns", "run_channels"]
-
 
 @dataclass(frozen=True, slots=True)
 class Channels:

@@ -13,8 +13,6 @@ import numpy as np
 from hdbench.filter.kalman import block_rows
 from hdbench.records import FloatArray
 
-__all__ = ["slow_transition", "transitions"]
-
 _WALK, _INTEGRATED, _ORNSTEIN, _MATERN, _RESONANCE = range(1, 6)
 _REDUCIBLE = 1e5  # rad: up to here quarter turns are taken off exactly
 _WITHIN = 32.0  # rad: beyond, a turn loses its whole turns

@@ -7,8 +7,6 @@ import numpy as np
 from hdbench.profile.schema import Sensor
 from hdbench.records.trace import FloatArray
 
-__all__ = ["bridge_ratio", "torque_reading"]
-
 
 def bridge_ratio(strain: FloatArray, gauge_factor: float) -> FloatArray:
     r"""Return output over supply of the bridge.

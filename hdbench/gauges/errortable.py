@@ -22,8 +22,6 @@ from hdbench.gauges.misplacement import (
 from hdbench.gauges.strain import PlacementErrors, off_centre
 from hdbench.records import FloatArray
 
-__all__ = ["ErrorTable", "Tolerance", "table_as_csv", "tabulate_errors"]
-
 _KINDS = ("radial", "circumferential", "angular")
 _OFF_CENTRE = "off-centre"
 _EFFECTS = ("gain_change", "zero_nm", "locked_zero_nm", "ripple_2_nm", "ripple_4_nm")

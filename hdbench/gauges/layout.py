@@ -8,16 +8,6 @@ from dataclasses import dataclass
 
 from hdbench.errors import UsageError
 
-__all__ = [
-    "LAYOUTS",
-    "GridGeometry",
-    "Layout",
-    "Rosette",
-    "cancellation",
-    "layout_named",
-    "usual_places",
-]
-
 # share of the flexspline's diameter that its boss takes where nobody gave it; ours, from drawings
 # of cup-type flexsplines: every one is to be measured
 _BOSS_SHARE = 0.44

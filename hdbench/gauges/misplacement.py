@@ -13,8 +13,6 @@ from hdbench.gauges.strain import PlacementErrors, StrainField, Wave, grid_strai
 from hdbench.profile.schema import ProfileData, Sensor
 from hdbench.records.trace import FloatArray
 
-__all__ = ["Effects", "GaugedBench", "closed_form_ripple", "gauged_bench", "placement_effects"]
-
 # every strain has even orders of the wave generator only: half a turn is a period. 16 points tell
 # orders 0 to 14 apart; the bridge's products of orders 2 and 4 above that are below 1e-15
 _POINTS = 16

@@ -11,8 +11,6 @@ from hdbench.errors import UsageError
 from hdbench.gauges.layout import GridGeometry, Layout
 from hdbench.records.trace import FloatArray
 
-__all__ = ["PlacementErrors", "StrainField", "Wave", "grid_strain", "off_centre"]
-
 
 @dataclass(frozen=True, slots=True)
 class Wave:

@@ -12,14 +12,6 @@ from hdbench.model.motion import Motion, gauge_order_factor
 from hdbench.profile.schema import ProfileData
 from hdbench.records.trace import FloatArray
 
-__all__ = [
-    "baseline_columns",
-    "baseline_numbers",
-    "baseline_orders",
-    "expected_torque_nm",
-    "output_turns",
-]
-
 # orders of the contract's baseline where the profile says no others, relative to the gauges:
 # report, section 4
 _GAUGE_ORDERS = (2.0, 4.0)

@@ -16,15 +16,6 @@ from hdbench.model.motion import Motion, gauge_order_factor
 from hdbench.profile.schema import ProfileData
 from hdbench.records.trace import FloatArray
 
-__all__ = [
-    "BenchModel",
-    "signal_motion",
-    "summed_torque_nm",
-    "term_torque_nm",
-    "undone_faults",
-    "with_signal",
-]
-
 # angle over which the slope of a ripple is formed: 2e-6 off at order 360, the highest of any cause,
 # and as much by the rounding of an angle of 1e4 turns
 _ANGLE_STEP_RAD = 1e-5

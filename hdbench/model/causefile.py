@@ -25,8 +25,6 @@ from hdbench.model.definition import Cause
 from hdbench.profile.problems import key_text, problem
 from hdbench.profile.toml_text import Key, key_lines, read_toml, toml_text
 
-__all__ = ["declared_cause", "load_causes"]
-
 _HELP = "docs/causes.md lists keys, units and domains"
 _SPECS: Mapping[str, type[BaseModel]] = {
     "harmonics": HarmonicsSpec,

@@ -38,17 +38,6 @@ from hdbench.model.definition import Cause, Parameter, always
 from hdbench.model.motion import Motion
 from hdbench.records.trace import FloatArray
 
-__all__ = [
-    "CauseFile",
-    "Declaration",
-    "HarmonicsSpec",
-    "PolynomialSpec",
-    "Spec",
-    "TableSpec",
-    "ToneSpec",
-    "cause_of",
-]
-
 
 class _Strict(BaseModel):
     """Unknown keys, NaN and infinities are errors; values never change."""

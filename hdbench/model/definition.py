@@ -12,8 +12,6 @@ import numpy as np
 from hdbench.model.motion import Motion
 from hdbench.records.trace import FloatArray
 
-__all__ = ["Cause", "CauseTerm", "Parameter", "always", "shape_bounds", "unbounded"]
-
 
 @dataclass(frozen=True, slots=True)
 class Parameter:

@@ -10,8 +10,6 @@ import numpy as np
 from hdbench.model.definition import Cause
 from hdbench.records.trace import FloatArray
 
-__all__ = ["Quadratures", "amplitude_phase", "quadratures", "standard_uncertainty"]
-
 
 @dataclass(frozen=True, slots=True)
 class Quadratures:

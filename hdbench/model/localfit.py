@@ -12,8 +12,6 @@ from numpy.typing import NDArray
 
 from hdbench.records.trace import FloatArray
 
-__all__ = ["LocalFit", "delayed", "fit_derivative", "segments", "smoothed"]
-
 # a window of fewer samples than this has next to no averaging left for the degrees used here
 _MIN_HALF_WIDTH = 3
 # time stamps this close to a uniform grid (relative to the period) move a derivative by as little

@@ -24,8 +24,6 @@ from hdbench.model.causefile import declared_cause
 from hdbench.model.harmonics import quadratures
 from hdbench.records.jsonfile import ProfileIdentity, read_json, result_header, write_json
 
-__all__ = ["MODEL_SCHEMA", "load_model", "model_dict", "save_model"]
-
 MODEL_SCHEMA = "hdbench/model/1"
 # amplitude and phase are written beside cosine and sine with 17 digits: only rounding may differ
 _AGREE = 1e-9

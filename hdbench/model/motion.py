@@ -12,18 +12,6 @@ from hdbench.model.localfit import fit_derivative, smoothed
 from hdbench.profile.schema import Drive, ProfileData
 from hdbench.records.trace import FloatArray, Trace
 
-__all__ = [
-    "ACCELERATION_WINDOW_S",
-    "Motion",
-    "angle_curvature",
-    "gauge_order_factor",
-    "integrate_velocity",
-    "motion_from_trace",
-    "sampled_acceleration",
-    "torque_from_trace",
-    "velocity_slope",
-]
-
 
 def gauge_order_factor(drive: Drive) -> float:
     r"""Return the factor from orders relative to the gauges to motor orders.

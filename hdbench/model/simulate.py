@@ -16,8 +16,6 @@ from hdbench.model.waves import reference_voltage
 from hdbench.profile.schema import ProfileData, ReferenceWave
 from hdbench.records.trace import FloatArray, Trace
 
-__all__ = ["simulate_like", "simulate_run", "with_noise"]
-
 # columns of a record that say when and how it moved, and under what load: kept by `simulate_like`
 _MOTION_COLUMNS = (
     "time_s",

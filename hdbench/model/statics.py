@@ -14,13 +14,6 @@ from hdbench.profile.schema import ProfileData
 from hdbench.records import Loads
 from hdbench.records.trace import FloatArray
 
-__all__ = [
-    "experiment_numbers",
-    "motion_from_loads",
-    "preloaded_motion",
-    "reading_times",
-]
-
 
 def experiment_numbers(loads: Loads) -> NDArray[np.int64]:
     """Return the number of each reading's experiment."""

@@ -14,8 +14,6 @@ from hdbench.records.jsonfile import read_json
 from hdbench.regression.tolerance import Tolerance
 from hdbench.results import Part
 
-__all__ = ["EXPECTED_SCHEMA", "Case", "find_cases", "read_case"]
-
 EXPECTED_SCHEMA = "hdbench/regression-expected/1"
 _SCHEMA = "hdbench/regression-case/1"
 _FIX = "correct the case file"

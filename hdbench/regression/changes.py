@@ -10,8 +10,6 @@ from typing import Any, Literal
 from hdbench.regression.tolerance import Tolerance, tolerance_for
 from hdbench.results.flatten import Leaf, flatten
 
-__all__ = ["Change", "compare_results"]
-
 
 @dataclass(frozen=True, slots=True)
 class Change:

@@ -19,8 +19,6 @@ from hdbench.regression.case import Case
 from hdbench.results.dynamic import FilteredTrace
 from hdbench.ripple import Stretch
 
-__all__ = ["evaluate_case"]
-
 # points of a filtered torque that are stored: enough to see where it moved
 _POINTS = 50
 # keys that name versions and identities, not results

@@ -8,8 +8,6 @@ from xml.etree import ElementTree
 from hdbench.records.storage import write_atomic
 from hdbench.regression.report import CaseReport, RegressionReport
 
-__all__ = ["write_junit"]
-
 # XML 1.0 has no place for other control characters, not even escaped
 _ALLOWED_CONTROLS = "\t\n\r"
 

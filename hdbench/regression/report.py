@@ -14,8 +14,6 @@ from hdbench.regression.case import EXPECTED_SCHEMA, Case, find_cases, read_case
 from hdbench.regression.changes import Change, compare_results
 from hdbench.regression.evaluation import evaluate_case
 
-__all__ = ["CaseReport", "RegressionReport", "compare_folder"]
-
 
 @dataclass(frozen=True, slots=True)
 class CaseReport:

@@ -9,8 +9,6 @@ from pydantic import Field
 
 from hdbench.results import Part
 
-__all__ = ["DEFAULTS", "Tolerance", "tolerance_for"]
-
 _Size = Annotated[float, Field(strict=True, ge=0.0)]
 
 

@@ -20,15 +20,6 @@ from matplotlib.ticker import FixedFormatter
 
 from hdbench.records import FloatArray
 
-__all__ = [
-    "COLOURS",
-    "Panel",
-    "draw_svg",
-    "min_max",
-    "new_figure",
-    "score_chart",
-]
-
 # placeholders that the page's style sheet replaces by its own colours, light or dark
 COLOURS = {
     "ink": "#0101f1",

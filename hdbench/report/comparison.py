@@ -15,8 +15,6 @@ from hdbench.report.page import render_page
 from hdbench.report.pagefiles import ReportFiles, numbers_csv, page_files, write_page
 from hdbench.report.pagemodel import Column, KeyNumber, Picture, Section, Table, Verdict
 
-__all__ = ["write_comparison"]
-
 _ANSWERS = {
     "within-uncertainty": "Within its uncertainty",
     "moved": "Moved",

@@ -6,8 +6,6 @@ from hdbench.report.numbers import probability, short, with_std
 from hdbench.report.pagemodel import Table, Verdict
 from hdbench.results import MisalignmentResult, RippleResult
 
-__all__ = ["extra_line_tables", "extra_line_words", "with_extra_lines"]
-
 
 def extra_line_words(result: MisalignmentResult | RippleResult) -> str:
     """Return each line and tone with its place and size; nothing where there is none."""

@@ -28,8 +28,6 @@ from hdbench.report.pagefiles import ReportFiles, csv_text, is_page, page_files,
 from hdbench.report.pagemodel import Column, KeyNumber, Picture, Section, Table, Verdict
 from hdbench.report.source import typed_result
 
-__all__ = ["FleetRun", "fleet_runs", "outlier_limit", "write_fleet"]
-
 # chance that a page names any outlier among drives of one kind that scatter normally
 FALSE_ALARM = 0.05
 # with fewer drives a median and its scatter say too little to judge one of them

@@ -11,8 +11,6 @@ from hdbench.report.canvas import COLOURS, Panel, new_figure
 from hdbench.report.numbers import DASH, unit_words
 from hdbench.report.pagemodel import Column, Picture, Table
 
-__all__ = ["picture", "tables"]
-
 # height of a bar and of what stands around all of them, inch; of the spectra
 _BAR_IN, _AROUND_IN, _SPECTRA_IN = 0.3, 0.9, 2.6
 # colours of the spectra, in turn: more curves than these would hide each other

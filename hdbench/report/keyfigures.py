@@ -13,8 +13,6 @@ from hdbench.report.diagnosis import section as diagnosis
 from hdbench.report.pagemodel import KeyNumber, key_number
 from hdbench.report.source import typed_result
 
-__all__ = ["KINDS", "key_figures"]
-
 KINDS = {
     "calibration": calibration,
     "misalignment": misalignment,

@@ -8,8 +8,6 @@ from hdbench.report.pagemodel import KeyNumber, Picture, Table, Verdict
 from hdbench.report.source import Source
 from hdbench.results import MisalignmentResult
 
-__all__ = ["numbers", "pictures", "summary", "tables", "verdict"]
-
 # what the report calls well assembled, section 5: "reduced from 10 N.m to less than 2 N.m"
 _WELL_ASSEMBLED_NM = 2.0
 

@@ -8,29 +8,6 @@ from typing import Any
 
 from hdbench.records import Quantity
 
-__all__ = [
-    "DASH",
-    "MINUS",
-    "declared",
-    "first_up",
-    "fixed",
-    "millivolts",
-    "name_words",
-    "parameter_words",
-    "percent",
-    "plain",
-    "ppm",
-    "probability",
-    "rounded_with",
-    "short",
-    "stated",
-    "two_digits",
-    "unit_of",
-    "unit_words",
-    "value_of",
-    "with_std",
-]
-
 # units that a name ends in, the longest first: they stand beside the number anyway
 _UNIT_SUFFIXES = (
     *("_nm_per_sqrt_s", "_nm_s_per_rad", "_nm_per_s", "_nm_per_a", "_kg_m2"),

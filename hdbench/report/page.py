@@ -17,8 +17,6 @@ from hdbench.report.numbers import DASH, short, unit_words
 from hdbench.report.pagefiles import ReportFiles
 from hdbench.report.pagemodel import KeyNumber, Section
 
-__all__ = ["PageWords", "render_page"]
-
 _TEMPLATES = Path(__file__).parent / "templates"
 _BADGES = {"good": "In order", "look": "Look", "bad": "Not usable"}
 _MARKS = {"good": "✓", "look": "!", "bad": "✕"}

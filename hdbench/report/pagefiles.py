@@ -14,16 +14,6 @@ from hdbench.records.jsonfile import write_json
 from hdbench.records.storage import storage_error, write_atomic
 from hdbench.report.pagemodel import KeyNumber
 
-__all__ = [
-    "ReportFiles",
-    "csv_text",
-    "is_page",
-    "numbers_csv",
-    "page_files",
-    "refuse_foreign",
-    "write_page",
-]
-
 _NUMBER_HEAD = ("quantity", "value", "std", "dof", "unit", "source")
 # the first bytes of every file that a report makes hold one of these
 _MARKS = {

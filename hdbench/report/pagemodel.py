@@ -13,17 +13,6 @@ from hdbench.results.calibration import ExpandedGain
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = [
-    "Column",
-    "KeyNumber",
-    "Level",
-    "Picture",
-    "Section",
-    "Table",
-    "Verdict",
-    "key_number",
-]
-
 Level = Literal["good", "look", "bad"]
 # head, the entry of a row (its name, or a function of the row), its text where that is not plain
 Column = (

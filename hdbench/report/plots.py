@@ -18,8 +18,6 @@ from hdbench.report.canvas import min_max
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-__all__ = ["plot_comparison", "plot_orders", "plot_response"]
-
 _STYLE: Any = {
     "svg.fonttype": "none",
     "svg.hashsalt": "hdbench",

@@ -12,8 +12,6 @@ from hdbench.report.page import PageWords, render_page
 from hdbench.report.pagefiles import ReportFiles, csv_text, page_files, write_page
 from hdbench.report.pagemodel import Column, Picture, Section, Table, Verdict
 
-__all__ = ["write_regression"]
-
 _CSV_HEAD = ("case", "key", "what", "expected", "found", "allowed", "in_tolerances", "regression")
 _FOOT = (
     "A quantity may move by its tolerance; the reason for each tolerance stands beside it. "

@@ -15,8 +15,6 @@ from hdbench.report.source import Source
 from hdbench.results import RippleResult
 from hdbench.results.dynamic import SteadySpectrum
 
-__all__ = ["numbers", "pictures", "summary", "tables", "verdict"]
-
 
 def _suppression(result: RippleResult, order: float) -> float | None:
     """Return what the filter takes away at a motor order, dB, or None where it is not known."""

@@ -19,8 +19,6 @@ from hdbench.report.pagemodel import Picture, Section, Table, Verdict
 from hdbench.report.signals import filter_model_of
 from hdbench.report.source import Source
 
-__all__ = ["make_section"]
-
 _TITLES = {
     "calibration": "Calibration record",
     "misalignment": "Misalignment",

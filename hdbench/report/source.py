@@ -16,8 +16,6 @@ from hdbench.records.runfolder import RunFolder
 from hdbench.records.tables import is_loads_file, read_loads, read_trace
 from hdbench.results import CalibrationResult, MisalignmentResult, Result, RippleResult
 
-__all__ = ["Source", "load_source", "typed_result"]
-
 _TYPES: dict[str, type[Result]] = {
     "calibration": CalibrationResult,
     "misalignment": MisalignmentResult,

@@ -17,8 +17,6 @@ from hdbench.report.pagemodel import Picture
 from hdbench.report.signals import Filtered, Signals
 from hdbench.results import MisalignmentResult
 
-__all__ = ["filter_picture", "ripple_picture", "signature_picture"]
-
 # turns of the wave generator in a close-up: enough to see orders 2 and 4, few enough to tell them
 _ZOOM_TURNS = 4.0
 # peaks named in a spectrum: more of them are noise to the eye; the result holds all

@@ -17,8 +17,6 @@ from hdbench.report.page import PageWords, render_page
 from hdbench.report.pagefiles import ReportFiles, page_files, write_page
 from hdbench.report.pagemodel import Column, KeyNumber, Picture, Section, Table, Verdict
 
-__all__ = ["write_trend"]
-
 _DATES: Any = matplotlib.dates  # has no types
 _CHARTS = {
     "individuals": "a run beyond its limits",

@@ -23,8 +23,6 @@ from hdbench.report.pagemodel import Section
 if TYPE_CHECKING:
     from hdbench.profile import Profile
 
-__all__ = ["write_report"]
-
 
 def write_report(runs: Sequence[Path], out: Path, *, profile: Profile | None = None) -> ReportFiles:
     """Write the report of one run or of several.

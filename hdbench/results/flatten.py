@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-__all__ = ["Leaf", "flatten"]
-
 Leaf = float | int | str | bool | None
 # entries of a list are named by the first of these that tells them apart: insertion does not
 # rename what stands behind it, as a plain index would

@@ -15,8 +15,6 @@ from hdbench.results.calibration import CalibrationResult
 from hdbench.results.dynamic import FilteredTrace, MisalignmentResult, RippleResult
 from hdbench.results.parts import Part
 
-__all__ = ["KINDS", "ResultKey", "json_schema", "keys_of"]
-
 _TYPES: Mapping[str, type[Part]] = {
     "calibration": CalibrationResult,
     "misalignment": MisalignmentResult,

@@ -21,8 +21,6 @@ from hdbench.records.trace import FloatArray, Trace
 from hdbench.results import RippleResult
 from hdbench.ripple.summary import Regression, summarise
 
-__all__ = ["Stretch", "evaluate_ripple"]
-
 # below two cycles an offset and a sinusoid are hardly told apart
 _LEAST_CYCLES = 2.0
 # a scale error of the velocity is believed when the measured order is off by so many sigma

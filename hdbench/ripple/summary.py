@@ -29,8 +29,6 @@ from hdbench.results.dynamic import (
     VelocityRange,
 )
 
-__all__ = ["Regression", "summarise"]
-
 # blocks over which the wander of the amplitudes is judged, and cycles of the lowest order in each
 _BLOCKS = 8
 _CYCLES_PER_BLOCK = 5.0

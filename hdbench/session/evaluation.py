@@ -23,8 +23,6 @@ from hdbench.ripple import Stretch
 from hdbench.session.doubts import channel_doubts, sign_doubts
 from hdbench.session.filters import TUNED, choose_filter, tune_traces
 
-__all__ = ["Evaluation", "evaluate", "evaluate_stored", "store_evaluation"]
-
 
 @dataclass(frozen=True, slots=True)
 class Evaluation:

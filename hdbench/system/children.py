@@ -5,8 +5,6 @@ from __future__ import annotations
 import os
 import sys
 
-__all__ = ["child_command", "limit_memory"]
-
 
 def child_command(module: str) -> tuple[str, ...]:
     """Return the command that runs a module of hdbench in a process of its own.

@@ -7,18 +7,6 @@ import os
 import stat
 from pathlib import Path
 
-__all__ = [
-    "OPEN_OWN",
-    "allocate",
-    "is_own",
-    "is_private",
-    "lock_file",
-    "sync_data",
-    "sync_file",
-    "sync_folder",
-    "user_folders",
-]
-
 OPEN_OWN = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_CLOEXEC", 0)
 """Flags of `os.open` for a file that is no link and that no child inherits."""
 

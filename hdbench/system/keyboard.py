@@ -11,8 +11,6 @@ import time
 from contextlib import suppress
 from typing import Any, Protocol
 
-__all__ = ["Keyboard", "keyboard"]
-
 _CHUNK = 64
 # how often the console of Windows is looked at, s
 _LOOK_S = 0.02

@@ -16,20 +16,6 @@ from hdbench.errors import BusyError, UsageError
 if TYPE_CHECKING:
     from serial import Serial
 
-__all__ = [
-    "SETTING_ERRORS",
-    "Claim",
-    "PortIo",
-    "PseudoTerminal",
-    "can_share_ports",
-    "is_port",
-    "may_open",
-    "open_port",
-    "port_io",
-    "share_port",
-    "terminal_pair",
-]
-
 try:
     from termios import error as _setting_error
 except ImportError:

@@ -13,19 +13,6 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-__all__ = [
-    "DETACHED",
-    "hold_name",
-    "ignore_signals",
-    "kill",
-    "process_exists",
-    "process_mark",
-    "signal_self",
-    "terminate",
-    "undisturbed",
-    "usable_cores",
-]
-
 DETACHED: dict[str, Any] = {"start_new_session": True}
 """Keywords of `subprocess.Popen` for a child that Ctrl-C and the end of the terminal miss."""
 if sys.platform == "win32":

@@ -11,8 +11,6 @@ import struct
 import time
 from collections.abc import Callable
 
-__all__ = ["TimedSocket"]
-
 # The kernel ends a read of a socket after this time: one system call per reply where it comes in
 # time. Its clock for this is coarse (10 ms at 100 Hz, 12 % later on), so a read is left to it only
 # with twice as much time left, and what remains is waited for with the fine clock of `poll`.

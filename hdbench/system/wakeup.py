@@ -6,8 +6,6 @@ import contextlib
 import os
 import struct
 
-__all__ = ["FAST_BD", "hold_wakeup", "release_wakeup"]
-
 FAST_BD = 115200
 """Bit rate above which a sleeping processor costs more than a hundredth of an exchange, bit/s.
 

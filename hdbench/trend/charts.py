@@ -10,18 +10,6 @@ import numpy as np
 
 from hdbench.records import FloatArray
 
-__all__ = [
-    "CHARTS",
-    "EWMA_WEIGHT",
-    "LEAST_RUNS",
-    "Chart",
-    "Limits",
-    "Step",
-    "control_chart",
-    "find_limits",
-    "find_step",
-]
-
 CHARTS = ("individuals", "moving-range", "ewma", "step")
 # small enough for lasting shifts of one std, large enough to follow a step within some runs;
 # Montgomery, Introduction to Statistical Quality Control, recommends .05 to .25

@@ -19,8 +19,6 @@ from hdbench.trend.charts import (
     find_step,
 )
 
-__all__ = ["Change", "History", "Signal", "study_history"]
-
 # the limit is that of a whole history; a step within a part of it needs a probability of .95
 _FURTHER_STEP = math.log(19.0)
 

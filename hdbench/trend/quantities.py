@@ -12,8 +12,6 @@ import numpy as np
 from hdbench.records import Quantity
 from hdbench.results import CalibrationResult, MisalignmentResult, RippleResult
 
-__all__ = ["QUANTITIES", "Reading", "TrendQuantity", "unit_of"]
-
 # orders of two runs are one series where they agree to so many decimals
 _ORDER_DECIMALS = 3
 

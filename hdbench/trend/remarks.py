@@ -12,8 +12,6 @@ from hdbench.profile.scaling import calibration_time
 from hdbench.records import RunSummary, read_json
 from hdbench.results import CalibrationResult, Part, RippleResult
 
-__all__ = ["remarks"]
-
 _T = TypeVar("_T", bound=Part)
 
 # an order has moved when it is off by so many stds and by so many cycles per turn: a block of the

@@ -23,8 +23,6 @@ from hdbench.trend.history import Change, History, study_history
 from hdbench.trend.quantities import QUANTITIES, Reading, unit_of
 from hdbench.trend.remarks import remarks
 
-__all__ = ["GROUPINGS", "trend_csv", "trend_of_runs"]
-
 GROUPINGS = ("drive", "sensor", "profile")
 _COLUMNS = (
     *("name", "series", "unit", "run", "time_utc", "value", "std", "lower", "upper"),

@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.live import Live
 
-__all__ = ["TerminalTalk", "live_line"]
-
 _KEYS = {
     "\n": None,
     "a": Answer.ACCEPT,

@@ -8,8 +8,6 @@ from contextlib import contextmanager
 
 from hdbench.system.keyboard import keyboard
 
-__all__ = ["END", "Keys"]
-
 END = ""
 """What `Keys.wait` returns when nobody can answer any more."""
 

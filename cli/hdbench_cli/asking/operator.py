@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     from hdbench.profile import Profile
     from hdbench.session.calibrating.conversation import Conversation
 
-__all__ = ["ConsoleOperator", "Who", "calibration_talk", "silent"]
-
 Who = Literal["auto", "person", "simulated"]
 
 

@@ -23,8 +23,6 @@ from hdbench_cli.output import Output
 if TYPE_CHECKING:
     from hdbench.batch import BatchFolder, Input, Workers
 
-__all__ = ["command"]
-
 # failed inputs named on the screen: the table has them all
 _MOST_LINES = 10
 

@@ -17,8 +17,6 @@ from hdbench_cli.inputs import DEFAULT_PROFILE
 if TYPE_CHECKING:
     from hdbench.batch import Input
 
-__all__ = ["Asked", "BatchOptions", "Job"]
-
 # options of a command that a batch sets itself, that measure, or that name one file for all inputs
 _NOT_HERE = {
     "address", "control", "drive", "dry_run", "html_file", "json", "junit", "list_causes",

@@ -15,8 +15,6 @@ from typing import Any
 from hdbench.errors import HdbenchError
 from hdbench_cli.output import Body, Lines, Output
 
-__all__ = ["COMMANDS", "BatchCommand", "run_one"]
-
 
 @dataclass(frozen=True, slots=True)
 class BatchCommand:

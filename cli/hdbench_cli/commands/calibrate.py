@@ -15,8 +15,6 @@ from hdbench_cli.text import remark_lines, table, with_uncertainty
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
-__all__ = ["command", "failed", "lines", "summary"]
-
 _ACCEPTED = {True: "yes", False: "no", None: "not decided"}
 _OF = (
     ("mean_of_positions", "mean of positions"),

@@ -9,8 +9,6 @@ import click
 
 from hdbench_cli.output import Output
 
-__all__ = ["command"]
-
 # the shell hands over what is typed so far in this variable and those beside it
 _VARIABLE = "_HDBENCH_COMPLETE"
 _INSTALL = {

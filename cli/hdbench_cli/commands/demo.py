@@ -18,8 +18,6 @@ if TYPE_CHECKING:
 
     from hdbench.profile import Profile
 
-__all__ = ["command"]
-
 _KINDS = ("calibration", "misalignment", "ripple")
 
 

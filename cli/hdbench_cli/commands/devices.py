@@ -13,8 +13,6 @@ from hdbench_cli.output import Output
 if TYPE_CHECKING:
     from hdbench.devices.serial_ports import SerialPort
 
-__all__ = ["command"]
-
 _SLOW_MS = 2  # of an FTDI adapter; its 16 ms at the start are longer than a whole exchange
 
 

@@ -25,8 +25,6 @@ if TYPE_CHECKING:
 
     from hdbench.profile import Profile
 
-__all__ = ["command"]
-
 
 def _list_causes(output: Output, cause_files: tuple[Path, ...]) -> None:
     from hdbench.model import describe_causes, user_causes

@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.text import Text
 
-__all__ = ["lines", "names_line"]
-
 _VERDICTS = {
     "nothing-found": "Nothing found: the simulation explains the measurement.",
     "named": "The simulation misses something, and it has a name.",

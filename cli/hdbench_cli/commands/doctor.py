@@ -28,8 +28,6 @@ if TYPE_CHECKING:
     from hdbench.session.doctor import Finding
     from hdbench.session.watchdogproof import WatchdogProof
 
-__all__ = ["command", "version_facts"]
-
 _PROOF_FIX = "let nothing move here until the device's watchdog stops the motor"
 # lines that are well, and say what could still be done
 _HINTS = ("filter kernel", "watchdog", "calibration", "clock")

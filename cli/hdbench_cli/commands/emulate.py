@@ -23,8 +23,6 @@ if TYPE_CHECKING:
 
     from hdbench.devices.emulator.server import Wire
 
-__all__ = ["command"]
-
 _LOOPBACK = ("127.0.0.1", "localhost", "::1")
 
 

@@ -25,8 +25,6 @@ if TYPE_CHECKING:
     from hdbench.session.calibrating.plan import Preset
     from hdbench.session.plans import Plan
 
-__all__ = ["Request", "Shown", "doubts_of", "resume", "run", "shown_of"]
-
 
 @dataclass(frozen=True, slots=True)
 class Request:

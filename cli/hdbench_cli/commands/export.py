@@ -12,8 +12,6 @@ from hdbench_cli.inputs import choose_profile, own_names
 from hdbench_cli.options import POSITIVE, model_option, profile_option, sources_argument
 from hdbench_cli.output import Output
 
-__all__ = ["command"]
-
 # what `hdbench.records.exporting.FORMATS` holds; a test keeps them together
 _FORMATS = ("parquet", "hdf5", "mat")
 

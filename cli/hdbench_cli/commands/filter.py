@@ -33,8 +33,6 @@ if TYPE_CHECKING:
     from hdbench.results import DataFlag
     from hdbench_cli.inputs import Input
 
-__all__ = ["command", "order_lines", "smoothed_columns", "smoothed_summary", "tuned_on"]
-
 # column of a simulated trace with the true torque, N m
 _TRUTH = "torque_true_nm"
 

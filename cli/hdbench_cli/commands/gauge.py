@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     from hdbench.gauges import GaugedBench
     from hdbench.profile import Profile
 
-__all__ = ["command"]
-
 F = TypeVar("F", bound=Callable[..., Any])
 _SIZES = {
     "radial": ("radial_mm", "mm"),

@@ -25,8 +25,6 @@ if TYPE_CHECKING:
     from hdbench.importing.source import Source
     from hdbench.profile import Profile
 
-__all__ = ["command"]
-
 
 def _pairs(texts: tuple[str, ...], option: str) -> dict[str, str]:
     """Return NAME=VALUE texts by name."""

@@ -16,8 +16,6 @@ from hdbench_cli.output import Output
 if TYPE_CHECKING:
     from rich.text import Text
 
-__all__ = ["command", "finding_lines"]
-
 # channels that are told of one kind of finding: --json has them all
 _SHOWN = 3
 

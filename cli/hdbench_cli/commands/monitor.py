@@ -23,8 +23,6 @@ from hdbench_cli.text import table
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
-__all__ = ["command"]
-
 _NUMBERS = ("mean", "std", "min", "max")
 
 

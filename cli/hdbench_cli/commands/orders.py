@@ -31,8 +31,6 @@ from hdbench_cli.output import Output
 if TYPE_CHECKING:
     from hdbench.filter.orders import OrderMap, OrderSpectrum
 
-__all__ = ["command"]
-
 
 def _write_map(path: Path, found: OrderMap) -> None:
     """Write the order map, one row per window and order."""

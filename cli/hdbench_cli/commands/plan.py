@@ -16,8 +16,6 @@ from hdbench_cli.output import Output
 if TYPE_CHECKING:
     from rich.text import Text
 
-__all__ = ["command"]
-
 # lines of each table that fit one screen together with the rest
 _SHOWN, _SETTLED = 8, 2
 

@@ -14,8 +14,6 @@ from hdbench_cli.inputs import DEFAULT_PROFILE
 from hdbench_cli.options import StoredPath, file_option, no_input_option
 from hdbench_cli.output import Output
 
-__all__ = ["command"]
-
 
 @click.group(name="profile", epilog="Example: hdbench profile new my-bench --out my-bench.toml")
 def command() -> None:

@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     from hdbench.errors import HdbenchError
     from hdbench.regression import RegressionReport
 
-__all__ = ["command"]
-
 # lines per case on the screen: the rest is in --json
 _MOST_LINES = 20
 

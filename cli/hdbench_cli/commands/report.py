@@ -10,8 +10,6 @@ from hdbench_cli.inputs import choose_profile
 from hdbench_cli.options import StoredPath, profile_option
 from hdbench_cli.output import Output
 
-__all__ = ["command"]
-
 
 @click.command(
     "report",

@@ -19,8 +19,6 @@ if TYPE_CHECKING:
 
     from hdbench.profile import Profile
 
-__all__ = ["command"]
-
 _INJECTED_HZ = (0.0, 0.5, 2.0, 10.0)
 
 

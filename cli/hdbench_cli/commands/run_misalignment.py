@@ -18,8 +18,6 @@ from hdbench_cli.options import (
 from hdbench_cli.output import Output
 from hdbench_cli.text import remark_lines, with_uncertainty
 
-__all__ = ["command", "failed", "lines"]
-
 
 def lines(result: Mapping[str, Any]) -> Iterator[str]:
     """Yield a misalignment result."""

@@ -30,8 +30,6 @@ if TYPE_CHECKING:
 
     from hdbench.records import VerifyReport
 
-__all__ = ["command"]
-
 # characters of a hash that tell two files apart at a glance; --json has all
 _HASH = 12
 _EXPERIMENTS = ("calibration", "misalignment", "ripple")

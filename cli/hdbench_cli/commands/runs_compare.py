@@ -17,8 +17,6 @@ from hdbench_cli.text import table, with_uncertainty
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
-__all__ = ["compare"]
-
 _ANSWERS = {
     "moved": ("MOVED", "bold red"),
     "within-uncertainty": ("within uncertainty", "green"),

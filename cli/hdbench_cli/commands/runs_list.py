@@ -17,8 +17,6 @@ from hdbench_cli.output import Output
 if TYPE_CHECKING:
     from hdbench.records import RunSummary
 
-__all__ = ["chosen_runs", "filter_options", "list_", "note"]
-
 F = TypeVar("F", bound=Callable[..., Any])
 _FILTERS = ("kind", "profile", "status", "verdict", "drive", "sensor")
 _SORTS = ("run", "started", "kind", "status", "profile", "drive", "sensor", "verdict")

@@ -16,8 +16,6 @@ from hdbench_cli.output import Output
 if TYPE_CHECKING:
     from hdbench.records import Trace
 
-__all__ = ["command"]
-
 
 @click.command("simulate", epilog="Example: hdbench simulate --like runs/RUN --out simulated.csv")
 @profile_option

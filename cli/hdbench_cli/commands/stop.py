@@ -11,8 +11,6 @@ from hdbench_cli.inputs import choose_profile
 from hdbench_cli.options import address_option, profile_option
 from hdbench_cli.output import Output
 
-__all__ = ["command"]
-
 
 @click.command("stop", epilog="Example: hdbench stop --address tcp://192.168.0.7:502")
 @profile_option

@@ -18,8 +18,6 @@ from hdbench_cli.text import table, with_uncertainty
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
-__all__ = ["command"]
-
 # the library's own names, written out so that --help imports nothing; a test compares
 QUANTITY_NAMES = (
     "gain",

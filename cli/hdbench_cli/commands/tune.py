@@ -33,8 +33,6 @@ if TYPE_CHECKING:
     from hdbench.profile import Profile
     from hdbench_cli.inputs import Input
 
-__all__ = ["command", "tune_inputs"]
-
 _SLOW = (
     "auto",
     "none",

@@ -13,8 +13,6 @@ from numpy.typing import NDArray
 from hdbench.filter import OscillatorBlock
 from hdbench.session.watching import Frame
 
-__all__ = ["CURVES", "Curve", "History", "Order"]
-
 Array = NDArray[np.float64]
 
 

@@ -16,8 +16,6 @@ from hdbench_cli.text import sparkline
 if TYPE_CHECKING:
     from hdbench.profile import Profile
 
-__all__ = ["picture"]
-
 _LABEL, _NUMBER, _LIMIT = 9, 18, 12
 # a screen of fewer columns has no place for the word beside the share of a limit
 _NARROW, _NARROW_LIMIT = 56, 6

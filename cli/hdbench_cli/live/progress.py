@@ -8,8 +8,6 @@ from contextlib import contextmanager, suppress
 
 from hdbench_cli.output import Output
 
-__all__ = ["progress_bar"]
-
 
 @contextmanager
 def progress_bar(title: str) -> Iterator[Callable[[str, float], None]]:

@@ -22,8 +22,6 @@ if TYPE_CHECKING:
     from hdbench.profile import Profile
     from hdbench_cli.live.history import History
 
-__all__ = ["LiveView", "live_view"]
-
 # often enough to look alive, seldom enough to cost the acquisition nothing
 _DRAW_S = 0.125
 _LINE_S = 5.0

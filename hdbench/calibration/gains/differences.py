@@ -22,15 +22,6 @@ from hdbench.results.calibration import (
     SideForce,
 )
 
-__all__ = [
-    "DirectionEntry",
-    "consensus",
-    "direction_effects",
-    "direction_entries",
-    "paired_difference",
-    "side_force",
-]
-
 # means of both levels that cancel to this share of either have no relative difference
 _CANCELLED = 1e-9
 # steps that bring the variance of Paule and Mandel to rounding: it converges quadratically

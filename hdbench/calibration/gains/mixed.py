@@ -11,8 +11,6 @@ from hdbench.records.quantity import Quantity
 from hdbench.records.trace import FloatArray
 from hdbench.results.calibration import MixedModel
 
-__all__ = ["mixed_fit", "plain_mean"]
-
 # the ratio of variances is sought as share of the sum, up to this: beyond it the position is all
 _MAX_SHARE = 1.0 - 1e-9
 # each zoom narrows the share to a twentieth: 1e-9 after seven

@@ -7,8 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-__all__ = ["GainOutlier", "Outlier", "extreme_values", "gain_outliers", "grubbs_limit"]
-
 
 @dataclass(frozen=True, slots=True)
 class Outlier:

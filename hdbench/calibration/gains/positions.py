@@ -12,17 +12,6 @@ from hdbench.calibration.lines import position_number
 from hdbench.records.quantity import Quantity
 from hdbench.results.calibration import ExperimentLine, PositionVariance
 
-__all__ = [
-    "any_one_position",
-    "by_position",
-    "consistency_interval",
-    "mean_gain",
-    "one_way",
-    "position_numbers",
-    "shared_dof",
-    "vangel_interval",
-]
-
 _UNBALANCED, _REPEATED, _RESIDUAL = "positions-unbalanced", "repetitions", "residual"
 
 

@@ -25,8 +25,6 @@ from hdbench.records.storage import publish, staged_path
 from hdbench.records.tables import read_loads, write_loads
 from hdbench.records.trace import FloatArray
 
-__all__ = ["StaircasePlan", "StaircaseReport", "import_staircase"]
-
 _PLACE = ("experiment", "position_rad", "range", "direction")
 _WORDS = {"range": ("low", "full"), "direction": ("cw", "ccw")}
 # kg of each unit of load that is a mass; the avoirdupois pound is exact by definition (1959)

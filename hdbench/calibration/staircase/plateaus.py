@@ -9,8 +9,6 @@ from numpy.typing import NDArray
 
 from hdbench.records.trace import FloatArray
 
-__all__ = ["Plateau", "Staircase", "find_glitches", "find_plateaus", "find_stuck"]
-
 # share of the whole range by which two halves of a window may differ on a plateau, and two
 # plateaus before they are two: a staircase of up to a hundred equal steps has larger ones
 _SAME_SHARE = 0.004

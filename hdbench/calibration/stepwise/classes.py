@@ -7,8 +7,6 @@ from collections.abc import Sequence
 
 from hdbench.results.calibration import Classification, Criterion, LoadGroup
 
-__all__ = ["CLASSES", "class_limit", "classify", "overall_class"]
-
 CLASSES = (0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0)
 # limit of each criterion in a class c, share of the deflection: c/2 %, c %, c/4 %, c/2 %, 1.25 c %;
 # of the applied torque (k = 2): c/5 %. The published table rounds two of them upwards.

@@ -16,8 +16,6 @@ from hdbench.calibration.torque.applied import TorqueAccount
 from hdbench.records.trace import FloatArray
 from hdbench.results.calibration import GroupSeries, LoadGroup, LoadStep, StepUncertainty
 
-__all__ = ["evaluate_group"]
-
 
 def evaluate_group(
     group: StepGroup, account: TorqueAccount, resolution_v: float | None

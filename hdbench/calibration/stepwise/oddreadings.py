@@ -9,8 +9,6 @@ from hdbench.calibration.stepwise.series import StepGroup
 from hdbench.records.trace import FloatArray
 from hdbench.results.calibration import Outlier
 
-__all__ = ["odd_readings"]
-
 # chance that a group without a bad reading shows one
 _LEVEL = 0.05
 # one more reading is looked at for so many

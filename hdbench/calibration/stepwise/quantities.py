@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 from hdbench.calibration.stepwise.series import LoadSeries, StepGroup
 from hdbench.records.trace import FloatArray
 
-__all__ = ["StepQuantities", "step_quantities"]
-
 # a cubic through zero has three coefficients: with as many steps it has no deviation to show
 _CUBIC = 3
 

@@ -13,8 +13,6 @@ from hdbench.calibration.lines import position_number
 from hdbench.calibration.readings import TakenReading
 from hdbench.records.trace import FloatArray
 
-__all__ = ["LoadSeries", "StepGroup", "step_groups"]
-
 # torques below this share of a group's largest are its zero: a hand-read reference shows as much
 _ZERO_SHARE = 0.005
 # share of the smallest distance between two loads within which torques are one step: a reference

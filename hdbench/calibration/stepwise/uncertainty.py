@@ -11,8 +11,6 @@ from hdbench.calibration.stepwise.quantities import StepQuantities
 from hdbench.records.trace import FloatArray
 from hdbench.results.calibration import StepUncertainty
 
-__all__ = ["case_one", "case_two"]
-
 # the guide's fixed coverage factor
 _GUIDE_FACTOR = 2.0
 _RECTANGULAR, _TRIANGULAR, _RESOLUTION = math.sqrt(12.0), math.sqrt(24.0), math.sqrt(6.0)

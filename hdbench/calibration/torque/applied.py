@@ -17,8 +17,6 @@ from hdbench.calibration.torque.sources import given_sources, torque_sources
 from hdbench.profile.schema import ProfileData
 from hdbench.results.calibration import AppliedTorqueAccount, BudgetRow, Correction
 
-__all__ = ["TorqueAccount", "apply_torque"]
-
 # a stated torque this close to mass times gravity times length was made of these three: a file with
 # ten digits keeps them to 1e-10, one correction that is worth making is larger
 _SAME_TORQUE = 1e-9

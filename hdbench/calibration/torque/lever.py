@@ -8,16 +8,6 @@ from dataclasses import dataclass
 from hdbench.profile.calibrating import Arm, MassStandard
 from hdbench.results.calibration import Correction
 
-__all__ = [
-    "CONVENTIONAL_AIR_KG_M3",
-    "CONVENTIONAL_MASS_KG_M3",
-    "AppliedTorque",
-    "Conditions",
-    "air_density",
-    "applied_torque",
-    "buoyancy_factors",
-]
-
 # conventional mass: balance in air of 1.2 kg/m^3 with weights of 8000 kg/m^3 (OIML D 28, R 111-1)
 CONVENTIONAL_AIR_KG_M3 = 1.2
 CONVENTIONAL_MASS_KG_M3 = 8000.0

@@ -9,8 +9,6 @@ from hdbench.calibration.torque.lever import AppliedTorque
 from hdbench.profile.calibrating import Arm, MassStandard, Standards, TorqueStandard
 from hdbench.results.calibration import BudgetRow
 
-__all__ = ["certified_row", "given_sources", "torque_sources"]
-
 # largest permissible errors from 100 g up, share of the mass: OIML R 111-1 (2004), table 1
 _CLASSES = {"E2": 1.6e-6, "F1": 5e-6, "F2": 1.6e-5, "M1": 5e-5, "M2": 1.6e-4, "M3": 5e-4}
 # local anomalies of gravity seldom exceed this share of it

@@ -9,8 +9,6 @@ from typing import Any, Protocol
 
 from hdbench.errors import UsageError
 
-__all__ = ["Channel"]
-
 _POLL_S = 0.01
 
 # what each value may be; written so that NaN fails

@@ -50,8 +50,6 @@ from hdbench.plant.converter import HALF_LENGTH_SAMPLES, to_count
 from hdbench.plant.timeline import ReferenceLine
 from hdbench.records.trace import FloatArray
 
-__all__ = ["ChannelFault", "DeviceClock", "ElectricalSamples", "Input", "SimulatedInstrument"]
-
 Input = Literal["torque", "tacho", "current", "reference"]
 """An analog input."""
 

@@ -25,18 +25,6 @@ from hdbench.devices.node.registers import (
 from hdbench.model.waves import ReferenceProgram
 from hdbench.plant.bench import SimulatedBench
 
-__all__ = [
-    "BlockHeader",
-    "BlockWindow",
-    "NodeMachine",
-    "Pace",
-    "Record",
-    "ScanFifo",
-    "encode_block",
-    "encode_scans",
-    "seal_block",
-]
-
 # four codes and a 32-bit encoder: what the node keeps of a scan
 SCAN_BYTES = 12
 _WINDOW_BYTES = DATA_AT + 2 * BLOCK_DATA_REGISTERS

@@ -9,8 +9,6 @@ from dataclasses import dataclass
 from hdbench.devices.emulator.server import ModbusRefusedError, Space
 from hdbench.devices.modbus.layout import Place, decode, encode, range_of
 
-__all__ = ["DEVICE_FAILURE", "ILLEGAL_VALUE", "Cell", "Memory"]
-
 ILLEGAL_ADDRESS, ILLEGAL_VALUE, DEVICE_FAILURE = 2, 3, 4
 _MAX_REGISTERS = 125
 

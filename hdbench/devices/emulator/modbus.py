@@ -16,8 +16,6 @@ from hdbench.devices.modbus.inputs import input_info
 from hdbench.devices.modbus.layout import Place, place_of
 from hdbench.profile.acquiring_modbus import ModbusAcquisition, ModbusChannel
 
-__all__ = ["ModbusDevice", "emulate_modbus"]
-
 
 class ModbusDevice(Device):
     """Holds the map, answers requests, and stops the motor when nobody feeds its watchdog.

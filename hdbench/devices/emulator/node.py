@@ -32,16 +32,6 @@ from hdbench.plant.bench import SimulatedBench
 from hdbench.profile.acquiring import NodeAcquisition
 from hdbench.profile.schema import ProfileData
 
-__all__ = [
-    "FREE",
-    "HELD",
-    "MINE",
-    "NodeCore",
-    "Session",
-    "build_core",
-    "emulate_node",
-]
-
 FREE, MINE, HELD = 0, 1, 2
 # a session whose connection is gone stays for a host that reconnects
 _KEPT_S = 2.0

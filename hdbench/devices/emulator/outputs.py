@@ -17,8 +17,6 @@ from hdbench.profile.acquiring_modbus import (
     ModbusWatchdog,
 )
 
-__all__ = ["DeviceWatchdog", "Driving"]
-
 # what a coupler has as its time when it is switched on, s
 _FACTORY_S = 1.0
 

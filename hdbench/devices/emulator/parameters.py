@@ -23,17 +23,6 @@ from hdbench.devices.node.registers import (
 from hdbench.model.waves import MAX_PARTS, ProgramPart, ReferenceProgram
 from hdbench.profile.schema import ProfileData, ReferenceWave
 
-__all__ = [
-    "DEFAULT_PARAMETERS",
-    "FIFO_SCANS",
-    "ProgramStore",
-    "RefusedError",
-    "check_parameters",
-    "identity_values",
-    "limit_values",
-    "reference_wave",
-]
-
 # four seconds at 1 kHz: twice the longest watchdog time
 FIFO_SCANS = 4096
 _MAX_SAMPLES = 100_000_000

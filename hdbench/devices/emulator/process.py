@@ -22,8 +22,6 @@ if TYPE_CHECKING:
     from hdbench.devices.emulator.machine import Pace
     from hdbench.devices.emulator.server import Wire
 
-__all__ = ["running_emulator"]
-
 # a cold start imports numpy and builds the plant; minutes only on a machine that is swamped
 _START_S = 60.0
 # the node gives its watchdog 3 s to stop the motor

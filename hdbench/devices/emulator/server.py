@@ -24,8 +24,6 @@ from hdbench.devices.pymodbusparts import (
 )
 from hdbench.system.lines import PseudoTerminal
 
-__all__ = ["Device", "ModbusRefusedError", "ModbusServer", "Space", "Wire"]
-
 Space = Literal["coil", "discrete", "holding", "input"]
 """A table of a Modbus device."""
 

@@ -26,18 +26,6 @@ from hdbench.plant.plantfile import load_plant
 from hdbench.profile.acquiring import Acquisition, CompositeAcquisition
 from hdbench.profile.schema import ProfileData
 
-__all__ = [
-    "EmulatedDevice",
-    "Emulation",
-    "EmulatorSettings",
-    "ModbusWire",
-    "emulate",
-    "emulated_speed",
-    "ending",
-    "open_record",
-    "until_motor_stands",
-]
-
 _POLL_S = 0.01
 # that a host-written reference and two wires keep up with
 _FAST_COMPOSITE = 4.0

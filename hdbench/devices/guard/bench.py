@@ -11,8 +11,6 @@ from hdbench.devices.host import HostedBench, HostSettings
 from hdbench.devices.simulation import Simulation
 from hdbench.errors import DeviceError
 
-__all__ = ["GuardedBench"]
-
 
 class GuardedBench(HostedBench):
     """A `HostedBench` with a guard that lives from the first motion to the safe state.

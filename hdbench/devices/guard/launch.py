@@ -18,8 +18,6 @@ from hdbench.devices.guard.order import GuardOrder, as_json
 from hdbench.errors import DeviceError
 from hdbench.system.processes import DETACHED
 
-__all__ = ["GuardProcess", "guard_silence_s"]
-
 # behind the standard library: the guard itself, this package, and pyserial
 _PATHS = [str(Path(__file__).parents[at]) for at in (0, 3)]
 _PATHS += [str(Path(str(found.origin)).parents[1]) for found in (find_spec("serial"),) if found]

@@ -14,8 +14,6 @@ from hdbench.profile.acquiring_table import TlsFiles
 from hdbench.profile.schema import ProfileData
 from hdbench.system.children import child_command
 
-__all__ = ["Check", "GuardOrder", "Look", "Target", "as_json", "order_of", "target_at"]
-
 # how long the guard goes on trying after the session's end, s
 _TRY_S = 60.0
 

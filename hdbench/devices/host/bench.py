@@ -18,8 +18,6 @@ from hdbench.devices.safestate import confirm_safe, wait_for_standstill
 from hdbench.errors import DeviceError, HdbenchError
 from hdbench.records.trace import FloatArray
 
-__all__ = ["HostedBench"]
-
 
 class HostedBench:
     """Implements `hdbench.devices.bench.Bench` on any DAQ.

@@ -13,8 +13,6 @@ from hdbench.devices.bench import Block
 from hdbench.devices.daq import ROLE_UNITS, Capabilities, Role, ScanBlock
 from hdbench.records.trace import FloatArray
 
-__all__ = ["ChannelMap", "SampleClock", "Unwrap"]
-
 # at the end of its range the amplifier limits the current, not the converter; a count has no end
 _CONVERTED: tuple[Role, ...] = ("torque", "tacho", "reference")
 References = Callable[[int, int], FloatArray]

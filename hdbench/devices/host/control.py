@@ -16,8 +16,6 @@ from hdbench.model.waves import ReferenceProgram, program_voltage, reference_vol
 from hdbench.profile.schema import ReferenceWave
 from hdbench.records.trace import FloatArray
 
-__all__ = ["ControlThread", "HostReference", "ReferenceLog"]
-
 # a decimal limit and the sum of bias and amplitude differ by rounding only
 _ROUNDING = 1e-9
 _KEPT = 64

@@ -13,8 +13,6 @@ from hdbench.devices.feasibility import roles_of
 from hdbench.profile.acquiring import CompositeAcquisition, OutputChannel
 from hdbench.profile.schema import ProfileData
 
-__all__ = ["HostSettings", "crossed_limit", "host_settings"]
-
 # of a device whose table has no [daq.output]
 _UPDATE_S = 0.01
 _SLEW_V_PER_S = 1000.0

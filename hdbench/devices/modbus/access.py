@@ -12,8 +12,6 @@ from hdbench.devices.transactor import TWICE, Build, Transactor
 from hdbench.devices.wire import ExceptionReply, FrameError, Link, Probe, ReplyCheck, Request
 from hdbench.errors import DeviceError, HdbenchError, ProfileError
 
-__all__ = ["QUIET_S", "TRY", "Access"]
-
 # exceptions that mean the profile is wrong, and those that mean "later"
 _WRONG_PROFILE = (1, 2, 3)
 _LATER = (5, 6)

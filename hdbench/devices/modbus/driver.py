@@ -26,8 +26,6 @@ from hdbench.devices.wire.address import parse_address, serial_settings
 from hdbench.errors import DeviceError, UsageError
 from hdbench.profile.acquiring_modbus import ModbusAcquisition, ModbusWrite
 
-__all__ = ["ModbusDaq", "describe_abilities", "exchange_s", "max_rates_hz", "reads_of", "set_up"]
-
 # a request to read: function, address, count; a reply: function, byte count, data
 _REQUEST, _REPLY_HEAD = 5, 2
 # around both on a serial line: unit and checksum

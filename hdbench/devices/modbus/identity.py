@@ -21,8 +21,6 @@ from hdbench.devices.wire import FrameError, Probe, ReplyCheck
 from hdbench.errors import DeviceError, ProfileError
 from hdbench.profile.acquiring_modbus import ModbusAcquisition, ModbusIdentify, ModbusPlace
 
-__all__ = ["SIGNATURE", "check_identity", "is_emulator", "make_probe", "signature_address"]
-
 # "HBEM": what stands in registers of the emulator that the profile leaves free, far from the others
 SIGNATURE = 0x4842_454D
 _HIGHEST, _STEP, _AWAY = 0xFF01, 0x100, 32

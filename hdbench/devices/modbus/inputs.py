@@ -13,7 +13,6 @@ from hdbench.devices.modbus.access import Access
 from hdbench.devices.modbus.layout import Block, place_of, range_of, size_of
 from hdbench.profile.acquiring_modbus import ModbusAcquisition, ModbusChannel
 
-__all__ = ["Inputs", "Polling", "Reading", "input_info"]
 # longest wait of one call, s
 _WAIT_S = 0.02
 

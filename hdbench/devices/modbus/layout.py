@@ -23,25 +23,6 @@ from hdbench.profile.acquiring_modbus import (
     number_ranges,
 )
 
-__all__ = [
-    "Block",
-    "Order",
-    "Place",
-    "Type",
-    "bounds",
-    "decode",
-    "encode",
-    "fits",
-    "form_of",
-    "needed",
-    "place_of",
-    "plan_blocks",
-    "range_of",
-    "size_of",
-    "values_of",
-    "write_request",
-]
-
 Type = Literal["i16", "u16", "i32", "u32", "f32", "f64"]
 Order = Literal["ABCD", "CDAB", "BADC", "DCBA"]
 

@@ -38,8 +38,6 @@ if TYPE_CHECKING:
 
     from hdbench.devices.wire.tcp import Certificates
 
-__all__ = ["StrictClient", "polled_link"]
-
 _INCOMPLETE = (0, 0, 0, b"")
 # longest frame of the ASCII form: colon, 2 x 255 characters, end of line
 _LONGEST_ASCII = 513

@@ -24,7 +24,6 @@ from hdbench.errors import ProfileError
 from hdbench.profile.acquiring_modbus import ModbusAcquisition
 from hdbench.profile.schema import ProfileData
 
-__all__ = ["DRIVER", "modbus_rate_hz", "open_modbus", "stop_target"]
 # data of a reply stand behind function code and byte count
 _DATA_AT = 2
 # what still counts as zero where the output is a float, V

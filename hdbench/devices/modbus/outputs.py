@@ -14,8 +14,6 @@ from hdbench.profile.acquiring_modbus import (
     ModbusWatchdog,
 )
 
-__all__ = ["Outputs", "Watchdog", "output_range_v", "output_step_v"]
-
 # looks at a write whose answer did not come, or said that the device is still working on it
 _LOOKS = 5
 

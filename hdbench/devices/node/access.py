@@ -33,7 +33,6 @@ from hdbench.errors import DeviceError
 from hdbench.model.waves import ReferenceProgram
 from hdbench.profile.schema import ReferenceWave
 
-__all__ = ["NodeAccess", "parameter_values", "part_values"]
 # codes fill 16 bits from the left
 _FEWEST_BITS, _MOST_BITS = 8, 16
 _ABOVE_ZERO = ("range_v", "current_range_a", "limit_velocity_rad_s")

@@ -29,17 +29,6 @@ from hdbench.devices.wire import FrameError, ReplyCheck, StaleReply, exchange_re
 from hdbench.errors import DeviceError
 from hdbench.records.trace import FloatArray
 
-__all__ = [
-    "CRC_AT",
-    "DATA_AT",
-    "HEADER",
-    "BlockExchange",
-    "BlockReader",
-    "ScanDecoder",
-    "block_fault",
-    "channel_bits",
-]
-
 # echo, run, seq, flags with channels, scans, depth, first index, encoder, checksum
 HEADER = struct.Struct(">HHHHHHIiI")
 DATA_AT = 2 * BLOCK_HEADER_REGISTERS

@@ -38,14 +38,6 @@ from hdbench.devices.wire.address import Address
 from hdbench.errors import DeviceError
 from hdbench.model.waves import ReferenceProgram
 
-__all__ = [
-    "REPLY_CHARACTERS",
-    "REQUEST_CHARACTERS",
-    "NodeDaq",
-    "capabilities_of",
-    "exchange_rate_hz",
-]
-
 # characters around the registers of an FC23 exchange on a serial line: request with two registers
 # written; unit, function, byte count and checksum of the reply
 REQUEST_CHARACTERS = 17

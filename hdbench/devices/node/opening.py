@@ -26,8 +26,6 @@ from hdbench.errors import BusyError, HdbenchError, UsageError
 from hdbench.profile.acquiring import NodeAcquisition
 from hdbench.profile.schema import ProfileData
 
-__all__ = ["DRIVER", "node_address", "node_rate_hz", "open_node", "probe", "stop_target"]
-
 # rates at which a port is asked for a node, fastest first
 _RATES_BD = (921600, 115200)
 _PROBE_S = 0.3

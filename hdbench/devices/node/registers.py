@@ -12,46 +12,6 @@ import numpy as np
 
 from hdbench.devices.daq import Role, clean_text
 
-__all__ = [
-    "ALL_CHANNELS",
-    "BLOCK",
-    "BLOCK_DATA_REGISTERS",
-    "BLOCK_HEADER_REGISTERS",
-    "BLOCK_SCANS",
-    "CHANNELS",
-    "CONTROL",
-    "ENCODER_HIGH",
-    "ENCODER_LOW",
-    "FEED",
-    "IDENTITY",
-    "LIMITS",
-    "MAP",
-    "NONCE",
-    "PARAMETERS",
-    "PROGRAM",
-    "PROGRAM_WAVE",
-    "PROTOCOL_VERSION",
-    "SESSION",
-    "STATUS",
-    "WAVES",
-    "WORD_ORDER_TEST",
-    "Capability",
-    "Command",
-    "Flag",
-    "Kind",
-    "Refusal",
-    "Register",
-    "State",
-    "Value",
-    "as_float32",
-    "block_registers",
-    "block_scans",
-    "decode_group",
-    "encode_group",
-    "register",
-    "register_at",
-]
-
 
 class State(IntEnum):
     """What the node is doing."""

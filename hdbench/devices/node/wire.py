@@ -38,8 +38,6 @@ from hdbench.devices.wire import (
 )
 from hdbench.errors import BusyError, DeviceError, HdbenchError
 
-__all__ = ["NodeWire", "node_probe", "span", "writable"]
-
 # lengths that no other read of a node has, in registers
 _PROBE_COUNTS = (3, 5, 7, 9, 11, 13, 17, 19)
 

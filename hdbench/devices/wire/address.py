@@ -17,17 +17,6 @@ from hdbench.system.lines import is_port
 if TYPE_CHECKING:
     from hdbench.profile.acquiring_table import SerialLine
 
-__all__ = [
-    "NETWORK",
-    "Address",
-    "SerialSettings",
-    "bracketed",
-    "dial",
-    "numbered",
-    "parse_address",
-    "serial_settings",
-]
-
 NETWORK = re.compile(
     r"(?P<scheme>tcp|tls|udp|rtu\+tcp)://(?P<host>\[[0-9A-Fa-f:.]+(?:%\w+)?\]|[A-Za-z0-9._-]+)"
     r"(?::(?P<port>[^:/?\[\]]*))?"

@@ -13,8 +13,6 @@ if TYPE_CHECKING:
     from hdbench.devices.wire.tcp import Certificates
     from hdbench.system.lines import Claim
 
-__all__ = ["Link", "Probe", "connect"]
-
 Probe = Callable[[int], tuple[bytes, ReplyCheck]]
 """Gives the n-th who-are-you read: a request whose reply has a length of its own for this n.
 

@@ -6,25 +6,6 @@ import struct
 from collections.abc import Callable
 from dataclasses import dataclass
 
-__all__ = [
-    "EXCEPTIONS",
-    "ExceptionReply",
-    "FrameError",
-    "ReplyCheck",
-    "ReplyForm",
-    "Request",
-    "StaleReply",
-    "bits_check",
-    "echo_check",
-    "exchange_registers",
-    "read_bits",
-    "read_registers",
-    "registers_check",
-    "write_bit",
-    "write_register",
-    "write_registers",
-]
-
 EXCEPTIONS = {
     1: "illegal function",
     2: "illegal data address",

@@ -13,7 +13,6 @@ from hdbench.devices.wire.pdu import ExceptionReply, FrameError, ReplyCheck, Sta
 from hdbench.system.lines import Claim, PortIo, open_port, port_io
 from hdbench.system.wakeup import FAST_BD, hold_wakeup, release_wakeup
 
-__all__ = ["CRC_START", "RtuLink", "crc16", "crc_over", "reply_size"]
 CRC_START = 0xFFFF
 """The remainder before the first character."""
 # frame lengths: replies with a byte count of their own, and those of a fixed length

@@ -18,7 +18,6 @@ from hdbench.errors import UsageError
 from hdbench.system.files import is_private
 from hdbench.system.sockets import TimedSocket
 
-__all__ = ["Certificates", "TcpLink", "client_security", "next_reply"]
 _HEADER = struct.Struct(">HHHB")
 # ten replies of the greatest length
 _CHUNK = 2600

@@ -33,8 +33,6 @@ from hdbench.model import BenchModel, Cause, CauseTerm
 from hdbench.profile import Profile
 from hdbench.records.trace import FloatArray
 
-__all__ = ["Findings", "assemble"]
-
 
 @dataclass(frozen=True, slots=True)
 class Findings:

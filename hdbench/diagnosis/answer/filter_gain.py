@@ -15,8 +15,6 @@ from hdbench.model import Motion
 from hdbench.profile import Profile
 from hdbench.records.trace import FloatArray, Trace
 
-__all__ = ["FilterGain", "filter_gain", "further_blocks"]
-
 # causes at a whole multiple of the wave generator's or the output's turn that have no order in
 # their parameters
 _MOTOR_ORDERS = {"wave-generator-eccentricity": 1.0, "motor-unbalance": 1.0}

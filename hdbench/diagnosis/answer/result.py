@@ -12,24 +12,6 @@ from numpy.typing import NDArray
 from hdbench.model import BenchModel
 from hdbench.records.trace import FloatArray
 
-__all__ = [
-    "DataFlag",
-    "Diagnosis",
-    "Gain",
-    "LeftOutSamples",
-    "NamedCause",
-    "Pictures",
-    "RecordPart",
-    "Rest",
-    "Spectrum",
-    "Testable",
-    "Unexplained",
-    "Voice",
-    "by_share",
-    "data_bad",
-    "verdict_of",
-]
-
 Parameters = Mapping[str, Mapping[str, float | str | None]]
 """Name to ``{"value", "std", "unit"}``."""
 

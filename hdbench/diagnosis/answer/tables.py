@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 from hdbench.diagnosis.answer.result import Pictures
 from hdbench.records import FloatArray, write_atomic
 
-__all__ = ["code_map", "residual_maps", "write_pictures", "write_table"]
-
 Columns = Mapping[str, FloatArray]
 
 _SPECTRUM_FILES = {

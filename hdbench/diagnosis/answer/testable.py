@@ -12,8 +12,6 @@ from hdbench.diagnosis.answer.result import Testable
 from hdbench.model import Cause, Motion, shape_bounds
 from hdbench.records.trace import FloatArray
 
-__all__ = ["testable"]
-
 # points at which columns are formed (1 ms a cause), in 32 stretches of the motion, fewer where they
 # are long
 _POINTS = 16_384

@@ -30,8 +30,6 @@ from hdbench.model.motion import torque_from_trace
 from hdbench.profile.schema import ProfileData
 from hdbench.records.trace import FloatArray, Trace
 
-__all__ = ["inspect_channels"]
-
 # samples below which a record shows nothing
 _FEWEST = 5
 

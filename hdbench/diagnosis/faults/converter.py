@@ -12,11 +12,6 @@ from hdbench.diagnosis.faults.scatter import CERTAIN_NATS, mask_runs, tail_nats
 from hdbench.profile.schema import ProfileData
 from hdbench.records.trace import FloatArray, Trace
 
-__all__ = [
-    "CHANCE", "STUCK", "Steps", "clipping", "coarse_steps", "piled_up", "quantisation", "step_of",
-    "stuck_samples",
-]  # fmt: skip
-
 # this many equal samples in a row do not come from a channel with noise
 STUCK = 20
 # chance of any statistical finding in a channel of a log without a fault

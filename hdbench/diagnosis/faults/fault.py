@@ -12,8 +12,6 @@ from hdbench.diagnosis.answer.result import DataFlag
 from hdbench.diagnosis.faults.scatter import mask_runs
 from hdbench.records.trace import FloatArray, Trace
 
-__all__ = ["Fault", "Inspected", "entry", "fault_over", "flag_runs", "flag_samples"]
-
 _Entry = dict[str, float | str | None]
 
 

@@ -14,8 +14,6 @@ from hdbench.diagnosis.faults.scatter import ACCEPT_NATS, AROUND, least_sigmas, 
 from hdbench.diagnosis.faults.shaft import Shaft, disagreement
 from hdbench.records.trace import FloatArray
 
-__all__ = ["find_jumps"]
-
 # samples on each side: there the averaged counting of a 4000-count encoder meets the walk that the
 # tacho's noise of 0.06 rad/s makes at 1 kHz
 _SIDE = 14

@@ -22,8 +22,6 @@ from hdbench.model import Motion
 from hdbench.profile.schema import ProfileData
 from hdbench.records.trace import FloatArray
 
-__all__ = ["ResidualFaults", "faults_of_residual"]
-
 # cells of equal counts over the speed, and blocks in time: noise that changes with time alone must
 # not be taken for a law of the speed
 _CELLS, _BLOCKS = 64, 24

@@ -8,12 +8,6 @@ from scipy.ndimage import maximum_filter1d, median_filter, uniform_filter1d
 
 from hdbench.records.trace import FloatArray
 
-__all__ = [
-    "ACCEPT_NATS", "AROUND", "CERTAIN_NATS", "bridged", "fast_part", "find_outliers",
-    "least_sigmas", "least_squares", "mask_runs", "paid_nats", "robust_std", "smallest_step",
-    "tail_nats",
-]  # fmt: skip
-
 # evidence that a fault needs: as for causes, a Bayes factor of 3000
 ACCEPT_NATS = 8.0
 # what the record shows without any statistic: a finite number that nothing reaches

@@ -14,11 +14,6 @@ from hdbench.diagnosis.faults.stamps import gap_steps
 from hdbench.profile.schema import ProfileData
 from hdbench.records.trace import FloatArray, Trace
 
-__all__ = [
-    "ANGLES", "FAST", "VELOCITIES", "Shaft", "angle_of", "derivation", "disagreement",
-    "has_own_noise", "scaled", "shaft_of", "velocity_of", "without_faults",
-]  # fmt: skip
-
 ANGLES = ("motor_angle_rad", "encoder_count")
 VELOCITIES = ("motor_velocity_rad_s", "tacho_v")
 # samples of the running mean that takes the motion out: what is left is the channels' own

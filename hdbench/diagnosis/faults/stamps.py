@@ -10,8 +10,6 @@ from hdbench.diagnosis.faults.fault import Fault, entry
 from hdbench.diagnosis.faults.scatter import CERTAIN_NATS, mask_runs
 from hdbench.records.trace import FloatArray, Trace
 
-__all__ = ["gap_steps", "gaps_of", "lost_samples", "repeated_rows"]
-
 # a step longer than this many median periods is a gap: one lost sample makes 2
 _GAP = 1.5
 # samples on each side whose earliest tells what is missing

@@ -16,8 +16,6 @@ from hdbench.diagnosis.faults.shaft import Shaft
 from hdbench.model.motion import ACCELERATION_WINDOW_S
 from hdbench.records.trace import FloatArray
 
-__all__ = ["find_tacho_ripple"]
-
 # commutators have some tens of segments and ripple at twice their number; a gear before the tacho
 # or an eccentric rotor makes low orders
 _ORDERS = 128

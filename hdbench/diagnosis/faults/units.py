@@ -20,8 +20,6 @@ from hdbench.model.motion import torque_from_trace, velocity_slope
 from hdbench.profile.schema import ProfileData
 from hdbench.records.trace import FloatArray, Trace
 
-__all__ = ["check_channels", "expected_nm"]
-
 # motor turns between two samples beyond which no order of the motor is in the record: a time in ms
 # makes them a thousand times what they were
 _MOST_TURNS = 2.0

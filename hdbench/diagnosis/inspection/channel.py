@@ -11,8 +11,6 @@ from hdbench.diagnosis.faults.scatter import AROUND, bridged, mask_runs, tail_na
 from hdbench.diagnosis.faults.shaft import FAST
 from hdbench.records.trace import FloatArray
 
-__all__ = ["delay_of", "held_share", "same_noise", "same_to_the_end"]
-
 # side lobes 220 dB down: a strong slow part must not hide an empty floor behind them
 _WINDOW = ("kaiser", 30)
 # samples of the longest segment of an average, and samples that two channels need

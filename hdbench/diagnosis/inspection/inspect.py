@@ -30,8 +30,6 @@ from hdbench.estimation.bandwidth import Spectrum, spectrum_of
 from hdbench.profile.schema import ProfileData
 from hdbench.records.trace import FloatArray, Trace
 
-__all__ = ["FALSE_ALARM", "inspect_log", "inspect_trace"]
-
 FALSE_ALARM = 1e-4
 """Chance of any finding of a statistical kind on a log without a fault; shared by its tests."""
 

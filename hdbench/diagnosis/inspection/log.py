@@ -20,8 +20,6 @@ from hdbench.records import Trace, read_trace
 from hdbench.records.tables import TRACE_COLUMNS
 from hdbench.records.trace import FloatArray
 
-__all__ = ["KINDS", "MOST_VALUES", "Log", "read_log"]
-
 MOST_VALUES = 20_000_000
 """Values that are looked at of one file, 160 MB: what they say of it, the rest says too."""
 

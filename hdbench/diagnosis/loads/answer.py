@@ -30,8 +30,6 @@ from hdbench.model.harmonics import quadratures
 from hdbench.profile.schema import ProfileData
 from hdbench.records.trace import FloatArray
 
-__all__ = ["LoadAnswer"]
-
 _BASELINE = ("gain", "zero of each experiment")
 
 

@@ -14,8 +14,6 @@ from hdbench.diagnosis.loads.table import LoadTable
 from hdbench.model import Parameter
 from hdbench.records.trace import FloatArray
 
-__all__ = ["LoadFit", "Space", "design", "fit_loads"]
-
 # form error, as a share of the effect, of each way in which it may differ from its form: a law of
 # a mechanism (a loop, a creep, a limit) is good to a few percent; a polynomial, which is its own
 # definition, to the curve of second order that an arm or a weight adds

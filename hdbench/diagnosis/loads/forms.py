@@ -13,8 +13,6 @@ from hdbench.model import Cause, Motion, Parameter, catalogue, shape_bounds
 from hdbench.model.statics import preloaded_motion
 from hdbench.records.trace import FloatArray
 
-__all__ = ["NAMES", "Form", "Term", "form_named", "load_forms", "outliers", "places"]
-
 Columns = Callable[[Motion, Mapping[str, float]], FloatArray]
 
 # names that static readings can show; what moves, sounds or turns the motor is not among them

@@ -21,8 +21,6 @@ from hdbench.diagnosis.loads.search import Accepted
 from hdbench.diagnosis.loads.table import IntArray, base_columns, groupings, one_hot
 from hdbench.records.trace import FloatArray
 
-__all__ = ["LEAST_DOF", "GainScatter", "find_scatter", "name_between"]
-
 # degrees of freedom that noise needs before anything is held against it; a scatter one less
 LEAST_DOF = 3
 # one percent to either side: gains that the profile's consistency makes as good as never

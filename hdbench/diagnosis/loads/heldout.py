@@ -13,8 +13,6 @@ from hdbench.diagnosis.loads.fit import LoadFit, design
 from hdbench.diagnosis.loads.table import IntArray, LoadTable, levels, one_hot
 from hdbench.records.trace import FloatArray
 
-__all__ = ["gain_of", "held_out", "rms"]
-
 
 def _fold_kinds(table: LoadTable) -> list[tuple[str, IntArray]]:
     """Return the ways to leave readings out that this table allows, the best one first."""

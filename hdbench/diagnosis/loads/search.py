@@ -19,8 +19,6 @@ from hdbench.diagnosis.loads.fit import LoadFit, Space
 from hdbench.diagnosis.loads.forms import Form, Term
 from hdbench.records.trace import FloatArray
 
-__all__ = ["Accepted", "Look", "Search", "uneven_scatter"]
-
 # draws of the null: more where few degrees of freedom make them cheap and tails count
 _LEAST_DRAWS, _MOST_DRAWS, _WORK = 2000, 10_000, 160_000
 

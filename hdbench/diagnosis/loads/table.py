@@ -15,17 +15,6 @@ from hdbench.profile.schema import ProfileData
 from hdbench.records import Loads
 from hdbench.records.trace import FloatArray
 
-__all__ = [
-    "IntArray",
-    "LoadTable",
-    "base_columns",
-    "groupings",
-    "left_out",
-    "levels",
-    "load_table",
-    "one_hot",
-]
-
 # flags of readings that take no part, and the reason that is told
 _REASONS = {
     "missed-samples": "the reading is lost",

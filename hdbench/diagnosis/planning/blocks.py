@@ -9,8 +9,6 @@ from itertools import product
 from hdbench.diagnosis.planning.segments import LoadStep, MotionPlan, Segment
 from hdbench.profile.schema import ProfileData
 
-__all__ = ["blocks", "full_blocks", "full_protocol", "joined"]
-
 Steps = tuple[Segment | LoadStep, ...]
 
 # ramps stay this far below the servo's acceleration: a servo at its limit does not follow

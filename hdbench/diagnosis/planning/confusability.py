@@ -27,8 +27,6 @@ from hdbench.model import Cause, Motion
 from hdbench.profile.schema import ProfileData
 from hdbench.records.trace import FloatArray
 
-__all__ = ["CONFUSABLE", "HELD", "Confusability", "Grams", "Told", "compare", "silent", "unfit"]
-
 Told = Callable[[str, float], None]
 
 # the literature's line between what is told apart and what is not, by share of the effect

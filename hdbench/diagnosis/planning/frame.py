@@ -15,8 +15,6 @@ from hdbench.model import BenchModel, Cause, Motion, baseline_columns, shape_bou
 from hdbench.profile.schema import ProfileData
 from hdbench.records.trace import FloatArray
 
-__all__ = ["ROWS", "Bounds", "Frame", "Noise", "make_frame"]
-
 Bounds = tuple[tuple[float, float], ...]
 
 # rows that stand for a motion in white noise: on the built-in profile's 172 s protocol the largest

@@ -13,8 +13,6 @@ from hdbench.errors import UsageError
 from hdbench.model.waves import MAX_PARTS
 from hdbench.profile.schema import ProfileData
 
-__all__ = ["check_motion_plan"]
-
 # speeds that should be equal come from sums of a few terms of a file
 _SAME_SPEED = 1e-9
 # numbers travel as 32-bit floats, and a limit or a cycle given with few digits is meant to be met

@@ -16,8 +16,6 @@ from hdbench.profile.toml_text import Key, key_lines
 from hdbench.records.jsonfile import dumps, read_json
 from hdbench.records.storage import file_bytes, write_atomic
 
-__all__ = ["plan_text", "plan_to_dict", "read_plan", "write_plan"]
-
 PLAN_SCHEMA = "hdbench/plan/1"
 # a plan of two hours in steps of ten seconds has 720 entries and 60 kB
 _LIMIT_BYTES, _MAX_STEPS, _MAX_TEXT = 256_000, 1000, 400

@@ -26,18 +26,6 @@ from hdbench.model import Cause, Motion, catalogue, cause_named
 from hdbench.profile.schema import ProfileData
 from hdbench.records.trace import FloatArray
 
-__all__ = [
-    "DEFAULT_DURATION_S",
-    "Names",
-    "Pair",
-    "Proposal",
-    "effects_named",
-    "effects_of_result",
-    "plan_for_result",
-    "propose",
-    "settled_by",
-]
-
 Names = tuple[str, str]
 # pairs that each block did most for
 _Credit = Mapping[str, list[Names]]

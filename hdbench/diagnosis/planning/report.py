@@ -31,8 +31,6 @@ from hdbench.profile import Profile
 from hdbench.profile.schema import ProfileData
 from hdbench.records import read_json, read_trace, resolve_input
 
-__all__ = ["plan_report"]
-
 # what is told of an effect that a motion shows
 _SHOWN = ("name", "std_nm", "detectable_nm", "baseline_share")
 

@@ -13,11 +13,6 @@ from hdbench.model.waves import ProgramPart, ReferenceProgram, program_voltage
 from hdbench.profile.schema import ProfileData
 from hdbench.records.trace import FloatArray, Trace
 
-__all__ = [
-    "LoadStep", "MotionPlan", "Segment", "Stage", "plan_stages", "planned_motion",
-    "planned_trace", "program_of",
-]  # fmt: skip
-
 
 @dataclass(frozen=True, slots=True)
 class Segment:

@@ -12,18 +12,6 @@ from hdbench.diagnosis.planning.frame import Bounds, Frame
 from hdbench.model import Cause
 from hdbench.records.trace import FloatArray
 
-__all__ = [
-    "Axis",
-    "Effect",
-    "fitted_shape",
-    "line_key",
-    "line_length",
-    "line_shapes",
-    "nominal_shape",
-    "shape_axes",
-    "shape_grid",
-]
-
 Shape = Mapping[str, float]
 
 # Shapes of a cause before anything is known of it: an order that the baseline lacks, the bearing of

@@ -18,8 +18,6 @@ from hdbench.filter.kalman import PRIOR, block_rows, new_state, pack, run
 from hdbench.filter.model import FilterModel
 from hdbench.records import FloatArray
 
-__all__ = ["export_firmware"]
-
 _ASSETS = ("example.c", "selftest.c", "target.c", "target.ld", "Makefile", "README.md")
 _KINDS = (
     "HDB_OSCILLATOR",

@@ -14,8 +14,6 @@ from hdbench.filter.model import FilterModel
 from hdbench.filter.traces import Channels, run_channels
 from hdbench.records import FloatArray
 
-__all__ = ["Consistency", "check_innovations", "ljung_box", "nis_band"]
-
 _PARTS = 8
 
 

@@ -12,16 +12,6 @@ from hdbench.errors import DataError
 from hdbench.filter.kalman import USABLE
 from hdbench.filter.traces import Channels
 
-__all__ = [
-    "OUTPUT_ORDER",
-    "Motion",
-    "check_records",
-    "describe_motion",
-    "noise_guess_nm2",
-    "preview",
-    "stuck_after",
-]
-
 _LEAST_SAMPLES = 2000
 
 OUTPUT_ORDER = 0.5

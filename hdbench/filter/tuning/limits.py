@@ -15,15 +15,6 @@ from hdbench.filter.tuning.checks import Consistency
 from hdbench.filter.tuning.data import OUTPUT_ORDER, Motion
 from hdbench.filter.tuning.result import Estimate
 
-__all__ = [
-    "forget_beyond_the_data",
-    "leave_the_torque",
-    "notes_on",
-    "refusal",
-    "slow_density",
-    "with_moving_offset",
-]
-
 _TURNS = 2.0  # least turns of a block's own order that tell its wander from a constant or a ramp
 _STEADY = 0.02  # spread of speed below which an order and a tone have one frequency
 _WHITE = 0.1  # an autocorrelation of which 1 % of the innovations' variance could be foretold

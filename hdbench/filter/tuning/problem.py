@@ -12,8 +12,6 @@ from hdbench.filter.traces import Channels, run_channels
 from hdbench.filter.tuning.data import Motion
 from hdbench.records import FloatArray
 
-__all__ = ["Parameter", "Problem", "Score", "build_problem", "relative_model", "scaled", "score"]
-
 Target = Literal["block", "slow"]
 _WALKS = ("none", "random-walk", "integrated-random-walk")
 # a wander of a tenth of the torque's deviation per own turn is no longer an order

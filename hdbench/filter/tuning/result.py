@@ -9,8 +9,6 @@ from hdbench.filter.model import FilterModel
 from hdbench.filter.tuning.checks import Consistency
 from hdbench.records import FloatArray
 
-__all__ = ["CandidateResult", "Estimate", "Optimum", "Start", "TuningResult"]
-
 
 @dataclass(frozen=True, slots=True)
 class Start:

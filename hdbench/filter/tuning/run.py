@@ -36,8 +36,6 @@ from hdbench.filter.tuning.search import estimate_all, maximise
 from hdbench.profile.schema import ProfileData
 from hdbench.records import FloatArray
 
-__all__ = ["SLOW_CHOICES", "TuningSettings", "settings_of", "tune"]
-
 SlowChoice = Literal["auto", "none"] | SlowKind
 SLOW_CHOICES: tuple[str, ...] = ("auto", "none", *get_args(SlowKind))
 

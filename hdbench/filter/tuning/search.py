@@ -12,8 +12,6 @@ from hdbench.filter.tuning.problem import Parameter, Problem, score
 from hdbench.filter.tuning.result import Estimate, Optimum, Start
 from hdbench.records import FloatArray
 
-__all__ = ["curvature", "estimate_all", "maximise"]
-
 _STEP = 1e-4  # of a logarithm: the likelihood's own rounding, 1e-8 nats, then moves a slope by 1e-4
 _SHARPNESS_STEP = 2e-3  # the same rounding then moves a second derivative by 0.01
 _STRETCHES = 4  # of the climb; each measures the logarithms anew

@@ -12,8 +12,6 @@ from reportlab.lib.colors import black
 from hdbench.gauges.film.request import BAR_MM, MARGIN_MM, SHEETS, FilmRequest
 from hdbench.gauges.layout import Rosette
 
-__all__ = ["UNITS_PER_POINT", "draw_film", "film_title"]
-
 Point = tuple[float, float]
 _TOP_RAD = 0.5 * math.pi
 # reportlab's writer of SVG rounds some places to whole units: a hundredth of a point is fine enough

@@ -9,8 +9,6 @@ from dataclasses import dataclass, field
 from hdbench.errors import UsageError
 from hdbench.gauges.layout import LAYOUTS, GridGeometry, Layout
 
-__all__ = ["BAR_MM", "MARGIN_MM", "SHEETS", "TARGET_GAP_MM", "FilmRequest"]
-
 SHEETS = {"a4": (210.0, 297.0), "letter": (215.9, 279.4), "a3": (297.0, 420.0)}
 BAR_MM = 100.0
 # laser printers leave up to 6 mm white at the edge

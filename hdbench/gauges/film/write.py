@@ -16,8 +16,6 @@ from hdbench.gauges.film.drawing import UNITS_PER_POINT, draw_film, film_title
 from hdbench.gauges.film.request import BAR_MM, SHEETS, FilmRequest
 from hdbench.records.storage import storage_error, write_atomic
 
-__all__ = ["Film", "write_film"]
-
 
 @dataclass(frozen=True, slots=True)
 class Film:

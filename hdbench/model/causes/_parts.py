@@ -11,8 +11,6 @@ from hdbench.model.definition import Parameter, always, unbounded
 from hdbench.model.motion import Motion
 from hdbench.records.trace import FloatArray
 
-__all__ = ["Computed"]
-
 Shape = Mapping[str, float]
 
 

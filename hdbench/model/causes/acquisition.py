@@ -12,8 +12,6 @@ from hdbench.model.causes._parts import Computed, no_column, no_shape, single
 from hdbench.model.motion import Motion, angle_curvature, integrate_velocity, velocity_slope
 from hdbench.records.trace import FloatArray
 
-__all__ = ["COMPUTED"]
-
 
 def _turned(motion: Motion, angle: FloatArray) -> Motion:
     """Return the motion with another motor angle, and its output angle where that follows."""

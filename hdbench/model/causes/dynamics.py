@@ -22,8 +22,6 @@ from hdbench.model.localfit import delayed
 from hdbench.model.motion import Motion
 from hdbench.records.trace import FloatArray
 
-__all__ = ["COMPUTED"]
-
 # neither two channels of one converter nor a filter of a bench delay by more than this
 _SLOWEST_S = 0.1
 # two channels of one bench differ by 0.1 to 3 ms; no further, so that a delay stays within a

@@ -20,8 +20,6 @@ from hdbench.model.causes._parts import Computed, no_shape, single
 from hdbench.model.motion import Motion
 from hdbench.records.trace import FloatArray
 
-__all__ = ["COMPUTED"]
-
 # ends of the catalogue's domains of the transition and of the Stribeck speed
 _SLOWEST_RAD_S, _FASTEST_RAD_S = 0.05, 80.0
 # samples slower than the Stribeck speed's domain that a record must have to show the effect

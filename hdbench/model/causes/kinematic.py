@@ -12,8 +12,6 @@ from hdbench.model.causes._parts import Computed, lobe_angle, no_shape, pair
 from hdbench.model.motion import Motion
 from hdbench.records.trace import FloatArray
 
-__all__ = ["COMPUTED", "TRANSMISSION_ERROR", "angle_error_rad"]
-
 TRANSMISSION_ERROR = "transmission-error"
 
 # harmonics of the motor angle in a harmonic drive's transmission error, each twice the last

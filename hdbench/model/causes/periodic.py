@@ -20,8 +20,6 @@ from hdbench.model.causes._parts import (
 from hdbench.model.motion import Motion
 from hdbench.records.trace import FloatArray
 
-__all__ = ["COMPUTED"]
-
 # of a three-phase motor with m pole pairs: m and 2 m by the currents (offset, unequal phases) and
 # the poles, 3 m by the slots of each pole, 6 m by the six steps of the windings; 24 poles with 18
 # slots have 12, 24, 36 and 72

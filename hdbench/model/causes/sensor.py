@@ -21,8 +21,6 @@ from hdbench.model.causes._parts import REFERENCE_LOAD_NM, Computed, no_shape, p
 from hdbench.model.motion import Motion
 from hdbench.records.trace import FloatArray
 
-__all__ = ["COMPUTED"]
-
 # a power of this is nothing beside 1: tanh x = x (1 - x^2 / 3)
 _FAR_BELOW = 1e-9
 # from forty times a limit on the hyperbolic tangent is 1 to the last digit, at any sharpness

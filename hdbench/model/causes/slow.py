@@ -12,8 +12,6 @@ from hdbench.model.causes._parts import Computed, no_column, no_shape, single
 from hdbench.model.motion import Motion
 from hdbench.records.trace import FloatArray
 
-__all__ = ["COMPUTED"]
-
 # shortest time constant of a warm-up in the catalogue
 _SHORTEST_S = 5.0
 

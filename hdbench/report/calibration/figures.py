@@ -16,8 +16,6 @@ from hdbench.report.pagemodel import Picture
 from hdbench.results import CalibrationResult
 from hdbench.results.calibration import ExperimentLine, GroupSeries, LoadGroup, ReadingRecord
 
-__all__ = ["range_pictures", "record_pictures"]
-
 # one colour and one mark for each position: told apart without seeing colours as well
 _COLOURS = ("filtered", "expected", "lowpass", "before", "measured", "ink")
 _MARKS = ("o", "s", "^", "D", "v", "P", "X", "<")

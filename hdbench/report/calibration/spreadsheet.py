@@ -7,8 +7,6 @@ from collections.abc import Iterator
 from hdbench.report.pagefiles import csv_text
 from hdbench.results import CalibrationResult
 
-__all__ = ["record_csv"]
-
 _HEAD = ("part", "group", "torque_nm", "name", "value", "unit")
 # keys with their units
 _GAIN = {"value": "N m/V", "std": "N m/V", "dof": "1", "coverage_factor": "1", "expanded": "N m/V"}

@@ -36,8 +36,6 @@ from hdbench.results.calibration import (
     TorqueRecord,
 )
 
-__all__ = ["record_tables", "steps_of"]
-
 _STATEMENT = (
     "Unaccredited; traceability as declared by the operator. The results relate only to the item "
     "described, as it was when it was calibrated. Not to be reproduced except in full."

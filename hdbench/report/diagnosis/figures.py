@@ -15,8 +15,6 @@ from hdbench.records.tables import parse_table, read_text
 from hdbench.report.canvas import COLOURS, min_max, new_figure
 from hdbench.report.pagemodel import Picture
 
-__all__ = ["folder_pictures"]
-
 Columns = Mapping[str, FloatArray]
 # samples in a close-up: enough to see a ripple, few enough to tell the dots
 _CLOSE_SAMPLES = 160

@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-__all__ = ["hidden_names", "left_out_line", "rest_line"]
-
 # a rest within 5 % of the noise is within what its two estimates differ by
 _ABOVE = 1.05
 

@@ -20,8 +20,6 @@ from hdbench.report.numbers import (
 )
 from hdbench.report.pagemodel import Column, Table
 
-__all__ = ["tables"]
-
 Result = Mapping[str, Any]
 
 
