@@ -404,16 +404,15 @@ class Fit:
         view.take(solve(view.moments(), view.shapes, view.spectrum, rounds=0))
         return view
 
-    def beside(self, without: int | None = None, spectrum: Spectrum | None = None) -> Beside:
-        """Return residual and rows for a candidate, with one part taken out where asked."""
+    def beside(self, *without: int) -> Beside:
+        """Return residual and rows for a candidate, without these parts."""
         moments, residual, kept = self.all_moments(), self.residual, self.active
-        if without is not None:
-            out = self.owner == without
+        if without:
+            out = np.isin(self.owner, without)
             residual = residual + self.coefficients[out] @ self.rows[out]
             kept = kept & ~out
         moments, rows = moments.without(~kept), self.rows[kept]
-        chosen = spectrum or self.spectrum
-        weight = 1.0 / chosen.power
+        weight = 1.0 / self.spectrum.power
         k = len(rows)
         matrix = (weight @ moments.gram.reshape(len(weight), -1)).reshape(k, k)
         matrix[np.diag_indices_from(matrix)] += moments.penalty
@@ -427,7 +426,7 @@ class Fit:
             rows,
             moments,
             residual,
-            chosen,
+            self.spectrum,
             self.bands.spread(weight),
             factor,
             factor @ right,

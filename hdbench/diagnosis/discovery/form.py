@@ -10,7 +10,6 @@ import numpy as np
 from hdbench.diagnosis.discovery.fit import Fit, Part
 from hdbench.diagnosis.discovery.moments import Moments, inverse, solve
 from hdbench.diagnosis.discovery.record import Record
-from hdbench.diagnosis.discovery.tables import is_table
 from hdbench.diagnosis.discovery.term import Term, moved_term, smooth_shapes, term_columns
 from hdbench.model import first_order, shape_bounds
 from hdbench.records.trace import FloatArray
@@ -238,11 +237,6 @@ def attach_forms(fit: Fit) -> None:
     covariance = inverse(fit.information)
     for index, part in enumerate(fit.parts):
         if bool(np.any((fit.owner == index) & fit.form)):
-            continue
-        if part.term is not None and is_table(part.term.cause):
-            # a table is no law: what a name explains is not to be found in it
-            flat = fit.flat(index)
-            fit.variance[flat] = np.mean(fit.coefficients[flat] ** 2)
             continue
         if part.name != FIXED:
             flat = fit.flat(index)

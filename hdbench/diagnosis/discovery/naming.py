@@ -80,7 +80,7 @@ def _table(search: Search, part: int) -> list[Candidate]:
     """Return the cause itself, then every other name with its evidence beside all other causes."""
     fit = search.fit
     term = fit.term(part)
-    beside = fit.beside(part)
+    beside = search.beside_names(part)
     base = settled(beside, fit)
     accepted = search.accepted.get(id(fit.parts[part]))
     trials = accepted.trials if accepted else 1.0

@@ -483,11 +483,17 @@ class Search:
             fit.remove(worst)
             fit.settle(3)
 
+    def beside_names(self, part: int) -> Beside:
+        """Return the fit beside a part; beside a name, without tables, which could take it in."""
+        parts = self.fit.parts
+        tables = [k for k, other in enumerate(parts) if _is_table(other)]
+        return self.fit.beside(part, *(() if part in tables else tables))
+
     def evidence_of(self, part: int) -> float:
         """Return the evidence of an accepted cause beside all others, nats."""
         fit = self.fit
         term = fit.term(part)
-        beside = fit.beside(part)
+        beside = self.beside_names(part)
         base = settled(beside, fit)
         kept = self.accepted.get(id(fit.parts[part]))
         trials = kept.trials if kept else 1.0
@@ -502,6 +508,10 @@ def all_possible(fit: Fit, last: int) -> bool:
         candidate_of(fit.beside(part), fit.record, fit.term(part), 1.0, 1.0).statistic > 0.0
         for part in places
     )
+
+
+def _is_table(part: Part) -> bool:
+    return part.term is not None and is_table(part.term.cause)
 
 
 def _place_of(part: Part, key: str) -> float | None:

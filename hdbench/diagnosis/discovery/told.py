@@ -84,6 +84,9 @@ def tell(
     everything = set(range(len(fit.parts)))
     base = {i for i in everything if i not in fit.causes()}
     before, after = held.predict(base), held.predict(everything)
+    # a table could take in what a name explains: names are held against each other without it
+    names = {i for i, p in enumerate(fit.parts) if p.term is None or not is_table(p.term.cause)}
+    with_names = held.predict(names)
     variance = mean_square(fit, base)
     matrices = covariances(fit)
     causes: list[NamedCause] = []
@@ -109,11 +112,11 @@ def tell(
         if is_table(term.cause):
             places.append(place_of(fit, index, shares[index], chance))
             continue
-        without = held.predict(everything - {index})
-        if without.chi2 <= after.chi2 or without.rms_nm <= after.rms_nm:
+        without = held.predict(names - {index})
+        if without.chi2 <= with_names.chi2 or without.rms_nm <= with_names.rms_nm:
             search.log.append(f"{term.name} predicts nothing")
             continue
-        gain = gain_between(without, after, rng)
+        gain = gain_between(without, with_names, rng)
         causes.append(cause_of(one, terms[-1], model, gain, shares[index], chance))
     walk = walk_of(search, variance)
     if walk is not None:

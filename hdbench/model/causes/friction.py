@@ -56,6 +56,12 @@ def _moves_slowly(motion: Motion) -> str | None:
     )
 
 
+def _fall_is_seen(motion: Motion) -> Mapping[str, tuple[float, float]]:
+    """Return the Stribeck speeds whose double was reached: there 2 % of the excess is left."""
+    largest = float(np.abs(motion.velocity_rad_s[motion.valid]).max(initial=0.0))
+    return {"stribeck_rad_s": (0.0, 0.5 * largest)}
+
+
 def _load_friction(motion: Motion, shape: Mapping[str, float]) -> FloatArray:
     direction = np.tanh(motion.velocity_rad_s / shape["transition_rad_s"])
     return single(np.abs(motion.applied_nm) * direction)
@@ -74,7 +80,9 @@ def _presliding(motion: Motion, shape: Mapping[str, float]) -> FloatArray:
 COMPUTED = {
     "coulomb-friction": Computed(_coulomb, moves_and_reverses),
     "viscous-friction": Computed(no_shape(_viscous), speed_varies),
-    "stribeck-friction": Computed(_stribeck, all_of(moves_and_reverses, _moves_slowly)),
+    "stribeck-friction": Computed(
+        _stribeck, all_of(moves_and_reverses, _moves_slowly), _fall_is_seen
+    ),
     "asymmetric-friction": Computed(no_shape(_asymmetric), all_of(reverses, size_of_speed_varies)),
     "load-dependent-friction": Computed(_load_friction, all_of(moves_and_reverses, loaded)),
     "presliding": Computed(_presliding, moves_and_reverses),

@@ -1,0 +1,53 @@
+"""Logs whose velocity was smoothed before it was stored."""
+
+import numpy as np
+import pytest
+from scipy.signal import butter, sosfiltfilt
+from swinging_shaft import trace_of
+
+from hdbench.diagnosis import diagnose_trace
+from hdbench.diagnosis.discovery.record import smoothed
+from hdbench.profile import load_profile
+
+PROFILE = load_profile("cim-tr-97-06")
+COULOMB_NM, VISCOUS = 0.8, 0.006
+
+
+def reversing_log(cutoff_hz, n=16_000, seed=3):
+    """Return a trace of speed ramps that reverse; the velocity comes of a counted angle."""
+    rng = np.random.default_rng(seed)
+    time = np.arange(n) * 1e-3
+    # constant accelerations between random speeds: 20 ramps with rests
+    knots = np.arange(0.0, time[-1] + 0.4, 0.4)
+    speeds = rng.uniform(-80.0, 80.0, len(knots))
+    speeds[::5] = 0.0
+    speed = np.interp(time, knots, speeds)
+    acceleration = (np.diff(speeds) / 0.4)[np.minimum((time / 0.4).astype(int), len(knots) - 2)]
+    angle = np.concatenate([[0.0], np.cumsum(0.5e-3 * (speed[1:] + speed[:-1]))])
+    torque = 1.725e-4 * acceleration + COULOMB_NM * np.tanh(speed / 0.3) + VISCOUS * speed
+    torque += 0.02 * rng.standard_normal(n)
+    torque += 0.1 * np.cos(2.0 * angle) + 0.05 * np.cos(4.0 * angle)
+    counted = angle + 1e-4 * rng.standard_normal(n)
+    read = np.gradient(counted, time)
+    if cutoff_hz is not None:
+        read = sosfiltfilt(butter(4, cutoff_hz, fs=1000.0, output="sos"), read)
+    return trace_of(time, read, counted, torque)
+
+
+@pytest.mark.parametrize("cutoff_hz", [25.0, 60.0])
+def test_a_smoothed_velocity_brings_no_name_but_friction(cutoff_hz):
+    found = diagnose_trace(reversing_log(cutoff_hz), PROFILE)
+    assert found.settings["motion_known_hz"] < 2.0 * cutoff_hz
+    assert {cause.name for cause in found.causes} == {"coulomb-friction", "viscous-friction"}
+
+
+def test_a_velocity_with_noise_to_the_end_limits_nothing():
+    found = diagnose_trace(reversing_log(None), PROFILE)
+    assert found.settings["motion_known_hz"] == pytest.approx(500.0)
+
+
+def test_smoothing_keeps_what_is_slow_and_takes_what_is_fast():
+    time = np.arange(4000) * 1e-3
+    slow, fast = np.cos(2.0 * np.pi * 10.0 * time), np.cos(2.0 * np.pi * 110.0 * time)
+    left = smoothed((slow + fast)[:, None], 0.2)[:, 0]
+    assert left[500:-500] == pytest.approx(slow[500:-500], abs=1e-3)
