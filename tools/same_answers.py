@@ -38,9 +38,11 @@ HIDDEN = (
     "zero-step", "position-dependent-gain",
 )  # fmt: skip
 
-# keys whose values may differ: versions, moments, names of runs and machines
+# keys whose values may differ: versions, moments and ages, names of runs and machines; a report
+# puts what they belong to before them, as in "device: firmware"
 FREE_KEYS = re.compile(
-    r"(.*_)?(utc|version|versions|hash|host|hostname|user|pid|process_mark|command|seconds|age_days|firmware|python)"
+    r"(.*: )?(.*_)?(utc|version|versions|hash|host|hostname|computer|user|pid|process_mark|command"
+    r"|seconds|age_days|age_words|firmware|hdbench|python|numpy|system)"
 )
 # what is left of texts when identifiers, folders, hashes and moments are taken out
 TEXTS = (

@@ -8,13 +8,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from hdbench.errors import DataError
-from hdbench.estimation.stretches import SteadyStretch, longest_steady
+from hdbench.estimation.stretches import SteadyStretch
 from hdbench.filter import FilterModel, butterworth_lowpass, filter_trace, preset
 from hdbench.model.motion import Motion, motion_from_trace
 from hdbench.profile import Profile
 from hdbench.profile.scaling import profile_scale, stored_scale
 from hdbench.records import FloatArray, Trace
 from hdbench.report.source import Source
+
+# a motor slower than this share of its top speed stands still or starts
+_MOVING_SHARE = 0.1
+# a shorter stretch shows neither a scatter nor a spectrum
+_FEWEST_SAMPLES = 64
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,6 +141,25 @@ def _lowpass(trace: Trace, profile: Profile) -> FloatArray | None:
 
 
 def steady_stretch(signals: Signals, tolerance: float) -> SteadyStretch | None:
-    """Return the longest stretch without a gap in which the motor turns steadily."""
-    usable = np.isfinite(signals.velocity_rad_s) & np.isfinite(signals.torque_nm)
-    return longest_steady(signals.time_s, signals.velocity_rad_s, usable, tolerance=tolerance)
+    """Return the longest stretch at the velocity that the motor held for most of the samples.
+
+    That velocity is the fullest bin of a histogram, as wide as the tolerance at top speed.
+    """
+    time, velocity = signals.time_s, signals.velocity_rad_s
+    present = np.isfinite(velocity) & np.isfinite(signals.torque_nm)
+    top = float(np.max(np.abs(velocity[present]), initial=0.0))
+    if not top > 0.0:
+        return None
+    moving = present & (np.abs(velocity) > _MOVING_SHARE * top)
+    width = tolerance * top
+    counts = np.bincount(np.round((velocity[moving] + top) / width).astype(np.intp))
+    level = float(np.argmax(counts)) * width - top
+    near = present & (np.abs(velocity - level) <= 2.0 * width)
+    edges = np.flatnonzero(np.diff(near.astype(np.int8), prepend=0, append=0))
+    starts, stops = edges[::2], edges[1::2]
+    best = int(np.argmax(stops - starts))
+    start, stop = int(starts[best]), int(stops[best])
+    if stop - start < _FEWEST_SAMPLES:
+        return None
+    speed = float(np.mean(velocity[start:stop]))
+    return SteadyStretch(start, stop, float(time[start]), float(time[stop - 1]), speed)

@@ -7,6 +7,7 @@ from typing import Annotated, Any, Self, dataclass_transform
 
 from pydantic import ConfigDict, Field, PlainSerializer, TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass
+from pydantic.fields import FieldInfo
 
 from hdbench.errors import DataError
 from hdbench.records.quantity import Quantity, TorqueScale
@@ -139,6 +140,38 @@ class Result(Part):
     run: str | None = optional("run that it belongs to", absent=True)
     doubts: tuple[str, ...] = listed("reasons to doubt the data")
     imported: dict[str, Any] | None = optional("where an imported record comes from", absent=True)
+
+    @classmethod
+    def from_json(cls, body: Any, where: str, fix: str = _EVALUATE_AGAIN) -> Self:
+        """Read a stored result; a part that an older version wrote with fewer keys is left out."""
+        try:
+            return super().from_json(body, where, fix)
+        except DataError as error:
+            lacking = cls._lacking(error.__cause__)
+            if not lacking:
+                raise
+        rest = {name: value for name, value in body.items() if name not in lacking}
+        notes = [
+            DataFlag("older-version", 0, f"{part} is left out: it lacks {place}").to_json()
+            for part, place in lacking.items()
+        ]
+        return super().from_json({**rest, "notes": [*rest.get("notes", ()), *notes]}, where, fix)
+
+    @classmethod
+    def _lacking(cls, error: BaseException | None) -> dict[str, str]:
+        """Return parts that a result may do without, each with a key that it lacks.
+
+        Empty where anything else is wrong, too.
+        """
+        every: dict[str, FieldInfo] = vars(cls)["__pydantic_fields__"]
+        spare = {info.alias or name for name, info in every.items() if not info.is_required()}
+        lacking: dict[str, str] = {}
+        for fault in error.errors(include_url=False) if isinstance(error, ValidationError) else ():
+            place = [str(step) for step in fault["loc"]]
+            if fault["type"] != "missing" or len(place) < 2 or place[0] not in spare:
+                return {}
+            lacking.setdefault(place[0], ".".join(place))
+        return lacking
 
     def to_json(self) -> dict[str, Any]:
         """Return the keys as the JSON file holds them: what all kinds share at its two ends."""

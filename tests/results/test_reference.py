@@ -130,6 +130,49 @@ def test_an_older_result_without_optional_keys_is_read(fresh) -> None:
     assert {key: found.to_json()[key] for key in older} == older
 
 
+@pytest.mark.parametrize(
+    ("kind", "part", "lacked"),
+    [
+        ("calibration", "steps", "deflection_v"),
+        ("calibration", "budget", "relative_std"),
+        ("misalignment", "stretches", "offset_nm"),
+        ("ripple", "spectrum", "resolution_hz"),
+    ],
+)
+def test_a_part_that_an_older_version_wrote_with_fewer_keys_is_left_out(
+    kind: str, part: str, lacked: str
+) -> None:
+    body = json.loads((STORED / kind / "expected.json").read_text())["result"]
+    whole = body[part][0] if isinstance(body[part], list) else body[part]
+    del whole[lacked]
+    found = TYPES[kind].from_json(body, "result.json")
+    assert not getattr(found, part)
+    assert found.notes[-1].detail.startswith(f"{part} is left out: it lacks {part}.")
+    # what is wrong besides is still an error
+    body["n_samples"] = "soon"
+    with pytest.raises(DataError):
+        TYPES[kind].from_json(body, "result.json")
+
+
+def test_a_key_of_the_contract_is_needed_inside_a_list(fresh) -> None:
+    kind, body = fresh
+    entries = {"calibration": "experiments", "ripple": "ripple"}.get(kind)
+    older = json.loads(json.dumps(body))
+    if entries is None:
+        del older["before"]["peak_to_peak_nm"]
+    else:
+        del older[entries][0]["gain_nm_per_v" if kind == "calibration" else "order"]
+    with pytest.raises(DataError, match="required"):
+        TYPES[kind].from_json(older, "result.json")
+
+
+@pytest.mark.parametrize("body", [[], None, {"notes": 3, "budget": [{}]}])
+def test_what_is_no_result_is_refused(body: object) -> None:
+    with pytest.raises(DataError) as caught:
+        CalibrationResult.from_json(body, "result.json")
+    assert caught.value.where.startswith("result.json")
+
+
 def test_a_damaged_result_is_named_by_file_and_key(fresh) -> None:
     kind, body = fresh
     with pytest.raises(DataError, match="found 'soon'") as caught:

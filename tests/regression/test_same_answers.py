@@ -1,0 +1,64 @@
+"""The comparison of the answers of two versions: what it passes over, and what it finds."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "tools"))
+import same_answers
+
+BEFORE: dict[str, Any] = {
+    "hdbench_version": "0.1.0",
+    "gain": 6.5,
+    "run": "20261123T153512Z-calibration-40f45c",
+    "scale": {"age_days": 0.01, "age_words": "0.0 days old, valid for 365"},
+    "provenance": {"hdbench": "0.1.0", "device: firmware": "0.1.0", "device: serial": "sim-0"},
+}
+
+
+def recorded(folder: Path, answer: object, table: str = "a,b\n1.0,2.0\n") -> Path:
+    """Write a recording of one command, under a name of the fixed set."""
+    (folder / "cal-0").mkdir(parents=True)
+    (folder / "cal-0" / "stdout.json").write_text(json.dumps(answer))
+    (folder / "cal-0" / "exit-code.json").write_text("0\n")
+    (folder / "cal-0" / "table.csv").write_text(table)
+    return folder
+
+
+def test_versions_ages_and_names_of_runs_may_differ(tmp_path: Path) -> None:
+    after = {
+        "hdbench_version": "0.2.0",
+        "gain": 6.5,
+        "run": "20261124T000000Z-calibration-ffffff",
+        "scale": {"age_days": 3.2, "age_words": "3.2 days old, valid for 365"},
+        "provenance": {"hdbench": "0.2.0", "device: firmware": "0.2.0", "device: serial": "sim-0"},
+    }
+    folders = recorded(tmp_path / "a", BEFORE), recorded(tmp_path / "b", after)
+    assert same_answers.compare(*folders, beyond=0.0) == 0
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        ({"gain": 6.500000000000001}, ".gain: 6.5 -> 6.500000000000001"),
+        ({"provenance": {"device: serial": "sim-1"}}, "only before"),
+        ({"run": "20261123T153512Z-ripple-40f45c"}, ".run:"),
+        ({"extra": None}, ".extra: only after"),
+    ],
+)
+def test_any_other_difference_is_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], change: dict[str, Any], told: str
+) -> None:
+    folders = recorded(tmp_path / "a", BEFORE), recorded(tmp_path / "b", BEFORE | change)
+    assert same_answers.compare(*folders, beyond=0.0) == 1
+    assert told in capsys.readouterr().out
+
+
+def test_a_table_differs_in_its_last_digit(tmp_path: Path) -> None:
+    folders = recorded(tmp_path / "a", BEFORE), recorded(tmp_path / "b", BEFORE, "a,b\n1.0,2.1\n")
+    assert same_answers.compare(*folders, beyond=1e-9) == 1
