@@ -8,10 +8,12 @@ from __future__ import annotations
 import argparse
 import time
 
-from hdbench.devices.node.registers import BLOCK_SCANS
+from hdbench.devices.node.registers import ALL_CHANNELS, block_scans
 from hdbench.plant.bench import SimulatedBench
 from hdbench.plant.plantfile import load_plant
 from hdbench.profile import load_profile
+
+_BLOCK_SCANS = block_scans(ALL_CHANNELS.bit_count())
 
 
 def ratio(plant: str, *, block: int, seconds: float, locked: bool) -> float:
@@ -36,11 +38,11 @@ def main() -> None:
     seconds = parser.parse_args().seconds
     for plant in ("as-modelled", "worn"):
         # a sample, a block of the wire, which is what a host asks for while it watches, a second
-        for block in (1, BLOCK_SCANS, 1000):
+        for block in (1, _BLOCK_SCANS, 1000):
             free = ratio(plant, block=block, seconds=seconds, locked=False)
             print(f"{plant:12} 1 kHz, 5 channels, {block:4} at once: {free:6.0f} x real time")
-        locked = ratio(plant, block=BLOCK_SCANS, seconds=seconds, locked=True)
-        print(f"{plant:12} locked, 100 Hz,     {BLOCK_SCANS:4} at once: {locked:6.0f} x real time")
+        locked = ratio(plant, block=_BLOCK_SCANS, seconds=seconds, locked=True)
+        print(f"{plant:12} locked, 100 Hz,     {_BLOCK_SCANS:4} at once: {locked:6.0f} x real time")
 
 
 if __name__ == "__main__":

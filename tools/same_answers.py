@@ -5,7 +5,8 @@
 
 `record` runs the commands of same_answers.txt with the hdbench that PYTHON imports, each in a
 folder of its own, and keeps exit codes, JSON output and the JSON and CSV files that were written.
-`compare` prints what differs and exits 1 on a difference. `--only calibrate,filter` takes sections
+`compare` prints what differs and exits 1 on a difference; those that same_answers.txt gives a
+reason for are counted apart. `--only calibrate,filter` takes sections
 of the set (and what they need); `--inputs OUT` takes the input files of an earlier recording.
 """
 
@@ -23,7 +24,9 @@ import shutil
 import subprocess
 import sys
 import tempfile
+from collections import Counter
 from collections.abc import Iterator
+from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
 
@@ -61,10 +64,16 @@ def fixed_set() -> dict[str, tuple[str, list[str]]]:
     for line in SET.read_text().splitlines():
         if line.startswith("["):
             section = line.strip("[]")
-        elif line and not line.startswith("#"):
+        elif line and line[0] not in "#~":
             name, _, words = line.partition(": ")
             out[name] = (section, words.split())
     return out
+
+
+def intended() -> list[tuple[str, str]]:
+    """Return patterns of differences that are on purpose, "command/file: difference", and why."""
+    lines = (line[2:].rpartition(" = ") for line in SET.read_text().splitlines() if line[:1] == "~")
+    return [(pattern, reason) for pattern, _, reason in lines]
 
 
 def chosen(only: list[str]) -> list[str]:
@@ -290,6 +299,11 @@ def _file_differences(before: Path, after: Path, beyond: float) -> Iterator[str]
             return
 
 
+def _reason(difference: str) -> str:
+    """Return why a difference is on purpose; empty where it is not."""
+    return next((why for what, why in intended() if fnmatchcase(difference, what)), "")
+
+
 def compare(before: Path, after: Path, beyond: float) -> int:
     """Print what differs between two recordings; return how many files do."""
     commands = [name for name in fixed_set() if (after / name).is_dir()]
@@ -297,6 +311,7 @@ def compare(before: Path, after: Path, beyond: float) -> int:
     if not commands:
         raise SystemExit(f"{before} and {after} have no command in common")
     bad = files = 0
+    reasons: Counter[str] = Counter()
     for name in commands:
         both = [
             {_plain(str(p.relative_to(top / name))): p for p in sorted((top / name).rglob("*.*"))
@@ -309,11 +324,16 @@ def compare(before: Path, after: Path, beyond: float) -> int:
                 told = [f"only {'before' if file in both[0] else 'after'}"]
             else:
                 told = list(_file_differences(both[0][file], both[1][file], beyond))
+            why = {line: _reason(f"{name}/{file}: {line}") for line in told}
+            reasons.update(filter(None, why.values()))
+            told = [line for line in told if not why[line]]
             if told:
                 bad += 1
                 print(f"{name}/{file}:", *told[:20], sep="\n    ")
                 if len(told) > 20:
                     print(f"    and {len(told) - 20} more")
+    for reason, count in reasons.items():
+        print(f"on purpose, {reason}: {count}")
     print(f"{len(commands)} commands, {files} files: {bad} differ")
     return bad
 

@@ -1,4 +1,4 @@
-"""How often `hdbench trend` raises a false alarm, and how soon it finds a step.
+"""Rate of false alarms of `hdbench trend`, and how soon it finds a step.
 
     python tools/trend_campaign.py --histories 1000
 

@@ -152,7 +152,7 @@ def plant_option(default: str = "as-modelled", bench: str = "embedded bench") ->
         metavar="NAME|FILE",
         shell_complete=_completes(_plant_names),
         default=default,
-        help=f"What the {bench} has beyond its model.",
+        help=f"Plant of the {bench}: physics and faults that its model does not have.",
     )
 
 
@@ -176,14 +176,14 @@ seed_option = click.option(
     "--seed",
     type=click.IntRange(min=0),
     default=0,
-    help="Seed of everything that is simulated.",
+    help="Seed of all random numbers of the command.",
 )
 from_option = click.option(
     "--from",
     "source",
     metavar="FILE|RUN",
     type=StoredPath(),
-    help="Evaluate this stored file or run again instead of measuring.",
+    help="Evaluate this stored file or run; nothing is measured.",
 )
 address_option = click.option(
     "--address",
@@ -193,8 +193,8 @@ address_option = click.option(
 control_option = click.option(
     "--control",
     metavar="tcp://127.0.0.1:PORT",
-    help="Control channel of the simulated bench at --address, as hdbench emulate prints it: a "
-    "simulated operator sets lock and weights. Motion still needs --yes or an answer.",
+    help="Control channel of the simulated bench at --address; hdbench emulate prints it. A "
+    "simulated operator sets lock and weights through it. Motion still needs --yes or an answer.",
 )
 drive_option = click.option(
     "--drive",

@@ -1,4 +1,4 @@
-"""What a loads file tells of each reading beyond the contract's columns."""
+"""Readings of a loads file, with the details that stand beyond the contract's columns."""
 
 from __future__ import annotations
 

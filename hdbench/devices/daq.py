@@ -126,11 +126,6 @@ class Capabilities:
         sample; otherwise the host writes it.
     enable : bool
         Whether the drive's enable line is under the device's control.
-    buffered : bool
-        Whether the device samples on its own clock into a buffer; otherwise every sample is asked
-        for, and its time is the host's.
-    buffer_scans : int
-        Scans that the buffer holds with all of `inputs`; 0 for a polled device.
     watchdog : WatchdogInfo or None
         The device's watchdog, if it has one.
     simulated : bool
@@ -143,8 +138,6 @@ class Capabilities:
     outputs: tuple[OutputInfo, ...]
     generator: bool
     enable: bool
-    buffered: bool
-    buffer_scans: int
     watchdog: WatchdogInfo | None
     simulated: bool
 

@@ -33,7 +33,6 @@ def open_bench(
     seed: int = 0,
     address: str | None = None,
     realtime: bool = False,
-    model_file: Path | None = None,
     record: Path | None = None,
     guard_log: Path | None = None,
     control: str | None = None,
@@ -52,8 +51,6 @@ def open_bench(
         ``embedded``, or where the device is; default: that of the profile.
     realtime : bool
         Whether the embedded bench samples by the wall clock instead of as fast as it is read.
-    model_file : Path, optional
-        Extended model that the embedded bench follows in place of the profile's.
     record : Path, optional
         File for the embedded node's changes of state.
     guard_log : Path, optional
@@ -73,7 +70,7 @@ def open_bench(
     BusyError
         If another run holds the bench.
     ProfileError
-        If the plant or the model file is invalid.
+        If the plant is invalid.
     UsageError
         If the address has another form, or seed or plant are out of their domain.
     """
@@ -92,9 +89,7 @@ def open_bench(
 
             pace: Pace = "realtime" if realtime else "fast"
             found = stack.enter_context(
-                running_emulator(
-                    data, plant=plant, seed=seed, pace=pace, model_file=model_file, record=record
-                )
+                running_emulator(data, plant=plant, seed=seed, pace=pace, record=record)
             )
             speed = float(found.get("speed", 1.0))
             emulator = str(found["control"])

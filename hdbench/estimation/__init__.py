@@ -12,17 +12,15 @@ from hdbench.estimation.harmonics import (
 from hdbench.estimation.noise import NoiseModel, fit_noise, run_positions, whiten
 from hdbench.estimation.regression import LinearFit, coloured_fit, ordinary_fit
 from hdbench.estimation.search import (
-    FALSE_ALARM_LEVEL,
     Line,
     LineFit,
     fit_with_lines,
     strongest_line,
 )
 from hdbench.estimation.spectrum import Spectrum, SpectrumPeak, amplitude_spectrum, find_peaks
-from hdbench.estimation.stretches import data_flags, stretch_starts, torque_channel
+from hdbench.estimation.stretches import data_flags, stretch_starts
 
 __all__ = [
-    "FALSE_ALARM_LEVEL",
     "Harmonic",
     "Line",
     "LineFit",
@@ -44,6 +42,5 @@ __all__ = [
     "scaled",
     "stretch_starts",
     "strongest_line",
-    "torque_channel",
     "whiten",
 ]

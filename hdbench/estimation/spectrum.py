@@ -19,6 +19,8 @@ _SIDE_LOBE = 0.06
 # width of the running median of the noise, in resolutions: wider than any line, narrow enough to
 # follow coloured noise
 _MEDIAN_RESOLUTIONS = 25.0
+# chance that noise alone shows an unnamed peak anywhere
+_FALSE_ALARM = 1e-2
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,8 +120,6 @@ def find_peaks(
     spectrum: Spectrum,
     motor_velocity_rad_s: float,
     named_orders: Mapping[str, float],
-    *,
-    false_alarm: float = 1e-2,
 ) -> tuple[SpectrumPeak, ...]:
     """Return the peaks above the noise, strongest first, with those at given orders named.
 
@@ -131,8 +131,6 @@ def find_peaks(
         Mean motor velocity of the stretch, rad/s, not 0.
     named_orders : mapping of str to float
         Name to motor order; the strongest peak within one resolution of it takes the name.
-    false_alarm : float
-        Chance that noise alone shows an unnamed peak anywhere.
 
     Returns
     -------
@@ -141,8 +139,9 @@ def find_peaks(
     Notes
     -----
     Noise is the running median of the power over ln 2 (exponential distribution); a peak counts
-    from ``-ln(false_alarm / bins)`` times it, the bins counted without padding. A named peak
-    needs no threshold beyond being a local maximum: the place was known before.
+    from ``-ln(0.01 / bins)`` times it, the bins counted without padding: noise alone shows an
+    unnamed peak anywhere in 1 %. A named peak needs no threshold beyond being a local maximum: the
+    place was known before.
     """
     amplitude, frequency = spectrum.amplitude, spectrum.frequency_hz
     motor_hz = abs(motor_velocity_rad_s) / (2.0 * math.pi)
@@ -156,7 +155,7 @@ def find_peaks(
     padding = spectrum.resolution_hz / float(frequency[1])
     level = background(amplitude**2, max(16, round(_MEDIAN_RESOLUTIONS * padding)))
     bins = max(1.0, float(frequency[-1]) / spectrum.resolution_hz)
-    strong = local[amplitude[local] ** 2 > -level[local] * math.log(false_alarm / bins)]
+    strong = local[amplitude[local] ** 2 > -level[local] * math.log(_FALSE_ALARM / bins)]
     names = _names(local, spectrum, motor_hz, named_orders)
     kept: list[int] = sorted(names, key=lambda i: -amplitude[i])
     for i in sorted((int(i) for i in strong), key=lambda i: -amplitude[i]):

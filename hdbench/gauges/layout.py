@@ -1,4 +1,4 @@
-"""Where the rosettes sit on the flexspline's diaphragm, and which gauge is in which bridge arm."""
+"""Layout of the rosettes on the flexspline's diaphragm, and of the gauges in the bridge."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What misplaced rosettes do to gain, zero and ripple."""
+"""Effects of misplaced rosettes on gain, zero and ripple."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is in a foreign file: each channel with its unit, rate, range and share of missing."""
+"""Content of a foreign file: each channel with its unit, rate, range and share of missing."""
 
 from __future__ import annotations
 

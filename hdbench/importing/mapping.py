@@ -1,4 +1,4 @@
-"""What ``--map`` and ``--set`` of the import say, as data."""
+"""Mapping of an import: ``--map`` and ``--set`` as data."""
 
 from __future__ import annotations
 

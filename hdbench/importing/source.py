@@ -1,4 +1,4 @@
-"""What every reader of a foreign file gives: channels with names, and their values by pieces."""
+"""Source of an import: channels with names, and their values by pieces."""
 
 from __future__ import annotations
 

@@ -12,7 +12,6 @@ from hdbench.model.cause import (
     cause_named,
     cause_parameters,
     check_term,
-    describe_cause,
     describe_causes,
     shape_bounds,
     user_causes,
@@ -20,13 +19,12 @@ from hdbench.model.cause import (
 from hdbench.model.causefile import load_causes
 from hdbench.model.causes._memory import first_order
 from hdbench.model.harmonics import amplitude_phase
-from hdbench.model.modelfile import MODEL_SCHEMA, load_model, model_dict, save_model
+from hdbench.model.modelfile import load_model, save_model
 from hdbench.model.motion import Motion, gauge_order_factor, integrate_velocity, motion_from_trace
 from hdbench.model.simulate import simulate_like, simulate_run, with_noise
 from hdbench.model.waves import ReferenceWave, reference_voltage
 
 __all__ = [
-    "MODEL_SCHEMA",
     "BenchModel",
     "Cause",
     "CauseTerm",
@@ -40,14 +38,12 @@ __all__ = [
     "cause_named",
     "cause_parameters",
     "check_term",
-    "describe_cause",
     "describe_causes",
     "first_order",
     "gauge_order_factor",
     "integrate_velocity",
     "load_causes",
     "load_model",
-    "model_dict",
     "motion_from_trace",
     "reference_voltage",
     "save_model",

@@ -1,4 +1,4 @@
-"""What pydantic found, in the words of somebody who edits a profile."""
+"""Problems of a profile: errors of pydantic in the words of a user who edits it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What an imported file was made from, beside it: it follows the file into every result."""
+"""Provenance of an imported file, stored beside it: it goes into every result."""
 
 from __future__ import annotations
 

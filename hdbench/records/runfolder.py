@@ -215,15 +215,13 @@ class RunFolder:
         return folder
 
     @classmethod
-    def open(cls, path: Path, *, clock: Callable[[], datetime] = utc_now) -> RunFolder:
+    def open(cls, path: Path) -> RunFolder:
         """Open a stored run.
 
         Parameters
         ----------
         path : Path
             Its folder.
-        clock : callable
-            Time in UTC.
 
         Returns
         -------
@@ -235,7 +233,7 @@ class RunFolder:
             If it is not a run folder or its ``run.json`` is damaged.
         """
         path = Path(path)
-        return cls(path, read_manifest(path), clock)
+        return cls(path, read_manifest(path))
 
     @property
     def run_id(self) -> str:

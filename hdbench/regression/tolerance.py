@@ -1,4 +1,4 @@
-"""How far a quantity may move, and why."""
+"""Tolerances of quantities, each with its reason."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a report reads: one run folder, or one file that stands alone."""
+"""Source of a report: one run folder, or one file that stands alone."""
 
 from __future__ import annotations
 

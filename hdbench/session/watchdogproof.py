@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -57,7 +56,6 @@ def prove_watchdog(
     stop: StopSignals,
     *,
     address: str | None = None,
-    sleep: Callable[[float], None] = time.sleep,
 ) -> WatchdogProof:
     """Turn the motor slowly, say nothing more, and see whether the device stops it.
 
@@ -78,7 +76,7 @@ def prove_watchdog(
         try:
             seen = _creep(data, bench, stop)
             watchdog_s = bench.daq.watchdog().time_s
-            _be_silent(bench, watchdog_s + _BRAKING_S, stop, sleep)
+            _be_silent(bench, watchdog_s + _BRAKING_S, stop)
             found = _look(bench.daq, data)
         finally:
             safe = bench.safe_state()
@@ -108,16 +106,14 @@ def _creep(data: ProfileData, bench: GuardedBench, stop: StopSignals) -> float:
     return last
 
 
-def _be_silent(
-    bench: GuardedBench, silence_s: float, stop: StopSignals, sleep: Callable[[float], None]
-) -> None:
+def _be_silent(bench: GuardedBench, silence_s: float, stop: StopSignals) -> None:
     if bench.guard is not None:
         bench.guard.watch("end-only")
     bench.fall_silent()
     until_s = time.monotonic() + silence_s
     while time.monotonic() < until_s:
         stop.check()
-        sleep(0.02)
+        time.sleep(0.02)
 
 
 def _look(daq: Daq, data: ProfileData) -> tuple[bool, float | None, str]:

@@ -3,6 +3,6 @@
 from __future__ import annotations
 
 from hdbench.trend.quantities import QUANTITIES
-from hdbench.trend.trend import GROUPINGS, trend_csv, trend_of_runs
+from hdbench.trend.trend import trend_csv, trend_of_runs
 
-__all__ = ["GROUPINGS", "QUANTITIES", "trend_csv", "trend_of_runs"]
+__all__ = ["QUANTITIES", "trend_csv", "trend_of_runs"]

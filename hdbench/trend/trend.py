@@ -23,7 +23,6 @@ from hdbench.trend.history import Change, History, study_history
 from hdbench.trend.quantities import QUANTITIES, Reading, unit_of
 from hdbench.trend.remarks import remarks
 
-GROUPINGS = ("drive", "sensor", "profile")
 _COLUMNS = (
     *("name", "series", "unit", "run", "time_utc", "value", "std", "lower", "upper"),
     *("moving_range", "moving_range_upper", "ewma", "ewma_lower", "ewma_upper", "signals"),

@@ -1,4 +1,4 @@
-"""What a newcomer does wrong is told with what, where, one act that mends it, and the exit code."""
+"""Mistakes of a newcomer: the message says what, where and how to mend it; the exit code fits."""
 
 from __future__ import annotations
 

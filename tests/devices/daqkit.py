@@ -31,8 +31,6 @@ ABLE = Capabilities(
     outputs=(OutputInfo("reference", -10.0, 10.0, 0.001, 0.001),),
     generator=False,
     enable=True,
-    buffered=True,
-    buffer_scans=4096,
     watchdog=WatchdogInfo(0.1, 5.0, 0.1, "write", ("reference", "enable"), latches=True),
     simulated=True,
 )

@@ -18,7 +18,7 @@ from hdbench.profile.schema import ReferenceWave
 
 WAVE = ReferenceWave(wave="constant", amplitude_v=2.0)
 INPUTS = replace(ABLE, outputs=(), watchdog=None, enable=False)
-OUTPUTS = replace(ABLE, inputs=(), max_rates_hz=(), buffered=False, buffer_scans=0)
+OUTPUTS = replace(ABLE, inputs=(), max_rates_hz=())
 
 
 def pair(inputs=INPUTS, outputs=OUTPUTS):

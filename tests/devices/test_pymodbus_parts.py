@@ -1,4 +1,4 @@
-"""What is taken from inside pymodbus is what it was when it was tried."""
+"""Parts of pymodbus that hdbench uses are those that were tried."""
 
 import inspect
 import tomllib

@@ -1,4 +1,4 @@
-"""What the baseline took is told with its uncertainty, as is what looks like the zero."""
+"""Baseline of a diagnosis: given with its uncertainty, as are causes that look like the zero."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What an inspection finds in logs with a fault, and in logs without one."""
+"""Inspection of logs with a fault, and of logs without one."""
 
 import json
 import os

@@ -1,4 +1,4 @@
-"""What of a record is diagnosed: a named part, or as much as one diagnosis takes."""
+"""Part of a record that is diagnosed: a named one, or as much as one diagnosis takes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a motion tells apart is computed right: against closed forms, all samples, other code."""
+"""Planning: separability of causes, against closed forms, all samples and other code."""
 
 from __future__ import annotations
 

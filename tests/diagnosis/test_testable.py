@@ -1,4 +1,4 @@
-"""Which names a record can show: by its motion, its torque's bandwidth and its channels."""
+"""Testable names of a record: by its motion, its torque's bandwidth and its channels."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a misplaced rosette does, against closed forms."""
+"""Effects of a misplaced rosette, against closed forms."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which causes a record can show, and that columns take whole records at a time."""
+"""Causes that a record can show; columns take whole records at a time."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where keys stand: every form of TOML key and value."""
+"""Positions of keys in a profile: every form of TOML key and value."""
 
 import time
 

@@ -1,4 +1,4 @@
-"""How old a calibration is, and when it is refused."""
+"""Validity of a calibration: its age, and when it is refused."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is exported is what stands in the record, read back by the programs' own libraries."""
+"""Exported records equal the originals, read back by the programs' own libraries."""
 
 from __future__ import annotations
 

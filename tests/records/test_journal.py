@@ -1,4 +1,4 @@
-"""What was acknowledged is kept; what is torn is cut; what is damaged is said."""
+"""Journal: keeps every synced block, cuts a torn end, reports damage."""
 
 import os
 import random

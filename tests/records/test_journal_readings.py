@@ -1,4 +1,4 @@
-"""What was taken again: the last counts, the others stay."""
+"""Readings that were taken again: the last one counts, the others stay."""
 
 from __future__ import annotations
 

@@ -62,3 +62,17 @@ def test_any_other_difference_is_told(
 def test_a_table_differs_in_its_last_digit(tmp_path: Path) -> None:
     folders = recorded(tmp_path / "a", BEFORE), recorded(tmp_path / "b", BEFORE, "a,b\n1.0,2.1\n")
     assert same_answers.compare(*folders, beyond=1e-9) == 1
+
+
+def test_what_has_a_reason_is_counted_apart(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fixed = tmp_path / "set.txt"
+    fixed.write_text("~ cal-0/*: .gain: * = a better gain\n[calibrate]\ncal-0: calibrate\n")
+    monkeypatch.setattr(same_answers, "SET", fixed)
+    after = BEFORE | {"gain": 6.6}
+    folders = recorded(tmp_path / "a", BEFORE), recorded(tmp_path / "b", after)
+    assert same_answers.compare(*folders, beyond=0.0) == 0
+    assert "on purpose, a better gain: 1\n" in capsys.readouterr().out
+    folders = folders[0], recorded(tmp_path / "c", after | {"extra": 1})
+    assert same_answers.compare(*folders, beyond=0.0) == 1

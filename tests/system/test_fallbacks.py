@@ -1,4 +1,4 @@
-"""What stands in for a call that the system does not have does the same."""
+"""Fallbacks for calls that the system does not have do the same as the calls."""
 
 import errno
 import os

@@ -12,15 +12,11 @@ END = ""
 """What `Keys.wait` returns when nobody can answer any more."""
 
 _ESCAPE = "\x1b"
+_STANDARD_INPUT = 0
 
 
 class Keys:
     """Reads what a person presses.
-
-    Parameters
-    ----------
-    descriptor : int
-        File to read; standard input by default.
 
     Notes
     -----
@@ -28,9 +24,9 @@ class Keys:
     Elsewhere a line counts: its words, then Enter.
     """
 
-    def __init__(self, descriptor: int = 0) -> None:
-        self._keyboard = keyboard(descriptor)
-        self.terminal = os.isatty(descriptor)
+    def __init__(self) -> None:
+        self._keyboard = keyboard(_STANDARD_INPUT)
+        self.terminal = os.isatty(_STANDARD_INPUT)
         self.single = False
         self._waiting = ""
         self._ended = False

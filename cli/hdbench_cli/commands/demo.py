@@ -95,7 +95,7 @@ def _lines(body: Mapping[str, Any]) -> Iterator[RenderableType]:
 def command(output: Output, out: Path, plant: str, seed: int) -> None:
     """Run the whole bench in about a minute, without hardware.
 
-    Calibrate, measure misalignment and ripple, let the diagnosis find what the plant hides, and
+    Calibrate, measure misalignment and ripple, let the diagnosis find the faults of the plant, and
     write one report.
     """
     from hdbench.devices.simulation import hidden_effects

@@ -17,14 +17,16 @@ _SLOW_MS = 2  # of an FTDI adapter; its 16 ms at the start are longer than a who
 
 
 @click.command("devices", epilog="Example: hdbench devices --probe --json")
-@click.option("--probe", is_flag=True, help="Ask who is there: sends a few bytes on every port.")
+@click.option(
+    "--probe", is_flag=True, help="Identify the devices: sends a few bytes on every port."
+)
 @click.pass_obj
 def command(output: Output, probe: bool) -> None:
     """List the serial ports of this computer with their USB identity.
 
-    Nothing is opened or sent, but with --probe: then every port that this user may open is asked
-    as the installed drivers ask. A device that none of them knows gets bytes that it does not know:
-    leave --probe out where that matters.
+    Without --probe nothing is opened or sent. With --probe every port that this user may open gets
+    the requests of the installed drivers. To another device these are unknown bytes: leave --probe
+    out where that matters.
     """
     from hdbench.devices.serial_ports import find_ports, probe_port
     from hdbench.records import result_header

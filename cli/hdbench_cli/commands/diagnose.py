@@ -51,7 +51,7 @@ def _list_causes(output: Output, cause_files: tuple[Path, ...]) -> None:
     metavar="FRACTION",
     type=click.FloatRange(0.0, 1.0, max_open=True),
     default=0.01,
-    help="Smallest share of the residual variance of a cause that counts.",
+    help="Smallest share of the residual variance that a cause must explain to count.",
 )
 @click.option(
     "--baseline",
@@ -78,7 +78,7 @@ def _list_causes(output: Output, cause_files: tuple[Path, ...]) -> None:
 @click.option(
     "--together",
     is_flag=True,
-    help="Take all inputs as records of one drive: fit what they share once, one result.",
+    help="Take all inputs as records of one drive: one common fit, one result.",
 )
 @click.option("--check", is_flag=True, help="Exit 3 unless nothing was found.")
 @click.option("--list-causes", is_flag=True, help="Print the catalogue of causes.")

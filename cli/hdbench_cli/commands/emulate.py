@@ -48,20 +48,20 @@ _LOOPBACK = ("127.0.0.1", "localhost", "::1")
     "--wire",
     type=click.Choice(["tcp", "rtu", "rtu+tcp", "ascii", "udp"]),
     default="tcp",
-    help="What the device speaks: a node tcp or rtu, a polled device any; rtu and ascii on a "
-    "pseudo-terminal.",
+    help="Protocol of the device: tcp or rtu for a node, any for a polled device; rtu and ascii on "
+    "a pseudo-terminal.",
 )
 @click.option("--rtu", "wire", flag_value="rtu", help="The same as --wire rtu.")
 @click.option(
     "--listen",
     metavar="ADDRESS",
     default="127.0.0.1",
-    help="Address of this computer to listen on; other than the loopback with --unprotected only.",
+    help="Address of this computer to listen on; any but the loopback needs --unprotected.",
 )
 @click.option(
     "--unprotected",
     is_flag=True,
-    help="Let others on the network in: nothing on this wire asks who they are.",
+    help="Accept other computers on the network: Modbus has no authentication.",
 )
 @click.option(
     "--pace",
@@ -89,7 +89,7 @@ def command(
 ) -> None:
     """Serve the emulated bench on its own wire until Ctrl-C or SIGTERM.
 
-    Which device is emulated stands in the profile. Prints the address that --address of the other
+    The profile says which device is emulated. Prints the address that --address of the other
     commands takes. It is open to this machine only: Modbus has no authentication.
     """
     from hdbench import __version__

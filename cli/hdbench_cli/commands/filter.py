@@ -67,8 +67,8 @@ def command(output: Output, /, sources: tuple[Path, ...], out: Path, **options: 
 
     A run is filtered by the filter that ran in it and gives the same bits, unless --model or
     another profile says otherwise. Of several inputs each is written to the folder --out under its
-    own name. Exits 6 where samples are missing, saturated or apart: the file is written, and its
-    torque is nan where it is missing.
+    own name. Exits 6 where samples are missing or saturated, or where time has a gap: the file is
+    written, and its torque is nan where it is missing.
     """
     asked = _Request(**options)
     if asked.gain is not None and asked.calibration is not None:

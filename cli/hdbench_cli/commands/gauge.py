@@ -56,15 +56,19 @@ def command() -> None:
 @profile_option
 @_number("--diameter", "MM", "Flexspline diameter.  [default: the profile's]")
 @_number(
-    "--boss", "MM", "Boss or screw ring to stay clear of, diameter.  [default: 0.44 of --diameter]"
+    "--boss",
+    "MM",
+    "Diameter of the boss or screw ring to keep clear of.  [default: 0.44 of --diameter]",
 )
-@_number("--radius", "MM", "Axis to centre of a rosette.  [default: midway between boss and rim]")
+@_number(
+    "--radius", "MM", "Radius to the centre of a rosette.  [default: midway between boss and rim]"
+)
 @_number("--pad-width", "MM", "Rosette pad along the circumference.", 6.0)
 @_number("--pad-length", "MM", "Rosette pad along the radius.", 8.0)
 @_number("--grid-length", "MM", "Measuring grid along its wires.", 1.5)
 @_number("--grid-width", "MM", "Measuring grid across its wires.", 1.5)
-@_number("--grid-spacing", "MM", "Between the centres of a rosette's two grids.", 3.6)
-@_number("--line", "MM", "Line width; the finest that your printer holds.", 0.05)
+@_number("--grid-spacing", "MM", "Distance of a rosette's two grids, centre to centre.", 3.6)
+@_number("--line", "MM", "Line width: the finest that your printer can draw.", 0.05)
 @layout_option
 @click.option(
     "--sheet",
@@ -143,20 +147,22 @@ def _film_lines(body: Mapping[str, Any]) -> Iterator[str]:
 @_number("--radial", "MM", "Placement tolerance along the radius, +-.", 0.2)
 @_number("--circumferential", "DEG", "Placement tolerance along the circumference, +-.", 1.0)
 @_number("--angular", "DEG", "Turn of a rosette about its own centre, +-.", 1.0)
-@_number("--off-centre", "MM", "The film with all rosettes, from the axis, in any direction.", 0.2)
+@_number("--off-centre", "MM", "Offset of the film from the axis, in any direction.", 0.2)
 @click.option(
     "--distribution",
     type=click.Choice(["uniform", "normal"]),
     default="uniform",
-    help="Within the tolerance, or the tolerance as two standard deviations.",
+    help="uniform: within the tolerance; normal: the tolerance is two standard deviations.",
 )
-@_number("--radius", "MM", "Axis to centre of a rosette.  [default: midway, as the film]")
-@_number("--grid-spacing", "MM", "Between the centres of a rosette's two grids.", 3.6)
+@_number("--radius", "MM", "Radius to the centre of a rosette.  [default: midway, as the film]")
+@_number("--grid-spacing", "MM", "Distance of a rosette's two grids, centre to centre.", 3.6)
 @_number("--wave-strain", "STRAIN", "Strain of a pair at order 2.  [default: the profile's]")
-@_number("--wave-strain-4", "STRAIN", "The same at order 4.  [default: from the model's ripple]")
-@_number("--normal-share", "SHARE", "Normal over shear amplitude of the wave strain.", 1.0)
+@_number(
+    "--wave-strain-4", "STRAIN", "Strain of a pair at order 4.  [default: from the model's ripple]"
+)
+@_number("--normal-share", "SHARE", "Ratio of normal to shear wave strain.", 1.0)
 @_number("--assembly-strain", "STRAIN", "Steady radial strain of assembly.  [default: as order 2]")
-@click.option("--draws", type=int, default=10_000, help="Assemblies drawn per row.")
+@click.option("--draws", type=int, default=10_000, help="Simulated assemblies per row.")
 @seed_option
 @file_option("--csv", "csv_file", metavar="FILE.csv", help="The tables as CSV.")
 @click.pass_obj

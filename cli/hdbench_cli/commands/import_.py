@@ -259,12 +259,12 @@ def command(
     with an extra of hdbench, HDF5 and MATLAB 7.3, Parquet, Excel, TDMS, MDF 4, ROS bags and MCAP.
 
     Without --out it prints what is in the file, a mapping that names and units suggest, and the
-    command to take it. Columns that already bear a name of hdbench come along without --map. The
-    new file is read back before success is told; what was done stands beside it in
-    FILE.provenance.json and in every result that is made from it.
+    command to take it. Columns that already have a name of hdbench need no --map. The new file is
+    read back and checked. FILE.provenance.json beside it and every result made from it say what
+    was done.
 
-    With --from-logger a column of time is asked for, and units that a logger states (mV, rpm, deg)
-    are turned into ours without being declared.
+    With --from-logger the command asks for the time column, and converts the units that the
+    logger states (mV, rpm, deg) by itself.
     """
     from hdbench.importing.recipe import Recipe, read_recipe, write_recipe
     from hdbench.profile import load_profile

@@ -27,7 +27,7 @@ _NUMBERS = ("mean", "std", "min", "max")
 
 
 def _lines(result: Mapping[str, Any]) -> Iterator[RenderableType]:
-    """Yield mean, scatter and ends of every channel."""
+    """Yield mean, scatter and range of every channel."""
     yield (
         f"{result['samples']} samples in {result['seconds']:.1f} s, {result['lost']} lost, "
         f"{result['saturated']} saturated; drive disabled throughout"
@@ -68,7 +68,7 @@ def command(
 ) -> None:
     """Look at a bench live, with its drive disabled: nothing moves and nothing is kept.
 
-    Shows what the live view of a run shows, and at the end mean, scatter and ends of each channel:
+    Shows what the live view of a run shows, and at the end mean, scatter and range of each channel:
     enough to see a dead gauge, a loose plug, a wrong sign or mains hum before a run. A bench that
     a run holds is left alone (exit 9).
     """

@@ -30,21 +30,21 @@ _SHOWN, _SETTLED = 8, 2
     "causes",
     metavar="NAME",
     multiple=True,
-    help="Tell this cause from the others named, or from its look-alikes; all where none is named.",
+    help="Cause to separate from the others named, or from similar ones.  [default: all]",
 )
 @click.option(
     "--of",
     "of",
     metavar="RUN|TRACE",
     type=StoredPath(),
-    help="Run at hand, else the profile's own ripple run.",
+    help="Stored run or trace to start from; else the profile's ripple run.",
 )
 @click.option(
     "--for",
     "result",
     metavar="RUN|FILE",
     type=StoredPath(),
-    help="Diagnosis whose open names are to be told apart.",
+    help="Diagnosis whose ambiguous causes the run is to separate.",
 )
 @click.option(
     "--protocol",
@@ -73,7 +73,7 @@ def command(
 ) -> None:
     """Say which run separates which causes.
 
-    Shows what the run at hand can tell apart and what not, and proposes the run that can, ready for
+    Shows which causes the given run can separate, and proposes a run for the others, ready for
     `hdbench run-ripple --plan FILE`. Every number is computed from signatures on the motion itself.
     """
     from hdbench.diagnosis.planning import plan_report, write_plan

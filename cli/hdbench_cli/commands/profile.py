@@ -83,8 +83,10 @@ def check(output: Output, files: tuple[str, ...]) -> None:
     help="Fill limits, rates, steps and noise from this trace or run.",
 )
 @click.option("--gear-ratio", type=float, help="Motor turns per output turn; 1 without a gear.")
-@click.option("--load-inertia", type=float, metavar="KG_M2", help="Of the load, about the output.")
-@click.option("--rated-torque", type=float, metavar="N_M", help="At the output.")
+@click.option(
+    "--load-inertia", type=float, metavar="KG_M2", help="Inertia of the load about the output."
+)
+@click.option("--rated-torque", type=float, metavar="N_M", help="Rated torque at the output.")
 @click.option(
     "--order",
     "orders",

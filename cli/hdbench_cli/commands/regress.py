@@ -46,7 +46,7 @@ def command(
     """Evaluate stored traces again and compare with stored results.
 
     Names every quantity that moved beyond its tolerance, and by how many tolerances; then exits 3.
-    A case that cannot be read is told with its line, the others are still compared; then exits 4.
+    A case that cannot be read is named with its line, the others are still compared; then exits 4.
     """
     from hdbench.regression import compare_folder, write_junit
 

@@ -44,7 +44,7 @@ def command() -> None:
 @click.argument("run", metavar="RUN", type=StoredPath())
 @click.pass_obj
 def show(output: Output, run: Path) -> None:
-    """Show what a run says of itself."""
+    """Show the entries of a run: kind, status, times, profile, drive, verdict."""
     from hdbench.records import RunFolder, read_notes
 
     folder = RunFolder.open(run)
@@ -59,7 +59,7 @@ def _shown(body: Mapping[str, Any], run: Path) -> Iterator[str]:
 
 
 def _properties(body: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    """Yield what a run says of itself, by name."""
+    """Yield the entries of a run, by name."""
     yield "run", str(body.get("run_id", ""))
     yield "kind", str(body.get("kind", ""))
     ended = f", {body['exit_reason']}" if body.get("exit_reason") else ""

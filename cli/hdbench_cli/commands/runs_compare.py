@@ -36,12 +36,14 @@ _MOST_KEYS = 8
     is_flag=True,
     help="Angle 0 is one mark on the shaft in both runs: phases count.",
 )
-@click.option("--independent", is_flag=True, help="Take no standard and no gain as common to both.")
+@click.option(
+    "--independent", is_flag=True, help="Treat standards and gains of the two as independent."
+)
 @click.option(
     "--confidence",
     type=float,
     default=0.95,
-    help="Of the verdict, all that decides taken together.",
+    help="Confidence of the verdict, for all deciding quantities together.",
 )
 @click.option("--check", is_flag=True, help="Exit 3 unless all is within its uncertainty.")
 @file_option("--csv", "csv_file", metavar="FILE.csv", help="The quantities as CSV.")
@@ -63,7 +65,7 @@ def compare(
     csv_file: Path | None,
     html_file: Path | None,
 ) -> None:
-    """Hold two runs of one kind against each other: B less A, in units of its uncertainty.
+    """Compare two runs of one kind: B minus A, in units of its uncertainty.
 
     A and B are run folders or result files. Numbers with their differences, orders as vectors, and
     what differs in profile, versions, device and calibration. What both have in common, such as one

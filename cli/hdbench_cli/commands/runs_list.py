@@ -98,7 +98,7 @@ def _key(run: RunSummary, name: str) -> str:
 )
 @filter_options
 @click.option("--sort", type=click.Choice(_SORTS), default="run", help="Order of the runs.")
-@click.option("--reverse", is_flag=True, help="The last one first.")
+@click.option("--reverse", is_flag=True, help="Reverse the order.")
 @click.option(
     "--csv",
     "csv_file",

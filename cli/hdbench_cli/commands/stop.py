@@ -17,7 +17,7 @@ from hdbench_cli.output import Output
 @address_option
 @click.pass_obj
 def command(output: Output, profile_name: str | None, address: str | None) -> None:
-    """Stop the motor of a bench now, whoever runs it, and confirm that it stands.
+    """Stop the motor of a bench now, whoever runs it, and confirm that it stands still.
 
     This is no safety function: a bench needs a hard-wired emergency stop.
     """

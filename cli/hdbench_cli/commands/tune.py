@@ -117,8 +117,8 @@ def _is_model(file: Path) -> bool:
     "--slow",
     type=click.Choice(_SLOW),
     default="auto",
-    help="Kind of torque unknown to the expected torque; auto takes the stationary kind that the "
-    "likelihood prefers.",
+    help="Model of the slow torque that the expected torque lacks; auto takes the stationary model "
+    "of the highest likelihood.",
 )
 @click.option(
     "--gate",
@@ -126,7 +126,7 @@ def _is_model(file: Path) -> bool:
     metavar="SIGMA",
     type=float,
     default=6.0,
-    help="Outliers: so many standard deviations of the innovation; 0 keeps all.",
+    help="Limit for outliers, in standard deviations of the innovation; 0 keeps all samples.",
 )
 @calibration_option
 @gain_option

@@ -1,4 +1,4 @@
-"""What the live view shows, worked out from frames: numbers and short curves, no drawing."""
+"""Recent past of a run for the live view: numbers and short curves from frames, no drawing."""
 
 from __future__ import annotations
 
@@ -14,6 +14,9 @@ from hdbench.filter import OscillatorBlock
 from hdbench.session.watching import Frame
 
 Array = NDArray[np.float64]
+
+# a number on the screen is a mean over this time, s
+_NEWEST_S = 0.25
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,13 +156,13 @@ class History:
         out[counts > 0] = sums[counts > 0] / counts[counts > 0]
         return out
 
-    def newest(self, curve: Curve, over_s: float = 0.25) -> float:
-        """Return the mean of the newest `over_s` seconds of a curve; NaN where there is nothing."""
+    def newest(self, curve: Curve) -> float:
+        """Return the mean of the newest quarter of a second of a curve; NaN where it is empty."""
         values = self.columns.get(curve.column)
         if values is None or not len(values):
             return math.nan
         time_s = self.columns["time_s"]
-        recent = values[time_s > time_s[-1] - over_s]
+        recent = values[time_s > time_s[-1] - _NEWEST_S]
         recent = recent[np.isfinite(recent)]
         return float(np.mean(recent)) if len(recent) else math.nan
 

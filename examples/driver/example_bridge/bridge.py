@@ -42,8 +42,6 @@ class BridgeDaq(InputsOnly):
             outputs=(),
             generator=False,
             enable=False,
-            buffered=True,
-            buffer_scans=4096,
             watchdog=None,
             simulated=self.identity().simulated,
         )

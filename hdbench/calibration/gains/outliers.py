@@ -26,12 +26,12 @@ class Outlier:
     limit: float
 
 
-def grubbs_limit(n: int, level: float = 0.05) -> float:
+def grubbs_limit(n: int) -> float:
     """Return the largest distance from the mean over s that chance allows in n normal values.
 
     Notes
     -----
-    ``(n - 1)/sqrt(n) sqrt(t^2 / (n - 2 + t^2))`` with t the quantile at ``1 - level / (2 n)``
+    ``(n - 1)/sqrt(n) sqrt(t^2 / (n - 2 + t^2))`` with t the quantile at ``1 - 0.05 / (2 n)``
     of n - 2 degrees of freedom.
 
     References
@@ -40,13 +40,11 @@ def grubbs_limit(n: int, level: float = 0.05) -> float:
     """
     from scipy.special import stdtrit
 
-    t = float(stdtrit(n - 2, 1.0 - level / (2.0 * n)))
+    t = float(stdtrit(n - 2, 1.0 - 0.05 / (2.0 * n)))
     return float((n - 1) / np.sqrt(n) * np.sqrt(t**2 / (n - 2 + t**2)))
 
 
-def extreme_values(
-    values: Sequence[float], most: int | None = None, level: float = 0.05
-) -> tuple[Outlier, ...]:
+def extreme_values(values: Sequence[float]) -> tuple[Outlier, ...]:
     """Find values that stand off the others, several that hide each other among them.
 
     Notes
@@ -60,7 +58,7 @@ def extreme_values(
     .. [1] B. Rosner, Technometrics 25 (1983) 165, doi:10.1080/00401706.1983.10487848.
     """
     left = list(enumerate(float(v) for v in values))
-    limit = min(10, len(left) // 3) if most is None else most
+    limit = min(10, len(left) // 3)
     seen: list[Outlier] = []
     count = 0
     scale = max((abs(v) for _, v in left), default=0.0)
@@ -72,7 +70,7 @@ def extreme_values(
             break
         far = int(np.argmax(np.abs(numbers - numbers.mean())))
         statistic = float(abs(numbers[far] - numbers.mean())) / std
-        found = Outlier(left[far][0], statistic, grubbs_limit(len(left), level))
+        found = Outlier(left[far][0], statistic, grubbs_limit(len(left)))
         seen.append(found)
         if found.statistic > found.limit:
             count = len(seen)

@@ -13,6 +13,8 @@ from hdbench.records.quantity import Quantity
 from hdbench.results.calibration import ExperimentLine, PositionVariance
 
 _UNBALANCED, _REPEATED, _RESIDUAL = "positions-unbalanced", "repetitions", "residual"
+# probability beyond each end of an interval of 95 %
+_TAIL = (1.0 - 0.95) / 2.0
 
 
 def position_numbers(lines: tuple[ExperimentLine, ...]) -> tuple[int, ...]:
@@ -177,10 +179,8 @@ def shared_dof(lines: tuple[ExperimentLine, ...]) -> float:
     return (between + within) ** 2 / loss if loss > 0.0 else float(len(lines) - 1)
 
 
-def consistency_interval(
-    consistency: float, dof: float, confidence: float = 0.95
-) -> tuple[float, float]:
-    """Return the interval of a relative standard deviation by chi-square.
+def consistency_interval(consistency: float, dof: float) -> tuple[float, float]:
+    """Return the 95 % interval of a relative standard deviation by chi-square.
 
     Parameters
     ----------
@@ -188,8 +188,6 @@ def consistency_interval(
         Standard deviation over mean, at least 0.
     dof : float
         Degrees of freedom of that standard deviation, above 0.
-    confidence : float
-        Coverage probability, in (0, 1).
 
     Returns
     -------
@@ -203,16 +201,13 @@ def consistency_interval(
     """
     from scipy.special import chdtri
 
-    tail = (1.0 - confidence) / 2.0
     # chdtri takes the probability above the quantile
-    high, low = float(chdtri(dof, tail)), float(chdtri(dof, 1.0 - tail))
+    high, low = float(chdtri(dof, _TAIL)), float(chdtri(dof, 1.0 - _TAIL))
     return consistency * math.sqrt(dof / high), consistency * math.sqrt(dof / low)
 
 
-def vangel_interval(
-    consistency: float, dof: float, confidence: float = 0.95
-) -> tuple[float, float | None]:
-    """Return the interval of a coefficient of variation of normal values.
+def vangel_interval(consistency: float, dof: float) -> tuple[float, float | None]:
+    """Return the 95 % interval of a coefficient of variation of normal values.
 
     Notes
     -----
@@ -226,10 +221,9 @@ def vangel_interval(
     from scipy.special import chdtri
 
     n = dof + 1.0
-    tail = (1.0 - confidence) / 2.0
     ends: list[float | None] = []
     # chdtri takes the probability above the quantile
-    for u in (float(chdtri(dof, tail)), float(chdtri(dof, 1.0 - tail))):
+    for u in (float(chdtri(dof, _TAIL)), float(chdtri(dof, 1.0 - _TAIL))):
         square = ((u + 2.0) / n - 1.0) * consistency**2 + u / dof
         ends.append(consistency / math.sqrt(square) if square > 0.0 else None)
     low, high = ends

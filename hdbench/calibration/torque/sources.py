@@ -1,4 +1,4 @@
-"""What the applied torque is uncertain by, source by source."""
+"""Uncertainty of the applied torque, source by source."""
 
 from __future__ import annotations
 

@@ -26,14 +26,7 @@ def main() -> int:
         settings = EmulatorSettings(
             pace=order["pace"], record=_path(order["record"]), lifeline=0, wire=order["wire"]
         )
-        emulate(
-            profile,
-            order["plant"],
-            order["seed"],
-            settings,
-            ready=_say,
-            model_file=_path(order["model"]),
-        )
+        emulate(profile, order["plant"], order["seed"], settings, ready=_say)
     except HdbenchError as error:
         _say({"error": error.to_dict()})
         return error.exit_code

@@ -41,7 +41,6 @@ def running_emulator(
     plant: str,
     seed: int,
     pace: Pace,
-    model_file: Path | None = None,
     record: Path | None = None,
     wire: Wire = "tcp",
 ) -> Iterator[Mapping[str, Any]]:
@@ -58,7 +57,6 @@ def running_emulator(
         "plant": plant,
         "seed": seed,
         "pace": pace,
-        "model": str(model_file) if model_file else None,
         "record": str(record) if record else None,
         "wire": wire,
     }

@@ -50,8 +50,6 @@ def describe_abilities(table: ModbusAcquisition, *, simulated: bool) -> Capabili
         else (OutputInfo("reference", *output_range_v(output), output_step_v(output), write_s),),
         generator=False,
         enable=output is not None and output.enable is not None,
-        buffered=False,
-        buffer_scans=0,
         watchdog=None
         if watchdog is None
         else WatchdogInfo(

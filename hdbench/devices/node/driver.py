@@ -71,8 +71,6 @@ def capabilities_of(
         outputs=(),
         generator=True,
         enable=True,
-        buffered=True,
-        buffer_scans=int(limits["fifo_scans"]),
         watchdog=WatchdogInfo(
             min_s=1e-3 * float(limits["watchdog_min_ms"]),
             max_s=1e-3 * float(limits["watchdog_max_ms"]),

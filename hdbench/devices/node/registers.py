@@ -87,8 +87,6 @@ def block_registers(width: int) -> int:
     return BLOCK_HEADER_REGISTERS + block_scans(width) * width
 
 
-BLOCK_SCANS = block_scans(ALL_CHANNELS.bit_count())
-
 # register value of each wave type; 0 keeps the drive disabled
 WAVES = ("none", "constant", "sine", "square", "triangle", "trapezoid", "chirp", "program")
 PROGRAM_WAVE = WAVES.index("program")

@@ -5,15 +5,12 @@ from __future__ import annotations
 from hdbench.devices.wire.address import Address, dial, numbered, parse_address
 from hdbench.devices.wire.link import Link, Probe, connect
 from hdbench.devices.wire.pdu import (
-    EXCEPTIONS,
     ExceptionReply,
     FrameError,
     ReplyCheck,
     ReplyForm,
     Request,
     StaleReply,
-    bits_check,
-    echo_check,
     exchange_registers,
     read_bits,
     read_registers,
@@ -24,7 +21,6 @@ from hdbench.devices.wire.pdu import (
 )
 
 __all__ = [
-    "EXCEPTIONS",
     "Address",
     "ExceptionReply",
     "FrameError",
@@ -34,10 +30,8 @@ __all__ = [
     "ReplyForm",
     "Request",
     "StaleReply",
-    "bits_check",
     "connect",
     "dial",
-    "echo_check",
     "exchange_registers",
     "numbered",
     "parse_address",

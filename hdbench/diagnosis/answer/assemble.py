@@ -95,7 +95,7 @@ def assemble(
         },
         {"terms": list(extended.terms()), "heldout_rms_nm": told.after.rms_nm},
         extended,
-        {**settings, **_settings(fit, told, named)},
+        {**settings, **_settings(fit, named)},
         "",
         _pictures(findings, fit, extended, baseline_left),
         left_out=_left_out(findings),
@@ -202,7 +202,7 @@ def _as_given(fit: Fit, given: BenchModel) -> float:
     return float(np.sqrt(np.mean(left[good] ** 2)))
 
 
-def _settings(fit: Fit, told: Told, named: list[NamedCause]) -> dict[str, Any]:
+def _settings(fit: Fit, named: list[NamedCause]) -> dict[str, Any]:
     """Return how the answer came about: noise, baseline, form errors, effects like the zero."""
     amounts = fit.spectrum.power
     ripple = []

@@ -297,9 +297,9 @@ def _listed(items: Sequence[str], most: int) -> str:
     return ", ".join(items[:most]) + (f" and {rest} more" if rest > 0 else "")
 
 
-def effects_named(names: Iterable[str], *, extra: Sequence[Cause] = ()) -> tuple[Effect, ...]:
-    """Return effects of the catalogue, or of `extra`, by name with nominal shapes, each once."""
-    causes = [cause_named(name, where="cause", extra=extra) for name in dict.fromkeys(names)]
+def effects_named(names: Iterable[str]) -> tuple[Effect, ...]:
+    """Return effects of the catalogue by name with nominal shapes, each once."""
+    causes = [cause_named(name, where="cause") for name in dict.fromkeys(names)]
     return tuple(Effect(cause, nominal_shape(cause)) for cause in causes)
 
 

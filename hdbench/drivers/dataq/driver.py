@@ -20,7 +20,6 @@ from hdbench.devices.daq import (
 )
 from hdbench.drivers.dataq.acquisition import Acquisition
 from hdbench.drivers.dataq.models import (
-    BUFFER_SAMPLES,
     MODELS,
     choose_rate,
     highest_rate_hz,
@@ -102,8 +101,6 @@ def describe_abilities(table: DataqAcquisition, *, simulated: bool) -> Capabilit
         outputs=(),
         generator=False,
         enable=False,
-        buffered=True,
-        buffer_scans=BUFFER_SAMPLES // entries,
         watchdog=None,
         simulated=simulated,
     )

@@ -98,16 +98,11 @@ class DataqDevice:
         self._clock = clock
         self._numbers = dict(_NUMBERS)
         self._entries: dict[int, int] = {}
-        self._scanning = self._average = False
+        self.scanning = self._average = False
         self._stream = b""
         self._held_until_s = 0.0
         self._edges = 0
         self._pulse: int | None = None
-
-    @property
-    def scanning(self) -> bool:
-        """Whether it streams."""
-        return self._scanning
 
     def command(self, line: str) -> bytes:
         """Carry out one command and return what it sends back."""
@@ -118,7 +113,7 @@ class DataqDevice:
         if word == "stop":
             left = self._end()
             return left + b"stop\r"
-        if self._scanning:
+        if self.scanning:
             # settings are taken, not echoed, while it streams
             self._obey(word, rest)
             return b""
@@ -128,7 +123,7 @@ class DataqDevice:
     def tick(self, *, blocked: bool = False) -> bytes:
         """Let time pass; return packets that are full, none while the line is blocked."""
         self.instrument.catch_up()
-        if not self._scanning:
+        if not self.scanning:
             return b""
         self._stream += self._sampled()
         if blocked or self._clock() < self._held_until_s:
@@ -163,29 +158,29 @@ class DataqDevice:
         self._held_until_s = self._clock() + time_s
 
     def _start(self) -> None:
-        if self._scanning or not self._entries:
+        if self.scanning or not self._entries:
             return
         entries = len(self._entries)
         numbers = self._numbers
         division = numbers["srate"] * numbers["dec"] * numbers["deca"]
         averaged = numbers["dec"] if self._average else 1
         self.instrument.begin(division / averaged / self.model.clock_hz(entries))
-        self._scanning, self._stream = True, b""
+        self.scanning, self._stream = True, b""
 
     def _end(self) -> bytes:
         """Stop; what the buffer still held is sent."""
-        if not self._scanning:
+        if not self.scanning:
             return b""
         self._stream += self._sampled()
         self.instrument.end()
-        self._scanning = False
+        self.scanning = False
         left, self._stream = self._stream, b""
         return left
 
     def _overflow(self) -> bytes:
         """Stop as with a full buffer: the last bytes say so."""
         self.instrument.end()
-        self._scanning = False
+        self.scanning = False
         kept, self._stream = self._stream[: 2 * self.buffer_samples], b""
         return kept + _OVERFLOW
 

@@ -7,7 +7,6 @@ from collections.abc import Iterator
 
 from hdbench.devices.daq import Capabilities, InputInfo, OutputInfo, WatchdogInfo
 from hdbench.drivers.labjack.outputs import output_range_v, output_step_v
-from hdbench.drivers.labjack.registers import BUFFER_SIZE
 from hdbench.drivers.labjack.scanlist import (
     QUADRATURE,
     T7_RANGES_V,
@@ -142,8 +141,6 @@ def describe_abilities(table: LabJackAcquisition, *, simulated: bool) -> Capabil
         ),
         generator=False,
         enable=output is not None,
-        buffered=True,
-        buffer_scans=BUFFER_SIZE // (2 * words[-1]),
         watchdog=None if output is None else _watchdog(output.output),
         simulated=simulated,
     )

@@ -178,7 +178,6 @@ class Watchdog:
     """The watchdog of one device."""
 
     def __init__(self, control: Control, output: LabJackOutput) -> None:
-        self.flash_writes = 0
         self._control = control
         self._output = output
 
@@ -221,5 +220,4 @@ class Watchdog:
         self._put(_ENABLE, wanted[_ENABLE.name])
 
     def _put(self, register: Register, value: float) -> None:
-        self.flash_writes += 1
         self._control.write((register,), (value,))

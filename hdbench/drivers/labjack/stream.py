@@ -61,8 +61,6 @@ class ScanAssembler:
         self._index = 0
         self._ticks: int | None = None
         self._claimed: tuple[int, ...] = (0,)
-        self.recovered = 0
-        self.skipped_packets = 0
 
     @property
     def index(self) -> int:
@@ -76,7 +74,6 @@ class ScanAssembler:
             raise StreamFault(f"{len(packet.samples)} samples are no whole scans")
         entries = self._layout.n_entries
         words = packet.samples[: scans * entries].reshape(scans, entries)
-        self.skipped_packets += packet.skipped
         self._claim(packet.skipped * self._per_packet)
         joints = np.flatnonzero(words[:, 0] == _JOINT)
         if packet.status != Status.RECOVERED:
@@ -86,7 +83,6 @@ class ScanAssembler:
         if len(joints) != 1:
             raise StreamFault(f"{len(joints)} scans mark the joint after a full buffer; needed: 1")
         before = self._runs([words[: joints[0]]])
-        self.recovered += 1
         self._claim(packet.additional, packet.additional - 1)
         return before + self._runs([words[joints[0] + 1 :]])
 

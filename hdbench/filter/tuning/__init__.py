@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from hdbench.filter.tuning.checks import Consistency, check_innovations
 from hdbench.filter.tuning.result import TuningResult
-from hdbench.filter.tuning.run import SLOW_CHOICES, TuningSettings, settings_of, tune
+from hdbench.filter.tuning.run import TuningSettings, settings_of, tune
 
 __all__ = [
-    "SLOW_CHOICES",
     "Consistency",
     "TuningResult",
     "TuningSettings",

@@ -15,6 +15,8 @@ from hdbench.filter.traces import Channels, run_channels
 from hdbench.records import FloatArray
 
 _PARTS = 8
+# start of each trace that is left out: there the prior speaks
+_SETTLE_S = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,9 +106,7 @@ def ljung_box(normalised: FloatArray, lags: int) -> tuple[float, float, FloatArr
     return statistic, float(gammaincc(0.5 * lags, 0.5 * statistic)), correlation
 
 
-def check_innovations(
-    model: FilterModel, records: Sequence[Channels], *, settle_s: float = 1.0
-) -> Consistency:
+def check_innovations(model: FilterModel, records: Sequence[Channels]) -> Consistency:
     """Hold a model's innovations on traces against its claims.
 
     Parameters
@@ -114,9 +114,7 @@ def check_innovations(
     model : FilterModel
         The model, with its gate.
     records : sequence of Channels
-        The traces.
-    settle_s : float
-        Start of each trace that is left out, s: there the prior speaks.
+        The traces; the first second of each is left out: there the prior speaks.
 
     Returns
     -------
@@ -129,13 +127,13 @@ def check_innovations(
         refused = (found.flags & GATED) != 0
         gated += int(np.count_nonzero(refused))
         normalised = found.innovation_nm / np.sqrt(found.innovation_variance_nm2)
-        late = record.time_s >= record.time_s[0] + settle_s
+        late = record.time_s >= record.time_s[0] + _SETTLE_S
         parts.append(np.where(refused, math.nan, normalised)[late])
     whole = np.concatenate(parts)
     squares = np.square(whole[np.isfinite(whole)])
     lags = 20
     if squares.size <= 10 * lags:
-        raise ValueError(f"{squares.size} innovations after {settle_s} s; needed: {10 * lags}")
+        raise ValueError(f"{squares.size} innovations after {_SETTLE_S} s; needed: {10 * lags}")
     statistic, p_value, correlation = ljung_box(whole, lags)
     edges = np.linspace(0, squares.size, _PARTS + 1).astype(int)
     return Consistency(

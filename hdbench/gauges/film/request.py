@@ -1,4 +1,4 @@
-"""What a film is asked to show, checked before anything is drawn."""
+"""Request for a placement film, checked before anything is drawn."""
 
 from __future__ import annotations
 

@@ -53,7 +53,7 @@ class _ParquetSource(Source):
         wanted = {name: schema[self._columns[name]] for name in names}
         if len(set(schema)) != len(schema):
             raise DataError(
-                "a column name stands twice", where=str(self.path), fix="write it again"
+                "a column name occurs twice", where=str(self.path), fix="write it again"
             )
         batches = self._file.iter_batches(PIECE_ROWS, columns=list(wanted.values()))
         for batch in batches:

@@ -130,7 +130,7 @@ def check_header(path: Path, header: Sequence[str]) -> tuple[str, ...]:
         if not name:
             raise data_error(path, 1, f"column {position} has no name")
         if name in seen:
-            raise data_error(path, 1, f"column {name!r} stands twice")
+            raise data_error(path, 1, f"column {name!r} occurs twice")
         seen.add(name)
     return names
 

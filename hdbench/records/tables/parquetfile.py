@@ -54,7 +54,7 @@ def parquet_columns(path: Path) -> tuple[dict[str, FloatArray], dict[str, tuple[
         what = f"{rows} rows of {len(names)} columns; needed: 1 to {_LIMIT_CELLS} cells"
         raise DataError(what, where=str(path), fix="split the file, or record again")
     if len(set(names)) != len(names):
-        raise DataError("a column name stands twice", where=str(path), fix=_EXPORT_FIX)
+        raise DataError("a column name occurs twice", where=str(path), fix=_EXPORT_FIX)
     try:
         table = file.read()  # type: ignore[attr-defined]
     except (OSError, ValueError) as error:

@@ -351,11 +351,11 @@ def _experiments(result: CalibrationResult) -> Table:
 def _steps(result: CalibrationResult, group: LoadGroup) -> Table:
     """Return the evaluation step by step of one group."""
 
-    def up(key: str, form: Any = percent) -> Any:
-        return lambda step: form(getattr(step.increasing, key, None))
+    def up(key: str) -> Any:
+        return lambda step: percent(getattr(step.increasing, key, None))
 
-    def both(key: str, form: Any = percent) -> Any:
-        return lambda step: form(getattr(step.increasing_decreasing, key, None))
+    def both(key: str) -> Any:
+        return lambda step: percent(getattr(step.increasing_decreasing, key, None))
 
     def best(key: str, form: Any = percent) -> Any:
         return lambda step: form(getattr(step.increasing_decreasing or step.increasing, key, None))

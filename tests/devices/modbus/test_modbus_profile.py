@@ -1,4 +1,4 @@
-"""What a profile may say about a Modbus device, and the benches that come with hdbench."""
+"""Profiles of Modbus devices: their rules, and the benches that come with hdbench."""
 
 import pytest
 

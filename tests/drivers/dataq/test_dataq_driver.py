@@ -96,7 +96,7 @@ def test_a_port_is_open_for_one_program_only():
 def test_it_drives_nothing_and_says_so():
     with served(table()) as found, driver(table(), found.address) as daq:
         able = daq.capabilities()
-        assert (able.drives, able.guarded, able.buffered) == (False, False, True)
+        assert (able.drives, able.guarded) == (False, False)
         with pytest.raises(DeviceError, match="no analog output"):
             daq.write_output("reference", 0.0)
         assert daq.safe_state().confirmed
