@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 
 from hdbench.records.trace import FloatArray
 
-__all__ = ["Bands", "LowPass", "make_bands"]
-
 # narrow bands at the slow end, where a spectrum bends, and even ones above
 _SLOW_BANDS, _EVEN_BANDS = 16, 41
 _SLOW_SHARE = 0.03

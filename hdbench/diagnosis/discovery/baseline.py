@@ -13,8 +13,6 @@ from hdbench.model import Motion
 from hdbench.model.baseline import expected_torque_nm
 from hdbench.records.trace import FloatArray
 
-__all__ = ["BaselineChange", "parse_baseline"]
-
 _REMOVABLE = ("misalignment", "load", "expected-torque")
 # orders closer than this are one: no record of this bench tells them apart
 _SAME_ORDER = 1e-6

@@ -7,8 +7,6 @@ from scipy.special import chdtrc, chdtri
 
 from hdbench.records.trace import FloatArray
 
-__all__ = ["chi2_level", "chi2_tail", "chi2_tails"]
-
 
 def chi2_tail(value: float, dof: float) -> float:
     """Return the probability of a chi^2 of `dof` above `value`."""

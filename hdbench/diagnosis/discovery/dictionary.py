@@ -23,16 +23,6 @@ from hdbench.diagnosis.discovery.term import (
 from hdbench.model import Cause
 from hdbench.records.trace import FloatArray
 
-__all__ = [
-    "PASSED",
-    "Dictionary",
-    "Look",
-    "Member",
-    "explained",
-    "make_dictionary",
-    "own_directions",
-]
-
 # memory that the rows may take, bytes; families beyond it get fewer shapes
 _MEMORY = 1.2e8
 # one of so many coefficients, picked at random, stands for all where members are correlated

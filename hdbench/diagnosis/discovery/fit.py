@@ -22,8 +22,6 @@ from hdbench.diagnosis.discovery.spectrum import Shapes, Spectrum, make_shapes
 from hdbench.diagnosis.discovery.term import Term, follows_motion, term_columns
 from hdbench.records.trace import FloatArray
 
-__all__ = ["LOW_PASS_PRICE", "Beside", "Fit", "Part", "scaled_rows"]
-
 # no torque is known better than to this share of its scatter
 _FLOOR = 1e-3
 # below this share of its scatter a torque that was filtered before it was stored holds nothing but

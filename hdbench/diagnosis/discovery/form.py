@@ -14,8 +14,6 @@ from hdbench.diagnosis.discovery.term import Term, moved_term, smooth_shapes, te
 from hdbench.model import first_order, shape_bounds
 from hdbench.records.trace import FloatArray
 
-__all__ = ["FormMove", "attach_forms", "best_form_move", "form_cost", "form_rows", "joined"]
-
 # scales of a form error relative to its part, equally likely; zero is one of them
 SCALES = (0.0, 0.003, 0.01, 0.03, 0.1, 0.3)
 # what a law of friction, load or time is expected to be off by: catalogues and papers differ so far

@@ -13,8 +13,6 @@ from hdbench.diagnosis.discovery.record import Record
 from hdbench.diagnosis.discovery.stack import coefficients_of, glances
 from hdbench.records.trace import FloatArray
 
-__all__ = ["HeldOut", "Prediction", "gain_between", "hold_out"]
-
 # twenty blocks hold most conditions of a run; five folds leave four fifths to the fit
 _BLOCKS, _FOLDS = 20, 5
 # draws of the bootstrap: the ends of its 95 % interval are known to a tenth of its width

@@ -21,16 +21,6 @@ from hdbench.diagnosis.discovery.transform import PhaseTransform, plan_transform
 from hdbench.model import Cause, Motion, Parameter
 from hdbench.records.trace import FloatArray
 
-__all__ = [
-    "OUTPUT_LINE",
-    "TONE_LINE",
-    "Scan",
-    "line_norm",
-    "plan_scans",
-    "scan_looks",
-    "step_look",
-]
-
 Columns = Callable[[Motion, Mapping[str, float]], FloatArray]
 
 # points per resolution cell of a scan

@@ -15,8 +15,6 @@ from hdbench.diagnosis.discovery.term import Term
 from hdbench.model import Cause, Motion, Parameter
 from hdbench.records.trace import FloatArray
 
-__all__ = ["modulated_looks"]
-
 # knots over the other axis
 _KNOTS = 5
 

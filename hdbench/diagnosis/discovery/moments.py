@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 from hdbench.diagnosis.discovery.spectrum import Shapes, Spectrum
 from hdbench.records.trace import FloatArray
 
-__all__ = ["RISES", "Moments", "Solved", "inverse", "inverse_scale", "solve", "solve_best"]
-
 # relative ridge that keeps columns which are nearly alike from failing
 _RIDGE = 1e-10
 # a band keeps at least this share of its coefficients as degrees of freedom

@@ -17,8 +17,6 @@ from hdbench.diagnosis.discovery.term import is_line, same_torque
 from hdbench.model import Cause
 from hdbench.records.trace import FloatArray
 
-__all__ = ["Named", "name_causes"]
-
 # names within this of the best one are its rivals: odds of 20 to 1 (contract)
 RIVAL_NATS = 3.0
 # names whose effects span the same space (contract)

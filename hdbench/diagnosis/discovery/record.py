@@ -15,8 +15,6 @@ from hdbench.model.motion import torque_from_trace
 from hdbench.profile.schema import ProfileData
 from hdbench.records.trace import FloatArray, Trace
 
-__all__ = ["SAMPLED", "Record", "prepare_record", "smoothed", "with_simulated"]
-
 # a step longer than this many median periods is a gap in time: one lost sample makes 2
 _GAP = 1.5
 # name of the columns of a ripple whose lines were sampled too seldom to be followed

@@ -26,8 +26,6 @@ from hdbench.diagnosis.discovery.term import (
 from hdbench.model import shape_bounds
 from hdbench.records.trace import FloatArray
 
-__all__ = ["Candidate", "candidate_of", "gain_of", "log_evidence", "price", "refined", "weighed"]
-
 # rounds of Gauss-Newton, steps back in each, and the gain that ends them: a hundredth of a nat
 _ROUNDS, _SHORTER, _SETTLED = 6, 3, 0.02
 # multiples of a shape that are tried where it alone gives the size of the effect

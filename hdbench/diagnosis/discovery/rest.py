@@ -10,8 +10,6 @@ from hdbench.diagnosis.discovery.chance import chi2_tail
 from hdbench.diagnosis.discovery.fit import Fit
 from hdbench.records.trace import FloatArray
 
-__all__ = ["Burst", "Hump", "find_burst", "find_humps", "noise_rms_nm", "whitened_nm"]
-
 # lengths of a burst, samples; the share of the record that the longest may take
 _LENGTHS = (4, 16, 64, 256, 1024, 4096)
 _SHARE = 0.1

@@ -44,17 +44,6 @@ from hdbench.model import Cause
 from hdbench.model.causes.kinematic import TRANSMISSION_ERROR
 from hdbench.records.trace import FloatArray
 
-__all__ = [
-    "SHARES",
-    "Accepted",
-    "Search",
-    "all_possible",
-    "search",
-    "search_from",
-    "settled",
-    "value_of",
-]
-
 # share of the false-alarm rate of each kind of look
 SHARES = {"name": 0.5, "line": 0.28, "step": 0.05, "table": 0.14, "burst": 0.03}
 # looks of each kind that are weighed in one round

@@ -14,8 +14,6 @@ from hdbench.diagnosis.discovery.term import Term
 from hdbench.model import Cause, Motion, Parameter, shape_bounds
 from hdbench.records.trace import FloatArray
 
-__all__ = ["chosen_shapes", "shape_grid"]
-
 # points over special parameters, and over any other by how many the cause has; a resonance is
 # some 8 % wide, and one that lies between two of the grid, a tenth apart, is seen by both
 _SPECIAL = {

@@ -9,8 +9,6 @@ from numpy.typing import NDArray
 
 from hdbench.records.trace import FloatArray
 
-__all__ = ["Shapes", "Spectrum", "make_shapes"]
-
 # poles of first and second order over the range of frequencies, and bumps of a third of an octave
 _POLES, _BUMPS = 8, 14
 _BUMP_WIDTH = 0.35

@@ -25,21 +25,6 @@ from hdbench.diagnosis.discovery.term import Term
 from hdbench.model import Cause, Motion
 from hdbench.records.trace import FloatArray
 
-__all__ = [
-    "EACH",
-    "ONE",
-    "SHARED",
-    "StackedBands",
-    "StackedCause",
-    "coefficients_of",
-    "glances",
-    "piece_fit",
-    "piece_term",
-    "records_of",
-    "stack_fits",
-    "stacked_causes",
-]
-
 SHARED, EACH, ONE = "shared", "each", "one"
 # records stand so many sampling periods apart on the clock of the stack
 _APART = 100.0

@@ -12,8 +12,6 @@ from hdbench.diagnosis.discovery.record import Record
 from hdbench.model import Cause, Motion, Parameter
 from hdbench.records.trace import FloatArray
 
-__all__ = ["TABLE", "Axis", "axes_of", "is_table", "table_causes"]
-
 # prefix of the name of a table, which no cause of the catalogue has
 TABLE = "table:"
 # knots over an axis, and over each of two

@@ -11,19 +11,6 @@ from hdbench.diagnosis.discovery.record import Record, smoothed
 from hdbench.model import Cause, shape_bounds
 from hdbench.records.trace import FloatArray
 
-__all__ = [
-    "Term",
-    "follows_motion",
-    "harmonics",
-    "is_line",
-    "is_whole_share",
-    "moved_term",
-    "same_torque",
-    "smooth_shapes",
-    "tangent_columns",
-    "term_columns",
-]
-
 # relative change of a shape, or of its domain, by which a slope is formed
 _SLOPE = 1e-4
 # the noise of an acceleration that is counted is far from normal: nearer than this many of its

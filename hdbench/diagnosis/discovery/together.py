@@ -45,8 +45,6 @@ from hdbench.diagnosis.discovery.told import (
 from hdbench.model import BenchModel, Cause, CauseTerm, cause_parameters
 from hdbench.records.trace import FloatArray
 
-__all__ = ["Together", "piece_searches", "search_together", "tell_together"]
-
 # rounds in which the noise without a cause is fitted, and with it
 _ROUNDS_WITHOUT, _ROUNDS_WITH = 6, 2
 # a record that holds less than this share of the information on an amplitude says nothing of it

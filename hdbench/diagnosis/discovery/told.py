@@ -22,8 +22,6 @@ from hdbench.diagnosis.discovery.term import smooth_shapes, tangent_columns, ter
 from hdbench.model import BenchModel, CauseTerm, cause_parameters
 from hdbench.records.trace import FloatArray
 
-__all__ = ["Told", "minimum_detectable", "spectra", "tell"]
-
 DOMAINS = {
     "motor": "motor-order",
     "output": "output-order",

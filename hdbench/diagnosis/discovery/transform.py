@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 
 from hdbench.records.trace import FloatArray
 
-__all__ = ["PhaseTransform", "plan_transform", "unit_wave"]
-
 # samples spread over this many grid points of a grid 1.5 times finer than needed: with a
 # Kaiser-Bessel kernel the error is exp(-pi 8 sqrt(1 - 1/1.5)) = 5e-7 of the largest sum
 _WIDTH = 8
@@ -49,15 +47,6 @@ class PhaseTransform:
         spread = self.spread @ column.astype(np.float32)
         full = rfft(spread, n=self.size)
         return np.asarray(full[self.first : self.first + len(self.grid)] * self.correction)
-
-
-def unit_wave(cycles: FloatArray) -> NDArray[np.complex64]:
-    """Return ``exp(2 pi i cycles)`` to single precision, however many the cycles are."""
-    phase = np.asarray(cycles - np.rint(cycles), dtype=np.float32) * np.float32(2.0 * np.pi)
-    wave = np.empty(phase.shape, dtype=np.complex64)
-    np.cos(phase, out=wave.real)
-    np.sin(phase, out=wave.imag)
-    return wave
 
 
 def plan_transform(
