@@ -69,7 +69,7 @@ class LowPass:
 
         def back(gain: NDArray[np.complex128]) -> NDArray[np.complex128]:
             power = np.abs(gain) ** 2 + _UNDONE
-            return np.asarray(np.conj(gain) * ((1.0 + _UNDONE) / power), dtype=np.complex128)
+            return np.asarray(np.conj(gain) * (1.0 + _UNDONE) / power, dtype=np.complex128)
 
         known, held = _bridged(values)
         return np.where(known, self._shaped(held, back), np.nan)
