@@ -15,7 +15,7 @@ from hdbench.model.causes._memory import (
     second_order,
     spread_out,
 )
-from hdbench.model.causes._needs import accelerates, all_of, known_torque, loaded, speed_varies
+from hdbench.model.causes._needs import accelerates, all_of, loaded
 from hdbench.model.causes._parts import REFERENCE_LOAD_NM, Computed, no_shape, single
 from hdbench.model.causes.sensor import whole_signal
 from hdbench.model.localfit import delayed
@@ -64,9 +64,6 @@ def _changes(motion: Motion) -> str | None:
     known = torque[motion.valid & np.isfinite(torque)]
     if not (len(known) > 1 and float(np.ptp(known)) > 0.0):
         return "the simulated torque is constant; needed: a torque that changes"
-    # at one speed without a load there are lines alone: each has a phase of its own
-    if known_torque(motion) is not None and (reason := speed_varies(motion)) is not None:
-        return reason
     period = float(np.median(np.diff(motion.time_s)))
     if period <= _SLOWEST_S:
         return None
