@@ -45,8 +45,8 @@ def test_every_cause_can_be_emulated(name: str) -> None:
 
 def test_a_gain_error_acts_on_the_torque_of_the_models_inertia() -> None:
     base = BenchModel.from_profile(QUIET)
-    inertia = CauseTerm("inertia-error", {}, (base.inertia_nm_s2 * 100.0,))
-    gain = CauseTerm("gain-error", {}, (1.0,))
+    inertia = CauseTerm("inertia-error", {}, (0.5 * base.inertia_nm_s2 * 100.0,))
+    gain = CauseTerm("gain-error", {}, (0.5,))
     both = [
         cause_volts(base.with_cause(term), CHANNELS, FREE, 1e-3, REFERENCE_V)
         for term in (inertia, gain)
