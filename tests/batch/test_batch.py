@@ -111,7 +111,7 @@ def test_a_worker_that_dies_is_replaced_and_its_task_run_again(tmp_path: Path):
 
 def test_ctrl_c_keeps_what_is_done_and_resume_gives_the_same_table(traces: Path, tmp_path: Path):
     # so many that the batch is not done when the signal arrives
-    for seed in range(3, 23):
+    for seed in range(3, 11):
         record(traces / f"drive-{seed}.csv", seed)
     out = tmp_path / "out"
     words = ["run-ripple", str(traces), "--workers", "1", "--out", str(out)]
@@ -129,7 +129,7 @@ def test_ctrl_c_keeps_what_is_done_and_resume_gives_the_same_table(traces: Path,
     assert "--resume" in error
     assert "Traceback" not in error
     assert not (out / ".parts").exists()
-    assert len(table(out)) < 24
+    assert len(table(out)) < 12
     assert batch(*words, "--resume").returncode == 6
     undisturbed = [*words[:-1], str(tmp_path / "whole")]
     assert batch(*undisturbed).returncode == 6
