@@ -84,7 +84,13 @@ def test_a_cause_of_each_record_is_fitted_to_it_alone(fits, stack):
         np.testing.assert_allclose(found, own.linear(place), atol=2e-4)
 
 
-def test_columns_of_a_piece_are_those_of_the_record(stack):
+@pytest.mark.parametrize("passed", [(1.0, 1.0), (0.05, 0.1)])
+def test_columns_of_a_piece_are_those_of_the_record(passed):
+    records = [
+        replace(swinging(n, line(0.03), seed), motion_passed=share)
+        for seed, (n, share) in enumerate(zip((3000, 4000), passed, strict=True))
+    ]
+    stack = stack_fits([fitted(record) for record in records])
     every = causes(stack)
     for name, shape in (("viscous-friction", {}), ("structural-tone", {"frequency_hz": 20.0})):
         stack.add_term(Term(every[name], shape))

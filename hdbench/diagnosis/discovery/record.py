@@ -85,6 +85,17 @@ class Record:
         """Measured torque less what is fixed, N m, zero where not valid."""
         return np.where(self.valid, self.torque_nm - self.fixed_nm, 0.0)
 
+    def known_part(self, columns: FloatArray) -> FloatArray:
+        """Return columns of a law of motion as far as the motion of each record is known."""
+        pieces = self.records or (self,)
+        ends = np.cumsum([len(one) for one in pieces])[:-1]
+        return np.concatenate(
+            [
+                smoothed(part, one.motion_passed) if one.motion_passed < 1.0 else part
+                for one, part in zip(pieces, np.split(columns, ends), strict=True)
+            ]
+        )
+
     def behind(self, low_pass: LowPass | None) -> Record:
         """Return the record with a torque channel behind a low-pass.
 

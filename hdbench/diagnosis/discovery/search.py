@@ -475,7 +475,7 @@ class Search:
     def beside_names(self, part: int) -> Beside:
         """Return the fit beside a part; beside a name, without tables, which could take it in."""
         parts = self.fit.parts
-        tables = [k for k, other in enumerate(parts) if _is_table(other)]
+        tables = [k for k, other in enumerate(parts) if is_table_part(other)]
         return self.fit.beside(part, *(() if part in tables else tables))
 
     def evidence_of(self, part: int) -> float:
@@ -499,7 +499,8 @@ def all_possible(fit: Fit, last: int) -> bool:
     )
 
 
-def _is_table(part: Part) -> bool:
+def is_table_part(part: Part) -> bool:
+    """Return whether a part of a fit is a table without a name."""
     return part.term is not None and is_table(part.term.cause)
 
 

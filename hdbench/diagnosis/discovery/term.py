@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hdbench.diagnosis.discovery.record import Record, smoothed
+from hdbench.diagnosis.discovery.record import Record
 from hdbench.model import Cause, shape_bounds
 from hdbench.records.trace import FloatArray
 
@@ -52,9 +52,7 @@ def term_columns(term: Term, record: Record) -> FloatArray:
         seen = seen & (np.abs(motion.acceleration_rad_s2) > floor)
     columns = np.where(seen[:, None], term.cause.columns(motion, term.shape), 0.0)
     columns = np.where(np.isfinite(columns), columns, 0.0)
-    if record.motion_passed < 1.0 and follows_motion(term.cause):
-        columns = smoothed(columns, record.motion_passed)
-    return columns
+    return record.known_part(columns) if follows_motion(term.cause) else columns
 
 
 def harmonics(cause: Cause) -> list[list[int]]:

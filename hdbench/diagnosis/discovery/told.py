@@ -15,7 +15,7 @@ from hdbench.diagnosis.discovery.lines import scan_power
 from hdbench.diagnosis.discovery.moments import solve
 from hdbench.diagnosis.discovery.naming import Named, name_causes
 from hdbench.diagnosis.discovery.rest import find_burst, find_humps
-from hdbench.diagnosis.discovery.search import SHARES, SLOW_PRICE, Search
+from hdbench.diagnosis.discovery.search import SHARES, SLOW_PRICE, Search, is_table_part
 from hdbench.diagnosis.discovery.spectrum import Shapes
 from hdbench.diagnosis.discovery.tables import axes_of, is_table
 from hdbench.diagnosis.discovery.term import smooth_shapes, tangent_columns, term_columns
@@ -83,7 +83,7 @@ def tell(
     base = {i for i in everything if i not in fit.causes()}
     before, after = held.predict(base), held.predict(everything)
     # a table could take in what a name explains: names are held against each other without it
-    names = {i for i, p in enumerate(fit.parts) if p.term is None or not is_table(p.term.cause)}
+    names = {i for i, part in enumerate(fit.parts) if not is_table_part(part)}
     with_names = held.predict(names)
     variance = mean_square(fit, base)
     matrices = covariances(fit)
