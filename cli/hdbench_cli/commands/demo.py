@@ -7,10 +7,8 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import click
-
 from hdbench_cli.inputs import DEFAULT_PROFILE
-from hdbench_cli.options import out_option, plant_option, seed_option
+from hdbench_cli.options import declared
 from hdbench_cli.output import Output
 
 if TYPE_CHECKING:
@@ -88,11 +86,7 @@ def _lines(body: Mapping[str, Any], found: Diagnosis) -> Iterator[RenderableType
     yield Text(body["report"], style="bold")
 
 
-@click.command("demo", epilog="Example: hdbench demo --seed 3")
-@out_option
-@plant_option("worn")
-@seed_option
-@click.pass_obj
+@declared("demo")
 def command(output: Output, out: Path, plant: str, seed: int) -> None:
     """Run the whole bench in about a minute, without hardware.
 

@@ -6,18 +6,9 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import click
-
 from hdbench.errors import DoubtfulDataError, LimitError, UsageError
 from hdbench_cli.inputs import choose_profile
-from hdbench_cli.options import (
-    StoredPath,
-    drive_option,
-    out_option,
-    profile_option,
-    seed_option,
-    sources_argument,
-)
+from hdbench_cli.options import declared
 from hdbench_cli.output import Output
 
 if TYPE_CHECKING:
@@ -35,56 +26,20 @@ def _list_causes(output: Output, cause_files: tuple[Path, ...]) -> None:
     output.result({"schema": "hdbench/causes/1", "causes": causes}, lambda _body: rows)
 
 
-@click.command("diagnose", epilog="Example: hdbench diagnose runs/RUN --check")
-@sources_argument("FILE_OR_RUN...", required=False)
-@profile_option
-@click.option(
-    "--model",
-    "model_file",
-    metavar="FILE|RUN",
-    type=StoredPath(inside="model.json"),
-    help="Bench model to hold against the data, such as an extended one; else the profile's.",
+@declared(
+    "diagnose",
+    *(
+        "sources",
+        "profile_name",
+        "model_file",
+        "drive",
+        "out",
+        "materiality",
+        "baseline",
+        "cause_files",
+    ),
+    *("from_s", "to_s", "together", "check", "list_causes", "seed"),
 )
-@drive_option
-@out_option
-@click.option(
-    "--materiality",
-    metavar="FRACTION",
-    type=click.FloatRange(0.0, 1.0, max_open=True),
-    default=0.01,
-    help="Smallest share of the residual variance that a cause must explain to count.",
-)
-@click.option(
-    "--baseline",
-    "baseline",
-    metavar="TERM",
-    multiple=True,
-    help="Change the baseline: -misalignment or -load takes a term out, +order:6 adds one.",
-)
-@click.option(
-    "--causes",
-    "cause_files",
-    metavar="FILE",
-    multiple=True,
-    type=StoredPath(),
-    help="Causes of your own, a TOML file; may be repeated.",
-)
-@click.option("--from-s", metavar="S", type=float, help="Look at a dynamic run from this time on.")
-@click.option(
-    "--to-s",
-    metavar="S",
-    type=float,
-    help="Look at it up to this time.  [default: the end, at most 600 000 samples]",
-)
-@click.option(
-    "--together",
-    is_flag=True,
-    help="Take all inputs as records of one drive: one common fit, one result.",
-)
-@click.option("--check", is_flag=True, help="Exit 3 unless nothing was found.")
-@click.option("--list-causes", is_flag=True, help="Print the catalogue of causes.")
-@seed_option
-@click.pass_obj
 def command(
     output: Output,
     /,

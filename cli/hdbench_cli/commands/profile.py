@@ -10,8 +10,7 @@ from typing import Any
 import click
 
 from hdbench.errors import UsageError
-from hdbench_cli.inputs import DEFAULT_PROFILE
-from hdbench_cli.options import StoredPath, file_option, no_input_option
+from hdbench_cli.options import StoredPath, declared, file_option, no_input_option
 from hdbench_cli.output import Output
 
 
@@ -23,8 +22,7 @@ def command() -> None:
     """
 
 
-@command.command("list", epilog="Example: hdbench profile list")
-@click.pass_obj
+@declared("list", group=command)
 def list_(output: Output) -> None:
     """List the built-in profiles."""
     from hdbench.profile import list_profiles, load_profile
@@ -36,9 +34,7 @@ def list_(output: Output) -> None:
     output.result(body, lambda _body: [f"{row['name']}  {row['description']}" for row in rows])
 
 
-@command.command("show", epilog="Example: hdbench profile show cim-tr-97-06")
-@click.argument("name", metavar="NAME|PATH", default=DEFAULT_PROFILE)
-@click.pass_obj
+@declared("show", group=command)
 def show(output: Output, name: str) -> None:
     """Show the text of a profile."""
     from hdbench.profile import load_profile
@@ -55,9 +51,7 @@ def show(output: Output, name: str) -> None:
     output.result(body, lambda _body: profile.text)
 
 
-@command.command("check", epilog="Example: hdbench profile check my-bench.toml")
-@click.argument("files", metavar="FILE...", nargs=-1, required=True)
-@click.pass_obj
+@declared("check", group=command)
 def check(output: Output, files: tuple[str, ...]) -> None:
     """Check profiles and name every problem at once; exit 4 if there is one."""
     from hdbench.profile import check_profiles
@@ -176,8 +170,7 @@ def _told(bench: dict[str, Any]) -> list[str]:
     return lines
 
 
-@command.command("schema", epilog="Example: hdbench profile schema")
-@click.pass_obj
+@declared("schema", group=command)
 def schema(output: Output) -> None:
     """Print the JSON schema of profiles, for editors."""
     from hdbench.profile import profile_schema
