@@ -7,7 +7,6 @@ The suite says whether a change is good; looking for new inputs is the work of
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import pytest
