@@ -290,7 +290,7 @@ def _exactly(file: IO[bytes], count: int) -> bytes:
     return data
 
 
-def _arrays(file: IO[bytes], kinds: Sequence[tuple[str, int]]) -> list[Any]:
+def _arrays(file: Any, kinds: Sequence[tuple[str, int]]) -> list[Any]:
     """Read the arrays of one piece; numbers stand in one block of memory."""
     found: list[Any] = []
     counts = [count for kind, count in kinds if kind != "text"]
@@ -302,7 +302,7 @@ def _arrays(file: IO[bytes], kinds: Sequence[tuple[str, int]]) -> list[Any]:
             found.append(text_cells(json.loads(_exactly(file, count))))
             continue
         part = block[at : at + 8 * count]
-        if kind not in _KINDS or file.readinto(memoryview(part)) != 8 * count:
+        if kind not in _KINDS or file.readinto(part.data) != 8 * count:
             raise EOFError
         found.append(part.view(kind))
         at += 8 * count
