@@ -159,7 +159,7 @@ def _filter_tables(source: Source) -> tuple[Table, ...]:
     )
     return (
         blocks,
-        Table("Its other numbers", ("number", "value"), others),
+        Table("Other numbers of the filter", ("number", "value"), others),
         Table(
             "Where the filter's numbers came from",
             ("what", "origin"),

@@ -169,9 +169,14 @@ def _residual(columns: Columns, name: str) -> Picture:
 def _spectrum(table: Columns, axis: str, label: str, words: str, unit: str, name: str) -> Picture:
     figure, (axes,) = new_figure(1, 3.1)
     x, before, after = table[axis], table["before_nm"], table["after_nm"]
+    decades = unit != ""  # frequencies span decades, and most of a residual is slow
     for line, when in ((before, "before"), (after, "after")):
-        axes.curve(*min_max(x, line), when, linewidth=1.0, label=when)
+        shown = (x, line) if decades else min_max(x, line)
+        axes.curve(*shown, when, linewidth=1.0, label=when)
     axes.set_ylim(bottom=0.0)
+    if decades:
+        axes.set_xscale("log")
+        axes.xaxis.set_major_formatter("{x:g}")
     axes.label(label, "amplitude (N·m)")
     axes.legend_above()
     at = int(np.nanargmax(before))
@@ -225,8 +230,8 @@ def _codes(table: Columns, name: str) -> Picture:
     axes.label("code of the converter modulo 32", "share (%)")
     never = int(np.count_nonzero(table["samples"] == 0.0))
     caption = (
-        "How often each of the converter's codes came, modulo 32. All alike is as it should be; a "
-        f"comb means a stuck bit or a coarser step. {never} of 32 never came."
+        "How often each of the converter's codes came, modulo 32. A sound converter gives equal "
+        f"shares; a comb means a stuck bit or a coarser step. {never} of 32 never came."
     )
     alt = f"Histogram of converter codes modulo 32; {never} of 32 never came."
     return Picture.drawn(figure, name, "Codes of the converter", caption, alt)

@@ -120,15 +120,15 @@ def _filter_words(gain: Any) -> str:
     if not isinstance(gain, Mapping):
         return ""
     rms = gain["error_rms_nm"]
-    sizes = ", ".join(
-        f"motor order {plain(block['order'])} from {short(float(block['amplitude_nm']['before']))} "
-        f"to {short(float(block['amplitude_nm']['after']))} N·m"
-        for block in gain["blocks"]
+    told = ((block["order"], block["amplitude_nm"]) for block in gain["blocks"])
+    sizes = " and ".join(
+        f"{short(float(size['after']))} N·m of motor order {plain(order)} "
+        f"(before: {short(float(size['before']))} N·m)"
+        for order, size in told
     )
     return (
-        f"With the new orders as blocks of the filter, its output holds {sizes}, and is off by "
-        f"{short(float(rms['before']))} and {short(float(rms['after']))} N·m rms without and with "
-        "them. "
+        f"With the new orders as blocks, the filter leaves {sizes}; its error is "
+        f"{short(float(rms['after']))} N·m rms (before: {short(float(rms['before']))} N·m rms). "
     )
 
 
