@@ -526,7 +526,9 @@ def _readings(result: CalibrationResult) -> Table:
 def _signatures(result: CalibrationResult) -> Table:
     days = result.validity_days
     operator = result.identity.operator if result.identity else ""
-    until = DASH if days is None else f"runs refuse it after {days:g} days unless told otherwise"
+    until = (
+        DASH if days is None else f"runs refuse it after {days:g} days, except with --allow-expired"
+    )
     rows = (
         ("calibrated by (name, date, signature)", operator),
         ("checked by (name, date, signature)", ""),
