@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from hdbench.errors import DataError
 from hdbench.importing.source import Piece, Source, told
-from hdbench.system.children import limit_memory
+from hdbench.system.processes import limit_memory
 
 # with the process that asks, and what both hold beside their data, less than 500 MB
 _MOST_BYTES = 320 << 20

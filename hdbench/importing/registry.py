@@ -29,7 +29,7 @@ from hdbench.importing.source import (
     told,
 )
 from hdbench.importing.text import ForeignFormat, open_text
-from hdbench.system.children import child_command
+from hdbench.system.processes import child_command
 
 _HEAD = 1024
 # threads of a library would hold memory of their own; its allocator has to heed the limit

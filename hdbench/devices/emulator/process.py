@@ -15,8 +15,7 @@ from typing import IO, TYPE_CHECKING, Any
 
 from hdbench.errors import DeviceError, HdbenchError, ProfileError
 from hdbench.profile.schema import ProfileData
-from hdbench.system.children import child_command
-from hdbench.system.processes import DETACHED
+from hdbench.system.processes import DETACHED, child_command
 
 if TYPE_CHECKING:
     from hdbench.devices.emulator.machine import Pace

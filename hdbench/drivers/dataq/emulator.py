@@ -17,7 +17,6 @@ from hdbench.devices.emulator.instrument import (
 from hdbench.devices.emulator.serving import Emulation, EmulatorSettings
 from hdbench.drivers.dataq.driver import EMULATOR_NAME
 from hdbench.drivers.dataq.models import BUFFER_SAMPLES, MODELS, Model
-from hdbench.drivers.dataq.scans import channel_number
 from hdbench.drivers.dataq.table import DataqAcquisition
 from hdbench.records.trace import FloatArray
 from hdbench.system.lines import PseudoTerminal
@@ -228,10 +227,12 @@ def _averaged(samples: ElectricalSamples, number: int) -> ElectricalSamples:
 
 # wall-clock grain of the stream, s
 _TICK_S = 0.005
+# fast pace: a host has less time for the same samples
+_FAST_BUFFERS = 16
 
 
-class DataqLine:
-    """Serves one instrument until it is closed."""
+class EmulatedDataq:
+    """Implements `hdbench.devices.emulator.serving.EmulatedDevice` on a pseudo-terminal."""
 
     def __init__(self, device: DataqDevice) -> None:
         self.device = device
@@ -239,11 +240,13 @@ class DataqLine:
         self._buffer = self._left = b""
         self._timer: asyncio.TimerHandle | None = None
 
-    async def open(self) -> str:
-        """Open a pseudo-terminal and return the address that a host opens."""
+    async def open(self, settings: EmulatorSettings) -> Mapping[str, object]:
+        """Open the pseudo-terminal and return ``address``; it has no port to choose."""
+        if settings.pace == "fast":
+            self.device.buffer_samples *= _FAST_BUFFERS
         self._line = PseudoTerminal(self._received)
         self._tick()
-        return f"serial://{self._line.path}"
+        return {"address": f"serial://{self._line.path}"}
 
     def close(self) -> None:
         """End the line."""
@@ -273,27 +276,6 @@ class DataqLine:
         return data
 
 
-# fast pace: a host has less time for the same samples
-_FAST_BUFFERS = 16
-
-
-class EmulatedDataq:
-    """Implements `hdbench.devices.emulator.serving.EmulatedDevice`."""
-
-    def __init__(self, device: DataqDevice) -> None:
-        self.line = DataqLine(device)
-
-    async def open(self, settings: EmulatorSettings) -> Mapping[str, object]:
-        """Open the pseudo-terminal and return ``address``; it has no port to choose."""
-        if settings.pace == "fast":
-            self.line.device.buffer_samples *= _FAST_BUFFERS
-        return {"address": await self.line.open()}
-
-    def close(self) -> None:
-        """End the line."""
-        self.line.close()
-
-
 def emulate_dataq(emulation: Emulation, table: DataqAcquisition) -> EmulatedDataq:
     """Return an instrument with a simulated bench at the terminals that `table` names."""
     # the instrument's current channel has max_current_a at range_v; the terminal has 1 V per scale
@@ -303,6 +285,6 @@ def emulate_dataq(emulation: Emulation, table: DataqAcquisition) -> EmulatedData
     for channel in table.channels:
         if channel.role != "encoder":
             factor = amperes_per_v if channel.role == "current" else 1.0
-            wiring[channel_number(channel)] = (channel.role, factor / channel.scale)
+            wiring[channel.number] = (channel.role, factor / channel.scale)
     serial = f"{emulation.seed % 16**8:08X}"
     return EmulatedDataq(DataqDevice(emulation.instrument, MODELS[table.model], wiring, serial))

@@ -69,9 +69,9 @@ def test_a_write_without_its_echo_fails_and_is_sent_once(kind):
         writes = []
         write = device.device.memory.write
 
-        def spy(address: int, raw: bytes) -> None:
+        def spy(space: str, address: int, raw: bytes) -> None:
             writes.append(address)
-            write(address, raw)
+            write(space, address, raw)
 
         device.device.memory.write = spy
         mangler = Mangler(kind, TcpFraming(), seed=2)
@@ -134,7 +134,7 @@ def test_what_a_broken_stream_delivers_is_right_and_the_rest_is_told(name):
         return fault(state, packet)
 
     with served(speed=4.0) as device, driver(device.port) as daq:
-        device.server.change_packets = change
+        device.device.change_packets = change
         taken = []
         take = device.instrument.take
 

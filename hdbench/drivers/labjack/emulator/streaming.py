@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hdbench.devices.emulator.instrument import ElectricalSamples, Input, SimulatedInstrument
-from hdbench.drivers.labjack.emulator.memory import Memory, RefusedError
+from hdbench.devices.emulator.memory import Memory
+from hdbench.drivers.labjack.emulator.watchdog import RefusedError
 from hdbench.drivers.labjack.table import LabJackAcquisition
 from hdbench.records.trace import FloatArray
 
@@ -93,7 +94,7 @@ class Wiring:
         for channel in table.channels:
             if channel.role != "encoder":
                 factor = current_v_per_v if channel.role == "current" else 1.0
-                number = int(channel.input.removeprefix("AIN"))
+                number = channel.number
                 self._analog[number] = (channel.role, factor)
         output = table.output
         self.reference = output.output if output is not None else ""
@@ -199,15 +200,15 @@ class StreamEngine:
         self._skipped: int | None = None
         self._joint: int | None = None
         self._status = 0
-        rate = memory.add(_RATE, "f32")
+        rate = memory.hold(_RATE, "f32")
         rate.on_read = lambda: actual_rate_hz(rate.value)
-        memory.add_all((*_PLAIN, *range(_LIST, _LIST + 2 * _LONGEST, 2)), "u32")
-        memory.add(_SETTLING, "f32")
+        memory.hold_all((*_PLAIN, *range(_LIST, _LIST + 2 * _LONGEST, 2)), "u32")
+        memory.hold(_SETTLING, "f32")
         if wiring.model == "T7":
             # a T4 has no such register: it always goes on
-            memory.add(_STOP_WHEN_FULL, "u32")
-        memory.add(4026, "u32", on_read=lambda: self.start_ticks % 2**32, writable=False)
-        memory.add(_ENABLE, "u32", on_read=lambda: int(self.running), on_write=self._switch)
+            memory.hold(_STOP_WHEN_FULL, "u32")
+        memory.hold(4026, "u32", on_read=lambda: self.start_ticks % 2**32, writable=False)
+        memory.hold(_ENABLE, "u32", on_read=lambda: int(self.running), on_write=self._switch)
 
     def _switch(self, value: float) -> None:
         if bool(value) == self.running:
