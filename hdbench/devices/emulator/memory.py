@@ -41,15 +41,14 @@ class Cell:
     readable: bool = True
     writable: bool = True
 
-    def words(self, *, swap: bool) -> list[int]:
+    def words(self) -> list[int]:
         """Return its registers, or its bit."""
         value = self.value if self.on_read is None else self.on_read()
         if self.place.is_bit:
             return [int(bool(value))]
         low, high = range_of(self.place.kind)
         raw = self.place.encode(min(max(value, low), high))
-        words = list(struct.unpack(f">{len(raw) // 2}H", raw))
-        return words[::-1] if swap else words
+        return list(struct.unpack(f">{len(raw) // 2}H", raw))
 
     def write(self, words: list[int]) -> None:
         """Act on what was written, and keep it."""
@@ -73,11 +72,6 @@ class Memory:
         Whether registers between known ones read as 0; otherwise they are refused.
     whole : bool
         Whether part of a value is refused.
-
-    Attributes
-    ----------
-    swap_words : bool
-        Whether a gateway on the way swaps the words of what is read.
     """
 
     def __init__(
@@ -86,7 +80,6 @@ class Memory:
         self.max_registers = max_registers
         self.lenient = lenient
         self.whole = whole
-        self.swap_words = False
         self._cells: dict[tuple[Space, int], Cell] = {}
 
     def add(self, cell: Cell) -> Cell:
@@ -147,7 +140,7 @@ class Memory:
             cut = at < start or at + cell.place.size > end
             if not cell.readable or (self.whole and cut):
                 raise ModbusRefusedError(ILLEGAL_ADDRESS)
-            found.update(enumerate(cell.words(swap=self.swap_words), at))
+            found.update(enumerate(cell.words(), at))
         if not found or not (self.lenient or all(at in found for at in range(start, end))):
             raise ModbusRefusedError(ILLEGAL_ADDRESS)
         return [found.get(at, 0) for at in range(start, end)]

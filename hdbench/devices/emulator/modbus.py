@@ -251,7 +251,6 @@ class ModbusDevice(Device):
         self._clock = clock
         self._refreshed_s = -1.0
         self._seen: dict[str, float] = {}
-        self._silent_until_s = 0.0
         self._driving: Driving | None = None
         self._build()
 
@@ -261,10 +260,8 @@ class ModbusDevice(Device):
         return None if self._driving is None else self._driving.watchdog
 
     def hears(self, function: int) -> bool:
-        """Feed the watchdog; False while the device is silent."""
+        """Feed the watchdog."""
         self.tick()
-        if self._clock() < self._silent_until_s:
-            return False
         if self.watchdog is not None:
             self.watchdog.heard(function)
         return True

@@ -90,7 +90,6 @@ class DataqDevice:
         self.instrument = instrument
         self.model = model
         self.serial = serial
-        self.lose_bytes = 0
         self.lines = OPEN_LINES
         self.buffer_samples = BUFFER_SAMPLES
         self._wiring = wiring
@@ -99,7 +98,6 @@ class DataqDevice:
         self._entries: dict[int, int] = {}
         self.scanning = self._average = False
         self._stream = b""
-        self._held_until_s = 0.0
         self._edges = 0
         self._pulse: int | None = None
 
@@ -125,7 +123,7 @@ class DataqDevice:
         if not self.scanning:
             return b""
         self._stream += self._sampled()
-        if blocked or self._clock() < self._held_until_s:
+        if blocked:
             return self._overflow() if len(self._stream) > 2 * self.buffer_samples else b""
         size = 16 << self._numbers["ps"]
         whole = len(self._stream) // size * size
@@ -151,10 +149,6 @@ class DataqDevice:
         elif word == "din":
             return str(self.lines)
         return "" if word in (*_NUMBERS, *_SILENT, "slist", "filter") else "unknown"
-
-    def hold(self, time_s: float) -> None:
-        """Hold the line for a time: what is sampled meanwhile stays in the buffer."""
-        self._held_until_s = self._clock() + time_s
 
     def _start(self) -> None:
         if self.scanning or not self._entries:
@@ -208,9 +202,7 @@ class DataqDevice:
             self.lines,
             edges[averaged - 1 :: averaged],
         )
-        data = words.astype("<i2").tobytes()
-        cut, self.lose_bytes = self.lose_bytes, 0
-        return data[cut:]
+        return words.astype("<i2").tobytes()
 
 
 def _averaged(samples: ElectricalSamples, number: int) -> ElectricalSamples:

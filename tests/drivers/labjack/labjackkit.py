@@ -46,9 +46,7 @@ class Served(InThread):
 
 
 @contextmanager
-def served(
-    *, speed: float = 1.0, seed: int = 3, table: Any = None, count_joint: bool = False
-) -> Iterator[Served]:
+def served(*, speed: float = 1.0, seed: int = 3, table: Any = None) -> Iterator[Served]:
     """Serve a device on a free pair of ports."""
     events: list[dict[str, object]] = []
     instrument = SimulatedInstrument(
@@ -58,7 +56,7 @@ def served(
         record=lambda event: events.append(dict(event)),
     )
     wiring = Wiring(instrument, table or PROFILE.daq, current_v_per_v=1.0, seed=seed)
-    server = EmulatedLabJack(LabJackDevice(wiring, seed, count_joint=count_joint))
+    server = EmulatedLabJack(LabJackDevice(wiring, seed))
     with in_thread(lambda: server.open(EmulatorSettings()), server.close) as (loop, found):
         address = parse_address(str(found["address"]))
         yield Served(loop, server, instrument, address.host, address.port, events)

@@ -7,6 +7,7 @@ import time
 import numpy as np
 import pytest
 from labjackkit import PROFILE, driver, read_all, served, settings, values
+from served import swap_words
 
 from hdbench.drivers.labjack.driver import labjack_rate_hz
 from hdbench.drivers.labjack.emulator import streaming
@@ -210,7 +211,8 @@ def test_single_readings_and_a_stream_exclude_each_other():
 def test_nothing_is_written_to_another_device(product, swap, changes, said):
     with served() as device:
         device.device.memory.put(60000, product)
-        device.device.memory.swap_words = swap
+        if swap:
+            swap_words(device.device.memory)
         writes = []
         device.device.memory.write = lambda *parts: writes.append(parts)
         with driver(device.port, **changes) as daq:

@@ -45,19 +45,13 @@ class LabJackDevice(Device):
         serial: int,
         *,
         clock: Callable[[], float] = time.monotonic,
-        count_joint: bool = False,
     ) -> None:
         self.rebooted: Callable[[], None] = lambda: None
-        # faults: a network that is away, packets that are spoilt
-        self.away = False
-        self.change_packets: Callable[[bytes], list[bytes]] = lambda packet: [packet]
         self.readers: set[asyncio.WriteTransport] = set()
         self.wiring = wiring
         self.memory = Memory(_MAX_REGISTERS, whole=True)
         self._clock = clock
-        self.stream = StreamEngine(
-            self.memory, wiring, self._ticks, lambda: self.levels, count_joint=count_joint
-        )
+        self.stream = StreamEngine(self.memory, wiring, self._ticks, lambda: self.levels)
         self.watchdog = DeviceWatchdog(self.memory, clock, self._time_out)
         self.levels = self.directions = 0
         self._build(serial)
@@ -105,10 +99,9 @@ class LabJackDevice(Device):
             reader.get_write_buffer_size() > _SLOW_BYTES for reader in self.readers
         )
         self.watchdog.tick()
-        for packet in self.stream.tick(blocked=slow or self.away):
-            for changed in self.change_packets(packet):
-                for reader in self.readers:
-                    reader.write(changed)
+        for packet in self.stream.tick(blocked=slow):
+            for reader in self.readers:
+                reader.write(packet)
         self.wiring.instrument.catch_up()
 
     def reboot(self) -> None:

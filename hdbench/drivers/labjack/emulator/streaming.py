@@ -182,17 +182,15 @@ class StreamEngine:
         wiring: Wiring,
         ticks: Callable[[], int],
         levels: Callable[[], int],
-        *,
-        count_joint: bool = False,
     ) -> None:
         self.running = False
         self.start_ticks = 0
-        self.skip_scans = 0
+        # whether the scan that marks the joint counts as skipped, too: no document says so
+        self.count_joint = False
         self._memory = memory
         self._wiring = wiring
         self._ticks = ticks
         self._levels = levels
-        self._count_joint = count_joint
         self._order: StreamOrder | None = None
         self._rows: deque[NDArray[np.uint16]] = deque()
         self._number = 0
@@ -244,7 +242,6 @@ class StreamEngine:
         self._number = self._taken = 0
         self._skipped = self._joint = None
         self._status = 0
-        self.skip_scans = 0
         self.start_ticks = self._ticks() + round(CORE_TIMER_HZ / order.rate_hz)
         self._wiring.instrument.begin(1.0 / order.rate_hz)
         self.running = True
@@ -273,10 +270,6 @@ class StreamEngine:
             self.stop()
         return packets
 
-    def fail(self, status: int) -> None:
-        """End the stream with a status, as for a scan that overlaps the next."""
-        self._status = status
-
     def _scan(self, order: StreamOrder) -> None:
         samples = self._wiring.instrument.take(_TAKE)
         if not len(samples) or self._status:
@@ -284,10 +277,7 @@ class StreamEngine:
         words = np.stack([self._column(samples, order, n) for n in range(len(order.addresses))], 1)
         room = order.buffer_samples // len(order.addresses) - len(self._rows)
         for row in words:
-            if self.skip_scans > 0:
-                # scans that vanish without a trace: an index jump
-                self.skip_scans -= 1
-            elif self._skipped is not None:
+            if self._skipped is not None:
                 self._skipped += 1
             elif room > 0:
                 self._rows.append(row)
@@ -308,7 +298,7 @@ class StreamEngine:
         if self._skipped > 0xFFFF:
             self._status = UNCOUNTED
             return
-        self._joint = self._skipped + self._count_joint
+        self._joint = self._skipped + self.count_joint
         self._skipped = None
         self._rows.append(np.full(len(order.addresses), _JOINT, dtype=np.uint16))
 
