@@ -15,7 +15,8 @@ from typing import IO, TYPE_CHECKING, Any
 
 from hdbench.errors import DeviceError, HdbenchError, ProfileError
 from hdbench.profile.schema import ProfileData
-from hdbench.system.processes import DETACHED, child_command
+from hdbench.system.children import child_command
+from hdbench.system.processes import DETACHED
 
 if TYPE_CHECKING:
     from hdbench.devices.emulator.machine import Pace

@@ -12,7 +12,7 @@ from hdbench.devices.wire import Address, Request
 from hdbench.profile.acquiring import CompositeAcquisition
 from hdbench.profile.acquiring_table import TlsFiles
 from hdbench.profile.schema import ProfileData
-from hdbench.system.processes import child_command
+from hdbench.system.children import child_command
 
 # how long the guard goes on trying after the session's end, s
 _TRY_S = 60.0
