@@ -135,11 +135,11 @@ def test_a_run_is_as_old_as_its_data(tmp_path):
     assert [point["time_known"] for point in points] == [True, True, False]
 
 
-def test_a_diagnosis_is_as_old_as_the_run_that_it_looked_at(tmp_path):
+def test_a_diagnosis_is_as_old_as_the_run_that_it_looked_at(tmp_path, named_cause):
     add(tmp_path, 5, kind="ripple", result={"ripple": []})
-    result = {"verdict": "named", "minor": [], "input_sha256": "x", "causes": [
-        {"name": "coulomb-friction", "parameters": {"coulomb_nm": {"value": 2.0, "std": 0.1}}}
-    ]}  # fmt: skip
+    size = {"value": 2.0, "std": 0.1, "unit": "N m"}
+    causes = [named_cause("coulomb-friction", {"coulomb_nm": size})]
+    result = {"verdict": "named", "input_sha256": "x", "causes": causes}
     details = {"input": "elsewhere/0005-ripple-A"}
     add(tmp_path, 90, kind="diagnosis", result=result, details=details, files={})
     (group,) = trend(tmp_path, "friction")["groups"]
