@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test check venv dev coverage-campaign blind bench faults faults-all firmware-check formats import-formats bench-import real wheel docs clean
+.PHONY: demo test campaigns check venv dev coverage-campaign blind bench faults faults-all firmware-check formats import-formats bench-import real wheel docs clean
 
 demo: $(VENV)/.installed
 	$(BIN)/hdbench demo
@@ -12,6 +12,10 @@ test: $(VENV)/.dev
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist worksteal -q --ignore tests/importing/test_formats.py
 	tools/check $(BIN)
 	$(MAKE) formats
+
+# What the tests leave out: many records for one figure, and more cases of the same kind.
+campaigns: $(VENV)/.dev
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist worksteal -q -m campaign
 
 check: $(VENV)/.dev
 	tools/check $(BIN)

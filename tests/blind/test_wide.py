@@ -202,6 +202,16 @@ def test_known_things_of_a_real_record_are_looked_up():
     assert verdict.parameters["coulomb_nm"] == (2.2, 0.05, True, True)
 
 
+def test_a_rough_log_and_an_unseen_effect_are_answered_and_scored():
+    rough = pair(_SEED + 11, "coulomb-friction")[1]
+    unseen = Case("quick-U-0", "U", "compact", seed=_SEED + 20, hidden=(Hidden("unseen", "d20"),))
+    rows = answered([rough, unseen])
+    lines = "\n".join(line_of(*row) for row in rows)
+    assert all(judge_wide(*row).answered for row in rows), lines
+    assert {"W_named_rough", "U_right"} <= set(wide_numbers(rows))
+
+
+@pytest.mark.campaign
 def test_short_records_of_each_part_are_answered_and_scored():
     unseen = [Case(f"quick-U-{k}", "U", "compact", seed=_SEED + 20 + k,
                    hidden=(Hidden("unseen", "d20"),)) for k in range(2)]  # fmt: skip
@@ -222,6 +232,7 @@ def test_short_records_of_each_part_are_answered_and_scored():
     assert {"T_named", "W_named_rough", "U_right"} <= set(numbers)
 
 
+@pytest.mark.campaign
 @needs_data
 def test_a_record_of_others_is_read_and_judged():
     case = next(case for case in real_cases() if "cogging" in case.record)

@@ -20,14 +20,12 @@ from hdbench_cli.output import Output
 README = Path(__file__).parents[2] / "README.md"
 
 
-def run(*arguments: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "hdbench_cli", *arguments],
-        capture_output=True,
-        text=True,
-        timeout=60,
-        check=False,
-    )
+def run(*words: str) -> subprocess.CompletedProcess[str]:
+    """Run one command in this process."""
+    with CliRunner().isolation() as streams:
+        code = main_module._run(words, Output(json="--json" in words))
+        out, err = (stream.getvalue().decode() for stream in streams[:2])
+    return subprocess.CompletedProcess(words, code, out, err)
 
 
 def commands() -> Iterator[tuple[str, click.Command]]:
@@ -102,16 +100,10 @@ def test_a_mistyped_command_names_the_nearest_one() -> None:
     ],
 )
 def test_json_prints_exactly_one_object_for_errors_too(
-    arguments: list[str], code: int, kind: str
+    arguments: list[str], code: int, kind: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    done = subprocess.run(
-        [sys.executable, "-m", "hdbench_cli", *arguments],
-        capture_output=True,
-        text=True,
-        timeout=60,
-        check=False,
-        cwd=README.parent,
-    )
+    monkeypatch.chdir(README.parent)
+    done = run(*arguments)
     assert done.returncode == code, done.stderr
     body = json.loads(done.stdout)
     assert body["error"]["kind"] == kind

@@ -92,7 +92,10 @@ def test_a_signal_while_the_motor_turns_stops_it_and_keeps_the_run(
     assert "trace.csv" in run["files"]  # type: ignore[operator]
 
 
-@pytest.mark.parametrize("delay_s", [0.0, 0.15, 0.4, 0.8, 1.2])
+@pytest.mark.parametrize(
+    "delay_s",
+    [0.0, 0.4, *(pytest.param(late, marks=pytest.mark.campaign) for late in (0.15, 0.8, 1.2))],
+)
 def test_a_signal_in_any_phase_gives_no_traceback(
     served: Served, tmp_path: Path, delay_s: float
 ) -> None:

@@ -83,7 +83,10 @@ def test_records_that_disagree_are_named_with_their_own_sizes():
 
 
 def test_a_record_of_another_drive_is_told_by_what_it_disagrees_about():
-    traces = [run(1, 0.05, 0.3), run(2, 0.05, 0.3), run(3, 0.0, 0.9)]
+    traces = [
+        run(seed, *sizes, n=2500)
+        for seed, *sizes in ((1, 0.05, 0.3), (2, 0.05, 0.3), (3, 0.0, 0.9))
+    ]
     result = diagnose_together(traces, NAMES, PROFILE)
     apart = {part.record: set(part.disagrees) for part in result.records}
     assert apart["A"] == apart["B"] == set()
