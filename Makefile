@@ -8,10 +8,9 @@ BIN := $(VENV)/bin
 demo: $(VENV)/.installed
 	$(BIN)/hdbench demo
 
-test: $(VENV)/.dev
-	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist worksteal -q --ignore tests/importing/test_formats.py
+test: $(VENV)/.formats
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist worksteal -q
 	tools/check $(BIN)
-	$(MAKE) formats
 
 # What the tests leave out: many records for one figure, and more cases of the same kind.
 campaigns: $(VENV)/.dev
