@@ -7,9 +7,8 @@ breaks a bound here with less than 1 % (binomial law).
 import pytest
 from quick import CLEAN, DYNAMIC, LOADS
 from runner import answer_case
-from scorer.judge import judge
-from scorer.line import one_line
-from scorer.truth import open_truth
+from scorer.judge import judge, open_truth
+from scorer.tables import one_line
 
 
 def judged(cases):

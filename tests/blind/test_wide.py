@@ -9,18 +9,17 @@ import os
 import numpy as np
 import pytest
 from injector.build import Case, Hidden
-from injector.cases import grid
+from injector.cases import grid, make
 from injector.geometry import baseline
 from injector.many import GROUPS, groups_in_turn
 from injector.nuisances import NEUTRAL
-from injector.parts import make
 from injector.signatures import axes_of
 from injector.unseen import AXES
 from real_records import real_cases
 from runner import answer_case
+from scorer.judge import open_truth
 from scorer.real import judge_real
 from scorer.spans import Spanned, axes_shares, names_share
-from scorer.truth import open_truth
 from scorer.wide import judge_wide
 from wide import line_of, wide_numbers
 
