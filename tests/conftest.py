@@ -7,7 +7,10 @@ The suite says whether a change is good; looking for new inputs is the work of
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
+from typing import Any
 
+import pytest
 from hypothesis import HealthCheck, settings
 
 settings.register_profile(
@@ -19,3 +22,30 @@ settings.load_profile("suite")
 def pytest_xdist_auto_num_workers() -> int:
     """Return one worker more than cores: many tests wait for a device or a deadline."""
     return (os.cpu_count() or 1) + 1
+
+
+@pytest.fixture
+def named_cause() -> Callable[..., dict[str, Any]]:
+    """Return a function that makes a cause of a stored diagnosis from its name and parameters."""
+
+    def made(name: str, parameters: dict[str, Any], **changes: Any) -> dict[str, Any]:
+        return {
+            "name": name,
+            "group": [name],
+            "rivals": [],
+            "parameters": parameters,
+            "evidence_nats": 40.0,
+            "false_alarm_probability": 1e-12,
+            "gain": {
+                "heldout_rms_before_nm": 0.2,
+                "heldout_rms_after_nm": 0.166,
+                "explained_fraction": 0.312,
+                "interval": [0.3, 0.33],
+            },
+            "separating_experiment": None,
+            "share_of_variance": 0.3,
+            "domain": "motor-order",
+            **changes,
+        }
+
+    return made

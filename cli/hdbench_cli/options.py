@@ -6,9 +6,10 @@ import inspect
 import math
 import tomllib
 from collections.abc import Callable
+from datetime import UTC, datetime, timedelta
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -17,37 +18,34 @@ from hdbench.errors import DataError, nothing_stored
 if TYPE_CHECKING:
     from click.shell_completion import CompletionItem
 
-POSITIVE = click.FloatRange(min=0.0, min_open=True)
 Function = Callable[..., Any]
-F = TypeVar("F", bound=Function)
-# every command that may move the motor, and runs resume
-MOTION = ("yes", "no_input", "check", "no_report")
+# of every experiment, and of the commands that choose stored runs
 EXPERIMENT = (
     *("profile_name", "drive", "out", "source", "address", "control", "plant", "seed", "dry_run"),
-    *MOTION,
-    *("realtime", "form"),
+    *("yes", "no_input", "check", "no_report", "realtime", "form"),
 )
+RUNS = ("kind", "profile", "status", "verdict", "drive", "sensor")
 _LAST = "last"
 _RUNS = Path("runs")
 
 
 def declared(
-    name: str, *names: str, group: click.Group | None = None, cls: type[click.Command] | None = None
+    name: str, *names: str, cls: type[click.Command] = click.Command
 ) -> Callable[[Function], click.Command]:
     """Make a command of a function that takes the `Output`, then values by name.
 
-    `names` are the entries of options.toml in the order of the help; without them the function's
-    own parameters are.
+    `name` is a section of options.toml, with that of its group before it: `runs list`. `names` are
+    the entries in the order of the help; without them the function's own parameters are.
     """
 
     def made(function: Function) -> click.Command:
         taken = names or [*inspect.signature(function).parameters][1:]
-        section = name if group is None else f"{group.name}-{name}"
-        return (group or click).command(
-            name,
-            cls=cls or click.Command,
-            params=[parameter(section, entry) for entry in taken],
-            epilog=f"Example: {' '.join(_table()[section]['example'].split())}",
+        example = " ".join(_table()[name]["example"].split())
+        return click.command(
+            name.rpartition(" ")[2],
+            cls=cls,
+            params=[parameter(name, entry) for entry in taken],
+            epilog=f"Example{'s' if '; hdbench' in example else ''}: {example}",
         )(click.pass_obj(function))
 
     return made
@@ -57,7 +55,7 @@ def parameter(section: str, name: str) -> click.Parameter:
     """Return an option or argument of a command; `shared` is a section, too."""
     table = _table()
     entry = dict(table[section].get(name, {}))
-    if "flags" not in entry:
+    if not {"flags", "argument"} & entry.keys():
         entry = {**table["shared"].get(name, {}), **entry}
     name, kind = entry.pop("fills", name), _type(entry)
     if "argument" in entry:
@@ -185,14 +183,30 @@ def _identity(_ctx: click.Context, _param: click.Parameter, value: str | None) -
     return None if value is None else value.strip()
 
 
+def _since(ctx: click.Context, param: click.Parameter, value: str | None) -> datetime | None:
+    """Read a date, a moment, or a number of days back."""
+    if value is None:
+        return None
+    try:
+        if value.endswith("d"):
+            return datetime.now(UTC) - timedelta(days=float(value[:-1]))
+        moment = datetime.fromisoformat(value)
+    except (ValueError, OverflowError):
+        raise click.BadParameter(
+            f"{value!r}; needed: a date such as 2026-11-21, or 30d", ctx, param
+        ) from None
+    return moment if moment.tzinfo else moment.replace(tzinfo=UTC)
+
+
 _TYPES: dict[str, Any] = {
     "float": float,
     "int": int,
     "path": click.Path(path_type=Path),
     "file": click.Path(path_type=Path, dir_okay=False),
+    "file or -": click.Path(dir_okay=False, allow_dash=True),
     "folder": click.Path(path_type=Path, file_okay=False),
 }
-_CALLBACKS = {"identity": _identity, "speeds": speeds}
+_CALLBACKS = {"identity": _identity, "since": _since, "speeds": speeds}
 _NAMES = {"profiles": _profile_names, "plants": _plant_names, "filters": _filter_names}
 
 
@@ -209,39 +223,3 @@ def _type(entry: dict[str, Any]) -> Any:
     ends = limits.get("min", limits.get("above")), limits.get("max", limits.get("below"))
     form = click.IntRange if name == "int" else click.FloatRange
     return form(*ends, min_open="above" in limits, max_open="below" in limits)
-
-
-def option(name: str) -> Callable[[Function], Function]:
-    """Return the decorator of a shared option, for a command that declares its own by click."""
-
-    def add(function: Function) -> Function:
-        known = getattr(function, "__click_params__", [])
-        function.__click_params__ = [*known, parameter("shared", name)]  # type: ignore[attr-defined]
-        return function
-
-    return add
-
-
-def file_option(*names: str, **more: Any) -> Callable[[Function], Function]:
-    """Return an option that names a file to write."""
-    return click.option(*names, type=click.Path(path_type=Path, dir_okay=False), **more)
-
-
-def with_options(*options: Callable[[Any], Any]) -> Callable[[F], F]:
-    """Return what adds several options, the first one on top."""
-
-    def add(function: F) -> F:
-        for one in reversed(options):
-            function = one(function)
-        return function
-
-    return add
-
-
-profile_option = option("profile_name")
-address_option = option("address")
-control_option = option("control")
-no_input_option = option("no_input")
-operator_option = option("who")
-mistakes_option = option("mistakes")
-motion_options = tuple(option(name) for name in MOTION)

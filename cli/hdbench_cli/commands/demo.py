@@ -14,6 +14,7 @@ from hdbench_cli.output import Output
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
+    from hdbench.diagnosis import Diagnosis
     from hdbench.profile import Profile
 
 _KINDS = ("calibration", "misalignment", "ripple")
@@ -62,7 +63,7 @@ def _again(profile: Profile, trace_run: Path, model_file: Path) -> str:
     return diagnose_trace(noisy, profile, model=model).verdict
 
 
-def _lines(body: Mapping[str, Any]) -> Iterator[RenderableType]:
+def _lines(body: Mapping[str, Any], found: Diagnosis) -> Iterator[RenderableType]:
     from rich.rule import Rule
     from rich.text import Text
 
@@ -72,7 +73,7 @@ def _lines(body: Mapping[str, Any]) -> Iterator[RenderableType]:
         "calibration": calibrate.summary,
         "misalignment": run_misalignment.lines,
         "ripple": run_ripple.lines,
-        "diagnosis": lambda found: diagnosis_text.lines(found, Path(body["runs"][-1])),
+        "diagnosis": lambda _: diagnosis_text.lines(found, Path(body["runs"][-1])),
     }
     for kind, lines in shown.items():
         yield Rule(Text(kind, style="bold"), align="left")
@@ -118,10 +119,10 @@ def command(output: Output, out: Path, plant: str, seed: int) -> None:
     body = {
         **result_header("demo", profile),
         "seconds": time.monotonic() - started,
-        "results": {**results, "diagnosis": found},
+        "results": {**results, "diagnosis": found.to_json()},
         "hidden": [dict(effect) for effect in hidden],
         "extended_model_verdict": again,
         "runs": [str(path) for path in folders],
         "report": str(report),
     }
-    output.result(body, _lines)
+    output.result(body, lambda whole: _lines(whole, found))

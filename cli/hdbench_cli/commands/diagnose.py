@@ -14,6 +14,7 @@ from hdbench_cli.output import Output
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
+    from hdbench.diagnosis import Diagnosis
     from hdbench.profile import Profile
 
 
@@ -71,7 +72,7 @@ def command(
 
     options = DiagnosisOptions(**asked)
     profiles = [choose_profile(profile_name, source, drive) for source in sources]
-    done: list[tuple[Path, dict[str, Any]]] = []
+    done: list[tuple[Path, Diagnosis]] = []
     if together:
         _one_bench(sources, profiles)
         with progress_bar("diagnose") as progress:
@@ -83,16 +84,16 @@ def command(
     for source, profile in () if together else zip(sources, profiles, strict=True):
         with progress_bar("diagnose") as progress:
             done.append(diagnose_run(source, profile, out=out, options=options, progress=progress))
-    bodies = [_named(result, folder) for folder, result in done]
+    bodies = [_named(found, folder) for folder, found in done]
     whole = bodies[0] if len(bodies) == 1 else {"schema": "hdbench/list/1", "diagnoses": bodies}
 
     def lines(_whole: object) -> Iterator[RenderableType]:
-        for body in bodies:
-            yield from diagnosis_text.lines(body, Path(body["run_folder"]))
-            yield f"{'run':<11}{body['run_folder']}"
+        for folder, found in done:
+            yield from diagnosis_text.lines(found, folder)
+            yield f"{'run':<11}{folder}"
 
     output.result(whole, lines)
-    _end(output, bodies, check)
+    _end(output, done, check)
 
 
 def _one_bench(sources: Sequence[Path], profiles: Sequence[Profile]) -> None:
@@ -107,35 +108,36 @@ def _one_bench(sources: Sequence[Path], profiles: Sequence[Profile]) -> None:
             )
 
 
-def _named(result: dict[str, Any], folder: Path) -> dict[str, Any]:
+def _named(found: Diagnosis, folder: Path) -> dict[str, Any]:
     """Return the result with its folder, and the model file as other commands take it.
 
     Inside the run folder the model file stands by its name, so that the folder can be moved; here
     its whole path stands, which --model takes from any working folder.
     """
-    model = result["model_file"]
-    path = None if model is None else str((folder / model).resolve())
-    return {**result, "model_file": path, "run_folder": str(folder)}
+    path = None if found.model_file is None else str((folder / found.model_file).resolve())
+    return {**found.to_json(), "model_file": path, "run_folder": str(folder)}
 
 
-def _end(output: Output, bodies: list[dict[str, Any]], check: bool) -> None:
+def _end(output: Output, done: list[tuple[Path, Diagnosis]], check: bool) -> None:
     """End with the code of a failed check, or of doubtful data; the result is out already."""
-    failed = [body for body in bodies if body["verdict"] != "nothing-found"]
-    flagged = [body for body in bodies if body["data_flags"]]
+    failed = [(folder, found) for folder, found in done if found.verdict != "nothing-found"]
+    flagged = [(folder, found) for folder, found in done if found.data_flags]
     if check and failed:
+        folder, found = failed[0]
         output.end(
             LimitError(
-                f"verdict {failed[0]['verdict']}; needed: nothing-found",
-                where=failed[0]["run_folder"],
+                f"verdict {found.verdict}; needed: nothing-found",
+                where=str(folder),
                 fix="look at the causes, or diagnose with --model and the extended model",
             )
         )
     if flagged:
-        names = sorted({flag["name"] for flag in flagged[0]["data_flags"]})
+        folder, found = flagged[0]
+        names = sorted({flag.name for flag in found.data_flags})
         output.end(
             DoubtfulDataError(
                 f"finished, but the data are doubtful: {', '.join(names)}",
-                where=flagged[0]["run_folder"],
+                where=str(folder),
                 fix="look at the marked samples, then measure again",
             )
         )

@@ -10,9 +10,6 @@ from hdbench_cli.inputs import choose_profile, own_names
 from hdbench_cli.options import declared
 from hdbench_cli.output import Output
 
-# what `hdbench.records.exporting.FORMATS` holds; a test keeps them together
-_FORMATS = ("parquet", "hdf5", "mat")
-
 
 @declared("export")
 def command(

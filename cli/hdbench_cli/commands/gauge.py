@@ -35,10 +35,9 @@ def command() -> None:
 
 
 @declared(
-    "film",
+    "gauge film",
     *("profile_name", "diameter", "boss", "radius", "pad_width", "pad_length", "grid_length"),
     *("grid_width", "grid_spacing", "line", "layout", "sheet", "mirror", "out"),
-    group=command,
 )
 def film(output: Output, profile_name: str | None, layout: str, out: Path, **asked: Any) -> None:
     """Draw the placement film for the flexspline's diaphragm at 1:1, as PDF and SVG.
@@ -82,11 +81,10 @@ def _film_lines(body: Mapping[str, Any]) -> Iterator[str]:
 
 
 @declared(
-    "errors",
+    "gauge errors",
     *("profile_name", "layout", "radial", "circumferential", "angular", "off_centre"),
     *("distribution", "radius", "grid_spacing", "wave_strain", "wave_strain_4", "normal_share"),
     *("assembly_strain", "draws", "seed", "csv_file"),
-    group=command,
 )
 def errors(
     output: Output, profile_name: str | None, layout: str, csv_file: Path | None, **asked: Any
@@ -215,3 +213,7 @@ def _scatter(body: Mapping[str, Any]) -> RenderableType:
             cells = _cells([q["value"] for q in found])
             rows.append([row["kind"] if index == 0 else "", share, *cells])
     return table(("all off by chance", "of 100", *_HEADS), rows)
+
+
+for child in (film, errors):
+    command.add_command(child)

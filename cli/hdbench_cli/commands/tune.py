@@ -23,16 +23,6 @@ if TYPE_CHECKING:
     from hdbench.profile import Profile
     from hdbench_cli.inputs import Input
 
-_SLOW = (
-    "auto",
-    "none",
-    "random-walk",
-    "integrated-random-walk",
-    "ornstein-uhlenbeck",
-    "matern-3/2",
-    "resonance",
-)
-
 
 def tune_inputs(
     inputs: list[Input], base: FilterModel, settings: TuningSettings, profile: Profile
