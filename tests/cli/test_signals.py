@@ -134,7 +134,7 @@ def test_kill_9_leaves_the_motor_to_the_guard_and_the_samples_to_verify(
     killed = time.monotonic()
     wait_for(lambda: served.history()[-1]["reference_v"] == 0.0, 5.0)
     # the guard acts at once; the rest is this machine's scheduling and the record's writing
-    assert time.monotonic() - killed < 1.0
+    assert time.monotonic() - killed < 2.0
     wait_for(lambda: served.history()[-1]["event"] == "standstill", 5.0)
     assert served.history()[-1]["watchdog_trips"] == 0
     (folder,) = out.iterdir()
