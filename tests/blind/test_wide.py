@@ -102,7 +102,7 @@ def test_without_nuisances_an_effect_keeps_its_sigmas(monkeypatch):
 
 def test_the_axis_of_an_unseen_effect_spans_it_and_another_does_not():
     rights = others = 0
-    for case in [case for case in grid(parts="U") if case.record == "compact"][:12]:
+    for case in [case for case in grid(parts="U") if case.record == "compact"][:4]:
         made = make(case)
         path, shape = made.scene.path, made.truth["hidden"][0]["shape"]
         spanned = Spanned(made.torques[0], baseline(path.angle, path.output), axes_of(made.scene))
@@ -114,7 +114,7 @@ def test_the_axis_of_an_unseen_effect_spans_it_and_another_does_not():
         rights += max(axes_shares(spanned, [entry], bursts).values()) >= 0.95
         wrong = {"domain": "motor-order", "location": 17.3}
         others += max(axes_shares(spanned, [wrong], bursts).values()) >= 0.95
-    assert rights == 12
+    assert rights == 4
     assert others == 0
 
 

@@ -156,7 +156,7 @@ def command(
     no_input: bool,
     **layout: Any,
 ) -> None:
-    """Bring in traces and loads from other programs.
+    """Import traces and loads from other programs.
 
     Reads text (.csv and the like, packed or not), JSON records, NumPy (.npz, .npy), MATLAB 5; and,
     with an extra of hdbench, HDF5 and MATLAB 7.3, Parquet, Excel, TDMS, MDF 4, ROS bags and MCAP.
