@@ -14,7 +14,7 @@ from hdbench.profile.scaling import measured_utc
 from hdbench.records import Loads
 from hdbench.records.runfolder import RunFolder
 from hdbench.records.tables import read_loads
-from hdbench.results import Part, kind_of, read_result
+from hdbench.results import Part, read_result
 from hdbench.results.flatten import Leaf, flatten
 
 _ABOUT = ("hdbench_version", "versions", "device", "host", "calibration", "status")
@@ -97,12 +97,12 @@ def load_side(path: Path) -> Side:
             where=str(path),
             fix="evaluate it with --from, or name another run",
         )
-    body, result = read_result(file)
+    kind, body, result = read_result(file)
     manifest: Mapping[str, Any] = {}
     if file.name == "result.json" and (file.parent / "run.json").is_file():
         manifest = RunFolder.open(file.parent).manifest
     run_id = file.parent.name if manifest else file.name
-    return Side(path, kind_of(body), run_id, body, result, manifest, _profile(manifest, file))
+    return Side(path, kind, run_id, body, result, manifest, _profile(manifest, file))
 
 
 def _profile(manifest: Mapping[str, Any], file: Path) -> Profile | None:

@@ -26,7 +26,7 @@ from hdbench.report.numbers import DASH, MINUS, short, unit_words
 from hdbench.report.page import PageWords, render_page
 from hdbench.report.pagefiles import ReportFiles, csv_text, is_page, page_files, write_page
 from hdbench.report.pagemodel import Column, KeyNumber, Picture, Section, Table, Verdict
-from hdbench.results import kind_of, typed_result
+from hdbench.report.source import typed_result
 
 # chance that a page names any outlier among drives of one kind that scatter normally
 FALSE_ALARM = 0.05
@@ -141,8 +141,8 @@ def _run(path: Path, drive: str) -> FleetRun:
             f"{path.name.partition('.')[0]}.result.json"
         )  # fmt: skip
         result = read_json(file)
-        kind = kind_of(result)
-        typed_result(result, str(file))
+        kind = str(result.get("schema", "")).removeprefix("hdbench/").partition("/")[0]
+        typed_result(kind, result, str(file))
     except HdbenchError as error:
         return FleetRun(drive or path.name, path, {}, error=f"{error.where}: {error.what}")
     named = manifest.get("drive")
@@ -356,7 +356,7 @@ def _drive_table(
         if isinstance(causes, list):
             return ", ".join(cause["name"] for cause in causes) or "nothing found"
         return (
-            _LEVELS[KINDS[kind].verdict(typed_result(runs[k].result, "")).level]
+            _LEVELS[KINDS[kind].verdict(typed_result(kind, runs[k].result, "")).level]
             if kind in KINDS
             else DASH
         )

@@ -11,7 +11,7 @@ from hdbench.report import misalignment, ripple
 from hdbench.report.calibration import section as calibration
 from hdbench.report.diagnosis import section as diagnosis
 from hdbench.report.pagemodel import KeyNumber, key_number
-from hdbench.results import kind_of, typed_result
+from hdbench.report.source import typed_result
 
 KINDS = {
     "calibration": calibration,
@@ -26,7 +26,8 @@ _CAUSE = re.compile(r"causes\[(\d+)\]")
 
 def key_figures(result: Mapping[str, Any]) -> tuple[KeyNumber, ...]:
     """Return the key figures of a result: for a run those of its report."""
-    module = KINDS.get(kind_of(result))
+    kind = "".join(str(result.get("schema", "")).split("/")[1:2])
+    module = KINDS.get(kind)
     if module is None:
         return tuple(_plain(result))
     causes = [cause["name"] for cause in result.get("causes", ())]
@@ -34,7 +35,7 @@ def key_figures(result: Mapping[str, Any]) -> tuple[KeyNumber, ...]:
         replace(
             n, quantity=_CAUSE.sub(lambda found: f"causes[{causes[int(found[1])]}]", n.quantity)
         )
-        for n in module.numbers(typed_result(result, "result"), "")
+        for n in module.numbers(typed_result(kind, result, "result"), "")
     )
 
 

@@ -14,7 +14,7 @@ from hdbench.records.jsonfile import read_json, sha256_file
 from hdbench.records.recovery import resolve_input
 from hdbench.records.runfolder import RunFolder
 from hdbench.records.tables import is_loads_file, read_loads, read_trace
-from hdbench.results import RESULT_TYPES, kind_of, read_result, typed_result
+from hdbench.results import RESULT_TYPES, read_result
 
 _STATUS = {
     "running": "The run has not ended: what is shown here is what was there when this was written.",
@@ -72,10 +72,14 @@ def load_source(path: Path, profile: Profile | None = None) -> Source:
     )
 
 
+def typed_result(kind: str, stored: Mapping[str, Any], where: str) -> Any:
+    """Return a stored result as its type; one of a kind without a type as it is."""
+    return RESULT_TYPES[kind].from_json(stored, where) if kind in RESULT_TYPES else stored
+
+
 def _from_result(path: Path, profile: Profile | None) -> Source:
-    stored, result = read_result(path)
+    kind, stored, result = read_result(path)
     doubts = ("Only the result was given: figures of the data itself are left out.",)
-    kind = kind_of(stored)
     return Source(path, kind, path.name, profile, stored=stored, result=result, doubts=doubts)
 
 
@@ -102,7 +106,7 @@ def _from_folder(path: Path, profile: Profile | None) -> Source:
     if kind != "diagnosis" and run.status() != "running":
         file = _data_file(run, doubts)
     trace, loads = (None, None) if file is None else _read_data(file, profile)
-    result = typed_result(stored, str(run.result))
+    result = typed_result(kind, stored, str(run.result)) if stored else None
     return Source(
         path, kind, run.run_id, profile, run.manifest, stored, result, trace, loads, tuple(doubts)
     )

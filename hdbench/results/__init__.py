@@ -21,49 +21,6 @@ RESULT_TYPES: Mapping[str, type[Part]] = {
     "diagnosis": DiagnosisResult,
 }
 
-
-def kind_of(body: Mapping[str, Any]) -> str:
-    """Return the kind of a result: ``calibration`` for ``hdbench/calibration/1``."""
-    return str(body.get("schema", "")).removeprefix("hdbench/").partition("/")[0]
-
-
-def typed_result(body: Mapping[str, Any], where: str) -> Any:
-    """Return a stored result as its type; None where its kind has none."""
-    kind = RESULT_TYPES.get(kind_of(body))
-    return None if kind is None else kind.from_json(body, where)
-
-
-def read_result(path: Path) -> tuple[dict[str, Any], Any]:
-    """Read the result of a run: its file, and the same as its type.
-
-    Parameters
-    ----------
-    path : Path
-        A ``result.json``.
-
-    Returns
-    -------
-    body : dict
-        Content of the file.
-    result : CalibrationResult, MisalignmentResult, RippleResult or DiagnosisResult
-
-    Raises
-    ------
-    DataError
-        If the file cannot be read or is no such result.
-    """
-    body = read_json(path)
-    result = typed_result(body, str(path))
-    if result is None:
-        raise DataError(
-            f"schema is {body.get('schema')!r:.60}; needed: one of "
-            + ", ".join(f"hdbench/{name}/1" for name in RESULT_TYPES),
-            where=f"{path}: schema",
-            fix="name a run folder, or the result.json of one",
-        )
-    return body, result
-
-
 __all__ = [
     "RESULT_TYPES",
     "CalibrationResult",
@@ -74,7 +31,39 @@ __all__ = [
     "ProfileName",
     "Result",
     "RippleResult",
-    "kind_of",
     "read_result",
-    "typed_result",
 ]
+
+
+def read_result(file: Path) -> tuple[str, Mapping[str, Any], Any]:
+    """Read the result of a run from its file.
+
+    Parameters
+    ----------
+    file : Path
+        A ``result.json``.
+
+    Returns
+    -------
+    kind : str
+        A key of `RESULT_TYPES`.
+    stored : mapping
+        Content of the file.
+    result : Part
+        The same, typed.
+
+    Raises
+    ------
+    DataError
+        If the file is damaged, or holds no result of such a kind.
+    """
+    stored = read_json(file)
+    kind = str(stored.get("schema", "")).removeprefix("hdbench/").partition("/")[0]
+    if kind not in RESULT_TYPES:
+        raise DataError(
+            f"schema is {stored.get('schema')!r:.60}; needed: one of "
+            + ", ".join(f"hdbench/{name}/1" for name in RESULT_TYPES),
+            where=f"{file}: schema",
+            fix="name a run folder, or the result.json of one",
+        )
+    return kind, stored, RESULT_TYPES[kind].from_json(stored, str(file))
