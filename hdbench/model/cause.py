@@ -16,8 +16,15 @@ import numpy as np
 from hdbench.errors import DataError, HdbenchError
 from hdbench.model.causefile import load_causes
 from hdbench.model.causes import ALL_CAUSES, CAUSE_GROUPS
-from hdbench.model.definition import Cause, CauseTerm, Parameter, shape_bounds
-from hdbench.model.harmonics import amplitude_phase, quadratures, standard_uncertainty
+from hdbench.model.definition import (
+    Cause,
+    CauseTerm,
+    Parameter,
+    amplitude_phase,
+    quadratures,
+    shape_bounds,
+    standard_uncertainty,
+)
 from hdbench.records.trace import FloatArray
 
 __all__ = [

@@ -12,8 +12,7 @@ from tuning_traces import channels, turning
 
 from hdbench.errors import DataError
 from hdbench.filter import SlowBlock
-from hdbench.filter.orders import order_map, order_spectrum
-from hdbench.filter.smoothing import motor_angle, smooth_channels
+from hdbench.filter.orders import motor_angle, order_map, order_spectrum, smooth_channels
 
 MODEL = filter_model(
     THREE_ORDERS,

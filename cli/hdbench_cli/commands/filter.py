@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
     from hdbench.filter import FilteredBlock, FilterModel
     from hdbench.filter.comparison import Comparison
-    from hdbench.filter.smoothing import SmoothedTorque
+    from hdbench.filter.orders import SmoothedTorque
     from hdbench.profile import Profile
     from hdbench.records import Trace
     from hdbench.results import DataFlag
@@ -99,7 +99,7 @@ class _Request:
 def _filtered(asked: _Request, source: Path, out: Path) -> dict[str, Any]:
     """Filter one stored trace and write the result."""
     from hdbench.filter import filter_trace, filtered_columns
-    from hdbench.filter.smoothing import smooth_channels
+    from hdbench.filter.orders import smooth_channels
     from hdbench.records import result_header, write_trace
     from hdbench.session.filters import choose_filter, trace_channels
 
@@ -144,7 +144,7 @@ def _filtered(asked: _Request, source: Path, out: Path) -> dict[str, Any]:
 
 def tuned_on(item: Input, profile: Profile) -> FilterModel:
     """Tune the profile's orders on this very trace."""
-    from hdbench.filter.tuning import settings_of
+    from hdbench.filter.tuning.run import settings_of
     from hdbench.session.filters import choose_filter
     from hdbench_cli.commands.tune import tune_inputs
 

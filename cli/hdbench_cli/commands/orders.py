@@ -102,8 +102,7 @@ class _Request:
 
 def _orders(asked: _Request, source: Path, out: Path | None) -> dict[str, Any]:
     """Return the result of one input, and write its files."""
-    from hdbench.filter.orders import order_map, order_spectrum
-    from hdbench.filter.smoothing import smooth_channels
+    from hdbench.filter.orders import order_map, order_spectrum, smooth_channels
     from hdbench.records import Trace, result_header, write_trace
     from hdbench.session.filters import choose_filter, trace_channels
 

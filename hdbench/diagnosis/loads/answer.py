@@ -26,7 +26,7 @@ from hdbench.diagnosis.loads.heldout import gain_of, held_out, rms
 from hdbench.diagnosis.loads.search import Accepted, Look
 from hdbench.diagnosis.loads.table import LoadTable, left_out
 from hdbench.model import BenchModel, CauseTerm, catalogue, cause_parameters
-from hdbench.model.harmonics import quadratures
+from hdbench.model.definition import quadratures
 from hdbench.profile.schema import ProfileData
 from hdbench.records.trace import FloatArray
 
