@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,7 @@ from hdbench.diagnosis.answer.tables import code_map, write_pictures, write_tabl
 from hdbench.diagnosis.dynamic import diagnose_trace
 from hdbench.diagnosis.inspection import inspect_trace
 from hdbench.diagnosis.inspection.result import Inspection
-from hdbench.diagnosis.planning import plan_for_result, write_plan
+from hdbench.diagnosis.planning import plan_for_causes, write_plan
 from hdbench.diagnosis.planning.proposal import Proposal
 from hdbench.diagnosis.static import diagnose_loads
 from hdbench.diagnosis.together import diagnose_together
@@ -40,24 +40,14 @@ from hdbench.records import (
     read_loads,
     read_trace,
     resolve_input,
-    result_header,
     write_json,
 )
+from hdbench.results import ProfileName
+from hdbench.results.diagnosis import DiagnosedPart, FilterGain, SeparatingRun
 
 MOST_SAMPLES = 600_000
 """Samples of one diagnosis at most: ten minutes at 1 kHz, the longest records of the blind
 benchmark. Memory grows by some 4 kB a sample."""
-
-
-@dataclass(frozen=True, slots=True)
-class Part:
-    """Which part of a record is diagnosed: first and last stamp, samples, and of how many."""
-
-    from_s: float
-    to_s: float
-    samples: int
-    of_samples: int
-    cut: bool  # whether it ends there because one diagnosis takes no more samples
 
 
 def part_of(
@@ -66,7 +56,7 @@ def part_of(
     to_s: float | None = None,
     *,
     most: int = MOST_SAMPLES,
-) -> tuple[Trace, Part | None]:
+) -> tuple[Trace, DiagnosedPart | None]:
     """Return the part of a record to diagnose."""
     time_s = trace.time_s
     begin = 0 if from_s is None else int(np.searchsorted(time_s, from_s, side="left"))
@@ -85,7 +75,7 @@ def part_of(
     columns = {name: column[begin : begin + kept] for name, column in trace.columns.items()}
     held = Trace(columns, trace.source, trace.metadata)
     ends = float(held.time_s[0]), float(held.time_s[-1])
-    return held, Part(*ends, kept, len(trace), kept < end - begin)
+    return held, DiagnosedPart(*ends, kept, len(trace), kept < end - begin)
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,7 +116,7 @@ class _Input:
 
     trace: Trace
     scale: TorqueScale
-    part: Part | None
+    part: DiagnosedPart | None
     log: Inspection
 
 
@@ -145,7 +135,7 @@ def diagnose_run(
     out: Path,
     options: DiagnosisOptions | None = None,
     progress: Callable[[str, float], None] | None = None,
-) -> tuple[Path, dict[str, Any]]:
+) -> tuple[Path, Diagnosis]:
     """Diagnose a stored trace, loads file or run, and store the diagnosis.
 
     Parameters
@@ -166,8 +156,8 @@ def diagnose_run(
     folder : Path
         Run folder with ``result.json`` and, for a dynamic run, ``model.json``,
         ``residual.csv`` and spectra.
-    result : dict
-        The result object.
+    result : Diagnosis
+        The result as ``result.json`` holds it.
 
     Raises
     ------
@@ -190,7 +180,7 @@ def diagnose_runs_together(
     out: Path,
     options: DiagnosisOptions | None = None,
     progress: Callable[[str, float], None] | None = None,
-) -> tuple[Path, dict[str, Any]]:
+) -> tuple[Path, Diagnosis]:
     """Diagnose several dynamic runs of one drive at once, and store one diagnosis.
 
     Parameters
@@ -210,8 +200,8 @@ def diagnose_runs_together(
     -------
     folder : Path
         Run folder, with one extended model of all.
-    result : dict
-        The result object, with `records`.
+    result : Diagnosis
+        The result as ``result.json`` holds it, with `records`.
 
     Raises
     ------
@@ -281,8 +271,10 @@ def _stored(
     out: Path,
     details: dict[str, Any],
     together: tuple[Sequence[_Input], Sequence[Mapping[str, Any]]] | None = None,
-) -> tuple[Path, dict[str, Any]]:
+) -> tuple[Path, Diagnosis]:
     """Write a diagnosis as a run folder."""
+    from hdbench import __version__
+
     answer = done.answer
     folder = RunFolder.create(out, kind="diagnosis", profile=profile, details=details)
     files = ["result.json", *_write_tables(folder.path, done, profile)]
@@ -298,20 +290,21 @@ def _stored(
         provenance = {"diagnosis": folder.run_id, **details}
         save_model(folder.path / "model.json", answer.model, profile=profile, provenance=provenance)
         files.append("model.json")
-    header = result_header("diagnosis", profile)
-    result = {
-        **answer.to_dict(header, "model.json" if extended else None),
+    result = replace(
+        answer,
+        hdbench_version=__version__,
+        profile=ProfileName(name=profile.name, sha256=profile.sha256),
+        model_file="model.json" if extended else None,
+        filter_gain=_gain(done, profile, motion),
+        separating_run=_separating(proposal),
         **details,
         **_of_input(done.input),
-        "filter_gain": _gain(done, profile, motion),
-        "separating_run": _separating(proposal),
-    }
+    )
     if together is not None:
-        result["records"] = [
-            {**one, **identity, **_of_input(given)}
-            for one, given, identity in zip(result["records"], *together, strict=True)
-        ]
-    write_json(folder.result, result)
+        parts = zip(result.records, *together, strict=True)
+        told = (replace(one, **named, **_of_input(given)) for one, given, named in parts)
+        result = replace(result, records=tuple(told))
+    write_json(folder.result, result.to_json())
     folder.finish("complete", f"diagnosis: {answer.verdict}", files)
     return folder.path, result
 
@@ -354,8 +347,8 @@ def _input(
 
 def _of_input(given: _Input | None) -> dict[str, Any]:
     return {
-        "torque_scale": None if given is None else given.scale.to_dict(),
-        "part": None if given is None or given.part is None else asdict(given.part),
+        "torque_scale": None if given is None else given.scale,
+        "part": None if given is None else given.part,
         "inspection": None if given is None else given.log.to_dict(),
     }
 
@@ -398,12 +391,11 @@ def _write_tables(folder: Path, done: _Done, profile: Profile) -> list[str]:
     return files
 
 
-def _gain(done: _Done, profile: Profile, motion: Motion | None) -> dict[str, Any] | None:
+def _gain(done: _Done, profile: Profile, motion: Motion | None) -> FilterGain | None:
     """Return what the filter gains by the orders found; None where none was, and of several."""
     if done.input is None or motion is None or done.answer.records:
         return None
-    gain = filter_gain(done.input.trace, motion, profile, done.answer)
-    return None if gain is None else gain.to_dict()
+    return filter_gain(done.input.trace, motion, profile, done.answer)
 
 
 def _proposal(answer: Diagnosis, profile: Profile, motion: Motion | None) -> Proposal | None:
@@ -411,17 +403,15 @@ def _proposal(answer: Diagnosis, profile: Profile, motion: Motion | None) -> Pro
     if motion is None:
         return None
     extra = answer.model.extra_causes
-    return plan_for_result(answer.to_dict({}), profile.data, motion=motion, extra=extra)
+    return plan_for_causes(answer.causes, profile.data, motion=motion, extra=extra)
 
 
-def _separating(proposal: Proposal | None) -> dict[str, Any] | None:
+def _separating(proposal: Proposal | None) -> SeparatingRun | None:
     """Return what the proposed run settles, in words, and its file."""
     if proposal is None:
         return None
-    return {
-        "file": None if proposal.plan is None else "plan.toml",
-        "words": list(proposal.words),
-    }
+    file = None if proposal.plan is None else "plan.toml"
+    return SeparatingRun(file=file, words=proposal.words)
 
 
 def _scaled(trace: Trace, source: Path, profile: Profile) -> tuple[Trace, TorqueScale]:

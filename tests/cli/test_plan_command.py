@@ -75,15 +75,23 @@ def test_wrong_input_is_told_in_words(tmp_path: Path, hdbench) -> None:
     assert "motor speed 900 rad/s is above 400" in done[1]
 
 
-def test_what_a_diagnosis_leaves_open_is_planned_with_its_noise(tmp_path: Path, hdbench) -> None:
-    cause = {
-        "name": "structural-tone",
-        "group": ["structural-tone", "ripple-harmonic"],
-        "rivals": [],
-        "parameters": {"frequency_hz": {"value": 74.5}, "order": {"value": 3.0}},
-    }
+def test_what_a_diagnosis_leaves_open_is_planned_with_its_noise(
+    tmp_path: Path, hdbench, named_cause
+) -> None:
+    place = {"value": 74.5, "std": None, "unit": "Hz"}
+    order = {"value": 3.0, "std": None, "unit": "1"}
+    cause = named_cause(
+        "structural-tone",
+        {"frequency_hz": place, "order": order},
+        group=["structural-tone", "ripple-harmonic"],
+    )
     noise = {"innovation_std": 0.02, "coefficients": [0.5]}
-    result = {"schema": "hdbench/diagnosis/1", "causes": [cause], "settings": {"noise": noise}}
+    result = {
+        "schema": "hdbench/diagnosis/1",
+        "verdict": "named",
+        "causes": [cause],
+        "settings": {"noise": noise},
+    }
     file = tmp_path / "result.json"
     file.write_text(json.dumps(result))
     body = json.loads(hdbench("plan", "--for", file, "--no-loads", "--json")[0])

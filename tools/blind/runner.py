@@ -137,7 +137,7 @@ def _diagnose(case: Case, made: Any, materiality: float) -> dict[str, Any]:
     else:
         trace = Trace(made.columns, source="blind")
         result = diagnose_trace(trace, profile, materiality=materiality, seed=seed)
-    answer = result.to_dict({})
+    answer = result.to_json()
     return {key: answer[key] for key in _KEYS if key in answer}
 
 

@@ -11,14 +11,7 @@ import click
 
 from hdbench.errors import DataError, DoubtfulDataError
 from hdbench_cli.inputs import check_out, choose_profile, read_input, show_results, targets
-from hdbench_cli.options import (
-    calibration_option,
-    file_option,
-    gain_option,
-    model_option,
-    profile_option,
-    sources_argument,
-)
+from hdbench_cli.options import declared
 from hdbench_cli.output import Output
 from hdbench_cli.text import table
 
@@ -37,31 +30,11 @@ if TYPE_CHECKING:
 _TRUTH = "torque_true_nm"
 
 
-@click.command("filter", epilog="Example: hdbench filter runs/RUN --model report-6 --out clean.csv")
-@sources_argument("TRACE|RUN...")
-@model_option()
-@profile_option
-@calibration_option
-@gain_option
-@click.option(
-    "--out",
-    metavar="FILE.csv|DIR",
-    type=click.Path(path_type=Path),
-    required=True,
-    help="Trace file to write (.csv or .csv.gz); for several inputs the folder of such files.",
+@declared(
+    "filter",
+    *("sources", "filter_name", "profile_name", "calibration", "gain"),
+    *("out", "smooth", "compare", "plot"),
 )
-@click.option(
-    "--smooth",
-    is_flag=True,
-    help="Add columns: smoothed torque, every order's amplitude and phase with their bands.",
-)
-@click.option(
-    "--compare",
-    is_flag=True,
-    help="Raw, low-pass, the report's tuning, tuned and smoothed side by side.",
-)
-@file_option("--plot", metavar="FILE.svg", help="With --compare: picture to write, .svg or .png.")
-@click.pass_obj
 def command(output: Output, /, sources: tuple[Path, ...], out: Path, **options: Any) -> None:
     """Take ripple and misalignment out of stored traces.
 

@@ -16,16 +16,7 @@ from hdbench_cli.commands.filter import (
     tuned_on,
 )
 from hdbench_cli.inputs import check_out, choose_profile, read_input, show_results, targets
-from hdbench_cli.options import (
-    POSITIVE,
-    calibration_option,
-    file_option,
-    gain_option,
-    model_option,
-    plot_option,
-    profile_option,
-    sources_argument,
-)
+from hdbench_cli.options import declared
 from hdbench_cli.output import Output
 
 if TYPE_CHECKING:
@@ -46,33 +37,11 @@ def _write_map(path: Path, found: OrderMap) -> None:
     write_atomic(path, ("\n".join(rows) + "\n").encode())
 
 
-@click.command("orders", epilog="Example: hdbench orders runs/RUN --out orders.csv")
-@sources_argument("TRACE|RUN...")
-@model_option(
-    "Filter model whose orders are tracked.  [default: the profile's, tuned on this trace]"
+@declared(
+    "orders",
+    *("sources", "filter_name", "profile_name", "calibration", "gain"),
+    *("max_order", "out", "map_file", "plot"),
 )
-@profile_option
-@calibration_option
-@gain_option
-@click.option(
-    "--max-order",
-    metavar="ORDER",
-    type=POSITIVE,
-    default=12.0,
-    help="Highest order of spectrum and map.",
-)
-@click.option(
-    "--out",
-    metavar="FILE.csv|DIR",
-    type=click.Path(path_type=Path),
-    help="Every order over time: amplitude, phase, their bands; for several inputs the folder of "
-    "such files.",
-)
-@file_option(
-    "--map", "map_file", metavar="FILE.csv", help="Order map: amplitude over time and order."
-)
-@plot_option
-@click.pass_obj
 def command(output: Output, /, sources: tuple[Path, ...], out: Path | None, **options: Any) -> None:
     """Show the torque by order: spectrum over the motor angle, map, every order over time.
 

@@ -6,12 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from hdbench.diagnosis.answer.result import Gain
 from hdbench.diagnosis.discovery.heldout import Prediction, gain_between
 from hdbench.diagnosis.evidence import RANK, scaled
 from hdbench.diagnosis.loads.fit import LoadFit, design
 from hdbench.diagnosis.loads.table import IntArray, LoadTable, levels, one_hot
 from hdbench.records.trace import FloatArray
+from hdbench.results.diagnosis import Gain
 
 
 def _fold_kinds(table: LoadTable) -> list[tuple[str, IntArray]]:
