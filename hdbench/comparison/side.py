@@ -16,7 +16,7 @@ from hdbench.records.jsonfile import read_json
 from hdbench.records.runfolder import RunFolder
 from hdbench.records.tables import read_loads
 from hdbench.results import RESULT_TYPES, Part
-from hdbench.results.flatten import Leaf, flatten
+from hdbench.results.parts import Leaf, flatten
 
 _ABOUT = ("hdbench_version", "versions", "device", "host", "calibration", "status")
 # what a run says of one calibration and its age is told by the calibration's hash already

@@ -9,8 +9,15 @@ from hdbench.estimation.harmonics import (
     harmonic_columns,
     scaled,
 )
-from hdbench.estimation.noise import NoiseModel, fit_noise, run_positions, whiten
-from hdbench.estimation.regression import LinearFit, coloured_fit, ordinary_fit
+from hdbench.estimation.regression import (
+    LinearFit,
+    NoiseModel,
+    coloured_fit,
+    fit_noise,
+    ordinary_fit,
+    run_positions,
+    whiten,
+)
 from hdbench.estimation.search import (
     Line,
     LineFit,

@@ -19,8 +19,14 @@ from hdbench.calibration.lever import (
 from hdbench.calibration.readings import taken_readings
 from hdbench.errors import ProfileError
 from hdbench.profile import load_profile, parse_profile
-from hdbench.profile.calibrating import Arm, LengthStandard, MassStandard, Standards
-from hdbench.profile.gravity import gravity_welmec, gravity_wgs84
+from hdbench.profile.calibrating import (
+    Arm,
+    LengthStandard,
+    MassStandard,
+    Standards,
+    gravity_welmec,
+    gravity_wgs84,
+)
 from hdbench.records import LoadReading, Loads
 
 # the arm of a published example: 40 N m class, 8 kg on half a metre, hung 20 mm below the axis line

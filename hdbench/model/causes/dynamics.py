@@ -225,7 +225,8 @@ def _sampled(motion: Motion) -> str | None:
     if period <= _SLOWEST_RECORD_S:
         return None
     return (
-        f"one sample per {period:.3g} s; needed: {_SLOWEST_RECORD_S:g} s or less, readings show a spring "
+        f"one sample per {period:.3g} s; needed: {_SLOWEST_RECORD_S:g} s or less, readings show a "
+        "spring "
         "that is no straight line as cubic-nonlinearity"
     )
 
