@@ -308,7 +308,8 @@ def registers_page() -> str:
         "|---|---|---|---|---|---|",
     ]
     rows += [
-        f"| 0x{entry.address:04X} | {entry.size} | {entry.kind} | {entry.access} "
+        f"| 0x{entry.address:04X} | {entry.size} | {entry.kind} "
+        f"| {'rw' if entry.writable else 'r'} "
         f"| `{entry.name}` | {cell(entry.meaning)} |"
         for entry in sorted(MAP, key=lambda entry: entry.address)
     ]

@@ -110,7 +110,7 @@ def run(output: Output, request: Request) -> None:
 def resume(output: Output, path: Path, **options: Any) -> None:
     """Go on with a run that was stopped, and show its result."""
     from hdbench.records import RunFolder
-    from hdbench.session.resuming import resume_run, stored_address, stored_profile
+    from hdbench.session.experiments import resume_run, stored_address, stored_profile
 
     folder = RunFolder.open(path)
     request = Request(str(folder.manifest["kind"]), out=path.parent, **options)

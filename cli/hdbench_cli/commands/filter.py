@@ -136,7 +136,7 @@ def _flags(trace: Trace, source: Path, profile: Profile, block: FilteredBlock) -
     from hdbench.estimation import data_flags
     from hdbench.filter.online import FLAG_BITS
     from hdbench.results import DataFlag
-    from hdbench.session.doubts import channel_refusal
+    from hdbench.session.evaluation import channel_refusal
 
     others = data_flags(trace, trace["torque_nm"], profile.data)
     flags = [flag for flag in others if flag.name != "missing-samples"]
