@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from hdbench.errors import DataError
-from hdbench.estimation import SpectrumPeak, amplitude_spectrum, find_peaks
+from hdbench.estimation.spectrum import amplitude_spectrum, find_peaks
 from hdbench.filter.kalman import USABLE, pack, smooth
 from hdbench.filter.model import FilterModel
 from hdbench.filter.online import Channels
 from hdbench.records import FloatArray
+from hdbench.results.dynamic import SpectrumLine
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,7 +160,7 @@ class OrderSpectrum:
 
     order: FloatArray
     amplitude_nm: FloatArray
-    peaks: tuple[SpectrumPeak, ...]
+    peaks: tuple[SpectrumLine, ...]
     turns: float  # the resolution is one over it
     from_s: float
     to_s: float
@@ -204,12 +205,10 @@ def order_spectrum(
     # with turns for seconds a frequency is an order; 2 pi rad/s is one turn per turn
     named = {f"{order:g}x": float(order) for order in (1, 2, 4)}
     peaks = tuple(
-        SpectrumPeak(
-            peak.name,
-            peak.order * mean / (2.0 * math.pi),
-            peak.order * mean,
-            peak.order,
-            peak.amplitude,
+        replace(
+            peak,
+            frequency_hz=peak.order * mean / (2.0 * math.pi),
+            angular_frequency_rad_s=peak.order * mean,
         )
         for peak in find_peaks(spectrum, 2.0 * math.pi, named)
         if peak.order <= stretch.highest_order

@@ -155,12 +155,13 @@ class RunFolder:
         Returns the time in UTC.
     """
 
-    __slots__ = ("_clock", "manifest", "path")
+    __slots__ = ("_clock", "journal", "loads", "manifest", "path", "report", "result", "trace")
 
     def __init__(
         self, path: Path, manifest: dict[str, Any], clock: Callable[[], datetime] = utc_now
     ) -> None:
         self.path = path
+        self.journal, self.trace, self.loads, self.result, self.report = map(path.joinpath, _NAMES)
         self.manifest = manifest
         self._clock = clock
 
@@ -241,31 +242,6 @@ class RunFolder:
     def run_id(self) -> str:
         """Name of the folder."""
         return self.path.name
-
-    @property
-    def journal(self) -> Path:
-        """Path of the journal."""
-        return self.path / "journal.hdj"
-
-    @property
-    def trace(self) -> Path:
-        """Path of the trace."""
-        return self.path / "trace.csv"
-
-    @property
-    def loads(self) -> Path:
-        """Path of the loads."""
-        return self.path / "loads.csv"
-
-    @property
-    def result(self) -> Path:
-        """Path of the result."""
-        return self.path / "result.json"
-
-    @property
-    def report(self) -> Path:
-        """Path of the report."""
-        return self.path / "report.html"
 
     def status(self) -> str:
         """Return the status; a run whose process is gone is ``incomplete``, not ``running``."""

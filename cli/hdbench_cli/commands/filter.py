@@ -133,7 +133,7 @@ def _flags(trace: Trace, source: Path, profile: Profile, block: FilteredBlock) -
     """
     import numpy as np
 
-    from hdbench.estimation import data_flags
+    from hdbench.estimation.stretches import data_flags
     from hdbench.filter.online import FLAG_BITS
     from hdbench.results import DataFlag
     from hdbench.session.evaluation import channel_refusal

@@ -119,7 +119,7 @@ def _spectrum(spectrum: OrderSpectrum) -> dict[str, Any]:
     return {
         "stretch": {"from_s": spectrum.from_s, "to_s": spectrum.to_s, "turns": spectrum.turns},
         "motor_velocity_rad_s": {"min": least, "mean": mean, "max": most},
-        "peaks": [peak.to_dict() for peak in spectrum.peaks],
+        "peaks": [peak.to_json() for peak in spectrum.peaks],
         "spectrum": {
             "order": spectrum.order.tolist(),
             "amplitude_nm": spectrum.amplitude_nm.tolist(),
