@@ -14,7 +14,7 @@ _UNIT_SUFFIXES = (
     *("_nm_per_sqrt_s", "_nm_s_per_rad", "_nm_per_s", "_nm_per_a", "_kg_m2"),
     *("_rad_s", "_nm", "_hz", "_rad", "_s", "_v"),
 )
-MINUS, DASH = "\N{MINUS SIGN}", "\N{EN DASH}"
+MINUS, DASH, NBSP = "\N{MINUS SIGN}", "\N{EN DASH}", "\N{NO-BREAK SPACE}"
 
 
 def short(value: float, std: float | None = None) -> str:

@@ -160,23 +160,6 @@ def test_a_documented_line_names_options_and_values_that_exist(where: str, line:
     assert missing == [], f"{where}: {line}"
 
 
-def test_every_command_ends_its_help_with_an_example() -> None:
-    shown = {where.removeprefix("help of ") for where, _ in LINES if where.startswith("help of ")}
-    lines = {where for where, _ in help_lines(main_module.cli)}
-    assert shown <= lines
-
-    def leaves(group: click.Group, path: str) -> Iterator[str]:
-        context = click.Context(group)
-        for name in group.list_commands(context):
-            command = group.get_command(context, name)
-            if isinstance(command, click.Group):
-                yield from leaves(command, f"{path} {name}")
-            else:
-                yield f"{path} {name}"
-
-    assert set(leaves(main_module.cli, "hdbench")) == lines
-
-
 def answered(line: str, words: list[str], capsys: pytest.CaptureFixture[str]) -> str:
     """Run a line in this process, which costs less than most commands; return what is wrong."""
     if words[0] in ENDLESS and "--duration" not in words:

@@ -27,11 +27,7 @@ if TYPE_CHECKING:
 _MOST_LINES = 10
 
 
-@declared(
-    "batch",
-    *("name", "inputs", "out", "resume", "workers", "scheduler", "retries", "memory"),
-    cls=BatchOptions,
-)
+@declared("batch", "name inputs out resume workers scheduler retries memory", cls=BatchOptions)
 def command(
     output: Output,
     /,

@@ -50,7 +50,7 @@ def _lines(asked: list[tuple[SerialPort, str]]) -> Iterator[str]:
             )
         if port.latency_ms is not None and port.latency_ms > _SLOW_MS:
             yield (
-                f"  fix: its adapter holds characters back for {port.latency_ms} ms: "
+                f"  fix: its USB adapter delays characters by {port.latency_ms} ms: "
                 f"echo 1 | sudo tee /sys/bus/usb-serial/devices/{port.path.rpartition('/')[2]}"
                 "/latency_timer"
             )

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from hdbench.records import FloatArray
+from hdbench.report.diagnosis.folder import read_columns
 from hdbench.report.diagnosis.limits import hidden_names, left_out_line, rest_line
 from hdbench_cli.output import Output
 from hdbench_cli.text import (
     probability,
-    read_columns,
-    span_of,
     sparkline,
     with_uncertainty,
     wrapped,
@@ -140,30 +142,32 @@ def _comparison(folder: Path, width: int, plain: bool) -> Iterator[str]:
     if table is None:
         return
     measured, simulated = table["measured_nm"], table["simulated_nm"]
-    difference = [m - s for m, s in zip(measured, simulated, strict=True)]
-    everything = {"measured": measured, "simulated": simulated, "difference": difference}
+    everything = {
+        "measured": measured,
+        "simulated": simulated,
+        "difference": measured - simulated,
+    }
     room = min(max(10, width - _LABEL - 22), len(measured))
-    smooth = {name: _parts(values, room, _mean) for name, values in everything.items()}
-    span = span_of(smooth, *smooth)
+    smooth = {name: _parts(values, room, np.mean) for name, values in everything.items()}
+    span = _span(smooth.values())
     for name, values in everything.items():
-        square = _mean([value * value for value in values if math.isfinite(value)])
-        size = "none" if math.isnan(square) else f"{math.sqrt(square):.4g} N m rms"
+        known = values[np.isfinite(values)]
+        size = f"{np.sqrt(np.mean(known**2)):.4g} N m rms" if len(known) else "none"
         yield f"{name:<{_LABEL}}{sparkline(smooth[name], room, span, plain=plain)}  {size}"
 
 
-def _parts(values: list[float], count: int, number: Callable[[list[float]], float]) -> list[float]:
+def _parts(values: FloatArray, count: int, number: Callable[[FloatArray], Any]) -> list[float]:
     """Return a number of the finite values in each of `count` equal parts."""
     ends = [place * len(values) // count for place in range(count + 1)]
-    parts = (values[a:b] for a, b in pairwise(ends))
-    return [number([value for value in part if math.isfinite(value)]) for part in parts]
+    parts = (values[a:b][np.isfinite(values[a:b])] for a, b in pairwise(ends))
+    return [float(number(part)) if len(part) else math.nan for part in parts]
 
 
-def _mean(values: list[float]) -> float:
-    return sum(values) / len(values) if values else math.nan
-
-
-def _largest(values: list[float]) -> float:
-    return max(values, default=math.nan)
+def _span(curves: Iterable[Sequence[float] | FloatArray]) -> tuple[float, float]:
+    """Return lowest and highest finite value of some curves, the span of a common picture."""
+    values = np.concatenate([np.asarray(curve, dtype=float) for curve in curves])
+    values = values[np.isfinite(values)]
+    return (float(values.min()), float(values.max())) if len(values) else (0.0, 0.0)
 
 
 def _part(part: DiagnosedPart | None) -> str:
@@ -236,13 +240,15 @@ def _sketch(domain: str, folder: Path, width: int, plain: bool) -> Iterator[str]
     if table is None or len(table[axis]) < 2:
         return
     room = max(8, (width - _SKETCH_WORDS) // 2)
-    curves = {key: table[key] for key in ("before_nm", "after_nm")}
     spectrum = "samples" not in table
-    if spectrum:  # a line must not be averaged away
-        curves = {key: _parts(values, room, _largest) for key, values in curves.items()}
-    low, high = span_of(curves, *curves)
+    # a line of a spectrum must not be averaged away
+    curves = [
+        _parts(table[key], room, np.max) if spectrum else table[key].tolist()
+        for key in ("before_nm", "after_nm")
+    ]
+    low, high = _span(curves)
     span = (0.0 if spectrum else low, high)
-    before, after = (sparkline(values, room, span, plain=plain) for values in curves.values())
+    before, after = (sparkline(values, room, span, plain=plain) for values in curves)
     yield f"  {before} -> {after}  {words} {table[axis][0]:.3g} to {table[axis][-1]:.3g}"
 
 

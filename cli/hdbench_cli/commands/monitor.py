@@ -44,7 +44,7 @@ def command(
     plant: str,
     seed: int,
 ) -> None:
-    """Look at a bench live, with its drive disabled: nothing moves and nothing is kept.
+    """Watch a bench live, with its drive disabled: nothing moves and nothing is stored.
 
     Shows what the live view of a run shows, and at the end mean, scatter and range of each channel:
     enough to see a dead gauge, a loose plug, a wrong sign or mains hum before a run. A bench that

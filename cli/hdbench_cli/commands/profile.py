@@ -77,7 +77,8 @@ def new(
 ) -> None:
     """Make a profile to start from, with meaning and unit of every key.
 
-    With --from it is filled from a log; what no log tells is asked for, or given by options.
+    With --from the values come from a log. What a log does not hold is asked for, or given by
+    options.
     """
     from hdbench.profile import new_profile
     from hdbench.records import result_header, write_new

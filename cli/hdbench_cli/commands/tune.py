@@ -90,7 +90,7 @@ def command(
     calibration: Path | None,
     gain: float | None,
 ) -> None:
-    """Fit the filter's noise to traces, so that it takes the ripple and keeps the torque.
+    """Fit the noise parameters of the filter, so that it removes the ripple and keeps the torque.
 
     Maximum likelihood of the innovations over one or many traces: process noise of every order,
     slow torque, measurement noise. The result is a model file for --model.

@@ -21,7 +21,6 @@ from hdbench.diagnosis.faults.fault import Fault, Inspected
 from hdbench.diagnosis.faults.residual import ResidualFaults
 from hdbench.diagnosis.inspection.channel import held_share
 from hdbench.model import BenchModel, Cause, CauseTerm
-from hdbench.profile import Profile
 from hdbench.records.trace import FloatArray
 from hdbench.results.diagnosis import Gain, LeftOutSamples, ModelFit, NamedCause, Rest
 
@@ -32,7 +31,6 @@ class Findings:
 
     search: Search  # that has ended
     given: BenchModel  # model that was held against the record
-    profile: Profile
     inspected: Inspected  # channels after inspection
     late: ResidualFaults  # faults that the residual shows
     undone: Mapping[str, float]  # what the baseline leaves with each repaired fault put back, N m

@@ -10,10 +10,9 @@ from typing import Any
 import numpy as np
 
 from hdbench.diagnosis.answer.result import Diagnosis, by_share, verdict_of
-from hdbench.diagnosis.loads.fit import LoadFit, fit_loads
+from hdbench.diagnosis.loads.fit import LoadFit, fit_loads, gain_of, held_out, rms
 from hdbench.diagnosis.loads.forms import NAMES
 from hdbench.diagnosis.loads.gains import GainScatter
-from hdbench.diagnosis.loads.heldout import gain_of, held_out, rms
 from hdbench.diagnosis.loads.search import Accepted, Look
 from hdbench.diagnosis.loads.table import LoadTable, left_out
 from hdbench.model import BenchModel, CauseTerm, catalogue, cause_parameters

@@ -89,7 +89,7 @@ def plan_report(
         stored = DiagnosisResult.from_json(read_json(file, "hdbench/diagnosis/1"), str(file), fix)
         if of is None and stored.input and Path(stored.input).exists():
             of = Path(stored.input)
-    noise = _noise(stored, result, bench)
+    noise = _noise(stored, result)
     motion, source = _at_hand(of, profile)
     effects, asked = _effects(causes, stored, result)
     at_hand = compare(motion, effects, bench, noise=noise, progress=progress)
@@ -136,16 +136,13 @@ def _at_hand(source: Path | None, profile: Profile) -> tuple[Motion, str]:
     return motion_from_trace(trace, bench), name
 
 
-def _noise(stored: DiagnosisResult | None, file: Path | None, profile: ProfileData) -> Noise | None:
+def _noise(stored: DiagnosisResult | None, file: Path | None) -> Noise | None:
     """Return the noise that a diagnosis found; None where it says nothing of it."""
     told = None if stored is None else stored.settings.get("noise")
     if told is None:
         return None
     try:
-        if "coefficients" in told:
-            std, weights = float(told["innovation_std"]), np.array(told["coefficients"], float)
-            noise = Noise.autoregression(std, weights, profile.daq.sample_period_s)
-        elif "std_nm" in told:
+        if "std_nm" in told:
             noise = Noise.white(float(told["std_nm"]))
         else:
             noise = Noise(np.array(told["frequency_hz"], float), np.array(told["power_nm2"], float))
@@ -157,7 +154,7 @@ def _noise(stored: DiagnosisResult | None, file: Path | None, profile: ProfileDa
     if not good:
         raise DataError(
             "key settings.noise holds no spectrum; needed: frequency_hz, increasing, and "
-            "power_nm2 above 0, or std_nm, or innovation_std above 0 N m and coefficients",
+            "power_nm2 above 0, or std_nm",
             where=str(file),
             fix="name a result that hdbench diagnose wrote",
         )

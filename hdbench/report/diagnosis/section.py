@@ -114,14 +114,14 @@ def _filter_words(gain: FilterGain | None) -> str:
     if gain is None:
         return ""
     rms = gain.error_rms_nm
-    sizes = ", ".join(
-        f"motor order {plain(block.order)} from {short(block.amplitude_nm.before)} "
-        f"to {short(block.amplitude_nm.after)} N·m"
+    sizes = " and ".join(
+        f"{short(block.amplitude_nm.after)} N·m of motor order {plain(block.order)} "
+        f"(before: {short(block.amplitude_nm.before)} N·m)"
         for block in gain.blocks
     )
     return (
-        f"With the new orders as blocks of the filter, its output holds {sizes}, and is off by "
-        f"{short(rms.before)} and {short(rms.after)} N·m rms without and with them. "
+        f"With the new orders as blocks, the filter leaves {sizes}; its error is "
+        f"{short(rms.after)} N·m rms (before: {short(rms.before)} N·m rms). "
     )
 
 
