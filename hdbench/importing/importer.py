@@ -159,8 +159,8 @@ def _option(target: str) -> str:
 
 def _since_1904(source: Source, time: str) -> list[str]:
     """Return when a log of LabJack began, where its time counts from 1904."""
-    piece = next(iter(source.pieces([time])), None)
-    first = None if piece is None else decimal_cell(source, time, str(piece[time][0]), 0)
+    cell = next((str(piece[time][0]) for piece in source.pieces([time])), "")
+    first = None if ":" in cell else decimal_cell(source, time, cell, 0)
     # seconds since 1904 of any day after 1970; no run counts 66 years from its own start
     if first is None or not EPOCH_1904_S < first < 2 * EPOCH_1904_S:
         return []

@@ -5,20 +5,23 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from hdbench.results.calibration import CalibrationResult
+from hdbench.results.diagnosis import DiagnosisResult
 from hdbench.results.dynamic import MisalignmentResult, RippleResult
 from hdbench.results.parts import DataFlag, Part, ProfileName, Result
 
-# kinds of evaluation whose results are types
-RESULT_TYPES: Mapping[str, type[CalibrationResult | MisalignmentResult | RippleResult]] = {
+# kinds of run that have a result
+RESULT_TYPES: Mapping[str, type[Part]] = {
     "calibration": CalibrationResult,
     "misalignment": MisalignmentResult,
     "ripple": RippleResult,
+    "diagnosis": DiagnosisResult,
 }
 
 __all__ = [
     "RESULT_TYPES",
     "CalibrationResult",
     "DataFlag",
+    "DiagnosisResult",
     "MisalignmentResult",
     "Part",
     "ProfileName",

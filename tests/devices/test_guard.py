@@ -20,7 +20,7 @@ from serial import Serial
 from hdbench.devices.bench import AcquisitionSettings
 from hdbench.devices.emulator.process import running_emulator
 from hdbench.devices.guard import GuardedBench, GuardProcess, guard_silence_s, order_of
-from hdbench.devices.guard import launch as launching
+from hdbench.devices.guard import bench as launching
 from hdbench.devices.guard.order import Look, as_json
 from hdbench.devices.guard.process import watching
 from hdbench.devices.guard.process.stopping import FAULTS, Wire, make_safe, note_identity, wrong

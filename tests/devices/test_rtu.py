@@ -30,7 +30,7 @@ from hdbench.devices.wire import (
 from hdbench.devices.wire.address import SerialSettings
 from hdbench.devices.wire.rtu import RtuLink, crc16, reply_size
 from hdbench.errors import BusyError, DeviceError
-from hdbench.system import wakeup
+from hdbench.system import lines
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="needs pseudo-terminals")
 
@@ -385,7 +385,7 @@ def test_a_long_silence_between_frames_holds_no_call_beyond_its_deadline():
 def test_a_fast_line_keeps_the_processor_awake_while_it_is_open(baud, held, tmp_path, monkeypatch):
     wishes = tmp_path / "cpu_dma_latency"
     wishes.touch()
-    monkeypatch.setattr(wakeup, "_WISHES", str(wishes))
+    monkeypatch.setattr(lines, "_WISHES", str(wishes))
 
     def holders():
         return [p for p in Path("/proc/self/fd").iterdir() if os.path.realpath(p) == str(wishes)]
@@ -402,9 +402,9 @@ def test_a_fast_line_keeps_the_processor_awake_while_it_is_open(baud, held, tmp_
 
 
 def test_a_line_opens_where_nobody_may_keep_the_processor_awake(tmp_path, monkeypatch):
-    monkeypatch.setattr(wakeup, "_WISHES", str(tmp_path / "missing"))
-    assert wakeup.hold_wakeup() is None
-    wakeup.release_wakeup(None)
+    monkeypatch.setattr(lines, "_WISHES", str(tmp_path / "missing"))
+    assert lines.hold_wakeup() is None
+    lines.release_wakeup(None)
 
 
 def test_the_silence_between_frames_is_kept():

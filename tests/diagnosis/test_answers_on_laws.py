@@ -44,7 +44,7 @@ def test_a_limit_is_told_by_its_own_size():
     (cause,) = found.causes
     assert cause.name == "saturation"
     limit = cause.parameters["limit_nm"]
-    assert abs(limit["value"] - 40.0) < 4.0 * limit["std"] + 0.5
+    assert abs(limit.value - 40.0) < 4.0 * limit.std + 0.5
 
 
 def test_a_gain_error_and_a_cube_that_nearly_cancel_are_both_named():
@@ -92,7 +92,7 @@ def test_friction_on_a_staircase_of_speeds_is_named_with_its_slope():
     found = diagnose_trace(staircase(lambda speed: 0.002 * speed), PROFILE)
     (cause,) = (one for one in found.causes if one.name == "viscous-friction")
     slope = cause.parameters["viscous_nm_s_per_rad"]
-    assert abs(slope["value"] - 0.002) < 4.0 * slope["std"]
+    assert abs(slope.value - 0.002) < 4.0 * slope.std
     # the speed jumps within a sample, and no torque of inertia comes with it
     assert {one.name for one in found.causes} <= {"viscous-friction", "inertia-error"}
 
@@ -124,7 +124,7 @@ def test_the_weight_of_a_robot_arm_and_its_twin_are_named_on_one_sweep():
     # one sweep of less than a turn cannot tell the weight from a misalignment
     assert {"load-gravity", "misalignment"} <= set(found.causes[0].group)
     assert "time-skew" not in names
-    gain = found.extended["heldout_rms_nm"] / found.simulated["heldout_rms_nm"]
+    gain = found.extended.heldout_rms_nm / found.simulated.heldout_rms_nm
     assert gain < 0.4
 
 

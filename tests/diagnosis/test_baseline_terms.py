@@ -36,7 +36,7 @@ def test_an_order_and_a_misalignment_that_are_taken_out_are_found_as_causes():
         "ripple-harmonic",
         "load-gravity",
     } == causes
-    (order,) = [c.parameters["order"]["value"] for c in found.causes if "order" in c.parameters]
+    (order,) = [c.parameters["order"].value for c in found.causes if "order" in c.parameters]
     # a hundredth of the resolution of 280 turns
     assert order == pytest.approx(4.0, abs=4e-5)
     assert found.settings["baseline"] == ["+order:6", "-order:4", "-misalignment"]

@@ -39,7 +39,7 @@ def test_a_tone_on_a_swinging_speed_is_not_taken_for_noise(tone_hz, period_s, n,
     assert result.unexplained == ()
     place = cause.parameters["frequency_hz"]
     # four standard deviations: 6e-5 that a right interval misses
-    assert abs(place["value"] - tone_hz) < 4.0 * place["std"]
+    assert abs(place.value - tone_hz) < 4.0 * place.std
 
 
 def test_coloured_noise_of_a_short_slow_record_has_no_name():

@@ -64,8 +64,8 @@ def test_readings_that_are_cut_off_are_a_saturation_and_nothing_else(limit):
     cause = one_cause(diagnose_loads(readings, PROFILE))
     assert cause.name == "saturation"
     # 32 or 48 readings stand at the limit: noise of 4 mN m leaves 1 mN m, and the gain as much
-    assert abs(cause.parameters["limit_nm"]["value"] - limit) < 0.02
-    assert abs(cause.parameters["share"]["value"] - 1.0) < 0.02
+    assert abs(cause.parameters["limit_nm"].value - limit) < 0.02
+    assert abs(cause.parameters["share"].value - 1.0) < 0.02
 
 
 def test_the_model_of_a_cut_off_channel_gives_its_readings():

@@ -16,10 +16,11 @@ from injector.noise import Noise
 from injector.pieces import Piece, hold, sweep, swing
 from injector.scene import draw_scene
 
-from hdbench.diagnosis.planning import plan_for_result
+from hdbench.diagnosis.planning import plan_for_causes
 from hdbench.diagnosis.planning.planfile import plan_to_dict
 from hdbench.errors import HdbenchError
 from hdbench.profile import ProfileData
+from hdbench.results import DiagnosisResult
 
 __all__ = ["pieces_of_plan", "proposal"]
 
@@ -88,7 +89,7 @@ def proposal(
     """Return the proposed run's length, s, and what it separates, sigmas; why not where none."""
     pair = made.truth["note"].split("|")[:2]
     try:
-        found = plan_for_result(answer, profile)
+        found = plan_for_causes(DiagnosisResult.from_json(answer, "the answer").causes, profile)
     except HdbenchError as error:
         return {"none": str(error)}
     if found is None or found.plan is None:

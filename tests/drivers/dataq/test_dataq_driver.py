@@ -2,6 +2,7 @@
 
 import os
 import time
+from functools import partial
 
 import numpy as np
 import pytest
@@ -25,7 +26,6 @@ def keep_reading(daq, blocks):
 def test_every_sample_of_a_stream_arrives_in_order_at_its_rate():
     with served(table(), speed=4.0) as found, driver(table(), found.address) as daq:
         assert daq.configure(settings(4000)) == pytest.approx(1e-3)
-        found.call(lambda: found.instrument.disturb("reference", None))
         daq.start()
         blocks = read_all(daq)
     index = 0
@@ -125,11 +125,24 @@ def test_a_stream_that_a_dead_host_left_is_stopped_first():
             assert not found.device.scanning
 
 
+def _lose(device, count):
+    """Let the first bytes of what is sampled next vanish."""
+    sampled = device._sampled
+
+    def short():
+        data = sampled()
+        if data:
+            device._sampled = sampled
+        return data[count:]
+
+    device._sampled = short
+
+
 @pytest.mark.parametrize(
-    ("fault", "value"),
-    [("lose_bytes", 1), ("lose_bytes", 3), ("lose_bytes", 26), ("lines", 0x7E)],
+    "fault",
+    [*(partial(_lose, count=count) for count in (1, 3, 26)), lambda d: setattr(d, "lines", 0x7E)],
 )
-def test_a_stream_out_of_step_ends_the_run_and_no_sample_is_wrong(fault, value):
+def test_a_stream_out_of_step_ends_the_run_and_no_sample_is_wrong(fault):
     """Bytes that vanish, or a digital input that is not left alone."""
     with served(table()) as found, driver(table(), found.address) as daq:
         found.call(lambda: found.instrument.write_reference(3.0))
@@ -138,7 +151,7 @@ def test_a_stream_out_of_step_ends_the_run_and_no_sample_is_wrong(fault, value):
         blocks = []
         while len(blocks) < 5:
             blocks += [block for block in (daq.read_block(),) if block is not None]
-        found.call(lambda: setattr(found.device, fault, value))
+        found.call(lambda: fault(found.device))
         with pytest.raises(DeviceError, match="is marked 0x"):
             keep_reading(daq, blocks)
     values = np.concatenate([block.values for block in blocks])
@@ -150,7 +163,9 @@ def test_a_host_that_does_not_read_is_told_of_the_overflow():
         daq.configure(settings(100_000))
         daq.start()
         # longer than the instrument's 1024 samples, five words of which make a scan
-        found.call(lambda: found.device.hold(0.4))
+        tick, until_s = found.device.tick, time.monotonic() + 0.4
+        held = lambda *, blocked: tick(blocked=blocked or time.monotonic() < until_s)  # noqa: E731
+        found.call(lambda: setattr(found.device, "tick", held))
         with pytest.raises(DeviceError, match="buffer ran over after"):
             keep_reading(daq, [])
 
