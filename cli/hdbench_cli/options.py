@@ -21,25 +21,26 @@ if TYPE_CHECKING:
 Function = Callable[..., Any]
 # of every experiment, and of the commands that choose stored runs
 EXPERIMENT = (
-    *("profile_name", "drive", "out", "source", "address", "control", "plant", "seed", "dry_run"),
-    *("yes", "no_input", "check", "no_report", "realtime", "form"),
+    "profile_name drive out source address control plant seed dry_run yes no_input check no_report "
+    "realtime form"
 )
-RUNS = ("kind", "profile", "status", "verdict", "drive", "sensor")
+RUN_FILTERS = "kind profile status verdict drive sensor"
 _LAST = "last"
 _RUNS = Path("runs")
 
 
 def declared(
-    name: str, *names: str, cls: type[click.Command] = click.Command
+    name: str, names: str = "", *, cls: type[click.Command] = click.Command
 ) -> Callable[[Function], click.Command]:
     """Make a command of a function that takes the `Output`, then values by name.
 
     `name` is a section of options.toml, with that of its group before it: `runs list`. `names` are
-    the entries in the order of the help; without them the function's own parameters are.
+    its entries in the order of the help, with blanks between; without them the function's own
+    parameters are.
     """
 
     def made(function: Function) -> click.Command:
-        taken = names or [*inspect.signature(function).parameters][1:]
+        taken = names.split() or [*inspect.signature(function).parameters][1:]
         example = " ".join(_table()[name]["example"].split())
         return click.command(
             name.rpartition(" ")[2],

@@ -12,10 +12,9 @@ from hdbench.errors import DataError
 from hdbench.profile import Profile, parse_profile
 from hdbench.profile.scaling import measured_utc
 from hdbench.records import Loads
-from hdbench.records.jsonfile import read_json
 from hdbench.records.runfolder import RunFolder
 from hdbench.records.tables import read_loads
-from hdbench.results import RESULT_TYPES, Part
+from hdbench.results import Part, read_result
 from hdbench.results.flatten import Leaf, flatten
 
 _ABOUT = ("hdbench_version", "versions", "device", "host", "calibration", "status")
@@ -98,20 +97,11 @@ def load_side(path: Path) -> Side:
             where=str(path),
             fix="evaluate it with --from, or name another run",
         )
-    body = read_json(file)
-    kind = str(body.get("schema", "")).removeprefix("hdbench/").partition("/")[0]
-    if kind not in RESULT_TYPES:
-        raise DataError(
-            f"schema is {body.get('schema')!r:.60}; needed: one of "
-            + ", ".join(f"hdbench/{name}/1" for name in RESULT_TYPES),
-            where=f"{file}: schema",
-            fix="name a run folder, or the result.json of one",
-        )
+    kind, body, result = read_result(file)
     manifest: Mapping[str, Any] = {}
     if file.name == "result.json" and (file.parent / "run.json").is_file():
         manifest = RunFolder.open(file.parent).manifest
     run_id = file.parent.name if manifest else file.name
-    result = RESULT_TYPES[kind].from_json(body, str(file))
     return Side(path, kind, run_id, body, result, manifest, _profile(manifest, file))
 
 

@@ -24,6 +24,7 @@ _WIDTHS = {"int8": 8, "int16": 16, "int32": 32}
 # what turns with the shaft: on the joint side these are smaller by the gear ratio
 _TURNING = ("motor_angle_rad", "motor_velocity_rad_s")
 _TURN = 2.0 * np.pi
+UNSTATED = "the file states no unit"
 _ORDER = 4
 # the derivative is filtered on an even grid; times that differ less from it are even enough
 _EVEN_SHARE = 0.01
@@ -80,8 +81,10 @@ class Conversion:
             steps.append(f"unsigned {self.bits}-bit number read as two's complement")
         if not self.column.plain:
             steps.append(f"times {self.column.scale:.17g}, plus {self.column.offset:.17g}")
+        ours = target_unit(self.target)
+        if not self.unit and ours and not self.column.channel.name.endswith(self.target):
+            steps.append(f"taken as {ours}: {UNSTATED}")
         if self.factor != 1:
-            ours = target_unit(self.target)
             steps.append(f"{self.unit} to {ours}, times {self.factor:.17g}")
         if self.wrapped:
             steps.append("whole turns put back at jumps of more than half a turn")

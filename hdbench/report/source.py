@@ -14,7 +14,7 @@ from hdbench.records.jsonfile import read_json, sha256_file
 from hdbench.records.recovery import resolve_input
 from hdbench.records.runfolder import RunFolder
 from hdbench.records.tables import is_loads_file, read_loads, read_trace
-from hdbench.results import RESULT_TYPES
+from hdbench.results import RESULT_TYPES, read_result
 
 _STATUS = {
     "running": "The run has not ended: what is shown here is what was there when this was written.",
@@ -78,17 +78,8 @@ def typed_result(kind: str, stored: Mapping[str, Any], where: str) -> Any:
 
 
 def _from_result(path: Path, profile: Profile | None) -> Source:
-    stored = read_json(path, None)
-    kind = str(stored.get("schema", "")).removeprefix("hdbench/").partition("/")[0]
-    if kind not in RESULT_TYPES:
-        raise DataError(
-            f"schema is {stored.get('schema')!r:.60}; needed: one of "
-            + ", ".join(f"hdbench/{name}/1" for name in RESULT_TYPES),
-            where=f"{path}: schema",
-            fix="name a run folder or a result.json",
-        )
+    kind, stored, result = read_result(path)
     doubts = ("Only the result was given: figures of the data itself are left out.",)
-    result = typed_result(kind, stored, str(path))
     return Source(path, kind, path.name, profile, stored=stored, result=result, doubts=doubts)
 
 

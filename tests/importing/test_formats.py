@@ -337,7 +337,8 @@ def test_provenance_is_bound_to_the_content(tmp_path: Path) -> None:
     import_files(recipe("npz"), [file], out)
     imported = input_identity(out)["imported"]
     assert imported["sources"][0]["form"] == "NumPy file"
-    assert imported["columns"]["torque_nm"] == ["channel 'torque'"]
+    steps = ["channel 'torque'", "taken as N m: the file states no unit"]
+    assert imported["columns"]["torque_nm"] == steps
     out.write_text(out.read_text() + "9,1,1\n")
     assert "imported" not in input_identity(out)
 

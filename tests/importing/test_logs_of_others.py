@@ -7,13 +7,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hdbench.diagnosis.inspection import inspect_log, read_log
 from hdbench.errors import HdbenchError
 from hdbench.importing.importer import import_files
 from hdbench.importing.listing import list_channels
 from hdbench.importing.proposal import Proposal, proposed_mapping
 from hdbench.importing.recipe import Recipe
 from hdbench.importing.registry import open_source
+from hdbench.importing.source import Channel, told_apart
 from hdbench.importing.units import bare_name, stated_unit
+from hdbench.profile import load_profile
 from hdbench.records import Trace, read_trace
 
 RPM, DEGREE = np.pi / 30.0, np.pi / 180.0
@@ -143,6 +146,26 @@ def test_a_remark_in_a_row_loses_neither_row_nor_names(tmp_path: Path) -> None:
     assert [channel.name for channel in source.channels] == names
     assert sum(len(piece[names[0]]) for piece in source.pieces(names)) == 9
     source.close()
+
+
+def test_a_unit_of_control_characters_is_spelled() -> None:
+    (channel,) = told_apart(Path("x"), [Channel("torque", "Nm\0\n" + 90 * "x")])
+    assert channel.unit.startswith(r"Nm\x00\nxx")
+    assert len(channel.unit) == 40
+
+
+def test_counts_stay_counts_until_somebody_gives_their_scale(tmp_path: Path) -> None:
+    load = np.random.default_rng(1).integers(-20, 20, 400) % 65536
+    rows = "".join(f"{0.01 * k:.2f},{value},{k % 5}\n" for k, value in enumerate(load))
+    file, out = tmp_path / "log.csv", tmp_path / "out.csv"
+    file.write_text("time_s,load,speed\n" + rows)
+    told = proposal_for(file)
+    assert told.recipe.map["torque_nm"] == "load*N_M_PER_COUNT@int16"
+    asked = {"time_s": "time_s", "torque_nm": "load*1@int16", "motor_velocity_rad_s": "speed"}
+    import_files(Recipe(map=asked), [file], out)
+    for log in (read_log(file), read_log(out)):
+        findings = inspect_log(log, load_profile("cim-tr-97-06").data).findings
+        assert "no-scale" in [finding.name for finding in findings]
 
 
 @pytest.mark.parametrize(

@@ -29,7 +29,7 @@ _MOST_LINES = 10
 
 @declared(
     "batch",
-    *("name", "inputs", "stored", "out", "resume", "workers", "scheduler", "retries", "memory"),
+    "name inputs stored out resume workers scheduler retries memory",
     cls=BatchOptions,
 )
 def command(

@@ -96,7 +96,7 @@ def failed(result: Mapping[str, Any]) -> str | None:
     return f"calibration not accepted: no data to test {untested or 'the consistency'}"
 
 
-@declared("calibrate", *EXPERIMENT, "preset", "who", "mistakes")
+@declared("calibrate", f"{EXPERIMENT} preset who mistakes")
 def command(output: Output, /, **options: Any) -> None:
     """Calibrate the torque sensor by arm and weights with locked wave generator.
 

@@ -28,17 +28,8 @@ def _list_causes(output: Output, cause_files: tuple[Path, ...]) -> None:
 
 @declared(
     "diagnose",
-    *(
-        "sources",
-        "profile_name",
-        "model_file",
-        "drive",
-        "out",
-        "materiality",
-        "baseline",
-        "cause_files",
-    ),
-    *("from_s", "to_s", "together", "check", "list_causes", "seed"),
+    "sources profile_name model_file drive out materiality baseline cause_files from_s to_s "
+    "together check list_causes seed",
 )
 def command(
     output: Output,

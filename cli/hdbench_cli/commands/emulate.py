@@ -20,8 +20,7 @@ _LOOPBACK = ("127.0.0.1", "localhost", "::1")
 
 @declared(
     "emulate",
-    *("profile_name", "plant", "model_file", "seed", "port", "wire", "rtu"),
-    *("listen", "unprotected", "pace", "record"),
+    "profile_name plant model_file seed port wire rtu listen unprotected pace record",
 )
 def command(
     output: Output,

@@ -29,11 +29,7 @@ if TYPE_CHECKING:
 _TRUTH = "torque_true_nm"
 
 
-@declared(
-    "filter",
-    *("sources", "filter_name", "profile_name", "calibration", "gain"),
-    *("out", "smooth", "compare", "plot"),
-)
+@declared("filter", "sources filter_name profile_name calibration gain out smooth compare plot")
 def command(output: Output, /, sources: tuple[Path, ...], out: Path, **options: Any) -> None:
     """Remove ripple and misalignment from stored traces.
 

@@ -36,8 +36,8 @@ def command() -> None:
 
 @declared(
     "gauge film",
-    *("profile_name", "diameter", "boss", "radius", "pad_width", "pad_length", "grid_length"),
-    *("grid_width", "grid_spacing", "line", "layout", "sheet", "mirror", "out"),
+    "profile_name diameter boss radius pad_width pad_length grid_length grid_width "
+    "grid_spacing line layout sheet mirror out",
 )
 def film(output: Output, profile_name: str | None, layout: str, out: Path, **asked: Any) -> None:
     """Draw the placement film for the flexspline's diaphragm at 1:1, as PDF and SVG.
@@ -82,9 +82,8 @@ def _film_lines(body: Mapping[str, Any]) -> Iterator[str]:
 
 @declared(
     "gauge errors",
-    *("profile_name", "layout", "radial", "circumferential", "angular", "off_centre"),
-    *("distribution", "radius", "grid_spacing", "wave_strain", "wave_strain_4", "normal_share"),
-    *("assembly_strain", "draws", "seed", "csv_file"),
+    "profile_name layout radial circumferential angular off_centre distribution radius "
+    "grid_spacing wave_strain wave_strain_4 normal_share assembly_strain draws seed csv_file",
 )
 def errors(
     output: Output, profile_name: str | None, layout: str, csv_file: Path | None, **asked: Any

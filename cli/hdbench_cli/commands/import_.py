@@ -134,10 +134,9 @@ def _default_out(file: Path) -> Path:
 
 @declared(
     "import",
-    *("files", "kind", "maps", "constants", "recipe_file", "topic", "joint", "side"),
-    *("torque_constant_nm_per_a", "velocity_from_angle_hz", "time", "rate_hz", "keep_time"),
-    *("delimiter", "from_logger", "no_header", "skip", "loads", "load_unit", "least_s"),
-    *("profile_name", "out", "no_input"),
+    "files kind maps constants recipe_file topic joint side torque_constant_nm_per_a "
+    "velocity_from_angle_hz time rate_hz keep_time delimiter from_logger no_header skip loads "
+    "load_unit least_s profile_name out no_input",
 )
 def command(
     output: Output,

@@ -36,11 +36,7 @@ def _write_map(path: Path, found: OrderMap) -> None:
     write_atomic(path, ("\n".join(rows) + "\n").encode())
 
 
-@declared(
-    "orders",
-    *("sources", "filter_name", "profile_name", "calibration", "gain"),
-    *("max_order", "out", "map_file", "plot"),
-)
+@declared("orders", "sources filter_name profile_name calibration gain max_order out map_file plot")
 def command(output: Output, /, sources: tuple[Path, ...], out: Path | None, **options: Any) -> None:
     """Show the torque by order: spectrum over the motor angle, map, every order over time.
 

@@ -18,11 +18,7 @@ if TYPE_CHECKING:
 _SHOWN, _SETTLED = 8, 2
 
 
-@declared(
-    "plan",
-    *("profile_name", "causes", "of", "result", "protocol"),
-    *("duration_s", "no_loads", "out"),
-)
+@declared("plan", "profile_name causes of result protocol duration_s no_loads out")
 def command(
     output: Output,
     /,

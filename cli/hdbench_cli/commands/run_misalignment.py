@@ -29,9 +29,7 @@ def failed(result: Mapping[str, Any]) -> str | None:
     return "; ".join(doubts_of(result)) or None
 
 
-@declared(
-    "run-misalignment", *EXPERIMENT, "calibration", "allow_expired", "filter_name", "plan_file"
-)
+@declared("run-misalignment", f"{EXPERIMENT} calibration allow_expired filter_name plan_file")
 def command(output: Output, /, **options: Any) -> None:
     """Measure the misalignment torque at constant velocity, both directions.
 

@@ -38,9 +38,8 @@ def lines(result: Mapping[str, Any]) -> Iterator[str]:
 
 @declared(
     "run-ripple",
-    *EXPERIMENT,
-    *("calibration", "allow_expired", "misalignment"),
-    *("filter_name", "plan_file", "velocity_above", "from_s", "to_s"),
+    f"{EXPERIMENT} calibration allow_expired misalignment filter_name plan_file velocity_above "
+    "from_s to_s",
 )
 def command(
     output: Output,

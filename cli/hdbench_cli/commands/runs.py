@@ -137,11 +137,7 @@ def _checks(runs: Sequence[Path], reports: Sequence[VerifyReport]) -> Iterator[s
             yield f"  its data can be recovered: {recover}"
 
 
-@declared(
-    "runs resume",
-    *("run", "address", "control", "yes", "no_input", "check", "no_report"),
-    *("realtime", "who", "mistakes"),
-)
+@declared("runs resume", "run address control yes no_input check no_report realtime who mistakes")
 def resume(output: Output, /, run: Path, realtime: bool, **options: Any) -> None:
     """Go on with a run that was stopped, killed, or lost its bench, in the same folder.
 

@@ -9,7 +9,7 @@ import click
 from click.core import ParameterSource
 
 from hdbench_cli.next_step import next_line
-from hdbench_cli.options import RUNS, declared
+from hdbench_cli.options import RUN_FILTERS, declared
 from hdbench_cli.output import Output
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ def chosen_runs(parent: Path, options: dict[str, Any]) -> list[RunSummary]:
         raise DataError(
             "no such folder", where=str(parent), fix="name the folder that --out of the runs named"
         )
-    wanted = {name: options[name] for name in RUNS}
+    wanted = {name: options[name] for name in RUN_FILTERS.split()}
     return select_runs(list_runs(parent), wanted, options["since"])
 
 
@@ -49,7 +49,7 @@ def _key(run: RunSummary, name: str) -> str:
     return str(getattr(run, "started_utc" if name == "started" else name))
 
 
-@declared("runs list", "parent", *RUNS, "since", "sort", "reverse", "csv_file")
+@declared("runs list", f"parent {RUN_FILTERS} since sort reverse csv_file")
 def list_(
     output: Output, /, parent: Path, sort: str, reverse: bool, csv_file: str | None, **options: Any
 ) -> None:

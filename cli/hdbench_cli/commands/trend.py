@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from hdbench.errors import LimitError, UsageError
 from hdbench_cli.commands.runs_list import chosen_runs
 from hdbench_cli.inputs import refuse_same_csv
-from hdbench_cli.options import RUNS, declared
+from hdbench_cli.options import RUN_FILTERS, declared
 from hdbench_cli.output import Output
 from hdbench_cli.text import table, with_uncertainty
 
@@ -19,11 +19,7 @@ if TYPE_CHECKING:
 
 @declared(
     "trend",
-    "quantity",
-    "parent",
-    *RUNS,
-    "since",
-    *("by", "orders", "probability", "seed", "check", "csv_file", "html_file"),
+    f"quantity parent {RUN_FILTERS} since by orders probability seed check csv_file html_file",
 )
 def command(
     output: Output,
