@@ -6,6 +6,7 @@ The suite says whether a change is good; looking for new inputs is the work of
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from typing import Any
 
@@ -16,6 +17,11 @@ settings.register_profile(
     "suite", deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow]
 )
 settings.load_profile("suite")
+
+
+def pytest_xdist_auto_num_workers() -> int:
+    """Return one worker more than cores: many tests wait for a device or a deadline."""
+    return (os.cpu_count() or 1) + 1
 
 
 @pytest.fixture

@@ -18,14 +18,12 @@ from hdbench_cli.output import Output
 README = Path(__file__).parents[2] / "README.md"
 
 
-def run(*arguments: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "hdbench_cli", *arguments],
-        capture_output=True,
-        text=True,
-        timeout=60,
-        check=False,
-    )
+def run(*words: str) -> subprocess.CompletedProcess[str]:
+    """Run one command in this process."""
+    with CliRunner().isolation() as streams:
+        code = main_module._run(words, Output(json="--json" in words))
+        out, err = (stream.getvalue().decode() for stream in streams[:2])
+    return subprocess.CompletedProcess(words, code, out, err)
 
 
 def test_help_imports_nothing_heavy() -> None:

@@ -57,7 +57,14 @@ def test_a_single_line_at_a_whole_order_is_a_ripple():
     assert set(cause.rivals) <= {"cogging"}
 
 
-@pytest.mark.parametrize("hertz", [75.0, 85.0, 93.0])
+@pytest.mark.parametrize(
+    "hertz",
+    [
+        pytest.param(75.0, marks=pytest.mark.campaign),
+        85.0,
+        pytest.param(93.0, marks=pytest.mark.campaign),
+    ],
+)
 def test_a_narrow_resonance_is_seen_wherever_it_lies(hertz):
     time = np.arange(24_000) * 1e-3
     speed, angle, torque = swing(

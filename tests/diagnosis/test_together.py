@@ -72,7 +72,9 @@ def test_each_record_says_how_much_it_speaks_for_a_cause(weak):
 
 def test_records_that_disagree_are_named_with_their_own_sizes():
     traces = [run(1, 0.05), run(2, 0.05), run(3, 0.10)]
-    cause = told(diagnose_together(traces, NAMES, PROFILE))["ripple-harmonic"]
+    result = diagnose_together(traces, NAMES, PROFILE)
+    assert [part.record for part in result.records if part.disagrees] == ["C"]
+    cause = told(result)["ripple-harmonic"]
     assert [voice.record for voice in cause.voices if voice.disagrees] == ["C"]
     assert cause.disagreement.false_alarm_probability < 1e-6
     sizes = [voice.parameters["amplitude_nm"] for voice in cause.voices]
@@ -80,6 +82,7 @@ def test_records_that_disagree_are_named_with_their_own_sizes():
         assert abs(size.value - truth) < 4.0 * size.std
 
 
+@pytest.mark.campaign
 def test_a_record_of_another_drive_is_told_by_what_it_disagrees_about():
     traces = [run(1, 0.05, 0.3), run(2, 0.05, 0.3), run(3, 0.0, 0.9)]
     result = diagnose_together(traces, NAMES, PROFILE)

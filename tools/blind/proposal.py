@@ -9,12 +9,11 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
+from injector.bench import Noise, draw_scene
 from injector.build import family_of, known_families
 from injector.family import effect
 from injector.geometry import Whitened, sine_squares
-from injector.noise import Noise
-from injector.pieces import Piece, hold, sweep, swing
-from injector.scene import draw_scene
+from injector.motion import Piece, hold, sweep, swing
 
 from hdbench.diagnosis.planning import plan_for_causes
 from hdbench.diagnosis.planning.planfile import plan_to_dict

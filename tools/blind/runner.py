@@ -27,8 +27,8 @@ ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "tests" / "blind"))
 
 from injector.build import Case, Hidden, Made  # noqa: E402
+from injector.cases import make  # noqa: E402
 from injector.geometry import baseline  # noqa: E402
-from injector.parts import make  # noqa: E402
 from injector.seal import case_text, salt_of, seal, truth_text  # noqa: E402
 from injector.signatures import axes_of, signatures  # noqa: E402
 from proposal import proposal  # noqa: E402
