@@ -190,7 +190,7 @@ def _load(file: Path) -> dict[str, tuple[str, RunSummary]]:
         bodies = json.loads(f"[{','.join(body for _, _, body in rows)}]")
         names = [os.fsdecode(name) for name, _, _ in rows]
         return {
-            name: (stamp, RunSummary(parent / name, *fields, files=tuple(files)))
+            name: (stamp, RunSummary(parent / name, *(*fields, tuple(files))))
             for name, (_, stamp, _), (*fields, files) in zip(names, rows, bodies, strict=True)
         }
     except (sqlite3.Error, TypeError, ValueError) as error:
