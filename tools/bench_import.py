@@ -68,7 +68,7 @@ def _parquet(path: Path) -> Any:
 def _excel(path: Path) -> Any:
     library: Any = importlib.import_module("openpyxl")
     book = library.load_workbook(path, read_only=True)
-    rows = list(book.worksheets[0].iter_rows(min_row=2, values_only=True))
+    rows = list(book.worksheets[0].iter_rows(min_row=4, values_only=True))
     return np.array(rows, dtype=np.float64)
 
 
@@ -135,18 +135,19 @@ def _ours(path: Path) -> Any:
     return {name: np.concatenate(parts) for name, parts in columns.items()}
 
 
-def _time(work: Callable[[Path], Any], path: Path, results: Any) -> None:
+def _time(work: Callable[[Path], Any], path: Path, end: Any) -> None:
     work(path)
-    results.put(sum(os.times()[:4]))
+    end.send(sum(os.times()[:4]))
 
 
 def seconds(work: Callable[[Path], Any], path: Path) -> float:
     """Return the time of one read in a new process, s, with the import of its library."""
     context = multiprocessing.get_context("spawn")
-    results: Any = context.Queue()
-    process = context.Process(target=_time, args=(work, path, results))
+    results, end = context.Pipe(duplex=False)
+    process = context.Process(target=_time, args=(work, path, end))
     process.start()
-    took = float(results.get())
+    end.close()  # then a process that ended without a result is no wait for ever
+    took = float(results.recv())
     process.join()
     return took
 

@@ -22,8 +22,9 @@ import click
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
+from hdbench.results.reference import KINDS, json_schema, keys_of
+
 ROOT = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(ROOT))
 FOLDER = ROOT / "docs" / "reference"
 MADE = "<!-- made by tools/docs_reference.py; change the code, not this page -->\n\n"
 
@@ -271,17 +272,14 @@ def code_words(kind: Any) -> str:
 
 def results_page() -> str:
     """Return the page of result keys."""
-    from hdbench.results.reference import KINDS, keys_of
-
     parts = [
         MADE + "# Result keys\n",
-        "What `result.json` and `--json` hold, for every kind of result. Of a calibration, a "
-        "misalignment and a ripple every key is listed, also inside tables (`name.key`) and the "
-        "entries of lists (`name[].key`); of the others those of the top level. *uncertain* is an "
-        "object `value`, `std` (standard uncertainty), `dof` (degrees of freedom or null). A unit "
-        "stands in the name or in the column. No result holds NaN or an infinity. JSON schemas: "
-        "[calibration](calibration.schema.json), [misalignment](misalignment.schema.json), "
-        "[ripple](ripple.schema.json).\n",
+        "What `result.json` and `--json` hold, for every kind of result: every key, also inside "
+        "tables (`name.key`) and the entries of lists (`name[].key`). *uncertain* is an object "
+        "`value`, `std` (standard uncertainty), `dof` (degrees of freedom or null). A unit stands "
+        "in the name or in the column. No result holds NaN or an infinity. JSON schemas: "
+        + ", ".join(f"[{kind}]({kind}.schema.json)" for kind in KINDS)
+        + ".\n",
     ]
     for kind in KINDS:
         rows = ["| key | type | unit | meaning |", "|---|---|---|---|"]
@@ -295,8 +293,6 @@ def results_page() -> str:
 
 def schema_file(kind: str) -> str:
     """Return the JSON schema of one kind of result."""
-    from hdbench.results.reference import json_schema
-
     return json.dumps(json_schema(kind), indent=1)
 
 
@@ -312,7 +308,8 @@ def registers_page() -> str:
         "|---|---|---|---|---|---|",
     ]
     rows += [
-        f"| 0x{entry.address:04X} | {entry.size} | {entry.kind} | {entry.access} "
+        f"| 0x{entry.address:04X} | {entry.size} | {entry.kind} "
+        f"| {'rw' if entry.writable else 'r'} "
         f"| `{entry.name}` | {cell(entry.meaning)} |"
         for entry in sorted(MAP, key=lambda entry: entry.address)
     ]
@@ -329,10 +326,7 @@ PAGES = {
     "profile.md": profile_page,
     "exit-codes.md": exit_page,
     "results.md": results_page,
-    **{
-        f"{kind}.schema.json": partial(schema_file, kind)
-        for kind in ("calibration", "misalignment", "ripple")
-    },
+    **{f"{kind}.schema.json": partial(schema_file, kind) for kind in KINDS},
     "registers.md": registers_page,
 }
 

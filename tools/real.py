@@ -23,8 +23,10 @@ from real_picture import draw
 from real_sets import SETS, Log
 
 ROOT = Path(__file__).parents[1]
-sys.path.insert(0, str(ROOT / "tests" / "blind"))
+sys.path.insert(0, str(ROOT / "tools" / "blind"))
 
+# makes the scorer importable
+from real_records import profile_text  # noqa: E402
 from scorer.real import judge_real  # noqa: E402
 
 _HEAD = """# Logs of others
@@ -47,16 +49,6 @@ def hdbench(words: list[str], folder: Path) -> tuple[int, dict[str, Any]]:
     return done.returncode, json.loads(done.stdout or "{}")
 
 
-def write_profile(keys: Mapping[str, Any], path: Path) -> None:
-    """Write the built-in profile with some keys set."""
-    lines, section = [], ""
-    for line in (ROOT / "profiles" / "cim-tr-97-06.toml").read_text().splitlines():
-        section = line.strip("[] ") if line.startswith("[") else section
-        name = f"{section}.{line.partition('=')[0].strip()}"
-        lines.append(f"{line.partition('=')[0]}= {keys[name]}" if name in keys else line)
-    path.write_text("\n".join(lines) + "\n")
-
-
 def answer_of(log: Log, data: Path, folder: Path, keys: Mapping[str, Any]) -> dict[str, Any]:
     """Import and diagnose a log; return the steps with their answers."""
     kept = folder / "answer.json"
@@ -66,7 +58,7 @@ def answer_of(log: Log, data: Path, folder: Path, keys: Mapping[str, Any]) -> di
     raw = folder / Path(log.file).name
     if not raw.exists():
         raw.symlink_to(data / log.file)
-    write_profile(keys, folder / f"{log.profile}.toml")
+    (folder / f"{log.profile}.toml").write_text(profile_text(keys))
     steps = []
     for command in log.commands:
         code, body = hdbench(shlex.split(command), folder)
@@ -94,18 +86,6 @@ def _named(body: Mapping[str, Any]) -> Iterator[str]:
         also = [n for n in cause.get("group", ()) if n != cause["name"]]
         name = cause["name"] + (f" (or {', '.join(also)})" if also else "")
         yield f"| {name} | {told} | {'' if share is None else f'{100 * share:.1f} %'} |"
-
-
-def _left(body: Mapping[str, Any]) -> str:
-    """Return how well the simulation tells what it was not fitted to."""
-    before, after = (body[key]["heldout_rms_nm"] for key in ("simulated", "extended"))
-    if before is None or after is None:
-        return ""
-    noise = body["rest"]["noise_rms_nm"]
-    told = (
-        f"On held-out data the simulation is off by {before:.3g} N m rms, extended by {after:.3g}"
-    )
-    return told + ("." if noise is None else f"; the noise is {noise:.3g}.")
 
 
 def _published(known: Mapping[str, Any], body: Mapping[str, Any]) -> Iterator[str]:

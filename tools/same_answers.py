@@ -125,7 +125,7 @@ def _write_table(path: Path, columns: dict[str, Any]) -> None:
 def _write_injected(folder: Path) -> None:
     sys.path.insert(0, str(ROOT / "tests" / "blind"))
     from injector.build import Case, Hidden
-    from injector.parts import make
+    from injector.cases import make
 
     cases = {f"clean-{k}": Case(f"same-{k}", "A", "compact", seed=6000 + k) for k in range(2)}
     for k, name in enumerate(HIDDEN):

@@ -1,11 +1,15 @@
-"""Options and arguments that several commands share, and the words for stored runs in them."""
+"""Options and arguments of the commands, declared in options.toml and used by name."""
 
 from __future__ import annotations
 
+import inspect
 import math
+import tomllib
 from collections.abc import Callable
+from datetime import UTC, datetime, timedelta
+from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -14,10 +18,72 @@ from hdbench.errors import DataError, nothing_stored
 if TYPE_CHECKING:
     from click.shell_completion import CompletionItem
 
-F = TypeVar("F", bound=Callable[..., Any])
-POSITIVE = click.FloatRange(min=0.0, min_open=True)
+Function = Callable[..., Any]
+# of every experiment, and of the commands that choose stored runs
+EXPERIMENT = (
+    "profile_name drive out source address control plant seed dry_run yes no_input check no_report "
+    "realtime form"
+)
+RUN_FILTERS = "kind profile status verdict drive sensor"
 _LAST = "last"
 _RUNS = Path("runs")
+
+
+def declared(
+    name: str, names: str = "", *, cls: type[click.Command] = click.Command
+) -> Callable[[Function], click.Command]:
+    """Make a command of a function that takes the `Output`, then values by name.
+
+    `name` is a section of options.toml, with that of its group before it: `runs list`. `names` are
+    its entries in the order of the help, with blanks between; without them the function's own
+    parameters are.
+    """
+
+    def made(function: Function) -> click.Command:
+        taken = names.split() or [*inspect.signature(function).parameters][1:]
+        example = " ".join(_table()[name]["example"].split())
+        return click.command(
+            name.rpartition(" ")[2],
+            cls=cls,
+            params=[parameter(name, entry) for entry in taken],
+            epilog=f"Example{'s' if '; hdbench' in example else ''}: {example}",
+        )(click.pass_obj(function))
+
+    return made
+
+
+def parameter(section: str, name: str) -> click.Parameter:
+    """Return an option or argument of a command; `shared` is a section, too."""
+    table = _table()
+    entry = dict(table[section].get(name, {}))
+    if not {"flags", "argument"} & entry.keys():
+        entry = {**table["shared"].get(name, {}), **entry}
+    name, kind = entry.pop("fills", name), _type(entry)
+    if "argument" in entry:
+        metavar, many = entry.pop("argument"), entry.pop("many", False)
+        return click.Argument(
+            [name],
+            metavar=metavar or None,
+            nargs=-1 if many else 1,
+            type=kind,
+            **{"required": True, **entry},
+        )
+    words = " ".join(entry.pop("help").split())
+    if "default_text" in entry:
+        words += f"  [default: {entry.pop('default_text')}]"
+    if "callback" in entry:
+        entry["callback"] = _CALLBACKS[entry["callback"]]
+    if "complete" in entry:
+        entry["shell_complete"] = _completes(_NAMES[entry.pop("complete")])
+    if entry.pop("flag", False):
+        entry["is_flag"] = True
+    return click.Option([*entry.pop("flags").split(), name], type=kind, help=words, **entry)
+
+
+@cache
+def _table() -> dict[str, Any]:
+    file = Path(__file__).with_suffix(".toml")
+    return tomllib.loads(file.read_text(encoding="utf-8"))
 
 
 def newest_run(word: str) -> Path | None:
@@ -118,172 +184,43 @@ def _identity(_ctx: click.Context, _param: click.Parameter, value: str | None) -
     return None if value is None else value.strip()
 
 
-def file_option(*names: str, **more: Any) -> Callable[[F], F]:
-    """Return an option that names a file to write."""
-    return click.option(*names, type=click.Path(path_type=Path, dir_okay=False), **more)
+def _since(ctx: click.Context, param: click.Parameter, value: str | None) -> datetime | None:
+    """Read a date, a moment, or a number of days back."""
+    if value is None:
+        return None
+    try:
+        if value.endswith("d"):
+            return datetime.now(UTC) - timedelta(days=float(value[:-1]))
+        moment = datetime.fromisoformat(value)
+    except (ValueError, OverflowError):
+        raise click.BadParameter(
+            f"{value!r}; needed: a date such as 2026-11-21, or 30d", ctx, param
+        ) from None
+    return moment if moment.tzinfo else moment.replace(tzinfo=UTC)
 
 
-def sources_argument(metavar: str, *, required: bool = True) -> Callable[[F], F]:
-    """Return the argument that takes stored files and runs."""
-    return click.argument(
-        "sources", metavar=metavar, nargs=-1, required=required, type=StoredPath()
-    )
+_TYPES: dict[str, Any] = {
+    "float": float,
+    "int": int,
+    "path": click.Path(path_type=Path),
+    "file": click.Path(path_type=Path, dir_okay=False),
+    "file or -": click.Path(dir_okay=False, allow_dash=True),
+    "folder": click.Path(path_type=Path, file_okay=False),
+}
+_CALLBACKS = {"identity": _identity, "since": _since, "speeds": speeds}
+_NAMES = {"profiles": _profile_names, "plants": _plant_names, "filters": _filter_names}
 
 
-def model_option(help_text: str = "") -> Callable[[F], F]:
-    """Return the option that names a filter model."""
-    usual = (
-        "Filter model: report-a1, report-a2, report-6, a model file, or tuned (on this input) "
-        "where there is one; else that of the stored run, else the profile's."
-    )
-    return click.option(
-        "--model",
-        "filter_name",
-        metavar="NAME|FILE",
-        shell_complete=_completes(_filter_names),
-        help=help_text or usual,
-    )
-
-
-def plant_option(default: str = "as-modelled", bench: str = "embedded bench") -> Callable[[F], F]:
-    """Return the option that names a plant."""
-    return click.option(
-        "--plant",
-        metavar="NAME|FILE",
-        shell_complete=_completes(_plant_names),
-        default=default,
-        help=f"Plant of the {bench}: physics and faults that its model does not have.",
-    )
-
-
-profile_option = click.option(
-    "--profile",
-    "profile_name",
-    metavar="NAME|PATH",
-    shell_complete=_completes(_profile_names),
-    help="Bench to use: a built-in name or a TOML file.  [default: the stored run's own, "
-    "else cim-tr-97-06]",
-)
-out_option = click.option(
-    "--out",
-    "out",
-    metavar="DIR",
-    type=click.Path(path_type=Path, file_okay=False),
-    default=_RUNS,
-    help="Parent folder of run folders.",
-)
-seed_option = click.option(
-    "--seed",
-    type=click.IntRange(min=0),
-    default=0,
-    help="Seed of all random numbers of the command.",
-)
-from_option = click.option(
-    "--from",
-    "source",
-    metavar="FILE|RUN",
-    type=StoredPath(),
-    help="Evaluate this stored file or run; nothing is measured.",
-)
-address_option = click.option(
-    "--address",
-    metavar="tcp://HOST:PORT",
-    help="Bench controller to use instead of the profile's.",
-)
-control_option = click.option(
-    "--control",
-    metavar="tcp://127.0.0.1:PORT",
-    help="Control channel of the simulated bench at --address; hdbench emulate prints it. A "
-    "simulated operator sets lock and weights through it. Motion still needs --yes or an answer.",
-)
-drive_option = click.option(
-    "--drive",
-    metavar="ID",
-    callback=_identity,
-    help="Drive on the bench, such as its serial number; kept in run.json.  [default: the stored "
-    "run's, else the profile's identity.drive_serial]",
-)
-calibration_option = click.option(
-    "--calibration",
-    metavar="RUN|FILE",
-    type=StoredPath(),
-    help="Calibration whose gain scales the torque; else the profile's gain.",
-)
-gain_option = click.option(
-    "--gain",
-    metavar="N·m/V",
-    type=float,
-    help="Gain that scales torque_v; else that of calibration, run, model or profile.",
-)
-allow_expired_option = click.option(
-    "--allow-expired",
-    is_flag=True,
-    help="Use that calibration even where it is older than the profile's validity_days.",
-)
-plan_option = click.option(
-    "--plan",
-    "plan_file",
-    metavar="FILE|RUN",
-    type=StoredPath(inside="plan.toml"),
-    help="Run this plan file (hdbench plan --out FILE), or that of a diagnosis, instead of the "
-    "profile's motion.",
-)
-plot_option = file_option("--plot", metavar="FILE.svg", help="Picture to write, .svg or .png.")
-yes_option = click.option("--yes", is_flag=True, help="Confirm motion without a question.")
-no_input_option = click.option(
-    "--no-input", is_flag=True, help="Never ask; fail where an answer is needed."
-)
-check_option = click.option("--check", is_flag=True, help="Exit 3 unless the result passes.")
-_no_report_option = click.option("--no-report", is_flag=True, help="Leave out report.html.")
-operator_option = click.option(
-    "--operator",
-    "who",
-    type=click.Choice(["auto", "person", "simulated"]),
-    default="auto",
-    help="Who answers: auto asks a person at a real bench, and at a simulated one on a terminal. "
-    "simulated needs the embedded bench or --control.",
-)
-mistakes_option = click.option(
-    "--operator-mistakes",
-    "mistakes",
-    metavar="LIST",
-    default="",
-    show_default=False,
-    help="What goes wrong at a simulated bench, by point of the sequence: wrong-weight@5, "
-    "wrong-weight@5:0.5 (kg), swing@7, early-release@9, comma-separated.",
-)
-# of every command that may move the motor, and of runs resume
-motion_options = (yes_option, no_input_option, check_option, _no_report_option)
-
-
-def with_options(*options: Callable[[Any], Any]) -> Callable[[F], F]:
-    """Return what adds several options, the first one on top."""
-
-    def add(function: F) -> F:
-        for option in reversed(options):
-            function = option(function)
-        return function
-
-    return add
-
-
-bench_options = with_options(
-    profile_option,
-    drive_option,
-    out_option,
-    from_option,
-    address_option,
-    control_option,
-    plant_option(),
-    seed_option,
-    click.option("--dry-run", is_flag=True, help="Check and print the plan; nothing moves."),
-    *motion_options,
-    click.option("--realtime", is_flag=True, help="Let the embedded bench keep real time."),
-    click.option(
-        "--format",
-        "form",
-        type=click.Choice(["csv", "parquet"]),
-        default="csv",
-        help="parquet keeps the data as Parquet too, beside the CSV file.",
-    ),
-)
+def _type(entry: dict[str, Any]) -> Any:
+    """Take what says which values an entry takes out of it, and return that as click's type."""
+    if "choices" in entry:
+        return click.Choice(entry.pop("choices"))
+    name, _, inside = entry.pop("type", "").partition(":")
+    if name == "stored":
+        return StoredPath(inside=inside)
+    limits = {key: entry.pop(key) for key in ("min", "above", "max", "below") if key in entry}
+    if not limits:
+        return _TYPES.get(name)
+    ends = limits.get("min", limits.get("above")), limits.get("max", limits.get("below"))
+    form = click.IntRange if name == "int" else click.FloatRange
+    return form(*ends, min_open="above" in limits, max_open="below" in limits)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -99,18 +98,3 @@ def sparkline(
         share = (sum(good) / len(good) - low) / (high - low)
         out.append(marks[1 + max(0, min(len(marks) - 2, round(share * (len(marks) - 2))))])
     return "".join(out)
-
-
-def read_columns(path: Path) -> Mapping[str, list[float]] | None:
-    """Return the columns of a table that a diagnosis wrote; None where there is no such file."""
-    if not path.is_file():
-        return None
-    head, *rows = path.read_text(encoding="utf-8").splitlines()
-    cells = [[float(cell) if cell else math.nan for cell in row.split(",")] for row in rows]
-    return {name: [row[at] for row in cells] for at, name in enumerate(head.split(","))}
-
-
-def span_of(columns: Mapping[str, Sequence[float]], *names: str) -> tuple[float, float]:
-    """Return lowest and highest finite value of some columns, the span of a common picture."""
-    values = [v for name in names for v in columns[name] if math.isfinite(v)]
-    return (min(values), max(values)) if values else (0.0, 0.0)

@@ -23,7 +23,7 @@ from hdbench.comparison.side import KeyChange, Side, environment_changes, load_s
 from hdbench.errors import DataError, UsageError
 from hdbench.records import Quantity
 from hdbench.records.jsonfile import result_header
-from hdbench.results import CalibrationResult, MisalignmentResult, RippleResult
+from hdbench.results import CalibrationResult, DiagnosisResult, MisalignmentResult, RippleResult
 
 Answer = Literal["moved", "within-uncertainty", "cannot-tell"]
 
@@ -274,7 +274,10 @@ def _compared(
                 x, y, confidence=confidence, same_origin=same_origin, independent=independent
             )
             return found, gain_words(x, y, independent=independent)
-    return compare_diagnoses(a, b, confidence=confidence), "parameters taken as independent"
+        case DiagnosisResult() as x, DiagnosisResult() as y:
+            found = compare_diagnoses(x, y, confidence=confidence)
+            return found, "parameters taken as independent"
+    raise AssertionError(a.kind)
 
 
 def _check_gains(a: Side, b: Side, x: CalibrationResult, y: CalibrationResult) -> None:

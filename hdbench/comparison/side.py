@@ -12,16 +12,14 @@ from hdbench.errors import DataError
 from hdbench.profile import Profile, parse_profile
 from hdbench.profile.scaling import measured_utc
 from hdbench.records import Loads
-from hdbench.records.jsonfile import read_json
 from hdbench.records.runfolder import RunFolder
 from hdbench.records.tables import read_loads
-from hdbench.results import RESULT_TYPES, CalibrationResult, MisalignmentResult, RippleResult
+from hdbench.results import Part, read_result
 from hdbench.results.flatten import Leaf, flatten
 
 _ABOUT = ("hdbench_version", "versions", "device", "host", "calibration", "status")
 # what a run says of one calibration and its age is told by the calibration's hash already
 _LEFT_OUT = ("calibration.age_days", "calibration.age_words")
-_KINDS = (*RESULT_TYPES, "diagnosis")
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,8 +36,9 @@ class Side:
         Name of the run, or of the file.
     body : mapping
         The result as its file holds it.
-    result : CalibrationResult, MisalignmentResult, RippleResult or None
-        The result; None of a diagnosis.
+    result : Part
+        The same typed: a `CalibrationResult`, `MisalignmentResult`, `RippleResult` or
+        `DiagnosisResult`.
     manifest : mapping
         Content of run.json; empty where only a result file was named.
     profile : Profile or None
@@ -50,7 +49,7 @@ class Side:
     kind: str
     run_id: str
     body: Mapping[str, Any]
-    result: CalibrationResult | MisalignmentResult | RippleResult | None
+    result: Part
     manifest: Mapping[str, Any]
     profile: Profile | None
 
@@ -98,20 +97,11 @@ def load_side(path: Path) -> Side:
             where=str(path),
             fix="evaluate it with --from, or name another run",
         )
-    body = read_json(file)
-    kind = str(body.get("schema", "")).removeprefix("hdbench/").partition("/")[0]
-    if kind not in _KINDS:
-        raise DataError(
-            f"schema is {body.get('schema')!r:.60}; needed: one of "
-            + ", ".join(f"hdbench/{name}/1" for name in _KINDS),
-            where=f"{file}: schema",
-            fix="name a run folder, or the result.json of one",
-        )
+    kind, body, result = read_result(file)
     manifest: Mapping[str, Any] = {}
     if file.name == "result.json" and (file.parent / "run.json").is_file():
         manifest = RunFolder.open(file.parent).manifest
     run_id = file.parent.name if manifest else file.name
-    result = RESULT_TYPES[kind].from_json(body, str(file)) if kind in RESULT_TYPES else None
     return Side(path, kind, run_id, body, result, manifest, _profile(manifest, file))
 
 

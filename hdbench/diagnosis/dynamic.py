@@ -202,16 +202,7 @@ def findings_of(task: Task, ready: Ready, found: Search, late: ResidualFaults) -
         for fault in inspected.faults
         if fault.undone is not None
     }
-    return Findings(
-        found,
-        task.given,
-        task.profile,
-        inspected,
-        late,
-        undone,
-        task.materiality,
-        task.causes,
-    )
+    return Findings(found, task.given, inspected, late, undone, task.materiality, task.causes)
 
 
 def _prepared(task: Task, trace: Trace, masked: NDArray[np.bool_]) -> Record:

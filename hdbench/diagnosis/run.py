@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,15 +14,12 @@ from hdbench.diagnosis.answer.result import Diagnosis
 from hdbench.diagnosis.answer.tables import code_map, write_pictures, write_table
 from hdbench.diagnosis.dynamic import diagnose_trace
 from hdbench.diagnosis.inspection import inspect_trace
-from hdbench.diagnosis.inspection.result import Inspection
-from hdbench.diagnosis.planning import plan_for_result, write_plan
-from hdbench.diagnosis.planning.proposal import Proposal
+from hdbench.diagnosis.planning import plan_for_causes, write_plan
 from hdbench.diagnosis.static import diagnose_loads
 from hdbench.diagnosis.together import diagnose_together
 from hdbench.errors import DataError, UsageError
 from hdbench.model import (
     BenchModel,
-    Motion,
     load_model,
     motion_from_trace,
     save_model,
@@ -32,7 +29,6 @@ from hdbench.profile import Profile
 from hdbench.profile.scaling import rescaled, stored_scale
 from hdbench.records import (
     RunFolder,
-    TorqueScale,
     Trace,
     input_identity,
     is_loads_file,
@@ -40,24 +36,14 @@ from hdbench.records import (
     read_loads,
     read_trace,
     resolve_input,
-    result_header,
     write_json,
 )
+from hdbench.results import ProfileName
+from hdbench.results.diagnosis import DiagnosedPart, SeparatingRun
 
 MOST_SAMPLES = 600_000
 """Samples of one diagnosis at most: ten minutes at 1 kHz, the longest records of the blind
 benchmark. Memory grows by some 4 kB a sample."""
-
-
-@dataclass(frozen=True, slots=True)
-class Part:
-    """Which part of a record is diagnosed: first and last stamp, samples, and of how many."""
-
-    from_s: float
-    to_s: float
-    samples: int
-    of_samples: int
-    cut: bool  # whether it ends there because one diagnosis takes no more samples
 
 
 def part_of(
@@ -66,7 +52,7 @@ def part_of(
     to_s: float | None = None,
     *,
     most: int = MOST_SAMPLES,
-) -> tuple[Trace, Part | None]:
+) -> tuple[Trace, DiagnosedPart | None]:
     """Return the part of a record to diagnose."""
     time_s = trace.time_s
     begin = 0 if from_s is None else int(np.searchsorted(time_s, from_s, side="left"))
@@ -85,7 +71,7 @@ def part_of(
     columns = {name: column[begin : begin + kept] for name, column in trace.columns.items()}
     held = Trace(columns, trace.source, trace.metadata)
     ends = float(held.time_s[0]), float(held.time_s[-1])
-    return held, Part(*ends, kept, len(trace), kept < end - begin)
+    return held, DiagnosedPart(*ends, kept, len(trace), kept < end - begin)
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,20 +108,12 @@ class DiagnosisOptions:
 
 @dataclass(frozen=True, slots=True)
 class _Input:
-    """A trace in N m, the gain that scaled it, and what of the record it is; None for the whole."""
+    """What is diagnosed: a file, and where it holds a run the part of it in N m."""
 
-    trace: Trace
-    scale: TorqueScale
-    part: Part | None
-    log: Inspection
-
-
-@dataclass(frozen=True, slots=True)
-class _Done:
-    """A diagnosis and the record it is of, of several the first; None for calibration loads."""
-
-    answer: Diagnosis
-    input: _Input | None = None
+    identity: dict[str, Any]  # path and digest, and what it was imported from
+    file: Path
+    trace: Trace | None = None  # None for calibration loads
+    stated: Mapping[str, Any] = field(default_factory=dict)  # what a result says of the trace
 
 
 def diagnose_run(
@@ -145,7 +123,7 @@ def diagnose_run(
     out: Path,
     options: DiagnosisOptions | None = None,
     progress: Callable[[str, float], None] | None = None,
-) -> tuple[Path, dict[str, Any]]:
+) -> tuple[Path, Diagnosis]:
     """Diagnose a stored trace, loads file or run, and store the diagnosis.
 
     Parameters
@@ -166,8 +144,8 @@ def diagnose_run(
     folder : Path
         Run folder with ``result.json`` and, for a dynamic run, ``model.json``,
         ``residual.csv`` and spectra.
-    result : dict
-        The result object.
+    result : Diagnosis
+        The result as ``result.json`` holds it.
 
     Raises
     ------
@@ -177,10 +155,15 @@ def diagnose_run(
         If the folder cannot be written.
     """
     chosen = options or DiagnosisOptions()
-    file = resolve_input(Path(source))
+    asked = _asked(chosen, profile, progress)
     # an input that cannot be used must not leave an empty run behind
-    done = _diagnose(file, Path(source), profile, chosen, progress)
-    return _stored(done, profile, out, _identity(source, file))
+    given = _input(source, profile, chosen)
+    if given.trace is None:
+        _refuse_for_loads(chosen, given.file)
+        answer = diagnose_loads(read_loads(given.file, profile.data.arm), profile, **asked)
+    else:
+        answer = diagnose_trace(given.trace, profile, baseline=chosen.baseline, **asked)
+    return _stored(answer, given, profile, out)
 
 
 def diagnose_runs_together(
@@ -190,153 +173,123 @@ def diagnose_runs_together(
     out: Path,
     options: DiagnosisOptions | None = None,
     progress: Callable[[str, float], None] | None = None,
-) -> tuple[Path, dict[str, Any]]:
+) -> tuple[Path, Diagnosis]:
     """Diagnose several dynamic runs of one drive at once, and store one diagnosis.
+
+    Parameters and errors beside these are those of `diagnose_run`.
 
     Parameters
     ----------
     sources : sequence of Path
         Run folders or traces, two or more, each named once.
-    profile : Profile
-        Bench of all of them.
-    out : Path
-        Parent folder of run folders.
-    options : DiagnosisOptions or None
-        Settings; the defaults where None.
-    progress : callable or None
-        Called with what is being done and the share done.
 
     Returns
     -------
     folder : Path
         Run folder, with one extended model of all.
-    result : dict
-        The result object, with `records`.
+    result : Diagnosis
+        The result as ``result.json`` holds it, with `records`.
 
     Raises
     ------
-    DataError
-        If an input cannot be read, or fewer than two can be used.
-    StorageError
-        If the folder cannot be written.
     UsageError
         If there is one input only, one is there twice, or one holds calibration loads.
     """
     chosen = options or DiagnosisOptions()
-    files = [resolve_input(Path(source)) for source in sources]
-    identities = [_identity(source, file) for source, file in zip(sources, files, strict=True)]
-    _check_together(files, identities)
-    most = MOST_SAMPLES // len(files)
-    inputs = [
-        _input(file, Path(source), profile, chosen, most)
-        for file, source in zip(files, sources, strict=True)
-    ]
+    most = MOST_SAMPLES // max(1, len(sources))
+    inputs = [_input(source, profile, chosen, most) for source in sources]
+    traces = _check_together(inputs)
     answer = diagnose_together(
-        [one.trace for one in inputs],
+        traces,
         [str(source) for source in sources],
         profile,
         baseline=chosen.baseline,
         **_asked(chosen, profile, progress),
     )
-    used = next(i for i, one in enumerate(answer.records) if not one.left_out)
-    done = _Done(answer, inputs[used])
-    return _stored(done, profile, out, identities[used], together=(inputs, identities))
+    parts = zip(answer.records, inputs, strict=True)
+    records = tuple(replace(part, **one.identity, **one.stated) for part, one in parts)
+    used = next(one for part, one in zip(records, inputs, strict=True) if not part.left_out)
+    return _stored(replace(answer, records=records), used, profile, out)
 
 
-def _check_together(files: Sequence[Path], identities: Sequence[Mapping[str, Any]]) -> None:
-    if len(files) < 2:
+def _check_together(inputs: Sequence[_Input]) -> list[Trace]:
+    """Return the traces of inputs that can be taken together."""
+    if len(inputs) < 2:
         raise UsageError(
-            f"--together with {len(files)} record; needed: 2 or more of one drive",
+            f"--together with {len(inputs)} record; needed: 2 or more of one drive",
             where="hdbench diagnose",
             fix="name more records, or leave out --together",
         )
-    seen: dict[str, str] = {}
-    for file, one in zip(files, identities, strict=True):
-        if is_loads_file(file):
+    traces: dict[str, Trace] = {}
+    names: dict[str, str] = {}
+    for one in inputs:
+        name, digest = one.identity["input"], one.identity["input_sha256"]
+        if one.trace is None:
             raise UsageError(
                 "--together with calibration loads; needed: dynamic runs",
-                where=str(file),
+                where=str(one.file),
                 fix="diagnose the loads alone: one file holds all experiments of a calibration",
             )
-        other = seen.get(one["input_sha256"])
-        seen[one["input_sha256"]] = one["input"]
-        if other is not None:
+        if digest in traces:
             raise UsageError(
-                f"the same record as {other}; needed: each record once",
-                where=str(one["input"]),
+                f"the same record as {names[digest]}; needed: each record once",
+                where=name,
                 fix="leave one of them out: a copy is no evidence",
             )
-
-
-def _identity(source: Path, file: Path) -> dict[str, Any]:
-    """Return path and digest of an input, and what it was made from."""
-    identity = input_identity(file)
-    details = {"input": str(source), "input_sha256": identity["sha256"]}
-    return details | {key: identity[key] for key in ("imported",) if key in identity}
+        traces[digest], names[digest] = one.trace, name
+    return list(traces.values())
 
 
 def _stored(
-    done: _Done,
-    profile: Profile,
-    out: Path,
-    details: dict[str, Any],
-    together: tuple[Sequence[_Input], Sequence[Mapping[str, Any]]] | None = None,
-) -> tuple[Path, dict[str, Any]]:
-    """Write a diagnosis as a run folder."""
-    answer = done.answer
-    folder = RunFolder.create(out, kind="diagnosis", profile=profile, details=details)
-    files = ["result.json", *_write_tables(folder.path, done, profile)]
-    motion = None
-    if done.input is not None and answer.pictures is not None:
-        motion = motion_from_trace(done.input.trace, profile.data)
-    proposal = _proposal(answer, profile, motion)
-    if proposal is not None and proposal.plan is not None:
-        write_plan(folder.path / "plan.toml", proposal.plan)
-        files.append("plan.toml")
+    answer: Diagnosis, given: _Input, profile: Profile, out: Path
+) -> tuple[Path, Diagnosis]:
+    """Write a diagnosis as a run folder; of several records `given` is the first."""
+    from hdbench import __version__
+
+    folder = RunFolder.create(out, kind="diagnosis", profile=profile, details=given.identity)
+    files = ["result.json", *_write_tables(folder.path, answer, given, profile)]
+    gain, proposal = None, None
+    if given.trace is not None and answer.pictures is not None:
+        motion, extra = motion_from_trace(given.trace, profile.data), answer.model.extra_causes
+        proposal = plan_for_causes(answer.causes, profile.data, motion=motion, extra=extra)
+        if not answer.records:
+            gain = filter_gain(given.trace, motion, profile, answer)
+    separating = None
+    if proposal is not None:
+        separating = SeparatingRun(file=None, words=proposal.words)
+        if proposal.plan is not None:
+            write_plan(folder.path / "plan.toml", proposal.plan)
+            files.append("plan.toml")
+            separating = replace(separating, file="plan.toml")
     extended = answer.pictures is not None or answer.load_pictures is not None
     if extended:
-        provenance = {"diagnosis": folder.run_id, **details}
+        provenance = {"diagnosis": folder.run_id, **given.identity}
         save_model(folder.path / "model.json", answer.model, profile=profile, provenance=provenance)
         files.append("model.json")
-    header = result_header("diagnosis", profile)
-    result = {
-        **answer.to_dict(header, "model.json" if extended else None),
-        **details,
-        **_of_input(done.input),
-        "filter_gain": _gain(done, profile, motion),
-        "separating_run": _separating(proposal),
-    }
-    if together is not None:
-        result["records"] = [
-            {**one, **identity, **_of_input(given)}
-            for one, given, identity in zip(result["records"], *together, strict=True)
-        ]
-    write_json(folder.result, result)
+    result = replace(
+        answer,
+        hdbench_version=__version__,
+        profile=ProfileName(name=profile.name, sha256=profile.sha256),
+        model_file="model.json" if extended else None,
+        filter_gain=gain,
+        separating_run=separating,
+        **given.identity,
+        **given.stated,
+    )
+    write_json(folder.result, result.to_json())
     folder.finish("complete", f"diagnosis: {answer.verdict}", files)
     return folder.path, result
-
-
-def _diagnose(
-    file: Path,
-    source: Path,
-    profile: Profile,
-    options: DiagnosisOptions,
-    progress: Callable[[str, float], None] | None,
-) -> _Done:
-    asked = _asked(options, profile, progress)
-    if is_loads_file(file):
-        _refuse_for_loads(options, file)
-        return _Done(diagnose_loads(read_loads(file, profile.data.arm), profile, **asked))
-    given = _input(file, source, profile, options)
-    return _Done(diagnose_trace(given.trace, profile, baseline=options.baseline, **asked), given)
 
 
 def _asked(
     options: DiagnosisOptions, profile: Profile, progress: Callable[[str, float], None] | None
 ) -> dict[str, Any]:
     """Return what every kind of diagnosis is asked for."""
+    # the profile's own model where no other and no causes of the user's own are given
+    model = load_model(options.model_file) if options.model_file else None
+    own = user_causes(options.cause_files)
     return {
-        "model": _given(options, profile),
+        "model": (model or BenchModel.from_profile(profile.data)).with_extra(own) if own else model,
         "alpha": options.alpha,
         "materiality": options.materiality,
         "seed": options.seed,
@@ -345,19 +298,23 @@ def _asked(
 
 
 def _input(
-    file: Path, source: Path, profile: Profile, options: DiagnosisOptions, most: int = MOST_SAMPLES
+    source: Path, profile: Profile, options: DiagnosisOptions, most: int = MOST_SAMPLES
 ) -> _Input:
-    """Return the part of a record to diagnose, scaled to N m."""
+    """Return an input; of a run the part to diagnose, scaled to N m."""
+    file = resolve_input(Path(source))
+    found = input_identity(file)
+    identity = {"input": str(source), "input_sha256": found["sha256"]}
+    identity |= {key: found[key] for key in ("imported",) if key in found}
+    if is_loads_file(file):
+        return _Input(identity, file)
     held, part = part_of(read_trace(file), options.from_s, options.to_s, most=most)
-    return _Input(*_scaled(held, source, profile), part, inspect_trace(held, profile.data))
-
-
-def _of_input(given: _Input | None) -> dict[str, Any]:
-    return {
-        "torque_scale": None if given is None else given.scale.to_dict(),
-        "part": None if given is None or given.part is None else asdict(given.part),
-        "inspection": None if given is None else given.log.to_dict(),
-    }
+    stored, manifest = None, Path(source) / "run.json"
+    if manifest.is_file():
+        stored = stored_scale(read_json(manifest).get("calibration"), Path(source))
+    # by its own gain, that of the run's calibration, or the profile's
+    trace, scale = rescaled(held, profile, calibration=None, stored=stored)
+    log = inspect_trace(held, profile.data).to_dict()
+    return _Input(identity, file, trace, {"torque_scale": scale, "part": part, "inspection": log})
 
 
 def _refuse_for_loads(options: DiagnosisOptions, file: Path) -> None:
@@ -375,58 +332,17 @@ def _refuse_for_loads(options: DiagnosisOptions, file: Path) -> None:
         )
 
 
-def _given(options: DiagnosisOptions, profile: Profile) -> BenchModel | None:
-    """Return the model at hand with the user's own causes; None for the profile's as it is."""
-    model = load_model(options.model_file) if options.model_file else None
-    own = user_causes(options.cause_files)
-    return (model or BenchModel.from_profile(profile.data)).with_extra(own) if own else model
-
-
-def _write_tables(folder: Path, done: _Done, profile: Profile) -> list[str]:
+def _write_tables(folder: Path, answer: Diagnosis, given: _Input, profile: Profile) -> list[str]:
     """Write every table of the diagnosis and return the names."""
-    if done.answer.load_pictures is not None:
-        write_table(folder / "residual.csv", done.answer.load_pictures)
+    if answer.load_pictures is not None:
+        write_table(folder / "residual.csv", answer.load_pictures)
         return ["residual.csv"]
-    if done.answer.pictures is None:
+    if answer.pictures is None:
         return []
-    files = write_pictures(folder, done.answer.pictures)
-    if done.input is not None and not done.answer.records and "torque_v" in done.input.trace:
+    files = write_pictures(folder, answer.pictures)
+    if given.trace is not None and not answer.records and "torque_v" in given.trace:
         daq = profile.data.daq
         step_v = 2.0 * daq.range_v / 2**daq.resolution_bits
-        write_table(folder / "map_code.csv", code_map(done.input.trace["torque_v"], step_v))
+        write_table(folder / "map_code.csv", code_map(given.trace["torque_v"], step_v))
         files.append("map_code.csv")
     return files
-
-
-def _gain(done: _Done, profile: Profile, motion: Motion | None) -> dict[str, Any] | None:
-    """Return what the filter gains by the orders found; None where none was, and of several."""
-    if done.input is None or motion is None or done.answer.records:
-        return None
-    gain = filter_gain(done.input.trace, motion, profile, done.answer)
-    return None if gain is None else gain.to_dict()
-
-
-def _proposal(answer: Diagnosis, profile: Profile, motion: Motion | None) -> Proposal | None:
-    """Return the run that settles what is open; None for loads and where nothing is."""
-    if motion is None:
-        return None
-    extra = answer.model.extra_causes
-    return plan_for_result(answer.to_dict({}), profile.data, motion=motion, extra=extra)
-
-
-def _separating(proposal: Proposal | None) -> dict[str, Any] | None:
-    """Return what the proposed run settles, in words, and its file."""
-    if proposal is None:
-        return None
-    return {
-        "file": None if proposal.plan is None else "plan.toml",
-        "words": list(proposal.words),
-    }
-
-
-def _scaled(trace: Trace, source: Path, profile: Profile) -> tuple[Trace, TorqueScale]:
-    """Return the trace in N m and by which gain: its own, the run's calibration, the profile's."""
-    stored = None
-    if (source / "run.json").is_file():
-        stored = stored_scale(read_json(source / "run.json").get("calibration"), source)
-    return rescaled(trace, profile, calibration=None, stored=stored)

@@ -8,17 +8,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from hdbench.diagnosis.answer.assemble import assemble
-from hdbench.diagnosis.answer.result import (
-    DataFlag,
-    Diagnosis,
-    LeftOutSamples,
-    Pictures,
-    RecordPart,
-    Rest,
-    Testable,
-    by_share,
-    verdict_of,
-)
+from hdbench.diagnosis.answer.result import Diagnosis, Pictures, by_share, verdict_of
 from hdbench.diagnosis.discovery.fit import Fit
 from hdbench.diagnosis.discovery.record import Record
 from hdbench.diagnosis.discovery.search import Search
@@ -43,6 +33,14 @@ from hdbench.errors import DataError
 from hdbench.model import BenchModel, Cause
 from hdbench.profile import Profile
 from hdbench.records import Trace
+from hdbench.results.diagnosis import (
+    HeldOut,
+    LeftOutSamples,
+    RecordPart,
+    Rest,
+    StretchFlag,
+    Testable,
+)
 
 LEFT_OUT = "record-left-out"
 """Flag of a record that took no part."""
@@ -154,51 +152,50 @@ def _joined(
     first = answers[0]
     noise = float(np.sqrt(np.mean([(p.noise_rms_nm or 0.0) ** 2 for p in parts if not p.left_out])))
     return Diagnosis(
-        verdict_of(causes, places),
-        causes,
-        minor,
-        places,
-        small,
-        tuple(flag for one in every for flag in _flags(one, by_name.get(one.name))),
-        minimum_detectable(told.search),
-        {**first.simulated, "heldout_rms_nm": told.before.rms_nm},
-        {**first.extended, "heldout_rms_nm": told.after.rms_nm},
-        first.model,
-        {**task.settings, **_settings(told, answers)},
-        "",
-        _pictures(told, answers),
+        verdict=verdict_of(causes, places),
+        causes=causes,
+        minor=minor,
+        unexplained=places,
+        minor_unexplained=small,
+        data_flags=tuple(flag for one in every for flag in _flags(one, by_name.get(one.name))),
         left_out=_left_out(every, by_name),
         rest=Rest(told.after.rms_nm, noise, places),
         testable=_testable(task, told, by_name),
+        minimum_detectable=minimum_detectable(told.search),
+        simulated=replace(first.simulated, heldout_rms_nm=told.before.rms_nm),
+        extended=replace(first.extended, heldout_rms_nm=told.after.rms_nm),
+        settings={**task.settings, **_settings(told, answers)},
         records=parts,
+        model=first.model,
+        pictures=_pictures(told, answers),
     )
 
 
 def _part(one: _Named, answer: Diagnosis | None, told: Together) -> RecordPart:
     rate = 1.0 / float(np.median(np.diff(one.trace.time_s)))
     if answer is None or answer.rest is None:
-        reason = one.ready.reason if isinstance(one.ready, Refused) else ""
-        return RecordPart(one.name, reason, 0, rate)
+        reason = one.ready.reason if isinstance(one.ready, Refused) else None
+        return RecordPart(record=one.name, left_out=reason, samples=0, rate_hz=rate, settings={})
     apart = [c.name for c in told.causes for v in c.voices if v.record == one.name and v.disagrees]
+    settings = answer.settings
     return RecordPart(
-        one.name,
-        "",
-        int(answer.settings["samples_used"]),
-        rate,
-        answer.simulated["heldout_rms_nm"],
-        answer.extended["heldout_rms_nm"],
-        answer.rest.noise_rms_nm,
-        tuple(apart),
-        {k: v for k, v in answer.settings.items() if k not in ("alpha", "materiality", "seed")},
+        record=one.name,
+        samples=settings["samples_used"],
+        rate_hz=rate,
+        simulated=HeldOut(answer.simulated.heldout_rms_nm),
+        extended=HeldOut(answer.extended.heldout_rms_nm),
+        noise_rms_nm=answer.rest.noise_rms_nm,
+        disagrees=tuple(apart),
+        settings={k: v for k, v in settings.items() if k not in ("alpha", "materiality", "seed")},
     )
 
 
-def _flags(one: _Named, answer: Diagnosis | None) -> list[DataFlag]:
+def _flags(one: _Named, answer: Diagnosis | None) -> list[StretchFlag]:
     """Return the flags of a record; of one that was left out the reason comes first."""
     if answer is not None or isinstance(one.ready, Ready):
         return [replace(flag, record=one.name) for flag in answer.data_flags] if answer else []
     ends = float(one.trace.time_s[0]), float(one.trace.time_s[-1])
-    whole = DataFlag(LEFT_OUT, *ends, len(one.trace), one.ready.reason, one.name)
+    whole = StretchFlag(LEFT_OUT, *ends, len(one.trace), one.ready.reason, one.name)
     return [whole, *(replace(flag, record=one.name) for flag in one.ready.inspected.flags)]
 
 

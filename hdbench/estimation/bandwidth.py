@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.ndimage import median_filter
-from scipy.signal import spectrogram, welch
 
 from hdbench.records.trace import FloatArray
 
@@ -43,6 +42,8 @@ def spectrum_of(values: FloatArray, rate_hz: float, step: float) -> Spectrum | N
     a record, lines of a swinging shaft are not: the geometric mean over stretches is .09 of the
     mean or more on filtered logs, and 2e-4 or less where nothing is noise.
     """
+    from scipy.signal import spectrogram, welch  # half a second of every start
+
     known = np.isfinite(values)
     if int(known.sum()) < 256 or not float(np.ptp(values[known])) > 0.0:
         return None

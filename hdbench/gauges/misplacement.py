@@ -60,6 +60,42 @@ class GaugedBench:
         """
         return 0.5 * wave.pair_strain / _strain_per_nm(self.sensor)
 
+    def with_strain(
+        self,
+        second: float | None,
+        fourth: float | None,
+        normal_share: float,
+        assembly: float | None,
+    ) -> GaugedBench:
+        """Return the bench under other strain.
+
+        Parameters
+        ----------
+        second, fourth : float or None
+            Strain of a pair at order 2 and 4; None keeps it.
+        normal_share : float
+            Amplitude of normal over shear wave strain.
+        assembly : float or None
+            Steady radial strain of assembly; None takes that of order 2.
+
+        Returns
+        -------
+        GaugedBench
+        """
+        known = {wave.order: wave.pair_strain for wave in self.field.waves}
+        strains = {2.0: second, 4.0: fourth}
+        waves = tuple(
+            Wave(order, known[order] if given is None else given)
+            for order, given in strains.items()
+        )
+        field = replace(
+            self.field,
+            waves=waves,
+            normal_share=normal_share,
+            assembly_strain=waves[0].pair_strain if assembly is None else assembly,
+        )
+        return replace(self, field=field)
+
 
 @dataclass(frozen=True, slots=True)
 class Effects:

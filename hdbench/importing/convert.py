@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hdbench.errors import DataError, UsageError
-from hdbench.importing.layout import MISSING
+from hdbench.importing.cells import MISSING, stamp_seconds
 from hdbench.importing.mapping import WORDS, SourceColumn
 from hdbench.importing.source import Source
 from hdbench.importing.units import target_unit, unit_scale
@@ -24,6 +24,7 @@ _WIDTHS = {"int8": 8, "int16": 16, "int32": 32}
 # what turns with the shaft: on the joint side these are smaller by the gear ratio
 _TURNING = ("motor_angle_rad", "motor_velocity_rad_s")
 _TURN = 2.0 * np.pi
+UNSTATED = "the file states no unit"
 _ORDER = 4
 # the derivative is filtered on an even grid; times that differ less from it are even enough
 _EVEN_SHARE = 0.01
@@ -80,8 +81,10 @@ class Conversion:
             steps.append(f"unsigned {self.bits}-bit number read as two's complement")
         if not self.column.plain:
             steps.append(f"times {self.column.scale:.17g}, plus {self.column.offset:.17g}")
+        ours = target_unit(self.target)
+        if not self.unit and ours and not self.column.channel.name.endswith(self.target):
+            steps.append(f"taken as {ours}: {UNSTATED}")
         if self.factor != 1:
-            ours = target_unit(self.target)
             steps.append(f"{self.unit} to {ours}, times {self.factor:.17g}")
         if self.wrapped:
             steps.append("whole turns put back at jumps of more than half a turn")
@@ -169,12 +172,14 @@ class Conversion:
         if raw.dtype == object:
             name = self.column.channel.name
             if start is None:
-                first = decimal_cell(self.source, name, raw[0], row)
+                first = decimal_cell(self.source, name, raw[0], row, stamp=True)
                 start = None if first is None else Fraction(first) * scale + offset
             exact = None if start is None else _scaled(raw, scale, offset - start)
             if exact is not None and start is not None:
                 return exact, start
-            cells = [decimal_cell(self.source, name, c, row + k) for k, c in enumerate(raw)]
+            cells = [
+                decimal_cell(self.source, name, c, row + k, stamp=True) for k, c in enumerate(raw)
+            ]
             times = [None if c is None else Fraction(c) * scale + offset for c in cells]
             if start is None:
                 start = next((t for t in times if t is not None), Fraction(0))
@@ -220,11 +225,19 @@ def _scaled(cells: NDArray[Any], scale: Fraction, offset: Fraction) -> FloatArra
     return np.asarray((whole * factor + more) / denominator)
 
 
-def decimal_cell(source: Source, name: str, cell: str, row: int) -> Decimal | None:
-    """Return a cell of text as an exact number; None for one that says that there is none."""
+def decimal_cell(
+    source: Source, name: str, cell: str, row: int, *, stamp: bool = False
+) -> Decimal | None:
+    """Return a cell of text as an exact number; None for one that says that there is none.
+
+    A stamp is taken, in s, where a time is wanted.
+    """
     word = str(cell).strip()
     if word.lower() in MISSING:
         return None
+    seconds = stamp_seconds(word) if stamp and ":" in word else None
+    if seconds is not None:
+        return seconds
     if source.decimal_comma:
         word = word.replace(",", ".")
     try:
@@ -234,9 +247,11 @@ def decimal_cell(source: Source, name: str, cell: str, row: int) -> Decimal | No
     # beyond these a double overflows
     if not (value.is_finite() and value.adjusted() < 308):
         raise DataError(
-            f"column {name} holds {str(cell)[:40]!r}; needed: a finite number",
+            f"column {name} holds {str(cell)[:40]!r}; needed: a finite number"
+            + (" or a stamp such as 2024-03-12 10:11:12.5" if stamp else ""),
             where=source.place(row),
-            fix="correct the cell, empty it, or pass lines before the data over with --skip",
+            fix="correct the cell, empty it, or pass lines before the data over with --skip"
+            + ("; or give the rate by --rate" if stamp else ""),
         )
     return value
 
@@ -258,6 +273,8 @@ def conversion(
     unit = units[-1] if units else stated
     scale = unit_scale(unit, wanted) if wanted and unit else None
     declared = bool(units) or (turn and column.plain)
+    if scale is None and wanted and unit and column.plain:
+        raise _refused(target, source, given, unit, f"give the factor: {target}={given}*FACTOR")
     if scale is not None and scale.is_nan() and (declared or column.plain):
         raise _refused(target, source, given, unit, "map another column")
     if scale is not None and scale != 1 and column.plain and not declared:

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import asdict, dataclass, field
 from datetime import UTC, datetime
+from decimal import Decimal
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -19,7 +20,7 @@ from hdbench.importing.mapping import ColumnMap, Constant, SourceColumn, find_so
 from hdbench.importing.recipe import Recipe, known_columns
 from hdbench.importing.registry import open_source
 from hdbench.importing.source import Source
-from hdbench.importing.trace import Joined, Part, joined_trace
+from hdbench.importing.trace import Part, joined_trace
 from hdbench.records.loads import LOADS_COLUMNS
 from hdbench.records.provenance import write_provenance
 from hdbench.records.storage import publish, staged_path, write_atomic
@@ -159,8 +160,8 @@ def _option(target: str) -> str:
 
 def _since_1904(source: Source, time: str) -> list[str]:
     """Return when a log of LabJack began, where its time counts from 1904."""
-    piece = next(iter(source.pieces([time])), None)
-    first = None if piece is None else decimal_cell(source, time, str(piece[time][0]), 0)
+    cell = next((str(piece[time][0]) for piece in source.pieces([time])), "")
+    first = None if ":" in cell else decimal_cell(source, time, cell, 0)
     # seconds since 1904 of any day after 1970; no run counts 66 years from its own start
     if first is None or not EPOCH_1904_S < first < 2 * EPOCH_1904_S:
         return []
@@ -242,10 +243,14 @@ def import_files(
                 report = _loads(parts, staged, out, notes, arm)
             else:
                 derived = Derived(recipe.torque_constant_nm_per_a, recipe.velocity_from_angle_hz)
-                joined = joined_trace(
-                    parts, derived, rate_hz=recipe.rate_hz, keep_time=recipe.keep_time
-                )
-                report = _trace(joined, staged, out, notes)
+                rate, kept = recipe.rate_hz, recipe.keep_time
+                joined = joined_trace(parts, derived, rate_hz=rate, keep_time=kept)
+                notes += joined.notes
+                write_trace(staged, joined.trace)
+                # what is read back takes as much memory
+                origin, done = joined.origin, joined.done
+                del joined
+                report = _trace(staged, out, notes, origin, done)
             described = {
                 "columns": report.done,
                 "notes": list(report.notes),
@@ -271,16 +276,22 @@ def _loads(
     return ImportReport(out, "loads", rows, names, None, 0, tuple(notes), done)
 
 
-def _trace(joined: Joined, staged: Path, out: Path, notes: list[str]) -> ImportReport:
-    write_trace(staged, joined.trace)
+def _trace(
+    staged: Path,
+    out: Path,
+    notes: list[str],
+    origin: Decimal | None,
+    done: dict[str, list[str]],
+) -> ImportReport:
+    """Read a trace back."""
     back = read_trace(staged, require=("torque",))
     lost = sum(int(np.isnan(column).sum()) for column in back.columns.values())
-    told = [*notes, *joined.notes]
     if not {"motor_velocity_rad_s", "tacho_v"} & set(back.columns):
-        told.append("no velocity: filter, ripple, misalignment and diagnose need one")
-    origin = None if joined.origin is None else float(joined.origin)
-    names = tuple(back.columns)
-    return ImportReport(out, "trace", len(back), names, origin, lost, tuple(told), joined.done)
+        notes.append("no velocity: filter, ripple, misalignment and diagnose need one")
+    start = None if origin is None else float(origin)
+    return ImportReport(
+        out, "trace", len(back), tuple(back.columns), start, lost, tuple(notes), done
+    )
 
 
 def _cells(part: Part, name: str) -> list[str]:

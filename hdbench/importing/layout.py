@@ -17,23 +17,23 @@ import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from decimal import Decimal, InvalidOperation
 from typing import Literal
 
+from hdbench.importing.cells import is_number, says_number
 from hdbench.importing.units import known_unit
 
 Logger = Literal["labjack", "dataq", "auto"]
 # 1970-01-01 in seconds since 1904-01-01: 66 years, 17 of them leap years
 EPOCH_1904_S = 2_082_844_800
-MISSING = frozenset(("", "nan", "na", "n/a", "-nan", "nan(ind)", "-nan(ind)", "null", "none"))
 # as many lines a file may have before its table: 96 channels with a line each, and some to spare
 SEARCHED_LINES = 200
 _TIME = re.compile(
     r"(?:(?:relative|elapsed|scan|rel\.?)[ _]*)?times?(?:[ _]*stamp)?(?![a-z]).*", re.I
 )
 _DATE = re.compile(r"date\b.*", re.I)
-_COMMA_NUMBER = re.compile(r"[+-]?\d+,\d+(?:[eE][+-]?\d+)?")
 _COMMENTS = ("#", "%", "//")
+# columns that hold a word now and then
+_REMARK = re.compile(r"(?:comment|remark|note|bemerkung|kommentar|marker|event)s?", re.I)
 # in this order where two fit as well: a comma may be a decimal one
 _DELIMITERS = ("\t", ";", " ", ",")
 # rows at the end of the lines looked at that say what the table is like
@@ -53,6 +53,8 @@ class TableLayout:
         Row of the first data among those looked at, from 0.
     width : int
         Number of columns.
+    least : int
+        Number of cells that a row has at least: a remark at its end may be left out.
     names, units : tuple of str
         Names, empty without a header, and units, empty text where none is stated.
     preamble : tuple of int
@@ -62,6 +64,7 @@ class TableLayout:
     delimiter: str
     start: int
     width: int
+    least: int
     names: tuple[str, ...]
     units: tuple[str, ...]
     preamble: tuple[int, ...]
@@ -90,21 +93,6 @@ def split(lines: Sequence[str] | Iterator[str], delimiter: str) -> Iterator[list
         yield from csv.reader(lines, delimiter=delimiter, strict=True)
 
 
-def is_number(cell: str) -> bool:
-    """Return whether a cell is a number, with a point or a comma."""
-    word = cell.strip()
-    if _COMMA_NUMBER.fullmatch(word):
-        return True
-    try:
-        return word.isascii() and "_" not in word and Decimal(word).is_finite()
-    except InvalidOperation:
-        return False
-
-
-def _says_number(cell: str) -> bool:
-    return bool(cell.strip()) and (is_number(cell) or cell.strip().lower() in MISSING)
-
-
 def _line_rows(lines: Sequence[str], delimiter: str) -> list[_Row]:
     rows = []
     for place, line in enumerate(lines):
@@ -129,8 +117,12 @@ def table_layout(
     rows: Sequence[_Row], delimiter: str, *, named: bool, comments: Sequence[_Row] = ()
 ) -> TableLayout | None:
     """Find the table among the first rows of a file; None where no row holds a number."""
-    tail = [cells for _, cells in rows[-_TAIL:]]
-    widths = Counter(_filled(cells) for cells in tail if any(map(_says_number, cells)))
+    # LabVIEW ends what stands before a table by this line
+    behind = 1 + max(
+        (i for i, (_, cells) in enumerate(rows) if cells[:1] == ["***End_of_Header***"]), default=-1
+    )
+    tail = [cells for _, cells in rows[behind:][-_TAIL:]]
+    widths = Counter(_filled(cells) for cells in tail if any(map(says_number, cells)))
     if not widths:
         return None
     width = max(widths, key=lambda w: (widths[w], w))
@@ -141,28 +133,49 @@ def table_layout(
         return len(cells) >= width and _filled(cells) <= width
 
     def share(cells: Sequence[str]) -> float:
-        return sum(_says_number(cells[k]) for k in numeric) / len(numeric)
+        return sum(says_number(cells[k]) for k in numeric) / len(numeric)
 
     def whole(cells: Sequence[str]) -> bool:
-        told = any(map(_says_number, cells))
-        return told and all(_says_number(cells[k]) or not cells[k].strip() for k in numeric)
+        told = any(map(says_number, cells))
+        return told and all(says_number(cells[k]) or not cells[k].strip() for k in numeric)
 
-    start = next((i for i, (_, c) in enumerate(rows) if numeric and fits(c) and whole(c)), None)
+    data = (i for i, (_, c) in enumerate(rows) if i >= behind and fits(c) and whole(c))
+    start = next(data, None) if numeric else None
     if start is None:
         return None
     # a row with one bad cell is data too: who reads it names the cell
-    while start and fits(rows[start - 1][1]) and share(rows[start - 1][1]) >= 0.5:
+    while start > behind and len(rows[start - 1][1]) >= width and share(rows[start - 1][1]) >= 0.5:
         start -= 1
     # a column without any number ends the names, and perhaps the rows too
-    names_row = rows[start - 1][1] if named and start else []
-    wide = _filled(names_row)
-    if all(map(str.strip, names_row[:width])) and all(len(cells) >= wide for cells in tail):
-        width = max(width, wide if not any(map(is_number, names_row)) else 0)
-    block = _header_block(rows, start, width, comments) if named else []
+    names_row = rows[start - 1][1] if named and start > behind else []
+    wide, least = _filled(names_row), width
+    if wide > width and not any(map(is_number, names_row)):
+        if all(len(cells) >= wide for cells in tail) and all(map(str.strip, names_row[:width])):
+            width = least = wide
+        elif all(_REMARK.fullmatch(name.strip()) for name in names_row[width:wide]):
+            width = wide
+    block = _header_block(rows[behind:], start - behind, width, comments) if named else []
     names, units = _names_and_units([cells for _, cells in block], width)
     above = {place for place, _ in block}
-    before = tuple(place for place, _ in rows[:start] if place not in above)
-    return TableLayout(delimiter, rows[start][0], width, names, units, before)
+    before = [(place, cells) for place, cells in rows[:start] if place not in above]
+    units = units or _units_before([cells for _, cells in before], names)
+    told = tuple(place for place, _ in before)
+    return TableLayout(delimiter, rows[start][0], width, least, names, units, told)
+
+
+def _units_before(rows: Sequence[Sequence[str]], names: Sequence[str]) -> tuple[str, ...]:
+    """Return the units that a row of the preamble has above its columns, as LabVIEW writes them."""
+    units = [""] * len(names)
+    for label, *cells in rows:
+        words = [cell.strip() for cell in cells]
+        if re.fullmatch(r"(?:\w+_)?units?(?:_\w+)?", label.strip(), re.I):
+            below = len(units) - 1
+            units[1:] = [
+                word if known_unit(word) else "" for word in [*words, *[""] * below][:below]
+            ]
+        if label == "X_Dimension" and "Time" in words and names[:1] == ("X_Value",):
+            units[0] = "s"
+    return tuple(units) if any(units) else ()
 
 
 def _header_block(
@@ -221,16 +234,3 @@ def text_layout(
             ]
             best, most = table_layout(rows, mark, named=named, comments=comments), score
     return best
-
-
-def uses_decimal_comma(rows: Sequence[Sequence[str]]) -> bool:
-    """Return whether numbers are like 1,5 and none is like 1.5."""
-    found = False
-    for row in rows:
-        for cell in row:
-            word = cell.strip()
-            if _COMMA_NUMBER.fullmatch(word):
-                found = True
-            elif "." in word and _COMMA_NUMBER.fullmatch(word.replace(".", ",", 1)):
-                return False
-    return found

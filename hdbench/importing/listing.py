@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hdbench.importing.layout import MISSING
+from hdbench.importing.cells import MISSING, stamp_seconds
 from hdbench.importing.source import Channel, Source
 from hdbench.importing.units import unit_scale
 
@@ -86,7 +86,9 @@ def _values(source: Source, raw: NDArray[Any]) -> tuple[NDArray[np.float64], boo
         try:
             values[k] = float(Decimal(word.replace(",", ".") if source.decimal_comma else word))
         except (InvalidOperation, OverflowError):
-            words = True
+            stamp = stamp_seconds(word)
+            values[k] = np.nan if stamp is None else float(stamp)
+            words |= stamp is None
     return values, words
 
 

@@ -21,6 +21,7 @@ _WORDS = {
         ("velocity", "vel", "speed", "omega", "drehzahl", "rpm", "qd", "dq", "qdot", "w")
     ),
     "torque_nm": ("torque", "effort", "tau", "moment", "drehmoment", "trq", "load"),
+    "torque_v": ("torque", "moment", "drehmoment", "trq", "load"),
     "motor_current_a": ("current", "iq", "strom", "amps"),
     "temperature_c": ("temperature", "temp", "temperatur"),
 }
@@ -31,6 +32,7 @@ _NOT_MEASURED |= {"covariance", "filtered", "est", "estimate", "estimated", "lim
 # these say something of a quantity and are none
 _NO_QUANTITY = {"enable", "enabled", "mode", "status", "flag", "state", "valid"}
 _TIME_WORDS = ("t", "time", "zeit", "stamp", "timestamp", "elapsed")
+_TURNING = ("motor_angle_rad", "motor_velocity_rad_s")
 _OUTPUT_WORDS = ("joint", "output", "link", "load")
 _SPLIT = re.compile(r"[^A-Za-z0-9]+|(?<=[a-z])(?=[A-Z])")
 _NUMBERED = re.compile(r"(?P<stem>.*?[A-Za-z])(?:_|\[|\.)?(?P<joint>\d{1,2})\]?")
@@ -95,6 +97,12 @@ def _tokens(name: str) -> list[str]:
     return [word.lower() for word in _SPLIT.split(last) if word and not word.isdigit()]
 
 
+def _is_behind(channel: Channel) -> bool:
+    """Return whether a channel is named as one of the side behind the gear."""
+    tokens = {*_tokens(channel.clock), *_tokens(channel.name.replace("/", " "))}
+    return bool(tokens & set(_OUTPUT_WORDS)) and "motor" not in tokens
+
+
 def _joint(channel: Channel) -> str:
     """Return the joint that a name tells: a part of its path, or a number at its end."""
     parts = channel.name.strip("/").split("/")
@@ -118,12 +126,20 @@ def _rank(facts: ChannelFacts, target: str) -> tuple[int, str]:
     scale = unit_scale(channel.unit, target_unit(target)) if channel.unit else None
     if (scale is not None and scale.is_nan()) or _NO_QUANTITY & set(tokens):
         return 0, ""
+    # only a unit tells volts
+    if target == "torque_v" and (scale is None or word is None):
+        return 0, ""
     score = 2 * (word is not None) + (scale is not None)
     if not score:
         return 0, ""
     why = [f"named {word!r}"] if word else []
     ours = target_unit(target)
-    why.append(f"unit {channel.unit}" if scale is not None else f"no unit stated: taken as {ours}")
+    if scale is None and channel.unit:
+        why.append(f"unit {channel.unit} is not known")
+    else:
+        why.append(
+            f"unit {channel.unit}" if scale is not None else f"no unit stated: taken as {ours}"
+        )
     return (1 if _NOT_MEASURED & set(tokens) else 2 + score), ", ".join(why)
 
 
@@ -157,7 +173,7 @@ def _choose(
         if best:
             ranked[target] = [entry for entry in found if entry[0] == best]
     joints: list[str] = []
-    for target in ("torque_nm", "motor_velocity_rad_s", "motor_angle_rad", "motor_current_a"):
+    for target in ("torque_nm", "motor_velocity_rad_s", *_WORDS):
         own = [_joint(f.channel) for _, _, f in ranked.get(target, [])]
         if len(set(own)) > 1:
             joints = list(dict.fromkeys(own))
@@ -165,7 +181,9 @@ def _choose(
     chosen = joint if joint is not None else next(iter(joints), None)
     result: dict[str, tuple[ChannelFacts, str]] = {}
     clock = None
-    for target in ("torque_nm", *ranked):
+    if "torque_nm" in ranked:
+        ranked.pop("torque_v", None)
+    for target in ("torque_nm", "torque_v", *ranked):
         entries = ranked.get(target, [])
         of_joint = [e for e in entries if chosen is None or _joint(e[2].channel) == chosen]
         same_clock = [e for e in of_joint if clock in (None, e[2].channel.clock)]
@@ -223,7 +241,7 @@ def proposed_mapping(
     reasons: dict[str, str] = {}
     needs: list[str] = []
     extra: list[str] = []
-    torque = best.get("torque_nm")
+    torque = best.get("torque_nm") or best.get("torque_v")
     clock = next((f.channel.clock for f, _ in best.values()), "")
     # a current stands in where no torque is there
     if torque is None and "motor_current_a" in best:
@@ -232,11 +250,12 @@ def proposed_mapping(
     elif torque is None:
         needs.append("no channel is named as a torque or a current: --map torque_nm=COLUMN")
         extra += ["--map", "torque_nm=COLUMN"]
-    joint_side = given.side == "output" or any(
-        set(_tokens(f.channel.clock)) & set(_OUTPUT_WORDS) for f, _ in best.values()
-    )
+    turning = {t: f.channel for t, (f, _) in best.items() if t in _TURNING}
+    behind = {t: c.name for t, c in turning.items() if _is_behind(c)}
+    joint_side = given.side == "output" or (bool(behind) and behind.keys() == turning.keys())
     mapping: dict[str, str] = {}
-    of_clock = [c for c in channels if c.clock == clock]
+    empty = {f.channel.name for f in facts if f.least is None}
+    of_clock = [c for c in channels if c.clock == clock and c.name not in empty]
     time = time_candidate(of_clock)
     if given.rate_hz is None and time is not None:
         scale = unit_scale(time.unit, "s") if time.unit else None
@@ -248,16 +267,24 @@ def proposed_mapping(
             continue
         words, more = _words_for(target, fact, joint_side)
         name = _shortest(fact.channel.name, channels, joint)
-        counts = target == "torque_nm" and fact.bits > 0 and not fact.channel.unit
-        if counts:
+        factor = ""
+        if target == "torque_nm" and fact.bits > 0 and not fact.channel.unit:
+            factor = "*N_M_PER_COUNT"
             needs.append("N_M_PER_COUNT: the torque per count; it is not in the file")
-        mapping[target] = name + ("*N_M_PER_COUNT" if counts else "") + words
+        elif fact.channel.unit and unit_scale(fact.channel.unit, target_unit(target)) is None:
+            factor = f"*{target.upper()}_FACTOR"
+            unit = f"{target_unit(target)} per {fact.channel.unit}"
+            needs.append(f"{target.upper()}_FACTOR: {unit}; the unit is not known")
+        if target in behind and not joint_side:
+            words += "@output"
+            more.append("behind the gear")
+        mapping[target] = name + factor + words
         reasons[target] = ", ".join([why, *more])
     recipe = replace(given, map=mapping)
     if joint_side and given.side != "output":
         recipe = replace(recipe, side="output")
         reasons["--side output"] = "a joint is named: angles and velocities are behind the gear"
-    if joint_side:
+    if joint_side or behind:
         extra += ["--profile", bench or "PROFILE.toml"]
         if bench is None:
             needs.append("PROFILE.toml: the profile of this drive, for its gear ratio")
@@ -273,5 +300,5 @@ def proposed_mapping(
     if no_time:
         extra += ["--rate", "RATE_HZ"]
         needs.append("RATE_HZ: the rate at which it was sampled; it is not in the file")
-    behind = {target: fact.channel.name for target, (fact, _) in best.items()}
-    return Proposal(recipe, reasons, tuple(needs), tuple(joints), no_time, tuple(extra), behind)
+    taken = {target: fact.channel.name for target, (fact, _) in best.items()}
+    return Proposal(recipe, reasons, tuple(needs), tuple(joints), no_time, tuple(extra), taken)

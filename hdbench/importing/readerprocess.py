@@ -21,10 +21,10 @@ from numpy.typing import NDArray
 
 from hdbench.errors import DataError
 from hdbench.importing.source import Piece, Source, told
-from hdbench.system.children import limit_memory
+from hdbench.system.children import held_bytes, limit_memory
 
-# with the process that asks, and what both hold beside their data, less than 500 MB
-_MOST_BYTES = 320 << 20
+# beside what it holds at its start: with the process that asks, less than 500 MB
+_MOST_BYTES = 280 << 20
 # what no reader needs: a file that asks for it is not read
 _REFUSED = ("socket.connect", "socket.getaddrinfo", "socket.sendto", "pickle.find_class")
 
@@ -124,13 +124,13 @@ def main() -> None:
     """Answer until nobody asks any more."""
     # the process that asks ends this one; Ctrl-C goes to both
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    answers = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
+    orders, answers = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
     # what a library prints belongs to nobody
     with open(os.devnull, "w") as nowhere:
-        os.dup2(nowhere.fileno(), sys.stdout.fileno())
-    limit_memory(_MOST_BYTES)
+        os.dup2(nowhere.fileno(), 1)
+    limit_memory(held_bytes() + _MOST_BYTES)
     server = _Server()
-    for line in sys.stdin.buffer:
+    for line in orders:
         _write(answers, *server.answer(json.loads(line)))
 
 

@@ -6,7 +6,6 @@ import atexit
 import importlib
 import json
 import os
-import subprocess
 import threading
 import zipfile
 from collections.abc import Callable, Iterator, Sequence
@@ -29,7 +28,7 @@ from hdbench.importing.source import (
     told,
 )
 from hdbench.importing.text import ForeignFormat, open_text
-from hdbench.system.children import child_command
+from hdbench.system.children import start_child
 
 _HEAD = 1024
 # threads of a library would hold memory of their own; its allocator has to heed the limit
@@ -230,13 +229,7 @@ class ReaderProcess:
     """The process that reads; it serves several files and threads, one after another."""
 
     def __init__(self) -> None:
-        self._process = subprocess.Popen(
-            child_command("hdbench.importing.readerprocess"),
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
-            env={**os.environ, **_SETTINGS},
-        )
+        self._process = start_child("hdbench.importing.readerprocess", _SETTINGS)
         self._owner = os.getpid()
         self._lock = threading.Lock()
         self.opened = self.closed = 0
@@ -269,7 +262,7 @@ class ReaderProcess:
             raise EOFError from None
         size = int.from_bytes(_exactly(back, 8), "little")
         head: dict[str, Any] = json.loads(_exactly(back, size))
-        return head, [_array(back, kind, count) for kind, count in head.pop("kinds")]
+        return head, _arrays(back, head.pop("kinds"))
 
     def why_ended(self) -> str:
         """Return what became of the process."""
@@ -297,12 +290,23 @@ def _exactly(file: IO[bytes], count: int) -> bytes:
     return data
 
 
-def _array(file: IO[bytes], kind: str, count: int) -> Any:
-    if kind == "text":
-        return text_cells(json.loads(_exactly(file, count)))
-    if kind not in _KINDS or count > PIECE_ROWS:
+def _arrays(file: Any, kinds: Sequence[tuple[str, int]]) -> list[Any]:
+    """Read the arrays of one piece; numbers stand in one block of memory."""
+    found: list[Any] = []
+    counts = [count for kind, count in kinds if kind != "text"]
+    if any(count > PIECE_ROWS for count in counts):
         raise EOFError
-    return np.frombuffer(_exactly(file, 8 * count), dtype=kind)
+    block, at = np.empty(8 * sum(counts), dtype=np.uint8), 0
+    for kind, count in kinds:
+        if kind == "text":
+            found.append(text_cells(json.loads(_exactly(file, count))))
+            continue
+        part = block[at : at + 8 * count]
+        if kind not in _KINDS or file.readinto(part.data) != 8 * count:
+            raise EOFError
+        found.append(part.view(kind))
+        at += 8 * count
+    return found
 
 
 _running: ReaderProcess | None = None

@@ -21,6 +21,7 @@ from hdbench.importing.units import bare_name
 PIECE_ROWS = 1 << 16
 # a file that claims more is damaged or made to harm; a wide log of a robot has some hundreds
 MOST_CHANNELS = 20_000
+_LONGEST_UNIT = 40
 Piece = Mapping[str, NDArray[Any]]
 _T = TypeVar("_T")
 
@@ -186,7 +187,10 @@ def told_apart(path: Path, channels: Sequence[Channel]) -> tuple[Channel, ...]:
             where=str(path),
             fix="check that this is the right file",
         )
-    clean = [replace(c, name=spelled(c.name.strip())) for c in channels]
+    clean = [
+        replace(c, name=spelled(c.name.strip()), unit=spelled(c.unit.strip())[:_LONGEST_UNIT])
+        for c in channels
+    ]
     count = Counter(c.name for c in clean)
     taken: Counter[str] = Counter()
     result = []

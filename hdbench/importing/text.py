@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import csv
 import gzip
 import zlib
@@ -14,17 +15,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hdbench.errors import DataError
+from hdbench.importing.cells import is_number, stamp_seconds, uses_decimal_comma
 from hdbench.importing.layout import (
     SEARCHED_LINES,
     Logger,
     TableLayout,
     is_comment,
-    is_number,
     is_time_name,
     is_time_or_date,
     split,
     text_layout,
-    uses_decimal_comma,
 )
 from hdbench.importing.source import (
     PIECE_ROWS,
@@ -37,7 +37,7 @@ from hdbench.importing.source import (
 )
 from hdbench.importing.units import stated_unit
 from hdbench.records.tables import data_error
-from hdbench.records.tables.numbers import plain_matrix
+from hdbench.records.tables.numbers import parse_numbers
 from hdbench.records.trace import FloatArray
 
 # no line of a table is longer: a thousand columns of a hundred characters
@@ -45,7 +45,7 @@ _LONGEST_LINE = 1 << 20
 # text of real samples shrinks 2 to 20 times; below 16 MiB a higher ratio does no harm
 _LIMIT_RATIO, _SMALL_BYTES = 300, 16 << 20
 # bytes that are converted at a time
-_CHUNK_BYTES = 1 << 18
+_CHUNK_BYTES = 1 << 23
 _Rows = Callable[[int], Iterator[tuple[int, list[str]]]]
 
 
@@ -85,14 +85,14 @@ class CellTable:
     prefix : str
         What stands before the names, such as the name of a sheet and ``/``.
     plain : callable or None
-        Yields rows of numbers as long as there are no others: their matrix, and their lines; an
-        empty matrix where the table ends with them.
+        Yields rows of numbers as long as there are no others: their columns, and their lines; no
+        column where the table ends with them.
     """
 
     layout: TableLayout
     rows: _Rows
     prefix: str = ""
-    plain: Callable[[], Iterator[tuple[FloatArray, bytes]]] | None = None
+    plain: Callable[[], Iterator[tuple[list[FloatArray], bytes]]] | None = None
 
 
 class CellsSource(Source):
@@ -113,6 +113,7 @@ class CellsSource(Source):
         self._tables = {table.prefix: table for table in tables}
         channels: list[Channel] = []
         probes: list[list[str]] = []
+        stamps: list[str] = []
         for table in tables:
             layout = table.layout
             first = [row for _, row in _first(table.rows(0))]
@@ -120,9 +121,14 @@ class CellsSource(Source):
             for k in range(layout.width):
                 name = layout.names[k] if layout.names else str(k + 1)
                 unit = (layout.units[k] if layout.units else "") or stated_unit(name)
-                number = bool(first) and is_number(first[0][k])
-                timed = number and is_time_name(name)
-                channels.append(Channel(f"{table.prefix}{name}", unit, table.prefix, timed))
+                stamped = bool(first) and stamp_seconds(first[0][k]) is not None
+                timed = bool(first) and is_number(first[0][k]) and is_time_name(name)
+                if stamped:
+                    unit = "s"
+                    stamps.append(f"{table.prefix}{name} holds stamps: seconds are made of them")
+                channel = Channel(f"{table.prefix}{name}", unit, table.prefix, timed or stamped)
+                channels.append(channel)
+        self.notes = tuple(stamps)
         self.channels = told_apart(path, channels)
         self._columns = {}
         for table in tables:
@@ -138,15 +144,15 @@ class CellsSource(Source):
         done = 0
         if table.plain is not None and not self.rounded.isdisjoint(names):
             for values, text in table.plain():
-                if not len(values):
+                if not values:
                     return
                 yield {
-                    name: np.ascontiguousarray(values[:, k])
+                    name: values[k]
                     if name in self.rounded
                     else _column(text, table.layout.delimiter, k)
                     for name, k in columns.items()
                 }
-                done += len(values)
+                done += len(values[0])
         kept: list[list[str]] = []
         for _, row in table.rows(done):
             kept.append(row)
@@ -168,12 +174,23 @@ def _first(rows: Iterator[tuple[int, list[str]]]) -> list[tuple[int, list[str]]]
 
 
 def _column(text: bytes, delimiter: str, k: int) -> NDArray[Any]:
-    lines = text.decode("ascii").split("\n")
-    return text_cells([line.split(delimiter, k + 1)[k] for line in lines])
+    rows = (line.split(delimiter, k + 1) for line in text.decode("ascii").split("\n"))
+    return text_cells([cells[k] if k < len(cells) else "" for cells in rows])
 
 
 def _piece(rows: Sequence[Sequence[str]], columns: dict[str, int]) -> Piece:
     return {name: text_cells([row[k] for row in rows]) for name, k in columns.items()}
+
+
+def _opened(raw: IO[bytes]) -> Any:
+    """Return a text as UTF-8 to read by lines: unpacked, and UTF-16 turned."""
+    raw.seek(0)
+    packed = raw.read(2) == b"\x1f\x8b"
+    raw.seek(0)
+    file: Any = gzip.GzipFile(fileobj=raw) if packed else raw
+    wide = file.read(2) in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
+    file.seek(0)
+    return codecs.EncodedFile(file, "utf-8", "utf-16") if wide else file
 
 
 def _raw_lines(path: Path) -> Iterator[bytes]:
@@ -186,8 +203,7 @@ def _raw_lines(path: Path) -> Iterator[bytes]:
             # the check sum and the length of what is packed; zeros are searched through one by one
             if raw.read(8) == bytes(8):
                 raise damaged(path, "gzip file", "it ends with zeros")
-        raw.seek(0)
-        file: IO[bytes] | gzip.GzipFile = gzip.GzipFile(fileobj=raw) if packed else raw
+        file = _opened(raw)
         total, number = 0, 0
         limit = max(_SMALL_BYTES, size * _LIMIT_RATIO)
         while line := file.readline(_LONGEST_LINE):
@@ -208,18 +224,26 @@ def _raw_lines(path: Path) -> Iterator[bytes]:
             yield line
 
 
+def _decoded(raw: bytes) -> str:
+    """Return a line as text; what is not UTF-8 is taken as the usual one of Windows."""
+    try:
+        return raw.decode("utf-8")
+    except UnicodeDecodeError:
+        return raw.decode("cp1252", "replace")
+
+
 def _lines(path: Path, skip: int) -> Iterator[str]:
-    """Yield the lines behind `skip` as text; a comment is an empty line."""
+    """Yield the lines behind `skip` as text."""
     number = 0
     try:
         for number, raw in enumerate(_raw_lines(path), 1):
             if number == 1 and raw.startswith(b"\xef\xbb\xbf"):
                 raw = raw[3:]
             if number > skip:
-                yield raw.decode("utf-8").replace("\r\n", "\n").replace("\r", "\n")
-    except UnicodeDecodeError as error:
-        fix = "save the file as UTF-8, comma separated"
-        raise data_error(path, number, "not UTF-8 text", fix) from error
+                yield _decoded(raw).replace("\r\n", "\n").replace("\r", "\n")
+    except UnicodeError as error:
+        what = f"damaged UTF-16 text: {error}"
+        raise data_error(path, number + 1, what, "save the file as UTF-8") from error
     except (EOFError, zlib.error, gzip.BadGzipFile) as error:
         raise damaged(path, "gzip file", str(error)) from error
 
@@ -246,27 +270,43 @@ def open_text(path: Path, layout: ForeignFormat) -> CellsSource:
     def rows(done: int) -> Iterator[tuple[int, list[str]]]:
         return _rows(path, begin + done, found)
 
-    def plain() -> Iterator[tuple[FloatArray, bytes]]:
+    def plain() -> Iterator[tuple[list[FloatArray], bytes]]:
         return _plain(path, begin, found, decimal_comma=source.decimal_comma)
 
     source = CellsSource(path, "text", [CellTable(found, rows, plain=plain)])
     comma = ("decimal commas",) if source.decimal_comma else ()
     said = [i for i, line in enumerate(head[: found.start]) if is_comment(line)]
     told = sorted({*found.preamble, *said})
-    source.notes = (*(head[i].strip() for i in told if head[i].strip()), *comma)
+    stated = (head[i].strip() for i in told if head[i].strip())
+    source.notes = (*stated, *comma, *source.notes, *_encoding(path))
     return source
+
+
+def _encoding(path: Path) -> Iterator[str]:
+    """Tell where the first lines of a text are not UTF-8."""
+    with path.open("rb") as raw:
+        file = _opened(raw)
+        head = [file.readline(_LONGEST_LINE) for _ in range(SEARCHED_LINES)]
+        if file is not raw and not isinstance(file, gzip.GzipFile):
+            yield "UTF-16 text"
+    for number, line in enumerate(head, 1):
+        try:
+            line.decode("utf-8")
+        except UnicodeDecodeError:
+            yield f"line {number} is not UTF-8: taken as Windows-1252"
+            return
 
 
 def _plain(
     path: Path, begin: int, layout: TableLayout, *, decimal_comma: bool
-) -> Iterator[tuple[FloatArray, bytes]]:
+) -> Iterator[tuple[list[FloatArray], bytes]]:
     """Yield rows of numbers, each a line; end where there is anything else."""
     if layout.delimiter == " ":
         return
+    names = [str(k) for k in range(layout.least)]
+    head = (",".join(names) + "\n").encode()
     with path.open("rb") as raw:
-        packed = raw.read(2) == b"\x1f\x8b"
-        raw.seek(0)
-        file: IO[bytes] | gzip.GzipFile = gzip.GzipFile(fileobj=raw) if packed else raw
+        file = _opened(raw)
         try:
             for _ in range(begin):
                 file.readline(_LONGEST_LINE)
@@ -277,12 +317,14 @@ def _plain(
                 if decimal_comma and layout.delimiter != ",":
                     lines = lines.replace(b",", b".")
                 plain = lines.replace(layout.delimiter.encode(), b",")
-                values = plain_matrix(plain, layout.width) if layout.width > 1 else None
-                if values is None or np.isinf(values).any():
+                found = parse_numbers(names, head + plain, len(head), path.stat().st_size)
+                if found is None or any(np.isinf(column).any() for column in found.values()):
                     return
-                yield values, lines
-            yield np.empty((0, layout.width)), b""
-        except (EOFError, zlib.error, gzip.BadGzipFile):
+                columns = list(found.values())
+                left_out = np.full(len(columns[0]), np.nan)
+                yield [*columns, *[left_out] * (layout.width - layout.least)], lines
+            yield [], b""
+        except (EOFError, zlib.error, gzip.BadGzipFile, UnicodeError):
             return  # told by who reads row by row
 
 
@@ -297,13 +339,15 @@ def _rows(path: Path, begin: int, layout: TableLayout) -> Iterator[tuple[int, li
                 continue
             if len(row) > width and not any(cell.strip() for cell in row[width:]):
                 row = row[:width]
-            if len(row) != width:
+            if not layout.least <= len(row) <= width:
                 raise data_error(
                     path,
                     line,
-                    f"{len(row)} cells; needed: {width}",
-                    "check --delimiter, or pass lines before the table over with --skip",
+                    f"{len(row)} cell{'s' * (len(row) > 1)}; needed: {width}",
+                    "check --delimiter, take what stands below or beside the table out, or pass "
+                    "lines before it over with --skip",
                 )
+            row += [""] * (width - len(row))
             yield line, row
     except csv.Error as error:
         raise data_error(path, line + 1, f"not a CSV row: {error}", "correct the row") from error

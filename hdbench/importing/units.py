@@ -5,7 +5,15 @@ from __future__ import annotations
 import re
 from decimal import Decimal
 
-_BRACKETS = re.compile(r"(?P<name>.*?)\s*[(\[](?P<unit>[^()\[\]]{1,16})[)\]]\s*")
+# a number in brackets is a place in a list
+_BRACKETS = re.compile(r"(?P<name>.*?)\s*[(\[](?P<unit>(?!\s*\d+\s*[)\]])[^()\[\]]{1,16})[)\]]\s*")
+_BEHIND = re.compile(
+    r"(?P<name>.*?[A-Za-z0-9)\]])(?:_|,?\s+(?:in\s+)?|\s*/\s*)(?P<unit>[^\W_][^_\s]*)"
+)
+_TWO_BEHIND = re.compile(r"(?P<name>.*?[A-Za-z0-9])[_ ](?P<unit>[A-Za-z]+[_ ][A-Za-z]+)")
+_PER_BEHIND = re.compile(
+    r"(?P<name>.*[A-Za-z0-9])_(?P<above>rad|deg|rev|turns)_?(?:per_)?(?P<below>s|sec|min)"
+)
 # longest first: `_rad_s` ends in `_s` too
 _SUFFIXES = (
     ("_rad_s", "rad/s"),
@@ -22,6 +30,7 @@ _PER_RPM = Decimal("0.1047197551196597746154214461")
 _PER_DEGREE = Decimal("0.01745329251994329576923690769")
 _PER_TURN = Decimal("6.283185307179586476925286767")
 _POUND_KG = Decimal("0.45359237")
+_KILOPOND_N = Decimal("9.80665")
 _FOOT_POUND_NM = Decimal("1.3558179483314004")
 _SCALES: dict[str, dict[str, Decimal]] = {
     "s": {
@@ -36,6 +45,10 @@ _SCALES: dict[str, dict[str, Decimal]] = {
         **dict.fromkeys(("rpm", "1/min", "min-1", "min^-1", "r/min", "u/min"), _PER_RPM),
         **dict.fromkeys(("deg/s", "°/s", "degrees/s"), _PER_DEGREE),
         **dict.fromkeys(("rev/s", "1/s"), _PER_TURN),
+        **dict.fromkeys(("deg/sec", "°/sec", "dps"), _PER_DEGREE),
+        **dict.fromkeys(("rev/min", "turns/min"), _PER_RPM),
+        **dict.fromkeys(("rev/sec", "turns/s"), _PER_TURN),
+        "rad/min": Decimal(1) / 60,
         "mrad/s": Decimal("0.001"),
         "krpm": _PER_RPM * 1000,
     },
@@ -50,6 +63,11 @@ _SCALES: dict[str, dict[str, Decimal]] = {
         "mnm": Decimal("0.001"),
         "knm": Decimal(1000),
         "ncm": Decimal("0.01"),
+        "nmm": Decimal("0.001"),
+        **dict.fromkeys(("kgfm", "kpm"), _KILOPOND_N),
+        **dict.fromkeys(("kgfcm", "kpcm", "kgcm"), _KILOPOND_N / 100),
+        **dict.fromkeys(("gfcm", "gcm"), _KILOPOND_N / 100_000),
+        **dict.fromkeys(("ozin", "ozfin", "inoz"), _FOOT_POUND_NM / 192),
         **dict.fromkeys(("ftlb", "ftlbf", "lbft", "lbfft"), _FOOT_POUND_NM),
         **dict.fromkeys(("inlb", "inlbf", "lbin", "lbfin"), _FOOT_POUND_NM / 12),
     },
@@ -68,21 +86,37 @@ _SCALES: dict[str, dict[str, Decimal]] = {
 
 
 def _spelled(unit: str, wanted: str) -> str:
-    word = unit.strip().lower()
+    word = unit.strip()
+    # in small letters mega would be milli
+    word = word if re.match("M[NVA]", word) else word.lower()
     # N m, N-m, N*m and Nm are one unit
     return re.sub(r"[\s*·.\-_]", "", word) if wanted == "N m" else word
 
 
+def _parted(header: str) -> tuple[str, str]:
+    """Return a column name and its unit: in brackets behind it, or as its last word."""
+    if match := _BRACKETS.fullmatch(header):
+        return match["name"].strip(), match["unit"].strip()
+    if match := _PER_BEHIND.fullmatch(header):
+        return match["name"], f"{match['above']}/{match['below']}"
+    match = _TWO_BEHIND.fullmatch(header)
+    if match and _spelled(match["unit"], "N m") in _SCALES["N m"]:
+        return match["name"], match["unit"]
+    match = _BEHIND.fullmatch(header)
+    # one letter, or that of the least value, may mean anything
+    if match and len(match["unit"]) > 1 and match["unit"] != "min" and known_unit(match["unit"]):
+        return match["name"], match["unit"]
+    return header, ""
+
+
 def stated_unit(header: str) -> str:
-    """Return the unit in brackets at the end of a column name; empty where there is none."""
-    match = _BRACKETS.fullmatch(header)
-    return match["unit"].strip() if match else ""
+    """Return the unit that a column name ends with; empty where there is none."""
+    return _parted(header)[1]
 
 
 def bare_name(header: str) -> str:
-    """Return a column name without the unit in brackets behind it."""
-    match = _BRACKETS.fullmatch(header)
-    return match["name"].strip() if match else header
+    """Return a column name without the unit behind it."""
+    return _parted(header)[0]
 
 
 def target_unit(column: str) -> str:

@@ -13,7 +13,6 @@ from hdbench.filter import FilterModel, filter_trace, load_filter_model
 from hdbench.profile import Profile, load_profile
 from hdbench.profile.scaling import profile_scale, rescaled
 from hdbench.records import Loads, TorqueScale, Trace
-from hdbench.records.jsonfile import result_header
 from hdbench.records.tables import read_loads, read_trace
 from hdbench.regression.case import Case
 from hdbench.results.dynamic import FilteredTrace
@@ -23,6 +22,11 @@ from hdbench.ripple import Stretch
 _POINTS = 50
 # keys that name versions and identities, not results
 _NO_RESULT = ("hdbench_version", "profile", "run", "doubts", "settings")
+# keys of a diagnosis that its run folder adds
+_OF_A_RUN = (
+    *("input", "input_sha256", "torque_scale", "part", "inspection"),
+    *("filter_gain", "separating_run"),
+)
 
 
 def evaluate_case(case: Case) -> dict[str, Any]:
@@ -42,8 +46,7 @@ def _result(
     case: Case, profile: Profile, records: Trace | Loads, scale: TorqueScale
 ) -> dict[str, Any]:
     if case.kind == "diagnosis" and isinstance(records, Trace):
-        header = result_header(case.kind, profile)
-        return _diagnosis(case, profile, _in_nm(records, scale), header)
+        return _diagnosis(case, profile, _in_nm(records, scale))
     model = load_filter_model(case.filter_name or profile.data.filter.model, profile.data)
     if case.kind == "filter" and isinstance(records, Trace):
         return _filtered(records, scale, model, profile).to_json()
@@ -86,9 +89,7 @@ def _in_nm(trace: Trace, scale: TorqueScale) -> Trace:
     return trace.with_columns(torque_nm=torque_channel(trace, scale))
 
 
-def _diagnosis(
-    case: Case, profile: Profile, trace: Trace, header: dict[str, Any]
-) -> dict[str, Any]:
+def _diagnosis(case: Case, profile: Profile, trace: Trace) -> dict[str, Any]:
     from hdbench.diagnosis import diagnose_trace
     from hdbench.diagnosis.run import part_of
 
@@ -100,4 +101,4 @@ def _diagnosis(
         materiality=float(case.options.get("materiality", 0.01)),
         seed=int(case.options.get("seed", 0)),
     )
-    return found.to_dict(header)
+    return {key: value for key, value in found.to_json().items() if key not in _OF_A_RUN}

@@ -56,8 +56,8 @@ def numbers(result: MisalignmentResult, run_id: str) -> tuple[KeyNumber, ...]:
 
 def pictures(source: Source, prefix: str, doubts: list[str]) -> tuple[Picture, ...]:
     """Draw the signature and what the filter makes of it."""
+    from hdbench.report.runfigures import filter_picture, signature_picture
     from hdbench.report.signals import make_signals, steady_stretch
-    from hdbench.report.torquefigures import filter_picture, signature_picture
 
     signals = make_signals(source, doubts)
     if signals is None:

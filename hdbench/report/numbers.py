@@ -7,13 +7,14 @@ from collections.abc import Mapping
 from typing import Any
 
 from hdbench.records import Quantity
+from hdbench.results.diagnosis import ParameterValue
 
 # units that a name ends in, the longest first: they stand beside the number anyway
 _UNIT_SUFFIXES = (
     *("_nm_per_sqrt_s", "_nm_s_per_rad", "_nm_per_s", "_nm_per_a", "_kg_m2"),
     *("_rad_s", "_nm", "_hz", "_rad", "_s", "_v"),
 )
-MINUS, DASH = "\N{MINUS SIGN}", "\N{EN DASH}"
+MINUS, DASH, NBSP = "\N{MINUS SIGN}", "\N{EN DASH}", "\N{NO-BREAK SPACE}"
 
 
 def short(value: float, std: float | None = None) -> str:
@@ -40,7 +41,7 @@ def plain(value: object) -> str:
         return short(value)
     if value is None:
         return DASH
-    if isinstance(value, Quantity):
+    if isinstance(value, Quantity | ParameterValue):
         return with_std(value)
     if isinstance(value, Mapping):
         if {"value", "std"} <= value.keys():
@@ -51,9 +52,9 @@ def plain(value: object) -> str:
     return str(value)
 
 
-def with_std(quantity: Quantity | Mapping[str, Any]) -> str:
+def with_std(quantity: Quantity | ParameterValue | Mapping[str, Any]) -> str:
     """Return ``value ± std`` without its unit."""
-    if isinstance(quantity, Quantity):
+    if not isinstance(quantity, Mapping):
         quantity = {"value": quantity.value, "std": quantity.std}
     value, std = float(quantity["value"]), quantity.get("std")
     if not std:
@@ -79,17 +80,16 @@ def first_up(text: str) -> str:
     return unit_words(text[:1].upper() + text[1:])
 
 
-def unit_of(body: Mapping[str, Any]) -> str:
+def unit_of(parameter: ParameterValue) -> str:
     """Return the unit of a parameter; nothing for a pure number."""
-    unit = str(body.get("unit") or "")
-    return "" if unit == "1" else unit
+    return "" if parameter.unit == "1" else parameter.unit
 
 
-def stated(parameters: Mapping[str, Any]) -> list[str]:
-    """Return the names of parameters without cosine and sine parts of what has an amplitude."""
+def stated(parameters: Mapping[str, ParameterValue]) -> dict[str, ParameterValue]:
+    """Return parameters without cosine and sine parts of what has an amplitude."""
     waves = {name.removeprefix("amplitude") for name in parameters if name.startswith("amplitude")}
     parts = {f"{part}{rest}" for rest in waves for part in ("cosine", "sine")}
-    return [name for name in parameters if name not in parts]
+    return {name: value for name, value in parameters.items() if name not in parts}
 
 
 def name_words(name: str) -> str:
@@ -99,9 +99,9 @@ def name_words(name: str) -> str:
     return name.replace("_", " ")
 
 
-def parameter_words(name: str, body: Mapping[str, Any]) -> str:
+def parameter_words(name: str, parameter: ParameterValue) -> str:
     """Return a parameter as name, value and unit."""
-    return f"{name_words(name)} {plain(body)} {unit_words(unit_of(body))}".strip()
+    return f"{name_words(name)} {plain(parameter)} {unit_words(unit_of(parameter))}".strip()
 
 
 def declared(value: object) -> str:
@@ -149,15 +149,3 @@ def two_digits(value: object) -> str:
     if isinstance(value, bool) or not isinstance(value, int | float) or not value > 0.0:
         return DASH
     return rounded_with(float(value), float(value))[1]
-
-
-def value_of(result: Mapping[str, Any], *keys: str) -> float | None:
-    """Return a number deep in a result, the value of one with uncertainty, or None."""
-    found: Any = result
-    for key in keys:
-        if not isinstance(found, Mapping) or key not in found:
-            return None
-        found = found[key]
-    if isinstance(found, Mapping):
-        found = found.get("value")
-    return float(found) if isinstance(found, int | float) and not isinstance(found, bool) else None

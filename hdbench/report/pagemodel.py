@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from hdbench.records import Quantity
 from hdbench.report.numbers import plain
 from hdbench.results.calibration import ExpandedGain
+from hdbench.results.diagnosis import ParameterValue
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -59,6 +60,8 @@ def key_number(body: object, label: str, quantity: str, unit: str, source: str) 
         std, dof, body = body.get("std"), body.get("dof"), body.get("value")
     elif isinstance(body, Quantity | ExpandedGain):
         std, dof, body = body.std, body.dof, body.value
+    elif isinstance(body, ParameterValue):
+        std, body = body.std, body.value
     if isinstance(body, bool) or not isinstance(body, int | float):
         return None
     return KeyNumber(label, quantity, float(body), unit, source, std, dof)

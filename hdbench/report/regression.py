@@ -15,7 +15,7 @@ from hdbench.report.pagemodel import Column, Picture, Section, Table, Verdict
 _CSV_HEAD = ("case", "key", "what", "expected", "found", "allowed", "in_tolerances", "regression")
 _FOOT = (
     "A quantity may move by its tolerance; the reason for each tolerance stands beside it. "
-    "Quantities that are new, and those that carry no result, are told but do not fail the case."
+    "Quantities that are new, and those that carry no result, are listed but do not fail the case."
 )
 # rows of one figure that can still be read
 _MOST_ROWS = 30
@@ -85,7 +85,7 @@ def _tables(changes: Sequence[Mapping[str, Any]]) -> tuple[Table, ...]:
     allowed = [change for change in changes if not change["regression"]]
     return Table.filled(
         Table.of("Beyond tolerance", columns, beyond, wide=True),
-        Table.of("Told, but allowed", columns, allowed, wide=True),
+        Table.of("Changed, but allowed", columns, allowed, wide=True),
     )
 
 

@@ -82,8 +82,7 @@ def numbers(result: RippleResult, run_id: str) -> tuple[KeyNumber, ...]:
 
 def pictures(source: Source, prefix: str, doubts: list[str]) -> tuple[Picture, ...]:
     """Draw torque, velocity, spectrum, and what two filters make of the torque."""
-    from hdbench.report.ripplespectrum import ripple_picture
-    from hdbench.report.torquefigures import filter_picture
+    from hdbench.report.runfigures import filter_picture, ripple_picture
 
     signals = make_signals(source, doubts)
     if signals is None:

@@ -144,7 +144,7 @@ def _filter_tables(source: Source) -> tuple[Table, ...]:
         f"Filter used: {model.name}",
         (
             ("motor order", lambda block: block.order),
-            ("takes away", lambda block: block.role),
+            ("removes", lambda block: block.role),
             ("process noise Q, (N·m)² per sample", lambda block: block.process_noise),
         ),
         model.blocks,
@@ -159,7 +159,7 @@ def _filter_tables(source: Source) -> tuple[Table, ...]:
     )
     return (
         blocks,
-        Table("Its other numbers", ("number", "value"), others),
+        Table("Other numbers of the filter", ("number", "value"), others),
         Table(
             "Where the filter's numbers came from",
             ("what", "origin"),

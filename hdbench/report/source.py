@@ -14,14 +14,8 @@ from hdbench.records.jsonfile import read_json, sha256_file
 from hdbench.records.recovery import resolve_input
 from hdbench.records.runfolder import RunFolder
 from hdbench.records.tables import is_loads_file, read_loads, read_trace
-from hdbench.results import CalibrationResult, MisalignmentResult, Result, RippleResult
+from hdbench.results import RESULT_TYPES, read_result
 
-_TYPES: dict[str, type[Result]] = {
-    "calibration": CalibrationResult,
-    "misalignment": MisalignmentResult,
-    "ripple": RippleResult,
-}
-_KINDS = (*_TYPES, "diagnosis")
 _STATUS = {
     "running": "The run has not ended: what is shown here is what was there when this was written.",
     "incomplete": "The run is incomplete: it ended before its plan did.",
@@ -35,7 +29,7 @@ class Source:
 
     `kind` is ``trace`` or ``loads`` for data without a result; `manifest` is the content of
     ``run.json`` and `stored` that of ``result.json``, both empty where there is none. `result` is
-    the same typed; that of a diagnosis is a mapping.
+    the same typed.
     """
 
     path: Path
@@ -79,31 +73,22 @@ def load_source(path: Path, profile: Profile | None = None) -> Source:
 
 
 def typed_result(kind: str, stored: Mapping[str, Any], where: str) -> Any:
-    """Return a stored result as its type; one of a kind without a type as it is."""
-    return _TYPES[kind].from_json(stored, where) if kind in _TYPES else stored
+    """Return a stored result as its type."""
+    return RESULT_TYPES[kind].from_json(stored, where)
 
 
 def _from_result(path: Path, profile: Profile | None) -> Source:
-    stored = read_json(path, None)
-    kind = str(stored.get("schema", "")).removeprefix("hdbench/").partition("/")[0]
-    if kind not in _KINDS:
-        raise DataError(
-            f"schema is {stored.get('schema')!r:.60}; needed: one of "
-            + ", ".join(f"hdbench/{name}/1" for name in _KINDS),
-            where=f"{path}: schema",
-            fix="name a run folder or a result.json",
-        )
+    kind, stored, result = read_result(path)
     doubts = ("Only the result was given: figures of the data itself are left out.",)
-    result = typed_result(kind, stored, str(path))
     return Source(path, kind, path.name, profile, stored=stored, result=result, doubts=doubts)
 
 
 def _from_folder(path: Path, profile: Profile | None) -> Source:
     run = RunFolder.open(path)
     kind = str(run.manifest["kind"])
-    if kind not in _KINDS:
+    if kind not in RESULT_TYPES:
         raise DataError(
-            f"a run of kind {kind!r:.40}; needed: {', '.join(_KINDS)}",
+            f"a run of kind {kind!r:.40}; needed: {', '.join(RESULT_TYPES)}",
             where=f"{path / 'run.json'}: kind",
             fix="name a run of an experiment or a diagnosis",
         )

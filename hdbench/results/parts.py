@@ -44,14 +44,14 @@ def key(
     name : str or None
         Key in the JSON where it cannot be the attribute's name.
     absent : bool
-        Whether the key is left out of the JSON where it is None.
+        Whether the key is left out of the JSON where it is None or empty.
     """
     return Field(
         default,
         description=meaning,
         alias=name,
         json_schema_extra={"unit": unit} if unit else None,
-        exclude_if=_is_none if absent else None,
+        exclude_if=_is_empty if absent else None,
     )
 
 
@@ -65,8 +65,8 @@ def listed(meaning: str, unit: str = "") -> Any:
     return key(meaning, unit, default=())
 
 
-def _is_none(value: object) -> bool:
-    return value is None
+def _is_empty(value: object) -> bool:
+    return value is None or value == "" or value == ()
 
 
 @dataclass_transform(kw_only_default=True, frozen_default=True, field_specifiers=(key,))

@@ -1,13 +1,21 @@
-"""Plans: steps of an experiment as data, in order."""
+"""Plans: steps of an experiment as data, made of a profile or a plan file, within its limits."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
+import numpy as np
+
+from hdbench.devices.feasibility import check_drives, check_pace, check_tables
+from hdbench.diagnosis.planning.limits import check_motion_plan
 from hdbench.diagnosis.planning.planfile import plan_to_dict
-from hdbench.diagnosis.planning.segments import LoadStep, MotionPlan
-from hdbench.model.waves import ReferenceProgram
-from hdbench.profile.schema import ReferenceWave
+from hdbench.diagnosis.planning.segments import LoadStep, MotionPlan, Stage, plan_stages, program_of
+from hdbench.errors import UsageError
+from hdbench.model.waves import ReferenceProgram, program_voltage, reference_voltage
+from hdbench.profile.schema import ProfileData, ReferenceWave
+from hdbench.records import FloatArray
 from hdbench.session.calibrating.points import Point
 
 # a row of twelve channels is 96 bytes in the journal and some 200 in the trace; a point of a
@@ -159,3 +167,199 @@ class Plan:
         if self.preset is not None:
             body |= {"preset": self.preset, "handling_s": self.handling_s}
         return body if self.motion is None else {**body, "motion": plan_to_dict(self.motion)}
+
+
+_RAMP_SHARE = 4.0  # ramps last four times as long as the servo at its limit would need
+
+
+def misalignment_plan(profile: ProfileData) -> Plan:
+    """Plan a constant velocity over the profile's output turns, one direction after the other."""
+    run = profile.misalignment
+    turn_s = 2.0 * math.pi * profile.drive.gear_ratio / run.velocity_rad_s
+    ramp_s = _RAMP_SHARE * run.velocity_rad_s / profile.servo.max_acceleration_rad_s2
+    half_s = run.output_turns * turn_s + run.settle_s + 2.0 * ramp_s
+    wave = ReferenceWave(
+        wave="trapezoid",
+        amplitude_v=run.velocity_rad_s / profile.servo.velocity_gain_rad_s_per_v,
+        frequency_hz=0.5 / half_s,
+        duty=1.0 - 2.0 * ramp_s / half_s,
+        rise=ramp_s / half_s,
+        fall=ramp_s / half_s,
+    )
+    return Plan(
+        "misalignment",
+        (Lock(locked=False), Acquire(wave, profile.daq.sample_period_s, 2.0 * half_s)),
+        2.0 * half_s,
+    )
+
+
+def ripple_plan(profile: ProfileData) -> Plan:
+    """Plan the free motion with the profile's reference generator."""
+    run = profile.ripple
+    return Plan(
+        "ripple",
+        (
+            Lock(locked=False),
+            Acquire(run.reference, profile.daq.sample_period_s, run.duration_s),
+        ),
+        run.duration_s,
+    )
+
+
+def motion_plan(kind: str, asked: MotionPlan, profile: ProfileData) -> Plan:
+    """Plan what a plan file asks for."""
+    problems = check_motion_plan(asked, profile)
+    if problems:
+        first = problems[0]
+        raise UsageError(first.what, where=first.where, fix=first.fix, problems=tuple(problems))
+    places = sorted({load.position_rad for load in asked.loads if load.locked})
+    steps: list[Step] = []
+    # a plan that begins with motion has asked for the free motor already
+    before = None if isinstance(asked.steps[0], LoadStep) else LoadStep("no load", 0.0)
+    for entry in asked.steps:
+        if isinstance(entry, LoadStep):
+            steps += _loading(entry, before, places, profile)
+            before = entry
+    stages = plan_stages(asked)
+    if not steps or stages[0].load is None:
+        steps = [Lock(locked=False), _acquire(stages[0], profile, asked), *steps]
+        stages = stages[1:]
+    for stage in stages:
+        at = next(i for i, s in enumerate(steps) if isinstance(s, Put) and s.load is stage.load)
+        steps.insert(at + 1, _acquire(stage, profile, asked))
+    return Plan(kind, tuple(steps), asked.duration_s, asked)
+
+
+def _loading(
+    load: LoadStep, before: LoadStep | None, places: list[float], profile: ProfileData
+) -> list[Step]:
+    """Return what the operator does for one load step after another."""
+    steps: list[Step] = []
+    if before is None or before.locked is not load.locked:
+        steps.append(Lock(locked=load.locked))
+    moved = before is None or not before.locked or before.position_rad != load.position_rad
+    if load.locked and moved:
+        steps.append(Place(load.position_rad, places.index(load.position_rad) + 1, len(places)))
+    lever_nm_per_kg = profile.arm.gravity_m_s2 * profile.arm.length_m
+    steps.append(Put(load, abs(load.torque_nm) / lever_nm_per_kg))
+    return steps
+
+
+def _acquire(stage: Stage, profile: ProfileData, asked: MotionPlan) -> Acquire:
+    """Return what is recorded under one load."""
+    nothing = LoadStep("no load", 0.0)
+    program = program_of(stage, profile)
+    still = stage.load is not None and stage.load.locked
+    period = profile.daq.sample_period_s
+    return Acquire(
+        None if still else program,
+        period,
+        program.n_samples * period,
+        (stage.load or nothing) if asked.loads else None,
+    )
+
+
+_ROUNDING = 1e-12
+
+
+def check_plan(plan: Plan, profile: ProfileData) -> None:
+    """Hold every step against the profile's limits; nothing has moved yet."""
+    check_tables(profile)
+    problems = [*_check_drives(plan, profile), *_check_pace(plan, profile)]
+    for number, step in enumerate(plan.steps, start=1):
+        where = f"step {number} of the {plan.kind} plan"
+        if isinstance(step, Acquire):
+            problems.extend(_check_motion(step, profile, where))
+        elif isinstance(step, Point):
+            problems.extend(_check_load(step, profile, where))
+    if problems:
+        raise UsageError(
+            problems[0].what, where=problems[0].where, fix=problems[0].fix, problems=tuple(problems)
+        )
+
+
+def _check_drives(plan: Plan, profile: ProfileData) -> Iterator[UsageError]:
+    """Ask whether anything can move the motor, where the plan does."""
+    moving = next((s for s in plan.steps if isinstance(s, Acquire) and s.wave is not None), None)
+    if moving is None:
+        return
+    try:
+        check_drives(profile, moving.describe())
+    except UsageError as error:
+        yield error
+
+
+def _check_pace(plan: Plan, profile: ProfileData) -> Iterator[UsageError]:
+    """Hold the sampling periods against what the device and its wire sustain."""
+    periods = {
+        step.sample_period_s: step.describe() for step in plan.steps if isinstance(step, Acquire)
+    }
+    if any(isinstance(step, Point) for step in plan.steps):
+        periods[profile.calibration.sample_period_s] = "the calibration"
+    for period_s, what in periods.items():
+        try:
+            check_pace(profile, period_s, what)
+        except UsageError as error:
+            yield error
+
+
+def _check_load(point: Point, profile: ProfileData, where: str) -> list[UsageError]:
+    """Hold a load against the drive's limit and the converter's range."""
+    limit_nm = profile.limits.torque_nm
+    volts = abs(point.torque_nm) / profile.sensor.gain_nm_per_v
+    problems = []
+    if not abs(point.torque_nm) <= limit_nm:
+        problems.append(
+            UsageError(
+                f"{point.torque_nm:+.3f} N m is outside +-{limit_nm:g} N m",
+                where=where,
+                fix="use a lighter mass, or raise limits.torque_nm if the drive allows it",
+            )
+        )
+    elif not volts <= profile.daq.range_v:
+        problems.append(
+            UsageError(
+                f"{point.torque_nm:+.3f} N m would read {volts:.2f} V; the range ends at "
+                f"{profile.daq.range_v:g} V",
+                where=where,
+                fix="use a lighter mass, or lower the amplifier's gain (and sensor.gain_nm_per_v)",
+            )
+        )
+    return problems
+
+
+def _travel(step: Acquire, profile: ProfileData) -> tuple[tuple[str, float, float, str, str], ...]:
+    """Return how far the motor gets from its start, rad, where the profile limits that."""
+    limit = profile.limits.travel_rad
+    if limit is None or step.wave is None:
+        return ()
+    period_s = step.sample_period_s
+    if isinstance(step.wave, ReferenceProgram):
+        volts = program_voltage(step.wave, period_s)
+    else:
+        time_s: FloatArray = np.arange(step.n_samples, dtype=np.float64) * period_s
+        volts = reference_voltage(step.wave, time_s, step.duration_s)
+    angle = np.cumsum(volts) * period_s * profile.servo.velocity_gain_rad_s_per_v
+    return (("travel", float(np.max(np.abs(angle), initial=0.0)), limit, "rad", "travel_rad"),)
+
+
+def _check_motion(step: Acquire, profile: ProfileData, where: str) -> list[UsageError]:
+    peak_v = step.peak_v
+    velocity = peak_v * profile.servo.velocity_gain_rad_s_per_v
+    limits = profile.limits
+    asked = (
+        ("reference", peak_v, limits.reference_v, "V", "reference_v"),
+        ("motor speed", velocity, limits.velocity_rad_s, "rad/s", "velocity_rad_s"),
+        ("duration", step.duration_s, limits.duration_s, "s", "duration_s"),
+        *_travel(step, profile),
+    )
+    return [
+        UsageError(
+            f"{name} {value:.6g} {unit} is above {limit:g} {unit}",
+            where=where,
+            fix=f"ask for less, or raise limits.{key} in the profile if the bench allows it",
+        )
+        for name, value, limit, unit, key in asked
+        # a speed at its limit comes back from volts with the rounding of a division
+        if not value <= limit * (1.0 + _ROUNDING)
+    ]

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from hdbench.records import Quantity
-from hdbench.results import CalibrationResult, MisalignmentResult, RippleResult
+from hdbench.results import CalibrationResult, DiagnosisResult, MisalignmentResult, RippleResult
 
 # orders of two runs are one series where they agree to so many decimals
 _ORDER_DECIMALS = 3
@@ -44,7 +44,7 @@ class TrendQuantity:
     label, unit : str
         For a person.
     readers : mapping of str to callable
-        By the kind of run, how to read it from the result: a type, or a diagnosis as its mapping.
+        By the kind of run, how to read it from the result.
     """
 
     label: str
@@ -100,18 +100,12 @@ _FRICTION = {
 }
 
 
-def _friction(diagnosis: Mapping[str, Any]) -> Iterator[Reading]:
-    for cause in (*diagnosis["causes"], *diagnosis["minor"]):
-        key = _FRICTION.get(cause["name"], "")
-        if key in cause["parameters"]:
-            body = cause["parameters"][key]
-            std = body.get("std")
-            yield Reading(key, float(body["value"]), None if std is None else float(std))
-
-
-def _rest(key: str) -> Callable[[Mapping[str, Any]], Iterator[Reading]]:
-    """Return a reader of what a diagnosis leaves."""
-    return lambda diagnosis: _rms("diagnoses", diagnosis["rest"][key], diagnosis.get("n_samples"))
+def _friction(diagnosis: DiagnosisResult) -> Iterator[Reading]:
+    for cause in (*diagnosis.causes, *diagnosis.minor):
+        key = _FRICTION.get(cause.name, "")
+        if key in cause.parameters:
+            found = cause.parameters[key]
+            yield Reading(key, found.value, found.std)
 
 
 QUANTITIES: Mapping[str, TrendQuantity] = {
@@ -145,7 +139,7 @@ QUANTITIES: Mapping[str, TrendQuantity] = {
             "misalignment": lambda r: _rms(
                 "misalignment runs", r.noise and r.noise.innovation_std, r.n_samples
             ),
-            "diagnosis": _rest("noise_rms_nm"),
+            "diagnosis": lambda r: _rms("diagnoses", r.rest and r.rest.noise_rms_nm, None),
         },
     ),
     "residual": TrendQuantity(
@@ -154,7 +148,7 @@ QUANTITIES: Mapping[str, TrendQuantity] = {
         {
             "ripple": lambda r: _rms("ripple runs", r.residual_rms_nm, r.n_samples),
             "misalignment": lambda r: _rms("misalignment runs", r.residual_rms_nm, r.n_samples),
-            "diagnosis": _rest("heldout_rms_nm"),
+            "diagnosis": lambda r: _rms("diagnoses", r.rest and r.rest.heldout_rms_nm, None),
         },
     ),
 }

@@ -38,7 +38,6 @@ class _Run:
     summary: RunSummary
     moment: datetime
     dated: bool
-    # typed, or the mapping of a diagnosis
     result: Any
     manifest: Mapping[str, Any]
 
@@ -162,9 +161,7 @@ def _usable(
         try:
             body = read_json(run.path / "result.json", f"hdbench/{run.kind}/1")
             manifest = read_json(run.path / "run.json")
-            result: Any = body
-            if run.kind in RESULT_TYPES:
-                result = RESULT_TYPES[run.kind].from_json(body, str(run.path / "result.json"))
+            result = RESULT_TYPES[run.kind].from_json(body, str(run.path / "result.json"))
             moment, dated = _measured(run, manifest)
         except DataError as error:
             left_out.append(_left_out(run, error.what))
@@ -184,7 +181,7 @@ def _usable(
 def _data_hash(run: _Run) -> str:
     files = run.manifest["files"]
     stored = next((files[name] for name in _DATA if name in files), None)
-    own = run.result.get("input_sha256") if run.summary.kind == "diagnosis" else None
+    own = run.result.input_sha256 if run.summary.kind == "diagnosis" else None
     return str(stored or own or run.summary.path.name)
 
 

@@ -1,7 +1,7 @@
 """The quick form: forty records on fixed seeds, short enough for every run of the tests."""
 
 from injector.build import Case, Hidden
-from injector.loadcases import LOAD_FAMILIES
+from injector.loads import LOAD_FAMILIES
 
 __all__ = ["CLEAN", "DYNAMIC", "LOADS"]
 

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
+from injector.bench import KINDS, Noise
 from injector.build import Case, Hidden, build, family_of
 from injector.family import branch_loop, effect
 from injector.geometry import Whitened, baseline
-from injector.loadcases import build_loads
-from injector.noise import KINDS, Noise
+from injector.loads import build_loads
 from rivals.oracle import measured_rest, oracle
 
 

@@ -6,10 +6,9 @@ import pytest
 from injector.build import Case, Hidden
 from injector.cases import grid
 from injector.seal import case_text, salt_of, seal
-from scorer.judge import judge
+from scorer.judge import judge, open_truth
 from scorer.levels import LEVELS, counted
 from scorer.metrics import Row, figures, mark
-from scorer.truth import open_truth
 
 
 def truth(*effects, part="B"):

@@ -165,7 +165,7 @@ def piped(bench: str, out: Path, answers: str) -> subprocess.CompletedProcess[st
 def test_the_end_of_piped_answers_keeps_the_run(bench: str, out: Path) -> None:
     done = piped(bench, out, "\n\n\n\n")
     assert done.returncode == 5, done.stderr
-    assert "the answers have ended" in json.loads(done.stdout)["error"]["what"]
+    assert "standard input has ended" in json.loads(done.stdout)["error"]["what"]
     (path,) = out.iterdir()
     assert verify_run(path).readings_in_journal == 2
 

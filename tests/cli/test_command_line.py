@@ -1,14 +1,12 @@
-"""Every command has help with an example; errors are objects; `--help` imports nothing heavy."""
+"""Exit codes, JSON and colours of the command line; `--help` imports nothing heavy."""
 
 from __future__ import annotations
 
 import json
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 
-import click
 import pytest
 from click.testing import CliRunner
 from rich.text import Text
@@ -20,53 +18,12 @@ from hdbench_cli.output import Output
 README = Path(__file__).parents[2] / "README.md"
 
 
-def run(*arguments: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "hdbench_cli", *arguments],
-        capture_output=True,
-        text=True,
-        timeout=60,
-        check=False,
-    )
-
-
-def commands() -> Iterator[tuple[str, click.Command]]:
-    group = main_module.cli
-    context = click.Context(group)
-    for name in group.list_commands(context):
-        command = group.get_command(context, name)
-        assert command is not None
-        yield name, command
-        if isinstance(command, click.Group):
-            for child, below in command.commands.items():
-                yield f"{name} {child}", below
-
-
-COMMANDS = list(commands())
-NAMES = [name for name, _ in COMMANDS]
-
-
-@pytest.mark.parametrize(
-    ("name", "command"), list(commands()), ids=lambda x: x if isinstance(x, str) else ""
-)
-def test_every_command_and_option_has_help_and_every_command_an_example(
-    name: str, command: click.Command
-) -> None:
-    assert command.help, name
-    text = f"{command.help or ''} {command.epilog or ''}"
-    if not isinstance(command, click.Group):
-        assert "Example" in text or "hdbench " in text, name
-    for option in command.params:
-        if isinstance(option, click.Option):
-            assert option.help, f"{name} {option.opts[0]} has no help"
-
-
-@pytest.mark.parametrize(
-    ("name", "command"), list(commands()), ids=lambda x: x if isinstance(x, str) else ""
-)
-def test_every_command_takes_json(name: str, command: click.Command) -> None:
-    if not isinstance(command, click.Group):
-        assert any("--json" in option.opts for option in command.params), name
+def run(*words: str) -> subprocess.CompletedProcess[str]:
+    """Run one command in this process."""
+    with CliRunner().isolation() as streams:
+        code = main_module._run(words, Output(json="--json" in words))
+        out, err = (stream.getvalue().decode() for stream in streams[:2])
+    return subprocess.CompletedProcess(words, code, out, err)
 
 
 def test_help_imports_nothing_heavy() -> None:
@@ -87,36 +44,12 @@ def test_help_imports_nothing_heavy() -> None:
     assert "run-ripple" in done.stdout
 
 
-def test_a_mistyped_command_names_the_nearest_one() -> None:
-    done = run("calibrat")
-    assert done.returncode == 2
-    assert "Did you mean 'calibrate'?" in done.stderr
-
-
-@pytest.mark.parametrize(
-    ("arguments", "code", "kind"),
-    [
-        (["run-ripple", "--no-such-option", "--json"], 2, "usage"),
-        (["run-ripple", "--profile", "no-such-bench", "--dry-run", "--json"], 4, "profile"),
-        (["--json", "filter", "README.md", "--out", "x.csv"], 4, "data"),
-    ],
-)
-def test_json_prints_exactly_one_object_for_errors_too(
-    arguments: list[str], code: int, kind: str
-) -> None:
-    done = subprocess.run(
-        [sys.executable, "-m", "hdbench_cli", *arguments],
-        capture_output=True,
-        text=True,
-        timeout=60,
-        check=False,
-        cwd=README.parent,
-    )
-    assert done.returncode == code, done.stderr
-    body = json.loads(done.stdout)
-    assert body["error"]["kind"] == kind
-    assert body["error"]["exit_code"] == code
-    assert body["error"]["fix"]
+def test_json_may_stand_first_and_a_file_that_is_no_trace_is_one_object() -> None:
+    done = run("--json", "filter", str(README), "--out", "x.csv")
+    assert done.returncode == 4, done.stderr
+    error = json.loads(done.stdout)["error"]
+    assert (error["kind"], error["exit_code"]) == ("data", 4)
+    assert error["fix"]
     assert "Traceback" not in done.stderr
 
 

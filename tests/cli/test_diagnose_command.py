@@ -11,6 +11,7 @@ from rich.console import Console
 
 from hdbench.records import Trace, write_trace
 from hdbench.report.diagnosis.limits import left_out_line, rest_line
+from hdbench.results import DiagnosisResult
 from hdbench_cli.commands.diagnosis_text import lines, names_line
 from hdbench_cli.main import main
 from hdbench_cli.output import show_lines
@@ -41,7 +42,16 @@ LIMITS = {
     "rest": {
         "heldout_rms_nm": 0.119,
         "noise_rms_nm": 0.043,
-        "told": [{"domain": "velocity", "second_domain": None}],
+        "told": [
+            {
+                "domain": "velocity",
+                "location": 1.0,
+                "extent": [0.0, 2.0],
+                "unit": "rad/s",
+                "size_nm": 0.1,
+                "share_of_variance": 0.1,
+            }
+        ],
     },
     "testable": [
         {"name": name, "testable": not because, "because": because}
@@ -178,10 +188,15 @@ def test_the_extended_model_continues(tmp_path, run):
     assert run("--check", "--model", body["model_file"], file)[0] == 0
 
 
+def typed(body):
+    """Return a result as its type."""
+    return DiagnosisResult.from_json({"verdict": "nothing-found", **body}, "result.json")
+
+
 def screen(body):
     """Return the lines of a result on a terminal of 80 columns."""
     console = Console(width=80, record=True, file=io.StringIO())
-    show_lines(console, lines(body, Path(body["run_folder"]), console))
+    show_lines(console, lines(typed(body), Path(body["run_folder"]), console))
     return console.export_text().splitlines()
 
 
@@ -202,29 +217,28 @@ def test_two_findings_fit_a_terminal_of_80_by_30(tmp_path, run):
 
 
 def test_what_was_left_out_left_over_and_not_testable_is_told():
-    assert left_out_line(LIMITS) == (
+    limits = typed(LIMITS)
+    assert left_out_line(limits) == (
         "19 289 of 24 841 samples (78 %): the acceleration is not resolved (19 000), spikes (289)"
     )
-    assert rest_line(LIMITS) == ("0.119 N m left in noise of 0.043 N m: unexplained at velocity")
-    assert names_line(LIMITS) == (
+    assert rest_line(limits) == ("0.119 N m left in noise of 0.043 N m: unexplained at velocity")
+    assert names_line(limits) == (
         "2 of 8 names can be tested here; not: side-force, backlash, creep (the record has no "
         "load_torque_nm); mains-hum, tooth-mesh (torque low-passed at 10 Hz); crosstalk "
         "(the record has no motor_current_a)"
     )
-    assert names_line(LIMITS, 69) == (
+    assert names_line(limits, 69) == (
         "2 of 8 names; not: 3 (the record has no load_torque_nm); 3 more"
     )
 
 
 def test_nothing_is_told_of_limits_that_a_record_has_not():
-    full = {
-        "left_out": [],
-        "rest": {"heldout_rms_nm": 0.0501, "noise_rms_nm": 0.05, "told": []},
-        "testable": [{"name": "spikes", "testable": True, "because": ""}],
-    }
+    rest = {"heldout_rms_nm": 0.0501, "noise_rms_nm": 0.05, "told": []}
+    full = typed({"rest": rest, "testable": [{"name": "spikes", "testable": True}]})
     assert (left_out_line(full), rest_line(full)) == ("", "")
     assert names_line(full) == "1 of 1 names can be tested here"
     # results of earlier versions hold none of them
-    assert (left_out_line({}), rest_line({}), names_line({})) == ("", "", "")
-    unknown = {"rest": {**full["rest"], "heldout_rms_nm": 0.1}}
+    older = typed({})
+    assert (left_out_line(older), rest_line(older), names_line(older)) == ("", "", "")
+    unknown = typed({"rest": {**rest, "heldout_rms_nm": 0.1}})
     assert rest_line(unknown).endswith(": not located")

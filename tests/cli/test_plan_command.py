@@ -75,26 +75,33 @@ def test_wrong_input_is_told_in_words(tmp_path: Path, hdbench) -> None:
     assert "motor speed 900 rad/s is above 400" in done[1]
 
 
-def test_what_a_diagnosis_leaves_open_is_planned_with_its_noise(tmp_path: Path, hdbench) -> None:
-    cause = {
-        "name": "structural-tone",
-        "group": ["structural-tone", "ripple-harmonic"],
-        "rivals": [],
-        "parameters": {"frequency_hz": {"value": 74.5}, "order": {"value": 3.0}},
+def test_what_a_diagnosis_leaves_open_is_planned_with_its_noise(
+    tmp_path: Path, hdbench, named_cause
+) -> None:
+    place = {"value": 74.5, "std": None, "unit": "Hz"}
+    order = {"value": 3.0, "std": None, "unit": "1"}
+    cause = named_cause(
+        "structural-tone",
+        {"frequency_hz": place, "order": order},
+        group=["structural-tone", "ripple-harmonic"],
+    )
+    noise = {"std_nm": 0.02}
+    result = {
+        "schema": "hdbench/diagnosis/1",
+        "verdict": "named",
+        "causes": [cause],
+        "settings": {"noise": noise},
     }
-    noise = {"innovation_std": 0.02, "coefficients": [0.5]}
-    result = {"schema": "hdbench/diagnosis/1", "causes": [cause], "settings": {"noise": noise}}
     file = tmp_path / "result.json"
     file.write_text(json.dumps(result))
     body = json.loads(hdbench("plan", "--for", file, "--no-loads", "--json")[0])
     assert {pair["first"] for pair in body["pairs"]} == {"structural-tone", "ripple-harmonic"}
     assert all(pair["separated"] for pair in body["pairs"])
     falling = {"frequency_hz": [0.1, 1.0, 500.0], "power_nm2": [0.1, 1e-3, 1e-4]}
-    for known in (falling, {"std_nm": 0.02}):
-        file.write_text(json.dumps(result | {"settings": {"noise": known}}))
-        body = json.loads(hdbench("plan", "--for", file, "--no-loads", "--json")[0])
-        assert all(pair["separated"] for pair in body["pairs"])
-    for broken in ({"innovation_std": 0.0, "coefficients": []}, {"coefficients": [1.0]}, 3):
+    file.write_text(json.dumps(result | {"settings": {"noise": falling}}))
+    body = json.loads(hdbench("plan", "--for", file, "--no-loads", "--json")[0])
+    assert all(pair["separated"] for pair in body["pairs"])
+    for broken in ({"std_nm": 0.0}, {"frequency_hz": [1.0]}, 3):
         result["settings"] = {"noise": broken}
         file.write_text(json.dumps(result))
         assert "settings.noise" in hdbench("plan", "--for", file, code=4)[1]

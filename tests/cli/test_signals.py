@@ -92,7 +92,10 @@ def test_a_signal_while_the_motor_turns_stops_it_and_keeps_the_run(
     assert "trace.csv" in run["files"]  # type: ignore[operator]
 
 
-@pytest.mark.parametrize("delay_s", [0.0, 0.15, 0.4, 0.8, 1.2])
+@pytest.mark.parametrize(
+    "delay_s",
+    [0.0, 0.4, *(pytest.param(late, marks=pytest.mark.campaign) for late in (0.15, 0.8, 1.2))],
+)
 def test_a_signal_in_any_phase_gives_no_traceback(
     served: Served, tmp_path: Path, delay_s: float
 ) -> None:
@@ -131,7 +134,7 @@ def test_kill_9_leaves_the_motor_to_the_guard_and_the_samples_to_verify(
     killed = time.monotonic()
     wait_for(lambda: served.history()[-1]["reference_v"] == 0.0, 5.0)
     # the guard acts at once; the rest is this machine's scheduling and the record's writing
-    assert time.monotonic() - killed < 1.0
+    assert time.monotonic() - killed < 2.0
     wait_for(lambda: served.history()[-1]["event"] == "standstill", 5.0)
     assert served.history()[-1]["watchdog_trips"] == 0
     (folder,) = out.iterdir()

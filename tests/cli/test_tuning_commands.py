@@ -115,11 +115,6 @@ def test_a_wrong_call_names_its_option(trace, monkeypatch, arguments, what, caps
     assert what in capsys.readouterr().err
 
 
-def test_a_missing_trace_is_a_data_error(tmp_path, capsys):
-    assert code(["tune", str(tmp_path / "no.csv"), "--out", str(tmp_path / "t.json")]) == 4
-    assert "no.csv" in capsys.readouterr().err
-
-
 def test_the_model_tuned_is_tuned_on_this_very_trace(trace):
     out = trace.parent / "own.csv"
     found = run(filter_command.command, trace, "--model", "tuned", "--out", out)

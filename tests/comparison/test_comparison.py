@@ -344,15 +344,17 @@ def test_an_amplitude_that_grew_and_an_order_that_is_gone_are_named(tmp_path: Pa
 # -- diagnosis, files, errors -------------------------------------------------------------------
 
 
-def test_a_new_cause_and_a_grown_one_are_named(tmp_path: Path) -> None:
+def test_a_new_cause_and_a_grown_one_are_named(tmp_path: Path, named_cause) -> None:
     def cause(name: str, value: float) -> dict[str, Any]:
-        return {"name": name, "parameters": {"amplitude_nm": {**q(value, 0.01), "unit": "N m"}}}
+        place = {"value": 6.0, "std": None, "unit": "s"}
+        size = {"value": value, "std": 0.01, "unit": "N m"}
+        return named_cause(name, {"amplitude_nm": size, "step_time_s": place})
 
-    a = store(tmp_path / "a.json", "diagnosis", causes=[cause("mains-hum", 0.1)])
-    b = store(
-        tmp_path / "b.json", "diagnosis",
-        causes=[cause("mains-hum", 0.2), cause("zero-step", 1.0)],
-    )  # fmt: skip
+    one, two = [cause("mains-hum", 0.1)], [cause("mains-hum", 0.2), cause("zero-step", 1.0)]
+    a, b = (
+        store(tmp_path / f"{name}.json", "diagnosis", verdict="named", causes=causes)
+        for name, causes in (("a", one), ("b", two))
+    )
     found = compare_runs(a, b)
     assert found.moved == ("mains-hum.amplitude_nm", "only in B: zero-step")
     assert compare_runs(a, a).verdict == "within-uncertainty"

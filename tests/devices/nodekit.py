@@ -16,9 +16,8 @@ from faults.lines import in_thread
 from hdbench.devices.emulator.node import build_core
 from hdbench.devices.emulator.server import ModbusServer
 from hdbench.devices.host import HostedBench, host_settings
-from hdbench.devices.node.access import NodeAccess
+from hdbench.devices.node.access import NodeAccess, node_probe
 from hdbench.devices.node.driver import NodeDaq
-from hdbench.devices.node.wire import node_probe
 from hdbench.devices.wire import connect, parse_address
 from hdbench.plant.converter import RawSamples
 from hdbench.profile import load_profile

@@ -9,6 +9,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from hdbench.devices.daq import Daq, ScanBlock
+from hdbench.devices.emulator.instrument import SimulatedInstrument
+from hdbench.devices.emulator.memory import Memory
 
 
 @dataclass
@@ -38,3 +40,26 @@ def read_all(daq: Daq, *, timeout_s: float = 20.0) -> list[ScanBlock]:
         if not block.running and block.depth == 0:
             return blocks
     raise AssertionError(f"not finished within {timeout_s} s")
+
+
+def disturb(instrument: SimulatedInstrument, **held_v: float) -> None:
+    """Hold inputs at these volts, whatever stands at their terminals; the others are mended."""
+
+    def produce(count: int) -> Any:
+        samples = SimulatedInstrument._produce(instrument, count)
+        for channel, value_v in held_v.items():
+            samples.volts[channel][:] = value_v
+        return samples
+
+    instrument._produce = produce
+
+
+def swap_words(memory: Memory) -> None:
+    """Let a gateway swap the words of every 32-bit value that is read."""
+    read = memory.read
+
+    def swapped(*asked: Any) -> bytes:
+        raw = read(*asked)
+        return raw[2:] + raw[:2] if len(raw) == 4 else raw
+
+    memory.read = swapped

@@ -3,8 +3,8 @@
 import pytest
 from nodekit import ManualClock
 
+from hdbench.devices.node.access import NodeWire
 from hdbench.devices.node.registers import LIMITS, register
-from hdbench.devices.node.wire import NodeWire
 from hdbench.devices.wire import ExceptionReply, FrameError
 from hdbench.errors import DeviceError
 

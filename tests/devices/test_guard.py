@@ -16,11 +16,12 @@ from pathlib import Path
 import pytest
 from nodekit import PROFILE, TinyBench, driver, proxy, served, until
 from serial import Serial
+from stopwatch import Stopwatch
 
 from hdbench.devices.bench import AcquisitionSettings
 from hdbench.devices.emulator.process import running_emulator
 from hdbench.devices.guard import GuardedBench, GuardProcess, guard_silence_s, order_of
-from hdbench.devices.guard import launch as launching
+from hdbench.devices.guard import bench as launching
 from hdbench.devices.guard.order import Look, as_json
 from hdbench.devices.guard.process import watching
 from hdbench.devices.guard.process.stopping import FAULTS, Wire, make_safe, note_identity, wrong
@@ -127,9 +128,10 @@ def test_a_session_whose_guard_dies_is_told_at_its_next_block(tmp_path):
         turn(bench)
         os.kill(bench.guard.pid, signal.SIGKILL)
         start_s = time.monotonic()
+        watch = Stopwatch()
         with pytest.raises(DeviceError, match="guard process"):
             read_until(bench, start_s + 3.0)
-        assert time.monotonic() - start_s < 0.5
+        assert watch.s < 0.5
 
 
 def test_what_ends_a_session_does_not_end_the_guard(tmp_path):
@@ -279,7 +281,7 @@ def test_on_a_serial_line_the_guard_takes_over_from_a_dead_or_frozen_session(tmp
     events = [json.loads(line) for line in record.read_text().splitlines()]
     zero = next(e for e in events if e["event"] in ("stopped", "tripped"))
     # silence of 0.45 s at most, a quiet line, the scheduler
-    assert zero["monotonic_s"] - gone_s < 1.0
+    assert zero["monotonic_s"] - gone_s < 2.0
     if signum == signal.SIGKILL:
         assert zero["event"] == "stopped", "the guard was there before the watchdog"
 
@@ -300,7 +302,7 @@ def test_a_serial_line_that_is_gone_does_not_hold_the_guard_up():
     near, far = os.openpty()
     wire = Wire(_line(os.ttyname(far)), alone=False)
     try:
-        start_s = time.monotonic()
+        watch = Stopwatch()
         with pytest.raises(FrameError, match="no valid reply"):
             wire.transact(READ)
         os.close(near)
@@ -308,7 +310,7 @@ def test_a_serial_line_that_is_gone_does_not_hold_the_guard_up():
         with pytest.raises(FAULTS):
             wire.transact(READ)
         # four tenths of a second each, and the scheduler
-        assert time.monotonic() - start_s < 2.0
+        assert watch.s < 2.0
     finally:
         wire.close()
 

@@ -14,7 +14,7 @@ from nodekit import until
 
 from hdbench.devices import AcquisitionSettings
 from hdbench.devices.host import HostedBench
-from hdbench.devices.host.channels import SampleClock, Unwrap
+from hdbench.devices.host.bench import SampleClock, Unwrap
 from hdbench.devices.host.control import ControlThread, HostReference, ReferenceLog
 from hdbench.errors import DeviceError, UsageError
 from hdbench.model.waves import ProgramPart, ReferenceProgram

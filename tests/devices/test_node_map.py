@@ -19,13 +19,11 @@ from hdbench.devices.node.registers import (
     PROGRAM,
     Refusal,
     State,
-    as_float32,
     block_registers,
-    decode_group,
-    encode_group,
     register,
     register_at,
 )
+from hdbench.devices.registers import as_float32, decode_group, encode_group
 
 PAGE = (Path(__file__).parents[2] / "docs" / "node-protocol.md").read_text(encoding="utf-8")
 
@@ -36,7 +34,10 @@ def test_the_table_of_the_page_is_the_map_of_the_code():
         (name, int(first, 16), int(last or first, 16), kind, access, meaning)
         for first, last, name, kind, access, meaning in re.findall(pattern, PAGE, re.MULTILINE)
     ]
-    code = [(e.name, e.address, e.address + e.size - 1, e.kind, e.access, e.meaning) for e in MAP]
+    code = [
+        (e.name, e.address, e.address + e.size - 1, e.kind, ("r", "rw")[e.writable], e.meaning)
+        for e in MAP
+    ]
     assert page == code
 
 
@@ -80,7 +81,7 @@ def test_every_state_and_reason_stands_on_the_page(members):
 def test_every_read_only_register_refuses_a_write_with_exception_2():
     core = build_core(TinyBench(), PROFILE, 0, pace="fast", clock=ManualClock())
     for entry in MAP:
-        if entry.access == "r":
+        if not entry.writable:
             request = struct.pack(">BHHB", 16, entry.address, entry.size, 2 * entry.size)
             reply = core.answer(request + bytes(2 * entry.size), 1)
             assert reply == b"\x90\x02", entry.name

@@ -14,14 +14,8 @@ from hdbench.devices.daq import DaqSettings
 from hdbench.devices.emulator.node import build_core
 from hdbench.devices.emulator.parameters import RefusedError
 from hdbench.devices.node.access import parameter_values, part_values
-from hdbench.devices.node.registers import (
-    PARAMETERS,
-    PROGRAM,
-    PROGRAM_WAVE,
-    Refusal,
-    encode_group,
-    register,
-)
+from hdbench.devices.node.registers import PARAMETERS, PROGRAM, PROGRAM_WAVE, Refusal, register
+from hdbench.devices.registers import encode_group
 from hdbench.model.waves import ProgramPart, ReferenceProgram, program_voltage
 
 PARTS = (

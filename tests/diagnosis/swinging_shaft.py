@@ -58,13 +58,17 @@ def slipped(columns, *slips):
 
 
 def reversing(
-    extra=lambda angle, speed, load: 0.0, seed=1, noise_nm=NOISE_NM, channel=lambda torque: torque
+    extra=lambda angle, speed, load: 0.0,
+    seed=1,
+    noise_nm=NOISE_NM,
+    channel=lambda torque: torque,
+    n=16_000,
 ):
-    """Return 16 s of a speed that reverses under a load of both signs.
+    """Return a record at 1 kHz of a speed that reverses under a load of both signs.
 
     `channel` is what the torque goes through before its noise.
     """
-    n, rng = 16_000, np.random.default_rng(seed)
+    rng = np.random.default_rng(seed)
     time = np.arange(n) * 1e-3
     speed, angle, torque = swing(time, 0.0, 60.0, 4.0)
     load = 20.0 * np.sin(2.0 * np.pi * time / 9.7)

@@ -28,10 +28,10 @@ def test_a_slip_is_named_modelled_and_an_effect_beside_it_is_still_found(tmp_pat
     assert [c.name for c in result.causes] == ["encoder-slip", "ripple-harmonic"]
     slip, ripple = result.causes
     parameters = slip.parameters
-    assert parameters["slip_rad"]["value"] == pytest.approx(150 * COUNT, abs=COUNT)
-    assert 2.999 <= parameters["step_time_s"]["value"] <= 3.0
-    assert ripple.parameters["order"]["value"] == pytest.approx(6.0, abs=0.01)
-    assert ripple.parameters["amplitude_nm"]["value"] == pytest.approx(0.08, abs=0.004)
+    assert parameters["slip_rad"].value == pytest.approx(150 * COUNT, abs=COUNT)
+    assert 2.999 <= parameters["step_time_s"].value <= 3.0
+    assert ripple.parameters["order"].value == pytest.approx(6.0, abs=0.01)
+    assert ripple.parameters["amplitude_nm"].value == pytest.approx(0.08, abs=0.004)
     # without the slip the residual is that of ripple and noise
     wanted = float(np.hypot(0.05, 0.08 / np.sqrt(2.0)))
     assert slip.gain.heldout_rms_after_nm == pytest.approx(wanted, rel=0.03)
@@ -52,12 +52,12 @@ def test_spikes_and_gaps_are_named_with_what_they_cost():
     result = diagnose_trace(trace, PROFILE)
     assert [c.name for c in result.causes] == ["spikes"]
     (spikes,) = result.causes
-    assert spikes.parameters["samples"]["value"] == 4.0
+    assert spikes.parameters["samples"].value == 4.0
     # 3.89 (N m)^2 of spikes over the noise of 5950 samples
     share = 3.89 / (3.89 + 5950 * 0.05**2)
     assert spikes.share_of_variance == pytest.approx(share, abs=0.03)
     gap = every(result)["missed-samples"]
-    assert (gap.parameters["samples"]["value"], gap.share_of_variance) == (50.0, 0.0)
+    assert (gap.parameters["samples"].value, gap.share_of_variance) == (50.0, 0.0)
     assert {f.name: f.samples for f in result.data_flags} == {"spikes": 4, "missed-samples": 50}
 
 

@@ -16,8 +16,8 @@ ORDERS_NM = {2.0: 0.46, 4.0: 0.17}
 
 
 def swinging(mean: float, size: float) -> Trace:
-    """Return 20 s of free motion, 5 s a swing."""
-    time = np.arange(20_000) * 1e-3
+    """Return 10 s of free motion, 5 s a swing."""
+    time = np.arange(10_000) * 1e-3
     lines = tuple((order, amplitude, order) for order, amplitude in ORDERS_NM.items())
     speed, angle, torque = swing(time, mean, size, 5.0, lines)
     noise = NOISE_NM * np.random.default_rng(0).standard_normal(time.size)
@@ -37,7 +37,7 @@ def told() -> dict[str, dict[str, object]]:
 def test_ripple_of_the_baseline_has_its_size_and_the_bound_of_its_noise(told, motion):
     found = {item["order"]: item for item in told[motion]["baseline_ripple"]}
     assert set(found) == set(ORDERS_NM)
-    bound = NOISE_NM * np.sqrt(2.0 / 20_000)  # Cramer-Rao, amplitude of a sinusoid in white noise
+    bound = NOISE_NM * np.sqrt(2.0 / 10_000)  # Cramer-Rao, amplitude of a sinusoid in white noise
     for order, size in ORDERS_NM.items():
         assert found[order]["std_nm"] == pytest.approx(bound, rel=0.1)
         # four standard deviations: 6e-5 that right code misses

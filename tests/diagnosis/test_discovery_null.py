@@ -45,18 +45,18 @@ def noises(fit, count, seed):
 def test_the_smallest_probability_of_a_dictionary_is_even_in_white_noise(start, calibrated):
     _, fit = start
     smallest, single = [], []
-    for view in noises(fit, 400, 2):
+    for view in noises(fit, 160, 2):
         looks = calibrated.looks(view.beside())
         smallest.append(min(look.false_alarm for look in looks))
         (viscous,) = (x for x in looks if x.term.name == "viscous-friction")
         single.append(float(chi2.sf(viscous.statistic, viscous.dof)))
-    # one member has a chi^2 of its own: 400 values are this far away once in a hundred times
-    limit = 1.63 / np.sqrt(400)
+    # one member has a chi^2 of its own: 160 values are this far away once in a hundred times
+    limit = 1.63 / np.sqrt(160)
     assert kstest(single, "uniform").statistic < limit
     # trials are counted at 5 %: further up the law of many correlated members is another
     for level in (0.02, 0.05, 0.1):
         share = np.mean(np.array(smallest) < level)
-        assert abs(share - level) < 4.0 * np.sqrt(level / 400)
+        assert abs(share - level) < 4.0 * np.sqrt(level / 160)
 
 
 def test_a_look_is_the_fall_of_the_sum_of_squares_of_plain_regression(start, calibrated):
@@ -138,7 +138,7 @@ def test_lines_near_whole_orders_raise_no_more_alarms_than_they_say(start):
 def test_the_largest_step_of_white_noise_has_the_tail_of_james_james_and_siegmund():
     # the law is one of a step beside a constant
     fit = fitted(swinging(6000, change=("-misalignment",)))
-    step, n = catalogue()["zero-step"], 500
+    step, n = catalogue()["zero-step"], 250
     looks = [step_look(view, step) for view in noises(fit, n, 6)]
     chances = np.array([1.0 if look is None else look.false_alarm for look in looks])
     for level in (0.02, 0.05, 0.1):

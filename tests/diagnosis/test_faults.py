@@ -29,7 +29,7 @@ def inspected(columns, profile=PROFILE, model=MODEL):
 
 
 def value(fault, name):
-    return fault.parameters[name]["value"]
+    return fault.parameters[name].value
 
 
 # --- angle, tacho and clock
@@ -74,7 +74,7 @@ def test_ripple_of_the_tacho_is_measured_and_taken_out():
     (fault,) = found.faults
     assert (fault.name, value(fault, "order")) == ("tacho-ripple", 22.0)
     amplitude = fault.parameters["relative_amplitude"]
-    assert abs(amplitude["value"] - 0.01) < 4.0 * amplitude["std"]
+    assert abs(amplitude.value - 0.01) < 4.0 * amplitude.std
     assert inspected(dict(found.trace.columns)).faults == ()
 
 
@@ -317,7 +317,7 @@ def test_noise_that_grows_with_speed_is_measured_and_other_changes_are_none():
     assert fault.name == "speed-dependent-noise"
     # 0.05 N m at rest, and as much at 100 rad/s
     noise = fault.parameters["noise_nm"]
-    assert abs(noise["value"] - 0.05) < 4.0 * noise["std"] + 0.002
+    assert abs(noise.value - 0.05) < 4.0 * noise.std + 0.002
     assert found.law.variance(np.array([0.0, 200.0]))[1] > found.law.still
     columns = bench(40_000, seed=7)
     assert left(columns).faults == ()

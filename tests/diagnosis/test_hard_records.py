@@ -24,9 +24,9 @@ def record(motion, extra, *, n, period_s=1e-3, noise_nm=NOISE_NM, pole=0.0, seed
 @pytest.mark.parametrize(
     ("tone_hz", "period_s", "n", "pole"),
     [
-        (5.0, 5e-3, 2400, 0.9),
+        pytest.param(5.0, 5e-3, 2400, 0.9, marks=pytest.mark.campaign),
         (50.02, 5e-3, 1200, 0.0),
-        (21.3, 1e-3, 12_000, 0.0),
+        pytest.param(21.3, 1e-3, 12_000, 0.0, marks=pytest.mark.campaign),
     ],
 )
 def test_a_tone_on_a_swinging_speed_is_not_taken_for_noise(tone_hz, period_s, n, pole):
@@ -39,12 +39,13 @@ def test_a_tone_on_a_swinging_speed_is_not_taken_for_noise(tone_hz, period_s, n,
     assert result.unexplained == ()
     place = cause.parameters["frequency_hz"]
     # four standard deviations: 6e-5 that a right interval misses
-    assert abs(place["value"] - tone_hz) < 4.0 * place["std"]
+    assert abs(place.value - tone_hz) < 4.0 * place.std
 
 
-def test_coloured_noise_of_a_short_slow_record_has_no_name():
+@pytest.mark.parametrize("records", [2, pytest.param(8, marks=pytest.mark.campaign)])
+def test_coloured_noise_of_a_short_slow_record_has_no_name(records):
     named = 0
-    for seed in range(8):
+    for seed in range(records):
         trace = record(
             (60.0, 20.0, 5.0),
             lambda time, angle, speed: 0.0,
@@ -55,7 +56,7 @@ def test_coloured_noise_of_a_short_slow_record_has_no_name():
         )
         named += diagnose_trace(trace, PROFILE).verdict != "nothing-found"
     # 1 % each: 0.3 % that two of eight have a finding
-    assert named <= 1
+    assert named <= records // 8
 
 
 def test_less_than_an_output_turn_keeps_the_given_misalignment():
@@ -94,6 +95,6 @@ def test_two_like_effects_do_not_hide_each_other_below_the_materiality_line():
     def friction(time, angle, speed):
         return 0.3 * np.tanh(speed / 1.5) + 0.0012 * speed
 
-    result = diagnose_trace(record((0.0, 100.0, 5.0), friction, n=20_000), PROFILE)
+    result = diagnose_trace(record((0.0, 100.0, 5.0), friction, n=10_000), PROFILE)
     names = {name for cause in result.causes for name in (cause.name, *cause.group)}
     assert names & {"coulomb-friction", "stribeck-friction"}

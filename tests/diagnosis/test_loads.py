@@ -60,7 +60,7 @@ def test_a_hidden_effect_is_named_alone(name):
     assert {name} & {cause.name, *cause.group, *cause.rivals} or GROUPS[name] & set(cause.group)
     assert cause.false_alarm_probability < 1e-4
     assert cause.gain.explained_fraction > 0.5
-    assert result.extended["heldout_rms_nm"] < result.simulated["heldout_rms_nm"]
+    assert result.extended.heldout_rms_nm < result.simulated.heldout_rms_nm
 
 
 def test_clean_readings_show_nothing():
@@ -71,7 +71,8 @@ def test_clean_readings_show_nothing():
         loads = bench.readings(p, np.zeros(len(p.torque)), NOISE_NM, rng, timed=seed % 2 == 0)
         result = diagnose_loads(loads, PROFILE, materiality=0.0)
         found += result.verdict != "nothing-found"
-        assert dict(result.minimum_detectable)["hysteresis"] < 0.05
+        smallest = {one.name: one.amplitude_nm for one in result.minimum_detectable}
+        assert smallest["hysteresis"] < 0.05
     # at 1 % each: two of eight by chance once in 380
     assert found <= 1
 
@@ -110,9 +111,9 @@ def test_a_direction_stands_above_scattering_gains():
     assert set(cause.group) == {"direction-asymmetry", "side-force"}
     table = {**cause.parameters}
     value, std = (
-        (table["asymmetry"]["value"], table["asymmetry"]["std"])
+        (table["asymmetry"].value, table["asymmetry"].std)
         if "asymmetry" in table
-        else (table["side_nm"]["value"] / 10.0, table["side_nm"]["std"] / 10.0)
+        else (table["side_nm"].value / 10.0, table["side_nm"].std / 10.0)
     )
     # half of 2 % is even in the torque; 0.2 % of scatter over 16 gains leaves 0.05 %
     assert abs(value - 0.01) < 4.0 * std
@@ -128,7 +129,7 @@ def test_the_parameters_of_a_cubic_have_true_intervals():
         (cause,) = diagnose_loads(loads, PROFILE).causes
         if cause.name == "cubic-nonlinearity":
             entry = cause.parameters["cubic_nm"]
-            deviations.append((entry["value"] - 2e-3) / entry["std"])
+            deviations.append((entry.value - 2e-3) / entry.std)
     assert len(deviations) >= 4
     # the mean square of n standard normal values is below 4 but once in 3000 for n = 4
     assert np.mean(np.square(deviations)) < 4.0
@@ -192,7 +193,7 @@ def test_the_pictures_hold_what_was_fitted():
 
 def test_two_times_the_same_readings_give_the_same_answer():
     _, loads = hidden("creep", 12.0, 5)
-    first, second = (diagnose_loads(loads, PROFILE).to_dict({}) for _ in range(2))
+    first, second = (diagnose_loads(loads, PROFILE).to_json() for _ in range(2))
     assert first == second
     assert json.loads(json.dumps(first, allow_nan=False))["verdict"] == "named"
 
@@ -262,9 +263,9 @@ def test_a_cause_file_reaches_calibration_loads(tmp_path):
     )
     options = DiagnosisOptions(cause_files=(own,))
     _, result = diagnose_run(file, PROFILE, out=tmp_path / "runs", options=options)
-    assert [cause["name"] for cause in result["causes"]] == ["swelling"]
+    assert [cause.name for cause in result.causes] == ["swelling"]
     _, without = diagnose_run(file, PROFILE, out=tmp_path / "runs")
-    assert "swelling" not in {cause["name"] for cause in without["causes"]}
+    assert "swelling" not in {cause.name for cause in without.causes}
 
 
 def test_preloads_and_shunt_readings_are_not_diagnosed():

@@ -83,12 +83,11 @@ def test_an_order_that_was_found_is_taken_out_by_the_filter(tmp_path):
     columns = {"time_s": time, "motor_velocity_rad_s": speed, "motor_angle_rad": angle}
     write_trace(tmp_path / "trace.csv", Trace({**columns, "torque_nm": torque}))
     folder, result = diagnose_run(tmp_path / "trace.csv", PROFILE, out=tmp_path / "runs")
-    (block,) = result["filter_gain"]["blocks"]
-    assert block["order"] == pytest.approx(7.0, abs=1e-3)
-    sizes = block["amplitude_nm"]
+    (block,) = result.filter_gain.blocks
+    assert block.order == pytest.approx(7.0, abs=1e-3)
+    sizes = block.amplitude_nm
     # the report's own tuning passes part of a further order and takes it with its own block
-    assert sizes["after"] < 0.05 * sizes["before"]
-    written = json.loads((folder / "result.json").read_text())
-    assert written["filter_gain"] == result["filter_gain"]
+    assert sizes.after < 0.05 * sizes.before
+    assert json.loads((folder / "result.json").read_text()) == result.to_json()
     names = {path.name for path in folder.iterdir()}
     assert {"map_velocity.csv", "map_acceleration.csv", "map_motor_angle.csv"} <= names

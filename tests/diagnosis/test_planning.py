@@ -74,9 +74,10 @@ def test_red_noise_hides_slow_effects_by_its_spectrum_at_zero() -> None:
     # an AR(1) of 0.9 has 1 / (1 - 0.9) = 10 times the innovation's density (in amplitude) at 0 Hz
     motion, effects = motion_at((50.0, -50.0), 10.0), effects_named(("zero-drift",))
     white = compare(motion, effects, PROFILE, noise=Noise.white(0.01)).visibility[0]
-    red = compare(
-        motion, effects, PROFILE, noise=Noise.autoregression(0.01, np.array([0.9]), PERIOD_S)
-    ).visibility[0]
+    phase = np.linspace(0.0, np.pi, 513)
+    power = 0.01**2 / np.abs(1.0 - 0.9 * np.exp(-1j * phase)) ** 2
+    noise = Noise(phase / (2.0 * np.pi * PERIOD_S), power)
+    red = compare(motion, effects, PROFILE, noise=noise).visibility[0]
     assert white.std_nm is not None
     assert red.std_nm is not None
     assert red.std_nm / white.std_nm == pytest.approx(10.0, rel=0.05)

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
-from hdbench.diagnosis.planning import check_motion_plan, plan_for_result
+from hdbench.diagnosis.planning import check_motion_plan, plan_for_causes
 from hdbench.diagnosis.planning.blocks import full_protocol
 from hdbench.diagnosis.planning.confusability import compare
 from hdbench.diagnosis.planning.proposal import effects_named, propose, settled_by
 from hdbench.diagnosis.planning.segments import LoadStep, MotionPlan, Segment, planned_motion
 from hdbench.model import Motion, catalogue
 from hdbench.profile import load_profile
+from hdbench.results.diagnosis import Gain, NamedCause, ParameterValue
 
 PROFILE = load_profile("cim-tr-97-06").data
 
@@ -133,20 +136,24 @@ def test_the_full_protocol_lasts_as_long_as_that_of_the_literature_and_keeps_the
 
 
 def test_a_plan_for_a_diagnosis_takes_its_open_names_with_their_shapes() -> None:
-    cause = {
-        "name": "structural-tone",
-        "group": ["structural-tone", "ripple-harmonic"],
-        "rivals": [],
-        "parameters": {
-            "frequency_hz": {"value": 74.5, "std": 0.01, "unit": "Hz"},
-            "order": {"value": 3.0, "std": 0.001, "unit": "1"},
-            "amplitude_nm": {"value": 0.1, "std": 0.001, "unit": "N m"},
+    cause = NamedCause(
+        name="structural-tone",
+        group=("structural-tone", "ripple-harmonic"),
+        parameters={
+            "frequency_hz": ParameterValue(74.5, 0.01, "Hz"),
+            "order": ParameterValue(3.0, 0.001, "1"),
+            "amplitude_nm": ParameterValue(0.1, 0.001, "N m"),
         },
-    }
-    found = plan_for_result({"causes": [cause]}, PROFILE, motion=one_speed())
+        evidence_nats=50.0,
+        false_alarm_probability=0.0,
+        gain=Gain(0.1, 0.05, 0.75, (0.7, 0.8)),
+        share_of_variance=0.75,
+        domain="frequency",
+    )
+    found = plan_for_causes([cause], PROFILE, motion=one_speed())
     assert found is not None
     assert found.plan is not None
     assert all(pair.separated for pair in found.pairs)
     assert {pair.first for pair in found.pairs} == {"structural-tone", "ripple-harmonic"}
-    alone = {**cause, "group": ["structural-tone"]}
-    assert plan_for_result({"causes": [alone]}, PROFILE) is None
+    alone = replace(cause, group=("structural-tone",))
+    assert plan_for_causes([alone], PROFILE) is None

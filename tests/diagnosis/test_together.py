@@ -1,7 +1,5 @@
 """Several records of one drive: shared causes are found together, and who speaks is told."""
 
-import json
-
 import numpy as np
 import pytest
 from swinging_shaft import NOISE_NM, swing, trace_of
@@ -49,12 +47,12 @@ def test_three_records_tell_together_what_none_tells_alone(weak):
         assert diagnose_trace(trace, PROFILE, materiality=0.0).causes == ()
     (cause,) = together.causes
     assert cause.name == "ripple-harmonic"
-    assert cause.parameters["order"]["value"] == 6.0
+    assert cause.parameters["order"].value == 6.0
     size = cause.parameters["amplitude_nm"]
     # four standard deviations: 1.3e-4 that a right interval misses
-    assert abs(size["value"] - 0.003) < 4.0 * size["std"]
+    assert abs(size.value - 0.003) < 4.0 * size.std
     # the mean of three: noise sqrt(2 / n) of all
-    assert size["std"] == pytest.approx(NOISE_NM * np.sqrt(2.0 / 15000), rel=0.1)
+    assert size.std == pytest.approx(NOISE_NM * np.sqrt(2.0 / 15000), rel=0.1)
     assert cause.false_alarm_probability < 0.01
 
 
@@ -67,21 +65,24 @@ def test_each_record_says_how_much_it_speaks_for_a_cause(weak):
     assert not any(voice.disagrees for voice in cause.voices)
     for voice in cause.voices:
         own = voice.parameters["amplitude_nm"]
-        assert own["std"] == pytest.approx(NOISE_NM * np.sqrt(2.0 / 5000), rel=0.15)
+        assert own.std == pytest.approx(NOISE_NM * np.sqrt(2.0 / 5000), rel=0.15)
     assert [part.rate_hz for part in weak[1].records] == pytest.approx([1000.0, 1000.0, 800.0])
     assert weak[1].settings["angle_zero"] == "shared"
 
 
 def test_records_that_disagree_are_named_with_their_own_sizes():
     traces = [run(1, 0.05), run(2, 0.05), run(3, 0.10)]
-    cause = told(diagnose_together(traces, NAMES, PROFILE))["ripple-harmonic"]
+    result = diagnose_together(traces, NAMES, PROFILE)
+    assert [part.record for part in result.records if part.disagrees] == ["C"]
+    cause = told(result)["ripple-harmonic"]
     assert [voice.record for voice in cause.voices if voice.disagrees] == ["C"]
-    assert cause.apart_chance < 1e-6
+    assert cause.disagreement.false_alarm_probability < 1e-6
     sizes = [voice.parameters["amplitude_nm"] for voice in cause.voices]
     for size, truth in zip(sizes, (0.05, 0.05, 0.10), strict=True):
-        assert abs(size["value"] - truth) < 4.0 * size["std"]
+        assert abs(size.value - truth) < 4.0 * size.std
 
 
+@pytest.mark.campaign
 def test_a_record_of_another_drive_is_told_by_what_it_disagrees_about():
     traces = [run(1, 0.05, 0.3), run(2, 0.05, 0.3), run(3, 0.0, 0.9)]
     result = diagnose_together(traces, NAMES, PROFILE)
@@ -115,14 +116,13 @@ def test_one_run_folder_holds_result_and_one_model_for_all(tmp_path):
     for file, seed in zip(files, (1, 2), strict=True):
         write_trace(file, run(seed, 0.05, n=4000))
     folder, result = diagnose_runs_together(files, PROFILE, out=tmp_path / "runs")
-    json.dumps(result, allow_nan=False)
     assert len(list(folder.glob("**/model*.json"))) == 1
-    assert [one["input"] for one in result["records"]] == [str(file) for file in files]
-    (cause,) = result["causes"]
-    assert [one["record"] for one in cause["records"]] == [str(file) for file in files]
-    assert cause["disagreement"]["records"] == []
-    for one in result["records"]:
-        gain = one["simulated"]["heldout_rms_nm"], one["extended"]["heldout_rms_nm"]
+    assert [one.input for one in result.records] == [str(file) for file in files]
+    (cause,) = result.causes
+    assert [one.record for one in cause.voices] == [str(file) for file in files]
+    assert cause.disagreement.records == ()
+    for one in result.records:
+        gain = one.simulated.heldout_rms_nm, one.extended.heldout_rms_nm
         # 0.05^2 / 2 of variance beside the noise, to the scatter of 4000 samples
         assert gain == pytest.approx((np.hypot(NOISE_NM, 0.05 / np.sqrt(2.0)), NOISE_NM), rel=0.05)
     model = load_model(folder / "model.json")

@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import os
 import random
+import subprocess
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -148,6 +149,45 @@ def test_a_library_that_ends_its_process_is_an_error_of_the_file(
     source = open_isolated(file, "NumPy file", "npz", "numpy", "none")
     assert [channel.name for channel in source.channels] == ["time", "speed", "torque"]
     source.close()
+
+
+_ALONE = """
+import os, sys
+from pathlib import Path
+from hdbench.importing.registry import end_reader, open_isolated
+import hdbench.importing.registry as registry
+for library in ("a_library", "numpy"):
+    try:
+        source = open_isolated(Path(sys.argv[1]), "NumPy file", "npz", library, "none")
+        print(type(registry._running._process).__name__, *[c.name for c in source.channels])
+        (piece,) = source.pieces(["speed", "torque"])
+        print(len(piece["speed"]), round(float(piece["torque"].max()), 3))
+    except Exception as error:
+        print(error.what)
+end_reader()
+try:
+    os.wait()
+except ChildProcessError:
+    print("no child is left")
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="a fork is safe on Linux only")
+def test_a_process_of_one_thread_reads_by_a_fork_under_the_same_limits(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = library(monkeypatch, tmp_path, "bytearray(1 << 30)")
+    paths = os.pathsep.join(path for path in sys.path if path)
+    ran = subprocess.run(
+        [sys.executable, "-c", _ALONE, str(file)],
+        env={**os.environ, "PYTHONPATH": paths},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    refused, *read = ran.stdout.splitlines()
+    assert "more memory than there is" in refused
+    assert read == ["Fork time speed torque", "200 1.3", "no child is left"]
 
 
 def test_what_a_file_makes_its_library_do_stays_in_the_file(
@@ -297,7 +337,8 @@ def test_provenance_is_bound_to_the_content(tmp_path: Path) -> None:
     import_files(recipe("npz"), [file], out)
     imported = input_identity(out)["imported"]
     assert imported["sources"][0]["form"] == "NumPy file"
-    assert imported["columns"]["torque_nm"] == ["channel 'torque'"]
+    steps = ["channel 'torque'", "taken as N m: the file states no unit"]
+    assert imported["columns"]["torque_nm"] == steps
     out.write_text(out.read_text() + "9,1,1\n")
     assert "imported" not in input_identity(out)
 

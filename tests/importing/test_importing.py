@@ -178,7 +178,7 @@ def test_a_missing_number_is_a_lost_sample_and_counted(tmp_path):
         ("t,T,v\n0,nan,2\n1,,2\n", "in0.txt", "T holds no number in 2 rows"),
         ("t,T,v\n", "in0.txt", "no data"),
         ("", "in0.txt", "no data"),
-        (b"t,T,v\n0,\xff,1\n", "in0.txt:2", "UTF-8"),
+        (b"t,T,v\n0,\xff,1\n", "in0.txt:2", "'ÿ'"),
     ],
 )
 def test_a_bad_log_is_refused_with_its_line(tmp_path, text, place, word):

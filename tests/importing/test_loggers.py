@@ -124,11 +124,10 @@ def test_a_file_without_a_named_time_says_how_to_go_on(tmp_path: Path) -> None:
     assert "--no-header" in caught.value.fix
 
 
-def test_a_time_of_day_is_no_time_in_seconds(tmp_path: Path) -> None:
+def test_a_time_of_day_is_counted_in_seconds(tmp_path: Path) -> None:
     text = "Date,Time,Torque\n11/21/2026,10:15:00.0,1.0\n11/21/2026,10:15:00.1,1.1\n"
-    with pytest.raises(DataError) as caught:
-        brought(tmp_path, text, "dataq", ("torque_v", "Torque"))
-    assert "--rate" in caught.value.fix
+    report = brought(tmp_path, text, "dataq", ("torque_v", "Torque"), ("time_s", "Time"))
+    assert read_trace(report.out, require=()).time_s.tolist() == [0.0, 0.1]
 
 
 @pytest.mark.parametrize("name", ["Time", "time_s", "Relative Time", "Timestamp", "Time (ms)"])

@@ -139,7 +139,8 @@ def test_the_command_offers_every_form_and_names_what_it_wrote(
     from hdbench_cli.commands import export
     from hdbench_cli.output import Output
 
-    assert set(export._FORMATS) == set(FORMATS)
+    choice = next(param.type for param in export.command.params if param.name == "kind")
+    assert set(choice.choices) == set(FORMATS)
     second = trace_file.with_name("other.csv")
     second.write_text(trace_file.read_text().replace("own column", "own_column"))
     words = [str(trace_file), str(second), "--format", "parquet", "--out", str(tmp_path / "out")]

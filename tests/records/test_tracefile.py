@@ -47,6 +47,21 @@ def test_a_written_trace_comes_back_with_the_same_bits(tmp_path_factory, values,
     assert back["torque_nm"].tobytes() == expected.tobytes()
 
 
+def test_a_large_file_is_read_by_pieces_to_the_same_bits(tmp_path, monkeypatch):
+    rows = "".join(f"{0.001 * k!r},{float(np.sin(k))!r},{k % 7}\n" for k in range(400))
+    head = "time_s,torque_nm,motor_velocity_rad_s\n"
+    whole = read_trace(put(tmp_path, head + rows))
+    monkeypatch.setattr(tracefile, "_PIECE_BYTES", 1000)
+    monkeypatch.setattr(tracefile, "read_raw", None)  # nothing reads the file at once
+    parts = read_trace(put(tmp_path, head + rows, "pieces.csv"))
+    assert {n: v.tobytes() for n, v in parts.columns.items()} == {
+        n: v.tobytes() for n, v in whole.columns.items()
+    }
+    monkeypatch.undo()
+    monkeypatch.setattr(tracefile, "_PIECE_BYTES", 1000)
+    assert refused(put(tmp_path, head + rows + "0.4,x,1\n", "bad.csv")).where.endswith(":402")
+
+
 def test_the_parsed_numbers_are_those_of_the_csv_module_and_float(tmp_path):
     rng = np.random.default_rng(5)
     rows = [[k * 1e-3, *rng.normal(size=3) * 10.0 ** rng.integers(-300, 300)] for k in range(200)]

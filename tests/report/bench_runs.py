@@ -135,6 +135,8 @@ def _named_order() -> dict[str, object]:
                     "interval": [0.80, 0.83],
                 },
                 "separating_experiment": "run at two speeds",
+                "share_of_variance": 0.818,
+                "domain": "motor-order",
             }
         ],
         "minor": [],

@@ -17,6 +17,7 @@ from hdbench.model import CauseTerm, cause_parameters
 from hdbench.report import write_report
 from hdbench.report.diagnosis.section import verdict
 from hdbench.report.diagnosis.tables import tables
+from hdbench.results import DiagnosisResult
 
 needs_browser = pytest.mark.skipif(browser_program() is None, reason="no Chromium on this machine")
 
@@ -34,8 +35,16 @@ def cause(name: str, linear: tuple[float, ...], **shape: float) -> dict[str, obj
         "group": [name, "wave-generator-eccentricity"],
         "rivals": ["load-dependent-friction"],
         "parameters": cause_parameters(CauseTerm(name, shape, linear)),
+        "evidence_nats": 40.0,
         "false_alarm_probability": 1e-12,
-        "gain": {"explained_fraction": 0.312},
+        "gain": {
+            "heldout_rms_before_nm": 0.2,
+            "heldout_rms_after_nm": 0.166,
+            "explained_fraction": 0.312,
+            "interval": [0.3, 0.33],
+        },
+        "share_of_variance": 0.3,
+        "domain": "motor-order",
         "separating_experiment": "four to six constant speeds over at least 1:4; a second encoder",
     }
 
@@ -75,8 +84,13 @@ FOUND: dict[str, Any] = {
 }
 
 
+def result(**changes: object) -> DiagnosisResult:
+    """Return the result with some keys changed."""
+    return DiagnosisResult.from_json({**FOUND, **changes}, "result.json")
+
+
 def test_one_parameter_stands_on_a_line_and_a_wave_is_told_once() -> None:
-    table = tables(FOUND)[0]
+    table = tables(result())[0]
     name, parameters, speaks = table.rows[2]
     assert name.splitlines() == [
         "ripple-harmonic",
@@ -91,12 +105,12 @@ def test_one_parameter_stands_on_a_line_and_a_wave_is_told_once() -> None:
     assert speaks.splitlines()[:2] == ["explains 31.2 %", "false alarm below 1e-9"]
     assert not any("cosine" in row[1] or "sine" in row[1] for row in table.rows)
     # what has no amplitude keeps its parts
-    tacho = {**FOUND, "causes": [cause("tacho-ripple", (), order=4.0, cosine=0.1, sine=0.2)]}
+    tacho = result(causes=[cause("tacho-ripple", (), order=4.0, cosine=0.1, sine=0.2)])
     assert "cosine: 0.1" in tables(tacho)[0].rows[0][1]
 
 
 def test_names_that_the_record_cannot_show_fold_by_reason() -> None:
-    table = tables(FOUND)[-1]
+    table = tables(result())[-1]
     assert table.folded
     assert table.title == "What this record can test: 1 of 4 names"
     assert table.rows == (
@@ -107,7 +121,7 @@ def test_names_that_the_record_cannot_show_fold_by_reason() -> None:
 
 
 def test_limits_stand_with_the_verdict() -> None:
-    told = verdict(FOUND)
+    told = verdict(result())
     assert told.note == (
         "Left out: 19 289 of 24 841 samples (78 %): the acceleration is not resolved (19 000), "
         "spikes (289).",
@@ -117,11 +131,12 @@ def test_limits_stand_with_the_verdict() -> None:
     assert told.text.endswith(
         "kinematic-error; bearing-defect; ripple-harmonic; unexplained at velocity."
     )
-    quiet = verdict({"verdict": "nothing-found"})
+    nothing = {"verdict": "nothing-found", "causes": [], "unexplained": [], "left_out": []}
+    quiet = verdict(result(**nothing, rest=None))
     assert (quiet.level, quiet.note) == ("good", ())
     # a rest that nothing accounts for is never in order
     rest = {**FOUND["rest"], "told": []}
-    assert verdict({"verdict": "nothing-found", "rest": rest}).level == "look"
+    assert verdict(result(**nothing, rest=rest)).level == "look"
 
 
 @needs_browser

@@ -73,10 +73,10 @@ def test_an_uncertain_drive_is_not_called_an_outlier(tmp_path: Path):
     assert all(not figure["outliers"] for figure in body["figures"])
 
 
-def test_causes_by_frequency_and_a_thousand_drives_in_three_megabytes(tmp_path: Path):
+def test_causes_by_frequency_and_a_thousand_drives_in_three_megabytes(tmp_path: Path, named_cause):
     for number in range(1000):
         size = {"value": 0.5 + 0.0001 * number, "std": 0.01, "unit": "N m"}
-        cause = {"name": "coulomb-friction", "parameters": {"coulomb_nm": size}}
+        cause = named_cause("coulomb-friction", {"coulomb_nm": size})
         causes = [cause] if number % 4 == 0 else []
         result = {"verdict": "named" if causes else "nothing-found", "causes": causes,
                   "simulated": {"heldout_rms_nm": 0.1 + 1e-5 * number}}  # fmt: skip

@@ -66,7 +66,7 @@ def test_what_moved_stands_on_the_page_with_its_tolerance_and_its_reason(tmp_pat
         (_body(), "Nothing moved: 7 quantities"),
         (
             _body(_change("s", what="changed", in_tolerances=None, allowed=None, regression=False)),
-            "Told, but allowed",
+            "Changed, but allowed",
         ),
         (_body(error={"where": "case.json:1", "what": "no JSON", "fix": "mend it"}), "case.json:1"),
     ],

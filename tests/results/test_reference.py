@@ -12,7 +12,7 @@ import pytest
 from hdbench.diagnosis import DiagnosisOptions, diagnose_run
 from hdbench.errors import DataError
 from hdbench.profile import load_profile
-from hdbench.results import CalibrationResult, MisalignmentResult, RippleResult
+from hdbench.results import CalibrationResult, DiagnosisResult, MisalignmentResult, RippleResult
 from hdbench.results.reference import KINDS, ResultKey, json_schema, keys_of
 from hdbench.session import evaluate_stored
 
@@ -41,6 +41,7 @@ UNIT_OF_END = {
 # tables whose entries stand under names of their own
 FREE = {"hysteresis": "ID", "steps[].increasing.parts": "ID"}
 FREE["steps[].increasing_decreasing.parts"] = "ID"
+FREE |= {f"{kind}[].parameters": "ID" for kind in ("causes", "minor")}
 
 
 # keys that the contract names, by kind
@@ -194,9 +195,13 @@ def test_a_fresh_diagnosis_holds_every_key(tmp_path: Path) -> None:
     source = tmp_path / "loads.csv"
     source.write_bytes((STORED / "calibration" / "loads.csv").read_bytes())
     profile = load_profile("cim-tr-97-06")
-    _, result = diagnose_run(source, profile, out=tmp_path, options=DiagnosisOptions())
-    top = {key for key in keys_of("diagnosis") if not set(key) & set(".[")}
-    assert set(result) == top
+    folder, result = diagnose_run(source, profile, out=tmp_path, options=DiagnosisOptions())
+    body = result.to_json()
+    assert json.loads((folder / "result.json").read_text()) == json.loads(json.dumps(body))
+    again = DiagnosisResult.from_json(body, "result.json").to_json()
+    assert (list(again), again) == (list(body), body)
+    # what the settings hold depends on the record
+    assert differences("diagnosis", {**body, "settings": {}}) == set()
 
 
 def test_every_key_has_a_meaning_and_the_unit_of_its_name() -> None:

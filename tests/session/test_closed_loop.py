@@ -14,8 +14,6 @@ from hdbench.records.jsonfile import read_json
 from hdbench.records.tables import read_trace
 from hdbench.session import BenchOptions, RunOutcome, evaluate_stored, run_experiment
 
-SEEDS = 3
-
 
 def quiet(_what: str, _share: float) -> None:
     """Say nothing."""
@@ -129,32 +127,18 @@ def test_a_stored_trace_takes_the_named_misalignment_into_its_filter(
     assert 0.01 in [block["order"] for block in model["blocks"]]
 
 
-def test_95_percent_intervals_cover_the_simulated_truth(tmp_path: Path, bench: Profile) -> None:
-    # True coverage 95 %: fewer than 2 of 3 has probability 0.7 % per quantity; the seeds are fixed,
-    # so this fails only when a change moves an interval. 200 seeds: make coverage-campaign.
+def test_the_simulated_truth_is_within_the_stated_uncertainty(
+    runs: dict[str, RunOutcome], bench: Profile
+) -> None:
     truth = bench.data.model
-    covered = dict.fromkeys(("gain", "misalignment", "ripple 2", "ripple 4"), 0)
-    for seed in range(SEEDS):
-        options = BenchOptions(out=tmp_path, seed=seed)
-        calibration = run_experiment("calibration", bench, options, quiet)
-        options = BenchOptions(out=tmp_path, seed=seed, calibration=calibration.folder.path)
-        misalignment = run_experiment("misalignment", bench, options, quiet)
-        ripple = run_experiment("ripple", bench, options, quiet)
-        lines = ripple.evaluation.result.to_json()["ripple"]
-        for name, found, true in (
-            (
-                "gain",
-                calibration.evaluation.result.to_json()["gain_nm_per_v"],
-                bench.data.sensor.gain_nm_per_v,
-            ),
-            (
-                "misalignment",
-                misalignment.evaluation.result.to_json()["amplitude_nm"],
-                truth.misalignment.amplitude_nm,
-            ),
-            ("ripple 2", lines[0]["amplitude_nm"], truth.ripple[0].amplitude_nm),
-            ("ripple 4", lines[1]["amplitude_nm"], truth.ripple[1].amplitude_nm),
-        ):
-            low, high = Quantity(found["value"], found["std"], found["dof"]).interval()
-            covered[name] += low <= true <= high
-    assert min(covered.values()) >= SEEDS - 1, covered
+    told = {kind: run.evaluation.result.to_json() for kind, run in runs.items()}
+    lines = told["ripple"]["ripple"]
+    for found, true in (
+        (told["calibration"]["gain_nm_per_v"], bench.data.sensor.gain_nm_per_v),
+        (told["misalignment"]["amplitude_nm"], truth.misalignment.amplitude_nm),
+        (lines[0]["amplitude_nm"], truth.ripple[0].amplitude_nm),
+        (lines[1]["amplitude_nm"], truth.ripple[1].amplitude_nm),
+    ):
+        # one of four is outside with 0.4 %; how often in 200 seeds: make coverage-campaign
+        low, high = Quantity(found["value"], found["std"], found["dof"]).interval(0.999)
+        assert low <= true <= high

@@ -17,8 +17,7 @@ from hdbench.profile import load_profile
 from hdbench.records.journal import JournalWriter, survey_samples
 from hdbench.records.tables import read_trace
 from hdbench.session import BenchOptions, run_experiment
-from hdbench.session.planning import check_plan, motion_plan
-from hdbench.session.plans import Acquire, Lock, Place, Put
+from hdbench.session.plans import Acquire, Lock, Place, Put, check_plan, motion_plan
 from hdbench.session.recorder import TraceRecorder
 from hdbench.session.runner import Runner
 from hdbench.session.stop import Aborted, StopSignals

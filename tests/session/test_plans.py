@@ -10,8 +10,7 @@ from hdbench.errors import ProfileError, UsageError
 from hdbench.profile import load_profile
 from hdbench.profile.schema import ReferenceWave
 from hdbench.session.calibrating.plan import calibration_plan, calibration_points
-from hdbench.session.planning import check_plan, misalignment_plan, ripple_plan
-from hdbench.session.plans import Acquire, Plan
+from hdbench.session.plans import Acquire, Plan, check_plan, misalignment_plan, ripple_plan
 
 PROFILE = load_profile("cim-tr-97-06").data
 

@@ -18,7 +18,7 @@ from hdbench.profile import Profile, load_profile, parse_profile
 from hdbench.records import RunFolder, read_loads, read_trace, verify_run
 from hdbench.session import BenchOptions, run_experiment
 from hdbench.session.calibrating.conversation import Answer
-from hdbench.session.resuming import resume_run
+from hdbench.session.experiments import resume_run
 
 # the run itself says how it was asked for
 AS_BEFORE = BenchOptions(out=Path(), realtime=None)

@@ -275,8 +275,8 @@ def _raw_rate(port: int, seconds: float, run: int, *, decode: bool) -> float:
 
 def _driver_rate(port: int, seconds: float, run: int, *, decode: bool) -> float:
     """Return exchanges per second of the driver: checked bytes, or decoded and scaled blocks."""
+    from hdbench.devices.node.access import NodeWire
     from hdbench.devices.node.blocks import BlockReader
-    from hdbench.devices.node.wire import NodeWire
     from hdbench.devices.wire import connect
 
     wire = NodeWire(connect(parse_address(f"tcp://127.0.0.1:{port}")), deadline_s=1.0)

@@ -42,9 +42,9 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
 # the runner makes the injector and the scorer importable
 from runner import Options, answer_case, fresh_base, run  # noqa: E402, I001
 from injector.cases import PUBLIC_SEED, grid  # noqa: E402
-from injector.loadcases import load_cases  # noqa: E402
+from injector.loads import load_cases  # noqa: E402
 from real_records import real_cases  # noqa: E402
-from scorer.truth import open_truth  # noqa: E402
+from scorer.judge import open_truth  # noqa: E402
 from wide import line_of, report_wide  # noqa: E402
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 from null import table
 from scorer.levels import LEVELS, counted, interval
-from scorer.line import one_line
+from scorer.tables import one_line
 
 __all__ = ["page"]
 

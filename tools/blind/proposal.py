@@ -9,17 +9,17 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
+from injector.bench import Noise, draw_scene
 from injector.build import family_of, known_families
 from injector.family import effect
 from injector.geometry import Whitened, sine_squares
-from injector.noise import Noise
-from injector.pieces import Piece, hold, sweep, swing
-from injector.scene import draw_scene
+from injector.motion import Piece, hold, sweep, swing
 
-from hdbench.diagnosis.planning import plan_for_result
+from hdbench.diagnosis.planning import plan_for_causes
 from hdbench.diagnosis.planning.planfile import plan_to_dict
 from hdbench.errors import HdbenchError
 from hdbench.profile import ProfileData
+from hdbench.results import DiagnosisResult
 
 __all__ = ["pieces_of_plan", "proposal"]
 
@@ -88,7 +88,7 @@ def proposal(
     """Return the proposed run's length, s, and what it separates, sigmas; why not where none."""
     pair = made.truth["note"].split("|")[:2]
     try:
-        found = plan_for_result(answer, profile)
+        found = plan_for_causes(DiagnosisResult.from_json(answer, "the answer").causes, profile)
     except HdbenchError as error:
         return {"none": str(error)}
     if found is None or found.plan is None:

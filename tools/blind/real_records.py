@@ -10,7 +10,6 @@ import gzip
 import json
 import os
 import sys
-import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -22,10 +21,10 @@ sys.path.insert(0, str(ROOT / "tests" / "blind"))
 
 from injector.build import Case  # noqa: E402
 
-from hdbench.profile import Profile, load_profile  # noqa: E402
+from hdbench.profile import Profile, parse_profile  # noqa: E402
 from hdbench.records import Trace  # noqa: E402
 
-__all__ = ["real_cases", "real_profile", "real_trace", "real_truth"]
+__all__ = ["profile_text", "profile_with", "real_cases", "real_profile", "real_trace", "real_truth"]
 
 _LARA = "lara8_dual_encoder/validate_joint3_sweep.csv"
 _LARA_RATIO = 101.0
@@ -72,16 +71,22 @@ def real_profile(case: Case) -> Profile:
         values = known[values]["profile"]
     if case.record == "lara8":
         values = _LARA_PROFILE
+    return profile_with(values)
+
+
+def profile_text(values: Mapping[str, Any]) -> str:
+    """Return the text of the base profile with some keys set."""
     lines, section = [], ""
     for line in (ROOT / "profiles" / f"{_BASE}.toml").read_text().splitlines():
-        if line.startswith("["):
-            section = line.strip("[] ")
+        section = line.strip("[] ") if line.startswith("[") else section
         name = f"{section}.{line.partition('=')[0].strip()}"
         lines.append(f"{line.partition('=')[0]}= {values[name]}" if name in values else line)
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "drive.toml"
-        path.write_text("\n".join(lines))
-        return load_profile(str(path))
+    return "\n".join(lines) + "\n"
+
+
+def profile_with(values: Mapping[str, Any]) -> Profile:
+    """Return the base profile with some keys set."""
+    return parse_profile(profile_text(values), "the base profile with other keys")
 
 
 def real_trace(case: Case) -> Trace:

@@ -13,10 +13,9 @@ from typing import Any
 import numpy as np
 from page import page
 from runner import ROOT, read_lines
-from scorer.judge import judge
+from scorer.judge import judge, open_truth
 from scorer.metrics import Row, figures
 from scorer.tables import by_family, by_outside, confusion, shuffled_rows
-from scorer.truth import open_truth
 from wide import WIDE, line_of, report_wide, wide_page
 
 __all__ = ["list_lines", "load_pairs", "load_rows", "report"]

@@ -14,7 +14,6 @@ import resource
 import signal
 import subprocess
 import sys
-import tempfile
 import threading
 import time
 from collections.abc import Iterable, Iterator
@@ -28,19 +27,19 @@ ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "tests" / "blind"))
 
 from injector.build import Case, Hidden, Made  # noqa: E402
+from injector.cases import make  # noqa: E402
 from injector.geometry import baseline  # noqa: E402
-from injector.parts import make  # noqa: E402
 from injector.seal import case_text, salt_of, seal, truth_text  # noqa: E402
 from injector.signatures import axes_of, signatures  # noqa: E402
 from proposal import proposal  # noqa: E402
-from real_records import real_profile, real_trace, real_truth  # noqa: E402
+from real_records import profile_with, real_profile, real_trace, real_truth  # noqa: E402
 from rivals.oracle import oracle  # noqa: E402
 from scorer.spans import Spanned, axes_shares, names_share  # noqa: E402
 
 from hdbench.batch import Workers, run_tasks  # noqa: E402
 from hdbench.diagnosis import diagnose_loads, diagnose_trace  # noqa: E402
 from hdbench.errors import HdbenchError  # noqa: E402
-from hdbench.profile import Profile, load_profile  # noqa: E402
+from hdbench.profile import Profile  # noqa: E402
 from hdbench.records import LoadReading, Loads, Trace  # noqa: E402
 
 __all__ = ["Options", "answer_case", "case_of", "end_line", "fresh_base", "read_lines", "run"]
@@ -92,13 +91,7 @@ def fresh_base(day: str | None = None) -> int:
 
 
 def _profile(bits: int) -> Profile:
-    if bits == 16:
-        return load_profile("cim-tr-97-06")
-    text = (ROOT / "profiles" / "cim-tr-97-06.toml").read_text()
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "bench.toml"
-        path.write_text(text.replace("resolution_bits = 16", f"resolution_bits = {bits}"))
-        return load_profile(str(path))
+    return profile_with({} if bits == 16 else {"daq.resolution_bits": bits})
 
 
 def _peak_reset() -> None:
@@ -137,7 +130,7 @@ def _diagnose(case: Case, made: Any, materiality: float) -> dict[str, Any]:
     else:
         trace = Trace(made.columns, source="blind")
         result = diagnose_trace(trace, profile, materiality=materiality, seed=seed)
-    answer = result.to_dict({})
+    answer = result.to_json()
     return {key: answer[key] for key in _KEYS if key in answer}
 
 

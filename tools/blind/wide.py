@@ -10,8 +10,8 @@ from typing import Any
 
 from scorer.judge import judge
 from scorer.levels import interval
-from scorer.line import one_line
 from scorer.real import Real, judge_real, real_figures
+from scorer.tables import one_line
 from scorer.wide import judge_wide, wide_figures, wide_line
 
 __all__ = ["BEFORE", "WIDE", "keep_before", "line_of", "report_wide", "wide_numbers", "wide_page"]

@@ -277,7 +277,7 @@ def begin(
     limit_bytes: int | None = None,
 ) -> Run:
     """Start ``hdbench WORDS`` in a fork of this process, its libraries loaded already."""
-    import hdbench.session.resuming  # noqa: F401 - what every run loads, loaded once
+    import hdbench.session.experiments  # noqa: F401 - what every run loads, loaded once
     import hdbench_cli.main as command_line
 
     out = folder / f"run-{time.monotonic_ns()}"

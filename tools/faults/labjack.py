@@ -25,7 +25,8 @@ from hdbench.devices.wire import connect, parse_address
 from hdbench.drivers.labjack.control import Control
 from hdbench.drivers.labjack.packets import PacketParser, StreamFault
 from hdbench.drivers.labjack.registers import IDENTITY, TEST
-from hdbench.drivers.labjack.stream import ScanAssembler, ScanLayout
+from hdbench.drivers.labjack.scanlist import ScanLayout
+from hdbench.drivers.labjack.stream import ScanAssembler
 from hdbench.errors import DeviceError
 
 LAYOUT = ScanLayout(4, 2, 40_000.0)

@@ -26,12 +26,13 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 from faults.lines import Deadlines, behind, in_thread
 from faults.mangler import FaultKind, Mangler, RtuFraming, TcpFraming
 from hdbench.devices.emulator.memory import Cell, Memory
-from hdbench.devices.emulator.server import Device, ModbusServer, Space
+from hdbench.devices.emulator.server import Device, ModbusServer
 from hdbench.devices.modbus.access import Access
 from hdbench.devices.modbus.identity import make_probe
-from hdbench.devices.modbus.layout import Place, place_of
+from hdbench.devices.modbus.layout import place_of
 from hdbench.devices.modbus.links import polled_link
 from hdbench.devices.modbus.outputs import Outputs
+from hdbench.devices.registers import Register, Space
 from hdbench.devices.wire import parse_address
 from hdbench.devices.wire.rtu import crc16
 from hdbench.errors import DeviceError, ProfileError
@@ -139,7 +140,7 @@ class CountingDevice(Device):
     def tick(self) -> None:
         """Nothing happens by itself."""
 
-    def _cell(self, place: Place, read) -> None:
+    def _cell(self, place: Register, read) -> None:
         self.memory.add(Cell(place, on_read=read, writable=False))
 
 
@@ -212,7 +213,7 @@ def campaign(
     return Outcome(wire, kind, *counted, *late)
 
 
-def _open(access: Access, places: list[Place]) -> None:
+def _open(access: Access, places: list[Register]) -> None:
     """Read once, so that what follows is not the cost of opening; a busy machine may need more."""
     for attempt in range(5):
         try:

@@ -122,7 +122,7 @@ class TerminalTalk:
             if key == END:
                 self._say("")
                 raise DeviceError(
-                    "the answers have ended: nobody is left to ask",
+                    "standard input has ended before all questions were answered",
                     where="standard input",
                     fix="go on with the run from a terminal: hdbench runs resume",
                 )

@@ -17,7 +17,7 @@ from hdbench.system.processes import usable_cores
 from hdbench_cli.commands.batch_options import Asked, BatchOptions, Job
 from hdbench_cli.commands.batch_task import COMMANDS, run_one
 from hdbench_cli.live.progress import progress_bar
-from hdbench_cli.options import newest_run
+from hdbench_cli.options import declared, newest_run
 from hdbench_cli.output import Output
 
 if TYPE_CHECKING:
@@ -27,56 +27,9 @@ if TYPE_CHECKING:
 _MOST_LINES = 10
 
 
-@click.command(
-    "batch",
-    cls=BatchOptions,
-    epilog="Examples: hdbench batch filter trace.csv other.csv --workers 2; hdbench batch "
-    "run-ripple runs --out ripple --no-report; hdbench report --fleet runs",
-)
-@click.argument("name", metavar="COMMAND", type=click.Choice(list(COMMANDS)))
-@click.argument("inputs", metavar="INPUT...", nargs=-1, required=True)
-@click.option(
-    "--out",
-    metavar="DIR",
-    type=click.Path(path_type=Path, file_okay=False),
-    default=Path("batch"),
-    help="Folder of the batch: batch.csv, batch.parquet, and a result for every input.",
-)
-@click.option(
-    "--resume",
-    is_flag=True,
-    help="Go on with the batch in --out: compute what is missing, failed for lack of a worker, or "
-    "has another content, profile, option or version than its result.",
-)
-@click.option(
-    "--workers",
-    metavar="N",
-    type=click.IntRange(min=1),
-    help="Processes on this computer.  [default: one for every core]",
-)
-@click.option(
-    "--scheduler",
-    metavar="tcp://HOST:PORT",
-    help="Run on the workers of this dask scheduler, which see the same files under the same "
-    "paths. Whoever reaches an open tcp:// scheduler runs code on it: use tls:// outside of a "
-    "closed network.",
-)
-@click.option(
-    "--retries",
-    metavar="N",
-    type=click.IntRange(min=0),
-    default=2,
-    help="How often an input is tried again when the worker died that computed it.",
-)
-@click.option(
-    "--memory",
-    metavar="SIZE",
-    default="auto",
-    help="Most that one worker on this computer may hold, such as 2GB; auto: its share.",
-)
-@click.pass_context
+@declared("batch", "name inputs out resume workers scheduler retries memory", cls=BatchOptions)
 def command(
-    ctx: click.Context,
+    output: Output,
     /,
     name: str,
     inputs: tuple[str, ...],
@@ -100,7 +53,7 @@ def command(
     """
     from hdbench.batch import BatchFolder, Workers, expand_inputs
 
-    output = ctx.ensure_object(Output)
+    ctx = click.get_current_context()
     _require()
     kind = COMMANDS[name]
     named = tuple(str(newest_run(word) or word) for word in inputs)

@@ -5,10 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-import click
-
 from hdbench_cli.commands.experiment import Request, run
-from hdbench_cli.options import bench_options, mistakes_option, operator_option
+from hdbench_cli.options import EXPERIMENT, declared
 from hdbench_cli.output import Output
 from hdbench_cli.text import remark_lines, table, with_uncertainty
 
@@ -98,21 +96,7 @@ def failed(result: Mapping[str, Any]) -> str | None:
     return f"calibration not accepted: no data to test {untested or 'the consistency'}"
 
 
-@click.command(
-    "calibrate",
-    epilog="Example: hdbench calibrate --preset cg14 --dry-run; hdbench calibrate --no-input "
-    "--operator-mistakes wrong-weight@5,swing@7; hdbench calibrate --from loads.csv --json",
-)
-@bench_options
-@click.option(
-    "--preset",
-    type=click.Choice(["report", "cg14"]),
-    help="Sequence: the report's experiments, or in the manner of EURAMET cg-14.  "
-    "[default: the profile's]",
-)
-@operator_option
-@mistakes_option
-@click.pass_obj
+@declared("calibrate", f"{EXPERIMENT} preset who mistakes")
 def command(output: Output, /, **options: Any) -> None:
     """Calibrate the torque sensor by arm and weights with locked wave generator.
 

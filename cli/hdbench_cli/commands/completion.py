@@ -7,6 +7,7 @@ import io
 
 import click
 
+from hdbench_cli.options import declared
 from hdbench_cli.output import Output
 
 # the shell hands over what is typed so far in this variable and those beside it
@@ -18,9 +19,7 @@ _INSTALL = {
 }
 
 
-@click.command("completion", epilog=f"Example: {_INSTALL['bash']}")
-@click.argument("shell", type=click.Choice(sorted(_INSTALL)))
-@click.pass_obj
+@declared("completion")
 def command(output: Output, shell: str) -> None:
     """Print the completion script of a shell.
 

@@ -7,15 +7,14 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import click
-
 from hdbench_cli.inputs import DEFAULT_PROFILE
-from hdbench_cli.options import out_option, plant_option, seed_option
+from hdbench_cli.options import declared
 from hdbench_cli.output import Output
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
+    from hdbench.diagnosis import Diagnosis
     from hdbench.profile import Profile
 
 _KINDS = ("calibration", "misalignment", "ripple")
@@ -64,7 +63,7 @@ def _again(profile: Profile, trace_run: Path, model_file: Path) -> str:
     return diagnose_trace(noisy, profile, model=model).verdict
 
 
-def _lines(body: Mapping[str, Any]) -> Iterator[RenderableType]:
+def _lines(body: Mapping[str, Any], found: Diagnosis) -> Iterator[RenderableType]:
     from rich.rule import Rule
     from rich.text import Text
 
@@ -74,7 +73,7 @@ def _lines(body: Mapping[str, Any]) -> Iterator[RenderableType]:
         "calibration": calibrate.summary,
         "misalignment": run_misalignment.lines,
         "ripple": run_ripple.lines,
-        "diagnosis": lambda found: diagnosis_text.lines(found, Path(body["runs"][-1])),
+        "diagnosis": lambda _: diagnosis_text.lines(found, Path(body["runs"][-1])),
     }
     for kind, lines in shown.items():
         yield Rule(Text(kind, style="bold"), align="left")
@@ -87,11 +86,7 @@ def _lines(body: Mapping[str, Any]) -> Iterator[RenderableType]:
     yield Text(body["report"], style="bold")
 
 
-@click.command("demo", epilog="Example: hdbench demo --seed 3")
-@out_option
-@plant_option("worn")
-@seed_option
-@click.pass_obj
+@declared("demo")
 def command(output: Output, out: Path, plant: str, seed: int) -> None:
     """Run the whole bench in about a minute, without hardware.
 
@@ -124,10 +119,10 @@ def command(output: Output, out: Path, plant: str, seed: int) -> None:
     body = {
         **result_header("demo", profile),
         "seconds": time.monotonic() - started,
-        "results": {**results, "diagnosis": found},
+        "results": {**results, "diagnosis": found.to_json()},
         "hidden": [dict(effect) for effect in hidden],
         "extended_model_verdict": again,
         "runs": [str(path) for path in folders],
         "report": str(report),
     }
-    output.result(body, _lines)
+    output.result(body, lambda whole: _lines(whole, found))

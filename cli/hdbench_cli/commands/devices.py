@@ -6,8 +6,7 @@ from collections.abc import Iterator
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
-import click
-
+from hdbench_cli.options import declared
 from hdbench_cli.output import Output
 
 if TYPE_CHECKING:
@@ -16,11 +15,7 @@ if TYPE_CHECKING:
 _SLOW_MS = 2  # of an FTDI adapter; its 16 ms at the start are longer than a whole exchange
 
 
-@click.command("devices", epilog="Example: hdbench devices --probe --json")
-@click.option(
-    "--probe", is_flag=True, help="Identify the devices: sends a few bytes on every port."
-)
-@click.pass_obj
+@declared("devices")
 def command(output: Output, probe: bool) -> None:
     """List the serial ports of this computer with their USB identity.
 
@@ -55,7 +50,7 @@ def _lines(asked: list[tuple[SerialPort, str]]) -> Iterator[str]:
             )
         if port.latency_ms is not None and port.latency_ms > _SLOW_MS:
             yield (
-                f"  fix: its adapter holds characters back for {port.latency_ms} ms: "
+                f"  fix: its USB adapter delays characters by {port.latency_ms} ms: "
                 f"echo 1 | sudo tee /sys/bus/usb-serial/devices/{port.path.rpartition('/')[2]}"
                 "/latency_timer"
             )

@@ -6,23 +6,15 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import click
-
 from hdbench.errors import DoubtfulDataError, LimitError, UsageError
 from hdbench_cli.inputs import choose_profile
-from hdbench_cli.options import (
-    StoredPath,
-    drive_option,
-    out_option,
-    profile_option,
-    seed_option,
-    sources_argument,
-)
+from hdbench_cli.options import declared
 from hdbench_cli.output import Output
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
+    from hdbench.diagnosis import Diagnosis
     from hdbench.profile import Profile
 
 
@@ -34,56 +26,11 @@ def _list_causes(output: Output, cause_files: tuple[Path, ...]) -> None:
     output.result({"schema": "hdbench/causes/1", "causes": causes}, lambda _body: rows)
 
 
-@click.command("diagnose", epilog="Example: hdbench diagnose runs/RUN --check")
-@sources_argument("FILE_OR_RUN...", required=False)
-@profile_option
-@click.option(
-    "--model",
-    "model_file",
-    metavar="FILE|RUN",
-    type=StoredPath(inside="model.json"),
-    help="Bench model to hold against the data, such as an extended one; else the profile's.",
+@declared(
+    "diagnose",
+    "sources profile_name model_file drive out materiality baseline cause_files from_s to_s "
+    "together check list_causes seed",
 )
-@drive_option
-@out_option
-@click.option(
-    "--materiality",
-    metavar="FRACTION",
-    type=click.FloatRange(0.0, 1.0, max_open=True),
-    default=0.01,
-    help="Smallest share of the residual variance that a cause must explain to count.",
-)
-@click.option(
-    "--baseline",
-    "baseline",
-    metavar="TERM",
-    multiple=True,
-    help="Change the baseline: -misalignment or -load takes a term out, +order:6 adds one.",
-)
-@click.option(
-    "--causes",
-    "cause_files",
-    metavar="FILE",
-    multiple=True,
-    type=StoredPath(),
-    help="Causes of your own, a TOML file; may be repeated.",
-)
-@click.option("--from-s", metavar="S", type=float, help="Look at a dynamic run from this time on.")
-@click.option(
-    "--to-s",
-    metavar="S",
-    type=float,
-    help="Look at it up to this time.  [default: the end, at most 600 000 samples]",
-)
-@click.option(
-    "--together",
-    is_flag=True,
-    help="Take all inputs as records of one drive: one common fit, one result.",
-)
-@click.option("--check", is_flag=True, help="Exit 3 unless nothing was found.")
-@click.option("--list-causes", is_flag=True, help="Print the catalogue of causes.")
-@seed_option
-@click.pass_obj
 def command(
     output: Output,
     /,
@@ -116,7 +63,7 @@ def command(
 
     options = DiagnosisOptions(**asked)
     profiles = [choose_profile(profile_name, source, drive) for source in sources]
-    done: list[tuple[Path, dict[str, Any]]] = []
+    done: list[tuple[Path, Diagnosis]] = []
     if together:
         _one_bench(sources, profiles)
         with progress_bar("diagnose") as progress:
@@ -128,16 +75,16 @@ def command(
     for source, profile in () if together else zip(sources, profiles, strict=True):
         with progress_bar("diagnose") as progress:
             done.append(diagnose_run(source, profile, out=out, options=options, progress=progress))
-    bodies = [_named(result, folder) for folder, result in done]
+    bodies = [_named(found, folder) for folder, found in done]
     whole = bodies[0] if len(bodies) == 1 else {"schema": "hdbench/list/1", "diagnoses": bodies}
 
     def lines(_whole: object) -> Iterator[RenderableType]:
-        for body in bodies:
-            yield from diagnosis_text.lines(body, Path(body["run_folder"]))
-            yield f"{'run':<11}{body['run_folder']}"
+        for folder, found in done:
+            yield from diagnosis_text.lines(found, folder)
+            yield f"{'run':<11}{folder}"
 
     output.result(whole, lines)
-    _end(output, bodies, check)
+    _end(output, done, check)
 
 
 def _one_bench(sources: Sequence[Path], profiles: Sequence[Profile]) -> None:
@@ -152,35 +99,36 @@ def _one_bench(sources: Sequence[Path], profiles: Sequence[Profile]) -> None:
             )
 
 
-def _named(result: dict[str, Any], folder: Path) -> dict[str, Any]:
+def _named(found: Diagnosis, folder: Path) -> dict[str, Any]:
     """Return the result with its folder, and the model file as other commands take it.
 
     Inside the run folder the model file stands by its name, so that the folder can be moved; here
     its whole path stands, which --model takes from any working folder.
     """
-    model = result["model_file"]
-    path = None if model is None else str((folder / model).resolve())
-    return {**result, "model_file": path, "run_folder": str(folder)}
+    path = None if found.model_file is None else str((folder / found.model_file).resolve())
+    return {**found.to_json(), "model_file": path, "run_folder": str(folder)}
 
 
-def _end(output: Output, bodies: list[dict[str, Any]], check: bool) -> None:
+def _end(output: Output, done: list[tuple[Path, Diagnosis]], check: bool) -> None:
     """End with the code of a failed check, or of doubtful data; the result is out already."""
-    failed = [body for body in bodies if body["verdict"] != "nothing-found"]
-    flagged = [body for body in bodies if body["data_flags"]]
+    failed = [(folder, found) for folder, found in done if found.verdict != "nothing-found"]
+    flagged = [(folder, found) for folder, found in done if found.data_flags]
     if check and failed:
+        folder, found = failed[0]
         output.end(
             LimitError(
-                f"verdict {failed[0]['verdict']}; needed: nothing-found",
-                where=failed[0]["run_folder"],
+                f"verdict {found.verdict}; needed: nothing-found",
+                where=str(folder),
                 fix="look at the causes, or diagnose with --model and the extended model",
             )
         )
     if flagged:
-        names = sorted({flag["name"] for flag in flagged[0]["data_flags"]})
+        folder, found = flagged[0]
+        names = sorted({flag.name for flag in found.data_flags})
         output.end(
             DoubtfulDataError(
                 f"finished, but the data are doubtful: {', '.join(names)}",
-                where=flagged[0]["run_folder"],
+                where=str(folder),
                 fix="look at the marked samples, then measure again",
             )
         )

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from hdbench.records import FloatArray
+from hdbench.report.diagnosis.folder import read_columns
 from hdbench.report.diagnosis.limits import hidden_names, left_out_line, rest_line
 from hdbench_cli.output import Output
 from hdbench_cli.text import (
     probability,
-    read_columns,
-    span_of,
     sparkline,
     with_uncertainty,
     wrapped,
@@ -22,6 +24,16 @@ from hdbench_cli.text import (
 if TYPE_CHECKING:
     from rich.console import Console
     from rich.text import Text
+
+    from hdbench.results.diagnosis import (
+        DiagnosedPart,
+        DiagnosisResult,
+        NamedCause,
+        ParameterValue,
+        RecordPart,
+        Unexplained,
+        Voice,
+    )
 
 _VERDICTS = {
     "nothing-found": "Nothing found: the simulation explains the measurement.",
@@ -60,7 +72,7 @@ _SKETCHES = {
 
 
 def lines(
-    result: Mapping[str, Any], folder: Path | None = None, console: Console | None = None
+    result: DiagnosisResult, folder: Path | None = None, console: Console | None = None
 ) -> Iterator[str | Text]:
     """Yield a diagnosis, with curves from the files in its folder where there is one.
 
@@ -71,40 +83,40 @@ def lines(
     width = min(console.width, 100)
     if folder is not None:
         yield from _comparison(folder, width, plain)
-    left = result["verdict"] == "nothing-found" and rest_line(result)
-    yield wrapped(_LEFT if left else _VERDICTS[result["verdict"]], "bold")
-    if result["reason"]:
-        yield wrapped(result["reason"])
-    yield from _labelled("log", _log_line(result.get("inspection")))
+    left = result.verdict == "nothing-found" and rest_line(result)
+    yield wrapped(_LEFT if left else _VERDICTS[result.verdict], "bold")
+    if result.reason:
+        yield wrapped(result.reason)
+    yield from _labelled("log", _log_line(result.inspection))
     yield from _labelled("left out", left_out_line(result))
-    yield from _labelled("part", _part(result.get("part")))
-    sketched = folder if len(result["causes"]) <= _SKETCHED else None
+    yield from _labelled("part", _part(result.part))
+    sketched = folder if len(result.causes) <= _SKETCHED else None
     told: set[str] = set()
-    for cause in result["causes"]:
+    for cause in result.causes:
         yield from _cause(cause)
         if sketched is not None:
-            yield from _sketch(str(cause.get("domain")), sketched, width, plain)
+            yield from _sketch(cause.domain, sketched, width, plain)
         # an experiment that was told with another cause is not told again
-        experiment = cause["separating_experiment"]
+        experiment = cause.separating_experiment
         if experiment and experiment not in told:
             told.add(experiment)
             yield wrapped(f"  told apart by: {experiment}")
-    for place in result["unexplained"]:
+    for place in result.unexplained:
         yield from _place(place)
-    small = [cause["name"] for cause in result["minor"]]
-    small += [f"{one['domain']} {one['location']:.4g}" for one in result["minor_unexplained"]]
+    small = [cause.name for cause in result.minor]
+    small += [f"{one.domain} {one.location:.4g}" for one in result.minor_unexplained]
     yield from _labelled("minor", ", ".join(small))
-    yield from _baseline(result["settings"])
+    yield from _baseline(result.settings)
     yield from _gain(result, folder)
-    for record in result.get("records") or ():
+    for record in result.records:
         yield from _labelled("record", _record(record, result))
-    alone = not result["causes"] and not result["unexplained"]
+    alone = not result.causes and not result.unexplained
     room = None if alone else console.width - _LABEL
     yield from _labelled("testable", names_line(result, room))
-    for flag in result["data_flags"]:
-        of = f" of {flag['record']}" if flag.get("record") else ""
-        span = f"{flag['from_s']:.3f} to {flag['to_s']:.3f} s{of}"
-        yield from _labelled("flag", f"{flag['name']}: {flag['samples']} samples, {span}")
+    for flag in result.data_flags:
+        of = f" of {flag.record}" if flag.record else ""
+        span = f"{flag.from_s:.3f} to {flag.to_s:.3f} s{of}"
+        yield from _labelled("flag", f"{flag.name}: {flag.samples} samples, {span}")
 
 
 def _labelled(label: str, words: str) -> Iterator[Text]:
@@ -130,88 +142,91 @@ def _comparison(folder: Path, width: int, plain: bool) -> Iterator[str]:
     if table is None:
         return
     measured, simulated = table["measured_nm"], table["simulated_nm"]
-    difference = [m - s for m, s in zip(measured, simulated, strict=True)]
-    everything = {"measured": measured, "simulated": simulated, "difference": difference}
+    everything = {
+        "measured": measured,
+        "simulated": simulated,
+        "difference": measured - simulated,
+    }
     room = min(max(10, width - _LABEL - 22), len(measured))
-    smooth = {name: _parts(values, room, _mean) for name, values in everything.items()}
-    span = span_of(smooth, *smooth)
+    smooth = {name: _parts(values, room, np.mean) for name, values in everything.items()}
+    span = _span(smooth.values())
     for name, values in everything.items():
-        square = _mean([value * value for value in values if math.isfinite(value)])
-        size = "none" if math.isnan(square) else f"{math.sqrt(square):.4g} N m rms"
+        known = values[np.isfinite(values)]
+        size = f"{np.sqrt(np.mean(known**2)):.4g} N m rms" if len(known) else "none"
         yield f"{name:<{_LABEL}}{sparkline(smooth[name], room, span, plain=plain)}  {size}"
 
 
-def _parts(values: list[float], count: int, number: Callable[[list[float]], float]) -> list[float]:
+def _parts(values: FloatArray, count: int, number: Callable[[FloatArray], Any]) -> list[float]:
     """Return a number of the finite values in each of `count` equal parts."""
     ends = [place * len(values) // count for place in range(count + 1)]
-    parts = (values[a:b] for a, b in pairwise(ends))
-    return [number([value for value in part if math.isfinite(value)]) for part in parts]
+    parts = (values[a:b][np.isfinite(values[a:b])] for a, b in pairwise(ends))
+    return [float(number(part)) if len(part) else math.nan for part in parts]
 
 
-def _mean(values: list[float]) -> float:
-    return sum(values) / len(values) if values else math.nan
+def _span(curves: Iterable[Sequence[float] | FloatArray]) -> tuple[float, float]:
+    """Return lowest and highest finite value of some curves, the span of a common picture."""
+    values = np.concatenate([np.asarray(curve, dtype=float) for curve in curves])
+    values = values[np.isfinite(values)]
+    return (float(values.min()), float(values.max())) if len(values) else (0.0, 0.0)
 
 
-def _largest(values: list[float]) -> float:
-    return max(values, default=math.nan)
-
-
-def _part(part: Mapping[str, Any] | None) -> str:
+def _part(part: DiagnosedPart | None) -> str:
     if part is None:
         return ""
-    cut = ": the most that one diagnosis takes; --from-s names others" if part["cut"] else ""
-    return f"{part['from_s']:g} to {part['to_s']:g} s{cut}"
+    cut = ": the most that one diagnosis takes; --from-s names others" if part.cut else ""
+    return f"{part.from_s:g} to {part.to_s:g} s{cut}"
 
 
-def _size(entry: Mapping[str, Any], unit: str) -> str:
+def _size(value: float, std: float | None, unit: str) -> str:
     """Return a number with its uncertainty, without degrees of freedom."""
-    return with_uncertainty({**entry, "dof": None}, unit)
+    return with_uncertainty({"value": value, "std": std, "dof": None}, unit)
 
 
-def _parameter(name: str, entry: Mapping[str, Any]) -> str:
-    unit = "" if entry["unit"] in ("1", None) else str(entry["unit"])
+def _parameter(name: str, found: ParameterValue) -> str:
+    unit = "" if found.unit == "1" else found.unit
     plain = next((name.removesuffix(end) for end in _UNITS if name.endswith(end)), name)
-    number = f"{entry['value']:.5g} {unit}" if entry["std"] is None else _size(entry, unit)
+    number = f"{found.value:.5g} {unit}"
+    if found.std is not None:
+        number = _size(found.value, found.std, unit)
     return f"{plain.replace('_', ' ')} {number}".rstrip()
 
 
-def _cause(cause: Mapping[str, Any]) -> Iterator[Text]:
-    others = [name for name in (*cause["group"], *cause["rivals"]) if name != cause["name"]]
-    head = wrapped(cause["name"], "bold")
+def _cause(cause: NamedCause) -> Iterator[Text]:
+    others = [name for name in (*cause.group, *cause.rivals) if name != cause.name]
+    head = wrapped(cause.name, "bold")
     if others:
         head.append(f"  (or {', '.join(others)})", style="not bold")
     yield head
     shown = [
-        _parameter(name, entry)
-        for name, entry in cause["parameters"].items()
-        if not name.startswith(("cosine", "sine")) and entry["value"] is not None
+        _parameter(name, found)
+        for name, found in cause.parameters.items()
+        if not name.startswith(("cosine", "sine"))
     ]
     yield wrapped(f"  {', '.join(shown)}")
-    gain = cause["gain"]
-    low, high = gain["interval"]
+    gain = cause.gain
+    low, high = gain.interval
     yield wrapped(
-        f"  explains {100.0 * gain['explained_fraction']:.1f} % "
-        f"({100.0 * low:.1f} to {100.0 * high:.1f}): {gain['heldout_rms_before_nm']:.3g} -> "
-        f"{gain['heldout_rms_after_nm']:.3g} N m, "
-        f"false alarm {probability(cause['false_alarm_probability'])}"
+        f"  explains {100.0 * gain.explained_fraction:.1f} % "
+        f"({100.0 * low:.1f} to {100.0 * high:.1f}): {gain.heldout_rms_before_nm:.3g} -> "
+        f"{gain.heldout_rms_after_nm:.3g} N m, "
+        f"false alarm {probability(cause.false_alarm_probability)}"
     )
-    records = cause.get("records") or ()
-    if not records:
+    if not cause.voices:
         return
-    said = ", ".join(f"{one['record']} {one['evidence_nats']:+.3g}" for one in records)
+    said = ", ".join(f"{one.record} {one.evidence_nats:+.3g}" for one in cause.voices)
     yield wrapped(f"  evidence by record, nats: {said}")
-    apart = cause["disagreement"]["records"]
+    apart = [one.record for one in cause.voices if one.disagrees]
     if apart:
         yield wrapped(f"  records disagree: {', '.join(apart)}")
-        yield from (wrapped(f"    {one['record']}: {_sizes(one)}") for one in records)
+        yield from (wrapped(f"    {one.record}: {_sizes(one)}") for one in cause.voices)
 
 
-def _sizes(record: Mapping[str, Any]) -> str:
+def _sizes(voice: Voice) -> str:
     """Return the sizes of a cause in one record, without what an amplitude says too."""
     shown = [
-        f"{name} {_size(entry, entry['unit'])}"
-        for name, entry in record["parameters"].items()
-        if not name.startswith(("cosine", "sine", "phase")) and entry["std"] is not None
+        f"{name} {_size(found.value, found.std, found.unit)}"
+        for name, found in voice.parameters.items()
+        if not name.startswith(("cosine", "sine", "phase")) and found.std is not None
     ]
     return ", ".join(shown) or "does not show it"
 
@@ -225,34 +240,35 @@ def _sketch(domain: str, folder: Path, width: int, plain: bool) -> Iterator[str]
     if table is None or len(table[axis]) < 2:
         return
     room = max(8, (width - _SKETCH_WORDS) // 2)
-    curves = {key: table[key] for key in ("before_nm", "after_nm")}
     spectrum = "samples" not in table
-    if spectrum:  # a line must not be averaged away
-        curves = {key: _parts(values, room, _largest) for key, values in curves.items()}
-    low, high = span_of(curves, *curves)
+    # a line of a spectrum must not be averaged away
+    curves = [
+        _parts(table[key], room, np.max) if spectrum else table[key].tolist()
+        for key in ("before_nm", "after_nm")
+    ]
+    low, high = _span(curves)
     span = (0.0 if spectrum else low, high)
-    before, after = (sparkline(values, room, span, plain=plain) for values in curves.values())
+    before, after = (sparkline(values, room, span, plain=plain) for values in curves)
     yield f"  {before} -> {after}  {words} {table[axis][0]:.3g} to {table[axis][-1]:.3g}"
 
 
-def _place(place: Mapping[str, Any]) -> Iterator[Text]:
-    low, high = place["extent"]
-    unit = "" if place["unit"] == "1" else f" {place['unit']}"
-    second = f", with {place['second_domain']}" if place.get("second_domain") else ""
-    second += f", in {place['record']}" if place.get("record") else ""
+def _place(place: Unexplained) -> Iterator[Text]:
+    low, high = place.extent
+    unit = "" if place.unit == "1" else f" {place.unit}"
+    second = f", with {place.second_domain}" if place.second_domain else ""
+    second += f", in {place.record}" if place.record else ""
     yield wrapped(
-        f"unexplained at {place['domain']} {place['location']:.6g}{unit} "
+        f"unexplained at {place.domain} {place.location:.6g}{unit} "
         f"({low:.6g} to {high:.6g}){second}"
     )
-    share = 100.0 * place["share_of_variance"]
-    yield wrapped(f"  size {place['size_nm']:.3g} N m, {share:.1f} % of the residual variance")
+    share = 100.0 * place.share_of_variance
+    yield wrapped(f"  size {place.size_nm:.3g} N m, {share:.1f} % of the residual variance")
 
 
 def _baseline(settings: Mapping[str, Any]) -> Iterator[Text]:
     """Yield the ripple that the baseline took, and what the motion cannot tell from the zero."""
     ripple = [
-        f"order {one['order']:g}: "
-        + _size({"value": one["amplitude_nm"], "std": one["std_nm"]}, "N m")
+        f"order {one['order']:g}: {_size(one['amplitude_nm'], one['std_nm'], 'N m')}"
         for one in settings.get("baseline_ripple", ())
     ]
     if ripple:
@@ -266,53 +282,52 @@ def _baseline(settings: Mapping[str, Any]) -> Iterator[Text]:
         yield wrapped(f"{'cannot tell':<{_LABEL}} the zero from {names} ({own} of its own)")
 
 
-def _gain(result: Mapping[str, Any], folder: Path | None) -> Iterator[str | Text]:
+def _gain(result: DiagnosisResult, folder: Path | None) -> Iterator[str | Text]:
     """Yield what the extended model gains, the next run, and what would have been seen."""
-    before = result["simulated"]["heldout_rms_nm"]
-    after = result["extended"]["heldout_rms_nm"]
+    before, after = result.simulated.heldout_rms_nm, result.extended.heldout_rms_nm
     if before is not None and after is not None:
         yield from _labelled(
             "held-out", f"{before:.4g} N m rms simulated, {after:.4g} N m rms extended"
         )
     yield from _labelled("rest", rest_line(result))
-    gain = result.get("filter_gain")
-    if gain:
-        rms = gain["error_rms_nm"]
+    gain = result.filter_gain
+    if gain is not None:
+        rms = gain.error_rms_nm
         sizes = [
-            f"order {block['order']:.6g}: {block['amplitude_nm']['before']:.3g} -> "
-            f"{block['amplitude_nm']['after']:.3g} N m"
-            for block in gain["blocks"]
+            f"order {block.order:.6g}: {block.amplitude_nm.before:.3g} -> "
+            f"{block.amplitude_nm.after:.3g} N m"
+            for block in gain.blocks
         ]
-        error = f"error {rms['before']:.3g} -> {rms['after']:.3g} N m rms"
+        error = f"error {rms.before:.3g} -> {rms.after:.3g} N m rms"
         yield from _labelled("filter", f"with new blocks {', '.join(sizes)}; {error}")
-    open_run = result.get("separating_run")
-    if open_run and open_run["file"] and folder is not None:
-        yield f"{'next':<{_LABEL}}hdbench run-ripple --plan {folder / open_run['file']}"
-    alone = not result["causes"] and not result["unexplained"]
-    limits = result["minimum_detectable"][: _SHOWN_LIMITS_ALONE if alone else _SHOWN_LIMITS]
-    sizes = [f"{limit['name']} {limit['amplitude_nm']:.2g}" for limit in limits]
+    open_run = result.separating_run
+    if open_run is not None and open_run.file and folder is not None:
+        yield f"{'next':<{_LABEL}}hdbench run-ripple --plan {folder / open_run.file}"
+    alone = not result.causes and not result.unexplained
+    limits = result.minimum_detectable[: _SHOWN_LIMITS_ALONE if alone else _SHOWN_LIMITS]
+    sizes = [f"{limit.name} {limit.amplitude_nm:.2g}" for limit in limits]
     yield from _labelled("limits", f"90 % seen from, N m: {', '.join(sizes)}" if sizes else "")
 
 
-def _record(one: Mapping[str, Any], result: Mapping[str, Any]) -> str:
+def _record(one: RecordPart, result: DiagnosisResult) -> str:
     """Say what the extended model makes of a record, or why the record took no part."""
-    if one["left_out"]:
-        return f"{one['record']} left out: {one['left_out']}"
-    before, after = (one[key]["heldout_rms_nm"] for key in ("simulated", "extended"))
-    line = f"{one['record']}: held-out {before:.4g} -> {after:.4g} N m rms"
-    material = [cause["name"] for cause in result["causes"] if cause["name"] in one["disagrees"]]
+    if one.left_out:
+        return f"{one.record} left out: {one.left_out}"
+    before, after = one.simulated.heldout_rms_nm, one.extended.heldout_rms_nm
+    line = f"{one.record}: held-out {before:.4g} -> {after:.4g} N m rms"
+    material = [cause.name for cause in result.causes if cause.name in one.disagrees]
     if material:
         names = ", ".join(dict.fromkeys(material))
         line += f"; disagrees about {names}: another drive, or another state of it?"
     return line
 
 
-def names_line(result: Mapping[str, Any], room: int | None = None) -> str:
+def names_line(result: DiagnosisResult, room: int | None = None) -> str:
     """Say how many names of the catalogue this record can show, and why not the others.
 
     With a room, in characters, reasons stand with counts instead of names, as many as fit.
     """
-    names = result.get("testable") or ()
+    names = result.testable
     hidden = hidden_names(result)
     count = sum(len(group) for group in hidden.values())
     told = f"{len(names) - count} of {len(names)} names" if names else ""

@@ -12,13 +12,7 @@ import click
 
 from hdbench.errors import HdbenchError, LimitError, Stopped, UsageError
 from hdbench_cli.inputs import DEFAULT_PROFILE
-from hdbench_cli.options import (
-    address_option,
-    no_input_option,
-    out_option,
-    profile_option,
-    yes_option,
-)
+from hdbench_cli.options import declared
 from hdbench_cli.output import Output
 
 if TYPE_CHECKING:
@@ -49,25 +43,12 @@ def version_facts() -> dict[str, str]:
     }
 
 
-@click.command("doctor", epilog="Example: hdbench doctor --profile my-bench.toml --json")
-@profile_option
-@address_option
-@out_option
-@click.option(
-    "--prove-watchdog",
-    "prove",
-    is_flag=True,
-    help="MOVES THE MOTOR: creep, go silent, and see the device stop it.",
-)
-@yes_option
-@no_input_option
-@click.pass_obj
+@declared("doctor")
 def command(
     output: Output,
     profile_name: str | None,
     address: str | None,
     out: Path,
-    *,
     prove: bool,
     yes: bool,
     no_input: bool,

@@ -5,17 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import click
-
 from hdbench.errors import UsageError
 from hdbench_cli.inputs import choose_profile
-from hdbench_cli.options import (
-    StoredPath,
-    file_option,
-    plant_option,
-    profile_option,
-    seed_option,
-)
+from hdbench_cli.options import declared
 from hdbench_cli.output import Output
 
 if TYPE_CHECKING:
@@ -26,56 +18,12 @@ if TYPE_CHECKING:
 _LOOPBACK = ("127.0.0.1", "localhost", "::1")
 
 
-@click.command("emulate", epilog="Example: hdbench emulate --plant worn --port 5020")
-@profile_option
-@plant_option(bench="bench")
-@click.option(
-    "--model",
-    "model_file",
-    metavar="FILE|RUN",
-    type=StoredPath(inside="model.json"),
-    help="Bench model to emulate, such as a diagnosis' extended one; else the profile's.",
+@declared(
+    "emulate",
+    "profile_name plant model_file seed port wire rtu listen unprotected pace record",
 )
-@seed_option
-@click.option(
-    "--port",
-    metavar="PORT",
-    type=click.IntRange(0, 65535),
-    default=0,
-    help="TCP port; 0 takes a free one.",
-)
-@click.option(
-    "--wire",
-    type=click.Choice(["tcp", "rtu", "rtu+tcp", "ascii", "udp"]),
-    default="tcp",
-    help="Protocol of the device: tcp or rtu for a node, any for a polled device; rtu and ascii on "
-    "a pseudo-terminal.",
-)
-@click.option("--rtu", "wire", flag_value="rtu", help="The same as --wire rtu.")
-@click.option(
-    "--listen",
-    metavar="ADDRESS",
-    default="127.0.0.1",
-    help="Address of this computer to listen on; any but the loopback needs --unprotected.",
-)
-@click.option(
-    "--unprotected",
-    is_flag=True,
-    help="Accept other computers on the network: Modbus has no authentication.",
-)
-@click.option(
-    "--pace",
-    type=click.Choice(["realtime", "fast"]),
-    default="realtime",
-    help="Sample by the wall clock, or as fast as the host reads.",
-)
-@file_option(
-    "--record", metavar="FILE", help="Write each change of the node's state as one JSON line."
-)
-@click.pass_obj
 def command(
     output: Output,
-    *,
     profile_name: str | None,
     plant: str,
     model_file: Path | None,

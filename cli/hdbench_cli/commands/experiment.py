@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import importlib
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
+from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 from hdbench.errors import DoubtfulDataError, LimitError, UsageError
@@ -57,19 +58,10 @@ class Request:
     mistakes: str = ""
 
 
-@dataclass(frozen=True, slots=True)
-class Shown:
-    """The lines of one kind of result, and why it does not pass."""
-
-    lines: Callable[[Mapping[str, Any]], Iterable[RenderableType]]
-    failed: Callable[[Mapping[str, Any]], str | None]
-
-
-def shown_of(kind: str) -> Shown:
-    """Return how the result of a kind of run is shown."""
+def shown_of(kind: str) -> ModuleType:
+    """Return the command module of a kind of run: its `lines` show a result, `failed` judges it."""
     name = {"calibration": "calibrate", "misalignment": "run_misalignment", "ripple": "run_ripple"}
-    module = importlib.import_module(f"hdbench_cli.commands.{name[kind]}")
-    return Shown(module.lines, module.failed)
+    return importlib.import_module(f"hdbench_cli.commands.{name[kind]}")
 
 
 def doubts_of(result: Mapping[str, Any]) -> list[str]:
@@ -110,7 +102,7 @@ def run(output: Output, request: Request) -> None:
 def resume(output: Output, path: Path, **options: Any) -> None:
     """Go on with a run that was stopped, and show its result."""
     from hdbench.records import RunFolder
-    from hdbench.session.resuming import resume_run, stored_address, stored_profile
+    from hdbench.session.experiments import resume_run, stored_address, stored_profile
 
     folder = RunFolder.open(path)
     request = Request(str(folder.manifest["kind"]), out=path.parent, **options)
@@ -135,22 +127,14 @@ def _watched(
     from hdbench_cli.live.view import live_view
 
     person = request.yes or not request.no_input
-    options = BenchOptions(
-        out=request.out,
-        plant=request.plant,
-        seed=request.seed,
-        address=request.address,
-        control=request.control,
-        realtime=request.realtime,
-        calibration=request.calibration,
-        allow_expired=request.allow_expired,
-        misalignment=request.misalignment,
-        filter_name=request.filter_name,
-        operator=ConsoleOperator(motion_confirmed=request.yes) if person else None,
-        motion=_motion(request),
-        preset=request.preset,
-        mistakes=parse_mistakes(request.mistakes),
-    )
+    asked = {entry.name: getattr(request, entry.name) for entry in fields(request)}
+    of_person = {
+        "operator": ConsoleOperator(motion_confirmed=request.yes) if person else None,
+        "motion": _motion(request),
+        "mistakes": parse_mistakes(request.mistakes),
+    }
+    known = {entry.name for entry in fields(BenchOptions)}
+    options = BenchOptions(**{k: v for k, v in {**asked, **of_person}.items() if k in known})
     if request.kind == "calibration":
         with calibration_talk(
             output,

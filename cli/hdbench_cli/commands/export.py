@@ -5,49 +5,15 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import click
-
 from hdbench.errors import UsageError
 from hdbench_cli.inputs import choose_profile, own_names
-from hdbench_cli.options import POSITIVE, model_option, profile_option, sources_argument
+from hdbench_cli.options import declared
 from hdbench_cli.output import Output
 
-# what `hdbench.records.exporting.FORMATS` holds; a test keeps them together
-_FORMATS = ("parquet", "hdf5", "mat")
 
-
-@click.command(
-    "export",
-    epilog="Example: hdbench export --model report-6 --out firmware; "
-    "hdbench export runs/RUN --format mat --out exported",
-)
-@sources_argument("[FILE_OR_RUN]...", required=False)
-@click.option(
-    "--format",
-    "kind",
-    type=click.Choice(_FORMATS),
-    help="Write the trace or loads of a run or file in this form.",
-)
-@model_option("Write this filter as C99 firmware: report-a1, report-a2, report-6 or a model file.")
-@click.option(
-    "--out",
-    metavar="DIR",
-    type=click.Path(path_type=Path, file_okay=False),
-    required=True,
-    help="Folder to write.",
-)
-@click.option(
-    "--period",
-    "period_s",
-    metavar="S",
-    type=POSITIVE,
-    help="Sampling period of the firmware.  [default: the profile's]",
-)
-@profile_option
-@click.pass_obj
+@declared("export")
 def command(
     output: Output,
-    *,
     sources: tuple[Path, ...],
     kind: str | None,
     filter_name: str | None,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,14 +10,7 @@ import click
 
 from hdbench.errors import DataError, DoubtfulDataError
 from hdbench_cli.inputs import check_out, choose_profile, read_input, show_results, targets
-from hdbench_cli.options import (
-    calibration_option,
-    file_option,
-    gain_option,
-    model_option,
-    profile_option,
-    sources_argument,
-)
+from hdbench_cli.options import declared
 from hdbench_cli.output import Output
 from hdbench_cli.text import table
 
@@ -37,76 +29,48 @@ if TYPE_CHECKING:
 _TRUTH = "torque_true_nm"
 
 
-@click.command("filter", epilog="Example: hdbench filter runs/RUN --model report-6 --out clean.csv")
-@sources_argument("TRACE|RUN...")
-@model_option()
-@profile_option
-@calibration_option
-@gain_option
-@click.option(
-    "--out",
-    metavar="FILE.csv|DIR",
-    type=click.Path(path_type=Path),
-    required=True,
-    help="Trace file to write (.csv or .csv.gz); for several inputs the folder of such files.",
-)
-@click.option(
-    "--smooth",
-    is_flag=True,
-    help="Add columns: smoothed torque, every order's amplitude and phase with their bands.",
-)
-@click.option(
-    "--compare",
-    is_flag=True,
-    help="Raw, low-pass, the report's tuning, tuned and smoothed side by side.",
-)
-@file_option("--plot", metavar="FILE.svg", help="With --compare: picture to write, .svg or .png.")
-@click.pass_obj
+@declared("filter", "sources filter_name profile_name calibration gain out smooth compare plot")
 def command(output: Output, /, sources: tuple[Path, ...], out: Path, **options: Any) -> None:
-    """Take ripple and misalignment out of stored traces.
+    """Remove ripple and misalignment from stored traces.
 
     A run is filtered by the filter that ran in it and gives the same bits, unless --model or
     another profile says otherwise. Of several inputs each is written to the folder --out under its
     own name. Exits 6 where samples are missing or saturated, or where time has a gap: the file is
     written, and its torque is nan where it is missing.
     """
-    asked = _Request(**options)
-    if asked.gain is not None and asked.calibration is not None:
+    if options["gain"] is not None and options["calibration"] is not None:
         raise click.UsageError("--gain and --calibration both name a gain; give one")
-    if asked.plot is not None and not asked.compare:
+    if options["plot"] is not None and not options["compare"]:
         raise click.UsageError("--plot draws the comparison; ask for --compare too")
-    if asked.plot is not None and len(sources) > 1:
+    if options["plot"] is not None and len(sources) > 1:
         raise click.UsageError("--plot draws one input; filter them one by one")
     files = targets(out, sources)
-    bodies = [_filtered(asked, *pair) for pair in zip(sources, files, strict=True)]
+    bodies = [_filtered(*pair, **options) for pair in zip(sources, files, strict=True)]
     show_results(output, bodies, out, _lines)
     output.end(_doubt([body for body in bodies if body["flags"]]))
 
 
-@dataclass(frozen=True, slots=True)
-class _Request:
-    """What is asked of every input: model, gain (N m/V), and what is added."""
-
-    filter_name: str | None
-    profile_name: str | None
-    calibration: Path | None
-    gain: float | None
-    smooth: bool
-    compare: bool
-    plot: Path | None
-
-
-def _filtered(asked: _Request, source: Path, out: Path) -> dict[str, Any]:
+def _filtered(
+    source: Path,
+    out: Path,
+    *,
+    filter_name: str | None,
+    profile_name: str | None,
+    smooth: bool,
+    compare: bool,
+    plot: Path | None,
+    **scaling: Any,
+) -> dict[str, Any]:
     """Filter one stored trace and write the result."""
     from hdbench.filter import filter_trace, filtered_columns
     from hdbench.filter.smoothing import smooth_channels
     from hdbench.records import result_header, write_trace
     from hdbench.session.filters import choose_filter, trace_channels
 
-    profile = choose_profile(asked.profile_name, source)
-    tuned = asked.filter_name == "tuned"
-    model = choose_filter(profile, None if tuned else asked.filter_name, source=source)
-    item = read_input(source, profile, gain=asked.gain, calibration=asked.calibration, model=model)
+    profile = choose_profile(profile_name, source)
+    tuned = filter_name == "tuned"
+    model = choose_filter(profile, None if tuned else filter_name, source=source)
+    item = read_input(source, profile, model=model, **scaling)
     check_out(out, source, item.file)
     trace = item.trace
     if tuned:
@@ -125,16 +89,16 @@ def _filtered(asked: _Request, source: Path, out: Path) -> dict[str, Any]:
         **_summary(trace, block, model, _flags(trace, source, profile, block)),
     }
     written = filtered_columns(trace, block)
-    if asked.smooth:
+    if smooth:
         channels = trace_channels(trace, profile, use_measured_angle=model.use_measured_angle)
         smoothed = smooth_channels(model, channels)
         written, body["orders"] = smoothed_columns(written, smoothed), smoothed_summary(smoothed)
-    if asked.compare:
+    if compare:
         # with the model at hand where it is a tuned one, else with one tuned here
         best = model if model.tuning is not None else tuned_on(item, profile)
         found = _compared(trace, best, profile)
-        if asked.plot is not None:
-            _draw(asked.plot, trace, found)
+        if plot is not None:
+            _draw(plot, trace, found)
         others = [row for row in found.contenders if row.name != "raw"]
         written = written.with_columns(**{f"torque_{row.name}_nm": row.torque_nm for row in others})
         body["comparison"] = found.to_dict()
@@ -163,7 +127,7 @@ def _flags(trace: Trace, source: Path, profile: Profile, block: FilteredBlock) -
     from hdbench.estimation import data_flags
     from hdbench.filter.online import FLAG_BITS
     from hdbench.results import DataFlag
-    from hdbench.session.doubts import channel_refusal
+    from hdbench.session.evaluation import channel_refusal
 
     others = data_flags(trace, trace["torque_nm"], profile.data)
     flags = [flag for flag in others if flag.name != "missing-samples"]

@@ -13,7 +13,7 @@ import click
 from hdbench.errors import DataError, UsageError
 from hdbench_cli.inputs import DEFAULT_PROFILE
 from hdbench_cli.next_step import after_import, next_line
-from hdbench_cli.options import POSITIVE, file_option, no_input_option, profile_option
+from hdbench_cli.options import declared
 from hdbench_cli.output import Output
 
 if TYPE_CHECKING:
@@ -132,110 +132,12 @@ def _default_out(file: Path) -> Path:
     return Path(f"{stem}.trace.csv") if out.resolve() == file.resolve() else out
 
 
-@click.command(
-    name="import",
-    epilog="Examples: hdbench import log.mat; hdbench import log.csv --time t_ms@ms --map "
-    "torque_nm=Torque --map motor_velocity_rad_s=rpm@rpm --out trace.csv; hdbench import "
-    "robot.npz --joint 2 --side output --profile robot.toml --time t --map torque_nm=tau_2 "
-    "--map motor_angle_rad=q_2 --map motor_velocity_rad_s=qd_2 --out joint.csv; "
-    "hdbench import --kind trace stream_0.dat --from-logger labjack --map torque_v=v0 "
-    "--map tacho_v=v1 --out trace.csv; hdbench import "
-    "--kind staircase weights.csv --time t_ms*0.001 --map reading_v=counts --loads 0,1,2,1,0 "
-    "--load-unit kg --out loads.csv",
+@declared(
+    "import",
+    "files kind maps constants recipe_file topic joint side torque_constant_nm_per_a "
+    "velocity_from_angle_hz time rate_hz keep_time delimiter from_logger no_header skip loads "
+    "load_unit least_s profile_name out no_input",
 )
-@click.argument(
-    "files", metavar="FILE...", nargs=-1, required=True, type=click.Path(path_type=Path)
-)
-@click.option(
-    "--kind",
-    type=click.Choice(["trace", "loads", "staircase"]),
-    default="trace",
-    help="What the files hold; staircase: raw readings while weights were hung one after another.",
-)
-@click.option(
-    "--map",
-    "maps",
-    metavar="[N:]NAME=COLUMN[*SCALE][+OFFSET][@WORD...]",
-    multiple=True,
-    help="Fill column NAME from COLUMN (its name, the end of it, or its number from 1), here "
-    "only in file N. WORD declares what it is: a unit (deg, rpm, ms, mV ...), int8, int16 or int32 "
-    "(a signed number stored without sign), wrapped (an angle within one turn), output (of the "
-    "joint, times the gear ratio), zero (starts at 0).",
-)
-@click.option(
-    "--set",
-    "constants",
-    metavar="[N:]NAME=VALUE",
-    multiple=True,
-    help="Fill column NAME with VALUE, here only in file N.",
-)
-@file_option(
-    "--recipe",
-    "recipe_file",
-    metavar="FILE.toml",
-    help="Take the mapping from this file; a file that is not there is made of the one given here.",
-)
-@click.option("--topic", metavar="NAME", help="Topic, sheet or group of channels to look at.")
-@click.option("--joint", metavar="NAME", help="Joint to look at: a name, or the number behind q_.")
-@click.option(
-    "--side",
-    type=click.Choice(["motor", "output"]),
-    default="motor",
-    help="output: angles and velocities are of the joint; the gear ratio of --profile makes them "
-    "those of the motor.",
-)
-@click.option(
-    "--torque-constant",
-    "torque_constant_nm_per_a",
-    type=float,
-    metavar="N_M_PER_A",
-    help="Make torque_nm of motor_current_a by this factor.",
-)
-@click.option(
-    "--velocity-from-angle",
-    "velocity_from_angle_hz",
-    type=POSITIVE,
-    metavar="HZ",
-    help="Make motor_velocity_rad_s of motor_angle_rad: derivative without lag, low-pass at HZ.",
-)
-@click.option("--time", metavar="COLUMN[*SCALE]", help="Time column, in s after scaling.")
-@click.option("--rate", "rate_hz", type=POSITIVE, metavar="HZ", help="Sample rate.")
-@click.option("--keep-time", is_flag=True, help="Keep the time as it is; else it starts at 0.")
-@click.option(
-    "--delimiter",
-    type=click.Choice(["auto", "comma", "semicolon", "tab", "blank"]),
-    default="auto",
-    help="What separates the columns of a text.",
-)
-@click.option(
-    "--from-logger",
-    type=click.Choice(["auto", "labjack", "dataq"]),
-    help="The files are a data logger's: find the table, its time column and its units.",
-)
-@click.option("--no-header", is_flag=True, help="The first row holds data, not names.")
-@click.option(
-    "--skip", type=click.IntRange(min=0), default=0, help="Lines to pass over before the header."
-)
-@click.option(
-    "--loads", metavar="A,B,...", help="Staircase: the load on each plateau, in the order of time."
-)
-@click.option(
-    "--load-unit",
-    type=click.Choice(["nm", "kg", "lb"]),
-    default="nm",
-    help="Staircase: unit of the loads; masses hang on the arm of the profile.",
-)
-@click.option("--least-s", type=POSITIVE, default=3.0, help="Staircase: shortest plateau, s.")
-@profile_option
-@click.option(
-    "--out",
-    metavar="FILE|DIR",
-    type=click.Path(path_type=Path),
-    help="Trace or loads file to write; with a folder, one trace for each FILE. Without it the "
-    "content is listed and a mapping proposed.",
-)
-@no_input_option
-@click.pass_obj
 def command(
     output: Output,
     /,
@@ -253,7 +155,7 @@ def command(
     no_input: bool,
     **layout: Any,
 ) -> None:
-    """Bring in traces and loads from other programs.
+    """Import traces and loads from other programs.
 
     Reads text (.csv and the like, packed or not), JSON records, NumPy (.npz, .npy), MATLAB 5; and,
     with an extra of hdbench, HDF5 and MATLAB 7.3, Parquet, Excel, TDMS, MDF 4, ROS bags and MCAP.

@@ -6,11 +6,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import click
-
 from hdbench.errors import LimitError
 from hdbench_cli.inputs import DEFAULT_PROFILE
-from hdbench_cli.options import StoredPath, profile_option
+from hdbench_cli.options import declared
 from hdbench_cli.output import Output
 
 if TYPE_CHECKING:
@@ -20,15 +18,7 @@ if TYPE_CHECKING:
 _SHOWN = 3
 
 
-@click.command(
-    "inspect", epilog="Examples: hdbench inspect trace.csv; hdbench inspect runs/RUN --json"
-)
-@click.argument("source", metavar="FILE_OR_RUN", type=StoredPath())
-@click.option("--topic", metavar="NAME", help="Topic, sheet or group of channels to look at.")
-@click.option("--joint", metavar="NAME", help="Joint to look at: a name, or the number behind q_.")
-@profile_option
-@click.option("--check", is_flag=True, help="Exit 3 unless nothing was found.")
-@click.pass_obj
+@declared("inspect")
 def command(
     output: Output,
     source: Path,

@@ -9,14 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from hdbench_cli.inputs import choose_profile
-from hdbench_cli.options import (
-    address_option,
-    calibration_option,
-    model_option,
-    plant_option,
-    profile_option,
-    seed_option,
-)
+from hdbench_cli.options import declared
 from hdbench_cli.output import Output
 from hdbench_cli.text import table
 
@@ -40,24 +33,9 @@ def _lines(result: Mapping[str, Any]) -> Iterator[RenderableType]:
     yield table(("channel", *_NUMBERS, "unit"), rows, right=_NUMBERS)
 
 
-@click.command("monitor", epilog="Example: hdbench monitor --duration 2")
-@profile_option
-@address_option
-@calibration_option
-@model_option()
-@click.option(
-    "--duration",
-    "duration_s",
-    metavar="S",
-    type=click.FloatRange(min=0.0, min_open=True, max=86400.0),
-    help="Stop after so many seconds; else at Ctrl-C, a day at most.",
-)
-@plant_option()
-@seed_option
-@click.pass_obj
+@declared("monitor")
 def command(
     output: Output,
-    *,
     profile_name: str | None,
     address: str | None,
     calibration: Path | None,
@@ -66,7 +44,7 @@ def command(
     plant: str,
     seed: int,
 ) -> None:
-    """Look at a bench live, with its drive disabled: nothing moves and nothing is kept.
+    """Watch a bench live, with its drive disabled: nothing moves and nothing is stored.
 
     Shows what the live view of a run shows, and at the end mean, scatter and range of each channel:
     enough to see a dead gauge, a loose plug, a wrong sign or mains hum before a run. A bench that

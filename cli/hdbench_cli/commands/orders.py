@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,16 +15,7 @@ from hdbench_cli.commands.filter import (
     tuned_on,
 )
 from hdbench_cli.inputs import check_out, choose_profile, read_input, show_results, targets
-from hdbench_cli.options import (
-    POSITIVE,
-    calibration_option,
-    file_option,
-    gain_option,
-    model_option,
-    plot_option,
-    profile_option,
-    sources_argument,
-)
+from hdbench_cli.options import declared
 from hdbench_cli.output import Output
 
 if TYPE_CHECKING:
@@ -46,92 +36,62 @@ def _write_map(path: Path, found: OrderMap) -> None:
     write_atomic(path, ("\n".join(rows) + "\n").encode())
 
 
-@click.command("orders", epilog="Example: hdbench orders runs/RUN --out orders.csv")
-@sources_argument("TRACE|RUN...")
-@model_option(
-    "Filter model whose orders are tracked.  [default: the profile's, tuned on this trace]"
-)
-@profile_option
-@calibration_option
-@gain_option
-@click.option(
-    "--max-order",
-    metavar="ORDER",
-    type=POSITIVE,
-    default=12.0,
-    help="Highest order of spectrum and map.",
-)
-@click.option(
-    "--out",
-    metavar="FILE.csv|DIR",
-    type=click.Path(path_type=Path),
-    help="Every order over time: amplitude, phase, their bands; for several inputs the folder of "
-    "such files.",
-)
-@file_option(
-    "--map", "map_file", metavar="FILE.csv", help="Order map: amplitude over time and order."
-)
-@plot_option
-@click.pass_obj
+@declared("orders", "sources filter_name profile_name calibration gain max_order out map_file plot")
 def command(output: Output, /, sources: tuple[Path, ...], out: Path | None, **options: Any) -> None:
     """Show the torque by order: spectrum over the motor angle, map, every order over time.
 
     The angle is the encoder's where there is one, else the integrated velocity. Amplitude and phase
     over time come from the smoother, with their bands.
     """
-    asked = _Request(**options)
-    if len(sources) > 1 and (asked.map_file is not None or asked.plot is not None):
+    if len(sources) > 1 and (options["map_file"] is not None or options["plot"] is not None):
         raise click.UsageError("--map and --plot are of one input; give them one by one")
     files = [None] * len(sources) if out is None else targets(out, sources)
-    bodies = [_orders(asked, *pair) for pair in zip(sources, files, strict=True)]
+    bodies = [_orders(*pair, **options) for pair in zip(sources, files, strict=True)]
     show_results(output, bodies, out, _lines)
 
 
-@dataclass(frozen=True, slots=True)
-class _Request:
-    """What is asked of every input."""
-
-    filter_name: str | None
-    profile_name: str | None
-    calibration: Path | None
-    gain: float | None
-    max_order: float
-    map_file: Path | None
-    plot: Path | None
-
-
-def _orders(asked: _Request, source: Path, out: Path | None) -> dict[str, Any]:
+def _orders(
+    source: Path,
+    out: Path | None,
+    *,
+    filter_name: str | None,
+    profile_name: str | None,
+    max_order: float,
+    map_file: Path | None,
+    plot: Path | None,
+    **scaling: Any,
+) -> dict[str, Any]:
     """Return the result of one input, and write its files."""
     from hdbench.filter.orders import order_map, order_spectrum
     from hdbench.filter.smoothing import smooth_channels
     from hdbench.records import Trace, result_header, write_trace
     from hdbench.session.filters import choose_filter, trace_channels
 
-    files = {"orders": out, "map": asked.map_file, "plot": asked.plot}
-    profile = choose_profile(asked.profile_name, source)
-    item = read_input(source, profile, gain=asked.gain, calibration=asked.calibration)
+    files = {"orders": out, "map": map_file, "plot": plot}
+    profile = choose_profile(profile_name, source)
+    item = read_input(source, profile, **scaling)
     for target in files.values():
         if target is not None:
             check_out(target, source, item.file)
-    named = asked.filter_name not in (None, "tuned")
-    model = choose_filter(profile, asked.filter_name) if named else tuned_on(item, profile)
+    named = filter_name not in (None, "tuned")
+    model = choose_filter(profile, filter_name) if named else tuned_on(item, profile)
     channels = trace_channels(item.trace, profile, use_measured_angle=model.use_measured_angle)
-    spectrum = order_spectrum(channels, channels.torque_nm, highest_order=asked.max_order)
-    found = order_map(channels, channels.torque_nm, highest_order=asked.max_order)
+    spectrum = order_spectrum(channels, channels.torque_nm, highest_order=max_order)
+    found = order_map(channels, channels.torque_nm, highest_order=max_order)
     smoothed = smooth_channels(model, channels)
     if out is not None:
         base = Trace({"time_s": channels.time_s}, source=channels.source)
         write_trace(out, smoothed_columns(base, smoothed))
-    if asked.map_file is not None:
-        _write_map(asked.map_file, found)
-    if asked.plot is not None:
+    if map_file is not None:
+        _write_map(map_file, found)
+    if plot is not None:
         from hdbench.report.plots import plot_orders
 
         waves = {
             wave.name: (channels.time_s, wave.amplitude_nm, wave.amplitude_std_nm)
             for wave in smoothed.waves
         }
-        plot_orders(asked.plot, (spectrum.order, spectrum.amplitude_nm), waves)
+        plot_orders(plot, (spectrum.order, spectrum.amplitude_nm), waves)
     windows = {"windows": len(found.time_s), "turns": found.turns, "orders": len(found.order)}
     return {
         **result_header("orders", profile),

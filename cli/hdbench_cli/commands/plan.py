@@ -6,11 +6,9 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import click
-
 from hdbench.errors import UsageError
 from hdbench_cli.inputs import choose_profile
-from hdbench_cli.options import POSITIVE, StoredPath, file_option, profile_option
+from hdbench_cli.options import declared
 from hdbench_cli.output import Output
 
 if TYPE_CHECKING:
@@ -20,47 +18,7 @@ if TYPE_CHECKING:
 _SHOWN, _SETTLED = 8, 2
 
 
-@click.command(
-    "plan",
-    epilog="Example: hdbench plan --cause ripple-harmonic --cause structural-tone --out plan.toml",
-)
-@profile_option
-@click.option(
-    "--cause",
-    "causes",
-    metavar="NAME",
-    multiple=True,
-    help="Cause to separate from the others named, or from similar ones.  [default: all]",
-)
-@click.option(
-    "--of",
-    "of",
-    metavar="RUN|TRACE",
-    type=StoredPath(),
-    help="Stored run or trace to start from; else the profile's ripple run.",
-)
-@click.option(
-    "--for",
-    "result",
-    metavar="RUN|FILE",
-    type=StoredPath(),
-    help="Diagnosis whose ambiguous causes the run is to separate.",
-)
-@click.option(
-    "--protocol",
-    metavar="NAME",
-    help="Take this protocol instead of proposing one: full, or the name of one of its parts.",
-)
-@click.option(
-    "--duration",
-    "duration_s",
-    metavar="S",
-    type=POSITIVE,
-    help="Longest time that the bench may sample.  [default: 180]",
-)
-@click.option("--no-loads", is_flag=True, help="Propose nothing that needs an operator.")
-@file_option("--out", metavar="FILE", help="Write the proposed run as a plan file, .toml or .json.")
-@click.pass_obj
+@declared("plan", "profile_name causes of result protocol duration_s no_loads out")
 def command(
     output: Output,
     /,

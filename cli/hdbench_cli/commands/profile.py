@@ -10,8 +10,7 @@ from typing import Any
 import click
 
 from hdbench.errors import UsageError
-from hdbench_cli.inputs import DEFAULT_PROFILE
-from hdbench_cli.options import StoredPath, file_option, no_input_option
+from hdbench_cli.options import declared
 from hdbench_cli.output import Output
 
 
@@ -23,8 +22,7 @@ def command() -> None:
     """
 
 
-@command.command("list", epilog="Example: hdbench profile list")
-@click.pass_obj
+@declared("profile list")
 def list_(output: Output) -> None:
     """List the built-in profiles."""
     from hdbench.profile import list_profiles, load_profile
@@ -36,9 +34,7 @@ def list_(output: Output) -> None:
     output.result(body, lambda _body: [f"{row['name']}  {row['description']}" for row in rows])
 
 
-@command.command("show", epilog="Example: hdbench profile show cim-tr-97-06")
-@click.argument("name", metavar="NAME|PATH", default=DEFAULT_PROFILE)
-@click.pass_obj
+@declared("profile show")
 def show(output: Output, name: str) -> None:
     """Show the text of a profile."""
     from hdbench.profile import load_profile
@@ -55,9 +51,7 @@ def show(output: Output, name: str) -> None:
     output.result(body, lambda _body: profile.text)
 
 
-@command.command("check", epilog="Example: hdbench profile check my-bench.toml")
-@click.argument("files", metavar="FILE...", nargs=-1, required=True)
-@click.pass_obj
+@declared("profile check")
 def check(output: Output, files: tuple[str, ...]) -> None:
     """Check profiles and name every problem at once; exit 4 if there is one."""
     from hdbench.profile import check_profiles
@@ -69,35 +63,7 @@ def check(output: Output, files: tuple[str, ...]) -> None:
     output.result(body, lambda _body: [f"{row['path']}: valid" for row in rows])
 
 
-@command.command(
-    "new",
-    epilog="Examples: hdbench profile new my-bench --out my-bench.toml; hdbench profile new arm "
-    "--from trace.csv --gear-ratio 100 --load-inertia 0.4 --out arm.toml",
-)
-@click.argument("name")
-@click.option(
-    "--from",
-    "source",
-    metavar="TRACE",
-    type=StoredPath(),
-    help="Fill limits, rates, steps and noise from this trace or run.",
-)
-@click.option("--gear-ratio", type=float, help="Motor turns per output turn; 1 without a gear.")
-@click.option(
-    "--load-inertia", type=float, metavar="KG_M2", help="Inertia of the load about the output."
-)
-@click.option("--rated-torque", type=float, metavar="N_M", help="Rated torque at the output.")
-@click.option(
-    "--order",
-    "orders",
-    type=float,
-    multiple=True,
-    help="Cycles per motor turn that every fit holds; may be repeated.  [default: 2 and 4 for a "
-    "strain wave gear, whose ratio is 30 to 320; else 1]",
-)
-@no_input_option
-@file_option("--out", metavar="FILE", help="File to write; else the text goes to stdout.")
-@click.pass_obj
+@declared("profile new")
 def new(
     output: Output,
     name: str,
@@ -111,7 +77,8 @@ def new(
 ) -> None:
     """Make a profile to start from, with meaning and unit of every key.
 
-    With --from it is filled from a log; what no log tells is asked for, or given by options.
+    With --from the values come from a log. What a log does not hold is asked for, or given by
+    options.
     """
     from hdbench.profile import new_profile
     from hdbench.records import result_header, write_new
@@ -176,11 +143,14 @@ def _told(bench: dict[str, Any]) -> list[str]:
     return lines
 
 
-@command.command("schema", epilog="Example: hdbench profile schema")
-@click.pass_obj
+@declared("profile schema")
 def schema(output: Output) -> None:
     """Print the JSON schema of profiles, for editors."""
     from hdbench.profile import profile_schema
 
     body = profile_schema()
     output.result(body, lambda _body: json.dumps(body, indent=2) + "\n")
+
+
+for child in (list_, show, check, new, schema):
+    command.add_command(child)

@@ -6,10 +6,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import click
-
 from hdbench.errors import DataError, LimitError
-from hdbench_cli.options import StoredPath, file_option
+from hdbench_cli.options import declared
 from hdbench_cli.output import Output
 
 if TYPE_CHECKING:
@@ -22,24 +20,7 @@ if TYPE_CHECKING:
 _MOST_LINES = 20
 
 
-@click.command(
-    "regress",
-    epilog="Example: hdbench regress tests/stored --junit regress.xml --report regress.html",
-)
-@click.argument("folder", metavar="DIR", type=StoredPath())
-@click.option("--update", is_flag=True, help="Keep what comes out now as the expected results.")
-@file_option(
-    "--junit",
-    metavar="FILE",
-    help="Write the outcome as JUnit XML too, for the test page of a CI system.",
-)
-@file_option(
-    "--report",
-    "html_file",
-    metavar="FILE.html",
-    help="Write the outcome as one offline page; CSV and JSON go beside it.",
-)
-@click.pass_obj
+@declared("regress")
 def command(
     output: Output, folder: Path, update: bool, junit: Path | None, html_file: Path | None
 ) -> None:

@@ -4,39 +4,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import click
-
 from hdbench_cli.inputs import choose_profile
-from hdbench_cli.options import StoredPath, profile_option
+from hdbench_cli.options import declared
 from hdbench_cli.output import Output
 
 
-@click.command(
-    "report",
-    epilog="Example: hdbench report runs/RUN1 runs/RUN2 --out report.html; "
-    "hdbench report --fleet runs",
-)
-@click.argument("runs", metavar="FILE|RUN...", nargs=-1, required=True, type=StoredPath())
-@click.option(
-    "--out",
-    metavar="FILE|DIR",
-    type=click.Path(path_type=Path),
-    help="HTML file, or folder for report.html.  [default: the run's folder for one run, "
-    "else report.html, or fleet.html, here]",
-)
-@click.option(
-    "--fleet",
-    is_flag=True,
-    help="One page over many drives, of the folders of batches or of runs that are named.",
-)
-@profile_option
-@click.pass_obj
+@declared("report")
 def command(
-    output: Output,
-    runs: tuple[Path, ...],
-    out: Path | None,
-    fleet: bool,
-    profile_name: str | None,
+    output: Output, runs: tuple[Path, ...], out: Path | None, fleet: bool, profile_name: str | None
 ) -> None:
     """Write runs as one offline HTML file with CSV and JSON.
 

@@ -7,10 +7,8 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import click
-
 from hdbench_cli.inputs import choose_profile
-from hdbench_cli.options import POSITIVE, model_option, plot_option, profile_option, speeds
+from hdbench_cli.options import declared
 from hdbench_cli.output import Output
 from hdbench_cli.text import table
 
@@ -29,29 +27,7 @@ def _speeds(profile: Profile) -> tuple[float, float]:
     return abs(profile.data.misalignment.velocity_rad_s), fast
 
 
-@click.command(
-    "response", epilog="Example: hdbench response --model report-6 --velocity 50 --velocity 156"
-)
-@model_option("Filter model: report-a1, report-a2, report-6 or a model file; else the profile's.")
-@click.option(
-    "--velocity",
-    "velocities",
-    metavar="RAD/S",
-    multiple=True,
-    callback=speeds,
-    help="Motor velocity; may be repeated, or 50,156.  [default: those of the profile's "
-    "experiments]",
-)
-@click.option(
-    "--period",
-    "period_s",
-    metavar="S",
-    type=POSITIVE,
-    help="Sampling period.  [default: the profile's]",
-)
-@plot_option
-@profile_option
-@click.pass_obj
+@declared("response")
 def command(
     output: Output,
     filter_name: str | None,

@@ -5,16 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-import click
-
 from hdbench_cli.commands.experiment import Request, doubts_of, run
-from hdbench_cli.options import (
-    allow_expired_option,
-    bench_options,
-    calibration_option,
-    model_option,
-    plan_option,
-)
+from hdbench_cli.options import EXPERIMENT, declared
 from hdbench_cli.output import Output
 from hdbench_cli.text import remark_lines, with_uncertainty
 
@@ -37,16 +29,7 @@ def failed(result: Mapping[str, Any]) -> str | None:
     return "; ".join(doubts_of(result)) or None
 
 
-@click.command(
-    "run-misalignment",
-    epilog="Example: hdbench run-misalignment --calibration last:calibration --yes",
-)
-@bench_options
-@calibration_option
-@allow_expired_option
-@model_option()
-@plan_option
-@click.pass_obj
+@declared("run-misalignment", f"{EXPERIMENT} calibration allow_expired filter_name plan_file")
 def command(output: Output, /, **options: Any) -> None:
     """Measure the misalignment torque at constant velocity, both directions.
 

@@ -5,18 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-import click
-
 from hdbench_cli.commands.experiment import Request, run
 from hdbench_cli.commands.run_misalignment import failed
-from hdbench_cli.options import (
-    StoredPath,
-    allow_expired_option,
-    bench_options,
-    calibration_option,
-    model_option,
-    plan_option,
-)
+from hdbench_cli.options import EXPERIMENT, declared
 from hdbench_cli.output import Output
 from hdbench_cli.text import probability, remark_lines, with_uncertainty
 
@@ -45,31 +36,11 @@ def lines(result: Mapping[str, Any]) -> Iterator[str]:
     yield from remark_lines(result)
 
 
-@click.command(
+@declared(
     "run-ripple",
-    epilog="Example: hdbench run-ripple --calibration last:calibration "
-    "--misalignment last:misalignment --yes",
+    f"{EXPERIMENT} calibration allow_expired misalignment filter_name plan_file velocity_above "
+    "from_s to_s",
 )
-@bench_options
-@calibration_option
-@allow_expired_option
-@click.option(
-    "--misalignment",
-    metavar="RUN|FILE",
-    type=StoredPath(),
-    help="Misalignment result whose output-order block joins the online filter.",
-)
-@model_option()
-@plan_option
-@click.option(
-    "--velocity-above",
-    metavar="RAD/S",
-    type=click.FloatRange(min=0.0),
-    help="Evaluate only samples with the motor faster than this.",
-)
-@click.option("--from-s", metavar="S", type=float, help="Evaluate from this time on.")
-@click.option("--to-s", metavar="S", type=float, help="Evaluate up to this time.")
-@click.pass_obj
 def command(
     output: Output,
     /,

@@ -13,15 +13,7 @@ import click
 from hdbench_cli.commands.runs_compare import compare
 from hdbench_cli.commands.runs_list import list_, note
 from hdbench_cli.next_step import after_run, next_line
-from hdbench_cli.options import (
-    StoredPath,
-    address_option,
-    control_option,
-    mistakes_option,
-    motion_options,
-    operator_option,
-    with_options,
-)
+from hdbench_cli.options import declared
 from hdbench_cli.output import Output
 from hdbench_cli.text import with_uncertainty
 
@@ -40,9 +32,7 @@ def command() -> None:
     """List, show, note on, verify, resume and compare run folders."""
 
 
-@command.command("show", epilog="Example: hdbench runs show last")
-@click.argument("run", metavar="RUN", type=StoredPath())
-@click.pass_obj
+@declared("runs show")
 def show(output: Output, run: Path) -> None:
     """Show the entries of a run: kind, status, times, profile, drive, verdict."""
     from hdbench.records import RunFolder, read_notes
@@ -115,10 +105,7 @@ def _then(body: Mapping[str, Any], name: str, run: Path) -> str:
     return f"hdbench report {name} --out report.html"
 
 
-@command.command("verify", epilog="Example: hdbench runs verify last --recover")
-@click.argument("runs", metavar="RUN...", nargs=-1, required=True, type=StoredPath())
-@click.option("--recover", is_flag=True, help="Write trace or loads of a killed run.")
-@click.pass_obj
+@declared("runs verify")
 def verify(output: Output, runs: tuple[Path, ...], recover: bool) -> int:
     """Read runs in full and compare them with their hashes; exit 4 if one is invalid."""
     from hdbench.records import result_header, verify_runs
@@ -150,16 +137,8 @@ def _checks(runs: Sequence[Path], reports: Sequence[VerifyReport]) -> Iterator[s
             yield f"  its data can be recovered: {recover}"
 
 
-@command.command("resume", epilog="Example: hdbench runs resume last:calibration")
-@click.argument("run", metavar="RUN", type=StoredPath())
-@address_option
-@control_option
-@with_options(*motion_options)
-@click.option("--realtime", is_flag=True, default=None, help="Let the embedded bench keep time.")
-@operator_option
-@mistakes_option
-@click.pass_obj
-def resume(output: Output, /, run: Path, **options: Any) -> None:
+@declared("runs resume", "run address control yes no_input check no_report realtime who mistakes")
+def resume(output: Output, /, run: Path, realtime: bool, **options: Any) -> None:
     """Go on with a run that was stopped, killed, or lost its bench, in the same folder.
 
     A calibration goes on at the weight where it stopped; what was accepted is not asked again. A
@@ -168,8 +147,9 @@ def resume(output: Output, /, run: Path, **options: Any) -> None:
     """
     from hdbench_cli.commands.experiment import resume as go_on
 
-    go_on(output, run, **options)
+    # without the option the bench keeps time as it did before
+    go_on(output, run, realtime=realtime or None, **options)
 
 
-for child in (list_, note, compare):
+for child in (show, verify, resume, list_, note, compare):
     command.add_command(child)

@@ -6,11 +6,9 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import click
-
 from hdbench.errors import LimitError
 from hdbench_cli.inputs import refuse_same_csv
-from hdbench_cli.options import StoredPath, file_option
+from hdbench_cli.options import declared
 from hdbench_cli.output import Output
 from hdbench_cli.text import table, with_uncertainty
 
@@ -26,34 +24,7 @@ _ANSWERS = {
 _MOST_KEYS = 8
 
 
-@click.command(
-    "compare", epilog="Example: hdbench runs compare runs/BEFORE runs/AFTER --html c.html"
-)
-@click.argument("a", metavar="A", type=StoredPath())
-@click.argument("b", metavar="B", type=StoredPath())
-@click.option(
-    "--same-origin",
-    is_flag=True,
-    help="Angle 0 is one mark on the shaft in both runs: phases count.",
-)
-@click.option(
-    "--independent", is_flag=True, help="Treat standards and gains of the two as independent."
-)
-@click.option(
-    "--confidence",
-    type=float,
-    default=0.95,
-    help="Confidence of the verdict, for all deciding quantities together.",
-)
-@click.option("--check", is_flag=True, help="Exit 3 unless all is within its uncertainty.")
-@file_option("--csv", "csv_file", metavar="FILE.csv", help="The quantities as CSV.")
-@file_option(
-    "--html",
-    "html_file",
-    metavar="FILE.html",
-    help="One offline page with an overlay; CSV and JSON go beside it.",
-)
-@click.pass_obj
+@declared("runs compare")
 def compare(
     output: Output,
     a: Path,

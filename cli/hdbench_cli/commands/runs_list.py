@@ -2,24 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 import click
 from click.core import ParameterSource
 
 from hdbench_cli.next_step import next_line
-from hdbench_cli.options import StoredPath, with_options
+from hdbench_cli.options import RUN_FILTERS, declared
 from hdbench_cli.output import Output
 
 if TYPE_CHECKING:
     from hdbench.records import RunSummary
 
-F = TypeVar("F", bound=Callable[..., Any])
-_FILTERS = ("kind", "profile", "status", "verdict", "drive", "sensor")
-_SORTS = ("run", "started", "kind", "status", "profile", "drive", "sensor", "verdict")
 _COLUMNS = (
     "run_id",
     "path",
@@ -34,53 +29,17 @@ _COLUMNS = (
 )
 
 
-class _Since(click.ParamType):  # type: ignore[type-arg]
-    """A date, a moment, or a number of days back."""
-
-    name = "date"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        if isinstance(value, datetime):
-            return value
-        try:
-            if value.endswith("d"):
-                return datetime.now(UTC) - timedelta(days=float(value[:-1]))
-            moment = datetime.fromisoformat(value)
-        except (ValueError, OverflowError):
-            self.fail(f"{value!r}; needed: a date such as 2026-11-21, or 30d", param, ctx)
-        return moment if moment.tzinfo else moment.replace(tzinfo=UTC)
-
-
-def filter_options(function: F) -> F:
-    """Add the options that choose runs."""
-    words = {
-        "kind": "calibration, misalignment, ripple, diagnosis.",
-        "profile": "Name of the profile.",
-        "status": "running, complete, incomplete, aborted, invalid.",
-        "verdict": "ok, doubtful; accepted, not-accepted; nothing-found, named ...",
-        "drive": "Identity of the drive, as --drive or the profile gave it.",
-        "sensor": "Identity of the sensor, the profile's identity.flexspline_serial.",
-    }
-    options = [
-        click.option(f"--{name}", metavar="WORD", multiple=True, help=f"{text} May be repeated.")
-        for name, text in words.items()
-    ]
-    since = click.option(
-        "--since", metavar="DATE|DAYSd", type=_Since(), help="Started then or later (UTC)."
-    )
-    return with_options(*options, since)(function)
-
-
-def chosen_runs(ctx: click.Context, parent: Path, options: dict[str, Any]) -> list[RunSummary]:
+def chosen_runs(parent: Path, options: dict[str, Any]) -> list[RunSummary]:
     """Return the runs in a folder that the filter options choose."""
     from hdbench.errors import DataError
     from hdbench.records import list_runs, select_runs
 
-    if not parent.is_dir() and ctx.get_parameter_source("parent") is not ParameterSource.DEFAULT:
+    typed = click.get_current_context().get_parameter_source("parent")
+    if not parent.is_dir() and typed is not ParameterSource.DEFAULT:
         raise DataError(
             "no such folder", where=str(parent), fix="name the folder that --out of the runs named"
         )
-    wanted = {name: options[name] for name in _FILTERS}
+    wanted = {name: options[name] for name in RUN_FILTERS.split()}
     return select_runs(list_runs(parent), wanted, options["since"])
 
 
@@ -90,33 +49,9 @@ def _key(run: RunSummary, name: str) -> str:
     return str(getattr(run, "started_utc" if name == "started" else name))
 
 
-@click.command(
-    "list", epilog="Example: hdbench runs list runs --kind calibration --drive A-17 --since 90d"
-)
-@click.argument(
-    "parent", metavar="[DIR]", default="runs", type=click.Path(path_type=Path, file_okay=False)
-)
-@filter_options
-@click.option("--sort", type=click.Choice(_SORTS), default="run", help="Order of the runs.")
-@click.option("--reverse", is_flag=True, help="Reverse the order.")
-@click.option(
-    "--csv",
-    "csv_file",
-    metavar="[FILE.csv]",
-    is_flag=False,
-    flag_value="-",
-    type=click.Path(dir_okay=False, allow_dash=True),
-    help="The list as CSV: on stdout, or in a file.",
-)
-@click.pass_context
+@declared("runs list", f"parent {RUN_FILTERS} since sort reverse csv_file")
 def list_(
-    ctx: click.Context,
-    /,
-    parent: Path,
-    sort: str,
-    reverse: bool,
-    csv_file: str | None,
-    **options: Any,
+    output: Output, /, parent: Path, sort: str, reverse: bool, csv_file: str | None, **options: Any
 ) -> None:
     """List the runs in a folder, oldest first.
 
@@ -126,12 +61,9 @@ def list_(
     from hdbench.errors import UsageError
     from hdbench.records import result_header
 
-    output: Output = ctx.obj
     if csv_file == "-" and output.json:
         raise UsageError("both want stdout", where="--csv, --json", fix="give --csv a file")
-    runs = sorted(
-        chosen_runs(ctx, parent, options), key=lambda run: _key(run, sort), reverse=reverse
-    )
+    runs = sorted(chosen_runs(parent, options), key=lambda run: _key(run, sort), reverse=reverse)
     if csv_file is not None:
         _write_csv(csv_file, runs)
         if csv_file == "-":
@@ -171,10 +103,7 @@ def _write_csv(file: str, runs: list[RunSummary]) -> None:
         write_atomic(Path(file), text.getvalue().encode())
 
 
-@click.command("note", epilog="Example: hdbench runs note runs/RUN 're-clamped, new gauges'")
-@click.argument("run", metavar="RUN", type=StoredPath())
-@click.argument("text", metavar="TEXT")
-@click.pass_obj
+@declared("runs note")
 def note(output: Output, run: Path, text: str) -> None:
     """Note on a run what was done before it, such as service or a new clamping.
 

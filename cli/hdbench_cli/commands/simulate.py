@@ -10,46 +10,14 @@ import click
 
 from hdbench.errors import DoubtfulDataError, UsageError
 from hdbench_cli.inputs import choose_profile
-from hdbench_cli.options import POSITIVE, StoredPath, file_option, profile_option, seed_option
+from hdbench_cli.options import declared
 from hdbench_cli.output import Output
 
 if TYPE_CHECKING:
     from hdbench.records import Trace
 
 
-@click.command("simulate", epilog="Example: hdbench simulate --like runs/RUN --out simulated.csv")
-@profile_option
-@click.option(
-    "--like",
-    metavar="RUN|TRACE",
-    type=StoredPath(),
-    help="Simulate on the motion that this run or trace measured.",
-)
-@click.option(
-    "--model",
-    "model_file",
-    metavar="FILE|RUN",
-    type=StoredPath(inside="model.json"),
-    help="Bench model to simulate, such as a diagnosis' extended one; else the profile's.",
-)
-@click.option(
-    "--duration",
-    "duration_s",
-    metavar="S",
-    type=POSITIVE,
-    help="Length of a run of its own.  [default: the profile's ripple run]",
-)
-@click.option(
-    "--noise",
-    "noise_nm",
-    metavar="NM",
-    type=click.FloatRange(min=0.0),
-    default=0.0,
-    help="White noise of the torque per sample.",
-)
-@seed_option
-@file_option("--out", metavar="FILE.csv", required=True, help="Trace to write, .csv or .csv.gz.")
-@click.pass_obj
+@declared("simulate")
 def command(
     output: Output,
     profile_name: str | None,

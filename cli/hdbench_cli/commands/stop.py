@@ -4,18 +4,13 @@ from __future__ import annotations
 
 from dataclasses import asdict
 
-import click
-
 from hdbench.errors import UnsafeError
 from hdbench_cli.inputs import choose_profile
-from hdbench_cli.options import address_option, profile_option
+from hdbench_cli.options import declared
 from hdbench_cli.output import Output
 
 
-@click.command("stop", epilog="Example: hdbench stop --address tcp://192.168.0.7:502")
-@profile_option
-@address_option
-@click.pass_obj
+@declared("stop")
 def command(output: Output, profile_name: str | None, address: str | None) -> None:
     """Stop the motor of a bench now, whoever runs it, and confirm that it stands still.
 

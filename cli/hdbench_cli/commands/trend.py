@@ -6,77 +6,23 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import click
-
 from hdbench.errors import LimitError, UsageError
-from hdbench_cli.commands.runs_list import chosen_runs, filter_options
+from hdbench_cli.commands.runs_list import chosen_runs
 from hdbench_cli.inputs import refuse_same_csv
-from hdbench_cli.options import file_option
+from hdbench_cli.options import RUN_FILTERS, declared
 from hdbench_cli.output import Output
 from hdbench_cli.text import table, with_uncertainty
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
-# the library's own names, written out so that --help imports nothing; a test compares
-QUANTITY_NAMES = (
-    "gain",
-    "consistency",
-    "hysteresis",
-    "zero",
-    "misalignment",
-    "ripple",
-    "friction",
-    "noise",
-    "residual",
-)
 
-
-@click.command("trend", epilog="Example: hdbench trend gain runs --since 365d --html trend.html")
-@click.argument("quantity", metavar="QUANTITY", type=click.Choice(QUANTITY_NAMES))
-@click.argument(
-    "parent", metavar="[DIR]", default="runs", type=click.Path(path_type=Path, file_okay=False)
+@declared(
+    "trend",
+    f"quantity parent {RUN_FILTERS} since by orders probability seed check csv_file html_file",
 )
-@filter_options
-@click.option(
-    "--by",
-    type=click.Choice(["drive", "sensor", "profile"]),
-    default="drive",
-    help="One chart for each of these.",
-)
-@click.option(
-    "--order",
-    "orders",
-    metavar="ORDER",
-    type=float,
-    multiple=True,
-    help="Of the ripple: this order only; may be repeated.  [default: all]",
-)
-@click.option(
-    "--false-alarm",
-    "probability",
-    metavar="P",
-    type=click.FloatRange(0.001, 0.5),
-    default=0.05,
-    help="Chance of any signal in one stable history, all its charts together.",
-)
-@click.option(
-    "--seed",
-    type=click.IntRange(min=0),
-    default=0,
-    help="Seed of the stable histories that are drawn to find the limits.",
-)
-@click.option("--check", is_flag=True, help="Exit 3 on a signal.")
-@file_option("--csv", "csv_file", metavar="FILE.csv", help="The points with their limits as CSV.")
-@file_option(
-    "--html",
-    "html_file",
-    metavar="FILE.html",
-    help="One offline page with charts; CSV and JSON go beside it.",
-)
-@click.pass_context
 def command(
-    ctx: click.Context,
+    output: Output,
     /,
     quantity: str,
     parent: Path,
@@ -104,8 +50,7 @@ def command(
         raise UsageError(
             f"--order with {quantity}", where="--order", fix="leave it out, or ask for ripple"
         )
-    output: Output = ctx.obj
-    runs = chosen_runs(ctx, parent, options)
+    runs = chosen_runs(parent, options)
     body = trend_of_runs(
         runs,
         quantity,

@@ -8,20 +8,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import click
-
 from hdbench.errors import DataError, UsageError
 from hdbench_cli.inputs import check_out, choose_profile, read_input
 from hdbench_cli.next_step import after_tune, next_line
-from hdbench_cli.options import (
-    POSITIVE,
-    calibration_option,
-    file_option,
-    gain_option,
-    model_option,
-    profile_option,
-    sources_argument,
-)
+from hdbench_cli.options import declared
 from hdbench_cli.output import Output
 from hdbench_cli.text import table
 
@@ -32,16 +22,6 @@ if TYPE_CHECKING:
     from hdbench.filter.tuning import TuningResult, TuningSettings
     from hdbench.profile import Profile
     from hdbench_cli.inputs import Input
-
-_SLOW = (
-    "auto",
-    "none",
-    "random-walk",
-    "integrated-random-walk",
-    "ornstein-uhlenbeck",
-    "matern-3/2",
-    "resonance",
-)
 
 
 def tune_inputs(
@@ -97,40 +77,7 @@ def _is_model(file: Path) -> bool:
         return False
 
 
-@click.command("tune", epilog="Example: hdbench tune runs/RUN --out tuned.json")
-@sources_argument("TRACE|RUN...")
-@file_option("--out", metavar="MODEL.json", required=True, help="Model file to write.")
-@profile_option
-@model_option(
-    "Model whose orders are tuned: a preset, a model file, a diagnosis' extended model; "
-    "else the profile's."
-)
-@click.option(
-    "--order",
-    "orders",
-    metavar="ORDER",
-    multiple=True,
-    type=POSITIVE,
-    help="Further order, cycles per motor turn; may be repeated.",
-)
-@click.option(
-    "--slow",
-    type=click.Choice(_SLOW),
-    default="auto",
-    help="Model of the slow torque that the expected torque lacks; auto takes the stationary model "
-    "of the highest likelihood.",
-)
-@click.option(
-    "--gate",
-    "gate_sigma",
-    metavar="SIGMA",
-    type=float,
-    default=6.0,
-    help="Limit for outliers, in standard deviations of the innovation; 0 keeps all samples.",
-)
-@calibration_option
-@gain_option
-@click.pass_obj
+@declared("tune")
 def command(
     output: Output,
     sources: tuple[Path, ...],
@@ -143,7 +90,7 @@ def command(
     calibration: Path | None,
     gain: float | None,
 ) -> None:
-    """Fit the filter's noise to traces, so that it takes the ripple and keeps the torque.
+    """Fit the noise parameters of the filter, so that it removes the ripple and keeps the torque.
 
     Maximum likelihood of the innovations over one or many traces: process noise of every order,
     slow torque, measurement noise. The result is a model file for --model.

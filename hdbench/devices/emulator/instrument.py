@@ -52,9 +52,6 @@ from hdbench.records.trace import FloatArray
 
 Input = Literal["torque", "tacho", "current", "reference"]
 """An analog input."""
-
-ChannelFault = Literal["stuck", "high", "low"]
-"""What can be wrong with an input."""
 Record = Callable[[Mapping[str, object]], None]
 # grain of the simulation while no scan clock runs, s
 IDLE_PERIOD_S = 1e-3
@@ -62,8 +59,6 @@ IDLE_PERIOD_S = 1e-3
 _MAX_IDLE_SAMPLES = 1000
 # below this speed, rad/s, a motor with command zero stands: a quarter of a count of 1.6 mrad per s
 _STANDSTILL_RAD_S = 4e-4
-# a broken wire to a supply: beyond any input range
-_RAIL_V = 1e3
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,7 +143,6 @@ class SimulatedInstrument:
         self._sampling = False
         # what the counter reads at the home mark
         self._count_offset = 0
-        self._faults: dict[Input, tuple[ChannelFault, float]] = {}
         self._newest: ElectricalSamples | None = None
         self._open(IDLE_PERIOD_S, counted=False)
 
@@ -248,14 +242,6 @@ class SimulatedInstrument:
         self._pass_time()
         self._bench.set_handling(swing_rad=swing_rad, release_s=release_s, shunt_ohm=shunt_ohm)
 
-    def disturb(self, channel: Input, fault: ChannelFault | None) -> None:
-        """Break one input, or mend it."""
-        self._faults.pop(channel, None)
-        if fault is not None:
-            last = self._newest.volts[channel][-1] if self._newest is not None else 0.0
-            held = {"stuck": float(last), "high": _RAIL_V, "low": -_RAIL_V}[fault]
-            self._faults[channel] = (fault, held)
-
     def truth(self) -> dict[str, object]:
         """Return everything that is simulated, as `SimulatedBench.truth`."""
         return self._bench.truth()
@@ -309,8 +295,6 @@ class SimulatedInstrument:
             "reference": self._put_out.values(first, count),
         }
         self._put_out.forget(self._timeline.served - 1)
-        for channel, (_, held) in self._faults.items():
-            volts[channel] = np.full(count, held)
         angle = to_count(true.angle_rad, self._counts_per_turn)
         samples = ElectricalSamples(first, volts, angle + self._count_offset)
         if count:

@@ -14,14 +14,8 @@ from numpy.typing import NDArray
 
 from hdbench.devices.emulator.parameters import FIFO_SCANS, reference_wave
 from hdbench.devices.node.blocks import CRC_AT, DATA_AT, HEADER
-from hdbench.devices.node.registers import (
-    ALL_CHANNELS,
-    BLOCK_DATA_REGISTERS,
-    Flag,
-    State,
-    Value,
-    block_scans,
-)
+from hdbench.devices.node.registers import ALL_CHANNELS, Flag, State, block_scans
+from hdbench.devices.registers import BLOCK_DATA_REGISTERS, Value
 from hdbench.model.waves import ReferenceProgram
 from hdbench.plant.bench import SimulatedBench
 

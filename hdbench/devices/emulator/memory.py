@@ -1,16 +1,19 @@
-"""Memory of an emulated Modbus device: registers and bits, and what their access does."""
+"""Memory of an emulated device: registers and bits, and what their access does."""
 
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from typing import Any
 
-from hdbench.devices.emulator.server import ModbusRefusedError, Space
-from hdbench.devices.modbus.layout import Place, decode, encode, range_of
+from hdbench.devices.emulator.server import ModbusRefusedError
+from hdbench.devices.registers import Kind, Register, Space, decode, range_of
 
 ILLEGAL_ADDRESS, ILLEGAL_VALUE, DEVICE_FAILURE = 2, 3, 4
 _MAX_REGISTERS = 125
+# registers of the longest number
+_LONGEST = 4
 
 
 @dataclass(slots=True)
@@ -19,7 +22,7 @@ class Cell:
 
     Parameters
     ----------
-    place : Place
+    place : Register
         Where it stands.
     value : float
         What it holds.
@@ -27,25 +30,35 @@ class Cell:
         Gives the value in place of `value`.
     on_write : callable, optional
         Takes what was written; may raise `ModbusRefusedError`, and then nothing is kept.
-    writable : bool
-        Whether a host may write it.
+    readable, writable : bool
+        Whether a host may read and write it.
     """
 
-    place: Place
+    place: Register
     value: float = 0.0
     on_read: Callable[[], float] | None = None
     on_write: Callable[[float], None] | None = None
+    readable: bool = True
     writable: bool = True
 
-    def words(self, *, swap: bool) -> list[int]:
+    def words(self) -> list[int]:
         """Return its registers, or its bit."""
         value = self.value if self.on_read is None else self.on_read()
         if self.place.is_bit:
             return [int(bool(value))]
         low, high = range_of(self.place.kind)
-        raw = encode(min(max(value, low), high), self.place.kind, self.place.order)
-        words = list(struct.unpack(f">{len(raw) // 2}H", raw))
-        return words[::-1] if swap else words
+        raw = self.place.encode(min(max(value, low), high))
+        return list(struct.unpack(f">{len(raw) // 2}H", raw))
+
+    def write(self, words: list[int]) -> None:
+        """Act on what was written, and keep it."""
+        place = self.place
+        value: float = words[0]
+        if not place.is_bit:
+            value = decode(struct.pack(f">{place.size}H", *words), place.kind, place.order)
+        if self.on_write is not None:
+            self.on_write(value)
+        self.value = value
 
 
 class Memory:
@@ -57,22 +70,40 @@ class Memory:
         Most registers that one request may read.
     lenient : bool
         Whether registers between known ones read as 0; otherwise they are refused.
-
-    Attributes
-    ----------
-    swap_words : bool
-        Whether a gateway on the way swaps the words of what is read.
+    whole : bool
+        Whether part of a value is refused.
     """
 
-    def __init__(self, max_registers: int = _MAX_REGISTERS, *, lenient: bool = False) -> None:
+    def __init__(
+        self, max_registers: int = _MAX_REGISTERS, *, lenient: bool = False, whole: bool = False
+    ) -> None:
         self.max_registers = max_registers
         self.lenient = lenient
-        self.swap_words = False
-        self._cells: dict[tuple[str, int], Cell] = {}
+        self.whole = whole
+        self._cells: dict[tuple[Space, int], Cell] = {}
 
     def add(self, cell: Cell) -> Cell:
         """Put a cell where its place says; one that begins at the same place is kept instead."""
-        return self._cells.setdefault((cell.place.space, cell.place.start), cell)
+        return self._cells.setdefault((cell.place.space, cell.place.address), cell)
+
+    def hold(self, address: int, kind: Kind, value: float = 0, **access: Any) -> Cell:
+        """Add a holding register; `access` is the rest of `Cell`."""
+        return self.add(Cell(Register("", address, kind), value, **access))
+
+    def hold_all(
+        self, addresses: Iterable[int], kind: Kind, value: float = 0, **access: Any
+    ) -> None:
+        """Add holding registers of one kind."""
+        for address in addresses:
+            self.hold(address, kind, value, **access)
+
+    def value(self, address: int) -> float:
+        """Return what a holding register holds."""
+        return self._cells["holding", address].value
+
+    def put(self, address: int, value: float) -> None:
+        """Change what a holding register holds, without acting."""
+        self._cells["holding", address].value = value
 
     def read(self, space: Space, start: int, count: int) -> bytes:
         """Return registers, or bits packed from the lowest on."""
@@ -86,35 +117,30 @@ class Memory:
         return packed.to_bytes((count + 7) // 8, "little")
 
     def write(self, space: Space, start: int, raw: bytes) -> None:
-        """Write registers, or one bit as 0xFF00 or 0."""
+        """Write whole values, or one bit as 0xFF00 or 0, in order."""
         words = list(struct.unpack(f">{len(raw) // 2}H", raw))
-        self._write(space, start, [int(words[0] != 0)] if space == "coil" else words)
-
-    def _words(self, space: Space, start: int, count: int) -> list[int]:
-        found: dict[int, int] = {}
-        for cell in self._cells.values():
-            place = cell.place
-            if place.space != space or not place.start < start + count:
-                continue
-            if place.start + place.size > start:
-                for number, word in enumerate(cell.words(swap=self.swap_words)):
-                    found[place.start + number] = word
-        wanted = range(start, start + count)
-        if not found or not (self.lenient or len(found.keys() & set(wanted)) == count):
-            raise ModbusRefusedError(ILLEGAL_ADDRESS)
-        return [found.get(at, 0) for at in wanted]
-
-    def _write(self, space: Space, start: int, words: list[int]) -> None:
-        at = 0
+        if space == "coil":
+            words = [int(words[0] != 0)]
+        cells, at = list[tuple[Cell, int]](), 0
         while at < len(words):
             cell = self._cells.get((space, start + at))
             if cell is None or not cell.writable or at + cell.place.size > len(words):
                 raise ModbusRefusedError(ILLEGAL_ADDRESS)
-            raw = struct.pack(f">{cell.place.size}H", *words[at : at + cell.place.size])
-            value: float = (
-                words[at] if cell.place.is_bit else decode(raw, cell.place.kind, cell.place.order)
-            )
-            if cell.on_write is not None:
-                cell.on_write(value)
-            cell.value = value
+            cells.append((cell, at))
             at += cell.place.size
+        for cell, at in cells:
+            cell.write(words[at : at + cell.place.size])
+
+    def _words(self, space: Space, start: int, count: int) -> list[int]:
+        end, found = start + count, dict[int, int]()
+        for at in range(start - _LONGEST + 1, end):
+            cell = self._cells.get((space, at))
+            if cell is None or at + cell.place.size <= start:
+                continue
+            cut = at < start or at + cell.place.size > end
+            if not cell.readable or (self.whole and cut):
+                raise ModbusRefusedError(ILLEGAL_ADDRESS)
+            found.update(enumerate(cell.words(), at))
+        if not found or not (self.lenient or all(at in found for at in range(start, end))):
+            raise ModbusRefusedError(ILLEGAL_ADDRESS)
+        return [found.get(at, 0) for at in range(start, end)]

@@ -1,4 +1,4 @@
-"""Emulated Modbus device: the register map of a profile, wired to the simulated bench."""
+"""Emulated Modbus device: the registers of a profile, its outputs and watchdog."""
 
 from __future__ import annotations
 
@@ -7,14 +7,214 @@ from collections.abc import Callable
 from functools import partial
 
 from hdbench.devices.emulator.instrument import SimulatedInstrument
-from hdbench.devices.emulator.memory import Cell, Memory
-from hdbench.devices.emulator.outputs import DeviceWatchdog, Driving, told
-from hdbench.devices.emulator.server import Device, Space
+from hdbench.devices.emulator.memory import DEVICE_FAILURE, Cell, Memory
+from hdbench.devices.emulator.server import Device, ModbusRefusedError
 from hdbench.devices.emulator.serving import Emulation, ModbusWire
 from hdbench.devices.modbus.identity import SIGNATURE, signature_address
 from hdbench.devices.modbus.inputs import input_info
-from hdbench.devices.modbus.layout import Place, place_of
-from hdbench.profile.acquiring_modbus import ModbusAcquisition, ModbusChannel
+from hdbench.devices.modbus.layout import place_of
+from hdbench.devices.registers import Register, Space
+from hdbench.profile.acquiring_modbus import (
+    ModbusAcquisition,
+    ModbusChannel,
+    ModbusEnable,
+    ModbusIdentify,
+    ModbusOutput,
+    ModbusWatchdog,
+)
+
+# what a coupler has as its time when it is switched on, s
+_FACTORY_S = 1.0
+
+
+class DeviceWatchdog:
+    """Trips when it was not fed in time; runs from the first feeding on.
+
+    Parameters
+    ----------
+    spec : ModbusWatchdog
+        As the profile describes it.
+    trip : callable
+        Called once when it trips.
+    clock : callable
+        Monotonic clock, s.
+    """
+
+    def __init__(
+        self, spec: ModbusWatchdog, trip: Callable[[], None], clock: Callable[[], float]
+    ) -> None:
+        self.tripped = False
+        self.steps = round(_FACTORY_S / spec.unit_s)
+        self._spec = spec
+        self._trip = trip
+        self._clock = clock
+        self._fed_s: float | None = None
+        self._cleared = 0
+
+    def heard(self, function: int) -> None:
+        """Note a request that feeds it, where any request or any write does."""
+        writes = function in (5, 6, 15, 16)
+        if self._spec.fed_by == "message" or (self._spec.fed_by == "write" and writes):
+            self._feed()
+
+    def fed(self, value: float) -> None:
+        """Note a write to the feeding register."""
+        feed = self._spec.feed
+        if feed is None or (feed.kind == "key" and value != feed.value):
+            return
+        self._feed()
+
+    def tick(self) -> None:
+        """Trip when the time is over."""
+        if self.tripped or self._fed_s is None or not self.steps:
+            return
+        if self._clock() - self._fed_s > self.steps * self._spec.unit_s:
+            self.tripped = True
+            self._trip()
+
+    def clear(self, number: int, value: float) -> None:
+        """Note a write of the clearing sequence; after the last of them the trip is gone."""
+        right = value == self._spec.clear[number].value and number == self._cleared
+        self._cleared = number + 1 if right else 0
+        if self._cleared == len(self._spec.clear):
+            self._cleared, self.tripped, self._fed_s = 0, False, None
+
+    def status(self) -> float:
+        """Return what its status register reads."""
+        rule = self._spec.tripped
+        return told(rule) if self.tripped else otherwise(rule)
+
+    def _feed(self) -> None:
+        if self.tripped and not self._spec.latches:
+            self.tripped = False
+        if not self.tripped:
+            self._fed_s = self._clock()
+
+
+def told(rule: ModbusIdentify) -> float:
+    """Return a value that keeps a rule."""
+    if rule.equals is not None:
+        return rule.equals
+    return rule.low if rule.low is not None else rule.high or 0.0
+
+
+def otherwise(rule: ModbusIdentify) -> float:
+    """Return a value that breaks a rule."""
+    if rule.mask is not None:
+        return float(int(told(rule)) ^ rule.mask)
+    if rule.equals is not None:
+        return 1.0 if rule.equals == 0.0 else 0.0
+    return (rule.low or 0.0) - 1.0 if rule.low is not None else (rule.high or 0.0) + 1.0
+
+
+class Driving:
+    """Puts the cells of ``[daq.output]`` into a map and acts on what is written to them.
+
+    Parameters
+    ----------
+    memory : Memory
+        The device's map.
+    instrument : SimulatedInstrument
+        The bench at its terminals.
+    table : ModbusAcquisition
+        ``[daq]``.
+    output : ModbusOutput
+        ``[daq.output]``.
+    clock : callable
+        Monotonic clock, s.
+    """
+
+    def __init__(
+        self,
+        memory: Memory,
+        instrument: SimulatedInstrument,
+        table: ModbusAcquisition,
+        output: ModbusOutput,
+        clock: Callable[[], float],
+    ) -> None:
+        self.watchdog: DeviceWatchdog | None = None
+        self._memory = memory
+        self._instrument = instrument
+        self._table = table
+        self._output = output
+        self._zero = -output.offset / output.scale
+        self._reference = self._add(output, self._zero, self._write)
+        if output.read_back is not None:
+            back = Cell(place_of(table, output.read_back), on_read=lambda: self._reference.value)
+            back.writable = False
+            memory.add(back)
+        self._enable: Cell | None = None
+        if output.enable is not None:
+            self._add_enable(output.enable)
+        if output.watchdog is not None:
+            self.watchdog = DeviceWatchdog(output.watchdog, self._trip, clock)
+            self._add_watchdog(self.watchdog, output.watchdog)
+
+    def make_safe(self, *names: str) -> None:
+        """Let outputs fall to zero and off."""
+        if "reference" in names:
+            self._reference.value = self._zero
+            self._instrument.write_reference(0.0)
+        if "enable" in names and self._enable is not None and self._output.enable is not None:
+            self._enable.value = float(self._output.enable.off)
+            self._instrument.write_enable(on=False)
+
+    def _add(self, place: ModbusOutput, value: float, act: Callable[[float], None]) -> Cell:
+        return self._memory.add(Cell(place_of(self._table, place), value, on_write=act))
+
+    def _add_enable(self, enable: ModbusEnable) -> None:
+        cell = Cell(place_of(self._table, enable), float(enable.off))
+        cell.on_write = partial(self._switch, enable.off)
+        self._enable = self._memory.add(cell)
+
+    def _add_watchdog(self, watchdog: DeviceWatchdog, spec: ModbusWatchdog) -> None:
+        table, add = self._table, self._memory.add
+
+        def set_time(value: float) -> None:
+            watchdog.steps = int(value)
+
+        add(
+            Cell(
+                place_of(table, spec.time),
+                on_read=lambda: float(watchdog.steps),
+                on_write=set_time,
+            )
+        )
+        add(Cell(place_of(table, spec.tripped), on_read=watchdog.status, writable=False))
+        if spec.feed is not None:
+            add(Cell(place_of(table, spec.feed), on_write=watchdog.fed))
+        for write in spec.clear:
+            # clearing often means one register and one value after the other
+            place = place_of(table, write)
+            add(Cell(place, on_write=partial(self._clear, watchdog, spec, place)))
+
+    def _clear(
+        self, watchdog: DeviceWatchdog, spec: ModbusWatchdog, place: Register, value: float
+    ) -> None:
+        for number, write in enumerate(spec.clear):
+            if place_of(self._table, write) == place and value == write.value:
+                watchdog.clear(number, value)
+
+    def _trip(self) -> None:
+        if self._output.watchdog is not None:
+            self.make_safe(*self._output.watchdog.drops)
+
+    def _write(self, raw: float) -> None:
+        self._refuse_after_trip()
+        self._instrument.write_reference(self._output.offset + self._output.scale * raw)
+        if self._output.enable is None and not self._instrument.enabled:
+            self._instrument.write_enable(on=True)
+
+    def _switch(self, off: int, value: float) -> None:
+        on = value != off
+        if on:
+            self._refuse_after_trip()
+        if on != self._instrument.enabled:
+            self._instrument.write_enable(on=on)
+
+    def _refuse_after_trip(self) -> None:
+        if self.watchdog is not None and self.watchdog.tripped:
+            raise ModbusRefusedError(DEVICE_FAILURE)
 
 
 class ModbusDevice(Device):
@@ -51,7 +251,6 @@ class ModbusDevice(Device):
         self._clock = clock
         self._refreshed_s = -1.0
         self._seen: dict[str, float] = {}
-        self._silent_until_s = 0.0
         self._driving: Driving | None = None
         self._build()
 
@@ -61,10 +260,8 @@ class ModbusDevice(Device):
         return None if self._driving is None else self._driving.watchdog
 
     def hears(self, function: int) -> bool:
-        """Feed the watchdog; False while the device is silent."""
+        """Feed the watchdog."""
         self.tick()
-        if self._clock() < self._silent_until_s:
-            return False
         if self.watchdog is not None:
             self.watchdog.heard(function)
         return True
@@ -86,7 +283,7 @@ class ModbusDevice(Device):
     def _build(self) -> None:
         table = self._table
         # no device has anything there
-        place = Place("holding", signature_address(table), "u32", "ABCD", "signature")
+        place = Register("signature", signature_address(table), "u32")
         self.memory.add(Cell(place, float(SIGNATURE), writable=False))
         for channel in table.channels:
             cell = Cell(place_of(table, channel), on_read=partial(self._read, channel))
@@ -120,7 +317,7 @@ class ModbusDevice(Device):
         value = min(max(self._seen[channel.role], info.low), info.high)
         return (value - channel.offset) / channel.scale
 
-    def _word(self, place: Place) -> float:
+    def _word(self, place: Register) -> float:
         """Return a word of states: good ones, and the signs of channels that have theirs there."""
         self._refresh()
         word = 0

@@ -15,19 +15,11 @@ from hdbench.devices.emulator.parameters import (
     identity_values,
     limit_values,
 )
-from hdbench.devices.emulator.server import Device, ModbusRefusedError, Space
+from hdbench.devices.emulator.server import Device, ModbusRefusedError
 from hdbench.devices.emulator.serving import Emulation, ModbusWire
 from hdbench.devices.node import registers as reg
-from hdbench.devices.node.registers import (
-    Command,
-    Refusal,
-    Register,
-    State,
-    Value,
-    decode_group,
-    encode_group,
-    register,
-)
+from hdbench.devices.node.registers import Command, Refusal, State, register
+from hdbench.devices.registers import Register, Space, Value, decode_group, encode_group
 from hdbench.plant.bench import SimulatedBench
 from hdbench.profile.acquiring import NodeAcquisition
 from hdbench.profile.schema import ProfileData
@@ -281,7 +273,7 @@ def _whole_registers(group: tuple[Register, ...], address: int, count: int) -> t
     """Return the writable entries that the span covers exactly."""
     end = address + count
     chosen = tuple(e for e in group if e.address >= address and e.address + e.size <= end)
-    if group[0].access != "rw" or sum(entry.size for entry in chosen) != count:
+    if not group[0].writable or sum(entry.size for entry in chosen) != count:
         raise RefusedError(2, Refusal.ADDRESS, address)
     return chosen
 

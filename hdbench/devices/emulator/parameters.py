@@ -8,7 +8,6 @@ from collections.abc import Mapping
 from hdbench.devices.emulator.server import ModbusRefusedError
 from hdbench.devices.node.registers import (
     ALL_CHANNELS,
-    BLOCK_DATA_REGISTERS,
     PARAMETERS,
     PROGRAM,
     PROGRAM_WAVE,
@@ -17,9 +16,9 @@ from hdbench.devices.node.registers import (
     WORD_ORDER_TEST,
     Capability,
     Refusal,
-    Value,
     register,
 )
+from hdbench.devices.registers import BLOCK_DATA_REGISTERS, Value
 from hdbench.model.waves import MAX_PARTS, ProgramPart, ReferenceProgram
 from hdbench.profile.schema import ProfileData, ReferenceWave
 

@@ -22,10 +22,8 @@ from hdbench.devices.pymodbusparts import (
     SimData,
     SimDevice,
 )
+from hdbench.devices.registers import Space
 from hdbench.system.lines import PseudoTerminal
-
-Space = Literal["coil", "discrete", "holding", "input"]
-"""A table of a Modbus device."""
 
 Wire = Literal["tcp", "udp", "rtu", "rtu+tcp", "ascii"]
 """What an emulated device speaks; ``rtu`` and ``ascii`` on a pseudo-terminal."""

@@ -7,7 +7,8 @@ import time
 from collections.abc import Callable, Sequence
 from typing import NoReturn
 
-from hdbench.devices.modbus.layout import Block, Place, plan_blocks, values_of, write_request
+from hdbench.devices.modbus.layout import Block, plan_blocks, values_of, write_request
+from hdbench.devices.registers import Register
 from hdbench.devices.transactor import TWICE, Build, Transactor
 from hdbench.devices.wire import ExceptionReply, FrameError, Link, Probe, ReplyCheck, Request
 from hdbench.errors import DeviceError, HdbenchError, ProfileError
@@ -77,11 +78,11 @@ class Access(Transactor):
         self._numbered = numbered
         self._doubtful_until_s = self._late_until_s = -math.inf
 
-    def blocks(self, places: Sequence[Place]) -> tuple[Block, ...]:
+    def blocks(self, places: Sequence[Register]) -> tuple[Block, ...]:
         """Return the reads that hold `places`."""
         return plan_blocks(places, most=self._max_registers, bridge=self._bridge)
 
-    def read(self, places: Sequence[Place]) -> list[float | int]:
+    def read(self, places: Sequence[Register]) -> list[float | int]:
         """Return the values of places, read in as few requests as may be."""
         replies = {
             block: self._transact(block.request(), block.name, TWICE)[2:]
@@ -89,7 +90,7 @@ class Access(Transactor):
         }
         return values_of(places, replies)
 
-    def write(self, place: Place, value: float, function: int | None = None) -> None:
+    def write(self, place: Register, value: float, function: int | None = None) -> None:
         """Write one value, sent exactly once."""
         try:
             request = write_request(place, value, function)

@@ -19,8 +19,9 @@ from hdbench.devices.daq import (
 from hdbench.devices.modbus.access import Access
 from hdbench.devices.modbus.identity import check_identity
 from hdbench.devices.modbus.inputs import Inputs, Polling, input_info
-from hdbench.devices.modbus.layout import Block, encode, place_of, plan_blocks
+from hdbench.devices.modbus.layout import Block, place_of, plan_blocks
 from hdbench.devices.modbus.outputs import Outputs, Watchdog, output_range_v, output_step_v
+from hdbench.devices.registers import encode
 from hdbench.devices.safestate import Seen, reach_safe_state
 from hdbench.devices.wire.address import parse_address, serial_settings
 from hdbench.errors import DeviceError, UsageError

@@ -6,17 +6,8 @@ from collections.abc import Iterator
 
 from hdbench.devices.bench import Identity
 from hdbench.devices.modbus.access import Access
-from hdbench.devices.modbus.layout import (
-    Block,
-    Order,
-    Place,
-    decode,
-    encode,
-    fits,
-    needed,
-    place_of,
-    plan_blocks,
-)
+from hdbench.devices.modbus.layout import Block, fits, needed, place_of, plan_blocks
+from hdbench.devices.registers import Order, Register, decode, encode
 from hdbench.devices.wire import FrameError, Probe, ReplyCheck
 from hdbench.errors import DeviceError, ProfileError
 from hdbench.profile.acquiring_modbus import ModbusAcquisition, ModbusIdentify, ModbusPlace
@@ -35,14 +26,14 @@ def signature_address(table: ModbusAcquisition) -> int:
     """Return where the emulator's signature stands: the highest place that nothing else takes."""
     taken = [place_of(table, place) for place in _listed(table)]
     start = _HIGHEST
-    while any(start - 2 * _AWAY < place.start < start + _AWAY for place in taken):
+    while any(start - 2 * _AWAY < place.address < start + _AWAY for place in taken):
         start -= _STEP
     return start
 
 
 def is_emulator(access: Access, table: ModbusAcquisition) -> bool:
     """Return whether hdbench's own emulator answers; a real device has nothing there."""
-    place = Place("holding", signature_address(table), "u32", "ABCD", "signature")
+    place = Register("signature", signature_address(table), "u32")
     try:
         return access.read([place])[0] == SIGNATURE
     except (ProfileError, DeviceError):
@@ -159,7 +150,7 @@ def _is_register(rule: ModbusIdentify) -> bool:
 
 def _known(table: ModbusAcquisition, rule: ModbusIdentify) -> tuple[bytes, ReplyCheck]:
     place = place_of(table, rule)
-    request, size_check = Block(place.space, place.start, place.size, place.name).request()
+    request, size_check = Block(place.space, place.address, place.size, place.name).request()
 
     def check(pdu: bytes) -> None:
         size_check(pdu)

@@ -10,7 +10,8 @@ import numpy as np
 
 from hdbench.devices.daq import InputInfo, Role, ScanBlock
 from hdbench.devices.modbus.access import Access
-from hdbench.devices.modbus.layout import Block, place_of, range_of, size_of
+from hdbench.devices.modbus.layout import Block, place_of
+from hdbench.devices.registers import range_of, size_of
 from hdbench.profile.acquiring_modbus import ModbusAcquisition, ModbusChannel
 
 # longest wait of one call, s

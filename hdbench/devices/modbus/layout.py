@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import math
-import struct
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
 
+from hdbench.devices.registers import FORMATS, Register, Space, decode, encode, ordered
 from hdbench.devices.wire import (
     Request,
     read_bits,
@@ -23,60 +22,11 @@ from hdbench.profile.acquiring_modbus import (
     number_ranges,
 )
 
-Type = Literal["i16", "u16", "i32", "u32", "f32", "f64"]
-Order = Literal["ABCD", "CDAB", "BADC", "DCBA"]
-
-_FORMATS: dict[str, str] = {
-    "i16": ">h", "u16": ">H", "i32": ">i", "u32": ">I", "f32": ">f", "f64": ">d",
-}  # fmt: skip
 # 32-bit floats carry a decimal number to 6e-8 of itself
 _ROUNDING = 1e-6
-Space = Literal["holding", "input", "coil", "discrete"]
 _REGISTER_READS = {"holding": 3, "input": 4}
 _BIT_READS = {"coil": 1, "discrete": 2}
 _MAX_BITS = 2000
-
-
-def size_of(kind: Type) -> int:
-    """Return how many registers a value of a type takes."""
-    return struct.calcsize(_FORMATS[kind]) // 2
-
-
-def range_of(kind: Type) -> tuple[float, float]:
-    """Return the ends of a type; those of a float are infinite."""
-    bits = 16 * size_of(kind)
-    if kind.startswith("i"):
-        return -(2.0 ** (bits - 1)), 2.0 ** (bits - 1) - 1.0
-    return (0.0, 2.0**bits - 1.0) if kind.startswith("u") else (-math.inf, math.inf)
-
-
-def decode(raw: bytes, kind: Type, order: Order) -> float | int:
-    """Return the value of registers."""
-    value: float | int = struct.unpack(_FORMATS[kind], _ordered(raw, order))[0]
-    return value
-
-
-def encode(value: float, kind: Type, order: Order) -> bytes:
-    """Return the registers of a value; whole-number types take the nearest."""
-    low, high = range_of(kind)
-    # written so that NaN fails
-    if not (math.isfinite(value) and low - 0.5 <= value <= high + 0.5):
-        raise ValueError(f"{value!r} does not fit {kind}: {low:g} to {high:g}")
-    number = value if kind.startswith("f") else min(max(round(value), int(low)), int(high))
-    try:
-        return _ordered(struct.pack(_FORMATS[kind], number), order)
-    except OverflowError as error:
-        raise ValueError(f"{value!r} does not fit {kind}") from error
-
-
-def _ordered(raw: bytes, order: Order) -> bytes:
-    """Return the bytes in another order; the same again gives them back."""
-    words = [raw[at : at + 2] for at in range(0, len(raw), 2)]
-    if order in ("CDAB", "DCBA"):
-        words.reverse()
-    if order in ("BADC", "DCBA"):
-        words = [word[::-1] for word in words]
-    return b"".join(words)
 
 
 def bounds(rule: ModbusIdentify) -> tuple[float, float]:
@@ -109,41 +59,6 @@ def needed(rule: ModbusIdentify) -> str:
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
-    """One value on the wire.
-
-    Parameters
-    ----------
-    space : {"holding", "input", "coil", "discrete"}
-        Table.
-    start : int
-        First register or bit, from 0.
-    kind : {"i16", "u16", "i32", "u32", "f32", "f64"}
-        Type.
-    order : {"ABCD", "CDAB", "BADC", "DCBA"}
-        Order of the bytes on the wire.
-    name : str
-        As the profile numbers it, for messages.
-    """
-
-    space: Space
-    start: int
-    kind: Type
-    order: Order
-    name: str
-
-    @property
-    def is_bit(self) -> bool:
-        """Whether it is a coil or a discrete input."""
-        return self.space in _BIT_READS
-
-    @property
-    def size(self) -> int:
-        """Registers, or 1 for a bit."""
-        return 1 if self.is_bit else size_of(self.kind)
-
-
-@dataclass(frozen=True, slots=True)
 class Block:
     """Adjacent registers or bits that one request reads.
 
@@ -173,59 +88,60 @@ class Block:
         """Bytes of data in the reply."""
         return (self.size + 7) // 8 if self.space in _BIT_READS else 2 * self.size
 
-    def holds(self, place: Place) -> bool:
+    def holds(self, place: Register) -> bool:
         """Whether a value lies wholly in it."""
-        inside = self.start <= place.start and place.start + place.size <= self.start + self.size
+        end = self.start + self.size
+        inside = self.start <= place.address and place.address + place.size <= end
         return place.space == self.space and inside
 
 
-def place_of(table: ModbusAcquisition, place: ModbusPlace) -> Place:
+def place_of(table: ModbusAcquisition, place: ModbusPlace) -> Register:
     """Return a place of the profile as it is on the wire."""
     ranges = number_ranges(table.numbering, place.table)
     first = next((low for low, high in ranges if low <= place.address <= high), ranges[0][0])
     name = f"{place.table} {place.address}"
-    return Place(place.table, place.address - first, place.type, place.order, name)
+    return Register(name, place.address - first, place.type, space=place.table, order=place.order)
 
 
-def write_request(place: Place, value: float, function: int | None = None) -> Request:
+def write_request(place: Register, value: float, function: int | None = None) -> Request:
     """Return a write of one value; raises `ValueError` where its type does not hold it."""
     if place.is_bit:
-        return write_bit(place.start, on=bool(value))
+        return write_bit(place.address, on=bool(value))
     raw = encode(value, place.kind, place.order)
     if function == 6 or (function is None and place.size == 1):
-        return write_register(place.start, int.from_bytes(raw, "big"))
-    return write_registers(place.start, raw)
+        return write_register(place.address, int.from_bytes(raw, "big"))
+    return write_registers(place.address, raw)
 
 
-def form_of(place: Place) -> tuple[str, tuple[int, ...]]:
+def form_of(place: Register) -> tuple[str, tuple[int, ...]]:
     """Return form and order of the bytes of a value as the guard reads them."""
-    return _FORMATS[place.kind], tuple(_ordered(bytes(range(2 * place.size)), place.order))
+    return FORMATS[place.kind], tuple(ordered(bytes(range(2 * place.size)), place.order))
 
 
-def plan_blocks(places: Sequence[Place], *, most: int, bridge: int) -> tuple[Block, ...]:
+def plan_blocks(places: Sequence[Register], *, most: int, bridge: int) -> tuple[Block, ...]:
     """Return the fewest reads of adjacent registers that hold all places."""
     blocks: list[Block] = []
-    for place in sorted(places, key=lambda each: (each.space, each.start, -each.size)):
+    for place in sorted(places, key=lambda each: (each.space, each.address, -each.size)):
         limit = _MAX_BITS if place.is_bit else most
         last = blocks[-1] if blocks else None
         if last is not None and last.space == place.space:
-            end = max(last.start + last.size, place.start + place.size)
-            near = place.start - (last.start + last.size) <= bridge
+            end = max(last.start + last.size, place.address + place.size)
+            near = place.address - (last.start + last.size) <= bridge
             if near and end - last.start <= limit:
                 blocks[-1] = Block(last.space, last.start, end - last.start, last.name)
                 continue
-        blocks.append(Block(place.space, place.start, place.size, place.name))
+        blocks.append(Block(place.space, place.address, place.size, place.name))
     return tuple(blocks)
 
 
-def values_of(places: Sequence[Place], replies: Mapping[Block, bytes]) -> list[float | int]:
+def values_of(places: Sequence[Register], replies: Mapping[Block, bytes]) -> list[float | int]:
     """Return the values of places from the data of the reads that hold them."""
     return [_value(place, replies) for place in places]
 
 
-def _value(place: Place, replies: Mapping[Block, bytes]) -> float | int:
+def _value(place: Register, replies: Mapping[Block, bytes]) -> float | int:
     block = next(each for each in replies if each.holds(place))
-    at, data = place.start - block.start, replies[block]
+    at, data = place.address - block.start, replies[block]
     if place.is_bit:
         return data[at // 8] >> at % 8 & 1
     return decode(data[2 * at : 2 * (at + place.size)], place.kind, place.order)

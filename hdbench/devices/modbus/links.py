@@ -26,8 +26,7 @@ from hdbench.devices.pymodbusparts import (
     ModbusPDU,
 )
 from hdbench.devices.wire.address import Address, dial
-from hdbench.devices.wire.link import Link, Probe
-from hdbench.devices.wire.pdu import FrameError, ReplyCheck
+from hdbench.devices.wire.link import FrameError, Link, Probe, ReplyCheck
 from hdbench.devices.wire.rtu import RtuLink
 from hdbench.devices.wire.tcp import TcpLink
 from hdbench.system.lines import Claim, PortIo

@@ -10,7 +10,6 @@ from hdbench.devices.modbus.access import QUIET_S, TRY, Access
 from hdbench.devices.modbus.driver import ModbusDaq, exchange_s, max_rates_hz, reads_of
 from hdbench.devices.modbus.identity import make_probe
 from hdbench.devices.modbus.layout import (
-    Place,
     bounds,
     form_of,
     place_of,
@@ -18,6 +17,7 @@ from hdbench.devices.modbus.layout import (
     write_request,
 )
 from hdbench.devices.modbus.outputs import output_step_v
+from hdbench.devices.registers import Register
 from hdbench.devices.wire import parse_address
 from hdbench.devices.wire.address import serial_settings
 from hdbench.errors import ProfileError
@@ -102,7 +102,7 @@ def stop_target(_profile: ProfileData, table: ModbusAcquisition) -> Target | Non
     )
 
 
-def _look(place: Place, name: str, low: float, high: float, mask: int = 0) -> Look:
+def _look(place: Register, name: str, low: float, high: float, mask: int = 0) -> Look:
     """Return a read of one value that must lie between two others."""
     (block,) = plan_blocks([place], most=place.size, bridge=0)
     form, order, mask = (">B", (), 1) if place.is_bit else (*form_of(place), mask)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from hdbench.devices.daq import WatchdogState
 from hdbench.devices.modbus.access import Access
-from hdbench.devices.modbus.layout import Place, fits, place_of, range_of
+from hdbench.devices.modbus.layout import fits, place_of
+from hdbench.devices.registers import Register, range_of
 from hdbench.devices.wire import FrameError
 from hdbench.errors import DeviceError, UsageError
 from hdbench.profile.acquiring_modbus import (
@@ -48,7 +49,7 @@ class Watchdog:
         self._time = place_of(table, spec.time)
         self._tripped = place_of(table, spec.tripped)
         self._clear = [(place_of(table, write), write) for write in spec.clear]
-        self._feed: tuple[Place, ModbusFeed] | None = (
+        self._feed: tuple[Register, ModbusFeed] | None = (
             None if spec.feed is None else (place_of(table, spec.feed), spec.feed)
         )
         self._beats = 0
@@ -141,7 +142,7 @@ class Outputs:
         self._access = access
         self._output = output
         self._place = place_of(table, output)
-        self._back: Place = (
+        self._back: Register = (
             self._place if output.read_back is None else place_of(table, output.read_back)
         )
         self._enable = None if output.enable is None else place_of(table, output.enable)
@@ -225,7 +226,7 @@ class Outputs:
             return False
         return bool(self._access.read([place])[0] != spec.off)
 
-    def _once(self, place: Place, value: float, function: int | None) -> bool:
+    def _once(self, place: Register, value: float, function: int | None) -> bool:
         """Write once; without a valid answer, what became of it shows when it is read back."""
         try:
             self._access.write(place, value, function)

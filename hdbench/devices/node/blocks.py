@@ -20,11 +20,11 @@ from hdbench.devices.node.registers import (
     ENCODER_LOW,
     FEED,
     Flag,
-    Value,
     block_registers,
     block_scans,
     register,
 )
+from hdbench.devices.registers import Value
 from hdbench.devices.wire import FrameError, ReplyCheck, StaleReply, exchange_registers
 from hdbench.errors import DeviceError
 from hdbench.records.trace import FloatArray

@@ -27,11 +27,10 @@ from hdbench.devices.node.registers import (
     Command,
     Flag,
     State,
-    Value,
     block_registers,
     block_scans,
-    decode_group,
 )
+from hdbench.devices.registers import Value, decode_group
 from hdbench.devices.safestate import Seen, reach_safe_state
 from hdbench.devices.wire import FrameError
 from hdbench.devices.wire.address import Address

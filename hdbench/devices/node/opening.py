@@ -6,7 +6,7 @@ from functools import partial
 
 from hdbench.devices.driver import Driver, later
 from hdbench.devices.guard.order import Check, Look, Target, target_at
-from hdbench.devices.node.access import NodeAccess
+from hdbench.devices.node.access import NodeAccess, NodeWire, node_probe, span
 from hdbench.devices.node.driver import NodeDaq, exchange_rate_hz
 from hdbench.devices.node.registers import (
     IDENTITY,
@@ -15,10 +15,9 @@ from hdbench.devices.node.registers import (
     Command,
     Flag,
     block_scans,
-    decode_group,
     register,
 )
-from hdbench.devices.node.wire import NodeWire, node_probe, span
+from hdbench.devices.registers import decode_group
 from hdbench.devices.safestate import STANDSTILL_RAD_S
 from hdbench.devices.wire import Address, connect, parse_address, read_registers, write_register
 from hdbench.devices.wire.address import SerialSettings, serial_settings

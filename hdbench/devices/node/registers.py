@@ -1,16 +1,11 @@
-"""Register map of a bench controller node (`docs/node-protocol.md`), with the codec of values."""
+"""Register map of a bench controller node (`docs/node-protocol.md`)."""
 
 from __future__ import annotations
 
-import struct
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from enum import IntEnum, IntFlag
-from typing import Literal
 
-import numpy as np
-
-from hdbench.devices.daq import Role, clean_text
+from hdbench.devices.daq import Role
+from hdbench.devices.registers import BLOCK_DATA_REGISTERS, Kind, Register
 
 
 class State(IntEnum):
@@ -64,8 +59,6 @@ class Refusal(IntEnum):
     VALUE = 11
 
 
-Kind = Literal["u16", "i16", "u32", "i32", "f32", "text", "scans"]
-
 PROTOCOL_VERSION = 2
 WORD_ORDER_TEST = 0x00112233
 # words of a scan in the order of their bits in `channels`; one register each
@@ -73,8 +66,6 @@ CHANNELS: tuple[Role, ...] = ("torque", "tacho", "current", "reference", "encode
 ENCODER_HIGH, ENCODER_LOW = 0x10, 0x20
 ALL_CHANNELS = 0x3F
 BLOCK_HEADER_REGISTERS = 12
-# a reply carries at most 125 registers
-BLOCK_DATA_REGISTERS = 113
 
 
 def block_scans(width: int) -> int:
@@ -92,47 +83,12 @@ WAVES = ("none", "constant", "sine", "square", "triangle", "trapezoid", "chirp",
 PROGRAM_WAVE = WAVES.index("program")
 
 
-@dataclass(frozen=True, slots=True)
-class Register:
-    """One entry of the map.
-
-    Parameters
-    ----------
-    name : str
-        Name, with the unit of the value.
-    address : int
-        First holding register, counted from 0.
-    kind : str
-        ``u16``, ``i16``, ``u32``, ``i32``, ``f32`` (IEEE 754), ``text`` (16 bytes, NUL filled) or
-        ``scans``; big-endian, most significant word first.
-    access : str
-        ``r`` or ``rw``.
-    meaning : str
-        One line.
-    """
-
-    name: str
-    address: int
-    kind: Kind
-    access: Literal["r", "rw"]
-    meaning: str
-
-    @property
-    def size(self) -> int:
-        """Number of 16-bit registers."""
-        if self.kind == "scans":
-            return BLOCK_DATA_REGISTERS
-        return {"u16": 1, "i16": 1, "u32": 2, "i32": 2, "f32": 2, "text": 8}[self.kind]
-
-
-def _group(
-    start: int, access: Literal["r", "rw"], *rows: tuple[str, Kind, str]
-) -> tuple[Register, ...]:
+def _group(start: int, access: str, *rows: tuple[str, Kind, str]) -> tuple[Register, ...]:
     """Lay `rows` of (name, kind, meaning) out from `start` without gaps."""
     group = []
     address = start
     for name, kind, meaning in rows:
-        entry = Register(name, address, kind, access, meaning)
+        entry = Register(name, address, kind, access == "rw", meaning)
         group.append(entry)
         address += entry.size
     return tuple(group)
@@ -267,41 +223,3 @@ def register(name: str) -> Register:
 def register_at(address: int) -> Register | None:
     """Return the entry that covers `address`."""
     return _BY_ADDRESS.get(address)
-
-
-Value = int | float | str
-_FORMATS = {"u16": ">H", "i16": ">h", "u32": ">I", "i32": ">i", "f32": ">f"}
-
-
-def as_float32(value: float) -> float:
-    """Return `value` as the nearest 32-bit float, the form in which the node keeps it."""
-    return float(np.float32(value))
-
-
-def _encode(entry: Register, value: Value) -> bytes:
-    if entry.kind == "text":
-        return str(value).encode()[:16].ljust(16, b"\0")
-    return struct.pack(_FORMATS[entry.kind], value)
-
-
-def _decode(entry: Register, raw: bytes) -> Value:
-    if entry.kind == "text":
-        return clean_text(raw)
-    value: int | float = struct.unpack(_FORMATS[entry.kind], raw)[0]
-    return value
-
-
-def encode_group(group: Sequence[Register], values: Mapping[str, Value]) -> bytes:
-    """Return the bytes of `group`, one value for each of its names."""
-    return b"".join(_encode(entry, values[entry.name]) for entry in group)
-
-
-def decode_group(group: Sequence[Register], raw: bytes) -> dict[str, Value]:
-    """Return the values of `group` from the bytes of its registers."""
-    start = group[0].address
-    return {
-        entry.name: _decode(
-            entry, raw[2 * (entry.address - start) : 2 * (entry.address - start + entry.size)]
-        )
-        for entry in group
-    }

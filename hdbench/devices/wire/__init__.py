@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from hdbench.devices.wire.address import Address, dial, numbered, parse_address
-from hdbench.devices.wire.link import Link, Probe, connect
-from hdbench.devices.wire.pdu import (
+from hdbench.devices.wire.link import (
     ExceptionReply,
     FrameError,
+    Link,
+    Probe,
     ReplyCheck,
     ReplyForm,
     Request,
     StaleReply,
+    connect,
     exchange_registers,
     read_bits,
     read_registers,

@@ -1,17 +1,288 @@
-"""A connection that carries one transaction at a time."""
+"""Requests as bytes, each with the check of its reply, and a link that carries one at a time."""
 
 from __future__ import annotations
 
+import struct
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
 from hdbench.devices.wire.address import Address
-from hdbench.devices.wire.pdu import ReplyCheck
 
 if TYPE_CHECKING:
     from hdbench.devices.wire.tcp import Certificates
     from hdbench.system.lines import Claim
+
+EXCEPTIONS = {
+    1: "illegal function",
+    2: "illegal data address",
+    3: "illegal data value",
+    4: "device failure",
+    5: "acknowledged, still working",
+    6: "device busy",
+    8: "memory parity error",
+    10: "gateway path unavailable",
+    11: "gateway target does not respond",
+}
+ReplyCheck = Callable[[bytes], None]
+"""Raises on a reply (function code and data) that the request does not allow."""
+_MAX_READ = 125
+_MAX_WRITE = 123
+_MAX_EXCHANGE_WRITE = 121
+_MAX_BITS = 2000
+
+
+class FrameError(Exception):
+    """A reply that must not be delivered, or none at all."""
+
+
+class StaleReply(Exception):  # noqa: N818 - a good reply, but to another request
+    """A reply that belongs to an earlier request: it is dropped, and the wait goes on."""
+
+
+class ExceptionReply(Exception):  # noqa: N818 - a well-formed answer, not a fault of the wire
+    """The device refused the request.
+
+    Parameters
+    ----------
+    code : int
+        Modbus exception code.
+    """
+
+    def __init__(self, code: int) -> None:
+        super().__init__(f"exception {code} ({EXCEPTIONS.get(code, 'unknown')})")
+        self.code = code
+
+
+@dataclass(frozen=True, slots=True)
+class ReplyForm:
+    """The reply that a request allows: how it begins, how long it is.
+
+    Parameters
+    ----------
+    head : bytes
+        How it begins, function code first.
+    size : int
+        Its length, bytes.
+    spare_bits : int
+        Bits of the last byte, from the left, that must be zero.
+    """
+
+    head: bytes
+    size: int
+    spare_bits: int = 0
+
+    def __call__(self, pdu: bytes) -> None:
+        """Raise `FrameError` on any other reply, `ExceptionReply` on a refusal."""
+        if len(pdu) != self.size or not pdu.startswith(self.head):
+            function = self.head[0]
+            if len(pdu) == 2 and pdu[0] == function | 0x80:
+                raise ExceptionReply(pdu[1])
+            if not pdu or pdu[0] != function:
+                found = pdu[0] if pdu else "missing"
+                raise FrameError(f"function code {found}; needed: {function}")
+            raise FrameError(
+                f"a reply of {len(pdu)} bytes, {pdu[:8].hex(' ')}; needed: {self.size} bytes, "
+                f"{self.head.hex(' ')} first"
+            )
+        if self.spare_bits and pdu[-1] >> (8 - self.spare_bits):
+            raise FrameError("bits beyond those asked for are not zero")
+
+
+def registers_check(function: int, count: int) -> ReplyForm:
+    """Return the form of a reply with exactly `count` registers.
+
+    Parameters
+    ----------
+    function : int
+        Function code of the request: 3, 4 or 23.
+    count : int
+        Registers asked for, 1 to 125.
+
+    Returns
+    -------
+    ReplyForm
+    """
+    return ReplyForm(bytes((function, 2 * count)), 2 + 2 * count)
+
+
+def bits_check(function: int, count: int) -> ReplyForm:
+    """Return the form of a reply with exactly `count` bits, the unused ones zero.
+
+    Parameters
+    ----------
+    function : int
+        Function code of the request: 1 or 2.
+    count : int
+        Bits asked for, 1 to 2000.
+
+    Returns
+    -------
+    ReplyForm
+    """
+    n_bytes = (count + 7) // 8
+    return ReplyForm(bytes((function, n_bytes)), 2 + n_bytes, -count % 8)
+
+
+def echo_check(function: int, address: int, second: int) -> ReplyForm:
+    """Return the form of a reply that repeats a write.
+
+    Parameters
+    ----------
+    function : int
+        Function code of the request: 5, 6, 15 or 16.
+    address : int
+        First register or coil.
+    second : int
+        The value (FC5, FC6) or the number of registers or coils (FC15, FC16).
+
+    Returns
+    -------
+    ReplyForm
+    """
+    return ReplyForm(struct.pack(">BHH", function, address, second), 5)
+
+
+Request = tuple[bytes, ReplyForm]
+"""Function code and data, and the form of the reply."""
+
+
+def _bound(name: str, value: int, high: int) -> None:
+    if not 1 <= value <= high:
+        raise ValueError(f"{name} {value}; needed: 1 to {high}")
+
+
+def read_registers(address: int, count: int, *, function: int = 3) -> Request:
+    """Return a read of holding (function 3) or input registers (function 4).
+
+    Parameters
+    ----------
+    address : int
+        First register, from 0.
+    count : int
+        Registers, 1 to 125.
+    function : int
+        3 or 4.
+
+    Returns
+    -------
+    tuple of bytes and callable
+        Function code and data; the check of the reply, whose data begin at byte 2.
+
+    Raises
+    ------
+    ValueError
+        If `count` is outside its range.
+    """
+    _bound("count", count, _MAX_READ)
+    return struct.pack(">BHH", function, address, count), registers_check(function, count)
+
+
+def read_bits(address: int, count: int, *, function: int = 1) -> Request:
+    """Return a read of coils (function 1) or discrete inputs (function 2), 1 to 2000.
+
+    Parameters
+    ----------
+    address : int
+        First bit, from 0.
+    count : int
+        Bits, 1 to 2000.
+    function : int
+        1 or 2.
+
+    Returns
+    -------
+    tuple of bytes and callable
+        Function code and data; the check of the reply.
+    """
+    _bound("count", count, _MAX_BITS)
+    return struct.pack(">BHH", function, address, count), bits_check(function, count)
+
+
+def write_register(address: int, value: int) -> Request:
+    """Return a write of one register, 0 to 65535 (function 6).
+
+    Parameters
+    ----------
+    address : int
+        Register, from 0.
+    value : int
+        0 to 65535.
+
+    Returns
+    -------
+    tuple of bytes and callable
+        Function code and data; the check of the reply.
+    """
+    return struct.pack(">BHH", 6, address, value), echo_check(6, address, value)
+
+
+def write_bit(address: int, *, on: bool) -> Request:
+    """Return a write of one coil (function 5).
+
+    Parameters
+    ----------
+    address : int
+        Coil, from 0.
+    on : bool
+        Its state.
+
+    Returns
+    -------
+    tuple of bytes and callable
+        Function code and data; the check of the reply.
+    """
+    value = 0xFF00 if on else 0
+    return struct.pack(">BHH", 5, address, value), echo_check(5, address, value)
+
+
+def write_registers(address: int, values: bytes) -> Request:
+    """Return a write of 1 to 123 registers, two bytes each (function 16).
+
+    Parameters
+    ----------
+    address : int
+        First register, from 0.
+    values : bytes
+        Two bytes for each register.
+
+    Returns
+    -------
+    tuple of bytes and callable
+        Function code and data; the check of the reply.
+    """
+    count = len(values) // 2
+    _bound("registers", count, _MAX_WRITE)
+    head = struct.pack(">BHHB", 16, address, count, len(values))
+    return head + values, echo_check(16, address, count)
+
+
+def exchange_registers(address: int, count: int, target: int, values: bytes) -> Request:
+    """Return a write of `values` at `target`, then a read of `count` registers (function 23).
+
+    Parameters
+    ----------
+    address : int
+        First register to read, from 0.
+    count : int
+        Registers to read, 1 to 125.
+    target : int
+        First register to write, from 0.
+    values : bytes
+        Two bytes for each register, 1 to 121 registers.
+
+    Returns
+    -------
+    tuple of bytes and callable
+        Function code and data; the check of the reply.
+    """
+    _bound("count", count, _MAX_READ)
+    n_written = len(values) // 2
+    _bound("registers", n_written, _MAX_EXCHANGE_WRITE)
+    head = struct.pack(">BHHHHB", 23, address, count, target, n_written, len(values))
+    return head + values, registers_check(23, count)
+
 
 Probe = Callable[[int], tuple[bytes, ReplyCheck]]
 """Gives the n-th who-are-you read: a request whose reply has a length of its own for this n.

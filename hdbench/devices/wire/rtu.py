@@ -9,9 +9,16 @@ from array import array
 from collections.abc import Callable
 
 from hdbench.devices.wire.address import Address
-from hdbench.devices.wire.pdu import ExceptionReply, FrameError, ReplyCheck, StaleReply
-from hdbench.system.lines import Claim, PortIo, open_port, port_io
-from hdbench.system.wakeup import FAST_BD, hold_wakeup, release_wakeup
+from hdbench.devices.wire.link import ExceptionReply, FrameError, ReplyCheck, StaleReply
+from hdbench.system.lines import (
+    FAST_BD,
+    Claim,
+    PortIo,
+    hold_wakeup,
+    open_port,
+    port_io,
+    release_wakeup,
+)
 
 CRC_START = 0xFFFF
 """The remainder before the first character."""

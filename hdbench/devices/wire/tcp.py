@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Protocol
 
 from hdbench.devices.wire.address import Address, dial
-from hdbench.devices.wire.pdu import ExceptionReply, FrameError, ReplyCheck, StaleReply
+from hdbench.devices.wire.link import ExceptionReply, FrameError, ReplyCheck, StaleReply
 from hdbench.errors import UsageError
 from hdbench.system.files import is_private
 from hdbench.system.sockets import TimedSocket

@@ -9,16 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hdbench.diagnosis.answer.result import (
-    Diagnosis,
-    Gain,
-    LeftOutSamples,
-    NamedCause,
-    Pictures,
-    Rest,
-    by_share,
-    verdict_of,
-)
+from hdbench.diagnosis.answer.result import Diagnosis, Pictures, by_share, verdict_of
 from hdbench.diagnosis.answer.testable import testable
 from hdbench.diagnosis.discovery.fit import Fit
 from hdbench.diagnosis.discovery.record import SAMPLED
@@ -30,8 +21,8 @@ from hdbench.diagnosis.faults.fault import Fault, Inspected
 from hdbench.diagnosis.faults.residual import ResidualFaults
 from hdbench.diagnosis.inspection.channel import held_share
 from hdbench.model import BenchModel, Cause, CauseTerm
-from hdbench.profile import Profile
 from hdbench.records.trace import FloatArray
+from hdbench.results.diagnosis import Gain, LeftOutSamples, ModelFit, NamedCause, Rest
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +31,6 @@ class Findings:
 
     search: Search  # that has ended
     given: BenchModel  # model that was held against the record
-    profile: Profile
     inspected: Inspected  # channels after inspection
     late: ResidualFaults  # faults that the residual shows
     undone: Mapping[str, float]  # what the baseline leaves with each repaired fault put back, N m
@@ -75,29 +65,14 @@ def assemble(
     given = findings.given
     torque = fit.record.torque_nm[fit.record.valid]
     step = step_of(torque)
+    flags = (*findings.inspected.flags, *(fault.flag() for fault in findings.late.faults))
     return Diagnosis(
-        verdict_of(causes, places),
-        causes,
-        minor,
-        places,
-        small,
-        tuple(
-            sorted(
-                (*findings.inspected.flags, *(f.flag() for f in findings.late.faults)),
-                key=lambda flag: flag.from_s,
-            )
-        ),
-        minimum_detectable(findings.search),
-        {
-            "terms": list(given.terms()),
-            "heldout_rms_nm": told.before.rms_nm,
-            "as_given_rms_nm": _as_given(fit, given),
-        },
-        {"terms": list(extended.terms()), "heldout_rms_nm": told.after.rms_nm},
-        extended,
-        {**settings, **_settings(fit, named)},
-        "",
-        _pictures(findings, fit, extended, baseline_left),
+        verdict=verdict_of(causes, places),
+        causes=causes,
+        minor=minor,
+        unexplained=places,
+        minor_unexplained=small,
+        data_flags=tuple(sorted(flags, key=lambda flag: flag.from_s)),
         left_out=_left_out(findings),
         rest=Rest(told.after.rms_nm, noise, places),
         testable=testable(
@@ -110,6 +85,16 @@ def assemble(
             held_share=held_share(torque, step, CHANCE),
             derived=findings.inspected.derived,
         ),
+        minimum_detectable=minimum_detectable(findings.search),
+        simulated=ModelFit(
+            terms=given.terms(),
+            heldout_rms_nm=told.before.rms_nm,
+            as_given_rms_nm=_as_given(fit, given),
+        ),
+        extended=ModelFit(terms=extended.terms(), heldout_rms_nm=told.after.rms_nm),
+        settings={**settings, **_settings(fit, named)},
+        model=extended,
+        pictures=_pictures(findings, fit, extended, baseline_left),
     )
 
 
@@ -132,19 +117,18 @@ def _of_faults(findings: Findings, faults: tuple[Fault, ...], told: Told) -> lis
         fraction = 1.0 - (after / before) ** 2 if before > 0.0 else 0.0
         share = fraction if fault.share is None else fault.share
         gain = Gain(before, after, fraction, (fraction, fraction))
-        cause = findings.causes.get(fault.name)
+        experiment = findings.causes[fault.name].experiment
         out.append(
             NamedCause(
-                fault.name,
-                tuple(dict.fromkeys((fault.name, *fault.group))),
-                (),
-                fault.parameters,
-                fault.evidence_nats,
-                fault.false_alarm_probability,
-                gain,
-                cause.experiment if fault.group and cause is not None else None,
-                float(np.clip(share, 0.0, 1.0)),
-                fault.domain,
+                name=fault.name,
+                group=tuple(dict.fromkeys((fault.name, *fault.group))),
+                parameters=fault.parameters,
+                evidence_nats=fault.evidence_nats,
+                false_alarm_probability=fault.false_alarm_probability,
+                gain=gain,
+                separating_experiment=experiment if fault.group else None,
+                share_of_variance=float(np.clip(share, 0.0, 1.0)),
+                domain=fault.domain,
             )
         )
     return out

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from hdbench.diagnosis.answer.result import Diagnosis, NamedCause
+from hdbench.diagnosis.answer.result import Diagnosis
 from hdbench.errors import DataError
 from hdbench.filter import FilterModel, OscillatorBlock, filter_trace, load_filter_model
 from hdbench.model import Motion
 from hdbench.profile import Profile
 from hdbench.records.trace import FloatArray, Trace
+from hdbench.results.diagnosis import BeforeAfter, FilterGain, GainedBlock, NamedCause
 
 # causes at a whole multiple of the wave generator's or the output's turn that have no order in
 # their parameters
@@ -21,35 +22,6 @@ _MOTOR_ORDERS = {"wave-generator-eccentricity": 1.0, "motor-unbalance": 1.0}
 _OUTPUT_ORDERS = {"misalignment": 1.0, "load-gravity": 1.0, "angular-misalignment": 2.0}
 # orders that are no torque ripple but tones of the clock need a block of another kind
 _RIPPLE_NAMES = ("ripple-harmonic", "bearing-defect", "cogging")
-
-
-@dataclass(frozen=True, slots=True)
-class FilterGain:
-    """Filtered torque without and with the new blocks."""
-
-    model: FilterModel  # with the new blocks
-    blocks: tuple[OscillatorBlock, ...]  # the new ones
-    # RMS of filtered torque less the extended model without the lines that blocks take
-    rms_nm: tuple[float, float]
-    # at each new block's order in the filtered torque, before and after
-    amplitudes_nm: tuple[tuple[float, float], ...]
-    from_s: float  # the filter had settled
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return it for the result."""
-        return {
-            "model": self.model.name,
-            "from_s": self.from_s,
-            "error_rms_nm": {"before": self.rms_nm[0], "after": self.rms_nm[1]},
-            "blocks": [
-                {
-                    "order": block.order,
-                    "role": block.role,
-                    "amplitude_nm": {"before": before, "after": after},
-                }
-                for block, (before, after) in zip(self.blocks, self.amplitudes_nm, strict=True)
-            ],
-        }
 
 
 def further_blocks(causes: Sequence[NamedCause], base: FilterModel) -> tuple[OscillatorBlock, ...]:
@@ -71,9 +43,8 @@ def _place(cause: NamedCause, gear_ratio: float) -> tuple[float | None, Any]:
         return _OUTPUT_ORDERS[cause.name] / gear_ratio, "misalignment"
     if cause.name in _MOTOR_ORDERS:
         return _MOTOR_ORDERS[cause.name], "ripple"
-    entry = cause.parameters.get("order")
-    value = entry["value"] if entry is not None and cause.name in _RIPPLE_NAMES else None
-    return (float(value) if isinstance(value, int | float) else None), "ripple"
+    order = cause.parameters.get("order") if cause.name in _RIPPLE_NAMES else None
+    return None if order is None else order.value, "ripple"
 
 
 def filter_gain(
@@ -99,11 +70,20 @@ def filter_gain(
     if not used.any():
         return None
     errors = [(values - target)[used] for values in left]
-    rms = [float(np.sqrt(np.mean(error**2))) for error in errors]
     angle = pictures.motor_angle_rad[used]
-    sizes = [[_amplitude(error, b.order * angle) for error in errors] for b in blocks]
+    gained = (
+        GainedBlock(
+            order=block.order,
+            role=block.role,
+            amplitude_nm=BeforeAfter(*(_amplitude(e, block.order * angle) for e in errors)),
+        )
+        for block in blocks
+    )
     return FilterGain(
-        model, blocks, (rms[0], rms[1]), tuple((a, b) for a, b in sizes), start - float(time[0])
+        model=model.name,
+        from_s=start - float(time[0]),
+        error_rms_nm=BeforeAfter(*(float(np.sqrt(np.mean(error**2))) for error in errors)),
+        blocks=tuple(gained),
     )
 
 

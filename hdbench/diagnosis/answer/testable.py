@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from hdbench.diagnosis.answer.result import Testable
 from hdbench.model import Cause, Motion, shape_bounds
 from hdbench.records.trace import FloatArray
+from hdbench.results.diagnosis import Testable
 
 # points at which columns are formed (1 ms a cause), in 32 stretches of the motion, fewer where they
 # are long

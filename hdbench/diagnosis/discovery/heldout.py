@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hdbench.diagnosis.answer.result import Gain
 from hdbench.diagnosis.discovery.fit import Fit
 from hdbench.diagnosis.discovery.record import Record
 from hdbench.diagnosis.discovery.stack import coefficients_of, glances
 from hdbench.records.trace import FloatArray
+from hdbench.results.diagnosis import Gain
 
 # twenty blocks hold most conditions of a run; five folds leave four fifths to the fit
 _BLOCKS, _FOLDS = 20, 5

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hdbench.diagnosis.answer.result import NamedCause, Unexplained, Voice
 from hdbench.diagnosis.discovery.chance import chi2_tail
 from hdbench.diagnosis.discovery.dictionary import Dictionary
 from hdbench.diagnosis.discovery.fit import Fit
@@ -44,6 +43,13 @@ from hdbench.diagnosis.discovery.told import (
 )
 from hdbench.model import BenchModel, Cause, CauseTerm, cause_parameters
 from hdbench.records.trace import FloatArray
+from hdbench.results.diagnosis import (
+    NamedCause,
+    ParameterValue,
+    Unexplained,
+    Voice,
+    parameter_values,
+)
 
 # rounds in which the noise without a cause is fitted, and with it
 _ROUNDS_WITHOUT, _ROUNDS_WITH = 6, 2
@@ -293,12 +299,12 @@ def _inside(term: Term, record: Record) -> bool:
     return bool(time[0] <= term.shape["step_time_s"] <= time[-1])
 
 
-def _stated(term: CauseTerm | None, model: BenchModel) -> dict[str, dict[str, object]]:
+def _stated(term: CauseTerm | None, model: BenchModel) -> dict[str, ParameterValue]:
     """Return the sizes of a cause in one record, without the shape that all share."""
     if term is None:
         return {}
     table = cause_parameters(term, extra=model.extra_causes)
-    return {name: dict(entry) for name, entry in table.items() if name not in term.shape}
+    return parameter_values({k: entry for k, entry in table.items() if k not in term.shape})
 
 
 # --- the answer
@@ -381,7 +387,7 @@ def tell_together(
             for number in range(len(names))
         )
         cause = cause_of(named[index], best, model, gain, shares[index], chance)
-        causes.append(replace(cause, voices=voices, apart_chance=chance_apart))
+        causes.append(cause.heard(voices, chance_apart))
     records = []
     for number, (one, origin) in enumerate(piece_searches(search)):
         square = mean_square(one.fit, {i for i, place in enumerate(origin) if place in base})
@@ -392,7 +398,7 @@ def tell_together(
         own_terms = [own for own in every if own is not None]
         if walk is not None:
             voice = Voice(names[number], walk[0].evidence_nats, walk[0].gain, {}, False)
-            causes.append(replace(walk[0], voices=(voice,)))
+            causes.append(walk[0].heard([voice]))
             own_terms.append(walk[1])
         places += found
         told = Told(one.fit, [], found, each_before[number], each_after[number], own_terms)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hdbench.diagnosis.answer.result import Gain, NamedCause, Spectrum, Unexplained
+from hdbench.diagnosis.answer.result import Spectrum
 from hdbench.diagnosis.discovery.chance import chi2_level, chi2_tail
 from hdbench.diagnosis.discovery.fit import Fit, scaled_rows
 from hdbench.diagnosis.discovery.heldout import Prediction, gain_between, hold_out
@@ -21,6 +21,14 @@ from hdbench.diagnosis.discovery.tables import axes_of, is_table
 from hdbench.diagnosis.discovery.term import smooth_shapes, tangent_columns, term_columns
 from hdbench.model import BenchModel, CauseTerm, cause_parameters
 from hdbench.records.trace import FloatArray
+from hdbench.results.diagnosis import (
+    Detectable,
+    Gain,
+    NamedCause,
+    ParameterValue,
+    Unexplained,
+    parameter_values,
+)
 
 DOMAINS = {
     "motor": "motor-order",
@@ -150,16 +158,14 @@ def walk_of(search: Search, variance: float) -> tuple[NamedCause, CauseTerm] | N
     shape = {"intensity_nm_per_sqrt_s": intensity}
     left = float(np.sqrt(variance))
     told = NamedCause(
-        cause.name,
-        (cause.name,),
-        (),
-        {"intensity_nm_per_sqrt_s": {"value": intensity, "std": std, "unit": "N m/s^0.5"}},
-        gain,
-        chance / SHARES["burst"],
-        Gain(left, left * float(np.sqrt(1.0 - share)), share, (0.0, share)),
-        None,
-        share,
-        "time",
+        name=cause.name,
+        group=(cause.name,),
+        parameters={"intensity_nm_per_sqrt_s": ParameterValue(intensity, std, "N m/s^0.5")},
+        evidence_nats=gain,
+        false_alarm_probability=chance / SHARES["burst"],
+        gain=Gain(left, left * float(np.sqrt(1.0 - share)), share, (0.0, share)),
+        share_of_variance=share,
+        domain="time",
     )
     return told, CauseTerm(cause.name, shape, ())
 
@@ -184,27 +190,27 @@ def cause_of(
     one: Named, term: CauseTerm, model: BenchModel, gain: Gain, share: float, chance: float
 ) -> NamedCause:
     """Return a named cause as the result states it."""
-    parameters = dict(cause_parameters(term, extra=model.extra_causes))
+    parameters = parameter_values(cause_parameters(term, extra=model.extra_causes))
     cause = one.best.term.cause
     for other in one.group:
         for name, value in other.term.shape.items():
             unit = next(p.unit for p in other.term.cause.shape if p.name == name)
-            parameters.setdefault(name, {"value": value, "std": None, "unit": unit})
+            parameters.setdefault(name, ParameterValue(value, None, unit))
     group = (cause.name, *(c.name for c in one.group))
     rivals = tuple(c.name for c in one.rivals)
     several = len(group) > 1 or bool(rivals)
     return NamedCause(
-        cause.name,
-        group,
-        rivals,
-        parameters,
-        one.best.evidence_nats,
-        chance,
-        gain,
-        cause.experiment if several else None,
-        share,
-        DOMAINS.get(cause.locked_to, cause.locked_to),
+        name=cause.name,
+        group=group,
+        rivals=rivals,
+        parameters=parameters,
+        evidence_nats=one.best.evidence_nats,
         probability=one.probability,
+        false_alarm_probability=chance,
+        gain=gain,
+        separating_experiment=cause.experiment if several else None,
+        share_of_variance=share,
+        domain=DOMAINS.get(cause.locked_to, cause.locked_to),
     )
 
 
@@ -287,13 +293,13 @@ def place_of(fit: Fit, index: int, share: float, chance: float) -> Unexplained:
         scan_cell = 1.0 / max(fit.record.span_s, 1e-9) if key == "frequency_hz" else 0.05
         size = float(np.hypot(*fit.linear(index)))
         return Unexplained(
-            domain,
-            value,
-            (value - 0.5 * scan_cell, value + 0.5 * scan_cell),
-            term.cause.shape[0].unit,
-            size,
-            share,
-            chance,
+            domain=domain,
+            location=value,
+            extent=(value - 0.5 * scan_cell, value + 0.5 * scan_cell),
+            unit=term.cause.shape[0].unit,
+            size_nm=size,
+            share_of_variance=share,
+            false_alarm_probability=chance,
         )
     domains = term.name.partition(":")[2].split("*")
     if term.shape:
@@ -301,14 +307,14 @@ def place_of(fit: Fit, index: int, share: float, chance: float) -> Unexplained:
         torque = term_columns(term, fit.record) @ fit.linear(index)
         half = np.pi / max(float(np.ptp(fit.record.motion.angle_rad[fit.record.valid])), 1e-9)
         return Unexplained(
-            "motor-order",
-            value,
-            (value - half, value + half),
-            "1",
-            float(np.sqrt(2.0 * np.mean(torque[fit.record.valid] ** 2))),
-            share,
-            chance,
-            domains[1],
+            domain="motor-order",
+            second_domain=domains[1],
+            location=value,
+            extent=(value - half, value + half),
+            unit="1",
+            size_nm=float(np.sqrt(2.0 * np.mean(torque[fit.record.valid] ** 2))),
+            share_of_variance=share,
+            false_alarm_probability=chance,
         )
     axis = next(a for a in axes_of(fit.record) if a.domain == domains[0])
     torque = term_columns(term, fit.record) @ fit.linear(index)
@@ -322,14 +328,14 @@ def place_of(fit: Fit, index: int, share: float, chance: float) -> Unexplained:
     high = np.flatnonzero(energy > 0.5 * energy.max())
     size = float(np.sqrt(np.mean(torque[valid] ** 2)))
     return Unexplained(
-        axis.domain,
-        float(place[int(np.argmax(energy))]),
-        (float(place[high[0]]), float(place[high[-1]])),
-        axis.unit,
-        size,
-        share,
-        chance,
-        domains[1] if len(domains) > 1 else None,
+        domain=axis.domain,
+        second_domain=domains[1] if len(domains) > 1 else None,
+        location=float(place[int(np.argmax(energy))]),
+        extent=(float(place[high[0]]), float(place[high[-1]])),
+        unit=axis.unit,
+        size_nm=size,
+        share_of_variance=share,
+        false_alarm_probability=chance,
     )
 
 
@@ -343,13 +349,13 @@ def rest_places(
     if burst is not None and burst.chance < search.alpha * SHARES["burst"]:
         out.append(
             Unexplained(
-                "time",
-                0.5 * (burst.from_s + burst.to_s),
-                (burst.from_s, burst.to_s),
-                "s",
-                float(np.sqrt(burst.power_nm2 * len(fit.record) / burst.samples)),
-                min(1.0, burst.power_nm2 / variance),
-                burst.chance / SHARES["burst"],
+                domain="time",
+                location=0.5 * (burst.from_s + burst.to_s),
+                extent=(burst.from_s, burst.to_s),
+                unit="s",
+                size_nm=float(np.sqrt(burst.power_nm2 * len(fit.record) / burst.samples)),
+                share_of_variance=min(1.0, burst.power_nm2 / variance),
+                false_alarm_probability=burst.chance / SHARES["burst"],
             )
         )
     left = float(fit.bands.power(fit.residual).sum()) / len(fit.record)
@@ -357,19 +363,18 @@ def rest_places(
         if hump.power_nm2 > _HUMP_SHARE * left:
             out.append(
                 Unexplained(
-                    "frequency",
-                    float(np.sqrt(max(hump.low_hz, 1e-9) * hump.high_hz)),
-                    (hump.low_hz, hump.high_hz),
-                    "Hz",
-                    float(np.sqrt(2.0 * hump.power_nm2)),
-                    min(1.0, hump.power_nm2 / variance),
-                    0.0,
+                    domain="frequency",
+                    location=float(np.sqrt(max(hump.low_hz, 1e-9) * hump.high_hz)),
+                    extent=(hump.low_hz, hump.high_hz),
+                    unit="Hz",
+                    size_nm=float(np.sqrt(2.0 * hump.power_nm2)),
+                    share_of_variance=min(1.0, hump.power_nm2 / variance),
                 )
             )
     return out
 
 
-def minimum_detectable(search: Search) -> tuple[tuple[str, float], ...]:
+def minimum_detectable(search: Search) -> tuple[Detectable, ...]:
     """Return the amplitude of each name, N m, that would have been found with 90 %."""
     fit = search.fit
     beside = fit.beside()
@@ -398,7 +403,7 @@ def minimum_detectable(search: Search) -> tuple[tuple[str, float], ...]:
         for name in names:
             if name in search.causes:
                 limits[name] = (float(np.sqrt(level)) + _POWER) * per_sigma
-    return tuple(sorted(limits.items()))
+    return tuple(Detectable(*limit) for limit in sorted(limits.items()))
 
 
 def spectra(search: Search, first: Mapping[str, FloatArray]) -> tuple[Spectrum, ...]:

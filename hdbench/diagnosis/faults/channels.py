@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 from scipy.ndimage import median_filter
 
-from hdbench.diagnosis.answer.result import DataFlag
 from hdbench.diagnosis.faults.converter import clipping, stuck_samples
 from hdbench.diagnosis.faults.fault import Fault, Inspected, flag_runs, flag_samples
 from hdbench.diagnosis.faults.jumps import find_jumps
@@ -29,6 +28,7 @@ from hdbench.model import BenchModel, baseline_orders
 from hdbench.model.motion import torque_from_trace
 from hdbench.profile.schema import ProfileData
 from hdbench.records.trace import FloatArray, Trace
+from hdbench.results.diagnosis import StretchFlag
 
 # samples below which a record shows nothing
 _FEWEST = 5
@@ -127,9 +127,9 @@ def _at_rest(trace: Trace, profile: ProfileData) -> str:
     return "neither angle nor velocity changes by a single step: the record holds no motion"
 
 
-def _without_glitches(trace: Trace, profile: ProfileData) -> tuple[Trace, tuple[DataFlag, ...]]:
+def _without_glitches(trace: Trace, profile: ProfileData) -> tuple[Trace, tuple[StretchFlag, ...]]:
     """Return the trace without isolated wrong samples of velocity and angle, and their flags."""
-    flags: tuple[DataFlag, ...] = ()
+    flags: tuple[StretchFlag, ...] = ()
     velocity, angle = velocity_of(trace, profile), angle_of(trace, profile)
     courses = []
     if velocity is not None:

@@ -7,10 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hdbench.diagnosis.faults.fault import Fault, entry, fault_over
+from hdbench.diagnosis.faults.fault import Fault, fault_over
 from hdbench.diagnosis.faults.scatter import CERTAIN_NATS, mask_runs, tail_nats
 from hdbench.profile.schema import ProfileData
 from hdbench.records.trace import FloatArray, Trace
+from hdbench.results.diagnosis import ParameterValue
 
 # this many equal samples in a row do not come from a channel with noise
 STUCK = 20
@@ -63,8 +64,8 @@ def clipping(
     seen = float(clipped.sum())
     nats = min(tail_nats(seen, expected), CERTAIN_NATS)
     parameters = {
-        "limit_nm": entry(float(np.abs(limits).max()), None, "N m"),
-        "samples": entry(seen, 0.0, "1"),
+        "limit_nm": ParameterValue(float(np.abs(limits).max()), None, "N m"),
+        "samples": ParameterValue(seen, 0.0, "1"),
     }
     times = trace.time_s[clipped]
     return clipped, (
@@ -192,8 +193,8 @@ def quantisation(
     # each sample on one of the levels instead of any value in between
     nats = len(times) * float(np.log(max(steps.step / finer, 1.0 + 1e-9)))
     parameters = {
-        "step_nm": entry(steps.step, steps.std, "N m"),
-        "levels": entry(steps.levels, 0.0, "1"),
+        "step_nm": ParameterValue(steps.step, steps.std, "N m"),
+        "levels": ParameterValue(steps.levels, 0.0, "1"),
     }
     shape = {"step_nm": steps.step}
     return fault_over("quantisation", parameters, times, nats, shape=shape, domain="torque")

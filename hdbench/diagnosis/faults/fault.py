@@ -8,11 +8,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from hdbench.diagnosis.answer.result import DataFlag
 from hdbench.diagnosis.faults.scatter import mask_runs
 from hdbench.records.trace import FloatArray, Trace
-
-_Entry = dict[str, float | str | None]
+from hdbench.results.diagnosis import ParameterValue, StretchFlag
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,7 +18,7 @@ class Fault:
     """A fault of the acquisition, by its name of the catalogue."""
 
     name: str
-    parameters: Mapping[str, _Entry]
+    parameters: dict[str, ParameterValue]
     samples: int  # that it touches
     from_s: float
     to_s: float
@@ -33,9 +31,9 @@ class Fault:
     domain: str = "time"  # axis on which it is plainest
     share: float | None = None  # of the noise's variance, where that is what it changes
 
-    def flag(self) -> DataFlag:
+    def flag(self) -> StretchFlag:
         """Return its samples as a flag."""
-        return DataFlag(self.name, self.from_s, self.to_s, self.samples)
+        return StretchFlag(self.name, self.from_s, self.to_s, self.samples)
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,20 +46,15 @@ class Inspected:
     trace: Trace
     masked: NDArray[np.bool_]  # samples that take no part
     left_out: tuple[tuple[str, int], ...] = ()  # why samples take no part, and how many
-    flags: tuple[DataFlag, ...] = ()  # doubtful samples, those of the faults among them
+    flags: tuple[StretchFlag, ...] = ()  # doubtful samples, those of the faults among them
     faults: tuple[Fault, ...] = ()
     reason: str = ""
     derived: tuple[tuple[str, str], ...] = ()  # channels made of another one, and of which
 
 
-def entry(value: float, std: float | None, unit: str) -> _Entry:
-    """Return a parameter as the contract writes it."""
-    return {"value": float(value), "std": None if std is None else float(std), "unit": unit}
-
-
 def fault_over(
     name: str,
-    parameters: Mapping[str, _Entry],
+    parameters: dict[str, ParameterValue],
     times_s: FloatArray,
     nats: float,
     *,
@@ -81,16 +74,16 @@ def fault_over(
 
 def flag_samples(
     name: str, time_s: FloatArray, mask: NDArray[np.bool_], detail: str = ""
-) -> tuple[DataFlag, ...]:
+) -> tuple[StretchFlag, ...]:
     """Return one flag from the first to the last marked sample; none where none is marked."""
     at = time_s[mask]
-    return (DataFlag(name, float(at[0]), float(at[-1]), len(at), detail),) if len(at) else ()
+    return (StretchFlag(name, float(at[0]), float(at[-1]), len(at), detail),) if len(at) else ()
 
 
-def flag_runs(name: str, time_s: FloatArray, mask: NDArray[np.bool_]) -> tuple[DataFlag, ...]:
+def flag_runs(name: str, time_s: FloatArray, mask: NDArray[np.bool_]) -> tuple[StretchFlag, ...]:
     """Return one flag for each run of marked samples, one over all where there are many."""
     runs = mask_runs(mask)
     # many stretches are told as one flag over all of them
     if len(runs) > 20:
         return flag_samples(name, time_s, mask)
-    return tuple(DataFlag(name, float(time_s[a]), float(time_s[b]), b - a + 1) for a, b in runs)
+    return tuple(StretchFlag(name, float(time_s[a]), float(time_s[b]), b - a + 1) for a, b in runs)

@@ -9,10 +9,11 @@ from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation, maximum_filter1d, minimum_filter1d
 
 from hdbench.diagnosis.evidence import RIVAL_NATS
-from hdbench.diagnosis.faults.fault import Fault, entry, fault_over
+from hdbench.diagnosis.faults.fault import Fault, fault_over
 from hdbench.diagnosis.faults.scatter import ACCEPT_NATS, AROUND, least_sigmas, paid_nats
 from hdbench.diagnosis.faults.shaft import Shaft, disagreement
 from hdbench.records.trace import FloatArray
+from hdbench.results.diagnosis import ParameterValue
 
 # samples on each side: there the averaged counting of a 4000-count encoder meets the walk that the
 # tacho's noise of 0.06 rad/s makes at 1 kHz
@@ -88,15 +89,15 @@ def _fault(jump: Jump, shaft: Shaft) -> Fault:
     time, count = shaft.time_s, len(shaft.time_s)
     place = 0.5 * float(time[jump.first - 1] + time[jump.first])
     nats = paid_nats(0.5 * (jump.angle_rad / jump.std_rad) ** 2, 3, count)
-    slip = {"slip_rad": entry(jump.angle_rad, jump.std_rad, "rad")}
-    parameters = {"step_time_s": entry(place, None, "s")}
+    slip = {"slip_rad": ParameterValue(jump.angle_rad, jump.std_rad, "rad")}
+    parameters = {"step_time_s": ParameterValue(place, None, "s")}
     if jump.name == "encoder-slip":
         shape = {"slip_rad": jump.angle_rad, "step_time_s": place}
         return fault_over(jump.name, parameters | slip, time[jump.first :], nats, shape=shape)
     missed = jump.samples * shaft.period_s
     parameters |= slip if jump.group else {}
-    parameters["samples"] = entry(jump.samples, jump.samples_std, "1")
-    parameters["missed_s"] = entry(missed, jump.samples_std * shaft.period_s, "s")
+    parameters["samples"] = ParameterValue(jump.samples, jump.samples_std, "1")
+    parameters["missed_s"] = ParameterValue(missed, jump.samples_std * shaft.period_s, "s")
     around = time[jump.first - 1 : jump.first + 1]
     shape = {"missed_s": missed, "step_time_s": place}
     fault = fault_over(jump.name, parameters, around, nats, shape=shape)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from hdbench.diagnosis.faults.converter import quantisation
-from hdbench.diagnosis.faults.fault import Fault, entry, fault_over
+from hdbench.diagnosis.faults.fault import Fault, fault_over
 from hdbench.diagnosis.faults.scatter import (
     ACCEPT_NATS,
     CERTAIN_NATS,
@@ -21,6 +21,7 @@ from hdbench.diagnosis.faults.scatter import (
 from hdbench.model import Motion
 from hdbench.profile.schema import ProfileData
 from hdbench.records.trace import FloatArray
+from hdbench.results.diagnosis import ParameterValue
 
 # cells of equal counts over the speed, and blocks in time: noise that changes with time alone must
 # not be taken for a law of the speed
@@ -94,11 +95,11 @@ def _spiky(
     nats = min(paid_nats(gain, 3 * len(sizes), total), CERTAIN_NATS)
     size, share = float(np.sqrt(np.mean(sizes**2))), len(sizes) / total
     parameters = {
-        "share": entry(share, float(np.sqrt(len(sizes))) / total, "1"),
-        "size_nm": entry(size, size / float(np.sqrt(2.0 * len(sizes))), "N m"),
-        "samples": entry(len(sizes), 0.0, "1"),
-        "largest_nm": entry(float(sizes.max()), scatter, "N m"),
-        "first_s": entry(float(times[0]), None, "s"),
+        "share": ParameterValue(share, float(np.sqrt(len(sizes))) / total, "1"),
+        "size_nm": ParameterValue(size, size / float(np.sqrt(2.0 * len(sizes))), "N m"),
+        "samples": ParameterValue(len(sizes), 0.0, "1"),
+        "largest_nm": ParameterValue(float(sizes.max()), scatter, "N m"),
+        "first_s": ParameterValue(float(times[0]), None, "s"),
     }
     shape = {"share": share, "size_nm": size}
     return fault_over(
@@ -167,8 +168,8 @@ def _speed_noise(
     size = 100.0 * float(np.sqrt(law.slope * power))
     std = 0.5 * size * float(np.sqrt(np.linalg.inv(fisher)[1, 1])) / float(values[1])
     parameters = {
-        "noise_nm": entry(size, std, "N m"),
-        "noise_at_rest_nm": entry(float(np.sqrt(law.still * power)), None, "N m"),
+        "noise_nm": ParameterValue(size, std, "N m"),
+        "noise_at_rest_nm": ParameterValue(float(np.sqrt(law.still * power)), None, "N m"),
     }
     times, shape = motion.time_s[used], {"noise_nm": size}
     fault = fault_over(

@@ -6,9 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import minimum_filter1d
 
-from hdbench.diagnosis.faults.fault import Fault, entry
+from hdbench.diagnosis.faults.fault import Fault
 from hdbench.diagnosis.faults.scatter import CERTAIN_NATS, mask_runs
 from hdbench.records.trace import FloatArray, Trace
+from hdbench.results.diagnosis import ParameterValue
 
 # a step longer than this many median periods is a gap: one lost sample makes 2
 _GAP = 1.5
@@ -63,9 +64,9 @@ def lost_samples(trace: Trace) -> tuple[Fault, ...]:
         return ()
     first, last, counts = zip(*places, strict=True)
     parameters = {
-        "samples": entry(sum(counts), 0.0, "1"),
-        "stretches": entry(len(places), 0.0, "1"),
-        "step_time_s": entry(min(first), None, "s"),
+        "samples": ParameterValue(sum(counts), 0.0, "1"),
+        "stretches": ParameterValue(len(places), 0.0, "1"),
+        "step_time_s": ParameterValue(min(first), None, "s"),
     }
     span = (sum(counts), min(first), max(last))
     return (Fault("missed-samples", parameters, *span, CERTAIN_NATS, 0.0),)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from hdbench.diagnosis.faults.fault import Fault, entry, fault_over
+from hdbench.diagnosis.faults.fault import Fault, fault_over
 from hdbench.diagnosis.faults.scatter import (
     ACCEPT_NATS,
     CERTAIN_NATS,
@@ -15,6 +15,7 @@ from hdbench.diagnosis.faults.scatter import (
 from hdbench.diagnosis.faults.shaft import Shaft
 from hdbench.model.motion import ACCELERATION_WINDOW_S
 from hdbench.records.trace import FloatArray
+from hdbench.results.diagnosis import ParameterValue
 
 # commutators have some tens of segments and ripple at twice their number; a gear before the tacho
 # or an eccentric rotor makes low orders
@@ -123,9 +124,9 @@ class _Folded:
         amplitude, std = float(np.hypot(*size)), float(np.sqrt(0.5 * doubt))
         shape = {"order": order, "cosine": float(size[0]), "sine": float(size[1])}
         parameters = {
-            "order": entry(order, None, "1"),
-            "relative_amplitude": entry(amplitude, std * amplitude, "1"),
-            "phase_rad": entry(float(np.arctan2(-size[1], size[0])), std, "rad"),
+            "order": ParameterValue(order, None, "1"),
+            "relative_amplitude": ParameterValue(amplitude, std * amplitude, "1"),
+            "phase_rad": ParameterValue(float(np.arctan2(-size[1], size[0])), std, "rad"),
         }
         time = self.shaft.time_s
         return fault_over("tacho-ripple", parameters, time, nats, shape=shape, domain="motor-order")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from hdbench.diagnosis.answer.result import DataFlag
 from hdbench.diagnosis.faults.fault import Inspected
 from hdbench.diagnosis.faults.scatter import fast_part
 from hdbench.diagnosis.faults.shaft import (
@@ -19,6 +18,7 @@ from hdbench.model import baseline_orders, integrate_velocity
 from hdbench.model.motion import torque_from_trace, velocity_slope
 from hdbench.profile.schema import ProfileData
 from hdbench.records.trace import FloatArray, Trace
+from hdbench.results.diagnosis import StretchFlag
 
 # motor turns between two samples beyond which no order of the motor is in the record: a time in ms
 # makes them a thousand times what they were
@@ -73,7 +73,7 @@ def expected_nm(trace: Trace, profile: ProfileData, velocity_rad_s: FloatArray) 
 def _told(trace: Trace, name: str = "", detail: str = "", *, refuse: bool = False) -> Inspected:
     """Return the trace, with one flag over all of it where something is to be told."""
     time, none = trace.time_s, np.zeros(len(trace), dtype=bool)
-    flag = DataFlag(name, float(time[0]), float(time[-1]), len(time), detail)
+    flag = StretchFlag(name, float(time[0]), float(time[-1]), len(time), detail)
     return Inspected(trace, none, flags=(flag,) if name else (), reason=detail if refuse else "")
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
-from scipy.signal import coherence, csd
 
 from hdbench.diagnosis.faults.converter import STUCK
 from hdbench.diagnosis.faults.scatter import AROUND, bridged, mask_runs, tail_nats
@@ -89,6 +88,8 @@ def same_to_the_end(
     Two sensors share the motion and no noise. Of K segments their coherence exceeds 1/2 by chance
     with probability ``2^(1 - K)`` at each frequency; here the median of many has to.
     """
+    from scipy.signal import coherence  # half a second of every start
+
     both = _side_by_side(one, other)
     if both is None:
         return False
@@ -108,6 +109,8 @@ def delay_of(late: FloatArray, early: FloatArray, period_s: float) -> tuple[floa
     ``2 K g^2 / (1 - g^2)``, K segments and coherence g^2 (Bendat and Piersol, Random Data, 9.2).
     Noise of either channel does not turn the phase.
     """
+    from scipy.signal import coherence, csd
+
     both = _side_by_side(early, late)
     if both is None:
         return None

@@ -263,7 +263,8 @@ def _of_converter(log: Log, name: str, alpha: float) -> Iterator[Finding]:
         place = f"rows {first} to {last}"
         if log.time_s is not None:
             place = f"{log.time_s[first]:.4g} to {log.time_s[last]:.4g} s"
-        detail = f"{int(stuck.sum())} samples in {len(runs)} runs of equal values, {place}"
+        where = "one run" if len(runs) == 1 else f"{len(runs)} runs"
+        detail = f"{int(stuck.sum())} samples in {where} of equal values, {place}"
         yield _finding("stuck-value", name, detail)
 
 

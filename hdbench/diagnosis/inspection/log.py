@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from contextlib import closing
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
 from hdbench.errors import DataError
+from hdbench.importing.convert import UNSTATED
 from hdbench.importing.listing import list_channels, read_numbers
 from hdbench.importing.proposal import is_measured, is_unit, proposed_mapping, time_candidate
 from hdbench.importing.recipe import Recipe
@@ -17,6 +18,7 @@ from hdbench.importing.registry import open_source
 from hdbench.importing.source import Channel
 from hdbench.importing.units import target_unit, unit_scale
 from hdbench.records import Trace, read_trace
+from hdbench.records.provenance import input_identity
 from hdbench.records.tables import TRACE_COLUMNS
 from hdbench.records.trace import FloatArray
 
@@ -79,6 +81,16 @@ class Log:
         return None if name is None else self.channels[name]
 
 
+def _with_origin(log: Log, path: Path) -> Log:
+    """Return a trace without the unit of a torque that the imported file does not state."""
+    imported = input_identity(path).get("imported", {}).get("columns", {})
+    units = dict(log.units)
+    for name in ("torque_nm", "torque_v"):
+        if any(step.endswith(UNSTATED) for step in imported.get(name, ())):
+            units[name] = ""
+    return replace(log, units=units)
+
+
 def read_log(path: Path, *, topic: str | None = None, joint: str | None = None) -> Log:
     """Read a trace, or a log of another program.
 
@@ -104,7 +116,9 @@ def read_log(path: Path, *, topic: str | None = None, joint: str | None = None) 
     path = Path(path)
     if path.suffix in _TRACES and path.is_file() and topic is None and joint is None:
         try:
-            return Log.of_trace(read_trace(path, require=()))
+            log = Log.of_trace(read_trace(path, require=()))
+            if log.roles:
+                return _with_origin(log, path)
         except DataError:
             pass  # a log of another program, or one whose stamps no trace may have
     recipe = Recipe(topic=topic, joint=joint)

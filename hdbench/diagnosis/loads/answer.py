@@ -9,26 +9,27 @@ from typing import Any
 
 import numpy as np
 
-from hdbench.diagnosis.answer.result import (
-    DataFlag,
-    Diagnosis,
-    NamedCause,
-    Rest,
-    Testable,
-    Unexplained,
-    by_share,
-    verdict_of,
-)
-from hdbench.diagnosis.loads.fit import LoadFit, fit_loads
+from hdbench.diagnosis.answer.result import Diagnosis, by_share, verdict_of
+from hdbench.diagnosis.loads.fit import LoadFit, fit_loads, gain_of, held_out, rms
 from hdbench.diagnosis.loads.forms import NAMES
 from hdbench.diagnosis.loads.gains import GainScatter
-from hdbench.diagnosis.loads.heldout import gain_of, held_out, rms
 from hdbench.diagnosis.loads.search import Accepted, Look
 from hdbench.diagnosis.loads.table import LoadTable, left_out
 from hdbench.model import BenchModel, CauseTerm, catalogue, cause_parameters
 from hdbench.model.harmonics import quadratures
 from hdbench.profile.schema import ProfileData
 from hdbench.records.trace import FloatArray
+from hdbench.results.diagnosis import (
+    Detectable,
+    ModelFit,
+    NamedCause,
+    ParameterValue,
+    Rest,
+    StretchFlag,
+    Testable,
+    Unexplained,
+    parameter_values,
+)
 
 _BASELINE = ("gain", "zero of each experiment")
 
@@ -47,7 +48,7 @@ class LoadAnswer:
     scatter: GainScatter | None
     uneven: Unexplained | None  # scatter that changes with the torque
     looks: Sequence[Look]  # last ones at the residual
-    flags: Sequence[DataFlag]
+    flags: Sequence[StretchFlag]
     rng: np.random.Generator
 
     @property
@@ -78,26 +79,28 @@ class LoadAnswer:
         told = unexplained if after is not None and after > 1.25 * noise else ()
         verdict, reason = self._verdict(causes, unexplained, alpha)
         return Diagnosis(
-            verdict,
-            causes,
-            tuple(c for c in named if c not in causes),
-            unexplained,
-            small,
-            (*self.flags, *(DataFlag("outlier", time, time, 1) for time in times)),
-            self._minimum_detectable(alpha),
-            {
-                "terms": [*_BASELINE, *(term.name for term in self.baseline.terms)],
-                "heldout_rms_nm": before,
-                "as_given_rms_nm": self._as_given_rms(),
-            },
-            {"terms": [*_BASELINE, *(t.name for t in model.causes)], "heldout_rms_nm": after},
-            model,
-            {**settings, **self._settings(folds), "outliers": apart},
-            reason,
-            load_pictures=self._pictures(),
+            verdict=verdict,
+            reason=reason,
+            causes=causes,
+            minor=tuple(c for c in named if c not in causes),
+            unexplained=unexplained,
+            minor_unexplained=small,
+            data_flags=(*self.flags, *(StretchFlag("outlier", time, time, 1) for time in times)),
             left_out=left_out(table, self.flags),
             rest=None if after is None else Rest(after, noise, told),
             testable=self._testable(),
+            minimum_detectable=self._minimum_detectable(alpha),
+            simulated=ModelFit(
+                terms=(*_BASELINE, *(term.name for term in self.baseline.terms)),
+                heldout_rms_nm=before,
+                as_given_rms_nm=self._as_given_rms(),
+            ),
+            extended=ModelFit(
+                terms=(*_BASELINE, *(term.name for term in model.causes)), heldout_rms_nm=after
+            ),
+            settings={**settings, **self._settings(folds), "outliers": apart},
+            model=model,
+            load_pictures=self._pictures(),
         )
 
     def _verdict(
@@ -131,26 +134,29 @@ class LoadAnswer:
         for pair in quadratures(form.cause):
             if pair.cosine in missing:
                 missing |= {pair.amplitude, pair.phase}
+        shown = parameter_values({k: v for k, v in table.items() if k not in missing})
         return NamedCause(
-            form.name,
-            one.group,
-            one.rivals,
-            {k: self._entry(entry) for k, entry in table.items() if k not in missing},
-            one.nats,
-            one.false_alarm,
-            gain_of(self.fit, one.places, self.rng),
-            form.cause.experiment if len(one.group) > 1 or one.rivals else None,
-            self._share(self.fit, one.places),
-            "time" if form.cause.locked_to == "time" else "torque",
+            name=form.name,
+            group=one.group,
+            rivals=one.rivals,
+            parameters={name: self._stated(value) for name, value in shown.items()},
+            evidence_nats=one.nats,
             probability=one.probability,
+            false_alarm_probability=one.false_alarm,
+            gain=gain_of(self.fit, one.places, self.rng),
+            separating_experiment=(
+                form.cause.experiment if len(one.group) > 1 or one.rivals else None
+            ),
+            share_of_variance=self._share(self.fit, one.places),
+            domain="time" if form.cause.locked_to == "time" else "torque",
         )
 
-    def _entry(self, entry: Mapping[str, float | str | None]) -> dict[str, float | str | None]:
+    def _stated(self, value: ParameterValue) -> ParameterValue:
         """Return a parameter: no uncertainty where none was found, time in readings if counted."""
-        unit = str(entry["unit"])
+        unit = value.unit
         if not self.table.time_measured:
             unit = re.sub(r"(^|/)s$", r"\1reading", unit)
-        return {**entry, "std": entry["std"] or None, "unit": unit}
+        return ParameterValue(value.value, value.std or None, unit)
 
     def _place(self, one: Accepted, fit: LoadFit) -> Unexplained:
         """Return a place without a name."""
@@ -167,16 +173,28 @@ class LoadAnswer:
             unit = "s" if table.time_measured else "reading"
         extent = (float(axis[touched].min()), float(axis[touched].max()))
         centre = max(extent, key=abs) if name in ("curve", "gain") else 0.5 * sum(extent)
-        share = self._share(fit, one.places)
-        return Unexplained(domain, centre, extent, unit, size, share, one.false_alarm)
+        return Unexplained(
+            domain=domain,
+            location=centre,
+            extent=extent,
+            unit=unit,
+            size_nm=size,
+            share_of_variance=self._share(fit, one.places),
+            false_alarm_probability=one.false_alarm,
+        )
 
     def _scattered(self, scatter: GainScatter) -> Unexplained:
         torque, top = self.table.torque_nm, self.table.top_nm
         common = fit_loads(self.table, self.baseline.base, self.fit.terms, refine=False)
-        share = self._share_of(common.rss - self.fit.rss)
-        extent = (float(torque.min()), float(torque.max()))
-        size, chance = scatter.relative_std * top, scatter.false_alarm
-        return Unexplained("torque", top, extent, "N m", size, share, chance)
+        return Unexplained(
+            domain="torque",
+            location=top,
+            extent=(float(torque.min()), float(torque.max())),
+            unit="N m",
+            size_nm=scatter.relative_std * top,
+            share_of_variance=self._share_of(common.rss - self.fit.rss),
+            false_alarm_probability=scatter.false_alarm,
+        )
 
     def _outlier_entry(self, place: int) -> dict[str, Any]:
         table, offset = self.table, float(self.fit.linear[place][0])
@@ -225,7 +243,7 @@ class LoadAnswer:
         rest = float(betaincinv(more / 2.0, rank / 2.0, alpha / look.trials))
         return float(np.sqrt((1.0 - rest) / max(rest, 1e-300) * more) + ndtri(0.9))
 
-    def _minimum_detectable(self, alpha: float) -> tuple[tuple[str, float], ...]:
+    def _minimum_detectable(self, alpha: float) -> tuple[Detectable, ...]:
         """Return the largest torque of each kind of effect that would have been found."""
         space = self.fit.space()
         limits: dict[str, float] = {}
@@ -241,7 +259,7 @@ class LoadAnswer:
                 sizes.append(np.mean(np.abs(columns[:, seen]).max(axis=0) / length[seen]))
             size = self._sigmas(look, alpha) * self.fit.noise_nm * float(np.median(sizes))
             limits[name] = min(size, limits.get(name, size))
-        return tuple(limits.items())
+        return tuple(Detectable(*limit) for limit in limits.items())
 
     def _testable(self) -> tuple[Testable, ...]:
         """Return of each name of the catalogue whether these readings can show it."""

@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from hdbench.diagnosis.answer.result import Unexplained
 from hdbench.diagnosis.evidence import (
     SAME_SPACE,
     probabilities,
@@ -18,6 +17,7 @@ from hdbench.diagnosis.evidence import (
 from hdbench.diagnosis.loads.fit import LoadFit, Space
 from hdbench.diagnosis.loads.forms import Form, Term
 from hdbench.records.trace import FloatArray
+from hdbench.results.diagnosis import Unexplained
 
 # draws of the null: more where few degrees of freedom make them cheap and tails count
 _LEAST_DRAWS, _MOST_DRAWS, _WORK = 2000, 10_000, 160_000
@@ -282,4 +282,12 @@ def uneven_scatter(
     spread = float(np.sqrt(square[heavy].mean()))
     whole = baseline.rss / baseline.slope_v_per_nm**2
     share = min(1.0, float(square[heavy].sum()) / max(whole, 1e-300))
-    return Unexplained("variance", 0.5 * sum(extent), extent, "N m", spread, share, chance)
+    return Unexplained(
+        domain="variance",
+        location=0.5 * sum(extent),
+        extent=extent,
+        unit="N m",
+        size_nm=spread,
+        share_of_variance=share,
+        false_alarm_probability=chance,
+    )

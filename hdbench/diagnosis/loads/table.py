@@ -8,12 +8,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hdbench.diagnosis.answer.result import DataFlag, LeftOutSamples
 from hdbench.model.motion import Motion
 from hdbench.model.statics import experiment_numbers, motion_from_loads, reading_times
 from hdbench.profile.schema import ProfileData
 from hdbench.records import Loads
 from hdbench.records.trace import FloatArray
+from hdbench.results.diagnosis import LeftOutSamples, StretchFlag
 
 # flags of readings that take no part, and the reason that is told
 _REASONS = {
@@ -54,7 +54,7 @@ class LoadTable:
         return replace(self, motion=replace(self.motion, simulated_nm=signal_nm))
 
 
-def load_table(loads: Loads, profile: ProfileData) -> tuple[LoadTable, tuple[DataFlag, ...]]:
+def load_table(loads: Loads, profile: ProfileData) -> tuple[LoadTable, tuple[StretchFlag, ...]]:
     """Return readings as arrays, and what is wrong with some; `DataError` as `motion_from_loads`.
 
     Lost and stuck readings and those at the end of the converter's range are not used.
@@ -82,7 +82,7 @@ def load_table(loads: Loads, profile: ProfileData) -> tuple[LoadTable, tuple[Dat
         used &= ~where
         if where.any():
             time = motion.time_s[where]
-            flags.append(DataFlag(name, float(time[0]), float(time[-1]), int(where.sum())))
+            flags.append(StretchFlag(name, float(time[0]), float(time[-1]), int(where.sum())))
     table = LoadTable(
         motion=motion,
         torque_nm=torque,
@@ -155,7 +155,7 @@ def base_columns(table: LoadTable, groups: IntArray | None = None) -> FloatArray
     return np.hstack(columns)
 
 
-def left_out(table: LoadTable, flags: Sequence[DataFlag]) -> tuple[LeftOutSamples, ...]:
+def left_out(table: LoadTable, flags: Sequence[StretchFlag]) -> tuple[LeftOutSamples, ...]:
     """Return which readings took no part, and why."""
     counts = {_REASONS[flag.name]: flag.samples for flag in flags}
     others = int((~table.used).sum()) - sum(counts.values())

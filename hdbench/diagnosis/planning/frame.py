@@ -37,15 +37,6 @@ class Noise:
         """Return white noise of a standard deviation, N m."""
         return cls(np.zeros(1), np.array([std_nm**2]))
 
-    @classmethod
-    def autoregression(cls, std_nm: float, coefficients: FloatArray, period_s: float) -> Noise:
-        """Return the noise x_n = a_1 x_(n-1) + ... + e_n, e_n of a standard deviation, N m."""
-        phase = np.linspace(0.0, np.pi, 513)
-        lags = np.arange(1, len(coefficients) + 1)
-        gain = np.abs(1.0 - np.exp(-1j * np.outer(phase, lags)) @ coefficients) ** 2
-        power = std_nm**2 / np.maximum(gain, 1e-12)
-        return cls(phase / (2.0 * np.pi * period_s), power) if len(lags) else cls.white(std_nm)
-
     @property
     def std_nm(self) -> float:
         """Root of the mean power, N m."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 
@@ -25,6 +24,7 @@ from hdbench.diagnosis.planning.signatures import Effect, fitted_shape, nominal_
 from hdbench.model import Cause, Motion, catalogue, cause_named
 from hdbench.profile.schema import ProfileData
 from hdbench.records.trace import FloatArray
+from hdbench.results.diagnosis import NamedCause, ParameterValue
 
 Names = tuple[str, str]
 # pairs that each block did most for
@@ -303,8 +303,8 @@ def effects_named(names: Iterable[str]) -> tuple[Effect, ...]:
     return tuple(Effect(cause, nominal_shape(cause)) for cause in causes)
 
 
-def effects_of_result(
-    result: Mapping[str, Any], *, extra: Sequence[Cause] = ()
+def effects_of_causes(
+    causes: Sequence[NamedCause], *, extra: Sequence[Cause] = ()
 ) -> tuple[tuple[Effect, ...], tuple[Names, ...]]:
     """Return what a diagnosis result leaves open: effects with the shapes found, and pairs.
 
@@ -313,27 +313,27 @@ def effects_of_result(
     known = catalogue(extra)
     effects: dict[str, Effect] = {}
     pairs: dict[Names, None] = {}
-    for entry in result.get("causes", ()):
-        names = [str(name) for name in (entry["name"], *entry["group"], *entry["rivals"])]
-        names = [name for name in dict.fromkeys(names) if name in known]
+    for cause in causes:
+        alike = dict.fromkeys((cause.name, *cause.group, *cause.rivals))
+        names = [name for name in alike if name in known]
         if len(names) < 2:
             continue
         for name in names:
-            effects.setdefault(name, _found_effect(known[name], entry["parameters"]))
+            effects.setdefault(name, _found_effect(known[name], cause.parameters))
         for other in names[1:]:
             pairs |= {(names[0], other): None, (other, names[0]): None}
     return tuple(effects.values()), tuple(pairs)
 
 
-def _found_effect(cause: Cause, parameters: Mapping[str, Any]) -> Effect:
+def _found_effect(cause: Cause, parameters: Mapping[str, ParameterValue]) -> Effect:
     """Return a cause with the shapes and the amplitude that a diagnosis found."""
     shape = nominal_shape(cause)
     for parameter in cause.shape:
-        value = parameters.get(parameter.name, {}).get("value")
-        if isinstance(value, int | float) and parameter.contains(float(value)):
-            shape[parameter.name] = float(value)
-    amplitude = parameters.get("amplitude_nm", {}).get("value")
-    return Effect(cause, shape, float(amplitude) if isinstance(amplitude, int | float) else None)
+        found = parameters.get(parameter.name)
+        if found is not None and parameter.contains(found.value):
+            shape[parameter.name] = found.value
+    amplitude = parameters.get("amplitude_nm")
+    return Effect(cause, shape, None if amplitude is None else amplitude.value)
 
 
 def settled_by(first: Cause, second: Cause) -> str:
@@ -353,8 +353,8 @@ def settled_by(first: Cause, second: Cause) -> str:
     return first.experiment
 
 
-def plan_for_result(
-    result: Mapping[str, Any],
+def plan_for_causes(
+    causes: Sequence[NamedCause],
     profile: ProfileData,
     *,
     motion: Motion | None = None,
@@ -364,8 +364,8 @@ def plan_for_result(
 
     Parameters
     ----------
-    result : mapping
-        A diagnosis result (``hdbench/diagnosis/1``).
+    causes : sequence of NamedCause
+        Causes of a diagnosis.
     profile : ProfileData
         Bench.
     motion : Motion or None
@@ -377,5 +377,5 @@ def plan_for_result(
     -------
     Proposal or None
     """
-    effects, pairs = effects_of_result(result, extra=extra)
+    effects, pairs = effects_of_causes(causes, extra=extra)
     return propose(effects, pairs, profile, at_hand=motion) if pairs else None

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from itertools import permutations
 from pathlib import Path
 from typing import Any
@@ -19,7 +18,7 @@ from hdbench.diagnosis.planning.proposal import (
     Pair,
     Proposal,
     effects_named,
-    effects_of_result,
+    effects_of_causes,
     propose,
     settled_by,
 )
@@ -30,6 +29,7 @@ from hdbench.model import BenchModel, Motion, catalogue, motion_from_trace, simu
 from hdbench.profile import Profile
 from hdbench.profile.schema import ProfileData
 from hdbench.records import read_json, read_trace, resolve_input
+from hdbench.results.diagnosis import DiagnosisResult
 
 # what is told of an effect that a motion shows
 _SHOWN = ("name", "std_nm", "detectable_nm", "baseline_share")
@@ -82,14 +82,14 @@ def plan_report(
         If there is no such protocol, or nothing is open in the diagnosis.
     """
     bench = profile.data
-    stored: dict[str, Any] = {}
+    stored = None
     if result is not None:
         file = result / "result.json" if result.is_dir() else result
-        stored = read_json(file, "hdbench/diagnosis/1")
-    noise = _noise(stored, result, bench)
-    given = stored.get("input")
-    if of is None and isinstance(given, str) and Path(given).exists():
-        of = Path(given)
+        fix = "name a result that hdbench diagnose wrote"
+        stored = DiagnosisResult.from_json(read_json(file, "hdbench/diagnosis/1"), str(file), fix)
+        if of is None and stored.input and Path(stored.input).exists():
+            of = Path(stored.input)
+    noise = _noise(stored, result)
     motion, source = _at_hand(of, profile)
     effects, asked = _effects(causes, stored, result)
     at_hand = compare(motion, effects, bench, noise=noise, progress=progress)
@@ -136,16 +136,13 @@ def _at_hand(source: Path | None, profile: Profile) -> tuple[Motion, str]:
     return motion_from_trace(trace, bench), name
 
 
-def _noise(stored: Mapping[str, Any], file: Path | None, profile: ProfileData) -> Noise | None:
+def _noise(stored: DiagnosisResult | None, file: Path | None) -> Noise | None:
     """Return the noise that a diagnosis found; None where it says nothing of it."""
-    told = stored.get("settings", {}).get("noise")
+    told = None if stored is None else stored.settings.get("noise")
     if told is None:
         return None
     try:
-        if "coefficients" in told:
-            std, weights = float(told["innovation_std"]), np.array(told["coefficients"], float)
-            noise = Noise.autoregression(std, weights, profile.daq.sample_period_s)
-        elif "std_nm" in told:
+        if "std_nm" in told:
             noise = Noise.white(float(told["std_nm"]))
         else:
             noise = Noise(np.array(told["frequency_hz"], float), np.array(told["power_nm2"], float))
@@ -157,7 +154,7 @@ def _noise(stored: Mapping[str, Any], file: Path | None, profile: ProfileData) -
     if not good:
         raise DataError(
             "key settings.noise holds no spectrum; needed: frequency_hz, increasing, and "
-            "power_nm2 above 0, or std_nm, or innovation_std above 0 N m and coefficients",
+            "power_nm2 above 0, or std_nm",
             where=str(file),
             fix="name a result that hdbench diagnose wrote",
         )
@@ -165,11 +162,11 @@ def _noise(stored: Mapping[str, Any], file: Path | None, profile: ProfileData) -
 
 
 def _effects(
-    causes: tuple[str, ...], stored: Mapping[str, Any], result: Path | None
+    causes: tuple[str, ...], stored: DiagnosisResult | None, result: Path | None
 ) -> tuple[tuple[Effect, ...], tuple[Names, ...] | None]:
     """Return effects and the pairs in question; None for those that turn out to be confusable."""
-    if result is not None:
-        effects, pairs = effects_of_result(stored)
+    if stored is not None:
+        effects, pairs = effects_of_causes(stored.causes)
         if not pairs:
             raise UsageError(
                 "every cause of this diagnosis has one name: nothing is open",

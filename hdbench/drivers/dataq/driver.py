@@ -18,7 +18,6 @@ from hdbench.devices.daq import (
     ScanBlock,
     clean_text,
 )
-from hdbench.drivers.dataq.acquisition import Acquisition
 from hdbench.drivers.dataq.models import (
     MODELS,
     choose_rate,
@@ -27,7 +26,7 @@ from hdbench.drivers.dataq.models import (
     packet_code,
 )
 from hdbench.drivers.dataq.port import Commands, Port, port_path
-from hdbench.drivers.dataq.scans import WRAP, ScanPlan, StreamFault, plan_scan
+from hdbench.drivers.dataq.scans import WRAP, Acquisition, ScanPlan, StreamFault, plan_scan
 from hdbench.drivers.dataq.table import DataqAcquisition, DataqChannel
 from hdbench.errors import DeviceError, HdbenchError
 from hdbench.profile.schema import ProfileData

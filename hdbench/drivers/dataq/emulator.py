@@ -17,7 +17,6 @@ from hdbench.devices.emulator.instrument import (
 from hdbench.devices.emulator.serving import Emulation, EmulatorSettings
 from hdbench.drivers.dataq.driver import EMULATOR_NAME
 from hdbench.drivers.dataq.models import BUFFER_SAMPLES, MODELS, Model
-from hdbench.drivers.dataq.scans import channel_number
 from hdbench.drivers.dataq.table import DataqAcquisition
 from hdbench.records.trace import FloatArray
 from hdbench.system.lines import PseudoTerminal
@@ -91,7 +90,6 @@ class DataqDevice:
         self.instrument = instrument
         self.model = model
         self.serial = serial
-        self.lose_bytes = 0
         self.lines = OPEN_LINES
         self.buffer_samples = BUFFER_SAMPLES
         self._wiring = wiring
@@ -100,7 +98,6 @@ class DataqDevice:
         self._entries: dict[int, int] = {}
         self.scanning = self._average = False
         self._stream = b""
-        self._held_until_s = 0.0
         self._edges = 0
         self._pulse: int | None = None
 
@@ -126,7 +123,7 @@ class DataqDevice:
         if not self.scanning:
             return b""
         self._stream += self._sampled()
-        if blocked or self._clock() < self._held_until_s:
+        if blocked:
             return self._overflow() if len(self._stream) > 2 * self.buffer_samples else b""
         size = 16 << self._numbers["ps"]
         whole = len(self._stream) // size * size
@@ -152,10 +149,6 @@ class DataqDevice:
         elif word == "din":
             return str(self.lines)
         return "" if word in (*_NUMBERS, *_SILENT, "slist", "filter") else "unknown"
-
-    def hold(self, time_s: float) -> None:
-        """Hold the line for a time: what is sampled meanwhile stays in the buffer."""
-        self._held_until_s = self._clock() + time_s
 
     def _start(self) -> None:
         if self.scanning or not self._entries:
@@ -209,9 +202,7 @@ class DataqDevice:
             self.lines,
             edges[averaged - 1 :: averaged],
         )
-        data = words.astype("<i2").tobytes()
-        cut, self.lose_bytes = self.lose_bytes, 0
-        return data[cut:]
+        return words.astype("<i2").tobytes()
 
 
 def _averaged(samples: ElectricalSamples, number: int) -> ElectricalSamples:
@@ -228,10 +219,12 @@ def _averaged(samples: ElectricalSamples, number: int) -> ElectricalSamples:
 
 # wall-clock grain of the stream, s
 _TICK_S = 0.005
+# fast pace: a host has less time for the same samples
+_FAST_BUFFERS = 16
 
 
-class DataqLine:
-    """Serves one instrument until it is closed."""
+class EmulatedDataq:
+    """Implements `hdbench.devices.emulator.serving.EmulatedDevice` on a pseudo-terminal."""
 
     def __init__(self, device: DataqDevice) -> None:
         self.device = device
@@ -239,11 +232,13 @@ class DataqLine:
         self._buffer = self._left = b""
         self._timer: asyncio.TimerHandle | None = None
 
-    async def open(self) -> str:
-        """Open a pseudo-terminal and return the address that a host opens."""
+    async def open(self, settings: EmulatorSettings) -> Mapping[str, object]:
+        """Open the pseudo-terminal and return ``address``; it has no port to choose."""
+        if settings.pace == "fast":
+            self.device.buffer_samples *= _FAST_BUFFERS
         self._line = PseudoTerminal(self._received)
         self._tick()
-        return f"serial://{self._line.path}"
+        return {"address": f"serial://{self._line.path}"}
 
     def close(self) -> None:
         """End the line."""
@@ -273,27 +268,6 @@ class DataqLine:
         return data
 
 
-# fast pace: a host has less time for the same samples
-_FAST_BUFFERS = 16
-
-
-class EmulatedDataq:
-    """Implements `hdbench.devices.emulator.serving.EmulatedDevice`."""
-
-    def __init__(self, device: DataqDevice) -> None:
-        self.line = DataqLine(device)
-
-    async def open(self, settings: EmulatorSettings) -> Mapping[str, object]:
-        """Open the pseudo-terminal and return ``address``; it has no port to choose."""
-        if settings.pace == "fast":
-            self.line.device.buffer_samples *= _FAST_BUFFERS
-        return {"address": await self.line.open()}
-
-    def close(self) -> None:
-        """End the line."""
-        self.line.close()
-
-
 def emulate_dataq(emulation: Emulation, table: DataqAcquisition) -> EmulatedDataq:
     """Return an instrument with a simulated bench at the terminals that `table` names."""
     # the instrument's current channel has max_current_a at range_v; the terminal has 1 V per scale
@@ -303,6 +277,6 @@ def emulate_dataq(emulation: Emulation, table: DataqAcquisition) -> EmulatedData
     for channel in table.channels:
         if channel.role != "encoder":
             factor = amperes_per_v if channel.role == "current" else 1.0
-            wiring[channel_number(channel)] = (channel.role, factor / channel.scale)
+            wiring[channel.number] = (channel.role, factor / channel.scale)
     serial = f"{emulation.seed % 16**8:08X}"
     return EmulatedDataq(DataqDevice(emulation.instrument, MODELS[table.model], wiring, serial))

@@ -31,6 +31,11 @@ class DataqChannel(Table):
         Field(ge=1, le=4, description="of the counter: encoder counts per edge that it counts"),
     ] = 4
 
+    @property
+    def number(self) -> int:
+        """N of `analog n`."""
+        return int(self.input.removeprefix("analog "))
+
 
 class DataqAcquisition(Acquisition):
     """A DATAQ instrument on its serial port; it has no analog output."""

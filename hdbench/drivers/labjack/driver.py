@@ -9,15 +9,13 @@ from collections.abc import Callable, Mapping
 
 from hdbench.devices.bench import Identity, SafeState
 from hdbench.devices.daq import Capabilities, DaqSettings, Role, ScanBlock, WatchdogState
+from hdbench.devices.registers import Register
 from hdbench.devices.safestate import Seen, reach_safe_state
 from hdbench.devices.wire import connect, parse_address
-from hdbench.drivers.labjack.abilities import describe_abilities
-from hdbench.drivers.labjack.acquisition import Acquisition
-from hdbench.drivers.labjack.control import Control
+from hdbench.drivers.labjack.control import Control, Session
 from hdbench.drivers.labjack.outputs import Outputs, Watchdog
-from hdbench.drivers.labjack.registers import IDENTITY, STREAM_ENABLE, TEST, Register, user_name
-from hdbench.drivers.labjack.scanlist import InputScale, plan_scan
-from hdbench.drivers.labjack.session import Session
+from hdbench.drivers.labjack.registers import IDENTITY, STREAM_ENABLE, TEST, user_name
+from hdbench.drivers.labjack.scanlist import InputScale, describe_abilities, plan_scan
 from hdbench.drivers.labjack.setup import (
     input_scales,
     read_inputs,
@@ -25,7 +23,7 @@ from hdbench.drivers.labjack.setup import (
     set_up_stream,
     stop_stream,
 )
-from hdbench.drivers.labjack.stream import Stream
+from hdbench.drivers.labjack.stream import Acquisition, Stream
 from hdbench.drivers.labjack.table import LabJackAcquisition
 from hdbench.errors import BusyError, DeviceError, HdbenchError, UsageError
 from hdbench.profile.schema import ProfileData

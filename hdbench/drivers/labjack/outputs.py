@@ -1,22 +1,28 @@
-"""Motor reference, the drive's enable line, and the watchdog that drops it."""
+"""Motor reference, enable line, the watchdog that drops it, and how the guard stops the motor."""
 
 from __future__ import annotations
 
 import math
-import struct
 
-from hdbench.drivers.labjack.control import Control
+from hdbench.devices.guard.order import Check, Look, Target, target_at
+from hdbench.devices.registers import Register, as_float32
+from hdbench.devices.safestate import STANDSTILL_RAD_S
+from hdbench.devices.wire import parse_address
+from hdbench.drivers.labjack.control import Control, feedback_request
 from hdbench.drivers.labjack.registers import (
     DIO_STATE,
+    IDENTITY,
+    STREAM_ENABLE,
     STRICT_CLEAR,
     WATCHDOG,
-    Register,
+    analog_input,
     dac,
     digital_line,
     tick_dac,
 )
 from hdbench.drivers.labjack.table import LabJackAcquisition, LabJackOutput
 from hdbench.errors import DeviceError, UsageError
+from hdbench.profile.schema import ProfileData
 
 _TICK_DAC_V = 10.0
 _DAC_V = 5.0
@@ -59,7 +65,7 @@ class Outputs:
                 fix="ask for less, or raise daq.output.limit_v if the drive allows it",
             )
         register = _register(output)
-        wanted = _as_float32(value)
+        wanted = as_float32(value)
         if _is_tick_dac(output):
             self._control.feedback(((register, value),))
             return wanted
@@ -141,10 +147,6 @@ def _register(output: LabJackOutput) -> Register:
     return dac(int(output.output.removeprefix("DAC")))
 
 
-def _as_float32(value: float) -> float:
-    return float(struct.unpack(">f", struct.pack(">f", value))[0])
-
-
 # what feeds it; any number would do, a streaming reader never writes it by chance
 KEY = 0x68640B0E
 _ALL_LINES = (1 << 23) - 1
@@ -221,3 +223,40 @@ class Watchdog:
 
     def _put(self, register: Register, value: float) -> None:
         self._control.write((register,), (value,))
+
+
+# an output of 0 V as the device reads it back: below the step of any converter
+_ZERO_V = 0.02
+
+
+def stop_target(profile: ProfileData, table: LabJackAcquisition) -> Target | None:
+    """Return how a LabJack stops the motor."""
+    output = table.output
+    if output is None:
+        return None
+
+    def look(register: Register, check: Check) -> Look:
+        return Look(feedback_request((), (register,)), (check,))
+
+    tick = output.output.startswith("TDAC")
+    number = int(output.output.lstrip("TDAC"))
+    reference = tick_dac(number) if tick else dac(number)
+    # what is not measured or cannot be read back is not looked at: the enable line still is
+    looks = [] if tick else [look(reference, Check("reference, V", 1, ">f", -_ZERO_V, _ZERO_V))]
+    for channel in table.channels:
+        if channel.role == "tacho":
+            limit_v = STANDSTILL_RAD_S / abs(profile.tacho.gain_rad_s_per_v * channel.scale)
+            name = f"tacho ({STANDSTILL_RAD_S:g} rad/s are {limit_v:.3g} V), V"
+            check = Check(name, 1, ">f", -limit_v, limit_v)
+            looks.append(look(analog_input(channel.number), check))
+    line = digital_line(output.enable_line)
+    off = 0 if output.enable_high else 1
+    stop = feedback_request(((STREAM_ENABLE, 0),), ())
+    return Target(
+        target_at(parse_address(table.address, default_port=502), 1),
+        acts=(feedback_request(((reference, 0.0),), ()), stop),
+        looks=tuple(looks),
+        identity=(Look(feedback_request((), IDENTITY)),),
+        finals=(feedback_request(((line, off),), ()),),
+        final_looks=(look(line, Check("enable line", 1, ">H", off, off)),),
+    )

@@ -6,52 +6,15 @@ Names, addresses, types and access are those of ``ljm_constants.json`` (LabJack 
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import cache
 from importlib import resources
-from typing import Literal
 
-Kind = Literal["u16", "u32", "i32", "f32"]
-_FORMATS: dict[Kind, str] = {"u16": ">H", "u32": ">I", "i32": ">i", "f32": ">f"}
-
-
-@dataclass(frozen=True, slots=True)
-class Register:
-    """One value of the device's flat map."""
-
-    name: str
-    address: int
-    kind: Kind
-    writable: bool = False
-
-    @property
-    def size(self) -> int:
-        """Number of 16-bit registers."""
-        return 1 if self.kind == "u16" else 2
-
-    def encode(self, value: float) -> bytes:
-        """Return the bytes of `value`."""
-        try:
-            if self.kind == "f32":
-                return struct.pack(">f", value)
-            return struct.pack(_FORMATS[self.kind], int(value))
-        except (struct.error, OverflowError) as error:
-            raise ValueError(f"{value!r} does not fit {self.name} ({self.kind})") from error
-
-    def decode(self, raw: bytes) -> float | int:
-        """Return the value of `raw`, exactly `size` registers."""
-        value: float | int = struct.unpack(_FORMATS[self.kind], raw)[0]
-        return value
-
-    def describe(self) -> str:
-        """Return name and address as messages show them."""
-        return f"{self.name} ({self.address})"
+from hdbench.devices.registers import Kind, Register
 
 
 def _rw(name: str, address: int, kind: Kind = "u32") -> Register:
-    return Register(name, address, kind, writable=True)
+    return Register(name, address, kind, True)
 
 
 TEST = Register("TEST", 55100, "u32")

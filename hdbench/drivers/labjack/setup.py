@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from hdbench.devices.daq import Role
+from hdbench.devices.registers import Register
 from hdbench.drivers.labjack.control import Control, Refused
 from hdbench.drivers.labjack.registers import (
     BUFFER_SIZE,
@@ -13,7 +14,6 @@ from hdbench.drivers.labjack.registers import (
     STREAM_ENABLE,
     STREAM_SETUP,
     STREAM_TARGET,
-    Register,
     analog_input,
     analog_range,
     ef_count,
@@ -29,7 +29,6 @@ from hdbench.drivers.labjack.scanlist import (
     QUADRATURE,
     InputScale,
     ScanPlan,
-    input_number,
     nominal_scale,
     quadrature_lines,
     scale_from_flash,
@@ -43,7 +42,7 @@ def read_inputs(control: Control, table: LabJackAcquisition) -> dict[Role, float
     registers = [
         ef_count(quadrature_lines(table.model)[0])
         if channel.input == QUADRATURE
-        else analog_input(input_number(channel))
+        else analog_input(channel.number)
         for channel in table.channels
     ]
     values = control.read(*registers)
@@ -58,13 +57,13 @@ def input_scales(control: Control, table: LabJackAcquisition) -> dict[Role, Inpu
     analog = [channel for channel in table.channels if channel.input != QUADRATURE]
     if table.calibration == "nominal":
         return {
-            channel.role: nominal_scale(table.model, input_number(channel), channel.range_v)
+            channel.role: nominal_scale(table.model, channel.number, channel.range_v)
             for channel in analog
         }
     words = _calibration_words(control, table.model)
     scales: dict[Role, InputScale] = {}
     for channel in analog:
-        scale = scale_from_flash(table.model, words, input_number(channel), channel.range_v)
+        scale = scale_from_flash(table.model, words, channel.number, channel.range_v)
         if scale is None:
             raise DeviceError(
                 f"the calibration constants of {channel.input} are more than 5 % from their "
@@ -129,7 +128,7 @@ def set_up_inputs(control: Control, table: LabJackAcquisition) -> None:
     analog = [channel for channel in table.channels if channel.input != QUADRATURE]
     # a T4 has neither ranges nor negative sides
     for channel in analog if table.model == "T7" else ():
-        number = input_number(channel)
+        number = channel.number
         negative = _SINGLE_ENDED if channel.negative is None else channel.negative
         _ensure(control, analog_range(number), channel.range_v)
         _ensure(control, negative_channel(number), negative)

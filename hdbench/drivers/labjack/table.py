@@ -29,6 +29,11 @@ class LabJackChannel(Table):
         float, Field(description="units of the role per volt; 1 except for a current, A/V")
     ] = 1.0
 
+    @property
+    def number(self) -> int:
+        """N of AINn."""
+        return int(self.input.removeprefix("AIN"))
+
 
 class LabJackOutput(OutputChannel):
     """The motor reference and the drive's enable line."""

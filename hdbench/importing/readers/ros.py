@@ -8,7 +8,7 @@ channel of its own.
 from __future__ import annotations
 
 import importlib
-import struct
+import itertools
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hdbench.errors import DataError
 from hdbench.importing.source import (
@@ -23,7 +24,6 @@ from hdbench.importing.source import (
     Channel,
     Piece,
     Source,
-    finite_or_nan,
     spelled,
 )
 
@@ -36,30 +36,41 @@ _UNITS = {
     "sensor_msgs/msg/Temperature": {"temperature": "degC"},
 }
 _MOST_ELEMENTS = 512
-_SIZES = {
-    "bool": ("B", 1),
-    "byte": ("B", 1),
-    "char": ("B", 1),
-    "octet": ("B", 1),
-    "int8": ("b", 1),
-    "uint8": ("B", 1),
-    "int16": ("h", 2),
-    "uint16": ("H", 2),
-    "int32": ("i", 4),
-    "uint32": ("I", 4),
-    "int64": ("q", 8),
-    "uint64": ("Q", 8),
-    "float32": ("f", 4),
-    "float64": ("d", 8),
+_CODES = {
+    "bool": "u1",
+    "byte": "u1",
+    "char": "u1",
+    "octet": "u1",
+    "int8": "i1",
+    "uint8": "u1",
+    "int16": "i2",
+    "uint16": "u2",
+    "int32": "i4",
+    "uint32": "u4",
+    "int64": "i8",
+    "uint64": "u8",
+    "float32": "f4",
+    "float64": "f8",
 }
 _BASE, _NAME, _ARRAY = 1, 2, 3
 _DEEPEST = 16
 # messages in a list within a message that are taken apart
 _MOST_INNER = 64
+# layouts of one length that are remembered: publishers that take turns on one topic
+_MOST_LAYOUTS = 8
+
+
+@dataclass(frozen=True, slots=True)
+class _Place:
+    """Numbers in a message: where they begin, their type, and how many; None for a single one."""
+
+    at: int
+    dtype: np.dtype[Any]
+    count: int | None
 
 
 class RosMessage:
-    """One message, taken apart by the definition of its type.
+    """Layout of one message, taken apart by the definition of its type.
 
     Both wire forms are read: CDR of ROS 2 (aligned, either byte order) and that of ROS 1 (packed,
     little-endian). The definition may come from the file, so nothing of it is ever executed.
@@ -70,77 +81,102 @@ class RosMessage:
         Definitions by name: constants, and pairs of name and description of each field.
     data : bytes
         The message.
+    name : str
+        Its type.
     ros2 : bool
         Whether it is CDR.
     """
 
-    def __init__(self, types: Mapping[str, Any], data: bytes, *, ros2: bool) -> None:
+    def __init__(self, types: Mapping[str, Any], data: bytes, name: str, *, ros2: bool) -> None:
         self._types = types
         self._order = "<"
         self._data = data
-        self._ros2 = ros2
+        self._align = ros2
+        self._at = 0
+        # numbers and texts by their paths
+        self.places: dict[str, _Place] = {}
+        self.texts: dict[str, list[str]] = {}
+        # lengths and names: a message with the same has its numbers at the same places
+        self._fixed: list[tuple[int, bytes]] = []
         if ros2:
             if len(data) < 4 or data[0] != 0 or data[1] > 1:
                 raise ValueError("a message that is not plain CDR")
             self._order = "<" if data[1] else ">"
-            self._data = data[4:]
-        self._at = 0
+            self._fixed.append((0, data[:4]))
+            self._at = 4
+        self._message(name, "", 0, kept=True)
 
-    def fields(self, name: str) -> dict[str, Any]:
-        """Return the values of a message of a type by their paths: numbers, arrays, text."""
-        found: dict[str, Any] = {}
-        self._message(name, "", found, 0)
-        return found
+    def fits(self, data: bytes) -> bool:
+        """Return whether another message has its numbers at the same places."""
+        return len(data) == len(self._data) and all(
+            data.startswith(known, at) for at, known in self._fixed
+        )
 
-    def _message(self, name: str, before: str, found: dict[str, Any], depth: int) -> None:
+    def numbers(self, path: str, rows: NDArray[np.uint8]) -> NDArray[Any] | None:
+        """Return the numbers of a field of messages that fit, a row for each message."""
+        place = self.places.get(path)
+        if place is None:
+            return None
+        size = place.dtype.itemsize * (1 if place.count is None else place.count)
+        part = np.ascontiguousarray(rows[:, place.at : place.at + size])
+        return part.view(place.dtype) if size else None
+
+    def _message(self, name: str, before: str, depth: int, *, kept: bool) -> None:
         if depth > _DEEPEST:
             raise ValueError("messages nested too deeply")
         for field, description in self._types[name][1]:
-            self._field(description, f"{before}{field}", found, depth)
+            self._field(description, f"{before}{field}", depth, kept=kept)
 
-    def _field(self, description: Any, path: str, found: dict[str, Any], depth: int) -> None:
+    def _field(self, description: Any, path: str, depth: int, *, kept: bool) -> None:
         kind, what = int(description[0]), description[1]
-        if kind == _BASE:
-            found[path] = self._base(what[0])
-        elif kind == _NAME:
-            self._message(what, f"{path}/", found, depth + 1)
+        if kind == _NAME:
+            self._message(what, f"{path}/", depth + 1, kept=kept)
+        elif kind == _BASE and what[0] in _CODES:
+            self._numbers(what[0], None, path, kept=kept)
+        elif kind == _BASE:
+            self._text(what[0], path, kept=kept)
         else:
             inner, length = what
-            count = length if kind == _ARRAY else self._number("I", 4)
-            self._list(inner, count, path, found, depth)
-
-    def _list(self, inner: Any, count: int, path: str, found: dict[str, Any], depth: int) -> None:
-        # each element takes a byte at least
-        if count > len(self._data) - self._at:
-            raise ValueError(f"{path} claims {count} elements")
-        if int(inner[0]) == _BASE and inner[1][0] in _SIZES:
-            code, size = _SIZES[inner[1][0]]
-            if count:
-                self._align(size)
-            values = np.frombuffer(self._take(count * size), dtype=f"{self._order}{code}")
-            found[path] = values
-        elif int(inner[0]) == _BASE:
-            found[path] = [self._base(inner[1][0]) for _ in range(count)]
-        else:
+            count = length if kind == _ARRAY else self._length()
+            # each element takes a byte at least
+            if count > len(self._data) - self._at:
+                raise ValueError(f"{path} claims {count} elements")
+            if int(inner[0]) == _BASE and inner[1][0] in _CODES:
+                self._numbers(inner[1][0], count, path, kept=kept)
+                return
+            alone = int(inner[0]) != _BASE
             for k in range(count):
-                kept = found if k < _MOST_INNER else {}
-                self._field(inner, f"{path}[{k}]", kept, depth)
+                at = f"{path}[{k}]" if alone else path
+                self._field(inner, at, depth, kept=kept and (k < _MOST_INNER or not alone))
 
-    def _base(self, name: str) -> Any:
-        if name in _SIZES:
-            return self._number(*_SIZES[name])
+    def _numbers(self, name: str, count: int | None, path: str, *, kept: bool) -> None:
+        dtype = np.dtype(f"{self._order}{_CODES[name]}")
+        if count != 0:
+            self._pad(dtype.itemsize)
+        place = _Place(self._at, dtype, count)
+        self._take(dtype.itemsize * (1 if count is None else count))
+        if kept:
+            self.places[path] = place
+
+    def _text(self, name: str, path: str, *, kept: bool) -> None:
         if name != "string":
             raise ValueError(f"a field of type {name!r:.40}")
-        raw = self._take(self._number("I", 4))
-        return (raw[:-1] if self._ros2 else raw).decode("utf-8", "replace")
+        raw = self._take(self._length())
+        if kept:
+            word = (raw[:-1] if self._align else raw).decode("utf-8", "replace")
+            self.texts.setdefault(path, []).append(word)
+        if path.rpartition("/")[2] in _NAMES:
+            self._fixed.append((self._at - len(raw), raw))
 
-    def _number(self, code: str, size: int) -> Any:
-        self._align(size)
-        return struct.unpack(f"{self._order}{code}", self._take(size))[0]
+    def _length(self) -> int:
+        self._pad(4)
+        at, raw = self._at, self._take(4)
+        self._fixed.append((at, raw))
+        return int.from_bytes(raw, "little" if self._order == "<" else "big")
 
-    def _align(self, size: int) -> None:
-        if self._ros2:
-            self._at += -self._at % size
+    def _pad(self, size: int) -> None:
+        if self._align:  # counted from behind the four bytes that say the byte order
+            self._at += -(self._at - 4) % size
 
     def _take(self, size: int) -> bytes:
         data = self._data[self._at : self._at + size]
@@ -155,21 +191,23 @@ class _Getter:
     """Which number of a message a channel is."""
 
     path: str
-    index: int | None = None
+    index: int = 0
     joints: str = ""
     joint: str = ""
 
-    def value(self, fields: Mapping[str, Any]) -> float:
-        found = fields.get(self.path)
+    def values(self, layout: RosMessage, rows: NDArray[np.uint8]) -> NDArray[Any] | None:
+        """Return the numbers of messages of one layout; None where it has none."""
+        if self.path == "stamp":
+            seconds, rest = (layout.numbers(path, rows) for path in _STAMP)
+            if seconds is None or rest is None:
+                return None
+            return np.asarray(seconds[:, 0].astype(np.int64) * 10**9 + rest[:, 0])
         index = self.index
         if self.joints:
-            names = fields.get(self.joints, [])
+            names = layout.texts.get(self.joints, [])
             index = names.index(self.joint) if self.joint in names else -1
-        if index is not None:
-            if not 0 <= index < len(found if found is not None else ()):
-                return np.nan
-            found = found[index] if found is not None else None
-        return finite_or_nan(found)
+        found = layout.numbers(self.path, rows)
+        return found[:, index] if found is not None and 0 <= index < found.shape[1] else None
 
 
 class _RosSource(Source):
@@ -210,34 +248,33 @@ class _RosSource(Source):
                 body = part.split("\n", 1)[1] if part.startswith("IDL: ") else part
                 self._types.update(typesys.get_types_from_idl(body))
 
-    def _messages(self, connection: Any) -> Iterator[tuple[int, dict[str, Any]]]:
+    def _messages(self, connection: Any) -> Iterator[tuple[int, str, bytes]]:
         same = [c for c in self._reader.connections if c.topic == connection.topic]
         for found, received, raw in self._reader.messages(connections=same):
-            message = RosMessage(self._types, bytes(raw), ros2=self._ros2)
-            fields = message.fields(found.msgtype)
-            fields["received"] = received
-            if _STAMP[0] in fields:
-                fields["stamp"] = fields[_STAMP[0]] * 10**9 + fields[_STAMP[1]]
-            yield received, fields
+            yield received, found.msgtype, bytes(raw)
+
+    def _layout(self, kind: str, raw: bytes) -> RosMessage:
+        return RosMessage(self._types, raw, kind, ros2=self._ros2)
 
     def _channels(self, connection: Any) -> list[tuple[Channel, _Getter]]:
         topic = connection.topic
         first = next(self._messages(connection), None)
         if first is None:
             return []
-        fields = first[1]
-        stamped = bool(fields.get("stamp"))
-        times = ("stamp", "received") if stamped else ("received",)
+        _, kind, raw = first
+        layout = self._layout(kind, raw)
+        stamp = _Getter("stamp").values(layout, _matrix([raw]))
+        times = ("received",) if stamp is None or not stamp[0] else ("stamp", "received")
         rows = connection.msgcount
         made = [
             (Channel(f"{topic}/{name}", "ns", topic, name == times[0], rows), _Getter(name))
             for name in times
         ]
         units = _UNITS.get(connection.msgtype, {})
-        for path, value in fields.items():
-            if path in (*times, "received", "stamp") or path.startswith("header/"):
+        for path, place in layout.places.items():
+            if path.startswith("header/"):
                 continue
-            for name, getter in _elements(path, value, fields):
+            for name, getter in _elements(path, place, layout):
                 unit = units.get(path, "")
                 made.append((Channel(f"{topic}/{name}", unit, topic, False, rows), getter))
         return made
@@ -245,19 +282,47 @@ class _RosSource(Source):
     def pieces(self, names: Sequence[str]) -> Iterator[Piece]:
         clocks = {c.name: c.clock for c in self.channels}
         getters = {name: self._getters[name] for name in names}
-        times = [name for name, getter in getters.items() if getter.path in ("stamp", "received")]
-        rows: dict[str, list[Any]] = {name: [] for name in names}
-        count = 0
-        for _, fields in self._messages(self._topics[clocks[names[0]]]):
+        messages = self._messages(self._topics[clocks[names[0]]])
+        while part := list(itertools.islice(messages, PIECE_ROWS)):
+            yield self._piece(part, getters)
+
+    def _piece(
+        self, messages: Sequence[tuple[int, str, bytes]], getters: Mapping[str, _Getter]
+    ) -> Piece:
+        piece: dict[str, NDArray[Any]] = {}
+        for name, getter in getters.items():
+            whole = getter.path in ("stamp", "received")
+            piece[name] = np.full(
+                len(messages), 0 if whole else np.nan, np.int64 if whole else None
+            )
+        for layout, places, data in self._alike(messages):
+            rows = _matrix(data)
             for name, getter in getters.items():
-                value = fields.get(getter.path) if name in times else getter.value(fields)
-                rows[name].append(value)
-            count += 1
-            if count % PIECE_ROWS == 0:
-                yield _piece(rows, times)
-                rows = {name: [] for name in names}
-        if count % PIECE_ROWS:
-            yield _piece(rows, times)
+                if getter.path == "received":
+                    piece[name][places] = [messages[k][0] for k in places]
+                    continue
+                values = getter.values(layout, rows)
+                if values is not None:
+                    piece[name][places] = values
+        return piece
+
+    def _alike(
+        self, messages: Sequence[tuple[int, str, bytes]]
+    ) -> Iterator[tuple[RosMessage, list[int], list[bytes]]]:
+        """Yield messages of one layout, with their places."""
+        known: dict[tuple[str, int], list[tuple[RosMessage, list[int], list[bytes]]]] = {}
+        for k, (_, kind, raw) in enumerate(messages):
+            groups = known.setdefault((kind, len(raw)), [])
+            group = next((g for g in groups if g[0].fits(raw)), None)
+            if group is None:
+                group = (self._layout(kind, raw), [], [])
+                groups.append(group)
+                if len(groups) > _MOST_LAYOUTS:
+                    yield groups.pop(0)
+            group[1].append(k)
+            group[2].append(raw)
+        for groups in known.values():
+            yield from groups
 
     def place(self, row: int) -> str:
         return f"{self.path}: message {row + 1}"
@@ -266,27 +331,25 @@ class _RosSource(Source):
         self._close()
 
 
-def _piece(rows: Mapping[str, list[Any]], times: Sequence[str]) -> Piece:
-    return {
-        name: np.array(values, dtype=np.int64 if name in times else np.float64)
-        for name, values in rows.items()
-    }
+def _matrix(messages: Sequence[bytes]) -> NDArray[np.uint8]:
+    """Return messages of one length as the rows of a matrix."""
+    return np.frombuffer(b"".join(messages), np.uint8).reshape(len(messages), -1)
 
 
-def _elements(path: str, value: Any, fields: Mapping[str, Any]) -> list[tuple[str, _Getter]]:
+def _elements(path: str, place: _Place, layout: RosMessage) -> list[tuple[str, _Getter]]:
     """Return the channels that a field is: one number, one for each joint, or one per element."""
-    if isinstance(value, int | float):
+    if place.count is None:
         return [(path, _Getter(path))]
-    if not isinstance(value, np.ndarray) or not 0 < len(value) <= _MOST_ELEMENTS:
+    if not 0 < place.count <= _MOST_ELEMENTS:
         return []
     parent, _, field = path.rpartition("/")
     for key in _NAMES:
         at = f"{parent}/{key}" if parent else key
-        joints = fields.get(at)
-        if isinstance(joints, list) and len(joints) == len(value):
+        joints = layout.texts.get(at, [])
+        if len(joints) == place.count:
             before = f"{parent}/" if parent else ""
-            return [(f"{before}{j}/{field}", _Getter(path, None, at, j)) for j in joints]
-    return [(f"{path}[{k}]", _Getter(path, k)) for k in range(len(value))]
+            return [(f"{before}{j}/{field}", _Getter(path, 0, at, j)) for j in joints]
+    return [(f"{path}[{k}]", _Getter(path, k)) for k in range(place.count)]
 
 
 def open_file(path: Path) -> Source:

@@ -17,7 +17,7 @@ _LIMIT_COLUMNS = 1000
 _LIMIT_HEADER = 1 << 20
 _BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 # 600 s at 5 kHz with ten channels of full precision are 0.6 GB as text
-_LIMIT_BYTES = 1 << 30
+LIMIT_BYTES = 1 << 30
 # text of real samples shrinks 2 to 20 times; deflate itself cannot pass 1032
 _LIMIT_RATIO = 300
 # below this a high ratio does no harm
@@ -31,7 +31,7 @@ def data_error(path: Path, line: int, what: str, fix: str = IMPORT_FIX) -> DataE
 
 
 def _inflate(path: Path, packed: bytes) -> bytes:
-    limit = max(_SMALL_BYTES, min(_LIMIT_BYTES, len(packed) * _LIMIT_RATIO))
+    limit = max(_SMALL_BYTES, min(LIMIT_BYTES, len(packed) * _LIMIT_RATIO))
     parts: list[bytes] = []
     total, rest = 0, packed
     try:
@@ -58,7 +58,7 @@ def _inflate(path: Path, packed: bytes) -> bytes:
 
 def read_raw(path: Path, what: str) -> bytes:
     r"""Read a text file, unpacked; without byte-order mark, and its lines end with ``\n``."""
-    raw = file_bytes(path, limit=_LIMIT_BYTES, what=what)
+    raw = file_bytes(path, limit=LIMIT_BYTES, what=what)
     if path.suffix == ".gz":
         raw = _inflate(path, raw)
     raw = raw.removeprefix(_BYTE_ORDER_MARK)

@@ -25,14 +25,16 @@ _CHUNK_BYTES = 1 << 16
 _WORTH_IMPORTING = 10_000_000
 
 
-def parse_numbers(header: Sequence[str], raw: bytes, start: int) -> dict[str, FloatArray] | None:
+def parse_numbers(
+    header: Sequence[str], raw: bytes, start: int, whole: int = 0
+) -> dict[str, FloatArray] | None:
     """Parse rows of numbers behind the header, which ends at `start`; an empty cell is NaN.
 
-    None where they are not plain.
+    None where they are not plain. `whole` is the size of the file that this is a piece of.
     """
     if len(header) < 2 or start >= len(raw):
         return None
-    if len(raw) >= _WORTH_IMPORTING and importlib.util.find_spec("polars"):
+    if max(len(raw), whole) >= _WORTH_IMPORTING and importlib.util.find_spec("polars"):
         return _by_polars(header, raw, start)
     return _by_chunks(header, raw, start)
 

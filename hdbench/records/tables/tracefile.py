@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from hdbench.errors import DataError
 from hdbench.records.storage import write_atomic
 from hdbench.records.tables.csvtext import (
     IMPORT_FIX,
+    LIMIT_BYTES,
     Table,
     as_text,
     check_header,
@@ -46,6 +48,8 @@ _GROUPS = {
 }
 # rows written at a time: bounds the memory that their text takes on the way
 _CHUNK_ROWS = 50_000
+# a larger file is read by pieces of this size, for its text takes more than its numbers
+_PIECE_BYTES = 16 << 20
 
 
 def read_trace(path: Path, *, require: Sequence[str] = ("torque", "velocity")) -> Trace:
@@ -80,8 +84,10 @@ def read_trace(path: Path, *, require: Sequence[str] = ("torque", "velocity")) -
         columns, texts = parquet_columns(path)
         lines = range(1, 1 + len(next(iter(columns.values()), ())))
     else:
-        raw = read_raw(path, "trace")
-        found = _fast(path, raw)
+        found = _by_pieces(path)
+        if found is None:
+            raw = read_raw(path, "trace")
+            found = _fast(path, raw)
         if found is None:
             columns, texts, lines = _careful(parse_table(path, as_text(path, raw)))
         else:
@@ -89,6 +95,25 @@ def read_trace(path: Path, *, require: Sequence[str] = ("torque", "velocity")) -
     _check_required(path, columns, texts, require)
     _check_values(path, columns, lines)
     return Trace(columns, str(path), {"text_columns": texts} if texts else {})
+
+
+def _by_pieces(path: Path) -> dict[str, FloatArray] | None:
+    """Parse a large well-formed file; None where it is small or needs the careful way."""
+    if path.suffix != ".csv" or not path.is_file():
+        return None
+    parts: dict[str, list[FloatArray]] = {}
+    # whoever reads the whole file says why it cannot
+    with suppress(OSError), path.open("rb") as file:
+        if not 2 * _PIECE_BYTES < path.stat().st_size <= LIMIT_BYTES:
+            return None
+        head = file.readline(_PIECE_BYTES)
+        while piece := file.read(_PIECE_BYTES):
+            found = _fast(path, head + piece + file.readline(_PIECE_BYTES))
+            if found is None:
+                return None
+            for name, values in found.items():
+                parts.setdefault(name, []).append(values)
+    return {name: np.concatenate(parts.pop(name)) for name in tuple(parts)} or None
 
 
 def _fast(path: Path, raw: bytes) -> dict[str, FloatArray] | None:

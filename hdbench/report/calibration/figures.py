@@ -110,7 +110,7 @@ def _deviations(result: CalibrationResult, range_name: str, prefix: str) -> Pict
             for limit in (0.5 * grade, -0.5 * grade):
                 axes.curve(ends, [0.0, limit], "muted", ":", linewidth=1.2)
     axes.label("applied torque (N·m), clockwise positive", "off the line (% of largest)")
-    axes.legend_above()
+    axes.legend_above(4)
     limits = f" Dotted: limits of the line's deviation in class {grade:g}." if grade else ""
     caption = (
         f"Deflection less the line through zero of its direction, {range_name} range, in percent "
@@ -215,7 +215,7 @@ def _hysteresis(result: CalibrationResult, prefix: str) -> Picture | None:
         )
     axes.label("applied torque (N·m), clockwise positive", "unloading less loading (mN·m)")
     axes.set_ylim(bottom=0.0)
-    axes.legend_above()
+    axes.legend_above(4)
     worst = max((loop.relative for loop in result.hysteresis.values()), default=0.0)
     caption = (
         "Size of the difference between unloading and loading at each step of the "

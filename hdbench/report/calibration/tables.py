@@ -9,6 +9,7 @@ from typing import Any
 from hdbench.report.numbers import (
     DASH,
     MINUS,
+    NBSP,
     declared,
     fixed,
     millivolts,
@@ -212,8 +213,14 @@ def _equations(result: CalibrationResult) -> Table:
 
     columns: tuple[Column, ...] = (
         ("group", lambda g: f"{g.direction}, {g.range}"),
-        ("volts of torque", lambda g: f"V = {turn / gain(g):.6g} T".replace("-", MINUS)),
-        ("torque of volts", lambda g: f"T = {turn * gain(g):.6g} V".replace("-", MINUS)),
+        (
+            "volts of torque",
+            lambda g: f"V = {turn / gain(g):.6g} T".replace("-", MINUS).replace(" ", NBSP),
+        ),
+        (
+            "torque of volts",
+            lambda g: f"T = {turn * gain(g):.6g} V".replace("-", MINUS).replace(" ", NBSP),
+        ),
         ("cubic", cubic),
         ("range (N·m)", lambda g: f"0 to {g.largest_torque_nm:.4g}"),
     )
@@ -231,7 +238,7 @@ def _classes(result: CalibrationResult) -> Table:
         return lambda row: (
             f"{getattr(row[2], key):.0f} steps"
             if row[2].name == "resolution"
-            else f"{percent(getattr(row[2], key))} %"
+            else f"{percent(getattr(row[2], key))}{NBSP}%"
         )
 
     columns: tuple[Column, ...] = (
@@ -519,7 +526,9 @@ def _readings(result: CalibrationResult) -> Table:
 def _signatures(result: CalibrationResult) -> Table:
     days = result.validity_days
     operator = result.identity.operator if result.identity else ""
-    until = DASH if days is None else f"runs refuse it after {days:g} days unless told otherwise"
+    until = (
+        DASH if days is None else f"runs refuse it after {days:g} days, except with --allow-expired"
+    )
     rows = (
         ("calibrated by (name, date, signature)", operator),
         ("checked by (name, date, signature)", ""),

@@ -11,11 +11,10 @@ from numpy.typing import NDArray
 
 from hdbench.diagnosis.faults.scatter import mask_runs
 from hdbench.records import FloatArray
-from hdbench.records.tables import parse_table, read_text
 from hdbench.report.canvas import COLOURS, min_max, new_figure
+from hdbench.report.diagnosis.folder import Columns, read_columns
 from hdbench.report.pagemodel import Picture
 
-Columns = Mapping[str, FloatArray]
 # samples in a close-up: enough to see a ripple, few enough to tell the dots
 _CLOSE_SAMPLES = 160
 # of each spectrum: its file, its axis, the label and the name of the axis, its unit
@@ -40,42 +39,23 @@ _MAP_IN = 1.55
 
 def folder_pictures(folder: Path, prefix: str) -> tuple[Picture, ...]:
     """Draw the tables that a diagnosis left in its folder; nothing without a residual."""
-    columns = _columns(folder / "residual.csv")
+    columns = read_columns(folder / "residual.csv")
     if columns is None:
         return ()
     if "falling" in columns:
         return (_loads(columns, f"{prefix}-loads"),)
     drawn = [_comparison(columns, f"{prefix}-simulated"), _residual(columns, f"{prefix}-residual")]
     for stem, axis, label, words, unit in _SPECTRA:
-        table = _columns(folder / f"{stem.replace('-', '_')}_spectrum.csv")
+        table = read_columns(folder / f"{stem.replace('-', '_')}_spectrum.csv")
         if table is not None:
             drawn.append(_spectrum(table, axis, label, words, unit, f"{prefix}-{stem}-spectrum"))
-    maps = {name: table for name in _MAPS if (table := _columns(folder / f"map_{name}.csv"))}
+    maps = {name: table for name in _MAPS if (table := read_columns(folder / f"map_{name}.csv"))}
     if maps:
         drawn.append(_maps(maps, f"{prefix}-maps"))
-    codes = _columns(folder / "map_code.csv")
+    codes = read_columns(folder / "map_code.csv")
     if codes is not None:
         drawn.append(_codes(codes, f"{prefix}-codes"))
     return tuple(drawn)
-
-
-def _columns(path: Path) -> dict[str, FloatArray] | None:
-    """Read a table of numbers, NaN where a cell has none; None where there is no such file."""
-    if not path.is_file():
-        return None
-    table = parse_table(path, read_text(path, "table"))
-    columns = zip(*table.rows, strict=True)
-    return {
-        name: np.array([_number(cell) for cell in cells])
-        for name, cells in zip(table.header, columns, strict=True)
-    }
-
-
-def _number(cell: str) -> float:
-    try:
-        return float(cell)
-    except ValueError:
-        return float("nan")
 
 
 def _rms(values: FloatArray, chosen: NDArray[np.bool_]) -> float:
@@ -169,9 +149,14 @@ def _residual(columns: Columns, name: str) -> Picture:
 def _spectrum(table: Columns, axis: str, label: str, words: str, unit: str, name: str) -> Picture:
     figure, (axes,) = new_figure(1, 3.1)
     x, before, after = table[axis], table["before_nm"], table["after_nm"]
+    decades = unit != ""  # frequencies span decades, and most of a residual is slow
     for line, when in ((before, "before"), (after, "after")):
-        axes.curve(*min_max(x, line), when, linewidth=1.0, label=when)
+        shown = (x, line) if decades else min_max(x, line)
+        axes.curve(*shown, when, linewidth=1.0, label=when)
     axes.set_ylim(bottom=0.0)
+    if decades:
+        axes.set_xscale("log")
+        axes.xaxis.set_major_formatter("{x:g}")
     axes.label(label, "amplitude (N·m)")
     axes.legend_above()
     at = int(np.nanargmax(before))
@@ -225,8 +210,8 @@ def _codes(table: Columns, name: str) -> Picture:
     axes.label("code of the converter modulo 32", "share (%)")
     never = int(np.count_nonzero(table["samples"] == 0.0))
     caption = (
-        "How often each of the converter's codes came, modulo 32. All alike is as it should be; a "
-        f"comb means a stuck bit or a coarser step. {never} of 32 never came."
+        "How often each of the converter's codes came, modulo 32. A sound converter gives equal "
+        f"shares; a comb means a stuck bit or a coarser step. {never} of 32 never came."
     )
     alt = f"Histogram of converter codes modulo 32; {never} of 32 never came."
     return Picture.drawn(figure, name, "Codes of the converter", caption, alt)

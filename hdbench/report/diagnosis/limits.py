@@ -2,50 +2,44 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from hdbench.results import DiagnosisResult
 
 # a rest within 5 % of the noise is within what its two estimates differ by
 _ABOVE = 1.05
 
 
-def left_out_line(result: Mapping[str, Any]) -> str:
+def left_out_line(result: DiagnosisResult) -> str:
     """Say how many samples took no part and why; nothing where all did."""
-    left = [one for one in result.get("left_out") or () if one["samples"]]
+    left = [one for one in result.left_out if one.samples]
     if not left:
         return ""
-    total = round(left[0]["samples"] / left[0]["share"])
-    samples = sum(one["samples"] for one in left)
+    total = round(left[0].samples / left[0].share)
+    samples = sum(one.samples for one in left)
     if len(left) == 1:
-        why = left[0]["reason"]
+        why = left[0].reason
     else:
-        why = ", ".join(f"{one['reason']} ({_count(one['samples'])})" for one in left)
+        why = ", ".join(f"{one.reason} ({_count(one.samples)})" for one in left)
     share = f"{100.0 * samples / total:.2g} %"
     return f"{_count(samples)} of {_count(total)} samples ({share}): {why}"
 
 
-def rest_line(result: Mapping[str, Any]) -> str:
+def rest_line(result: DiagnosisResult) -> str:
     """Say what the model leaves above the noise and where; nothing where it leaves noise."""
-    rest = result.get("rest")
-    if not rest or not rest["heldout_rms_nm"] > _ABOVE * rest["noise_rms_nm"]:
+    rest = result.rest
+    if rest is None or not rest.heldout_rms_nm > _ABOVE * rest.noise_rms_nm:
         return ""
-    axes = [
-        " and ".join(x for x in (one["domain"], one.get("second_domain")) if x)
-        for one in rest["told"]
-    ]
+    axes = [" and ".join(x for x in (one.domain, one.second_domain) if x) for one in rest.told]
     where = f"unexplained at {', '.join(dict.fromkeys(axes))}" if axes else "not located"
-    return (
-        f"{rest['heldout_rms_nm']:.3g} N m left in noise of {rest['noise_rms_nm']:.3g} N m: {where}"
-    )
+    return f"{rest.heldout_rms_nm:.3g} N m left in noise of {rest.noise_rms_nm:.3g} N m: {where}"
 
 
-def hidden_names(result: Mapping[str, Any]) -> dict[str, list[str]]:
+def hidden_names(result: DiagnosisResult) -> dict[str, list[str]]:
     """Return the names that the record cannot show by reason, the most frequent one first."""
     hidden: dict[str, list[str]] = {}
-    for one in result.get("testable") or ():
-        if not one["testable"]:
+    for one in result.testable:
+        if not one.testable:
             # what stands behind a semicolon is of this name alone
-            hidden.setdefault(one["because"].partition(";")[0], []).append(one["name"])
+            hidden.setdefault(one.because.partition(";")[0], []).append(one.name)
     return dict(sorted(hidden.items(), key=lambda item: -len(item[1])))
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from typing import Any
 
 from hdbench.report import inspection
@@ -16,10 +16,10 @@ from hdbench.report.numbers import (
     stated,
     unit_of,
     unit_words,
-    value_of,
 )
 from hdbench.report.pagemodel import KeyNumber, Level, Picture, Verdict
 from hdbench.report.source import Source
+from hdbench.results.diagnosis import DiagnosisResult, FilterGain, NamedCause, Unexplained
 
 __all__ = ["numbers", "pictures", "summary", "tables", "verdict"]
 
@@ -38,28 +38,25 @@ _TELLING = ("order", "frequency_hz", "amplitude_nm")
 _SIZED = 3
 
 
-def verdict(result: Mapping[str, Any]) -> Verdict:
+def verdict(result: DiagnosisResult) -> Verdict:
     """Say whether the simulation misses something, and what."""
-    level, words = _VERDICTS.get(
-        str(result.get("verdict")), ("look", f"Verdict {result.get('verdict')}.")
-    )
+    level, words = _VERDICTS.get(result.verdict, ("look", f"Verdict {result.verdict}."))
     if level == "good" and rest_line(result):
         level, words = "look", "Nothing found, but more is left than noise."
-    causes, left = result.get("causes", ()), result.get("unexplained", ())
-    if len(causes) + len(left) > _SIZED:
-        names = [str(cause.get("name")) for cause in causes]
-        places = [f"unexplained at {place.get('domain')}" for place in left]
+    if len(result.causes) + len(result.unexplained) > _SIZED:
+        names = [cause.name for cause in result.causes]
+        places = [f"unexplained at {place.domain}" for place in result.unexplained]
     else:
-        names = [_cause_words(cause) for cause in causes]
-        places = [_place_words(place) for place in left]
+        names = [_cause_words(cause) for cause in result.causes]
+        places = [_place_words(place) for place in result.unexplained]
     if names or places:
         words = words.rstrip(".") + ": " + "; ".join([*names, *places]) + "."
-    elif result.get("reason"):
-        words = f"{words} {result['reason']}"
+    elif result.reason:
+        words = f"{words} {result.reason}"
     return Verdict(level, words, tuple(_limits(result)))
 
 
-def _limits(result: Mapping[str, Any]) -> Iterator[str]:
+def _limits(result: DiagnosisResult) -> Iterator[str]:
     """Say what took no part and what is left above the noise."""
     left_out, rest = left_out_line(result), rest_line(result)
     if left_out:
@@ -68,38 +65,35 @@ def _limits(result: Mapping[str, Any]) -> Iterator[str]:
         yield f"Rest: {unit_words(rest)}."
 
 
-def _cause_words(cause: Mapping[str, Any]) -> str:
-    parameters = cause.get("parameters", {})
+def _cause_words(cause: NamedCause) -> str:
+    parameters = cause.parameters
     telling = [name for name in _TELLING if name in parameters]
-    sized = [name for name, body in parameters.items() if body.get("unit") == "N m"]
+    sized = [name for name, value in parameters.items() if value.unit == "N m"]
     chosen = telling or sized[:1]
     parts = [parameter_words(name, parameters[name]) for name in chosen]
-    return f"{cause.get('name')} ({', '.join(parts)})" if parts else str(cause.get("name"))
+    return f"{cause.name} ({', '.join(parts)})" if parts else cause.name
 
 
-def _place_words(place: Mapping[str, Any]) -> str:
-    size = place.get("size_nm")
-    tail = f" of {short(float(size))} N·m" if isinstance(size, int | float) else ""
+def _place_words(place: Unexplained) -> str:
     return (
-        f"unexplained{tail} at {place.get('domain')} {plain(place.get('location'))} "
-        f"{place.get('unit') or ''}".strip()
+        f"unexplained of {short(place.size_nm)} N·m at {place.domain} {plain(place.location)} "
+        f"{place.unit}"
     )
 
 
-def summary(result: Mapping[str, Any], _source: Source) -> str:
+def summary(result: DiagnosisResult, _source: Source) -> str:
     """Say in plain words what was found and what it is worth."""
-    before, after = (value_of(result, key, "heldout_rms_nm") for key in ("simulated", "extended"))
+    before, after = result.simulated.heldout_rms_nm, result.extended.heldout_rms_nm
     text = "The measured torque was held against the simulation of the same motion. "
-    causes = result.get("causes", ())
-    if causes:
-        names = ", ".join(str(cause["name"]) for cause in causes)
+    if result.causes:
+        names = ", ".join(cause.name for cause in result.causes)
         text += f"What is left over is explained by {names}. "
-        rivals = dict.fromkeys(str(r) for cause in causes for r in cause.get("rivals", ()))
+        rivals = dict.fromkeys(rival for cause in result.causes for rival in cause.rivals)
         if rivals:
             text += f"Nearly as likely on this record: {', '.join(rivals)}. "
-    elif result.get("verdict") == "nothing-found":
+    elif result.verdict == "nothing-found":
         text += "What is left over looks like noise: no order, tone or trend stands out. "
-    places = result.get("unexplained", ())
+    places = result.unexplained
     if places:
         text += (
             "One further place of the residual stands out without a name. "
@@ -112,38 +106,35 @@ def summary(result: Mapping[str, Any], _source: Source) -> str:
             f"measurement by {short(before)} N·m rms, the extended one by {short(after)} N·m rms "
             f"({100.0 * (1.0 - (after / before) ** 2):.1f} % of the residual variance explained). "
         )
-    return text + _filter_words(result.get("filter_gain"))
+    return text + _filter_words(result.filter_gain)
 
 
-def _filter_words(gain: Any) -> str:
+def _filter_words(gain: FilterGain | None) -> str:
     """Say what the filter gains by the orders found; nothing where there is no such figure."""
-    if not isinstance(gain, Mapping):
+    if gain is None:
         return ""
-    rms = gain["error_rms_nm"]
-    sizes = ", ".join(
-        f"motor order {plain(block['order'])} from {short(float(block['amplitude_nm']['before']))} "
-        f"to {short(float(block['amplitude_nm']['after']))} N·m"
-        for block in gain["blocks"]
+    rms = gain.error_rms_nm
+    sizes = " and ".join(
+        f"{short(block.amplitude_nm.after)} N·m of motor order {plain(block.order)} "
+        f"(before: {short(block.amplitude_nm.before)} N·m)"
+        for block in gain.blocks
     )
     return (
-        f"With the new orders as blocks of the filter, its output holds {sizes}, and is off by "
-        f"{short(float(rms['before']))} and {short(float(rms['after']))} N·m rms without and with "
-        "them. "
+        f"With the new orders as blocks, the filter leaves {sizes}; its error is "
+        f"{short(rms.after)} N·m rms (before: {short(rms.before)} N·m rms). "
     )
 
 
-def numbers(result: Mapping[str, Any], run_id: str) -> tuple[KeyNumber, ...]:
+def numbers(result: DiagnosisResult, run_id: str) -> tuple[KeyNumber, ...]:
     """Return the parameters of every cause and the gain on held-out data."""
     rows: list[tuple[Any, str, str, str]] = []
-    for i, cause in enumerate(result.get("causes", ())):
-        parameters = cause.get("parameters", {})
-        for name, body in ((x, parameters[x]) for x in stated(parameters)):
+    for i, cause in enumerate(result.causes):
+        for name, value in stated(cause.parameters).items():
             key = f"causes[{i}].parameters.{name}"
-            rows.append((body, f"{cause['name']}: {name_words(str(name))}", key, unit_of(body)))
+            rows.append((value, f"{cause.name}: {name_words(name)}", key, unit_of(value)))
     for key, words in (("simulated", "simulation"), ("extended", "extended")):
-        name = f"{key}.heldout_rms_nm"
-        rms = value_of(result, key, "heldout_rms_nm")
-        rows.append((rms, f"held-out residual, {words}", name, "N m"))
+        rms = getattr(result, key).heldout_rms_nm
+        rows.append((rms, f"held-out residual, {words}", f"{key}.heldout_rms_nm", "N m"))
     return KeyNumber.rows(rows, run_id)
 
 
@@ -154,6 +145,6 @@ def pictures(source: Source, prefix: str, doubts: list[str]) -> tuple[Picture, .
     drawn = folder_pictures(source.folder, prefix)
     if not drawn:
         doubts.append("residual.csv is not there: the residual is not drawn.")
-    inspected = source.result.get("inspection")
+    inspected = source.result.inspection
     bands = inspection.picture(inspected, prefix) if inspected and drawn else None
     return drawn if bands is None else (*drawn, bands)

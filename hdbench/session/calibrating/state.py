@@ -100,15 +100,12 @@ class CalibrationState:
 
     def zero_v(self, point: Point) -> float | None:
         """Return the last reading without weight in the mounting of `point` before it, V."""
-        return self._zero_v(point.mounting, point.number)
-
-    def _zero_v(self, mounting: tuple[float, str], limit: int) -> float | None:
         zeros = [
             number
             for number in self.standing
-            if number < limit
+            if number < point.number
             and self._point(number).mass_kg == 0.0
-            and self._point(number).mounting == mounting
+            and self._point(number).mounting == point.mounting
         ]
         return float(self.standing[max(zeros)]["reading_v"]) if zeros else None
 
@@ -121,13 +118,15 @@ class CalibrationState:
 
     def deflections(self) -> list[tuple[float, float]]:
         """Return torque (N m, not 0) and reading less its zero (V) of accepted readings."""
-        found = []
-        for number, body in self.standing.items():
-            point = self._point(number)
-            zero = self._zero_v(point.mounting, number)
-            if point.mass_kg and zero is not None:
-                found.append((point.torque_nm, float(body["reading_v"]) - zero))
-        return found
+        zeros: dict[tuple[float, str], float] = {}
+        loaded = {}
+        for number in sorted(self.standing):
+            point, reading_v = self._point(number), float(self.standing[number]["reading_v"])
+            if not point.mass_kg:
+                zeros[point.mounting] = reading_v
+            elif point.mounting in zeros:
+                loaded[number] = (point.torque_nm, reading_v - zeros[point.mounting])
+        return [loaded[number] for number in self.standing if number in loaded]
 
     def _point(self, number: int) -> Point:
         return self.points[number - 1]

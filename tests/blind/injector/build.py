@@ -4,24 +4,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .acquisition import ACQUISITION
-from .channels import channels_of, convert, drop, optional
-from .duels import duel_pieces
+from .bench import Noise, channels_of, convert, draw_scene, drop, optional
 from .family import effect
-from .faults import FAULTS
+from .faults import ACQUISITION, FAULTS
 from .geometry import Whitened, sine_squares
 from .lines import LINES
 from .mechanics import MECHANICS
-from .noise import Noise
+from .motion import RECORDS, duel_pieces
 from .outside import ACCEPTED, OUTSIDE
-from .records import RECORDS
-from .scene import draw_scene
 from .unseen import UNSEEN
-
-__all__ = [
-    "Case", "Hidden", "Made", "build", "build_unseen", "described", "drawn_effect", "family_of",
-    "known_families", "reach", "scene_of",
-]  # fmt: skip
 
 _FAMILIES = {family.name: family for family in (*LINES, *MECHANICS, *OUTSIDE, UNSEEN)}
 _FAULTS = {fault.name: fault for fault in ACQUISITION}

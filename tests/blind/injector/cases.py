@@ -1,19 +1,18 @@
-"""The grid of cases: parts A to F, T, W and U, the public seeds and the fresh ones."""
+"""The grid of cases, parts A to F, T, W and U, and the record of each."""
 
 from collections.abc import Iterator
 
 import numpy as np
 
-from .acquisition import ACQUISITION
-from .build import Case, Hidden
-from .duels import DUELS
-from .faults import FAULTS
+from .build import Case, Hidden, build, build_unseen
+from .faults import ACQUISITION, FAULTS
 from .lines import LINES
-from .many import GROUPS, groups_in_turn
+from .loads import build_loads
+from .many import GROUPS, build_many, groups_in_turn
 from .mechanics import MECHANICS
+from .motion import DUELS
 from .outside import OUTSIDE
-
-__all__ = ["PARTS", "PUBLIC_SEED", "grid"]
+from .rough import build_pair
 
 PUBLIC_SEED = 20260401
 SIGMAS = ("d3", "d5", "d7", "d10", "d20")
@@ -245,3 +244,11 @@ def _cell(case):
     flat = "flat" if case.record == "constant" else "long" if case.record == "long" else ""
     noise = case.noise if case.part == "A" else ""
     return "/".join((case.part, tier, flat, noise, case.note.rpartition("|")[2]))
+
+
+_BUILDERS = {"L": build_loads, "T": build_many, "W": build_pair, "U": build_unseen}
+
+
+def make(case):
+    """Make the record of `case`."""
+    return _BUILDERS.get(case.part, build)(case)

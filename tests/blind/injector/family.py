@@ -5,8 +5,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-__all__ = ["Family", "branch_loop", "effect", "sign_curve", "waves"]
-
 
 @dataclass(frozen=True)
 class Family:

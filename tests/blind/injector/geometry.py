@@ -4,8 +4,6 @@ import numpy as np
 
 from .family import effect, waves
 
-__all__ = ["Whitened", "baseline", "candidates", "places_of", "sine_squares"]
-
 
 def baseline(angle, output):
     """Columns that any diagnosis fits first: zero, orders 2 and 4, output order 1."""

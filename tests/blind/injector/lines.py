@@ -3,12 +3,9 @@
 import numpy as np
 from scipy.signal import bilinear, lfilter
 
+from .bench import LOAD_INERTIA
 from .family import Family, waves
-from .path import EVERY
-from .pieces import FINE_S
-from .scene import LOAD_INERTIA
-
-__all__ = ["LINES"]
+from .motion import EVERY, FINE_S
 
 _TEETH = 202.0
 _ARCMIN = np.pi / 180.0 / 60.0

@@ -8,8 +8,6 @@ from .build import Hidden, build, described, drawn_effect, family_of, scene_of
 from .family import effect
 from .geometry import Whitened, sine_squares
 
-__all__ = ["GROUPS", "build_many", "groups_in_turn"]
-
 _LEAST = 10.0
 # sine squared below which two names are one group on a record (contract, section 5)
 _GROUP = 0.01

@@ -1,9 +1,358 @@
-"""All families of friction, sensor, dynamics and slow changes."""
+"""Families of friction, sensor, stiffness, dynamics and slow changes of the zero."""
 
-from .friction import FRICTION
-from .slow import SLOW
-from .static import CROSSTALK, STATIC
+import numpy as np
+from scipy.signal import lfilter
 
-__all__ = ["MECHANICS"]
+from .family import Family, branch_loop, sign_curve
+from .motion import EVERY, FINE_S, RATIO
+
+
+def column(curve):
+    return lambda scene, shape: np.asarray(curve(scene, shape))[:, None]
+
+
+def either_sign(rng, scene):
+    return {"weights": (float(rng.choice([1.0, -1.0])),)}
+
+
+def unit(rng, scene):
+    return {"weights": (1.0,)}
+
+
+def width(low, high, name="width"):
+    return lambda rng, scene: {name: float(rng.uniform(low, high)), "weights": (1.0,)}
+
+
+def draw_loop(low, high):
+    def draw(rng, scene):
+        reach, skew = rng.uniform(low, high), rng.uniform(0.0, 0.35)
+        return {"reach": float(reach), "skew": float(skew), "weights": (1.0,)}
+
+    return draw
+
+
+_FREE = ("mixed", "short", "protocol")
+
+
+def _stribeck(scene, shape):
+    speed = scene.path.speed
+    fall = np.exp(-((np.abs(speed) / shape["speed"]) ** shape["power"]))
+    return fall * sign_curve(speed, shape["width"])
+
+
+def _draw_stribeck(rng, scene):
+    return {
+        "speed": float(rng.uniform(7.0, 35.0)),
+        "power": float(rng.uniform(1.4, 2.3)),
+        "width": float(rng.uniform(0.3, 0.8)),
+        "weights": (1.0,),
+    }
+
+
+FRICTION = (
+    Family(
+        "coulomb-friction",
+        column(lambda scene, shape: sign_curve(scene.path.speed, shape["width"])),
+        width(0.3, 1.5),
+        (0.1, 0.3, 1.0),
+        {"width": 1e-3},
+        lambda scene: [{"width": 0.7}],
+        domain="velocity",
+        records=_FREE,
+        shape_agrees=False,
+    ),
+    Family(
+        "viscous-friction",
+        column(lambda scene, shape: scene.path.speed / 400.0),
+        unit,
+        (0.1, 0.3, 1.0),
+        domain="velocity",
+        records=_FREE,
+    ),
+    Family(
+        "stribeck-friction",
+        column(_stribeck),
+        _draw_stribeck,
+        (0.1, 0.3, 0.6),
+        {"speed": 0.01, "width": 1e-3},
+        lambda scene: [
+            {"speed": v, "power": 2.0, "width": 0.5} for v in (8.0, 15.0, 30.0)
+        ],
+        domain="velocity",
+        shape_agrees=False,
+        records=_FREE,
+    ),
+    Family(
+        "load-dependent-friction",
+        column(
+            lambda scene, shape: (
+                np.sqrt(scene.tau**2 + 0.01) * sign_curve(scene.path.speed, shape["width"])
+            )
+        ),
+        width(0.3, 1.5),
+        (0.02, 0.05, 0.1),
+        {"width": 1e-3},
+        lambda scene: [{"width": 0.7}],
+        loaded=True,
+        domain="velocity",
+        shape_agrees=False,
+    ),
+    Family(
+        "presliding",
+        column(
+            lambda scene, shape: branch_loop(scene.path.angle, shape["reach"], shape["skew"])
+        ),
+        draw_loop(0.08, 0.5),
+        (0.1, 0.3, 0.6),
+        {"reach": 1e-3},
+        lambda scene: [{"reach": r, "skew": 0.0} for r in (0.1, 0.3)],
+        domain="velocity",
+        shape_agrees=False,
+        records=_FREE,
+    ),
+)  # fmt: skip
+
+
+_FULL_NM = 25.0
+
+
+def _loop(scene, shape):
+    return branch_loop(scene.tau, shape["reach"], shape["skew"])
+
+
+def _stiff_cubic(scene, shape):
+    """Strain where torque = k (x + c x^3): x by Newton, less the straight line."""
+    tau = scene.tau / _FULL_NM
+    bend = shape["size"] / _FULL_NM
+    x = tau.copy()
+    for _ in range(6):
+        x -= (x + bend * x**3 - tau) / (1.0 + 3.0 * bend * x**2)
+    return _FULL_NM * (x - tau)
+
+
+def _stiff_pieces(scene, shape):
+    """Strain of three stiffnesses joined at T1 and T2, less that of the first."""
+    load = np.abs(scene.tau)
+    first = np.clip(load - shape["kink_one"], 0.0, shape["kink_two"] - shape["kink_one"])
+    second = np.clip(load - shape["kink_two"], 0.0, None)
+    return -np.sign(scene.tau) * (first + shape["ratio"] * second)
+
+
+def _draw_pieces(rng, scene):
+    return {
+        "kink_one": float(rng.uniform(4.5, 8.0)),
+        "kink_two": float(rng.uniform(13.0, 17.0)),
+        "ratio": float(rng.uniform(1.2, 1.6)),
+        "weights": (1.0,),
+    }
+
+
+def _soft(scene, shape):
+    """A soft limit L = 1 / size by an algebraic knee: gentle (power 2) or sharp (power 4).
+
+    It is the channel that has a limit: all of its torque, zero and ripple too.
+    """
+    whole, power = scene.clean, shape["power"]
+    return whole / (1.0 + np.abs(whole * shape["size"]) ** power) ** (1.0 / power) - whole
+
+
+def _draw_soft(rng, scene):
+    return {"power": float(rng.choice([2.0, 4.0])), "weights": (1.0,)}
+
+
+def _hard(scene, shape):
+    """Counter force of a dead zone of half width `size`, by the arctangent."""
+    return -shape["size"] * sign_curve(scene.tau, shape["size"])
+
+
+def _skew(scene, shape):
+    delay = shape["size"]
+    fine = scene.fine_clean()
+    time = np.arange(len(fine)) * FINE_S
+    return np.interp(time[::EVERY] - delay, time, fine) - fine[::EVERY]
+
+
+STATIC = (
+    Family(
+        "gain-error", column(lambda scene, shape: scene.tau), either_sign, (0.005, 0.01, 0.03),
+        loaded=True, domain="torque",
+    ),
+    Family(
+        "cubic-nonlinearity",
+        column(lambda scene, shape: scene.tau**3 / _FULL_NM**3),
+        either_sign,
+        (0.05, 0.15, 0.5),
+        loaded=True,
+        domain="torque",
+    ),
+    Family(
+        "hysteresis",
+        column(_loop),
+        draw_loop(1.5, 6.0),
+        (0.04, 0.2, 1.0),
+        {"reach": 1e-2},
+        lambda scene: [{"reach": r, "skew": 0.0} for r in (1.5, 3.5, 7.0)],
+        loaded=True,
+        domain="torque",
+        shape_agrees=False,
+    ),
+    Family(
+        "backlash",
+        column(_hard),
+        unit,
+        (0.1, 0.5, 1.5),
+        grid=lambda scene: [{"size": b} for b in (0.1, 0.6, 1.5)],
+        loaded=True,
+        linear=False,
+        domain="torque",
+        shape_agrees=False,
+    ),
+    Family(
+        "saturation",
+        column(_soft),
+        _draw_soft,
+        (1.0 / 60.0, 1.0 / 40.0, 1.0 / 26.0),
+        grid=lambda scene: [{"size": 1.0 / 60.0, "power": 4.0}, {"size": 1.0 / 60.0, "power": 2.0}],
+        loaded=True,
+        linear=False,
+        domain="torque",
+        shape_agrees=False,
+    ),
+    Family(
+        "direction-asymmetry",
+        column(lambda scene, shape: np.sqrt(scene.tau**2 + 0.0025) - 0.05),
+        either_sign,
+        (0.002, 0.005, 0.02),
+        loaded=True,
+        domain="torque",
+    ),
+    Family(
+        "inertia-error",
+        column(lambda scene, shape: scene.bench.inertia / RATIO * scene.path.accel),
+        either_sign,
+        (0.02, 0.05, 0.1),
+        domain="torque",
+        records=_FREE,
+    ),
+    Family(
+        "time-skew", column(_skew), unit, (0.0002, 0.001, 0.003),
+        grid=lambda scene: [{"size": 0.0005}], linear=False, domain="time", records=_FREE,
+    ),
+    Family(
+        "cubic-stiffness", column(_stiff_cubic), unit, (0.05, 0.15, 0.5),
+        grid=lambda scene: [{"size": 0.2}], loaded=True, linear=False, domain="torque",
+        shape_agrees=False,
+    ),
+    Family(
+        "piecewise-stiffness",
+        column(_stiff_pieces),
+        _draw_pieces,
+        (0.005, 0.02, 0.05),
+        {"kink_one": 1e-3, "kink_two": 1e-3},
+        lambda scene: [{"kink_one": a, "kink_two": b, "ratio": 1.4}
+                       for a, b in ((5.0, 14.0), (7.0, 16.0))],
+        loaded=True,
+        domain="torque",
+        shape_agrees=False,
+    ),
+)  # fmt: skip
+
+CROSSTALK = (
+    Family(
+        "crosstalk",
+        column(lambda scene, shape: scene.current),
+        either_sign,
+        (0.005, 0.02, 0.05),
+        records=_FREE,
+    ),
+)
+
+
+_SLOW = ("mixed", "short", "protocol", "long")
+
+
+def _relax(scene, seconds):
+    """A first-order state that follows the load, integrated exactly on each sample."""
+    pole = np.exp(-FINE_S * EVERY / seconds)
+    load = scene.path.load
+    return lfilter([0.0, 1.0 - pole], [1.0, -pole], load, zi=[0.0])[0]
+
+
+def _step(scene, shape):
+    return (scene.path.time >= shape["at_s"]).astype(float)
+
+
+def _draw_step(rng, scene):
+    at = rng.uniform(0.2, 0.8) * scene.path.seconds
+    return {"at_s": float(at), **either_sign(rng, scene)}
+
+
+def _warm(scene, shape):
+    time = scene.path.time
+    return 1.0 - np.exp(-time / shape["constant_s"])
+
+
+def _draw_warm(rng, scene):
+    return {
+        "constant_s": float(rng.uniform(0.12, 0.4) * scene.path.seconds),
+        **either_sign(rng, scene),
+    }
+
+
+def _walk(scene, shape):
+    rng = np.random.default_rng(int(shape["seed"]))
+    walk = np.cumsum(rng.standard_normal(len(scene.path.time)))
+    return walk / np.sqrt(len(walk))
+
+
+SLOW = (
+    Family(
+        "zero-step",
+        column(_step),
+        _draw_step,
+        (0.02, 0.1, 0.5),
+        grid=lambda scene: [{"at_s": f * scene.path.seconds} for f in (0.25, 0.5, 0.75)],
+        records=_FREE,
+    ),
+    Family(
+        "zero-drift",
+        column(lambda scene, shape: scene.path.time / scene.path.seconds),
+        either_sign,
+        (0.02, 0.1, 0.4),
+        records=_SLOW,
+    ),
+    Family(
+        "warm-up",
+        column(_warm),
+        _draw_warm,
+        (0.02, 0.1, 0.4),
+        {"constant_s": 0.01},
+        lambda scene: [{"constant_s": f * scene.path.seconds} for f in (0.15, 0.3, 1.0, 2.5)],
+        records=_SLOW,
+    ),
+    Family(
+        "creep",
+        column(lambda scene, shape: _relax(scene, shape["constant_s"])),
+        lambda rng, scene: {
+            "constant_s": float(rng.uniform(0.05, 0.25) * scene.path.seconds),
+            **unit(rng, scene),
+        },
+        (0.0005, 0.002, 0.005),
+        {"constant_s": 0.01},
+        lambda scene: [{"constant_s": f * scene.path.seconds} for f in (0.06, 0.2)],
+        loaded=True,
+        records=("short", "protocol", "long"),
+    ),
+    Family(
+        "zero-random-walk",
+        column(_walk),
+        lambda rng, scene: {"seed": float(rng.integers(2**31)), **unit(rng, scene)},
+        (0.02, 0.1, 0.3),
+        grid=lambda scene: [],
+        shape_agrees=False,
+        records=_FREE,
+    ),
+)  # fmt: skip
+
 
 MECHANICS = (*FRICTION, *STATIC, *SLOW, *CROSSTALK)

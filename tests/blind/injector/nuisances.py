@@ -6,10 +6,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.signal import bilinear, butter, lfilter, sosfilt, sosfiltfilt, welch
 
-from .path import EVERY, RATIO, STIFFNESS
-from .pieces import FINE_S
-
-__all__ = ["NEUTRAL", "Log", "disturbed", "draw_nuisances", "neutral_names", "transients"]
+from .motion import EVERY, FINE_S, RATIO, STIFFNESS
 
 _RATE = 1000.0
 _RANGE_RAD_S = 562.565

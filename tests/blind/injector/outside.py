@@ -4,8 +4,6 @@ import numpy as np
 
 from .family import Family, sign_curve, waves
 
-__all__ = ["ACCEPTED", "OUTSIDE"]
-
 # the catalogue's lines have a free order: at the right place such a name is no error; and
 # a walk of the zero may take any slow course
 ACCEPTED = {

@@ -4,15 +4,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from .bench import channels_of, convert, optional
 from .build import Made, described, drawn_effect, known_families, scene_of
-from .channels import channels_of, convert, optional
 from .family import effect
 from .geometry import Whitened, baseline, candidates
+from .motion import FINE_S, RATIO
 from .nuisances import Log, disturbed, draw_nuisances, neutral_names, transients
-from .path import RATIO
-from .pieces import FINE_S
-
-__all__ = ["build_pair"]
 
 _STEP_NM = 20.0 / 2**16 * 6.6
 _LEAST = 10.0

@@ -4,8 +4,6 @@ import hashlib
 import json
 from dataclasses import asdict
 
-__all__ = ["case_text", "salt_of", "seal", "truth_text"]
-
 
 def _plain(value):
     if isinstance(value, dict):

@@ -5,8 +5,6 @@ import numpy as np
 from .build import family_of, known_families
 from .family import sign_curve, waves
 
-__all__ = ["axes_of", "signatures"]
-
 
 def axes_of(scene):
     """Axes of the record by the domain of an answer."""

@@ -4,8 +4,6 @@ import numpy as np
 
 from .family import Family, waves
 
-__all__ = ["AXES", "UNSEEN", "axis_values"]
-
 # axis of a function: domains of an answer that mean it
 AXES = {
     "speed": "velocity",

@@ -4,10 +4,8 @@ import importlib.util
 
 import numpy as np
 
-__all__ = ["INSTALLED"]
 
-
-def _terms(names, blocks):
+def terms_of(names, blocks):
     matrix = np.column_stack(blocks)
     owners = [name for name, block in zip(names, blocks, strict=True) for _ in block.T]
     return matrix / np.linalg.norm(matrix, axis=0), owners
@@ -17,7 +15,7 @@ def _pysindy(rest, names, blocks):
     """STLSQ of pysindy on the residual; threshold 5 of the noise's standard deviations."""
     from pysindy.optimizers import STLSQ
 
-    matrix, owners = _terms(names, blocks)
+    matrix, owners = terms_of(names, blocks)
     found = STLSQ(threshold=5.0 * float(rest.std()), alpha=1e-6).fit(matrix, rest[:, None])
     kept = np.flatnonzero(np.abs(np.ravel(found.coef_)) > 0.0)
     return [owners[k] for k in kept]
@@ -29,7 +27,7 @@ def _sysidentpy(rest, names, blocks):
     from sysidentpy.model_structure_selection import FROLS
     from sysidentpy.parameter_estimation import LeastSquares
 
-    matrix, owners = _terms(names, blocks)
+    matrix, owners = terms_of(names, blocks)
     # every tenth sample: its matrices are dense over all terms and candidates
     ahead = np.vstack([matrix[1:], matrix[-1:]])[::10] * 100.0
     model = FROLS(

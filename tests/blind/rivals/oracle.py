@@ -5,13 +5,11 @@ out are every fifth of twenty blocks in turn. No search, no name to find: nobody
 """
 
 import numpy as np
+from injector.bench import LOAD_INERTIA
 from injector.build import family_of
 from injector.family import effect
 from injector.geometry import baseline
-from injector.path import RATIO
-from injector.scene import LOAD_INERTIA
-
-__all__ = ["measured_rest", "oracle"]
+from injector.motion import RATIO
 
 _BLOCKS = 20
 _FOLDS = 5

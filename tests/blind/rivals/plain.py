@@ -9,10 +9,8 @@ from injector.build import known_families
 from injector.family import waves
 from injector.geometry import baseline
 
-from .installed import INSTALLED
+from .installed import INSTALLED, terms_of
 from .oracle import measured_rest
-
-__all__ = ["METHODS", "library", "rival_answer"]
 
 _ORDERS = (1.0, 3.0, 5.0, 6.0, 7.0, 8.0, 10.0)
 _MOST = 5
@@ -70,15 +68,9 @@ def _greedy_bic(rest, names, blocks):
     return chosen
 
 
-def _terms(names, blocks):
-    matrix = np.column_stack(blocks)
-    owners = [name for name, block in zip(names, blocks, strict=True) for _ in block.T]
-    return matrix / np.linalg.norm(matrix, axis=0), owners
-
-
 def _sindy(rest, names, blocks):
     """Sequentially thresholded least squares; threshold 5 of the noise's standard deviations."""
-    matrix, owners = _terms(names, blocks)
+    matrix, owners = terms_of(names, blocks)
     gram, right = matrix.T @ matrix, matrix.T @ rest
     keep = np.ones(len(owners), dtype=bool)
     for _ in range(10):
@@ -96,7 +88,7 @@ def _sindy(rest, names, blocks):
 
 def _frols(rest, names, blocks):
     """Forward regression orthogonal least squares: error reduction ratios until BIC rises."""
-    matrix, owners = _terms(names, blocks)
+    matrix, owners = terms_of(names, blocks)
     count, chosen = len(rest), []
     left, energy = matrix.copy(), float(rest @ rest)
     unexplained = energy

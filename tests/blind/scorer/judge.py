@@ -1,11 +1,118 @@
-"""One answer against one truth."""
+"""One answer against one truth, which opens only with its seal."""
 
+import hashlib
+import json
+import math
 from dataclasses import dataclass, field
 
-from .parameters import deviations
-from .places import located
 
-__all__ = ["FAULT_NAMES", "GROUP", "Verdict", "judge", "match", "names_of"]
+def open_truth(sealed, mark):
+    """Return the truth if it is the one that `mark` was made of."""
+    if hashlib.sha256((sealed["salt"] + sealed["text"]).encode()).hexdigest() != mark:
+        raise ValueError(f"{sealed['key']}: the truth is not the one that was sealed")
+    return json.loads(sealed["text"])
+
+
+_LINE = (("amplitude_nm", "size", 1.0),)
+# family: (parameter of the answer, truth's name, factor from the truth's unit to the answer's);
+# a factor "per_s" divides by the record's length
+_SAME = {
+    "ripple-harmonic": (*_LINE, ("order", "order", 1.0)),
+    "wave-generator-eccentricity": _LINE,
+    "motor-unbalance": (("amplitude_nm", "size", 1.0 / 9.0),),
+    "load-dependent-ripple": (("amplitude_nm", "size", 10.0),),
+    "gain-ripple": (("amplitude_nm", "size", 10.0),),
+    "torsional-resonance": (("resonance_hz", "resonance_hz", 1.0), ("damping", "damping", 1.0)),
+    "tooth-mesh": _LINE,
+    "bearing-defect": (("order", "order", 1.0),),
+    "angular-misalignment": _LINE,
+    "mains-hum": (*_LINE, ("frequency_hz", "frequency_hz", 1.0)),
+    "structural-tone": (*_LINE, ("frequency_hz", "frequency_hz", 1.0)),
+    "viscous-friction": (("viscous_nm_s_per_rad", "size", 1.0 / 400.0),),
+    "gain-error": (("gain_error", "size", 1.0),),
+    "cubic-nonlinearity": (("cubic_nm", "size", 0.064),),
+    "direction-asymmetry": (("asymmetry", "size", 1.0),),
+    "inertia-error": (("inertia_kg_m2", "size", 1.725e-2),),
+    "time-skew": (("skew_s", "size", 1.0),),
+    "zero-step": (("step_nm", "size", 1.0),),
+    "zero-drift": (("drift_nm_per_s", "size", "per_s"),),
+    "warm-up": (("rise_nm", "size", 1.0), ("time_constant_s", "constant_s", 1.0)),
+    "creep": (("creep", "size", 1.0), ("time_constant_s", "constant_s", 1.0)),
+    "crosstalk": (("crosstalk_nm_per_a", "size", 1.0),),
+}
+
+
+# the same for calibration loads; when a weight was hung between two readings nobody wrote down,
+# so that the creep of injector and answer are not the same number
+_STATIC = {
+    "cubic-nonlinearity": (("cubic_nm", "size", 1.0 / 64.0),),
+    "direction-asymmetry": (("asymmetry", "size", 1.0),),
+    "zero-drift": (("drift_nm_per_s", "size", 1.0 / 3600.0),),
+}
+
+
+def deviations(truth, matched, causes):
+    """((family, parameter, deviation / bound, deviation / stated standard deviation), ...)."""
+    out = []
+    known = _STATIC if truth["record"] == "loads" else _SAME
+    for which, effect in enumerate(truth["hidden"]):
+        if which not in matched or not effect["agrees"]:
+            continue
+        cause = causes[matched[which]]
+        if cause["name"] != effect["name"]:
+            continue
+        for reported, name, factor in known.get(effect["name"], ()):
+            entry = cause["parameters"].get(reported)
+            if entry is None or name not in effect["bounds"]:
+                continue
+            factor = 1.0 / truth["seconds"] if factor == "per_s" else factor
+            away = entry["value"] - factor * effect["values"][name]
+            bound, std = factor * effect["bounds"][name], entry.get("std")
+            if math.isfinite(away) and bound > 0.0:
+                own = away / std if std else None
+                out.append((effect["name"], reported, away / bound, own))
+    return tuple(out)
+
+
+_NEAR = {
+    "motor-order": {"motor-order", "frequency"},
+    "output-order": {"output-order", "time"},
+    "frequency": {"frequency", "time", "motor-order"},
+    "time": {"time", "outliers", "variance"},
+    "velocity": {"velocity", "torque"},
+    "torque": {"torque", "velocity"},
+    "variance": {"variance"},
+    "outliers": {"outliers", "time", "variance"},
+}
+_PLACES = {
+    "order-3.37": ("motor-order", 3.37),
+    "order-8": ("motor-order", 8.0),
+    "subharmonic-0.5": ("motor-order", 0.5),
+}
+_KEYS = {"motor-order": "order", "frequency": "frequency_hz"}
+
+
+def located(truth, answer):
+    """(unexplained in the right domain, error of the place in bounds or None)."""
+    if not truth["hidden"]:
+        return False, None
+    effect = truth["hidden"][0]
+    allowed = _NEAR.get(effect["domain"], {effect["domain"]})
+    right = any(left["domain"] in allowed for left in answer["unexplained"])
+    if effect["name"] not in _PLACES:
+        return right, None
+    domain, place = _PLACES[effect["name"]]
+    found = [left["location"] for left in answer["unexplained"] if left["domain"] == domain]
+    for cause in answer["causes"]:
+        entry = cause.get("parameters", {}).get(_KEYS[domain])
+        if entry is not None:
+            found.append(entry["value"])
+    if not found:
+        return right, None
+    # bound of an order whose amplitude is d sigmas, over R turns: sqrt(6) / (pi R d)
+    bound = 6.0**0.5 / (3.14159265 * truth["turns"] * effect["d"])
+    return right, min(abs(value - place) for value in found) / bound
+
 
 # sine squared below which names span the same space (contract, section 5) ...
 GROUP = 0.01

@@ -4,8 +4,6 @@ from dataclasses import dataclass
 
 from scipy.stats import binom, binomtest
 
-__all__ = ["LEVELS", "Level", "counted", "interval"]
-
 
 @dataclass(frozen=True)
 class Level:

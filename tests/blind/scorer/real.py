@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 
-__all__ = ["Real", "judge_real", "real_figures"]
+from .judge import names_of
 
 # names that are the same finding at one whole order
 _AT_ORDER = {"ripple-harmonic", "tooth-mesh", "cogging"}
@@ -29,14 +29,10 @@ class Real:
     heldout: tuple = ()
 
 
-def _names(cause):
-    return {cause["name"], *cause.get("group", ()), *cause.get("rivals", ())}
-
-
 def _wanted(name, causes):
     """Index of the cause that tells `name`, or None."""
     wanted = _DIRECTIONS if name == "asymmetric-friction" else {name}
-    return next((k for k, cause in enumerate(causes) if _names(cause) & wanted), None)
+    return next((k for k, cause in enumerate(causes) if names_of(cause) & wanted), None)
 
 
 def _value(parameters, name):
@@ -50,7 +46,7 @@ def _lines(answer):
     for k, cause in enumerate([*answer["causes"], *answer.get("minor", ())]):
         parameters = cause.get("parameters") or {}
         order, amplitude = _value(parameters, "order"), _value(parameters, "amplitude_nm")
-        if order is None or not _names(cause) & _AT_ORDER:
+        if order is None or not names_of(cause) & _AT_ORDER:
             continue
         out.append((order[0], None if amplitude is None else amplitude[0], k))
         for name, entry in parameters.items():

@@ -4,8 +4,6 @@ import itertools
 
 import numpy as np
 
-__all__ = ["Spanned", "axes_shares", "names_share"]
-
 # samples at random that stand for the record: tables of some 200 columns use 3 % of them
 _SAMPLES = 6000
 _SIDE_LINES = 4

@@ -4,11 +4,8 @@ import statistics
 from collections import defaultdict
 from dataclasses import dataclass, field
 
-from .binning import share
-from .judge import GROUP, match, names_of
-from .parameters import deviations
-
-__all__ = ["Wide", "judge_wide", "wide_figures", "wide_line"]
+from .judge import GROUP, deviations, match, names_of
+from .metrics import share
 
 # share of an effect that an axis or names have to span to be the right answer
 SPANNED = 0.95

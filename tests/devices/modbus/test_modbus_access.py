@@ -5,11 +5,11 @@ import struct
 import pytest
 
 from hdbench.devices.modbus.access import Access
-from hdbench.devices.modbus.layout import Place
+from hdbench.devices.registers import Register
 from hdbench.devices.wire import ExceptionReply, FrameError
 from hdbench.errors import DeviceError, ProfileError
 
-PLACE = Place("holding", 7, "u16", "ABCD", "holding 7")
+PLACE = Register("holding 7", 7, "u16")
 DEADLINE_S = 0.2
 
 

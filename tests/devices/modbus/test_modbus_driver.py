@@ -7,6 +7,8 @@ from faults.lines import faulty_serial, faulty_tcp
 from faults.mangler import Mangler, RtuFraming, TcpFraming
 from modbuskit import COUPLER, TORQUE, driver, read_all, served, settings, table
 from pymodbus.client import ModbusTcpClient
+from served import swap_words
+from stopwatch import Stopwatch
 
 from hdbench.devices.wire.rtu import crc16
 from hdbench.errors import DeviceError, ProfileError, UsageError
@@ -62,7 +64,7 @@ def test_another_device_is_told_and_never_written_to():
 def test_swapped_words_are_named():
     made = table(identify=({"address": 1, "type": "f32", "equals": 1.5},))
     with served(made) as found, driver(made, found.address) as daq:
-        found.device.memory.swap_words = True
+        swap_words(found.device.memory)
         with pytest.raises(DeviceError, match="words swapped: order CDAB"):
             daq.identity()
 
@@ -107,7 +109,7 @@ def test_a_device_that_is_silent_loses_samples_that_are_counted():
         daq.start()
         blocks = [daq.read_block()]
         pause_s = time.monotonic() + 0.1
-        found.call(lambda: setattr(found.device, "_silent_until_s", pause_s))
+        found.call(lambda: setattr(found.device, "hears", lambda _: time.monotonic() > pause_s))
         blocks += read_all(daq)
     given = [b for b in blocks if b is not None]
     assert sum(len(b) + b.lost_before for b in given) == 30
@@ -214,9 +216,9 @@ def test_the_safe_state_is_reached_from_motion():
         daq.arm_watchdog(1.0)
         daq.write_output("reference", 1.0)
         daq.enable(on=True)
-        start_s = time.monotonic()
+        watch = Stopwatch()
         safe = daq.safe_state()
-        assert time.monotonic() - start_s < 0.5
+        assert watch.s < 0.5
         assert (safe.confirmed, safe.reference_v) == (True, 0.0)
         assert (found.instrument.reference_v, found.instrument.enabled) == (0.0, False)
 
@@ -224,7 +226,7 @@ def test_the_safe_state_is_reached_from_motion():
 def test_the_safe_state_is_not_confirmed_when_nobody_answers():
     with served(COUPLER_FAST) as found, driver(COUPLER_FAST, found.address, deadline_s=0.1) as daq:
         daq.configure(settings(1, roles=()))
-        found.call(lambda: setattr(found.device, "_silent_until_s", time.monotonic() + 60.0))
+        found.call(lambda: setattr(found.device, "hears", lambda _: False))
         safe = daq.safe_state()
         assert not safe.confirmed
         assert "no valid reply" in safe.detail

@@ -10,16 +10,8 @@ from modbuskit import table
 from pymodbus.client.mixin import ModbusClientMixin
 
 from hdbench.devices.modbus.driver import max_rates_hz
-from hdbench.devices.modbus.layout import (
-    Place,
-    decode,
-    encode,
-    place_of,
-    plan_blocks,
-    range_of,
-    size_of,
-    values_of,
-)
+from hdbench.devices.modbus.layout import place_of, plan_blocks, values_of
+from hdbench.devices.registers import Register, decode, encode, range_of, size_of
 from hdbench.profile import load_profile
 
 KINDS = ("i16", "u16", "i32", "u32", "f32", "f64")
@@ -82,11 +74,11 @@ def test_ranges_are_those_of_the_bits():
 def test_addresses_count_as_the_manual_does(numbering, where, address, wire):
     rule = {"table": where, "address": address, "equals": 1}
     made = table(numbering=numbering, identify=(rule,), channels=())
-    assert place_of(made, made.identify[0]).start == wire
+    assert place_of(made, made.identify[0]).address == wire
 
 
 def _place(start, kind="u16", space="holding"):
-    return Place(space, start, kind, "ABCD", str(start))
+    return Register(str(start), start, kind, space=space)
 
 
 def test_adjacent_values_come_in_one_request_and_others_do_not():
@@ -117,7 +109,7 @@ def test_no_request_is_longer_than_the_device_allows_and_no_value_is_cut(most):
 
 
 def test_values_are_cut_out_of_their_block():
-    places = [_place(0, "u16"), _place(1, "i32"), Place("coil", 9, "u16", "ABCD", "c")]
+    places = [_place(0, "u16"), _place(1, "i32"), Register("c", 9, "u16", space="coil")]
     blocks = plan_blocks(places, most=125, bridge=0)
     replies = dict(zip(blocks, (b"\x01", bytes.fromhex("00fffffffffe")), strict=True))
     assert values_of(places, replies) == [255, -2, 1]

@@ -12,9 +12,9 @@ from served import InThread, read_all
 
 from hdbench.devices.daq import DaqSettings
 from hdbench.devices.emulator.instrument import SimulatedInstrument
-from hdbench.devices.emulator.serving import Emulation
+from hdbench.devices.emulator.serving import Emulation, EmulatorSettings
 from hdbench.drivers.dataq.driver import DataqDaq, open_dataq
-from hdbench.drivers.dataq.emulator import DataqDevice, DataqLine, emulate_dataq
+from hdbench.drivers.dataq.emulator import DataqDevice, EmulatedDataq, emulate_dataq
 from hdbench.drivers.dataq.table import DataqAcquisition
 from hdbench.profile import load_profile
 
@@ -45,7 +45,7 @@ class Served(InThread):
     """An emulated instrument in a thread."""
 
     device: DataqDevice
-    line: DataqLine
+    line: EmulatedDataq
     instrument: SimulatedInstrument
     address: str
 
@@ -55,9 +55,9 @@ def served(what: DataqAcquisition, *, speed: float = 1.0, seed: int = 3) -> Iter
     """Serve an instrument on a pseudo-terminal."""
     emulation = Emulation(BENCH, "as-modelled", seed)
     emulation.speed = speed
-    instrument, line = emulation.instrument, emulate_dataq(emulation, what).line
-    with in_thread(line.open, line.close) as (loop, address):
-        yield Served(loop, line.device, line, instrument, address)
+    instrument, line = emulation.instrument, emulate_dataq(emulation, what)
+    with in_thread(lambda: line.open(EmulatorSettings()), line.close) as (loop, found):
+        yield Served(loop, line.device, line, instrument, str(found["address"]))
 
 
 @contextmanager

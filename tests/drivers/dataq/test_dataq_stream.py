@@ -6,9 +6,14 @@ from dataqkit import ROLES, table
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hdbench.drivers.dataq.acquisition import LagWatch
 from hdbench.drivers.dataq.models import MODELS, choose_rate, highest_rate_hz, packet_code
-from hdbench.drivers.dataq.scans import ScanAssembler, SignedCounter, StreamFault, plan_scan
+from hdbench.drivers.dataq.scans import (
+    LagWatch,
+    ScanAssembler,
+    SignedCounter,
+    StreamFault,
+    plan_scan,
+)
 from hdbench.errors import DeviceError, ProfileError
 
 OPEN = 0x7F00

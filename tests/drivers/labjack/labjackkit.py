@@ -15,9 +15,10 @@ from served import InThread, read_all
 from hdbench.devices.daq import DaqSettings, ScanBlock
 from hdbench.devices.driver import open_daq
 from hdbench.devices.emulator.instrument import DeviceClock, SimulatedInstrument
+from hdbench.devices.emulator.serving import EmulatorSettings
+from hdbench.devices.wire import parse_address
 from hdbench.drivers.labjack.driver import LabJackDaq
-from hdbench.drivers.labjack.emulator.device import LabJackDevice
-from hdbench.drivers.labjack.emulator.server import LabJackServer
+from hdbench.drivers.labjack.emulator.device import EmulatedLabJack, LabJackDevice
 from hdbench.drivers.labjack.emulator.streaming import Wiring
 from hdbench.plant.bench import SimulatedBench
 from hdbench.plant.plantfile import load_plant
@@ -33,7 +34,7 @@ ROLES = ("torque", "tacho", "current", "reference", "encoder")
 class Served(InThread):
     """An emulated device in a thread."""
 
-    server: LabJackServer
+    server: EmulatedLabJack
     instrument: SimulatedInstrument
     host: str
     port: int
@@ -45,9 +46,7 @@ class Served(InThread):
 
 
 @contextmanager
-def served(
-    *, speed: float = 1.0, seed: int = 3, table: Any = None, count_joint: bool = False
-) -> Iterator[Served]:
+def served(*, speed: float = 1.0, seed: int = 3, table: Any = None) -> Iterator[Served]:
     """Serve a device on a free pair of ports."""
     events: list[dict[str, object]] = []
     instrument = SimulatedInstrument(
@@ -57,9 +56,10 @@ def served(
         record=lambda event: events.append(dict(event)),
     )
     wiring = Wiring(instrument, table or PROFILE.daq, current_v_per_v=1.0, seed=seed)
-    server = LabJackServer(LabJackDevice(wiring, seed, count_joint=count_joint))
-    with in_thread(lambda: server.open("127.0.0.1", 0), server.close) as (loop, (host, port)):
-        yield Served(loop, server, instrument, host, port, events)
+    server = EmulatedLabJack(LabJackDevice(wiring, seed))
+    with in_thread(lambda: server.open(EmulatorSettings()), server.close) as (loop, found):
+        address = parse_address(str(found["address"]))
+        yield Served(loop, server, instrument, address.host, address.port, events)
 
 
 def table_for(port: int, **changes: Any) -> Any:

@@ -7,6 +7,8 @@ import time
 import numpy as np
 import pytest
 from labjackkit import PROFILE, driver, read_all, served, settings, values
+from served import swap_words
+from stopwatch import Stopwatch
 
 from hdbench.drivers.labjack.driver import labjack_rate_hz
 from hdbench.drivers.labjack.emulator import streaming
@@ -173,7 +175,7 @@ def test_an_output_reads_back_where_the_device_can():
             with pytest.raises(UsageError, match=r"0 to 4 V"):
                 daq.write_output("reference", wrong)
         assert device.instrument.reference_v == 2.5, "a refused value changes nothing"
-        device.device.memory._cells[dac(0).address].on_read = lambda: 1.0
+        device.device.memory._cells["holding", dac(0).address].on_read = lambda: 1.0
         with pytest.raises(DeviceError, match="reads back as 1 V"):
             daq.write_output("reference", 2.0)
 
@@ -210,7 +212,8 @@ def test_single_readings_and_a_stream_exclude_each_other():
 def test_nothing_is_written_to_another_device(product, swap, changes, said):
     with served() as device:
         device.device.memory.put(60000, product)
-        device.device.swap_words = swap
+        if swap:
+            swap_words(device.device.memory)
         writes = []
         device.device.memory.write = lambda *parts: writes.append(parts)
         with driver(device.port, **changes) as daq:
@@ -249,7 +252,7 @@ def test_another_programs_stream_is_left_alone_until_somebody_stops_it():
             daq.configure(settings(60_000))
             daq.start()
         assert not device.device.stream.running, "a host that closes stops its own"
-        device.call(lambda: device.device.memory.write(4990, b"\0\0\0\1"))
+        device.call(lambda: device.device.memory.write("holding", 4990, b"\0\0\0\1"))
         with driver(device.port) as daq:
             with pytest.raises(BusyError, match="stream running"):
                 daq.claim()
@@ -277,7 +280,7 @@ def test_the_actual_period_is_the_devices_and_a_rate_it_cannot_keep_is_refused()
         assert daq.configure(settings(10, period_s=7e-4)) == pytest.approx(7e-4, rel=1e-7)
         # 1/3000 s is no multiple of 100 ns: 3333 or 3334 of them are within 2e-4
         assert daq.configure(settings(10, period_s=1 / 3000)) == pytest.approx(3333e-7, rel=1e-7)
-        device.device.memory._cells[4002].on_read = lambda: 1001.0
+        device.device.memory._cells["holding", 4002].on_read = lambda: 1001.0
         with pytest.raises(DeviceError, match="scans at 1001 Hz"):
             daq.configure(settings(10))
 
@@ -292,9 +295,9 @@ def test_the_safe_state_stops_a_turning_motor_and_proves_it():
         daq.write_output("reference", 2.0)
         time.sleep(0.4)
         assert device.instrument.velocity_rad_s > 100.0
-        start_s = time.monotonic()
+        watch = Stopwatch()
         safe = daq.safe_state()
-        assert time.monotonic() - start_s < 2.0
+        assert watch.s < 2.0
         assert safe.confirmed
         assert abs(safe.reference_v) < 0.01
         assert abs(safe.velocity_rad_s) < 0.5
@@ -307,7 +310,7 @@ def test_a_safe_state_that_cannot_be_seen_is_not_confirmed():
     with served() as device, driver(device.port) as daq:
         daq.claim()
         # an enable line that is stuck on
-        device.device.memory._cells[digital_line(4).address].on_read = lambda: 1
+        device.device.memory._cells["holding", digital_line(4).address].on_read = lambda: 1
         safe = daq.safe_state()
         assert not safe.confirmed
         assert "still enabled" in safe.detail
@@ -355,9 +358,9 @@ def test_only_registers_of_the_driver_are_ever_written():
     with served(speed=4.0) as device:
         write = device.device.memory.write
 
-        def spy(address: int, raw: bytes) -> None:
+        def spy(space: str, address: int, raw: bytes) -> None:
             seen.add(address)
-            write(address, raw)
+            write(space, address, raw)
 
         device.device.memory.write = spy
         with driver(device.port) as daq:

@@ -8,6 +8,8 @@ import pytest
 from faults.lines import faulty_tcp
 from faults.mangler import Mangler, TcpFraming
 from labjackkit import PROFILE, driver, read_all, served, settings, table_for, values
+from served import disturb
+from stopwatch import Stopwatch
 
 from hdbench.devices.wire import connect, parse_address
 from hdbench.drivers.labjack.control import Control
@@ -47,14 +49,14 @@ def test_no_fault_of_the_control_port_gives_a_wrong_value(kind):
             control = Control(connect(parse_address(f"tcp://{host}:{port}")), deadline_s=DEADLINE_S)
             good = bad = 0
             for _ in range(25):
-                start_s = time.monotonic()
+                watch = Stopwatch()
                 try:
                     found = control.read(TEST, IDENTITY[3])
                     assert found == [0x00112233, 3]
                     good += 1
                 except DeviceError:
                     bad += 1
-                assert time.monotonic() - start_s < 1.1 * DEADLINE_S + SLACK_S
+                assert watch.s < 1.1 * DEADLINE_S + SLACK_S
             control.close()
         assert mangler.changed > 0
         assert good + bad == 25
@@ -69,9 +71,9 @@ def test_a_write_without_its_echo_fails_and_is_sent_once(kind):
         writes = []
         write = device.device.memory.write
 
-        def spy(address: int, raw: bytes) -> None:
+        def spy(space: str, address: int, raw: bytes) -> None:
             writes.append(address)
-            write(address, raw)
+            write(space, address, raw)
 
         device.device.memory.write = spy
         mangler = Mangler(kind, TcpFraming(), seed=2)
@@ -134,7 +136,10 @@ def test_what_a_broken_stream_delivers_is_right_and_the_rest_is_told(name):
         return fault(state, packet)
 
     with served(speed=4.0) as device, driver(device.port) as daq:
-        device.server.change_packets = change
+        tick = device.device.stream.tick
+        device.device.stream.tick = lambda *, blocked: [
+            changed for packet in tick(blocked=blocked) for changed in change(packet)
+        ]
         taken = []
         take = device.instrument.take
 
@@ -169,20 +174,28 @@ def test_what_a_broken_stream_delivers_is_right_and_the_rest_is_told(name):
             assert counted < 400
 
 
+def _be_away(device, time_s: float) -> None:
+    """Let the network be away for a time."""
+    stream = device.device.stream
+    tick = stream.tick
+    device.call(lambda: setattr(stream, "tick", lambda *, blocked: tick(blocked=True)))
+    time.sleep(time_s)
+    device.call(lambda: setattr(stream, "tick", tick))
+
+
 @pytest.mark.parametrize("count_joint", [False, True])
 def test_a_network_that_was_away_leaves_one_gap_that_is_exact(count_joint):
     with (
-        served(speed=10.0, count_joint=count_joint) as device,
+        served(speed=10.0) as device,
         driver(device.port, auto_recover=True) as daq,
     ):
+        device.device.stream.count_joint = count_joint
         daq.claim()
         daq.configure(settings(4000))
         daq.start()
         blocks = [block for _ in range(5) if (block := daq.read_block()) is not None]
         # 1820 scans fit into the buffer: 0.3 s at ten times the pace are 3000
-        device.call(lambda: setattr(device.device, "away", True))
-        time.sleep(0.3)
-        device.call(lambda: setattr(device.device, "away", False))
+        _be_away(device, 0.3)
         blocks += read_all(daq)
         lost = [block.lost_before for block in blocks if block.lost_before]
         assert len(lost) == 1
@@ -198,9 +211,7 @@ def test_without_recovery_a_full_buffer_ends_the_run_with_its_name():
         daq.claim()
         daq.configure(settings(6000))
         daq.start()
-        device.call(lambda: setattr(device.device, "away", True))
-        time.sleep(0.3)
-        device.call(lambda: setattr(device.device, "away", False))
+        _be_away(device, 0.3)
         blocks = []
         with pytest.raises(DeviceError, match=r"STREAM_BUFFER_FULL \(2945\)"):
             _read_into(blocks, daq)
@@ -222,7 +233,7 @@ def test_a_stream_that_the_device_ends_is_named(status, said):
         daq.configure(settings(4000))
         daq.start()
         blocks = [block for _ in range(8) if (block := daq.read_block()) is not None]
-        device.call(lambda: device.device.stream.fail(status))
+        device.call(lambda: setattr(device.device.stream, "_status", status))
         with pytest.raises(DeviceError, match=said):
             _read_into(blocks, daq)
         assert sum(block.lost_before for block in blocks) == 0
@@ -234,7 +245,7 @@ def test_an_index_jump_that_the_device_does_not_tell_is_found():
         daq.configure(settings(2000))
         daq.start()
         daq.read_block()
-        device.call(lambda: setattr(device.device.stream, "skip_scans", 3))
+        device.call(lambda: [device.instrument.take(1) for _ in range(3)])
         with pytest.raises(DeviceError, match="core timer"):
             read_all(daq)
 
@@ -257,17 +268,14 @@ def test_a_device_that_restarts_is_told_and_its_motor_stands():
 def test_stuck_and_saturated_inputs_reach_the_host_as_they_are():
     with served(speed=4.0) as device, driver(device.port) as daq:
         daq.claim()
-        device.call(lambda: device.instrument.disturb("torque", "high"))
-        device.call(lambda: device.instrument.disturb("tacho", "low"))
+        device.call(lambda: disturb(device.instrument, torque=1e3, tacho=-1e3))
         daq.configure(settings(100))
         daq.start()
         blocks = read_all(daq)
         saturated = np.concatenate([block.saturated for block in blocks])
         assert np.all(saturated[:, :2])
         assert not np.any(saturated[:, 2:])
-        device.call(lambda: device.instrument.disturb("torque", None))
-        device.call(lambda: device.instrument.disturb("tacho", None))
-        device.call(lambda: device.instrument.disturb("torque", "stuck"))
+        device.call(lambda: disturb(device.instrument, torque=0.5))
         daq.configure(settings(100))
         daq.start()
         read = values(read_all(daq))
@@ -277,10 +285,10 @@ def test_stuck_and_saturated_inputs_reach_the_host_as_they_are():
 
 def test_nobody_there_is_told_within_the_deadline():
     daq = open_labjack(PROFILE, table_for(1, deadline_s=0.2))
-    start_s = time.monotonic()
+    watch = Stopwatch()
     with pytest.raises(DeviceError, match="no connection"):
         daq.identity()
-    assert time.monotonic() - start_s < 1.1 * 0.2 + SLACK_S
+    assert watch.s < 1.1 * 0.2 + SLACK_S
     daq.close()
 
 

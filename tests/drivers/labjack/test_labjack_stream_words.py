@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hdbench.drivers.labjack.packets import PacketParser, StreamFault
-from hdbench.drivers.labjack.scanlist import InputScale, nominal_scale, scale_from_flash
-from hdbench.drivers.labjack.stream import ScanAssembler, ScanLayout
+from hdbench.drivers.labjack.scanlist import InputScale, ScanLayout, nominal_scale, scale_from_flash
+from hdbench.drivers.labjack.stream import ScanAssembler
 
 # three words a scan: an input, then the core timer; 1 kHz is 40 000 ticks of 25 ns
 LAYOUT = ScanLayout(3, 1, 40_000.0)

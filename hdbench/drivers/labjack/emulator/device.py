@@ -1,19 +1,22 @@
-"""Emulated T4 or T7: its map, wired to terminals, stream and watchdog."""
+"""Emulated T4 or T7: its map, wired to terminals, stream and watchdog, on two TCP ports."""
 
 from __future__ import annotations
 
+import asyncio
+import errno
 import struct
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 
-from hdbench.drivers.labjack.emulator.memory import (
-    Cell,
-    DeviceWatchdog,
-    Memory,
-    RefusedError,
-)
+from hdbench.devices.emulator.memory import ILLEGAL_VALUE, Cell, Memory
+from hdbench.devices.emulator.server import Device, ModbusRefusedError, ModbusServer
+from hdbench.devices.emulator.serving import Emulation, EmulatorSettings
+from hdbench.devices.registers import Space
 from hdbench.drivers.labjack.emulator.streaming import CORE_TIMER_HZ, StreamEngine, Wiring
+from hdbench.drivers.labjack.emulator.watchdog import DeviceWatchdog, RefusedError
+from hdbench.drivers.labjack.table import LabJackAcquisition
+from hdbench.errors import DeviceError
 
 EMULATOR_NAME = "hdbench-emulator"
 _PRODUCTS = {"T4": 4, "T7": 7}
@@ -23,10 +26,18 @@ _REBOOT = 0x4C4A
 _BAD_REBOOT, _BAD_RANGE = 2402, 2370
 _BAD_INDEX, _EF_RUNS, _AIN_BUSY = 2551, 2566, 2605
 _QUADRATURE = 10
+# registers of one frame of a feedback request: their number has one byte
+_MAX_REGISTERS = 255
+# a reader that has not taken this much is slow: packets then wait in the device's buffer
+_SLOW_BYTES = 16384
 
 
-class LabJackDevice:
+class LabJackDevice(Device):
     """A T4 or T7 that knows the registers a bench needs."""
+
+    functions = frozenset((3, 6, 16, 76))
+    # larger than Modbus has them: a feedback request may fill a packet of Ethernet
+    longest = 1040
 
     def __init__(
         self,
@@ -34,32 +45,64 @@ class LabJackDevice:
         serial: int,
         *,
         clock: Callable[[], float] = time.monotonic,
-        count_joint: bool = False,
     ) -> None:
         self.rebooted: Callable[[], None] = lambda: None
-        # faults: a gateway that swaps the words of 32-bit values, a network that is away
-        self.swap_words = self.away = False
+        self.readers: set[asyncio.WriteTransport] = set()
         self.wiring = wiring
-        self.memory = Memory()
+        self.memory = Memory(_MAX_REGISTERS, whole=True)
         self._clock = clock
-        self.stream = StreamEngine(
-            self.memory, wiring, self._ticks, lambda: self.levels, count_joint=count_joint
-        )
+        self.stream = StreamEngine(self.memory, wiring, self._ticks, lambda: self.levels)
         self.watchdog = DeviceWatchdog(self.memory, clock, self._time_out)
         self.levels = self.directions = 0
         self._build(serial)
 
-    def tick(self, *, blocked: bool = False) -> list[bytes]:
-        """Let time pass; return stream packets that are complete, none while they are blocked."""
+    def hears(self, function: int) -> bool:
+        """Feed the watchdog."""
+        self.watchdog.heard()
         self.watchdog.tick()
-        packets = self.stream.tick(blocked=blocked or self.away)
-        self.wiring.instrument.catch_up()
-        return packets
+        return True
 
-    def note_error(self, error: RefusedError, transaction: int) -> None:
-        """Keep a refusal for LAST_ERR_*."""
-        self.memory.put(55000, error.detail)
+    def read(self, space: Space, address: int, count: int, connection: int) -> bytes:
+        """Return registers."""
+        return self.memory.read(space, address, count)
+
+    def write(self, space: Space, address: int, raw: bytes, connection: int) -> None:
+        """Write registers."""
+        self.memory.write(space, address, raw)
+
+    def other(self, pdu: bytes) -> bytes:
+        """Carry out a feedback request: reads and writes one after the other."""
+        frames, reply = pdu[1:], b""
+        while frames:
+            if len(frames) < 4:
+                raise ModbusRefusedError(ILLEGAL_VALUE)
+            kind, address, count = struct.unpack(">BHB", frames[:4])
+            frames = frames[4:]
+            if kind == 0:
+                reply += self.memory.read("holding", address, count)
+            elif kind == 1 and len(frames) >= 2 * count:
+                self.memory.write("holding", address, frames[: 2 * count])
+                frames = frames[2 * count :]
+            else:
+                raise ModbusRefusedError(ILLEGAL_VALUE)
+        return reply
+
+    def note_refusal(self, refused: ModbusRefusedError, connection: int, transaction: int) -> None:
+        """Keep it for LAST_ERR_*; what is no request at all has its exception as its reason."""
+        self.memory.put(55000, getattr(refused, "detail", refused.exception))
         self.memory.put(55003, transaction)
+
+    def tick(self) -> None:
+        """Let time pass, and send the packets that are complete."""
+        # with nobody there yet, packets wait in the device's buffer, too
+        slow = not self.readers or any(
+            reader.get_write_buffer_size() > _SLOW_BYTES for reader in self.readers
+        )
+        self.watchdog.tick()
+        for packet in self.stream.tick(blocked=slow):
+            for reader in self.readers:
+                reader.write(packet)
+        self.wiring.instrument.catch_up()
 
     def reboot(self) -> None:
         """Restart: lines become inputs, outputs fall to zero, stream and memory are gone."""
@@ -74,7 +117,7 @@ class LabJackDevice:
         self.rebooted()
 
     def _build(self, serial: int) -> None:
-        add, add_all = self.memory.add, self.memory.add_all
+        add, add_all = self.memory.hold, self.memory.hold_all
         add_all((55000, 55002, 55003), "u16", writable=False)
         add_all((55100,), "u32", 0x00112233, writable=False)
         add(60000, "f32", _PRODUCTS[self.wiring.model], writable=False)
@@ -99,7 +142,7 @@ class LabJackDevice:
         add(61998, "u32", on_write=self._order_reboot, readable=False)
 
     def _build_terminals(self) -> None:
-        add, write = self.memory.add, self.wiring.write_reference
+        add, write = self.memory.hold, self.wiring.write_reference
         for number in range(14):
             add(2 * number, "f32", on_read=partial(self._ain, number), writable=False)
             add(40000 + 2 * number, "f32", on_write=self._check_range)
@@ -112,7 +155,7 @@ class LabJackDevice:
             add(30000 + 2 * number, "f32", on_write=tick, readable=False)
 
     def _build_lines(self) -> None:
-        add = self.memory.add
+        add = self.memory.hold
         for line in range(_LINES):
             level, write = partial(self._level, line), partial(self._write_line, line)
             add(2000 + line, "u16", on_read=level, on_write=write)
@@ -187,3 +230,95 @@ class LabJackDevice:
         if int(value) >> 16 != _REBOOT:
             raise RefusedError(_BAD_REBOOT)
         self.reboot()
+
+
+# 502 and 702
+STREAM_OFFSET = 200
+_PORT_TRIES = 50
+_HIGHEST_PORT = 65535
+
+
+class _Reader(asyncio.Protocol):
+    """One connection to the stream; nothing that it sends matters."""
+
+    def __init__(self, readers: set[asyncio.WriteTransport]) -> None:
+        self._readers = readers
+        self._transport: asyncio.WriteTransport | None = None
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """Send to it from now on."""
+        if isinstance(transport, asyncio.WriteTransport):
+            self._transport = transport
+            self._readers.add(transport)
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """Send nothing more to it."""
+        if self._transport is not None:
+            self._readers.discard(self._transport)
+
+
+class EmulatedLabJack:
+    """Implements `hdbench.devices.emulator.serving.EmulatedDevice`."""
+
+    def __init__(self, device: LabJackDevice) -> None:
+        self.device = device
+        self._control: ModbusServer | None = None
+        self._stream: asyncio.Server | None = None
+        device.rebooted = self._hang_up
+
+    async def open(self, settings: EmulatorSettings) -> Mapping[str, object]:
+        """Listen on a port and on 200 above it; return ``address`` and ``stream_port``."""
+        host, port = settings.host, settings.port
+        for left in range(_PORT_TRIES if port == 0 else 1, 0, -1):
+            control = ModbusServer(self.device)
+            try:
+                address = await control.open(host, port)
+                above = int(address.rpartition(":")[2]) + STREAM_OFFSET
+                if above > _HIGHEST_PORT:
+                    raise OSError(errno.EADDRNOTAVAIL, "no port left for the stream")
+                self._stream = await asyncio.get_running_loop().create_server(
+                    lambda: _Reader(self.device.readers), host, above
+                )
+            except OSError as error:
+                control.close()
+                if left > 1:
+                    continue
+                raise DeviceError(
+                    f"cannot listen on ports {port} and {port + STREAM_OFFSET} "
+                    f"({error.strerror or error})",
+                    where=f"{host}:{port}",
+                    fix="choose another port, or 0 for a free pair",
+                ) from error
+            break
+        self._control = control
+        return {"address": address, "stream_port": above}
+
+    def close(self) -> None:
+        """Stop listening and end every connection."""
+        if self._control is not None:
+            self._control.close()
+        if self._stream is not None:
+            self._stream.close()
+        self._hang_up()
+
+    def _hang_up(self) -> None:
+        if self._control is not None:
+            self._control.hang_up()
+        for transport in tuple(self.device.readers):
+            transport.abort()
+
+
+def emulate_labjack(emulation: Emulation, table: LabJackAcquisition) -> EmulatedLabJack:
+    """Return a device with a simulated bench at the terminals that `table` names."""
+    # the instrument's current channel has max_current_a at range_v; the terminal has 1 V per scale
+    profile = emulation.profile
+    current = next((c for c in table.channels if c.role == "current"), None)
+    amperes_per_v = profile.servo.max_current_a / profile.daq.range_v
+    factor = 1.0 if current is None else amperes_per_v / current.scale
+    wiring = Wiring(emulation.instrument, table, current_v_per_v=factor, seed=emulation.seed)
+    return EmulatedLabJack(LabJackDevice(wiring, serial_number(emulation.seed)))
+
+
+def serial_number(seed: int) -> int:
+    """Return the serial number that an emulated device has with this seed."""
+    return seed % 999_999_999 + 1

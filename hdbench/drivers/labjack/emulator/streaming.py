@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hdbench.devices.emulator.instrument import ElectricalSamples, Input, SimulatedInstrument
-from hdbench.drivers.labjack.emulator.memory import Memory, RefusedError
+from hdbench.devices.emulator.memory import Memory
+from hdbench.drivers.labjack.emulator.watchdog import RefusedError
 from hdbench.drivers.labjack.table import LabJackAcquisition
 from hdbench.records.trace import FloatArray
 
@@ -93,7 +94,7 @@ class Wiring:
         for channel in table.channels:
             if channel.role != "encoder":
                 factor = current_v_per_v if channel.role == "current" else 1.0
-                number = int(channel.input.removeprefix("AIN"))
+                number = channel.number
                 self._analog[number] = (channel.role, factor)
         output = table.output
         self.reference = output.output if output is not None else ""
@@ -181,17 +182,15 @@ class StreamEngine:
         wiring: Wiring,
         ticks: Callable[[], int],
         levels: Callable[[], int],
-        *,
-        count_joint: bool = False,
     ) -> None:
         self.running = False
         self.start_ticks = 0
-        self.skip_scans = 0
+        # whether the scan that marks the joint counts as skipped, too: no document says so
+        self.count_joint = False
         self._memory = memory
         self._wiring = wiring
         self._ticks = ticks
         self._levels = levels
-        self._count_joint = count_joint
         self._order: StreamOrder | None = None
         self._rows: deque[NDArray[np.uint16]] = deque()
         self._number = 0
@@ -199,15 +198,15 @@ class StreamEngine:
         self._skipped: int | None = None
         self._joint: int | None = None
         self._status = 0
-        rate = memory.add(_RATE, "f32")
+        rate = memory.hold(_RATE, "f32")
         rate.on_read = lambda: actual_rate_hz(rate.value)
-        memory.add_all((*_PLAIN, *range(_LIST, _LIST + 2 * _LONGEST, 2)), "u32")
-        memory.add(_SETTLING, "f32")
+        memory.hold_all((*_PLAIN, *range(_LIST, _LIST + 2 * _LONGEST, 2)), "u32")
+        memory.hold(_SETTLING, "f32")
         if wiring.model == "T7":
             # a T4 has no such register: it always goes on
-            memory.add(_STOP_WHEN_FULL, "u32")
-        memory.add(4026, "u32", on_read=lambda: self.start_ticks % 2**32, writable=False)
-        memory.add(_ENABLE, "u32", on_read=lambda: int(self.running), on_write=self._switch)
+            memory.hold(_STOP_WHEN_FULL, "u32")
+        memory.hold(4026, "u32", on_read=lambda: self.start_ticks % 2**32, writable=False)
+        memory.hold(_ENABLE, "u32", on_read=lambda: int(self.running), on_write=self._switch)
 
     def _switch(self, value: float) -> None:
         if bool(value) == self.running:
@@ -243,7 +242,6 @@ class StreamEngine:
         self._number = self._taken = 0
         self._skipped = self._joint = None
         self._status = 0
-        self.skip_scans = 0
         self.start_ticks = self._ticks() + round(CORE_TIMER_HZ / order.rate_hz)
         self._wiring.instrument.begin(1.0 / order.rate_hz)
         self.running = True
@@ -272,10 +270,6 @@ class StreamEngine:
             self.stop()
         return packets
 
-    def fail(self, status: int) -> None:
-        """End the stream with a status, as for a scan that overlaps the next."""
-        self._status = status
-
     def _scan(self, order: StreamOrder) -> None:
         samples = self._wiring.instrument.take(_TAKE)
         if not len(samples) or self._status:
@@ -283,10 +277,7 @@ class StreamEngine:
         words = np.stack([self._column(samples, order, n) for n in range(len(order.addresses))], 1)
         room = order.buffer_samples // len(order.addresses) - len(self._rows)
         for row in words:
-            if self.skip_scans > 0:
-                # scans that vanish without a trace: an index jump
-                self.skip_scans -= 1
-            elif self._skipped is not None:
+            if self._skipped is not None:
                 self._skipped += 1
             elif room > 0:
                 self._rows.append(row)
@@ -307,7 +298,7 @@ class StreamEngine:
         if self._skipped > 0xFFFF:
             self._status = UNCOUNTED
             return
-        self._joint = self._skipped + self._count_joint
+        self._joint = self._skipped + self.count_joint
         self._skipped = None
         self._rows.append(np.full(len(order.addresses), _JOINT, dtype=np.uint16))
 
