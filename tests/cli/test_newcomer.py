@@ -18,6 +18,7 @@ import numpy as np
 import pytest
 
 from hdbench_cli import main as main_module
+from hdbench_cli import options
 from hdbench_cli.next_step import after_import, after_run, after_tune
 from hdbench_cli.output import Output
 
@@ -376,6 +377,16 @@ def test_every_command_has_help_that_ends_with_an_example_and_every_option_has_h
     options = [p for p in command.params if isinstance(p, click.Option)]
     assert [p.name for p in options if not p.help] == []
     assert any("--json" in p.opts for p in options)
+
+
+def test_every_declared_option_is_taken_by_a_command() -> None:
+    table = options._table()
+    taken = {" ".join(path): {p.name for p in command_of(path).params} for path in COMMANDS}
+    assert set(table) == {"shared", *taken}
+    assert set(table["shared"]) <= set().union(*taken.values())
+    for name, names in taken.items():
+        own = table[name].items()
+        assert {e.get("fills", key) for key, e in own if key != "example"} <= names, name
 
 
 def test_the_next_command_follows_the_work() -> None:
