@@ -491,9 +491,9 @@ class Search:
 def _best_formed(fit: Fit, last: int) -> Fit:
     """Return a fit whose last causes, laws among them, have the likeliest form errors."""
     places = range(len(fit.parts) - last, len(fit.parts))
-    places = [part for part in places if usual_scale(fit.parts[part]) > 0.0]
-    for _ in places:
-        move = best_form_move(fit, places)
+    laws = [part for part in places if usual_scale(fit.parts[part]) > 0.0]
+    for _ in laws:
+        move = best_form_move(fit, laws)
         if move is None or move.gain_nats < _LEAST_NATS:
             break
         for part, scale in move.scales.items():
