@@ -21,7 +21,7 @@ from hdbench.model.cause import (
     check_term,
 )
 from hdbench.model.causefile import declared_cause
-from hdbench.model.harmonics import quadratures
+from hdbench.model.definition import quadratures
 from hdbench.records.jsonfile import ProfileIdentity, read_json, result_header, write_json
 
 MODEL_SCHEMA = "hdbench/model/1"
