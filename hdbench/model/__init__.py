@@ -10,20 +10,16 @@ from hdbench.model.bench import (
     with_signal,
 )
 from hdbench.model.cause import (
-    Cause,
-    CauseTerm,
-    Parameter,
     catalogue,
     cause_named,
     cause_parameters,
     check_term,
     describe_causes,
-    shape_bounds,
     user_causes,
 )
 from hdbench.model.causefile import load_causes
 from hdbench.model.causes._memory import first_order
-from hdbench.model.definition import amplitude_phase
+from hdbench.model.definition import Cause, CauseTerm, Parameter, amplitude_phase, shape_bounds
 from hdbench.model.modelfile import load_model, save_model
 from hdbench.model.motion import Motion, gauge_order_factor, integrate_velocity, motion_from_trace
 from hdbench.model.simulate import simulate_like, simulate_run, with_noise

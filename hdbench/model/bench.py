@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from hdbench.errors import DataError
-from hdbench.model.cause import Cause, CauseTerm, catalogue, check_term
+from hdbench.model.cause import catalogue, check_term
 from hdbench.model.causes.kinematic import TRANSMISSION_ERROR, angle_error_rad
-from hdbench.model.definition import amplitude_phase
+from hdbench.model.definition import Cause, CauseTerm, amplitude_phase
 from hdbench.model.motion import Motion, gauge_order_factor
 from hdbench.profile.schema import ProfileData
 from hdbench.records.trace import FloatArray

@@ -22,27 +22,9 @@ from hdbench.model.definition import (
     Parameter,
     amplitude_phase,
     quadratures,
-    shape_bounds,
     standard_uncertainty,
 )
 from hdbench.records.trace import FloatArray
-
-__all__ = [
-    "CAUSES_GROUP",
-    "Cause",
-    "CauseTerm",
-    "Parameter",
-    "ParameterTable",
-    "catalogue",
-    "cause_named",
-    "cause_parameters",
-    "check_term",
-    "describe_cause",
-    "describe_causes",
-    "plugin_causes",
-    "shape_bounds",
-    "user_causes",
-]
 
 CAUSES_GROUP = "hdbench.causes"
 
