@@ -251,6 +251,13 @@ def test_a_friction_that_changes_with_the_angle_is_left_unexplained_at_its_order
     assert place.location == pytest.approx(2.0, abs=0.02)
 
 
+def test_a_torque_that_drives_with_the_sign_of_the_speed_is_no_friction():
+    trace = reversing(lambda _angle, speed, _load: -0.1 * np.tanh(speed / 0.5), n=10_000)
+    found = diagnose_trace(trace, PROFILE)
+    assert found.causes == ()
+    assert [place.domain for place in found.unexplained] == ["velocity"]
+
+
 def test_a_drift_beside_friction_is_no_walk():
     def rise(time, _angle, speed):
         return 0.06 * (1.0 - np.exp(-time / 6.0)) + 6e-4 * (speed - 90.0)
